@@ -1,1 +1,1 @@
-"""Campaigns: many cases, judged on as many processes and machines as there are, with results on disk as they come."""
+"""Campaigns: many cases, judged on many processes and machines, with results on disk as they arrive."""

@@ -1,4 +1,4 @@
-"""A campaign: many cases judged on any executor, with results on disk as they come; begun again, it goes on where it was."""
+"""Judges many cases on any executor, with results on disk as they arrive; a campaign that is started again continues."""
 
 from __future__ import annotations
 
@@ -41,31 +41,31 @@ def campaign(  # noqa: PLR0913 - keywords; a campaign has many settings
     progress: Progress | None = None,
     total: int | None = None,
 ) -> Results:
-    """Simulate cases and judge every run by all rules, on as many processes and machines as there are.
+    """Simulate cases and judge every run by all rules, on many processes and machines.
 
-    Results are the same, bit for bit, whatever works on them and in whatever order. A case that can't be simulated or judged, or
-    that ends its process, is an ERROR by every rule and costs no other one; what was under way in a process that died of
-    something else runs again. A case in which a vehicle has no room where it would start is left out, and counted.
+    The results are bit-identical for every executor and in every order. A case that can't be simulated or judged, or that ends
+    its process, is an ERROR by every rule; the other cases are not affected. A case that was in flight when its process died of
+    another cause runs again. A case in which a vehicle has no room at its start is left out, and counted.
 
     Args:
-        cases: any number of them; they are asked for when there is somebody to run them, and not kept.
-        rules: rulebooks and rules, as for `check`; of a rulebook those about the junction of a case.
-        executor: a number of processes, by default one per processor; 1 is this one. Or any executor, such as that of a client of
-            Dask, whose workers have this package and the code of what drives.
-        results: a file that results are added to as they come. Cases whose result it has are not run again, so that a campaign
-            that was interrupted goes on where it was. None for a file without a name.
-        simulator: what makes the runs, as for `simulate`.
-        progress: called with the number of cases done and of all, after every one.
-        total: how many cases there are, where `cases` does not tell.
+        cases: any number of cases; they are taken only when a process is free, and not kept.
+        rules: rulebooks and rules, as for `check`; of a rulebook only the rules about the junction of the case.
+        executor: a number of processes, by default one per processor; 1 is this process. Or any executor, such as that of a Dask
+            client, whose workers have this package and the code of the drivers.
+        results: the file of results, to which every new result is appended. Cases with a result in the file are not run again,
+            so that an interrupted campaign continues. None for a temporary file.
+        simulator: the simulator of the runs, as for `simulate`.
+        progress: called after every case, with the number of finished cases and the number of all cases.
+        total: the number of cases, if `cases` has no length.
 
     Returns:
-        All results in the file; those of an earlier call with the same file among them.
+        All results in the file, including the results of an earlier call with the same file.
 
     Raises:
-        RvadsError: what is to be run can't travel to other processes; the executor is gone, and a second call goes on; the file
-            holds results of another campaign, somebody else writes to it, or it can't be written to.
-        ScenarioError: something is no case.
-        FormulaError: an unknown rule.
+        RvadsError: a case, rule or driver can't be sent to other processes, the executor is gone (a second call with the same
+            file continues), or the file holds results of another campaign, is in use by another process, or can't be written.
+        ScenarioError: an element of `cases` is no case.
+        FormulaError: a rule is unknown.
     """
     require(cases, Iterable, "a campaign takes cases, any number of rvads.Case(scenario, driver)", ScenarioError)
     maker = meant(simulator)
@@ -95,7 +95,7 @@ def campaign(  # noqa: PLR0913 - keywords; a campaign has many settings
 
 
 class _Campaign:
-    """What a campaign knows while it runs."""
+    """The state of a running campaign."""
 
     def __init__(self, question: Question, keys: Keys, results: Results, progress: Progress | None, total: int) -> None:
         self._question, self._keys, self._results = question, keys, results
@@ -103,10 +103,10 @@ class _Campaign:
         self._cases = self._done = self._sent = 0
         self._unfit: Counter[str] = Counter()
         self._away: dict[int, Job] = {}
-        """Jobs under way, by the order in which they went out."""
+        """Jobs in flight, by their number in the order of sending."""
 
     def run(self, cases: Iterator[Case], executor: Executor | int | None) -> None:
-        """Judge what has no result yet."""
+        """Judge the cases that have no result yet."""
         with closing(gathered(partial(judge, self._question), self._jobs(cases), executor)) as answers:
             for number, answer in answers:
                 job = self._away.pop(number)
@@ -142,10 +142,10 @@ class _Campaign:
             yield job
 
     def _named(self, case: Case) -> tuple[str, str | None]:
-        """Return the names of what drives, and have the file know them."""
+        """Return the names of the driver and the traffic, and register both in the file of results."""
         head = self._results.head
         driver, traffic = self._keys.known(case.driver), case.traffic and self._keys.known(case.traffic)
-        # A policy may be the driver's class with other numbers, so it has a name of its own.
+        # A policy may be the driver's class with other numbers, so it has another name.
         made = {driver.name: driver.identity} | ({f"{traffic.policy} traffic": traffic.identity} if traffic else {})
         changed = next((name for name, known in made.items() if head.drivers.get(name, known) != known), None)
         if changed is not None:
@@ -162,7 +162,7 @@ class _Campaign:
 
 
 def _asked(rules: str | Rule | Iterable[str | Rule]) -> tuple[str | Rule, ...]:
-    """Return rules as other processes understand them: shipped ones by name, others as they are, read."""
+    """Return rules in a form for other processes: shipped rules by name, other rules as parsed rules."""
     require(rules, str | Rule | Iterable, "rules are named one by one, or as a list of names and of Rules", FormulaError)
     wanted = (rules,) if isinstance(rules, str | Rule) else tuple(rules)
     rules_for(wanted)
@@ -170,7 +170,7 @@ def _asked(rules: str | Rule | Iterable[str | Rule]) -> tuple[str | Rule, ...]:
     for part in wanted:
         rule = None if isinstance(part, str) and is_rulebook(part) else get_rule(part)
         if rule is not None and rule.name not in SHIPPED.rules:
-            rule.formula  # noqa: B018 - keeps the words that are known here
+            rule.formula  # noqa: B018 - parses the rule, which stores the words known here
             found.append(rule)
         else:
             found.append(part if isinstance(part, str) else part.name)
@@ -182,7 +182,7 @@ def _libraries(simulator: Simulator) -> tuple[str, ...]:
 
 
 def _head(question: Question, keys: Keys, first: Case | None) -> Head:
-    """Return what decides results: all that is the same for every case, and what drives the first one."""
+    """Return the head of the results: everything that is the same for every case, and the driver of the first case."""
     made: dict[str, Any] = {
         "package": question.code,
         "rules": ", ".join(rule if isinstance(rule, str) else f"{rule.name} {identity(rule)}" for rule in question.rules),

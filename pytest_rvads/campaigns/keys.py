@@ -1,4 +1,4 @@
-"""The hash of a case: who has its result under the same one need not run it again."""
+"""The hashes of cases; a case with a result under its hash need not run again."""
 
 from __future__ import annotations
 
@@ -17,29 +17,29 @@ from pytest_rvads.simulators.simulator import Simulator
 __all__ = ["Keys", "Known", "bodies"]
 
 _MOST = 64
-"""Drivers that are remembered; they are often one, and never thousands."""
+"""Most drivers that are cached; a campaign often has one driver, and never thousands."""
 
 
 class Known(NamedTuple):
-    """What is known of a driver."""
+    """Name and identity of a driver."""
 
     made: Factory
-    """Kept, so that no other one gets its address."""
+    """The driver, kept alive so that its id() cannot be reused for another object."""
     name: str
     policy: str
-    """What it is called as traffic, in ids."""
+    """Name of the driver in ids if it drives the traffic."""
     identity: str
 
 
 class Keys:
-    """Makes the hashes of cases; drivers are looked at once."""
+    """Computes the hashes of cases; names and identities of drivers are computed once."""
 
     def __init__(self, simulator: Simulator) -> None:
         self._simulator = simulator.name, identity(simulator)
         self._known: dict[int, Known] = {}
 
     def known(self, driver: Factory) -> Known:
-        """Return what is known of a driver."""
+        """Return name and identity of a driver."""
         found = self._known.get(id(driver))
         if found is None:
             if len(self._known) >= _MOST:
@@ -49,7 +49,7 @@ class Keys:
         return found
 
     def of(self, case: Case) -> str:
-        """Return the SHA-256 of all that decides the run of a case; the path of its map does not, nor do names of files."""
+        """Return the SHA-256 of everything that decides the run of a case, without the path of its map and names of files."""
         scenario = case.scenario
         told = {**scenario.record(), "map": None, "place": scenario.place.digest}
         drivers = [made and self.known(made)[1:] for made in (case.driver, case.traffic)]

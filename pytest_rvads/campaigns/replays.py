@@ -1,4 +1,4 @@
-"""Replay pages of a town: the first example of every cause at every junction, simulated once more and drawn."""
+"""Replay pages of a town: the first example of every cause at every junction, simulated again and drawn."""
 
 from __future__ import annotations
 
@@ -24,20 +24,20 @@ from pytest_rvads.wording import quoted
 __all__ = ["MOST", "Replays", "draw_replays"]
 
 MOST = 100
-"""Pages drawn at most: each is some 100 KB, and nobody looks at more."""
+"""Most pages that are drawn: a page is some 100 KB, and nobody looks at more."""
 _OTHERWISE = "the same start gave another run when it was simulated once more, so its verdicts mean little"
 
 
 @dataclass(frozen=True, slots=True)
 class Replays:
-    """What was drawn."""
+    """The drawn replays."""
 
     looks: Mapping[tuple[str, str], str] = field(default_factory=dict)
-    """By name of a run and rule, the path of the page from the folder, with the time it is about."""
+    """By name of a run and rule, the path of the page relative to the folder, with the time of the violation."""
     flaky: Mapping[str, Divergence] = field(default_factory=dict)
-    """By name, the runs that came out otherwise."""
+    """Runs, by name, that differed when they were simulated again."""
     notes: tuple[str, ...] = ()
-    """What was not drawn and why, sentences."""
+    """Sentences on replays that were not drawn, with reasons."""
 
 
 class _Job(NamedTuple):
@@ -52,10 +52,10 @@ class _Drawn(NamedTuple):
     name: str
     hash: str
     pages: tuple[tuple[str, float, str], ...]
-    """Rule, time [s], HTML."""
+    """Triples of rule, time [s] and HTML."""
 
 
-def draw_replays(  # noqa: PLR0913 - a campaign, and where it is to be simulated and drawn
+def draw_replays(  # noqa: PLR0913 - a campaign, and the place of its simulation and drawings
     town: Town,
     tallies: Mapping[str, JunctionTally],
     folder: Path,
@@ -64,15 +64,15 @@ def draw_replays(  # noqa: PLR0913 - a campaign, and where it is to be simulated
     simulator: Simulator | None = None,
     progress: Progress | None = None,
 ) -> Replays:
-    """Simulate the first run of every cause again, and write pages of what is wrong in it.
+    """Simulate the first run of every cause again, and write replay pages of its violations.
 
     Args:
-        town: where it happened.
-        tallies: what came of it, by junction.
-        folder: in which the folder ``replays`` is made.
-        again: the command that runs some of it again; the pages name it.
-        executor: where to simulate, see `spread`.
-        simulator: what makes the runs.
+        town: the town.
+        tallies: the results, by junction.
+        folder: the folder in which the folder ``replays`` is made.
+        again: the command that runs a part of the town again; the pages name the command.
+        executor: the executor of the simulations, see `spread`.
+        simulator: the simulator of the runs.
         progress: called after every run.
 
     Raises:
@@ -107,7 +107,7 @@ def draw_replays(  # noqa: PLR0913 - a campaign, and where it is to be simulated
 
 
 def _jobs(town: Town, examples: Sequence[CauseTally], again: str, simulator: Simulator | None) -> list[_Job]:
-    """Return what is to be simulated, one job per run, by name."""
+    """Return the jobs to simulate, one per run, by name."""
     wanted: dict[str, set[str]] = {}
     for cause in examples:
         wanted.setdefault(cause.run, set()).add(cause.rule)
@@ -120,7 +120,7 @@ def _jobs(town: Town, examples: Sequence[CauseTally], again: str, simulator: Sim
 
 
 def _examples(tallies: Mapping[str, JunctionTally]) -> Iterator[CauseTally]:
-    """Yield the causes, the first of every junction first, so that none is without a page for the many causes of another."""
+    """Yield the causes: first the first cause of every junction, then the second causes, so that every junction has pages."""
     groups: Sequence[list[CauseTally]] = [
         [cause for _, causes in tally.grouped() for cause in causes if cause.title != "unsure"] for tally in tallies.values()
     ]
@@ -129,14 +129,14 @@ def _examples(tallies: Mapping[str, JunctionTally]) -> Iterator[CauseTally]:
 
 
 def _draw(job: _Job) -> _Drawn:
-    """Simulate and judge a run, and draw what is wrong in it."""
+    """Simulate and judge a run, and draw its violations."""
     run = simulate(job.case, job.simulator)
     pages = []
     for rule in job.rules:
         try:
             verdict = check(run, rule)
             page = next(failure_pages(run, verdict, rule, f"{verdict.explanation}\n{job.notes}"))
-        except RvadsError:  # a run that a fault ended at once has nothing to show
+        except RvadsError:  # a run that a fault ended at once has no page
             continue
         pages.append((rule.name, page.time, page.html))
     return _Drawn(job.name, run.hash, tuple(pages))

@@ -1,8 +1,8 @@
-"""Shapes: junctions that are the same up to a motion of the plane, so that a run at one of them is one at each.
+"""Shapes: classes of junctions that are equal up to a motion of the plane, so that one run stands for a run at each.
 
-A builder of towns sets the same junction down in many places. Two are of one shape where a rotation of arms takes lanes,
-movements, turns, signs, phases and all relations of the one to those of the other, and a rigid motion takes its centre lines
-there, within a tolerance. Mirrored ones are not: traffic keeps to one side.
+Builders of towns place the same junction in many places. Two junctions have the same shape if a rotation of arms maps lanes,
+movements, turns, signs, phases and all relations of the first to those of the second, and a rigid motion maps their centre lines,
+within a tolerance. Mirror images have different shapes, because traffic keeps to one side.
 """
 
 from __future__ import annotations
@@ -26,24 +26,27 @@ from pytest_rvads.scenarios.senses import IDEAL
 __all__ = ["REACH", "TOLERANCE", "Member", "Shape", "shapes", "twin"]
 
 REACH = 60.0
-"""How much of approaches and exit roads is compared [m]: itineraries end so far down the exit road (`EXIT_LENGTH`), and what the
-shipped drivers plan with begins so far before the junction. Who starts farther out needs more, see `twin`."""
+"""Compared length of approaches and exit roads [m].
+
+Itineraries end this far down the exit road (`EXIT_LENGTH`), and the shipped drivers plan from this far before the junction. A
+vehicle that starts farther out needs more, see `twin`.
+"""
 TOLERANCE = 0.1
-"""How far corresponding points, stopping lines and widths may lie apart [m]."""
+"""Largest distance between corresponding points, and largest difference of stopping lines and widths [m]."""
 _SPACING = 0.5
-"""Between the points that are compared [m]."""
+"""Distance between compared points [m]."""
 _ROOM = 10.0
-"""What has to be compared behind the farthest reference point that starts: a body, and where drivers look first [m]."""
+"""Length that has to be compared behind the farthest starting point, for a body and for the view of drivers [m]."""
 
 _Complex = NDArray[np.complex128]
 
 
 class _Onto(NamedTuple):
-    """How the arms, and so the lanes, of one junction lie on those of another."""
+    """A mapping of the arms, and so of the lanes, of a junction to those of another junction."""
 
     arms: int
     entrances: tuple[int, ...]
-    """Per entrance of the one its image."""
+    """The image of every entrance."""
     exits: tuple[int, ...]
 
 
@@ -53,33 +56,33 @@ class Member:
 
     junction: Junction
     rotation: int
-    """Arm ``i`` lies where the representative has arm ``i + rotation``, modulo the number of arms."""
+    """Arm ``i`` corresponds to arm ``i + rotation`` of the representative, modulo the number of arms."""
     entrances: tuple[int, ...]
-    """Per entrance the one of the representative that it lies on."""
+    """Per entrance, the corresponding entrance of the representative."""
     deviation: float
     """Largest distance between corresponding points after the best motion [m]."""
 
 
 @dataclass(frozen=True, slots=True)
 class Shape:
-    """Junctions that are the same up to a motion of the plane."""
+    """Junctions that are equal up to a motion of the plane."""
 
     representative: Junction
     members: tuple[Member, ...]
-    """In the order given; the representative comes first, with rotation and deviation 0."""
+    """The junctions in the given order; the representative comes first, with rotation and deviation 0."""
     reach: float
-    """How much of approaches and exit roads was compared [m]."""
+    """Compared length of approaches and exit roads [m]."""
 
 
 def shapes(junctions: Sequence[Junction], reach: float = REACH) -> tuple[Shape, ...]:
-    """Return the shapes of junctions; each is in exactly one, and the first of a shape represents it.
+    """Return the shapes of junctions; each junction is in exactly one shape, and the first junction of a shape represents it.
 
     Args:
-        junctions: with their geometry.
-        reach: how much of approaches and exit roads counts [m].
+        junctions: the junctions, with their geometry.
+        reach: the compared length of approaches and exit roads [m].
 
     Raises:
-        ScenarioError: something is no junction, or has no geometry.
+        ScenarioError: an element of `junctions` is no junction, or has no geometry.
     """
     found: dict[object, list[tuple[_Form, list[Member]]]] = {}
     for junction in junctions:
@@ -104,16 +107,16 @@ def shapes(junctions: Sequence[Junction], reach: float = REACH) -> tuple[Shape, 
 
 
 def twin(scenario: Scenario, member: Member, shape: Shape) -> Scenario | None:
-    """Return the scenario at the representative whose run is that of `scenario` moved there.
+    """Return the scenario at the representative whose run is that of `scenario`, moved to the representative.
 
     Args:
-        scenario: at the junction of `member`.
-        member: of `shape`.
-        shape: the junctions.
+        scenario: a scenario at the junction of `member`.
+        member: a member of `shape`.
+        shape: the shape.
 
     Returns:
-        The scenario; None where there is none: vehicles start farther out than was compared, or have no room there, or their
-        senses draw noise, which depends on the name of the junction.
+        The scenario; None if vehicles start farther out than was compared or have no room at their start, or if the senses are
+        not ideal (noise depends on the name of the junction).
     """
     place = shape.representative
     if scenario.place is place:
@@ -127,7 +130,7 @@ def twin(scenario: Scenario, member: Member, shape: Shape) -> Scenario | None:
         return None
 
     def moved(values: Sequence[Any]) -> tuple[Any, ...]:
-        """What is given per entrance of the map, at the representative before its rotation."""
+        """Return values per entrance of the map as values per entrance of the representative before its rotation."""
         images: list[Any] = [None] * count
         for entrance, value in enumerate(values):
             images[onto[entrance]] = value
@@ -157,21 +160,21 @@ def twin(scenario: Scenario, member: Member, shape: Shape) -> Scenario | None:
 
 @dataclass(frozen=True, eq=False)
 class _Form:
-    """A junction with what is compared of it."""
+    """A junction with its compared properties."""
 
     junction: Junction
     reach: float
 
     @cached_property
     def signature(self) -> object:
-        """What junctions of one shape have in common, whatever arm they begin with; cheap, and most others differ in it."""
+        """A cheap key, equal for all junctions of a shape, whatever their first arm, and different for most others."""
         arms = self.labels
         least = min(arms[k:] + arms[:k] for k in range(len(arms)))
         return self.junction.left_hand, least
 
     @cached_property
     def labels(self) -> tuple[Any, ...]:
-        """Per arm its lanes with their signs, and the movements from it by arms further on."""
+        """Per arm, its lanes with their signs, and its movements with their targets as numbers of arms onward."""
         place = self.junction
         ways: list[list[tuple[int, int, int, str]]] = [[] for _ in place.arms]
         for movement in place.movements.values():
@@ -184,12 +187,12 @@ class _Form:
 
     @cached_property
     def ins(self) -> tuple[_Complex, ...]:
-        """Per entrance points of the approach, from the vertex upstream."""
+        """Per entrance, points of the approach, from the vertex upstream."""
         return tuple(_points(self.junction.way_in(e), self.reach, back=True) for e in range(len(self.junction.entrances)))
 
     @cached_property
     def outs(self) -> tuple[_Complex, ...]:
-        """Per exit points of its road, from the vertex on."""
+        """Per exit, points of its road, from the vertex on."""
         return tuple(_points(self.junction.way_out(e), self.reach) for e in range(len(self.junction.exits)))
 
     @cached_property
@@ -199,7 +202,7 @@ class _Form:
 
 
 def _points(line: Segment, reach: float, *, back: bool = False) -> _Complex:
-    """Return points of a line from its start, or its end, on as complex numbers: at equal distances, and where it ends."""
+    """Return points of a line as complex numbers, from its start or its end on: at equal distances, and the last point."""
     length = min(line.length, reach)
     stations = np.append(np.arange(0.0, length, _SPACING), length)
     if back:
@@ -210,7 +213,7 @@ def _points(line: Segment, reach: float, *, back: bool = False) -> _Complex:
 
 
 def _laid(form: _Form, other: _Form) -> Member | None:
-    """Return how a junction lies on another one; of several ways, that of the least rotation of arms."""
+    """Return a junction as a member of another junction's shape, by the least possible rotation of arms; None if impossible."""
     for onto in _rotations(form, other):
         deviation = _deviation(form, other, onto)
         if deviation <= TOLERANCE and _same(form.junction, other.junction, onto):
@@ -234,25 +237,25 @@ def _rotations(form: _Form, other: _Form) -> Iterator[_Onto]:
 
 
 def _deviation(form: _Form, other: _Form, onto: _Onto) -> float:
-    """Return how far corresponding points lie apart at most after the best motion [m]; infinite where lines differ in length."""
+    """Return the largest distance of corresponding points after the best motion [m]; infinite for lines of different lengths."""
     pairs = [(line, other.ins[onto.entrances[k]]) for k, line in enumerate(form.ins)]
     pairs += [(line, other.outs[onto.exits[k]]) for k, line in enumerate(form.outs)]
     pairs += [(line, other.through[onto.entrances[e], onto.exits[x]]) for (e, x), line in form.through.items()]
-    # Lengths within the tolerance may differ by one point at most, and then the last two are next to each other.
+    # The numbers of points of lines within the tolerance differ by at most one, and then the last two points are neighbours.
     if any(abs(len(one) - len(two)) > 1 for one, two in pairs):
         return np.inf
-    # The ends correspond, and what lies before at equal distances.
+    # The last points correspond, and so do the points before at equal distances.
     ours, theirs = (
         np.concatenate([np.append(pair[k][: min(map(len, pair)) - 1], pair[k][-1]) for pair in pairs]) for k in (0, 1)
     )
     one, two = ours - ours.mean(), theirs - theirs.mean()
-    turn = np.vdot(one, two)  # Kabsch in the plane: the rotation that leaves the least squares
+    turn = np.vdot(one, two)  # Kabsch in the plane: the rotation with the least sum of squares
     turn = turn / abs(turn) if abs(turn) else 1.0
     return float(np.abs(turn * one - two).max())
 
 
 def _same(place: Junction, there: Junction, onto: _Onto) -> bool:
-    """Tell whether stopping lines, phases and the relations of entrances and movements are the same."""
+    """Return whether stopping lines, phases and the relations of entrances and movements are the same."""
     entrances = onto.entrances
     rows = Orbits.at(place).rows if place.phase_groups else range(1)
     widths = [(place.lane_width, there.lane_width)]
@@ -281,9 +284,9 @@ def _lifted(pairs: Any, image: Callable[[Any], Any]) -> frozenset[tuple[Any, Any
 
 
 def _row(place: Junction, row: int, there: Junction, entrances: Sequence[int]) -> int | None:
-    """Return the row of the other junction in which lights begin as in a row of this one; None if there is none.
+    """Return the row of the other junction in which lights begin as in a row of this junction; None if no such row exists.
 
-    Of several the one that takes the order of creation along.
+    Of several rows, the row that also keeps the order of creation is returned.
     """
     wanted = _turns(place, row, entrances)
     rows = Orbits.at(there).rows
@@ -292,7 +295,7 @@ def _row(place: Junction, row: int, there: Junction, entrances: Sequence[int]) -
 
 
 def _turns(place: Junction, row: int, entrances: Sequence[int] | None = None) -> list[frozenset[int]]:
-    """Return which entrances have green, group by group from the first one on, by their images."""
+    """Return the groups of entrances that have green, in order from the first group on, as images of the entrances."""
     plan = SignalPlan(place.phase_groups, first_green(place, row))
     groups = plan.groups[plan.first :] + plan.groups[: plan.first]
     return [group if entrances is None else frozenset(entrances[k] for k in group) for group in groups]

@@ -1,4 +1,4 @@
-"""The page of a town: its map with the junctions in the colours of their verdicts, and what is known of each."""
+"""The page of a town: its map with the junctions in the colours of their verdicts, and the results of each junction."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ LEGEND: tuple[tuple[TownMark, str], ...] = (
     ("good", "passed"),
     ("none", "refused or not judged"),
 )
-"""What the marks on the map mean, the worst first."""
+"""The marks on the map and their meanings, the worst first."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,33 +35,33 @@ class TownMap:
 
 @dataclass(frozen=True, slots=True)
 class Site:
-    """A junction of a town, in the town's words."""
+    """A junction of a town, with its properties on the page."""
 
     name: str
-    """As in ids."""
+    """Name of the junction in ids."""
     id: str
-    """In its map."""
+    """Id of the junction in its map."""
     map: int
-    """Place of its map among those of the page."""
+    """Number of its map among the maps of the page."""
     spot: Spot | None
-    """None where nothing leads there."""
+    """Place of the junction on the map; None for a junction without lanes."""
     kind: str
-    """Such as ``4-way stop``."""
+    """Kind of the junction, such as ``4-way stop``."""
     planned: int = 0
-    """How many runs there are to be."""
+    """Number of planned runs."""
     refused: str = ""
-    """Why nothing runs there."""
+    """The reason why nothing runs at the junction."""
     notes: tuple[str, ...] = ()
-    """What else is to be said, such as what was left out; sentences."""
+    """Further sentences, for example on scenarios that were left out."""
 
 
 def state(site: Site, tally: JunctionTally) -> TownMark:
-    """Return how a junction is marked; one whose runs are not all there is not good yet."""
+    """Return the mark of a junction; a junction with missing runs is not good yet."""
     return "doubt" if tally.mark == "good" and tally.runs < site.planned else tally.mark
 
 
 def worst_first(sites: Sequence[Site], tallies: Mapping[str, JunctionTally]) -> list[Site]:
-    """Return the junctions, those first with which most is wrong; of equals, in the order given."""
+    """Return the junctions, the worst first; equally bad junctions in the given order."""
 
     def wrong(site: Site) -> tuple[int, ...]:
         tally = tallies.get(site.name, JunctionTally())
@@ -74,7 +74,7 @@ def worst_first(sites: Sequence[Site], tallies: Mapping[str, JunctionTally]) -> 
     return sorted(sites, key=wrong)
 
 
-def town_page(  # noqa: PLR0913 - what is known of a town
+def town_page(  # noqa: PLR0913 - the content of the page
     title: str,
     notes: Sequence[str],
     maps: Sequence[TownMap],
@@ -86,13 +86,13 @@ def town_page(  # noqa: PLR0913 - what is known of a town
     """Return the page.
 
     Args:
-        title: of the page.
-        notes: what is missing or doubtful, sentences; they stand above everything else.
-        maps: one or more.
-        sites: every junction of them, also those where nothing runs.
-        tallies: by name, what came of those where something ran.
-        looks: by name of a run and rule, the path of the replay from the folder of the page.
-        again: the command that runs some of it again; the ids of runs are to follow it.
+        title: the title of the page.
+        notes: sentences on missing or doubtful results, shown above everything else.
+        maps: one or more maps.
+        sites: all junctions of the maps, also junctions where nothing runs.
+        tallies: the results of the junctions with runs, by name.
+        looks: by name of a run and rule, the path of the replay relative to the folder of the page.
+        again: the command that runs a part of the town again, to be followed by ids of runs.
     """
     ordered = worst_first(sites, tallies)
     found = [_shown(site, tallies.get(site.name, JunctionTally()), looks, again) for site in ordered]
@@ -116,7 +116,7 @@ def town_page(  # noqa: PLR0913 - what is known of a town
 
 
 def _shown(site: Site, tally: JunctionTally, looks: Mapping[tuple[str, str], str], again: str) -> dict[str, object]:
-    """Return what the page shows of a junction, as JSON has it."""
+    """Return the content of the page on a junction, for JSON."""
     configurations = sorted({cfg for _, cfg, _ in tally.table})
     rules = list(dict.fromkeys(rule for rule, _, _ in sorted(tally.table)))
     outcomes = {(rule, cfg): Counter[Outcome]() for rule in rules for cfg in configurations}

@@ -1,4 +1,4 @@
-"""What is to run at many junctions: cases one after the other, never all at once, and how many there are of what."""
+"""The planned runs at many junctions: cases one after the other, never all at once, and their numbers."""
 
 from __future__ import annotations
 
@@ -27,17 +27,17 @@ __all__ = ["Asked", "LeftOut", "Plan", "Planned"]
 
 @dataclass(frozen=True, slots=True)
 class Asked:
-    """What is to run at every junction; the words are those of ``@rvads.scenario``."""
+    """The runs requested at every junction, in the terms of ``@rvads.scenario``."""
 
     driver: Factory
     rules: tuple[str | Rule, ...] = ("road",)
     cover: str = "conflicts"
     occupancy: str = "arms"
     grid: tuple[str, ...] | None = None
-    """None for the paper's configurations, and where there is a subject for those of `ARRIVALS`, one per scenario and seat."""
+    """Configurations; None for the paper's, or with a subject those of `ARRIVALS`, one per scenario and seat."""
     subject: int | str | None = None
     traffic: Policy | None = None
-    """Drives the others where there is a subject."""
+    """Drives the other vehicles if there is a subject."""
     followers: tuple[int, ...] = (0,)
 
 
@@ -45,34 +45,34 @@ class Planned(NamedTuple):
     """A case with its name."""
 
     name: str
-    """As in ids, without a rule."""
+    """Name of the run in ids, without a rule."""
     case: Case
 
 
 class LeftOut(NamedTuple):
-    """Scenarios of a junction in which a vehicle has no room where it would start."""
+    """Scenarios of a junction in which a vehicle has no room at its start."""
 
     scenarios: int
     reason: str
-    """Of the first one."""
+    """The reason for the first scenario."""
 
 
 @dataclass(eq=False)
 class Plan:
-    """The cases of some junctions, junction by junction; can be gone through any number of times."""
+    """The cases of several junctions, junction by junction; the plan can be iterated any number of times."""
 
     junctions: Sequence[Junction]
     asked: Asked
     only: tuple[str, ...] = ()
-    """Patterns of which the id of a run, or of a verdict, has to match one, as file names do; none: all."""
+    """Patterns for ids of runs or verdicts, with the wildcards of file names; empty for all runs."""
     sample: int | None = None
-    """How many are drawn from all of them, spread evenly over junctions, classes and configurations."""
+    """Number of cases drawn, spread evenly over junctions, classes and configurations; None for all cases."""
     seed: int = 0
     _counted: dict[str, tuple[int, LeftOut | None]] = field(default_factory=dict, init=False)
 
     @cached_property
     def refused(self) -> dict[str, str]:
-        """By name the junctions at which none of what is asked for can run, and why."""
+        """Reasons, by name of the junction, why none of the requested runs is possible there."""
         found = {}
         for place in self.junctions:
             try:
@@ -87,23 +87,23 @@ class Plan:
 
     @property
     def places(self) -> list[Junction]:
-        """The junctions at which something can run."""
+        """The junctions at which runs are possible."""
         return [place for place in self.junctions if place.name not in self.refused]
 
     def rules(self, place: Junction) -> tuple[Rule, ...]:
-        """Return the rules that runs at a junction are judged by.
+        """Return the rules that judge runs at a junction.
 
         Raises:
-            FormulaError: no such rule.
+            FormulaError: a rule is unknown.
         """
         return rules_for(self.asked.rules, place)
 
     def left_out(self, place: Junction) -> LeftOut | None:
-        """Return what of the scenarios asked for at a junction is left out; None where nothing is, or all is refused."""
+        """Return the requested scenarios of a junction that are left out; None if no scenario is, or the junction is refused."""
         return None if place.name in self.refused else self._count(place)[1]
 
     def extents(self) -> dict[str, Extent]:
-        """Return by junction how much there is to cover."""
+        """Return the extents of coverage, by junction."""
         found: dict[str, Extent] = {}
         for place in self.places:
             for selection in self.selections(place):
@@ -112,11 +112,11 @@ class Plan:
 
     @property
     def total(self) -> int:
-        """How many cases there are without patterns and sample."""
+        """Number of cases without patterns and sample."""
         return sum(self._count(place)[0] for place in self.places)
 
     def counts(self) -> dict[str, int]:
-        """Return per junction, in order, how many cases there are; 0 where it is refused."""
+        """Return the number of cases per junction, in order; 0 for a refused junction."""
         if self.sample is None and not self.only:
             return {place.name: 0 if place.name in self.refused else self._count(place)[0] for place in self.junctions}
         found = dict.fromkeys((place.name for place in self.junctions), 0)
@@ -150,9 +150,9 @@ class Plan:
         return any(fnmatchcase(id, pattern) for pattern in self.only for id in ids)
 
     def selections(self, place: Junction) -> tuple[Selection, ...]:
-        """Return what is to run at a junction, with what does not fit there; raises ScenarioError where nothing can.
+        """Return the selections of a junction, including scenarios that do not fit; raises ScenarioError if none is possible.
 
-        A subject also arrives `alone`; the cover ``partial`` has such scenarios itself.
+        With a subject, scenarios with the subject `alone` are added; the cover ``partial`` contains such scenarios itself.
         """
         asked, seat = self.asked, self.asked.subject
         names = asked.grid or ("paper" if seat is None else ARRIVALS,)
@@ -166,7 +166,7 @@ class Plan:
         return most, every(configurations=points[:1], scenarios=tuple(single))
 
     def _count(self, place: Junction) -> tuple[int, LeftOut | None]:
-        """Return how many scenarios fit at a junction, and which don't; gone through only where some may not."""
+        """Return the number of scenarios that fit at a junction, and those left out; scenarios are tried only if necessary."""
         if place.name not in self._counted:
             unfit, count = list[ScenarioError](), 0
             for selection in self.selections(place):
@@ -177,7 +177,7 @@ class Plan:
 
 
 class _Again:
-    """All cases of a plan, as what can be gone through twice."""
+    """All cases of a plan, as an object that can be iterated twice."""
 
     def __init__(self, plan: Plan) -> None:
         self._plan = plan
@@ -187,7 +187,7 @@ class _Again:
 
 
 def _nobody(_: ScenarioError) -> None:
-    """Who takes note of what is left out where that is known."""
+    """Ignore the reason of a scenario that is left out, because the plan already knows these scenarios."""
 
 
 def _stratum(planned: Planned) -> tuple[str, ...]:

@@ -1,7 +1,6 @@
-"""The command ``rvads``: what can be asked without pytest.
+"""The command ``rvads``: the functions of the package that need no pytest.
 
-Standard output holds only the answer; warnings and errors go to standard error, an error in one line with
-exit status 2.
+Standard output holds only the answer. Warnings and errors go to standard error; an error is one line, with exit status 2.
 """
 
 from __future__ import annotations
@@ -36,11 +35,11 @@ _RENAMED = {
     ("rules", "--file"): "--rules",
     ("init", "--stack"): "--sut",
 }
-"""Options by their command and their former names."""
+"""Present names of options, by their command and their former name."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run ``rvads`` with these words, by default those of the command line, and return the exit status."""
+    """Run ``rvads`` with the given words, by default the words of the command line, and return the exit status."""
     words = sys.argv[1:] if arguments is None else arguments
     if words and words[0] in _STUDIES:
         replacement = f"python -m studies.{_STUDIES[words[0]]}"
@@ -59,7 +58,7 @@ def answer(parser: argparse.ArgumentParser, words: Sequence[str] | None = None) 
     Returns:
         The status of the command; 2 after an error, which is printed in one line; 130 after Ctrl-C.
     """
-    if sys.stdout is None or sys.stdin is None:  # closed by who started us
+    if sys.stdout is None or sys.stdin is None:  # closed by the parent process
         warn("rvads: it needs an open standard input and output: redirect what is of no use to /dev/null")
         return 2
     encode_all(sys.stdout, sys.stderr)
@@ -67,11 +66,11 @@ def answer(parser: argparse.ArgumentParser, words: Sequence[str] | None = None) 
     command: Callable[[argparse.Namespace], int] = options.command
     try:
         return command(options)
-    except BrokenPipeError:  # the reader, such as `head`, had enough; nothing more can be written
+    except BrokenPipeError:  # the reader, such as `head`, has closed the pipe; nothing more can be written
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except (RvadsError, OSError) as error:
-        # A formula's error shows its place in lines of their own; programs that read ours get one line.
+        # A formula's error shows its place in separate lines; programs that read standard error get one line.
         text = str(error) if sys.stderr.isatty() else " ".join(str(error).split())
         warn(f"rvads: {text}")
         return 2
@@ -81,7 +80,7 @@ def answer(parser: argparse.ArgumentParser, words: Sequence[str] | None = None) 
 
 
 def _renamed(words: Sequence[str]) -> list[str]:
-    """Return the words of a command with the present names of its options; former ones are warned of."""
+    """Return the words of a command with the present names of its options; a former name causes a warning."""
     former = {option: name for (command, option), name in _RENAMED.items() if words and command == words[0]}
     found = [word.partition("=") for word in words]
     for option in dict.fromkeys(option for option, _, _ in found if option in former):

@@ -1,4 +1,4 @@
-"""What the command line asks of the logic about rules."""
+"""Answers of the command line to questions about rules."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ __all__ = ["list_rules", "named_rules"]
 
 
 def named_rules(names: Sequence[str]) -> tuple[Rule, ...]:
-    """Return the rules of names that people give: of a rule, a rulebook, or a file of rules (``.rules``), each rule once.
+    """Return the rules that names denote: of a rule, a rulebook, or a file of rules (``.rules``), each rule once.
 
     Raises:
-        FormulaError: an unknown name, or a file of rules with a mistake.
+        FormulaError: a name is unknown, or a file of rules has a mistake.
     """
     found: list[Rule] = []
     for name in names:
@@ -25,7 +25,7 @@ def named_rules(names: Sequence[str]) -> tuple[Rule, ...]:
 
 
 def list_rules() -> str:
-    """Return all rules by rulebook: meaning, formula, source, who is responsible."""
+    """Return a text on all rules by rulebook: meaning, formula, source, responsible role."""
     blocks = []
     for book in ("paper", "variants", "road"):
         blocks.append(f"rulebook {book}")

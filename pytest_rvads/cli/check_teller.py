@@ -1,4 +1,4 @@
-"""Telling what ``rvads check`` finds as it comes: on standard output, on standard error, and on the page."""
+"""Prints and writes the answers of ``rvads check`` as they arrive: on standard output, on standard error, and on the page."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ __all__ = ["Teller"]
 
 
 class Teller:
-    """Takes what is said of parts of files, in order; the page is written whatever ends it.
+    """Takes the answers on parts of files, in order; the page is written even after an error.
 
     Args:
-        options: of the command.
-        totals: where all of it is counted.
-        files: how many there are.
-        alone: whether there is one, of which everything is told.
+        options: the options of the command.
+        totals: the counts of all answers.
+        files: number of files.
+        alone: whether a single file is checked, so that all its warnings are printed.
     """
 
     def __init__(self, options: argparse.Namespace, totals: Totals, files: int, *, alone: bool) -> None:
         self._totals, self._files, self._alone, self._verbose = totals, files, alone, options.verbose
         self._labels, self._output = Labels(), output(options, alone, totals)
         self._index = None if options.html is None else Index(Path(options.html))
-        # Who reads JSON may read standard error along with it.
+        # A program that reads JSON may read standard error together with it.
         self._bar = sys.stderr.isatty() or not (options.json or options.jsonl)
 
     def __enter__(self) -> Teller:
@@ -45,7 +45,7 @@ class Teller:
                 self._index.write(self._totals)
 
     def tell(self, batch: Batch) -> None:
-        """Tell what is said of a part of a file."""
+        """Print the answers on a part of a file."""
         clear()
         if batch.error:
             self._totals.trouble(batch.error)

@@ -1,4 +1,4 @@
-"""What all that ``rvads check`` says comes to: numbers of verdicts, and an exit status."""
+"""The totals of ``rvads check``: numbers of verdicts, and an exit status."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ _MOST_DOUBTS = 20
 
 
 class Labels:
-    """What runs are called; where a label comes again, in another file or the same, it is told apart."""
+    """Unique labels of runs; a label that occurs again, in the same file or another, is extended."""
 
     def __init__(self) -> None:
         self._known: set[str] = set()
 
     def of(self, answer: RunAnswer) -> str:
-        """Return the label of a run, that no other one has got."""
+        """Return the label of a run, different from all earlier labels."""
         label, number = answer.label, 1
         while label in self._known:
             label = f"{answer.file}: {answer.label}" + (f" ({number})" if number > 1 else "")
@@ -30,21 +30,21 @@ class Labels:
 
 
 class Totals:
-    """Counts what was said of all runs."""
+    """Counts the answers on all runs."""
 
     def __init__(self) -> None:
         self.verdicts: Counter[tuple[str, Status]] = Counter()
-        """By rule and status."""
+        """Number of verdicts by rule and status."""
         self.runs = self.vehicles = self.files = self.troubles = self._doubts = 0
         self._left: dict[str, int] = {}
 
     def trouble(self, sentence: str) -> None:
-        """Tell what could not be read or judged."""
+        """Count and print a file or run that could not be read or judged."""
         self.troubles += 1
         warn(f"rvads: {sentence}")
 
     def doubt(self, sentence: str, *, every: bool) -> None:
-        """Tell what is doubtful in a run; of many runs the first few of all doubts, unless `every` one is wanted."""
+        """Print a doubt about a run; only the first few doubts are printed, unless `every` doubt is wanted."""
         self._doubts += 1
         if every or self._doubts <= _MOST_DOUBTS:
             warn(f"warning: {sentence}")
@@ -52,13 +52,13 @@ class Totals:
             warn("warning: further warnings are not printed, --verbose prints them")
 
     def add(self, answer: RunAnswer) -> None:
-        """Count what is said of a run."""
+        """Count the answer on a run."""
         self.runs += 1
         self.vehicles += answer.vehicles
         self.verdicts.update((v.rule, v.status) for v in answer.verdicts)
 
     def finish(self, batch: Batch) -> bool:
-        """Return whether a file is finished with a part of it."""
+        """Count a part of a file, and return whether the file is finished."""
         left = self._left.pop(batch.file, batch.total) - len(batch.answers)
         if left > 0 and not batch.error:
             self._left[batch.file] = left
@@ -77,12 +77,12 @@ class Totals:
 
     @property
     def sums(self) -> str:
-        """How much was judged, in a sentence."""
+        """The numbers of judged runs and vehicles, in a sentence."""
         told = f"{_several(self.runs, 'run')}, {_several(self.vehicles, 'vehicle')} judged"
         return f"{told}; {_several(self.troubles, 'thing')} could not be read or judged" if self.troubles else told
 
     def exit_status(self, *, told: bool) -> int:
-        """Return the exit status; what is `told` to a program is not also told by 1 and 5."""
+        """Return the exit status; if a program reads the verdicts (`told`), the statuses 1 and 5 are not used."""
         found = {status for _, status in self.verdicts}
         if self.troubles:
             return 2

@@ -1,4 +1,4 @@
-"""The options ``-j`` and ``--dask``: on what a command works."""
+"""The options ``-j`` and ``--dask``: the executor of a command."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from pytest_rvads.errors import RvadsError, ScenarioError, needs
 __all__ = ["declare", "opened"]
 
 _PATIENCE = 20
-"""How long a scheduler may take to answer, at the beginning and when its connection was lost [s]."""
+"""Longest time for a scheduler to answer, at the beginning and after a lost connection [s]."""
 
 
 def declare(parser: argparse.ArgumentParser) -> None:
@@ -27,11 +27,11 @@ def declare(parser: argparse.ArgumentParser) -> None:
 
 @contextmanager
 def opened(options: argparse.Namespace) -> Iterator[Executor | int | None]:
-    """Have what the options name, as `spread` and `campaign` take it; the connection to a scheduler is closed at the end.
+    """Yield the executor that the options name, for `spread` and `campaign`; a connection to a scheduler is closed at the end.
 
     Raises:
-        ScenarioError: no number of processes.
-        RvadsError: Dask is not installed, or no scheduler answers there.
+        ScenarioError: the number of processes is less than 1.
+        RvadsError: Dask is not installed, or no scheduler answers at the address.
     """
     if options.workers is not None and options.workers < 1:
         raise ScenarioError(f"--workers must be at least 1, got {options.workers}")

@@ -1,4 +1,4 @@
-"""``rvads init``: files to start from."""
+"""``rvads init``: writes files to start from."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from pytest_rvads.wording import page
 __all__ = ["WORKFLOW", "declare", "template"]
 
 WORKFLOW = ".github/workflows/rules.yml"
-"""Where GitHub looks for what to do at a push."""
+"""Path of GitHub's workflow file for pushes."""
 
 
 def declare(commands: Subparsers) -> None:
@@ -41,7 +41,7 @@ def declare(commands: Subparsers) -> None:
 
 
 def template(name: str, values: Mapping[str, object] | None = None) -> str:
-    """Return a file to start from; `values` stand in it as Python writes them."""
+    """Return the text of a file to start from, with `values` inserted as Python literals."""
     text = files("pytest_rvads.cli").joinpath("start", name).read_text(encoding="utf-8")
     return Template(text).substitute({key: repr(value) for key, value in values.items()}) if values else text
 
@@ -63,7 +63,7 @@ def _init(options: argparse.Namespace) -> int:
 
 
 def _tests(options: argparse.Namespace, folder: Path) -> dict[str, str]:
-    """Return the tests and what drives in them, by the names of their files."""
+    """Return the tests and their driver, by the names of their files."""
     if options.recordings:
         return {"test_rules.py": template("test_recordings.txt", {"recordings": _recordings(options.recordings, folder)})}
     drives = template("stack.txt", {"command": _command(options.sut)}) if options.sut else template("conftest.txt")
@@ -74,11 +74,11 @@ def _tests(options: argparse.Namespace, folder: Path) -> dict[str, str]:
 
 
 def _write(folder: Path, texts: Mapping[str, str]) -> list[Path]:
-    """Write files, all or none where one is there.
+    """Write files; none is written if a file exists.
 
     Raises:
-        RvadsError: one of them exists.
-        OSError: one can't be written.
+        RvadsError: a file exists.
+        OSError: a file can't be written.
     """
     paths = {folder / name: text for name, text in texts.items()}
     for path in paths:
@@ -86,13 +86,13 @@ def _write(folder: Path, texts: Mapping[str, str]) -> list[Path]:
             raise RvadsError(f"{path} exists and is not changed, nothing was written: move it away, or name another folder")
     for path, text in paths.items():
         path.parent.mkdir(parents=True, exist_ok=True)
-        with path.open("x", encoding="utf-8") as out:  # also what came meanwhile is not changed
+        with path.open("x", encoding="utf-8") as out:  # a file that was made meanwhile is not changed either
             out.write(text)
     return list(paths)
 
 
 def _next(options: argparse.Namespace) -> list[str]:
-    """Return what to do next, a line each."""
+    """Return lines on the next steps."""
     if options.ci:
         told = "commit it; at each push GitHub runs pytest, shows failures beside the lines of their tests and keeps the reports"
         return [f"next: {told}", f"more: {page('ci')}"]
@@ -107,9 +107,9 @@ def _next(options: argparse.Namespace) -> list[str]:
 
 
 def _missing(command: str, folder: Path) -> list[str]:
-    """Return a line where the program of a command is not there yet."""
+    """Return a line if the program of a command does not exist yet."""
     program = _command(command)[0]
-    if shutil.which(os.path.join(folder, program) if "/" in program else program):  # a Path would drop ./, without which
+    if shutil.which(os.path.join(folder, program) if "/" in program else program):  # a Path would drop the ./ of a program
         return []
     where = f"at {folder / program}" if "/" in program else "on the PATH"
     return [f"There is no program {where} yet: put it there first."]
@@ -127,7 +127,7 @@ def _command(text: str) -> list[str]:
 
 
 def _place(file: str, wanted: str | None) -> dict[str, object]:
-    """Return a junction of a map and where its vehicles begin: the junction asked for, or the first one where ways meet."""
+    """Return a junction of a map and the starts of its vehicles: the given junction, or the first junction with meeting ways."""
     from pytest_rvads.junctions.conflicts import JunctionKind
     from pytest_rvads.junctions.finder import find
     from pytest_rvads.junctions.road_map import describe, read_map
@@ -149,7 +149,7 @@ def _place(file: str, wanted: str | None) -> dict[str, object]:
 
 
 def _recordings(name: str, folder: Path) -> str:
-    """Return recordings as seen from the folder, once it is known that there are some of a format that is read."""
+    """Return the path of recordings relative to the folder, after checking that recordings in a known format exist."""
     from pytest_rvads.runs.readers import READERS
 
     if not any(sign in name for sign in "*?["):
@@ -165,5 +165,5 @@ def _recordings(name: str, folder: Path) -> str:
 
 
 def _seen_from(folder: Path, name: str) -> str:
-    """Return a path from the working directory as a test in the folder names it."""
+    """Return a path, relative to the working directory, as a path relative to the folder of a test."""
     return name if os.path.isabs(name) else Path(os.path.relpath(name, folder)).as_posix()

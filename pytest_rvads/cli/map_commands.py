@@ -1,4 +1,4 @@
-"""``rvads classes`` and ``rvads map``: what there is to drive on."""
+"""``rvads classes`` and ``rvads map``: junctions and their scenarios."""
 
 from __future__ import annotations
 
@@ -103,7 +103,7 @@ def _map(options: argparse.Namespace) -> int:
 
 
 def _summed(junctions: list[dict[str, Any]]) -> str:
-    """Return how many junctions are usable, of which kinds, and from where on at the one with the longest approaches."""
+    """Return a line on the usable junctions: their number, their kinds, and the length of the longest approaches."""
     from pytest_rvads.junctions.conflicts import JunctionKind
 
     usable = [junction for junction in junctions if junction["usable"]]
@@ -116,7 +116,7 @@ def _summed(junctions: list[dict[str, Any]]) -> str:
 
 
 def _details(junction: dict[str, Any]) -> Iterator[str]:
-    """Yield what is known of a usable junction: the lanes and control of its arms, and which arms give way to which."""
+    """Yield lines on a usable junction: the lanes and control of its arms, and which arms give way to which."""
     arms = [
         ", ".join((f"{plural(arm['entrances'], 'lane')} in, {arm['exits']} out", *_control(arm), *_limits(arm)))
         for arm in junction["arms"]
@@ -132,7 +132,7 @@ def _details(junction: dict[str, Any]) -> Iterator[str]:
 
 
 def _control(arm: dict[str, Any]) -> Iterator[str]:
-    """Yield what controls an arm that leads in, in words."""
+    """Yield the control of an arm with entrances, in words."""
     if arm["entrances"]:
         yield "no sign" if arm["control"] == "none" else arm["control"]
 

@@ -1,4 +1,4 @@
-"""How far a long command is: a bar with an estimate of what is left, or where there is no terminal a line per tenth."""
+"""The progress of a long command: a bar with an estimate of the remaining time, or a line per tenth without a terminal."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ __all__ = ["progressing"]
 
 @contextmanager
 def progressing(what: str) -> Iterator[executors.Progress]:
-    """Have something to call with the number of jobs done and of all; it shows on standard error how far that is.
+    """Yield a function that shows progress on standard error, given the number of finished jobs and of all jobs.
 
     Args:
-        what: is done, such as ``runs``.
+        what: the name of the jobs, such as ``runs``.
     """
     if not sys.stderr.isatty():
         yield _Lines(what)

@@ -1,4 +1,4 @@
-"""``rvads replay``: the replay page of a failure, drawn when somebody wants to see it."""
+"""``rvads replay``: draws the replay page of a failure on request."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 __all__ = ["declare"]
 
 _NAMED = 3
-"""Failures that an error names."""
+"""Most failures that an error message names."""
 
 
 def declare(commands: Subparsers) -> None:
@@ -55,12 +55,12 @@ def declare(commands: Subparsers) -> None:
 
 @dataclass(frozen=True, slots=True)
 class _Session:
-    """A session that has ended, as its folder tells."""
+    """A session that has ended, read from its folder."""
 
     folder: Path
     report: Report
     earlier: tuple[Path, Report] | None = None
-    """File and content of the report of an earlier one, whose runs are shown below those of this."""
+    """Path and content of the report of an earlier session, whose runs are shown below the runs of this session."""
 
     @property
     def failed(self) -> list[Record]:
@@ -68,14 +68,14 @@ class _Session:
         return [record for record in self.report.records if record.failed]
 
     def page(self, record: Record) -> Path:
-        """Return where the page of a failure is, or would be."""
+        """Return the path of the page of a failure, whether the page exists or not."""
         from pytest_rvads.report.folders import shown
         from pytest_rvads.storage import slug
 
         return shown(self.folder, slug(record.nodeid))
 
     def unseen(self, record: Record) -> str:
-        """Return why there can be no replay of a failure, or nothing."""
+        """Return the reason why a failure has no replay; empty if a replay is possible."""
         from pytest_rvads.report.folders import run_file
 
         if not record.hash or not record.shows:
@@ -86,10 +86,10 @@ class _Session:
             return f"its record is damaged, {error}"
 
     def replayed(self, record: Record, page: Path) -> Replayed:
-        """Return what is to be shown of a failure.
+        """Return the replay of a failure.
 
         Raises:
-            RvadsError: there is nothing to be shown, or its run is not kept, or damaged.
+            RvadsError: the failure has nothing to show, or its run is not kept or damaged.
         """
         from pytest_rvads.cli.replayed import failed_run
 
@@ -144,7 +144,7 @@ def _file(options: argparse.Namespace, file: Path) -> int:
 
 
 def _write(shown: Replayed, page: Path, output: str | None, svg: str | None) -> None:
-    """Write the page of a replay, or an animated picture, or both, and say where, and what it shows."""
+    """Write the page of a replay, or an animated picture, or both, and print the paths and the message of the verdict."""
     from pytest_rvads.storage import write_file
 
     if shown.doubt:
@@ -161,10 +161,10 @@ def _write(shown: Replayed, page: Path, output: str | None, svg: str | None) -> 
 
 
 def _session(which: str | None) -> _Session:
-    """Return a session by its number or folder, or the latest.
+    """Return a session by its number or folder, or the latest session.
 
     Raises:
-        RvadsError: there is none, or it has left no report.
+        RvadsError: there is no such session, or the session has left no report.
     """
     from pytest_rvads.report.files import load
     from pytest_rvads.report.folders import REPORT, ROOT, sessions
@@ -213,16 +213,16 @@ def _at(record: Record) -> str:
 
 
 def _chosen(session: _Session, what: str, rule: str | None) -> list[Record]:
-    """Return the failures that were asked for; what is asked for by its whole id is that alone."""
+    """Return the failures that match a request; a failure whose whole id is given is the only match."""
     failed = [r for r in session.failed if rule in (None, r.verdicts[-1].rule if r.verdicts else r.rule)]
     return [r for r in failed if r.nodeid == what] or [r for r in failed if what in r.nodeid]
 
 
 def _one(chosen: Sequence[Record], session: _Session, what: str, rule: str | None) -> Record:
-    """Return the failure that was asked for.
+    """Return the failure that matches a request.
 
     Raises:
-        RvadsError: none is called so, or several are.
+        RvadsError: no failure matches, or several failures match.
     """
     from pytest_rvads.report.folders import option
 
@@ -243,7 +243,7 @@ def _one(chosen: Sequence[Record], session: _Session, what: str, rule: str | Non
 
 
 def _all(session: _Session, chosen: Sequence[Record]) -> int:
-    """Draw all failures that have no page yet; what can't be drawn costs no other one."""
+    """Draw all failures without a page; a failure that can't be drawn does not stop the others."""
     from pytest_rvads.storage import write_file
 
     todo, lost = [record for record in chosen if not session.page(record).exists()], 0
@@ -263,7 +263,7 @@ def _all(session: _Session, chosen: Sequence[Record]) -> int:
 
 
 def _link(session: _Session) -> None:
-    """Have the page of a session lead to all of its replays, also those that were drawn later; where it can't be written, not."""
+    """Write the page of a session again with links to all its replays, if the page can be written."""
     from msgspec import structs
 
     from pytest_rvads.report.files import save

@@ -1,4 +1,4 @@
-"""``rvads rules check``: can anybody obey these rules?"""
+"""``rvads rules check``: checks whether vehicles can obey the rules in every scenario."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which files somebody means by names of files, folders and patterns."""
+"""Finds the files that names of files, folders and patterns denote."""
 
 from __future__ import annotations
 
@@ -14,11 +14,12 @@ __all__ = ["run_files"]
 
 
 def run_files(names: Sequence[str], lament: Callable[[str], None]) -> list[str]:
-    """Return the files that are meant, each once: in the order of the names, those of a folder or pattern sorted.
+    """Return the files that names denote, each once: in the order of the names, the files of a folder or pattern sorted.
 
     Args:
-        names: of files; of folders, which are searched for files of runs at any depth; patterns, which not every shell expands.
-        lament: called with a sentence for each folder or pattern behind which there is nothing.
+        names: names of files; of folders, which are searched for files of runs at any depth; and patterns, which some shells do
+            not expand.
+        lament: called with a sentence for each folder or pattern without files.
     """
     found: dict[str, str] = {}
     for name in names:
@@ -33,5 +34,5 @@ def run_files(names: Sequence[str], lament: Callable[[str], None]) -> list[str]:
 
 def _meant(name: str) -> list[str]:
     if not os.path.isdir(name) and (os.path.lexists(name) or not has_magic(name)):
-        return [name]  # what can't be read is told by who reads it
+        return [name]  # the reader reports a file that can't be read
     return list(map(str, files_of(Path(name)) if os.path.isdir(name) else matching(name)))

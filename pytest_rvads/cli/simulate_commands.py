@@ -1,4 +1,4 @@
-"""``rvads braking`` and ``rvads paper``: what is answered by simulating."""
+"""``rvads braking`` and ``rvads paper``: the commands that simulate."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ if TYPE_CHECKING:
 __all__ = ["declare"]
 
 _DISTANCES = (0.01, 0.3, 1.0, 3.0, 5.0, 10.0, 15.0, 20.0)
-"""Distances of the braking table: those of the configurations, and some between [m]."""
+"""Distances of the braking table: the distances of the configurations, and some between [m]."""
 _CURVE = (0.01, 0.1, 0.2, 0.3, *(0.5 * k for k in range(1, 41)))
-"""Distances of the curves of its picture [m]."""
+"""Distances of the curves in the picture [m]."""
 
 
 def declare(commands: Subparsers) -> None:
@@ -90,7 +90,7 @@ def _braking(options: argparse.Namespace) -> int:
 
 
 def _by_movement(options: argparse.Namespace) -> int:
-    """Show what an autopilot reaches of v(d)max, a row per movement."""
+    """Print the v(d)max that an autopilot reaches, a row per movement."""
     from pytest_rvads.junctions.finder import find
     from pytest_rvads.simulators.stopping import closed_by_movement
 
@@ -133,7 +133,7 @@ def _tables(options: argparse.Namespace, executor: Executor | int | None) -> int
     if options.margins or options.ablation or options.null_models or options.snapshots:
         return _evidence(options, executor)
     verdicts = tables.compute(_setup(options), executor=executor, progress=_bar(options))
-    # Printed first: a picture that can't be written must not cost the answer.
+    # The answer is printed first, because a picture that can't be written must not prevent it.
     print(json.dumps(tables.nested(verdicts)) if options.json else table_output.text_tables(verdicts), flush=True)
     if options.svg:
         write_file(Path(options.svg), table_output.svg_tables(verdicts).encode())
@@ -141,21 +141,21 @@ def _tables(options: argparse.Namespace, executor: Executor | int | None) -> int
 
 
 def _setup(options: argparse.Namespace) -> Setup:
-    """Return what all runs of the tables have in common."""
+    """Return the settings that all runs of the tables share."""
     from pytest_rvads.paper.experiment import Setup
     from pytest_rvads.simulators.simulator import named
 
-    named(options.simulator, Path.cwd())  # an unknown one is refused before anything runs
+    named(options.simulator, Path.cwd())  # an unknown simulator is refused before anything runs
     return Setup(simulator=options.simulator)
 
 
 def _bar(options: argparse.Namespace) -> Progress | None:
-    """Return what shows how far it is; a program that wants JSON may read standard error along with it."""
+    """Return the progress display; None for a program that wants JSON, which may read standard error together with it."""
     return None if options.json and not sys.stderr.isatty() else progress
 
 
 def _evidence(options: argparse.Namespace, executor: Executor | int | None) -> int:
-    """Print or draw what stands beside the tables; text only."""
+    """Print or draw the evidence beside the tables; text only."""
     from pytest_rvads.paper import evidence, snapshots, tables
 
     if options.json or options.svg or options.strict or options.simulator:

@@ -31,7 +31,7 @@ when something failed, 2 when an argument is wrong or it did not come to its end
 
 
 _LARGEST = 2**31
-"""Map file that is read [bytes]; those that are too large to be maps were refused before."""
+"""Largest map file that is read [bytes]; larger files were refused before as no maps."""
 _CHOICES = (
     *("maps", "cover", "occupancy", "grid", "subject", "traffic", "followers", "junctions"),
     *("limit", "sample", "seed", "once_per_shape"),
@@ -109,10 +109,10 @@ def _town(options: argparse.Namespace) -> int:
 
 @contextmanager
 def _driver(options: argparse.Namespace) -> Iterator[Any]:
-    """Have what is under test.
+    """Yield the driver under test.
 
     Raises:
-        AutopilotError: nothing says what it is, or it is none.
+        AutopilotError: the options name no driver, or the named object is no driver.
     """
     from pytest_rvads.drivers.chosen import chosen
     from pytest_rvads.drivers.naming import stand_in
@@ -134,7 +134,7 @@ def _driver(options: argparse.Namespace) -> Iterator[Any]:
 
 
 def _understood(options: argparse.Namespace, driver: Any) -> Order:
-    """Return what the options ask for; what is wrong with them is told before anything runs."""
+    """Return the order that the options describe; errors in the options are raised before anything runs."""
     from pytest_rvads.campaigns.town import Town
     from pytest_rvads.campaigns.town_plan import Asked
     from pytest_rvads.drivers.traffic import DEFAULT, Policy
@@ -188,7 +188,7 @@ def _subject(text: str) -> int | str | None:
 
 
 def _again(options: argparse.Namespace) -> str:
-    """Return the command that runs some ids again as they ran here; which others there were is left out."""
+    """Return the command that runs given ids again under the same options; options that select other runs are left out."""
     words = ["rvads", "town", *options.maps]
     for name in ("autopilot", "sut", "simulator", "cover", "occupancy", "subject", "traffic"):
         value, usual = getattr(options, name), {"cover": "conflicts", "occupancy": "arms", "subject": "all"}.get(name)
@@ -200,7 +200,7 @@ def _again(options: argparse.Namespace) -> str:
 
 
 def _told_before(town: Town) -> None:
-    """Say on standard error what is to run, and what is refused."""
+    """Print to standard error the number of planned runs, and the refused junctions."""
     refused = [(name, reason) for reason, names in town.refused().items() for name in names]
     total, simulated = sum(town.counts.values()), town.simulated
     fewer = f", {simulated} to simulate" if simulated < total else ""
@@ -221,7 +221,7 @@ def _made(folder: Path) -> None:
     """Make the folder to write to.
 
     Raises:
-        RvadsError: it can't be made.
+        RvadsError: the folder can't be made.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -239,7 +239,7 @@ def _nothing(town: Town) -> int:
 
 
 def _judged(order: Order, options: argparse.Namespace, folder: Path, executor: Executor | int | None) -> int:
-    """Simulate and judge, and write what came of it, as far as it came; return the exit status."""
+    """Simulate and judge the runs, write all results even of an interrupted campaign, and return the exit status."""
     from pytest_rvads.campaigns.campaign import campaign
     from pytest_rvads.campaigns.resultsfile import Results
     from pytest_rvads.cli.progress_bar import progressing
@@ -277,7 +277,7 @@ def _judged(order: Order, options: argparse.Namespace, folder: Path, executor: E
 
 
 def _digest(order: Order, options: argparse.Namespace) -> str:
-    """Return what tells results of other maps, drivers, simulators, rules and choices apart, also of other code of theirs."""
+    """Return a digest that differs for other maps, drivers, simulators, rules and choices, and for other code of these."""
     from pytest_rvads.drivers.identity import identity
     from pytest_rvads.storage import read_file
     from pytest_rvads.versions import code

@@ -1,1 +1,1 @@
-"""What vehicles do to each other in a run, measured: predicates, priority, progress, blame."""
+"""The interactions of vehicles in a run, measured: predicates, priority, progress, blame."""

@@ -1,12 +1,13 @@
-"""Who is to blame where two vehicles collide or meet: right of way first, the order of entry last.
+"""Decides which vehicle is to blame for a collision or meeting: right of way first, the order of entry last.
 
-The vehicle that lacked the right of way is to blame, until it is clear of the shared stretch: the vehicle that entered on red
-or past a stop sign (Vienna Convention on Road Traffic 1968, Art. 5), out of turn, or took a way that it owed to the other vehicle
+The vehicle that lacked the right of way is to blame, until it is clear of the shared stretch: the vehicle that entered on red or
+past a stop sign (Vienna Convention on Road Traffic 1968, Art. 5), out of turn, or took a way that it owed to the other vehicle
 (Art. 16(2), 18). The other vehicle shares the blame if it could still have stopped before the stretch, and did not (Art. 13(1)).
-Where rights tell nothing apart, the vehicle in the wrong lane is to blame (Art. 10(3)); then the vehicle that drove into one
-that stood or was ahead (Art. 13), unless that vehicle cut in; then the vehicle that drove backwards (California Vehicle Code
-22106); then the vehicle that entered the junction last (California Vehicle Code 21800(a)). A vehicle that braked hard without
-a reason shares the blame of the vehicle that ran into it (StVO, section 4(1)). This is also the order of insurance practice.
+If the rights do not distinguish the two vehicles, the vehicle in the wrong lane is to blame (Art. 10(3)); then the vehicle that
+drove into a standing or preceding vehicle (Art. 13), unless that vehicle cut in; then the vehicle that drove backwards
+(California Vehicle Code 22106); then the vehicle that entered the junction last (California Vehicle Code 21800(a)). A vehicle
+that braked hard without a reason shares the blame of the vehicle that ran into it (StVO, section 4(1)). This is also the order of
+insurance practice.
 """
 
 from __future__ import annotations
@@ -34,38 +35,38 @@ from pytest_rvads.runs.states import Colour, Zone
 __all__ = ["STOOD", "Cause", "blame", "cause_of", "cut_short_by", "pushed", "stuck", "surprised"]
 
 STOOD = 0.5
-"""A vehicle that has stood still for this long before the impact was stood into [s]."""
+"""Least time that a vehicle stands still before an impact to count as a standing vehicle [s]."""
 REACTION = 1.0
-"""Time in which a driver notices somebody and stops or does not set off [s]; the usual figure of accident analysis."""
+"""Time in which a driver notices another vehicle and stops or stays [s]; the usual figure of accident analysis."""
 BRAKING = 3.4
-"""Deceleration that everybody can stop with [m/s^2] (AASHTO, A Policy on Geometric Design: stopping sight distance)."""
+"""Deceleration that every vehicle reaches [m/s^2] (AASHTO, A Policy on Geometric Design: stopping sight distance)."""
 IMPACT = 0.1
-"""Motions are those of so long before the impact, which changes them [s]."""
+"""Motions are read this long before the impact, because the impact changes them [s]."""
 ALONG = math.pi / 4
-"""Two vehicles whose headings differ by less than this drive one behind the other [rad]."""
+"""Two vehicles whose headings differ by less than this angle drive behind each other [rad]."""
 
 
 @dataclass(frozen=True, slots=True)
 class Cause:
-    """Who is to blame, and why."""
+    """The vehicles to blame, and the reason."""
 
     agents: tuple[str, ...]
-    """One vehicle, or both where nothing tells them apart."""
+    """The vehicle to blame, or both vehicles if nothing distinguishes them."""
     reason: str
-    """What it did, to be read after its name."""
+    """The action of the vehicle, a phrase to be read after its name."""
 
 
 def cause_of(run: Run, collision: Collision) -> Cause:
-    """Return who caused a collision of `run`."""
+    """Return the cause of a collision of `run`."""
     columns = {agent.name: column for column, agent in enumerate(run.agents)}
     one, two = (columns[name] for name in collision.agents)
     return blame(run, one, two, tick_of(run, collision))
 
 
 def blame(run: Run, one: int, two: int, tick: int) -> Cause:
-    """Return who is to blame that two agents, given by column, meet or collide at `tick`.
+    """Return the cause of a meeting or collision of two agents, given by column, at `tick`.
 
-    What the run does not record decides nothing.
+    A question about values that the run does not record is answered with no.
     """
     pairs = (one, two), (two, one)
     matters = [pair for pair in pairs if not _clear(run, *pair, tick)]
@@ -83,9 +84,9 @@ def blame(run: Run, one: int, two: int, tick: int) -> Cause:
 
 
 def surprised(run: Run, agent: int, other: int, tick: int) -> bool:
-    """Return whether `agent`, a column, met `other` in the junction at `tick` without a chance to let it in.
+    """Return whether `agent`, a column, met `other` in the junction at `tick` without a chance to let `other` pass.
 
-    It was `other` that lacked the right of way, and it entered less than `REACTION` before.
+    This holds if `other` lacked the right of way, and entered less than `REACTION` before.
     """
     entered = _entered(run, other, tick)
     if entered is None or (tick - entered) * run.dt > REACTION:
@@ -105,15 +106,15 @@ def pushed(run: Run, agent: int, tick: int) -> bool:
 
 
 def cut_short_by(run: Run) -> tuple[str, ...]:
-    """Return who is to blame that the run ended before its time, by a collision or by leaving the route, if it did."""
+    """Return the vehicles to blame for an early end of the run, by a collision or by leaving the route; empty if none."""
     last = [c for c in run.collisions or () if tick_of(run, c) >= run.steps - 2]
     return tuple(dict.fromkeys((*run.facts.strayed, *(name for c in last for name in cause_of(run, c).agents))))
 
 
 def stuck(run: Run, agent: int) -> bool:
-    """Return whether the vehicle in column `agent` stands in everybody's way when the run ends.
+    """Return whether the vehicle in column `agent` stands in the way of all others at the end of the run.
 
-    It does in the junction, and at its entrance if it could go, or could have gone for long.
+    The vehicle does if it stands in the junction, or at its entrance although it can go or could have gone for long.
     """
     where = run.zone[-1, agent]
     if where not in (Zone.ENTRANCE, Zone.JUNCTION) or not _stood(run, agent, run.steps - 1, STOOD):
@@ -137,7 +138,7 @@ def _stood(run: Run, agent: int, tick: int, seconds: float) -> bool:
 
 
 def _in_the_wrong_lane(run: Run, agent: int, other: int, tick: int) -> bool:
-    """Whether `agent` was outside its lane, and their ways don't meet, so that it would not have met `other` in it."""
+    """Return whether `agent` was outside its lane; inside the lane it would not have met `other`, as the ways don't meet."""
     try:
         me, you = run.agents[agent], run.agents[other]
         if shared(run, agent, other) is not None or me.entrance == you.entrance or me.exit == you.exit:
@@ -148,13 +149,13 @@ def _in_the_wrong_lane(run: Run, agent: int, other: int, tick: int) -> bool:
 
 
 def _backs(run: Run, agent: int, _other: int, tick: int) -> bool:
-    """Whether `agent` drove backwards when they met."""
+    """Return whether `agent` drove backwards just before the impact."""
     before = max(tick - round(IMPACT / run.dt), 0)
     return run.speed is not None and bool(run.speed[before, agent] < -STANDSTILL)
 
 
 def _from_behind(run: Run, agent: int, other: int, tick: int) -> bool:
-    """Whether `agent` was behind, and `other` did not cut in."""
+    """Return whether `agent` was behind `other`, and `other` did not cut in."""
     return _behind(run, agent, other, tick) and not _cuts_in(run, other, agent, tick)
 
 
@@ -167,7 +168,7 @@ def _behind(run: Run, agent: int, other: int, tick: int) -> bool:
 
 
 def _cuts_in(run: Run, agent: int, other: int, tick: int) -> bool:
-    """Whether `agent` came into the lane of `other`, ahead of it, so late that nobody could have made room."""
+    """Return whether `agent` came into the lane of `other`, ahead of `other`, too late for `other` to make room."""
     try:
         common = shared(run, agent, other)
     except RunError:
@@ -177,7 +178,7 @@ def _cuts_in(run: Run, agent: int, other: int, tick: int) -> bool:
 
 
 def _on_red(run: Run, agent: int, _other: int, tick: int) -> bool:
-    """Whether `agent` entered on red; a turn to the near side after a full stop is another matter."""
+    """Return whether `agent` entered on red; a turn to the near side after a full stop does not count."""
     entered = _entered(run, agent, tick)
     if entered is None or run.facing[entered, agent] != Colour.RED or entered == run.spans[agent, 0]:
         return False
@@ -191,13 +192,13 @@ def _past_the_sign(run: Run, agent: int, _other: int, tick: int) -> bool:
 
 
 def _had_stopped(run: Run, agent: int, entered: int) -> bool:
-    """Return whether the agent came to a full stop before it entered, or nothing tells that it did not."""
+    """Return whether the agent came to a full stop before it entered, or the run does not record enough to decide."""
     unseen = run.speed is None or run.station is None or entered == run.spans[agent, 0]
     return unseen or bool(stopped(run, agent)[entered - 1])
 
 
 def _out_of_turn(run: Run, agent: int, other: int, tick: int) -> bool:
-    """Whether `agent` entered when it was the turn of `other`, which waited for nobody."""
+    """Return whether `agent` entered when it was the turn of `other`, which waited for no vehicle."""
     entered = _entered(run, agent, tick)
     if run.junction.control is not JunctionControl.STOP or not entered:
         return False
@@ -207,7 +208,7 @@ def _out_of_turn(run: Run, agent: int, other: int, tick: int) -> bool:
 
 
 def _took_the_way(run: Run, agent: int, other: int, tick: int) -> bool:
-    """Whether `agent` owed the way to `other` when it entered or since, and went on."""
+    """Return whether `agent` owed the way to `other` at or after its entry, and went on."""
     entered = _entered(run, agent, tick)
     if entered is None:
         return False
@@ -218,7 +219,7 @@ def _took_the_way(run: Run, agent: int, other: int, tick: int) -> bool:
 
 
 def _drove_on(run: Run, agent: int, other: int, tick: int) -> bool:
-    """Whether `agent` could still have stopped before the shared stretch when it had noticed `other` there."""
+    """Return whether `agent` could still have stopped before the shared stretch after it had noticed `other` there."""
     try:
         common = contested(run, agent, other)
     except RunError:
@@ -234,9 +235,9 @@ def _drove_on(run: Run, agent: int, other: int, tick: int) -> bool:
 
 
 def _braked_for_nothing(run: Run, agent: int, tick: int) -> bool:
-    """Whether `agent`, which could have gone on, braked hard within `HEADWAY` before the impact.
+    """Return whether `agent`, which could have gone on, braked hard within `HEADWAY` before the impact.
 
-    A vehicle that may owe the way brakes for its line, in order to look, before anybody is due.
+    A vehicle that may owe the way brakes for its line in order to look, before any other vehicle is due.
     """
     if run.speed is None:
         return False
@@ -256,7 +257,7 @@ def _last(run: Run, agent: int, other: int, tick: int) -> bool:
 
 
 def _clear(run: Run, agent: int, other: int, tick: int) -> bool:
-    """Whether the rights of the agent matter no more: it shares no stretch with the other one, or has left that stretch."""
+    """Return whether the rights of the agent no longer matter: the two share no stretch, or the agent has left the stretch."""
     try:
         common = contested(run, agent, other)
         return common is None or bool(run.need("station")[tick, agent] - run.size(agent)[0] > common.mine.end)
@@ -265,7 +266,7 @@ def _clear(run: Run, agent: int, other: int, tick: int) -> bool:
 
 
 def _merged(run: Run, agent: int, common: Shared, tick: int) -> int | None:
-    """Return when the agent came into the lane that both lead into, if it has."""
+    """Return the tick at which the agent came into the lane in which both ways end; None before the agent's arrival."""
     if not common.merges or run.station is None:
         return None
     there = np.flatnonzero(run.station[: tick + 1, agent] >= common.mine.start)
@@ -273,7 +274,7 @@ def _merged(run: Run, agent: int, common: Shared, tick: int) -> int | None:
 
 
 def _entered(run: Run, agent: int, tick: int) -> int | None:
-    """Return the first tick in the junction, if that is not after `tick`."""
+    """Return the first tick of the agent in the junction; None if it is after `tick`."""
     entered = int(run.entered[agent])
     return entered if entered <= tick and entered < run.steps else None
 
@@ -284,7 +285,7 @@ _RIGHTS: tuple[tuple[_Asks, str], ...] = (
     (_took_the_way, "took the way that it owed to {}"),
     (_out_of_turn, "had entered out of turn"),
 )
-"""Who lacked the right of way, the first question that exactly one of both answers with yes."""
+"""Questions about the right of way, with reasons: the first question answered with yes for exactly one vehicle decides."""
 _HANDLING: tuple[tuple[_Asks, str], ...] = (
     (_in_the_wrong_lane, "was outside its lane"),
     (_into_standing, "drove into {}, which stood"),
@@ -293,4 +294,4 @@ _HANDLING: tuple[tuple[_Asks, str], ...] = (
     (_cuts_in, "cut in ahead of {}"),
     (_last, "entered the junction after {}"),
 )
-"""Where rights tell nothing apart, who is to blame, likewise."""
+"""Questions about driving, with reasons, for vehicles that the rights do not distinguish; the first decisive question counts."""

@@ -1,4 +1,4 @@
-"""Bodies that touch: as a simulator recorded it, else from poses and sizes."""
+"""Contacts of bodies: as recorded by a simulator, else computed from poses and sizes."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ _Size = float | NDArray[np.float64]
 
 
 def contacts(run: Run) -> tuple[Collision, ...]:
-    """Return who touched whom for the first time and when: what was recorded, else what poses and sizes say.
+    """Return the first contact of every pair of vehicles: as recorded, else computed from poses and sizes.
 
     Raises:
-        RunError: nothing was recorded, and the run holds no positions or no sizes.
+        RunError: no contacts were recorded, and the run holds no positions or no sizes.
     """
     return once(run, _contacts) if run.collisions is None else run.collisions
 
@@ -53,7 +53,7 @@ def _bodies(block: Block, columns: Sequence[int]) -> None:
 
 @signal(pairs=couples, needs=_bodies)
 def overlap(block: Block) -> NDArray[np.bool_]:
-    """Which bodies of two vehicles overlap, see `touch`."""
+    """Whether the bodies of each pair of vehicles overlap, see `touch`."""
     both, cast, pose = block.cast.static(couples), block.cast, block.need("pose")
     rows, numbers = _close(block)
     found = np.zeros((len(pose), len(both)), dtype=np.bool_)
@@ -70,7 +70,7 @@ def _recorded_or_bodies(block: Block, columns: Sequence[int]) -> None:
 
 @signal(pairs=couples, needs=_recorded_or_bodies)
 def collide(block: Block) -> NDArray[np.bool_]:
-    """Which bodies of two vehicles touch, for the first time where a simulator recorded it."""
+    """Whether the bodies of each pair of vehicles touch; contacts recorded by a simulator are true at the first contact only."""
     if block.touching is None:
         touching: NDArray[np.bool_] = overlap(block)
         return touching
@@ -87,8 +87,8 @@ def touch(bodies: Sequence[tuple[NDArray[np.float64], tuple[_Size, _Size]]]) -> 
     """Return where the rectangles of two bodies overlap, shape ``(steps,)``: no axis separates them (Gottschalk et al. 1996).
 
     Args:
-        bodies: of each of the two its poses, shape ``(steps, 3)`` [m, m, rad], and its length and width [m], which may be arrays
-            of the shape ``(steps,)``.
+        bodies: for each of the two bodies, its poses, shape ``(steps, 3)`` [m, m, rad], and its length and width [m], which may
+            be arrays of the shape ``(steps,)``.
     """
     centres, halves = zip(*(_box(pose, *size) for pose, size in bodies), strict=True)
     apart, sides = centres[1] - centres[0], np.concatenate(halves, axis=1)
@@ -100,9 +100,9 @@ def touch(bodies: Sequence[tuple[NDArray[np.float64], tuple[_Size, _Size]]]) -> 
 
 
 def close(run: Run) -> NDArray[np.bool_]:
-    """Return which pairs of agents come so close to each other that they might touch, shape ``(agents, agents)``, symmetric.
+    """Return which pairs of agents come so close that they might touch, shape ``(agents, agents)``, symmetric.
 
-    Bodies without a size are points.
+    A body without a size counts as a point.
 
     Raises:
         RunError: the run holds no positions.
@@ -116,9 +116,9 @@ def close(run: Run) -> NDArray[np.bool_]:
 
 
 _BLOCK = 50
-"""Ticks that are looked at together."""
+"""Ticks that are checked together."""
 _MARGIN = 1.0
-"""Bodies that are this near to each other might touch [m]: more than positions are wrong by."""
+"""Bodies this near to each other might touch [m]; positions have smaller errors."""
 
 
 @signal
@@ -131,14 +131,14 @@ def headings(block: Block) -> NDArray[np.float64]:
 
 
 def _circles(cast: Cast) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return how far behind the fronts circles around the bodies have their centres, and how far these reach [m]."""
+    """Return, for circles around the bodies, the distances of their centres behind the fronts and their radii [m]."""
     length, width = np.nan_to_num(cast.length), np.nan_to_num(cast.width)
     return length / 2, np.hypot(length, width) / 2 + _MARGIN / 2
 
 
 @signal
 def _close(block: Block) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return in which rows circles around the bodies of which pairs touch, or nearly so."""
+    """Return the rows and the pair numbers at which the circles around two bodies touch, or nearly touch."""
     pose, both, (half, reach) = block.need("pose"), block.cast.static(couples), block.cast.static(_circles)
     centre = pose[..., :2] - half[:, None] * headings(block)
     if len(pose) > _BLOCK:
@@ -153,7 +153,7 @@ def _close(block: Block) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
 
 
 def _near(block: Block, centre: NDArray[np.float64], reach: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return in which spans of `_BLOCK` ticks circles of which pairs might touch, shape ``(spans, pairs)``."""
+    """Return which pairs of circles might touch in which spans of `_BLOCK` ticks, shape ``(spans, pairs)``."""
     both, starts = block.cast.static(couples), np.arange(0, len(centre), _BLOCK)
     place, known = centre.copy(), block.zone != ABSENT
     for column in np.flatnonzero(known.any(axis=0) & ~known.all(axis=0)).tolist():
@@ -161,7 +161,7 @@ def _near(block: Block, centre: NDArray[np.float64], reach: NDArray[np.float64])
         place[: ticks[0], column], place[ticks[-1] :, column] = centre[ticks[0], column], centre[ticks[-1], column]
     moved = np.hypot(*np.moveaxis(np.diff(place, axis=0, prepend=place[:1]), -1, 0))
     moved[starts] = 0.0
-    # Nobody is further from where it was at the start of a span than it has moved in it.
+    # A vehicle is at most as far from its place at the start of a span as it has moved in the span.
     wide = np.add.reduceat(moved, starts, axis=0) + reach
     there, place = np.logical_or.reduceat(block.here, starts, axis=0), place[starts]
     apart = place[:, both.one] - place[:, both.two]
@@ -187,26 +187,26 @@ def velocity(run: Run, agent: int) -> NDArray[np.float64]:
 
 
 _DOUBT = 1e-6
-"""Gaps smaller than this are none [m]."""
+"""Largest computed gap of two bodies that counts as contact [m]."""
 
 
 class Box(NamedTuple):
-    """A body: it reaches from its front backwards."""
+    """The rectangle of a body, which extends backwards from its front."""
 
     x: float
-    """Of the middle of its front [m]."""
+    """East coordinate of the middle of the front [m]."""
     y: float
-    """[m]."""
+    """North coordinate of the middle of the front [m]."""
     heading: float
     """Counter-clockwise from east [rad]."""
     length: float
-    """[m]."""
+    """Length of the body [m]."""
     width: float
-    """[m]."""
+    """Width of the body [m]."""
 
 
 def gap(one: Box, two: Box) -> float:
-    """Return a distance that two bodies keep at least; at most 0 where they touch [m]."""
+    """Return a lower bound of the distance between two bodies; at most 0 if the bodies touch [m]."""
     _, _, heading, length, width = one
     _, _, other_heading, other_length, other_width = two
     cos, sin, other_cos, other_sin = math.cos(heading), math.sin(heading), math.cos(other_heading), math.sin(other_heading)

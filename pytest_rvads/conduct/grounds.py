@@ -1,7 +1,7 @@
-"""On what ground one vehicle may have to give way to another: what is static about it.
+"""The static ground on which a vehicle may have to give way to another vehicle.
 
-Each pair of vehicles has one ground at most. Lights decide between two that have them; at an all-way stop the order of arrival
-does; else the map, the signs and the sides from which both come (`Junction.yields`).
+Each pair of vehicles has at most one ground. Lights decide between two vehicles with lights. At an all-way stop the order of
+arrival decides. Elsewhere the map, the signs and the sides from which both vehicles come decide (`Junction.yields`).
 """
 
 from __future__ import annotations
@@ -22,18 +22,18 @@ _MINOR = (Sign.STOP, Sign.YIELD)
 
 
 class Ground(StrEnum):
-    """Why one vehicle gives way to another."""
+    """The ground on which a vehicle gives way to another vehicle."""
 
     SIGN = "sign"
-    """It comes past a stop or yield sign, the other one does not."""
+    """The vehicle comes past a stop or yield sign, and the other vehicle does not."""
     PRIORITY = "priority"
-    """The other one has a priority sign and it has no sign, or the map says which movement has priority."""
+    """The other vehicle has a priority sign and this vehicle has no sign, or the map says which movement has priority."""
     SIDE = "side"
-    """The other one comes from the near side: the right, where traffic keeps right."""
+    """The other vehicle comes from the near side: the right, where traffic keeps right."""
     TURN = "turn"
-    """It turns across the way of oncoming traffic."""
+    """The vehicle turns across the way of oncoming traffic."""
     MERGE = "merge"
-    """It joins the traffic of the other one, as the map shows."""
+    """According to the map, the lane of the vehicle joins the lane of the other vehicle."""
 
 
 def lit(junction: Junction, entrance: int) -> bool:
@@ -42,10 +42,10 @@ def lit(junction: Junction, entrance: int) -> bool:
 
 
 def ground_of(junction: Junction, one: Key, other: Key) -> Ground | None:
-    """Return why whoever makes the movement `one` gives way to whoever makes `other`, None where it need not.
+    """Return the ground on which a vehicle on movement `one` has to give way to a vehicle on movement `other`, or None.
 
     Raises:
-        RunError: it is not known where the lanes lie, and this decides.
+        RunError: the places of the lanes are unknown, and the ground depends on them.
     """
     if junction.control is JunctionControl.STOP:
         return None
@@ -69,10 +69,10 @@ def ground_of(junction: Junction, one: Key, other: Key) -> Ground | None:
 
 
 def in_turn(junction: Junction, one: Key, other: Key) -> bool:
-    """Return whether at an all-way stop one of two movements waits for the other by the order of arrival.
+    """Return whether the order of arrival at an all-way stop binds two movements.
 
     The order binds movements from different arms that share a stretch (California Vehicle Code 21800(a) protects a vehicle that
-    has entered); all movements from different arms, where it is not known where the lanes lie.
+    has entered). If the places of the lanes are unknown, the order binds all movements from different arms.
     """
     if junction.entrances[one[0]].arm == junction.entrances[other[0]].arm:
         return False
@@ -80,10 +80,10 @@ def in_turn(junction: Junction, one: Key, other: Key) -> bool:
 
 
 def may_owe(run: Run | Cast, agent: int, other: int) -> bool:
-    """Return whether the agent can owe the way to the other one at all: on one of the grounds, or by a turn on red.
+    """Return whether the agent can owe the way to the other agent at all: on one of the grounds, or by a turn on red.
 
     Raises:
-        RunError: it is not known where the lanes lie, and this decides.
+        RunError: the places of the lanes are unknown, and the answer depends on them.
     """
     me, you, junction = run.agents[agent], run.agents[other], run.junction
     if agent == other or junction.control is JunctionControl.STOP:

@@ -1,8 +1,8 @@
-"""Key performance indicators of a run: how long vehicles wait, how hard they brake, how near they come to each other.
+"""Key performance indicators of a run: waiting times, braking, and distances between vehicles in time.
 
-Surrogate safety measures as in the literature: time to collision (Hayward, Near miss determination through use of a scale
-of danger, HRB 1972), post-encroachment time (Allen, Shin, Cooper, Analysis of traffic conflicts and collisions, TRR 1978).
-What a run does not record is None, and named in `Kpis.unavailable`.
+Surrogate safety measures as in the literature: time to collision (Hayward, Near miss determination through use of a scale of
+danger, HRB 1972), post-encroachment time (Allen, Shin, Cooper, Analysis of traffic conflicts and collisions, TRR 1978). An
+indicator that needs values which the run does not record is None, and `Kpis.unavailable` names it.
 """
 
 from __future__ import annotations
@@ -28,15 +28,16 @@ from pytest_rvads.runs.states import Zone
 __all__ = ["Kpis", "describe", "kpis"]
 
 WINDOW = 0.1
-"""Accelerations and jerks are differences over this time [s]: ten steps, so that single steps don't dominate."""
+"""Time over which accelerations and jerks are differences [s]: ten steps, so that single steps don't dominate."""
 _DISCS = 3
-"""A body is covered by this many discs for the time to collision."""
+"""Number of discs that cover a body for the time to collision."""
 
 
 def kpis(run: Run) -> Kpis:
-    """Compute the indicators of a run; those that it does not record enough for are named as unavailable.
+    """Compute the indicators of a run; indicators that the run does not record enough for are listed as unavailable.
 
-    Of an excerpt they are those of who is judged in it, and of pairs of which the last one to appear is: each is told once.
+    An excerpt has the indicators of its judged vehicles, and of the pairs whose last vehicle to appear is judged in the excerpt.
+    So an indicator appears in a single excerpt only.
     """
     require(run, Run, "kpis takes a run, such as rvads.simulate(case) returns", RunError)
     missing = _unavailable(run)
@@ -92,7 +93,7 @@ _NAMES = {
 
 
 def describe(found: Kpis) -> list[str]:
-    """Return the indicators as lines for a person: one per indicator that there is, then what the run does not record."""
+    """Return the indicators as lines for a person: a line per available indicator, then the indicators that are not recorded."""
     record = found.record()
     lines = []
     for key, (name, unit) in _NAMES.items():
@@ -106,7 +107,7 @@ def describe(found: Kpis) -> list[str]:
 
 
 def _accelerations(run: Run, column: int) -> tuple[NDArray[np.float64], int]:
-    """Return the mean acceleration over every window while the vehicle drove [m/s^2], and the window in steps."""
+    """Return the mean acceleration in every window while the vehicle drove [m/s^2], and the length of a window in steps."""
     step = max(ticks(run, WINDOW), 1)
     end = _impact(run, column)
     driven = run.need("speed")[:end, column][run.here[:end, column]]
@@ -114,10 +115,10 @@ def _accelerations(run: Run, column: int) -> tuple[NDArray[np.float64], int]:
 
 
 def _impact(run: Run, column: int) -> int:
-    """Return the tick at which a vehicle first touches another, the number of states where it never does."""
+    """Return the tick at which a vehicle first touches another vehicle; the number of states if it never does."""
     try:
         touched = contacts(run)
-    except RunError:  # it holds no positions or no sizes, so nobody knows
+    except RunError:  # no positions or no sizes: contacts are unknown
         return run.steps
     name = run.agents[column].name
     return min((tick_of(run, contact) for contact in touched if name in contact.agents), default=run.steps)

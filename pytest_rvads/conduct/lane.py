@@ -1,4 +1,4 @@
-"""Whether vehicles keep to their lane, and to their route at all."""
+"""Measures whether vehicles keep to their lane and to their route."""
 
 from __future__ import annotations
 
@@ -26,27 +26,28 @@ from pytest_rvads.runs.vehicle import usual_body
 __all__ = ["MAX_OFFSET", "NEAR", "beside", "lane_allows", "off_lane", "off_route", "too_tight", "wrong_lanes"]
 
 MAX_OFFSET = 3.0
-"""A vehicle whose front is this far to the side of its itinerary, and whose rear axle is half as far, is off its route [m].
+"""Largest offset of a vehicle's front from its itinerary [m]; half of this for its rear axle.
 
-The front alone swings out by 2 m in narrow bends."""
+A vehicle beyond both offsets is off its route. The front alone swings out by 2 m in narrow bends.
+"""
 NEAR = 0.75
-"""How far around its station the front of a vehicle is looked for on its itinerary [m]."""
+"""Half the range of stations around its own in which the front of a vehicle is projected on its itinerary [m]."""
 _AROUND = 5.0
-"""Likewise the rear axle, around the place where it would be on a straight way [m]."""
+"""Half the range of stations in which the rear axle is projected, around its place on a straight way [m]."""
 _SURE = 0.05
-"""Nearer to a border than this, it is looked at where exactly a body is [m]."""
+"""Distance from a border below which the corners of a body are located exactly [m]."""
 
 
 def beside(way: Itinerary, x: float, y: float, heading: float, station: float, length: float) -> bool:
     """Return whether a vehicle is off its route.
 
     Args:
-        way: its itinerary.
-        x: east coordinate of its reference point [m].
-        y: north coordinate [m].
-        heading: [rad].
-        station: of the reference point [m].
-        length: of the body [m].
+        way: the itinerary of the vehicle.
+        x: east coordinate of the reference point [m].
+        y: north coordinate of the reference point [m].
+        heading: heading of the vehicle [rad].
+        station: station of the reference point [m].
+        length: length of the body [m].
     """
     _, front = way.path.project(x, y, station + way.origin, NEAR)
     if abs(front) <= MAX_OFFSET:
@@ -58,10 +59,10 @@ def beside(way: Itinerary, x: float, y: float, heading: float, station: float, l
 
 
 class Ways:
-    """The centre lines of several ways in one table, so that places on all of them are found at once.
+    """The centre lines of several ways in one table, so that places on all ways are computed at once.
 
     Args:
-        ways: itineraries.
+        ways: the itineraries.
     """
 
     def __init__(self, ways: Sequence[Itinerary]) -> None:
@@ -75,11 +76,11 @@ class Ways:
         self._ahead = np.concatenate([np.empty((0, 2)), *(directions(way.path) for way in ways)])
 
     def centre(self, way: NDArray[np.int64], station: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return points of centre lines, and the direction there, each of shape ``(places, 2)``; see `Itinerary.centre`.
+        """Return points of centre lines and the directions there, each of shape ``(places, 2)``; see `Itinerary.centre`.
 
         Args:
-            way: of every place, its number.
-            station: likewise [m].
+            way: number of the way of every place.
+            station: station of every place [m].
         """
         along = station + self._origin[way]
         # A way of k pieces has k - 1 points between them.
@@ -87,14 +88,14 @@ class Ways:
         return self._points[piece] + (along - self._arc[piece])[:, None] * self._ahead[piece], self._ahead[piece]
 
     def offset(self, way: NDArray[np.int64], points: NDArray[np.float64], station: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return how far points are to the left of their ways where these are at stations, shape ``(places,)`` [m]."""
+        """Return the offsets of points to the left of their ways at given stations, shape ``(places,)`` [m]."""
         place, ahead = self.centre(way, station)
         apart = points - place
         found: NDArray[np.float64] = ahead[:, 0] * apart[:, 1] - ahead[:, 1] * apart[:, 0]
         return found
 
     def nearest(self, way: NDArray[np.int64], points: NDArray[np.float64], station: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the stations of points, given about where they are, shape ``(places,)`` [m]."""
+        """Return the stations of points, given approximate stations, shape ``(places,)`` [m]."""
         for _ in range(3):
             place, ahead = self.centre(way, station)
             station = station + ((points - place) * ahead).sum(axis=1)
@@ -102,7 +103,7 @@ class Ways:
 
 
 _FAR = 1e6
-"""Ways are so far apart in their common table [m]."""
+"""Distance of ways in their common table [m]."""
 
 
 def _ways(cast: Cast) -> Ways:
@@ -123,11 +124,11 @@ def _in_lanes(block: Block, columns: Sequence[int]) -> None:
 
 @signal(needs=_placed)
 def off_route(block: Block) -> NDArray[np.bool_]:
-    """Which vehicle is off its route, see `beside`."""
+    """Whether each vehicle is off its route, see `beside`."""
     pose, station, ways = block.need("pose"), block.need("station"), block.cast.static(_ways)
     found = np.zeros(block.zone.shape, dtype=np.bool_)
     rows, columns, (offset, _), _ = _beside(block)
-    # Projecting takes a while, so it is done where a look at the place at that station says that it is worth it.
+    # Projecting takes long, so only vehicles whose offset at their station is large are projected.
     far = np.abs(offset) > MAX_OFFSET - 2 * NEAR
     for row, column in zip(rows[far].tolist(), columns[far].tolist(), strict=True):
         x, y, heading = pose[row, column].tolist()
@@ -138,9 +139,9 @@ def off_route(block: Block) -> NDArray[np.bool_]:
 
 @signal(needs=_in_lanes)
 def off_lane(block: Block) -> NDArray[np.bool_]:
-    """Of which vehicle the body reaches over the border of its lane, on the roads; or the front leaves it, in the junction.
+    """Whether the body of each vehicle crosses the border of its lane on the roads, or its front in the junction.
 
-    Borders are half a lane beside the itinerary; `LANE_TOLERANCE` is allowed.
+    The borders are half a lane beside the itinerary; `LANE_TOLERANCE` is allowed.
     """
     ways, half = block.cast.static(_ways), block.junction.lane_width / 2 + LANE_TOLERANCE
     rows, columns = _aside(block, half)
@@ -149,7 +150,7 @@ def off_lane(block: Block) -> NDArray[np.bool_]:
         return found
     pose, station = block.need("pose")[rows, columns], block.need("station")[rows, columns]
     length, width = block.cast.length[columns], block.cast.width[columns]
-    # The four corners one after the other: (front, rear) times (right, left).
+    # The four corners in succession: (front, rear) times (right, left).
     ahead = np.stack((np.cos(pose[:, 2]), np.sin(pose[:, 2])), axis=-1)
     across = np.stack((-ahead[:, 1], ahead[:, 0]), axis=-1) * width[:, None] / 2
     backs = (np.zeros_like(length), length)
@@ -169,7 +170,7 @@ def _beside(block: Block) -> tuple[NDArray[Any], ...]:
 
     Returns:
         Row and column of every present vehicle; the offsets of the middles of front and rear to the left of the way, shape
-        ``(2, places)`` [m]; and their distances from the way, likewise [m].
+        ``(2, places)`` [m]; and the distances of these middles from the way, shape ``(2, places)`` [m].
     """
     ways, (rows, columns) = block.cast.static(_ways), np.nonzero(block.here)
     front, station = block.need("pose")[rows, columns, :2], block.need("station")[rows, columns]
@@ -182,9 +183,9 @@ def _beside(block: Block) -> tuple[NDArray[Any], ...]:
 
 
 def _aside(block: Block, half: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return where the middle of front or rear of a vehicle is so far from its itinerary that a corner may be over a border.
+    """Return the rows and columns of the vehicles that are so far from their itinerary that a corner may cross a border.
 
-    Elsewhere that is known without looking for the nearest place of each corner.
+    For all other vehicles, no corner crosses a border, so the nearest places of their corners need not be computed.
     """
     rows, columns, _, apart = _beside(block)
     far = (apart > half - block.cast.width[columns] / 2 - _SURE).any(axis=0)
@@ -192,9 +193,9 @@ def _aside(block: Block, half: float) -> tuple[NDArray[np.int64], NDArray[np.int
 
 
 def too_tight(run: Run, agent: int) -> tuple[Narrow, float] | None:
-    """Return the bend where no path keeps the body of the agent in its lane, and the least radius that it can steer [m].
+    """Return the bend in which no path keeps the body of the agent in its lane, and the agent's least turning radius [m].
 
-    The facts of the run tell what a vehicle needs; one that they do not name steers as a usual car of its length does.
+    The facts of the run state the least radius. A vehicle that the facts do not name steers like a usual car of its length.
     """
     who = run.agents[agent]
     if not run.junction.drivable or who.size is None:
@@ -215,9 +216,9 @@ def wrong_lanes(junction: Junction, entrance: int, exit: int) -> tuple[int, ...]
 
 
 def lane_allows(run: Run, agent: int) -> NDArray[np.bool_]:
-    """The agent is not at its entrance, or in no lane of its arm that does not lead where it goes.
+    """Return whether the agent is not at its entrance, or is in a lane that leads to the arm of its exit.
 
-    It is in the lane whose centre line its front is nearest to.
+    The lane of the agent is the lane whose centre line is nearest to its front.
 
     Raises:
         RunError: the run does not record positions, or holds no geometry of its junction.

@@ -1,4 +1,4 @@
-"""A vehicle as it is now, in plain numbers."""
+"""The present state of a vehicle, in plain numbers."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ __all__ = ["Mover"]
 
 
 class Mover:
-    """A vehicle as it is now, and what the words need of its past.
+    """The present state of a vehicle, with those parts of its past that the predicates need.
 
     Args:
-        agent: its name, way and size.
-        slot: its column.
-        junction: that it comes to.
+        agent: the agent, with its name, way and size.
+        slot: the column of the vehicle.
+        junction: the junction of the agent's way.
     """
 
     __slots__ = (
@@ -51,5 +51,5 @@ class Mover:
 
     @property
     def here(self) -> bool:
-        """Whether it is neither absent nor gone."""
+        """Whether the vehicle is neither absent nor gone."""
         return self.zone != GONE and self.zone != ABSENT

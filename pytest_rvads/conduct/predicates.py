@@ -1,7 +1,7 @@
 """The predicates of the paper's table of semantics, evaluated on a run: one truth value per state.
 
-Dynamic predicates return arrays of shape ``(steps,)``. What is static (right-of, opposite, turn, which entrance an
-agent comes to, which light controls it) is gathered in `Static`, the paper's model S^s.
+Dynamic predicates return arrays of shape ``(steps,)``. Static relations (right-of, opposite, turn, the entrance of an agent, the
+light of an entrance) are gathered in `Static`, the paper's model S^s.
 """
 
 from __future__ import annotations
@@ -27,44 +27,46 @@ __all__ = ["Static", "at_entrance", "extract", "in_junction", "on_approach", "on
 
 @dataclass(frozen=True, slots=True)
 class Static:
-    """What does not change during a run: the junction, its signs and lights, the itineraries (Algorithm 1, ``extract``)."""
+    """The part of the model that is constant in a run: junction, signs, lights, itineraries (Algorithm 1, ``extract``)."""
 
     entrances: int
-    """How many there are."""
+    """Number of entrances."""
     exits: int
     control: JunctionControl
     right_of: frozenset[tuple[int, int]]
     opposite: frozenset[tuple[int, int]]
     entex: frozenset[tuple[int, int]]
-    """Pairs of an entrance and an exit of one arm."""
+    """Pairs of an entrance and an exit of the same arm."""
     beside: frozenset[tuple[int, int]]
-    """Pairs of different entrances of one arm."""
+    """Pairs of different entrances of the same arm."""
     lights: tuple[int, ...]
     """Entrances with a light."""
     signs: tuple[int, ...]
     """Entrances with a stop sign."""
     agents: tuple[Agent, ...]
     conflicts: frozenset[tuple[tuple[int, int], tuple[int, int]]] | None = None
-    """Pairs of movements that get in each other's way; None where the geometry is not known."""
+    """Pairs of conflicting movements; None if the geometry is unknown."""
     near: Turn = Turn.RIGHT
-    """The turn that crosses nobody's way."""
+    """The turn that crosses no other way."""
     far: Turn = Turn.LEFT
     """The turn across oncoming traffic."""
     grounds: frozenset[tuple[int, int, Ground]] | None = frozenset()
-    """Pairs of agents, by column, of which the first has to give way to the second on a ground other than lights; None where the
-    geometry is not known."""
+    """Triples of two agents, by column, and a ground other than lights on which the first has to give way to the second.
+
+    None if the geometry is unknown.
+    """
     owing: frozenset[tuple[int, int]] | None = None
-    """Pairs of agents of which the first may owe the way to the second; None where that is left to the run."""
+    """Pairs of agents of which the first may owe the way to the second; None if only the run decides."""
     by_arrival: frozenset[tuple[int, int]] | None = None
-    """Pairs of agents that enter by the order of arrival at an all-way stop; None where that is left to the run."""
+    """Pairs of agents that enter by the order of arrival at an all-way stop; None if only the run decides."""
     choosing: frozenset[int] = frozenset()
-    """Agents, by column, of whose arm a lane does not lead where they go."""
+    """Agents, by column, whose arm has a lane that does not lead to the agent's exit arm."""
     together: frozenset[tuple[int, int]] | None = None
-    """Pairs of agents, in both orders, that were there at the same time: no instance is about others. None: all were."""
+    """Pairs of agents, in both orders, that instances may be about because the two were present together; None: all pairs."""
     judged: frozenset[int] | None = None
-    """Agents whose instances are judged in this run, see `Excerpt.judged`; None: all."""
+    """Agents whose instances are judged in this run, see `Excerpt.judged`; None: all agents."""
     _hash: int = field(init=False, repr=False, compare=False)
-    """What is prepared for a model is looked up for every rule."""
+    """The hash, computed once: the model is a key of caches that every rule looks up."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "_hash", hash(tuple(getattr(self, item.name) for item in fields(self) if item.compare)))
@@ -73,7 +75,7 @@ class Static:
         return self._hash
 
     def judges(self, agents: Sequence[int]) -> bool:
-        """Return whether an instance about these agents is judged in this run: where the last one to appear is."""
+        """Return whether this run judges an instance about these agents: whether it judges the last of them to appear."""
         return self.judged is None or not agents or max(agents) in self.judged
 
     def turns(self, agent: int, direction: str) -> bool:
@@ -123,7 +125,7 @@ def _extract(run: Run) -> Static:
 
 
 _BY_STATE = (JunctionControl.STOP, JunctionControl.LIGHTS)
-"""Where arrivals or lights decide who gives way, alone."""
+"""Controls under which arrivals or lights alone decide which vehicle gives way."""
 
 
 def _grounds(run: Run) -> frozenset[tuple[int, int, Ground]] | None:
@@ -155,20 +157,20 @@ def in_junction(run: Run, agent: int) -> NDArray[np.bool_]:
 
 
 def at_entrance(run: Run, agent: int) -> NDArray[np.bool_]:
-    """Return ``a@j.en`` for the entrance the agent comes to."""
+    """Return ``a@j.en`` for the agent's entrance."""
     found: NDArray[np.bool_] = run.zone[:, agent] == Zone.ENTRANCE
     return found
 
 
 def on_approach(run: Run, agent: int) -> NDArray[np.bool_]:
-    """Return ``a@r`` for the road that leads to the agent's entrance; the entrance zone is part of it."""
+    """Return ``a@r`` for the road that leads to the agent's entrance; the entrance zone is part of the road."""
     zone = run.zone[:, agent]
     found: NDArray[np.bool_] = (zone == Zone.APPROACH) | (zone == Zone.ENTRANCE)
     return found
 
 
 def on_exit(run: Run, agent: int) -> NDArray[np.bool_]:
-    """Return ``a@j.ex`` and ``a@r`` for the road the agent leaves by; it begins with the exit vertex."""
+    """Return ``a@j.ex``, and ``a@r`` for the road by which the agent leaves; the road begins with the exit vertex."""
     found: NDArray[np.bool_] = run.zone[:, agent] == Zone.EXIT
     return found
 

@@ -1,16 +1,17 @@
-"""Who is near the junction at the same time, in runs whose vehicles come and go.
+"""The vehicles near the junction at the same time, in runs whose vehicles come and go.
 
-Instances of rules are about vehicles that are `together`: both near the junction at some time, or so close to each other
-somewhere that they might touch. No shipped rule is violated by others:
+Instances of rules are about vehicles that are `together`: near the junction at the same time, or anywhere so close to each other
+that they might touch. No other vehicles can violate a shipped rule together:
 
-- p1, p2, p3, p5, p6, p6g, first_come, right_first speak of two in their stop places or in the junction at the same time, and a
-  vehicle there is near. What one of them owes to the other since then ends while both are there, see `window`.
-- no_conflict: who meets is on a stretch of its movement, so that part of its body is in the junction.
-- left_yields, yield_sign, priority, right_before_left, merge, right_on_red: a way is owed by who is at its entrance or inside to
-  who is there, too, or would reach a stretch after the entrance within `priority.DUE`, 4 s: nearer than `NEAR_TIME`.
-- no_collision: bodies that touch come closer than any others.
-- p4, red, full_stop, keep_clear, progress, keep_lane, on_lane_allowed, on_route and speed_limit speak of one vehicle. Whom it
-  waits for, or is followed by, is looked up on the run, not among instances.
+- p1, p2, p3, p5, p6, p6g, first_come, right_first are about two vehicles in their stop places or in the junction at the same
+time, and vehicles there are near. The obligations of these rules end while both vehicles are present, see `window`.
+- no_conflict: a vehicle that meets another vehicle is on a stretch of its movement, so part of its body is in the junction.
+- left_yields, yield_sign, priority, right_before_left, merge, right_on_red: a vehicle at its entrance or inside owes the way to a
+vehicle at its entrance or inside, or to a vehicle that would reach a stretch after the entrance within `priority.DUE`, 4 s, which
+is nearer than `NEAR_TIME`.
+- no_collision: bodies that touch are closer than any other bodies.
+- p4, red, full_stop, keep_clear, progress, keep_lane, on_lane_allowed, on_route and speed_limit are about one vehicle. The
+vehicles that it waits for, or that follow it, are looked up on the run, not among instances.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ __all__ = ["crossed", "cut_off", "judged", "last_seen", "near", "together", "win
 
 
 def judged(run: Run) -> frozenset[int] | None:
-    """Return the columns of the agents whose instances are judged in this run, None where all are."""
+    """Return the columns of the agents whose instances are judged in this run; None if all agents are judged."""
     if run.excerpt is None or run.excerpt.judged is None:
         return None
     names = set(run.excerpt.judged)
@@ -39,9 +40,9 @@ def judged(run: Run) -> frozenset[int] | None:
 
 
 def together(run: Run) -> frozenset[tuple[int, int]] | None:
-    """Return the pairs of columns of agents that instances are about, in both orders; None where nobody is absent.
+    """Return the pairs of agents that instances are about, by column, in both orders; None if no agent is ever absent.
 
-    Where positions are not recorded, who is in the run at the same time is.
+    If positions are not recorded, the pairs are the agents that are in the run at the same time.
     """
     if not (run.zone == Zone.ABSENT).any():
         return None
@@ -53,9 +54,10 @@ def together(run: Run) -> frozenset[tuple[int, int]] | None:
 
 
 def near(run: Run) -> NDArray[np.int64]:
-    """Return the first tick of every agent near the junction, and the one after its last, shape ``(agents, 2)``; both 0 if none.
+    """Return every agent's first tick near the junction and the tick after the last, shape ``(agents, 2)``; (0, 0) if none.
 
-    It is near from `NEAR` before its stopping line on, or `NEAR_TIME` at its speed, until it has left with its whole body.
+    An agent is near from `NEAR` before its stopping line on, or from `NEAR_TIME` at its speed before the line on. It stays near
+    until its whole body has left.
 
     Raises:
         RunError: the run does not record positions.
@@ -75,9 +77,9 @@ def near(run: Run) -> NDArray[np.int64]:
 
 
 def window(run: Run, columns: Iterable[int]) -> tuple[int, int]:
-    """Return the first tick in which these agents are all in the run, and the one after the last; equal if they never are.
+    """Return the first tick with all these agents in the run, and the tick after the last; two equal ticks if there is none.
 
-    What is owed to who is not there, or by who is not, is not broken, so instances are judged in between.
+    Instances are judged between the two ticks: no obligation towards an absent vehicle, or of an absent vehicle, is broken.
     """
     spans = once(run, _spans)
     begin, end = 0, run.steps
@@ -92,7 +94,7 @@ def _spans(run: Run) -> list[tuple[int, int]]:
 
 
 def last_seen(run: Run, columns: Iterable[int]) -> tuple[str, int] | None:
-    """Return which of these agents vanishes first, before the run ends, and its last tick; None where all stay to the end."""
+    """Return the first of these agents to vanish before the run ends, and its last tick; None if all stay to the end."""
     column = min(columns, key=lambda k: int(run.spans[k, 1]), default=None)
     if column is None or run.spans[column, 1] >= run.steps:
         return None
@@ -100,11 +102,11 @@ def last_seen(run: Run, columns: Iterable[int]) -> tuple[str, int] | None:
 
 
 def cut_off(run: Run) -> bool:
-    """Return whether a simulated run lasted too short for its subject to cross.
+    """Return whether a simulated run was too short for its subject to cross.
 
-    That is so where the duration ended the run before the rear of the subject had left the junction. Not cut off are runs without
-    a subject, recordings, and runs that a collision, a fault or a vehicle off its route ended. Where positions or the size of the
-    subject are not recorded, its reference point stands for its rear.
+    The run was too short if its duration ended it before the rear of the subject had left the junction. Runs without a subject,
+    recordings, and runs that a collision, a fault or a vehicle off its route ended are not cut off. If positions or the size of
+    the subject are not recorded, the reference point of the subject stands for its rear.
     """
     if run.subject is None or run.excerpt is not None or run.fault or run.collisions or run.facts.strayed:
         return False
@@ -118,5 +120,5 @@ def cut_off(run: Run) -> bool:
 
 
 def crossed(run: Run) -> bool:
-    """Return whether the run shows how somebody crosses: a vehicle entered the junction, and the run is not `cut_off`."""
+    """Return whether the run shows a crossing: a vehicle entered the junction, and the run is not `cut_off`."""
     return bool((run.entered < run.steps).any()) and not cut_off(run)

@@ -1,8 +1,8 @@
-"""Whether a vehicle gave way to the vehicle that it owed the way to.
+"""Measures whether a vehicle gave way to the vehicle that it owed the way to.
 
-A vehicle obstructs the other vehicle when it takes the way all the same, and the other vehicle touches it, meets it, brakes
-hard, loses much of its speed, or is passed as it sets off: "neither endanger nor substantially impede" (StVO, section 8(2)).
-The way is owed until the vehicle is clear: "at any time during the turning movement" (California Vehicle Code 21801(a)).
+A vehicle obstructs the other vehicle if it takes the way nevertheless, and the other vehicle touches it, meets it, brakes hard,
+loses much of its speed, or is passed as it sets off: "neither endanger nor substantially impede" (StVO, section 8(2)). The way is
+owed until the vehicle is clear: "at any time during the turning movement" (California Vehicle Code 21801(a)).
 """
 
 from __future__ import annotations
@@ -52,21 +52,22 @@ __all__ = [
 ]
 
 HARD_BRAKING = 2.0
-"""A vehicle that has to brake harder than this on account of another vehicle is impeded [m/s^2]."""
+"""Deceleration beyond which a vehicle that brakes for another vehicle is impeded [m/s^2]."""
 BEND_BRAKING = 4.0
-"""A vehicle that turns brakes for its bend anyway, and is impeded when it has to brake harder than this [m/s^2]."""
+"""Deceleration beyond which a turning vehicle, which brakes for its bend anyway, is impeded [m/s^2]."""
 MIN_GAP = 1.0
-"""Two vehicles that pass a place within this time of each other nearly meet [s]; the usual threshold of post-encroachment
-times."""
+"""Time between two vehicles at a place below which the two nearly meet [s]; the usual threshold of post-encroachment times."""
 HEADWAY = 2.0
-"""A vehicle that follows another one at less than this time brakes on its account [s]: the two-second rule (UK Highway Code,
-rule 126)."""
+"""Time gap to the vehicle ahead below which a vehicle brakes for that vehicle [s].
+
+The time gap is the two-second rule (UK Highway Code, rule 126).
+"""
 WINDOW = 0.1
-"""Decelerations are differences of speed over this time [s]."""
+"""Time over which decelerations are differences of speed [s]."""
 LOSS = 3.0
-"""A vehicle that goes straight on and loses more speed than this, and more than `SHARE`, is impeded [m/s]."""
+"""Loss of speed beyond which a vehicle that goes straight on is impeded, if the loss also exceeds `SHARE` [m/s]."""
 SHARE = 1 / 3
-"""Share of its speed that an unimpeded vehicle does not lose."""
+"""Share of its speed beyond which a loss impedes a vehicle, if the loss also exceeds `LOSS`."""
 
 
 def _stop_signs(cast: Cast) -> NDArray[np.bool_]:
@@ -75,7 +76,7 @@ def _stop_signs(cast: Cast) -> NDArray[np.bool_]:
 
 @signal
 def unhindered(block: Block) -> NDArray[np.bool_]:
-    """Which vehicle has no reason of its own to brake: no red light, stop sign, duty to give way, or vehicle close ahead."""
+    """Whether each vehicle lacks an own reason to brake: a red light, stop sign, duty to give way, or vehicle close ahead."""
     cast, both = block.cast, block.cast.static(lane)
     front = block.need("station")
     rear = front - cast.length
@@ -96,7 +97,7 @@ def _hard(cast: Cast) -> NDArray[np.float64]:
 
 @signal(start=lambda dt: (0, np.full(_window(dt), np.nan)))
 def brakes_hard(block: Block, count: NDArray[np.int64], past: NDArray[np.float64]) -> tuple[NDArray[Any], ...]:
-    """Which vehicle brakes harder than it does by itself, over `WINDOW` or as long as it has been there."""
+    """Whether each vehicle brakes harder than it would by itself, over `WINDOW` or as long as the vehicle has been present."""
     speed, most = block.need("speed"), _window(block.dt)
     speeds = np.concatenate((past, speed))
     lasts = lasting(~np.isnan(speed), count)
@@ -107,7 +108,7 @@ def brakes_hard(block: Block, count: NDArray[np.int64], past: NDArray[np.float64
 
 
 class _Debts(NamedTuple):
-    """What `owes` and `obstructs` say, each of shape ``(n, pairs)``."""
+    """The values of `owes` and `obstructs`, each of shape ``(n, pairs)``."""
 
     owes: NDArray[np.bool_]
     obstructs: NDArray[np.bool_]
@@ -115,7 +116,7 @@ class _Debts(NamedTuple):
 
 @signal(pairs=owing)
 def _bound(block: Block) -> NDArray[np.bool_]:
-    """Which first vehicle has to give way to the second, which is due."""
+    """Whether the first vehicle of each pair has to give way to the second vehicle, and the second vehicle is due."""
     both, owed = block.cast.static(owing), yields(block) & ~np.isnan(block.cast.static(owed_places).begin)
     due = (comes(block) | ready(block)[:, both.two]) & block.here[:, both.two]
     found: NDArray[np.bool_] = owed & due & block.here[:, both.one]
@@ -136,7 +137,7 @@ def _debts(block: Block, before: NDArray[np.object_]) -> tuple[_Debts, NDArray[n
     """Follow all encounters, from the entry of the first vehicle on."""
     cast, both, entry = block.cast, block.cast.static(owing), entered(block)[-1]
     bound = _bound(block)
-    # Where the rest of the run is known, vehicles that are not bound any more need not be followed, unless they owed the way.
+    # If the later blocks of the run are known, only pairs bound in a later block and pairs that owed the way are followed on.
     later = _bound_later(block.next) if block.next is not None else frozenset()
     again = np.array([not block.whole or (cast.agents[a], cast.agents[b]) in later for a, b in both.column], dtype=np.bool_)
     owed_before = np.array([encounter is not None and encounter.owed for encounter in before], dtype=np.bool_)
@@ -170,20 +171,20 @@ def _placed(block: Block, columns: Sequence[int]) -> None:
 
 @signal(pairs=owing, needs=_placed)
 def owes(block: Block) -> NDArray[np.bool_]:
-    """Which first vehicle, from its entrance zone on until it has been clear for `MIN_GAP`, has to let the second go first."""
+    """Whether the first vehicle of each pair has to let the second go first; from its entrance zone until clear for `MIN_GAP`."""
     found: _Debts = _debts(block)
     return found.owes
 
 
 @signal(pairs=owing, needs=_placed)
 def obstructs(block: Block) -> NDArray[np.bool_]:
-    """Which first vehicle took the way that it owed to the second, and got in its way."""
+    """Whether the first vehicle of each pair took the way that it owed to the second vehicle, and obstructed it."""
     found: _Debts = _debts(block)
     return found.obstructs
 
 
 class Meeting(NamedTuple):
-    """What two vehicles do in one state."""
+    """The states of two vehicles at an instant."""
 
     bound: bool
     """Whether the agent has to give way to the other vehicle, and the other vehicle is due."""
@@ -192,13 +193,13 @@ class Meeting(NamedTuple):
     front: float
     """Station of the front of the agent [m]."""
     rear: float
-    """Station of the rear of the agent, infinite once the agent is gone [m]."""
+    """Station of the rear of the agent [m]; infinite once the agent is gone."""
     still: bool
     """Whether the agent stands."""
     ahead: float
-    """Station of the front of the other vehicle; NaN where it is absent [m]."""
+    """Station of the front of the other vehicle [m]; NaN if the other vehicle is absent."""
     speed: float
-    """Speed of the other vehicle [m/s]; NaN where it is absent."""
+    """Speed of the other vehicle [m/s]; NaN if the other vehicle is absent."""
     unhindered: bool
     """Whether the other vehicle has no reason of its own to brake."""
     starting: bool
@@ -206,13 +207,13 @@ class Meeting(NamedTuple):
     waives: bool
     """Whether the other vehicle waives its right."""
     kept: bool
-    """Whether a third vehicle, which was not there before, keeps the agent."""
+    """Whether a third vehicle, which was not present before, holds the agent up."""
     brakes: bool
-    """Whether the other vehicle brakes harder than it does by itself."""
+    """Whether the other vehicle brakes harder than it would by itself."""
 
 
 def _columns(cast: Cast) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return which columns of `couples` and of `neighbours` are about the pairs of `owing`; -1 where they are no neighbours."""
+    """Return, for the pairs of `owing`, their columns in `couples` and in `neighbours`; -1 for pairs that are no neighbours."""
     both, near = cast.static(couples).column, cast.static(neighbours).column
     columns = [(both[pair], near.get(pair, -1)) for pair in cast.static(owing).column]
     touching, close = np.array(columns, dtype=np.int64).reshape(-1, 2).T
@@ -220,7 +221,7 @@ def _columns(cast: Cast) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
 
 
 _UNSEEN = Meeting(False, False, math.nan, math.nan, False, math.nan, math.nan, False, False, False, False, False)
-"""The first state of an encounter whose agent entered before the other vehicle came: nothing is known of that state."""
+"""The first state of an encounter whose agent entered before the other vehicle came: nothing in the state is known."""
 
 
 def _meetings(block: Block, chosen: NDArray[np.int64], firsts: Sequence[int]) -> Iterator[Iterator[Meeting]]:
@@ -262,7 +263,7 @@ class Encounter:
     Args:
         agent: the vehicle that may owe the way.
         other: the vehicle that may have the better right.
-        common: what their ways share.
+        common: the shared stretch of the two ways.
         dt: time between two states [s].
     """
 
@@ -279,7 +280,7 @@ class Encounter:
         self.owed = False
         """Whether the agent has owed the way since it went."""
         self.over = False
-        """Whether nothing can happen any more."""
+        """Whether the encounter is over, so that no later state changes its values."""
 
     def step(self, now: Meeting) -> tuple[bool, bool]:
         """Read a state and return whether the agent owes the way, and whether it obstructs the other vehicle."""
@@ -328,6 +329,6 @@ class Encounter:
                 return True
             apart = (now.rear - self._lengths[0]) - (now.ahead - self._lengths[1])
             return apart < MIN_GAP * now.speed
-        # The other vehicle would be there by the time the agent has been clear for a while, had it gone on as it came.
+        # At its first speed, the other vehicle would reach the stretch before the agent has been clear for `MIN_GAP`.
         unhindered = self._place + self._speed * ((tick - self._since) * self._dt + MIN_GAP)
         return self._started or (self._braked and self._left is None and unhindered > yours.start)

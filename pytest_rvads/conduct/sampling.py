@@ -1,4 +1,4 @@
-"""What happens between two states of a run that was recorded coarsely."""
+"""Fills in zones that vehicles pass between two states of a coarsely recorded run."""
 
 from __future__ import annotations
 
@@ -12,11 +12,12 @@ __all__ = ["without_jumps"]
 
 
 def without_jumps(run: Run) -> Run:
-    """Return the run with every vehicle in each zone that it passes, those included that lie between two of its states.
+    """Return the run with every vehicle in each zone that it passes, also in zones that it passes between two states.
 
-    Who is before the entrance zone in one state and in the junction in the next was at its entrance: it counts as there in the
-    first of them. Who passes all of the junction counts as in it in the second. Runs as dense as simulated ones come back as they
-    are: who jumps there is no vehicle that drives.
+    A vehicle before the entrance zone in one state and in the junction in the next state was at its entrance in between: it is
+    put at its entrance in the first state. A vehicle that passes the whole junction between two states is put in the junction in
+    the second state. Runs as dense as simulated runs are returned unchanged, because a vehicle that jumps in a dense run does not
+    drive.
     """
     return once(run, _filled) or run
 

@@ -1,6 +1,6 @@
-"""What road users are held to beyond the paper's predicates: stopping before the line, arriving at it, the limit of speed.
+"""Duties of road users beyond the paper's predicates: stopping before the line, arriving at the line, keeping the speed limit.
 
-What is not recorded raises an error, so that nothing is guessed. The numbers are parameters of the road rulebook.
+Values that are not recorded raise an error instead of being guessed. The numbers are parameters of the road rulebook.
 """
 
 from __future__ import annotations
@@ -45,23 +45,25 @@ __all__ = [
 ]
 
 TIE = 0.5
-"""Who arrives within this time of each other arrives at about the same time [s]; statutes give no number."""
+"""Vehicles that arrive within this time of each other arrive at about the same time [s]; statutes give no number."""
 STANDSTILL = 0.1
-"""A vehicle at most this fast, forwards or backwards, stands still [m/s]; wheel-speed sensors resolve about as much."""
+"""Highest speed of a vehicle that stands still, forwards or backwards [m/s]; wheel-speed sensors resolve about as much."""
 LINE_TOLERANCE = 0.1
-"""How far over the stopping line a bumper may stand and still have stopped before it [m]."""
+"""Largest distance of a bumper beyond the stopping line that still counts as stopped before the line [m]."""
 STOP_PLACE = 5.0
-"""Length of the stop place before the stopping line, or before the stop sign where that stands farther upstream [m]: about a
-car length; statutes ask for a stop before the line, the crosswalk or the junction, and give no distance."""
+"""Length of the stop place before the stopping line, or before a stop sign farther upstream [m].
+
+The length is about a car length. Statutes ask for a stop before the line, the crosswalk or the junction, and give no distance.
+"""
 SPEED_TOLERANCE = 0.5
-"""How much faster than the limit is still within what a speed control holds [m/s]."""
+"""Largest excess over the limit that a speed control produces [m/s]."""
 
 
 def stop_place(junction: Junction, entrance: int) -> tuple[float, float]:
     """Return the stations between which the front of a vehicle stands when it has stopped at an entrance [m].
 
-    The stop place begins `STOP_PLACE` before the stopping line, or before the stop sign where that stands farther upstream. It
-    ends at the stopping line, or at the entrance vertex where no line is marked, plus `LINE_TOLERANCE`.
+    The stop place begins `STOP_PLACE` before the stopping line, or before a stop sign farther upstream. It ends `LINE_TOLERANCE`
+    after the stopping line, or after the entrance vertex if no line is marked.
     """
     place = junction.entrances[entrance]
     return -max(place.setback, place.sign_setback or 0.0) - STOP_PLACE, LINE_TOLERANCE - place.setback
@@ -78,14 +80,14 @@ def lane(cast: Cast) -> Pairs:
 
 @signal
 def stands(block: Block) -> NDArray[np.bool_]:
-    """Which vehicle stands still."""
+    """Whether each vehicle stands still."""
     found: NDArray[np.bool_] = np.abs(block.need("speed")) <= STANDSTILL
     return found
 
 
 @signal
 def leads(block: Block) -> NDArray[np.bool_]:
-    """Which vehicle has nobody ahead in its lane before the junction."""
+    """Whether no vehicle is ahead of each vehicle in its lane before the junction."""
     both, station = block.cast.static(lane), block.need("station")
     ahead = (block.zone[:, both.two] <= ENTRANCE) & (station[:, both.two] > station[:, both.one])
     return ~both.any(ahead, len(block.cast))
@@ -93,9 +95,9 @@ def leads(block: Block) -> NDArray[np.bool_]:
 
 @signal
 def stops(block: Block) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Which vehicle is between the beginning of its stop place and the junction, and which vehicle stops there.
+    """Whether each vehicle is between the beginning of its stop place and the junction, and whether it stops there.
 
-    A vehicle stops where it stands in the stop place and leads: a vehicle that queued stops again.
+    A vehicle stops if it stands in the stop place and leads its lane: a vehicle that queued stops again.
     """
     begin, line = block.cast.static(_stop_places)
     station, zone = block.need("station"), block.zone
@@ -105,15 +107,15 @@ def stops(block: Block) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
 
 @signal
 def in_stop_place(block: Block) -> NDArray[np.bool_]:
-    """Which vehicle is between the beginning of its stop place and the junction."""
+    """Whether each vehicle is between the beginning of its stop place and the junction."""
     return stops(block)[0]
 
 
 @signal(start=(False, False))
 def stopped(block: Block, had_driven: NDArray[np.bool_], before: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], ...]:
-    """Which vehicle has stopped in the stop place, and since then has neither entered the junction nor backed out of that place.
+    """Whether each vehicle has stopped in the stop place, and has since neither entered the junction nor backed out of the place.
 
-    A full stop is something that a vehicle does: standing before the entrance zone counts once the vehicle has driven.
+    A full stop is an action of a vehicle: standing before the entrance zone counts only after the vehicle has driven.
     """
     here, still = stops(block)
     driven = had_driven | np.logical_or.accumulate(block.here & ~stands(block), axis=0)
@@ -122,21 +124,21 @@ def stopped(block: Block, had_driven: NDArray[np.bool_], before: NDArray[np.bool
 
 
 class Arrivals(NamedTuple):
-    """When the vehicles of a run arrived at the junction."""
+    """The arrivals of the vehicles of a run at the junction."""
 
     arrived: NDArray[np.bool_]
-    """Which vehicle has arrived and has not entered since, shape ``(steps, agents)``."""
+    """Whether each vehicle has arrived and has not entered since, shape ``(steps, agents)``."""
     tick: NDArray[np.int64]
-    """Tick of the latest arrival of every vehicle so far, -1 before its first one, shape ``(steps, agents)``."""
+    """Tick of the latest arrival of every vehicle so far, -1 before its first arrival, shape ``(steps, agents)``."""
 
 
 @signal(start=(False, -1))
 def arrivals(block: Block, before: NDArray[np.bool_], last: NDArray[np.int64]) -> tuple[Arrivals, NDArray[Any], NDArray[Any]]:
-    """When the vehicles arrived, see `Arrivals`.
+    """The arrivals of the vehicles, see `Arrivals`.
 
     A vehicle arrives when it stops in the stop place or its front enters the entrance zone, whichever is earlier. The arrival
     lasts until the vehicle enters the junction or backs out of the stop place; a second stop does not restart it. Without
-    positions or speeds only the entrance zone is known.
+    positions or speeds, arrivals follow from the entrance zone alone.
     """
     at_line = block.zone == ENTRANCE
     here, still = (at_line, at_line) if block.station is None or block.speed is None else stops(block)
@@ -148,14 +150,14 @@ def arrivals(block: Block, before: NDArray[np.bool_], last: NDArray[np.int64]) -
 
 @signal
 def arrived(block: Block) -> NDArray[np.bool_]:
-    """Which vehicle has arrived at its line, see `arrivals`, and has not entered the junction."""
+    """Whether each vehicle has arrived at its line, see `arrivals`, and has not entered the junction."""
     found: Arrivals = arrivals(block)
     return found.arrived
 
 
 @signal
 def waited(block: Block) -> NDArray[np.int64]:
-    """For how many ticks every vehicle has been waiting since it arrived, 0 where it has not arrived."""
+    """Ticks that each vehicle has been waiting since its arrival, 0 for a vehicle that has not arrived."""
     if block.station is None or block.speed is None:
         return np.asarray(wt(block), dtype=np.int64)
     found: Arrivals = arrivals(block)
@@ -163,9 +165,9 @@ def waited(block: Block) -> NDArray[np.int64]:
 
 
 def standing_time(run: Run, agent: int) -> NDArray[np.int32]:
-    """Return for how many steps the agent has been standing at its entrance, shape ``(steps,)``.
+    """Return the number of steps that the agent has been standing at its entrance, shape ``(steps,)``.
 
-    This is the waiting time as the text of the paper has it, "since its speed became zero"; it restarts when the vehicle moves.
+    This is the waiting time in the text of the paper, "since its speed became zero"; it restarts when the vehicle moves.
     """
     tick = np.arange(run.steps, dtype=np.int32)
     still = (run.zone[:, agent] == ENTRANCE) & stands(run, agent)
@@ -174,7 +176,7 @@ def standing_time(run: Run, agent: int) -> NDArray[np.int32]:
 
 
 def drives(run: Run, agent: int) -> bool:
-    """Return whether the agent moves at all, as far as the run records speeds; one that does not has kept no rule by acting."""
+    """Return whether the agent moves at all, or speeds are not recorded; an agent that never moves has kept no rule by acting."""
     return run.speed is None or bool((np.abs(run.speed[:, agent]) > STANDSTILL).any())
 
 
@@ -185,7 +187,7 @@ def _limited(block: Block, columns: Sequence[int]) -> None:
 
 @signal(needs=_limited)
 def speeding(block: Block) -> NDArray[np.bool_]:
-    """Which vehicle drives faster than the limit at its place and the tolerance; none where no limit is known."""
+    """Whether each vehicle exceeds the limit at its place by more than the tolerance; false where no limit is known."""
     borders, limits = block.cast.static(_limits)
     most = limits[:, 0]
     if borders.size:
@@ -196,7 +198,7 @@ def speeding(block: Block) -> NDArray[np.bool_]:
 
 
 def _limits(cast: Cast) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return where limits end along the way of every vehicle, and the limits, each row filled up to the longest."""
+    """Return, per vehicle, the stations at which limits end and the limits, each row padded to the longest row."""
     rows = []
     for agent in cast.agents:
         with suppress(RunError):
@@ -212,10 +214,10 @@ def _limits(cast: Cast) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 def limits_of(junction: Junction, way: Key, facts: Facts) -> tuple[tuple[float, float], ...]:
     """Return the speed limits along the way of a vehicle: the station where each begins [m], and the limit [m/s].
 
-    The limit of the facts holds where the map of the junction states none.
+    The limit of the facts holds where the map of the junction states no limit.
 
     Raises:
-        RunError: neither states one for all of the way.
+        RunError: for a part of the way, neither the map nor the facts state a limit.
     """
     stated = itinerary(junction, *way).limits if junction.drivable else ()
     limits = [(station, facts.speed_limit if limit is None else limit) for station, limit in stated or ((0.0, None),)]

@@ -1,4 +1,4 @@
-"""The integrity of a run: what breaks the semantic model, in a simulation or a recording made elsewhere."""
+"""The integrity of a run: states that break the semantic model, in a simulation or in a recording from another tool."""
 
 from __future__ import annotations
 
@@ -19,40 +19,42 @@ from pytest_rvads.runs.states import Agent, Colour, Zone
 __all__ = ["OFFSET_LIMIT", "PROGRESS_TOLERANCE", "Finding", "damage", "impossible", "validate"]
 
 PROGRESS_TOLERANCE = (0.005, 0.3)
-"""Progress of a step may differ from speed times time by this much [m] and this share: the bumper swings in bends, where
-its projection on the centre line is a quarter slower or faster than the car."""
+"""Largest difference of a step's progress from speed times time, as a distance [m] and a share.
+
+The bumper swings in bends, where its projection on the centre line is a quarter slower or faster than the car.
+"""
 OFFSET_LIMIT = 2.0
-"""A reference point further from the centre line of its itinerary is off it [m]; half a lane and a bit."""
+"""Largest distance of a reference point from the centre line of its itinerary [m]; half a lane and a bit."""
 _PACE = (0.3, 0.2)
-"""The speed of a simulated vehicle may differ from how fast its body moves by this much [m/s] and this share."""
+"""Largest difference of a simulated vehicle's speed from the motion of its body [m/s], and as a share."""
 _LONG = 10
-"""States in which it may differ by more, since bodies that touch are thrown aside."""
+"""Number of states in which the difference may be larger, because bodies that touch are thrown aside."""
 _SHORT = 0.5
-"""A vehicle may pass a part of its way that is shorter than this in one step [m]; maps have exit roads of a few centimetres."""
+"""Length below which a vehicle may pass a part of its way in one step [m]; maps have exit roads of a few centimetres."""
 _EVERY = 10
-"""Offsets are looked at in every tenth state."""
+"""Offsets are checked in every tenth state."""
 _ORDER = {Colour.GREEN: Colour.YELLOW, Colour.YELLOW: Colour.RED, Colour.RED: Colour.GREEN}
 
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """Something about a run that can't be."""
+    """An impossible state of a run."""
 
     kind: str
-    """jump, progress, missing ticks, sampling, speed, zone, itinerary, colour, collision, values."""
+    """The kind: jump, progress, missing ticks, sampling, speed, zone, itinerary, colour, collision, values."""
     time: float
-    """Of the first occurrence, on the clock of the recording [s]."""
+    """Time of the first occurrence, on the clock of the recording [s]."""
     message: str
-    """One sentence with vehicle or light, time, and what is wrong."""
+    """One sentence with the vehicle or light, the time, and the error."""
 
     def __str__(self) -> str:
         return self.message
 
 
 def validate(run: Run) -> tuple[Finding, ...]:
-    """Find what breaks the semantic model, each kind once per vehicle or light, or per run; an intact run has no findings.
+    """Find states that break the semantic model, each kind once per vehicle or light, or per run; none in an intact run.
 
-    What a run does not record is not looked at.
+    Values that a run does not record are not checked.
     """
     require(run, Run, "validate takes a run, such as rvads.simulate(case) returns", RunError)
     broken = once(run, damage)
@@ -70,9 +72,9 @@ def validate(run: Run) -> tuple[Finding, ...]:
 
 
 def impossible(run: Run) -> Iterator[Finding]:
-    """Yield what no simulator may answer: what makes a run unfit to be judged, zones out of order, wrong speeds.
+    """Yield the findings that no simulator may cause: a run unfit to be judged, zones out of order, wrong speeds.
 
-    It is looked at in every simulated run, so it takes well below a hundredth of the time of one; `validate` looks at more.
+    Every simulated run is checked, so the check takes well below a hundredth of the time of a run; `validate` checks more.
     """
     broken = once(run, damage)
     yield from broken
@@ -82,7 +84,7 @@ def impossible(run: Run) -> Iterator[Finding]:
 
 
 def damage(run: Run) -> tuple[Finding, ...]:
-    """Find what makes a run unfit to be judged: no states, arrays that don't fit together, values that mean nothing."""
+    """Find errors that make a run unfit to be judged: no states, arrays that don't fit together, meaningless values."""
     return (*_arrays(run), *_values(run), *_agents(run))
 
 
@@ -139,7 +141,7 @@ def _agents(run: Run) -> Iterator[Finding]:
 
 
 def _zones(run: Run, column: int, agent: Agent) -> Iterator[Finding]:
-    """The zones of an itinerary follow each other: none is skipped, and nobody drives backwards through them."""
+    """Check the order of the zones of an itinerary: the vehicle skips no zone, and does not drive backwards through zones."""
     zone = run.zone[:, column].astype(np.int64)
     known = (zone != Zone.ABSENT)[1:] & (zone != Zone.ABSENT)[:-1]
     road, step = run.junction.exits[agent.exit].road, np.diff(zone)
@@ -176,7 +178,7 @@ def _zones(run: Run, column: int, agent: Agent) -> Iterator[Finding]:
 
 
 def _progress(run: Run, column: int, agent: Agent) -> Iterator[Finding]:
-    """Progress along the itinerary agrees with speed times time; a multiple of it means that states are missing."""
+    """Check that progress along the itinerary agrees with speed times time; an integer multiple means missing states."""
     if run.station is None or run.speed is None or run.steps < 2:
         return
     here = run.here[1:, column] & run.here[:-1, column]
@@ -198,7 +200,7 @@ def _progress(run: Run, column: int, agent: Agent) -> Iterator[Finding]:
 
 
 def _pace(run: Run, column: int, agent: Agent) -> Iterator[Finding]:
-    """The speed of a vehicle is how fast its body moves ahead; its station says less, where the lanes of a map fit badly."""
+    """Check that a speed agrees with the motion of the body; stations are less exact if the lanes of a map fit badly."""
     if run.pose is None or run.speed is None or run.steps < 2:
         return
     step, heading = np.diff(run.pose[:, column, :2], axis=0) / run.dt, run.pose[:-1, column, 2]
@@ -214,7 +216,7 @@ def _pace(run: Run, column: int, agent: Agent) -> Iterator[Finding]:
 
 
 def _sampling(run: Run) -> Iterator[Finding]:
-    """States are so near to each other that nobody drives over an entrance zone between two; told of the first who does."""
+    """Check that no vehicle passes a whole entrance zone between two states; the finding names the first vehicle that does."""
     if run.speed is None:
         return
     fast = np.abs(run.speed) * run.dt > ENTRANCE_ZONE
@@ -231,7 +233,7 @@ def _sampling(run: Run) -> Iterator[Finding]:
 
 
 def _itinerary(run: Run, column: int, agent: Agent) -> Iterator[Finding]:
-    """The reference point stays near the centre line of the itinerary."""
+    """Check that the reference point stays near the centre line of the itinerary."""
     if run.pose is None or run.station is None or not run.junction.drivable:
         return
     try:
@@ -241,7 +243,7 @@ def _itinerary(run: Run, column: int, agent: Agent) -> Iterator[Finding]:
         return
     ticks = np.flatnonzero(run.here[::_EVERY, column]) * _EVERY
     place, along = run.pose[ticks, column, :2], run.station[ticks, column] + way.origin
-    # Projecting takes a while: whoever is near the point of the line at its station is near the line.
+    # Projecting takes long. A vehicle near the point of the centre line at its station is near the line.
     line = way.path
     centre = np.stack([np.interp(along, line.stations, values) for values in line.points.T], axis=-1)
     near = (np.hypot(*(place - centre).T) < OFFSET_LIMIT - 1e-6) & (along >= 0.0) & (along <= line.length)
@@ -255,7 +257,7 @@ def _itinerary(run: Run, column: int, agent: Agent) -> Iterator[Finding]:
 
 
 def _colours(run: Run) -> Iterator[Finding]:
-    """A light goes from green to yellow to red to green."""
+    """Check that a light goes from green to yellow to red to green."""
     for entrance in range(run.lights.shape[1]):
         series = run.lights[:, entrance]
         for tick in np.flatnonzero(np.diff(series)) + 1:
@@ -271,7 +273,7 @@ def _colours(run: Run) -> Iterator[Finding]:
 
 
 def _bodies(run: Run) -> Iterator[Finding]:
-    """Whoever touches has collided."""
+    """Check that every contact of two bodies is recorded as a collision."""
     if run.pose is None or run.collisions is None or not all(a.size for a in run.agents):
         return
     recorded = {frozenset(c.agents) for c in run.collisions}

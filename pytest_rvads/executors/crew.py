@@ -1,4 +1,4 @@
-"""Processes that work for this one, and end with it."""
+"""Worker processes of this process, which end with it."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from typing import Any, Generic, TypeVar
 __all__ = ["AHEAD", "Crew"]
 
 AHEAD = 4
-"""Jobs that are handed out per process before the oldest is back: more would pile up behind a slow one."""
+"""Jobs per process that are submitted before the oldest is done; more jobs would pile up behind a slow job."""
 _Job = TypeVar("_Job")
 _Result = TypeVar("_Result")
 
 
 class Crew(Generic[_Job, _Result]):
-    """Processes that work; they end with this one, however it ends, and leave interrupts to it.
+    """Worker processes, which end with this process however it ends, and which leave interrupts to this process.
 
     Args:
-        begin: called in each of them; returns what does the jobs there.
-        processes: how many.
+        begin: called in each worker process; returns the function that does the jobs.
+        processes: number of processes.
     """
 
     def __init__(self, begin: Callable[[], Callable[[_Job], _Result]], processes: int) -> None:
@@ -36,7 +36,7 @@ class Crew(Generic[_Job, _Result]):
         return ProcessPoolExecutor(processes, initializer=_enter, initargs=(self._begin,))
 
     def submit(self, job: _Job) -> Future[_Result]:
-        """Hand out a job; where a process died, others are hired first."""
+        """Submit a job; if a process died, new processes are started first."""
         try:
             return self._pool.submit(_do, job)
         except BrokenProcessPool:
@@ -45,17 +45,17 @@ class Crew(Generic[_Job, _Result]):
             return self._pool.submit(_do, job)
 
     def alone(self, job: _Job) -> _Result:
-        """Return the result of a job in a process of its own, so that nothing but the job can be what kills it.
+        """Return the result of a job in a separate process, so that only this job can kill the process.
 
         Raises:
-            BrokenProcessPool: it did.
+            BrokenProcessPool: the job killed the process.
         """
         with self._hire(1) as pool:
             result: _Result = pool.submit(_do, job).result()
             return result
 
     def close(self) -> None:
-        """End the processes when all is done."""
+        """End the processes after all jobs are done."""
         self._pool.shutdown()
 
     def stop(self) -> None:
@@ -66,18 +66,18 @@ class Crew(Generic[_Job, _Result]):
 
 
 _doer: list[Callable[[Any], Any]] = []
-"""What does the jobs in a process of a crew."""
+"""The function that does the jobs, in a worker process."""
 
 
 def _enter(begin: Callable[[], Callable[[Any], Any]]) -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the terminal interrupts all of us; who hired us tells us when to end
-    signal.signal(signal.SIGTERM, signal.SIG_DFL)  # that is how we are told
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the terminal interrupts all processes; the parent decides when workers end
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)  # the parent ends a worker by this signal
     threading.Thread(target=_watch, daemon=True).start()
     _doer[:] = [begin()]
 
 
 def _watch() -> None:
-    """End with the process that hired this one, even if it was killed."""
+    """End this worker when its parent process ends, even if the parent was killed."""
     parent = multiprocessing.parent_process()
     if parent is not None:
         parent.join()

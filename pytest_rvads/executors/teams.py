@@ -1,4 +1,4 @@
-"""Who does the work: processes of our own, or an executor of others."""
+"""The two kinds of workers: processes of this package, or the executor of a user."""
 
 from __future__ import annotations
 
@@ -16,40 +16,40 @@ from pytest_rvads.wording import one_line
 __all__ = ["ExecutorGone", "Failed", "Foreign", "Own", "Part", "Team", "tried"]
 
 _UNKNOWN = 512
-"""Parts that are handed out to an executor that does not tell how many workers it has."""
+"""Parts submitted ahead to an executor that does not state its number of workers."""
 _TRIES = 3
-"""How often what an executor of others has lost is handed to it again."""
+"""How often a part that a user's executor has lost is submitted again."""
 _ANSWER = 60.0
-"""How long an executor that has lost something may take to do something else: Dask looks for its scheduler meanwhile [s]."""
+"""Longest time for an executor that has lost a part to do another job [s]; Dask looks for its scheduler meanwhile."""
 
 
 class ExecutorGone(RvadsError):
-    """Nobody is there any more to do what is left; what was done is not lost."""
+    """The executor takes no more work; the results so far are not lost."""
 
 
 class Failed(NamedTuple):
-    """What there is in place of the result of a job."""
+    """The failure of a job, in place of its result."""
 
     error: Exception
-    """What it raised; where its process died, an `RvadsError` that says so."""
+    """The exception of the job, or an `RvadsError` if its process died."""
     lost: bool = False
-    """Whether its process died."""
+    """Whether the process of the job died."""
 
 
 class Part(NamedTuple):
-    """Jobs that travel together."""
+    """Jobs that are sent together."""
 
     begin: int
-    """Number of the first."""
+    """Number of the first job."""
     jobs: tuple[Any, ...]
     losses: int = 0
-    """How often it was under way when a process died, or it was lost otherwise."""
+    """How often the part was lost, for example because it was in flight when a process died."""
     sent: int = 0
-    """How many were handed out before it; another one each time, so that no executor takes what was lost for what it knows."""
+    """Number of parts submitted before; new for each submission, so that no executor returns a cached result for a lost part."""
 
 
 class Done(NamedTuple):
-    """The answers to the jobs of one part, as an executor from outside returns them."""
+    """The answers to the jobs of a part, from a user's executor."""
 
     sent: int
     """Number of the part, see `Part.sent`."""
@@ -57,7 +57,7 @@ class Done(NamedTuple):
 
 
 class Own:
-    """Processes of our own."""
+    """Worker processes of this package."""
 
     def __init__(self, work: Callable[[Any], Any], processes: int) -> None:
         self.ahead = AHEAD * processes
@@ -65,14 +65,14 @@ class Own:
         self.close, self.stop = self._crew.close, self._crew.stop
 
     def submit(self, part: Part) -> Future[list[Any]]:
-        """Hand out a part."""
+        """Submit a part."""
         return self._crew.submit(_packed(part.jobs))
 
     def again(self, part: Part, error: BaseException) -> bool:
-        """Tell whether a part that was lost by `error` goes out again; else each of its jobs is done alone.
+        """Return whether a part lost by `error` is submitted again; otherwise each of its jobs is done alone.
 
         Raises:
-            RvadsError: nobody can do it.
+            RvadsError: `error` is no death of a process, so a job or its result can't be sent between processes.
         """
         if not isinstance(error, BrokenProcessPool):
             raise RvadsError(f"a job or its result does not travel between processes: {_told(error)}") from error
@@ -83,7 +83,7 @@ class Own:
         return future.result()
 
     def alone(self, job: Any) -> Any:
-        """Return the answer to a job that may be what kills processes."""
+        """Return the answer to a job that may kill its process."""
         try:
             return self._crew.alone(_packed((job,)))[0]
         except BrokenProcessPool:
@@ -91,36 +91,36 @@ class Own:
 
 
 class Foreign:
-    """An executor of others, which they end."""
+    """The executor of a user, who shuts it down."""
 
     def __init__(self, work: Callable[[Any], Any], executor: Executor) -> None:
-        workers = getattr(executor, "_max_workers", None)  # of those of the standard library
+        workers = getattr(executor, "_max_workers", None)  # set by executors of the standard library
         self.ahead = AHEAD * workers if isinstance(workers, int) else _UNKNOWN
         self._work, self._executor = work, executor
         self._sent = self._sound = 0
-        """What was handed out last, and what had been when something was lost and something else was done after all."""
+        """Number of the last submission, and its value when the executor last did a job after a loss."""
 
     def submit(self, part: Part) -> Future[Any]:
-        """Hand out a part.
+        """Submit a part.
 
         Raises:
-            ExecutorGone: it takes nothing any more.
-            RvadsError: what it gives for that is no future.
+            ExecutorGone: the executor takes no more work.
+            RvadsError: the executor returns no future.
         """
         self._sent = part.sent
         try:
             future = self._executor.submit(_done, self._work, part.jobs, part.sent)
-        except Exception as error:  # each has its own
+        except Exception as error:  # each executor has its own exceptions
             raise self._gone(error) from error
         if not hasattr(future, "add_done_callback"):
             raise RvadsError(f"submit of {self._name} returned {future!r:.60}, expected a concurrent.futures.Future")
         return future
 
     def answers(self, part: Part, future: Future[Any]) -> list[Any]:
-        """Return the answers to the jobs of a part, one for each job.
+        """Return the answers to the jobs of a part, one per job.
 
         Raises:
-            RvadsError: the executor answers something else.
+            RvadsError: the executor returns another object.
         """
         found = future.result()
         if not (isinstance(found, Done) and found.sent == part.sent):
@@ -130,10 +130,15 @@ class Foreign:
         return found.answers
 
     def again(self, part: Part, error: BaseException) -> bool:
-        """Tell what `Own.again` does."""
+        """Return whether a part lost by `error` is submitted again; otherwise each of its jobs is done alone.
+
+        Raises:
+            RvadsError: the executor can't do the jobs.
+            ExecutorGone: the executor takes no more work.
+        """
         if isinstance(error, RvadsError):
             raise error
-        if type(error).__name__ == "KilledWorker":  # Dask, after several workers; its class is there where Dask is
+        if type(error).__name__ == "KilledWorker":  # Dask's, after several workers died; Dask may be missing
             return False
         if isinstance(error, CancelledError) and part.losses <= _TRIES:
             if part.sent > self._sound:
@@ -148,7 +153,7 @@ class Foreign:
         ) from error
 
     def alone(self, job: Any) -> Any:
-        """Return what `Own.alone` does."""
+        """Return the answer to a job that may kill its process."""
         for losses in range(1, _TRIES + 2):
             part = Part(0, (job,), losses, self._sent + 1)
             try:
@@ -159,7 +164,7 @@ class Foreign:
         return _dead()
 
     def _probe(self, error: BaseException) -> None:
-        """See whether the executor does anything; what waits for a scheduler that is gone may wait for ever."""
+        """Check that the executor still does jobs; a job that waits for a missing scheduler may wait for ever."""
         try:
             self._executor.submit(_done, self._work, (), self._sent).result(_ANSWER)
         except (Exception, CancelledError):
@@ -167,7 +172,7 @@ class Foreign:
         self._sound = self._sent
 
     def close(self) -> None:
-        """Leave it to those whose it is."""
+        """Leave the executor running, because its owner shuts it down."""
 
     stop = close
 
@@ -180,11 +185,11 @@ class Foreign:
 
 
 Team: TypeAlias = Own | Foreign
-"""Each with `ahead`, the number of parts that may be under way."""
+"""Both have `ahead`, the number of parts that may be in flight."""
 
 
 def _opener(work: bytes) -> Callable[[bytes], list[Any]]:
-    """Return what opens packed jobs and does them."""
+    """Return the function that unpacks jobs and does them."""
     done = pickle.loads(work)
     return lambda packed: _all(done, pickle.loads(packed))
 
@@ -198,7 +203,7 @@ def _done(work: Callable[[Any], Any], jobs: Sequence[Any], sent: int) -> Done:
 
 
 def _fit(answer: Any) -> Any:
-    """Return an answer that can travel: exceptions of others may not be made again from what they keep."""
+    """Return an answer that can be pickled: some exceptions can't be made again from their pickled state."""
     if isinstance(answer, Failed):
         try:
             pickle.loads(pickle.dumps(answer))
@@ -208,7 +213,7 @@ def _fit(answer: Any) -> Any:
 
 
 def tried(work: Callable[[Any], Any], job: Any) -> Any:
-    """Return the result of a job, or how it failed."""
+    """Return the result of a job, or its failure."""
     try:
         return work(job)
     except Exception as error:
@@ -218,7 +223,7 @@ def tried(work: Callable[[Any], Any], job: Any) -> Any:
 def _packed(value: object) -> bytes:
     try:
         return pickle.dumps(value, pickle.HIGHEST_PROTOCOL)
-    except Exception as error:  # whatever the code of others raises
+    except Exception as error:  # the code of users may raise any exception
         raise RvadsError(
             f"this can't travel to another process ({_told(error)}): name functions and classes of modules, no lambdas and none "
             "of functions, or say executor=1 (-j 1 of a command)"

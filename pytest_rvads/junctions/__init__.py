@@ -1,1 +1,1 @@
-"""From the metric graph of a map to its junctions: arms, movements, right of way, what regulates them."""
+"""Junctions cut from the metric graph of a map: arms, movements, right of way, control."""

@@ -1,4 +1,4 @@
-"""What a junction of a file is to the model: arms, movements, priorities, control, and whether it is usable."""
+"""Analyses a junction of a file for the model: arms, movements, priorities, control, and usability."""
 
 from __future__ import annotations
 
@@ -36,11 +36,11 @@ Pairs = frozenset[tuple[int, int]]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LaneEnd:
-    """A lane where it meets a junction."""
+    """The end of a lane at a junction."""
 
     arm: int
     lane: int
-    """Counted from the kerb."""
+    """Number of the lane on its arm, counted from the kerb."""
     edge: str
 
 
@@ -50,33 +50,33 @@ class JunctionReport:
 
     id: str
     arms: tuple[RoadArm, ...]
-    """Counter-clockwise."""
+    """Arms of the junction, counter-clockwise."""
     entrances: tuple[LaneEnd, ...]
-    """Arm by arm, on each arm from the kerb: their places are their numbers."""
+    """Entrances arm by arm, on each arm from the kerb; the number of an entrance is its index."""
     exits: tuple[LaneEnd, ...]
-    """Likewise."""
+    """Exits arm by arm, on each arm from the kerb; the number of an exit is its index."""
     movements: tuple[Way, ...]
-    """Sorted by entrance and exit."""
+    """Movements, sorted by entrance and exit."""
     signs: tuple[Sign, ...]
-    """What regulates every entrance."""
+    """Sign or light of every entrance."""
     reason: str | None
-    """Why it cannot be used, None where it can."""
+    """The reason why the junction cannot be used; None for a usable junction."""
     approach: tuple[float, ...]
     """Per entrance, length walked upstream to the previous junction or the end of the road [m]."""
     right_of: Pairs
-    """Pairs of arms."""
+    """Pairs of arms of which the first is to the right of the second (paper, table of semantics)."""
     opposite: Pairs
-    """Pairs of arms."""
+    """Pairs of opposite arms."""
     phase_groups: tuple[frozenset[int], ...]
-    """Entrances that have green together."""
+    """Groups of entrances that have green together."""
     setbacks: tuple[float, ...]
-    """Per entrance, distance of the stopping line before the vertex [m]; 0 where none is marked."""
+    """Per entrance, distance of the stopping line before the vertex [m]; 0 if no line is marked."""
     sign_setbacks: tuple[float | None, ...]
-    """Per entrance, distance of its stop sign before the vertex, where that is not at the stopping line [m]."""
+    """Per entrance, distance of its stop sign before the vertex [m]; None without a stop sign away from the stopping line."""
     stated: frozenset[tuple[Key, Key]]
-    """Pairs of movements of which the file says that the first gives way to the second."""
+    """Pairs of movements of which, according to the file, the first gives way to the second."""
     joining: frozenset[tuple[Key, Key]]
-    """Pairs of movements into one exit of which the first joins the second, as the file shows by its lanes and roads."""
+    """Pairs of movements into one exit of which, according to the lanes and roads of the file, the first joins the second."""
     objects: tuple[MapObject, ...]
     left_hand: bool
 
@@ -87,12 +87,12 @@ class JunctionReport:
 
     @property
     def control(self) -> JunctionControl:
-        """What regulates the junction as a whole."""
+        """The control of the junction as a whole."""
         return control_of(self.signs)
 
     @property
     def usable(self) -> bool:
-        """Whether scenarios can run there."""
+        """Whether scenarios can run at the junction."""
         return self.reason is None
 
     @property
@@ -103,25 +103,25 @@ class JunctionReport:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Cut:
-    """A junction cut from the metric graph: what leads through it, and the road ends where it begins."""
+    """A junction cut from the metric graph: the paths through the junction, and the road ends at its border."""
 
     id: str
     paths: tuple[Path, ...]
     pairs: tuple[tuple[str, str], ...]
-    """(entrance edge, exit edge) of every way through it."""
+    """Pairs (entrance edge, exit edge) of all ways through the junction."""
     arms: tuple[RoadArm, ...]
-    """In no order."""
+    """Arms, in no particular order."""
     left_out: tuple[str, ...] = ()
-    """Why paths that the file has are not among these."""
+    """Messages on paths of the file that are left out."""
 
 
 def cut(graph: MetricGraph, id: str) -> Cut:
     """Cut junction `id` from a metric graph.
 
-    Paths across a gap are left out where that costs no arm.
+    Paths across a gap are left out if leaving them out costs no arm.
 
     Raises:
-        MapError: see `paths_of`.
+        MapError: the lanes of the junction branch too often, see `paths_of`.
     """
     paths, direct = paths_of(graph, id), graph.network.junctions[id].direct
     gaps = [widest_gap(graph, path) for path in paths]
@@ -148,7 +148,7 @@ def _ends(
 
 
 def joints_of(cuts: Iterable[Cut]) -> frozenset[str]:
-    """Return the ids of the junctions that only join two roads of which one has more lanes, as at the beginning of turn lanes."""
+    """Return the ids of junctions that only join two roads of which one has several lanes, as at the beginning of turn lanes."""
     return frozenset(
         cut.id
         for cut in cuts
@@ -168,11 +168,11 @@ def analyse(
     """Analyse a junction of a map.
 
     Args:
-        graph: of the map.
-        cut: the junction.
-        objects: signs, lights and stop lines of this junction.
-        warnings: doubts about movements and priorities are appended here.
-        joints: junctions that approaches go on through.
+        graph: the metric graph of the map.
+        cut: the junction, cut from the graph.
+        objects: signs, lights and stop lines of the junction.
+        warnings: the list to which doubts about movements and priorities are appended.
+        joints: ids of junctions through which approaches continue.
         uturns: keep U-turns, which are left out otherwise.
     """
     network, id, paths, pairs, arms = graph.network, cut.id, cut.paths, cut.pairs, cut.arms
@@ -195,7 +195,7 @@ def analyse(
     left_hand = any(road in network.left_hand for arm in arms for road, _ in arm.ends)
     here = [[item for item in objects if item.edge == end.edge] for end in entrances]
     signs = signs_of([{item.kind for item in items} for items in here])
-    # With more arms than the model has room for there may be thousands, and their priorities mean nothing.
+    # A junction with more arms than the model allows may have thousands of turns, whose priorities mean nothing.
     turns = turns_of_arms(arms, entrances, exits, ways) if len(arms) <= MOST else {}
     opposite, right_of = opposite_pairs(turns), right_of_pairs(turns, left_hand=left_hand)
     reason = unusable(graph, id, arms, kept, pairs)
@@ -229,7 +229,7 @@ def analyse(
 
 
 def lifted(pairs: Pairs, entrances: Sequence[LaneEnd]) -> Pairs:
-    """Return a relation of arms as one of their entrances."""
+    """Return a relation of arms as a relation of their entrances."""
     table: dict[int, list[int]] = {}
     for number, end in enumerate(entrances):
         table.setdefault(end.arm, []).append(number)
@@ -239,7 +239,7 @@ def lifted(pairs: Pairs, entrances: Sequence[LaneEnd]) -> Pairs:
 def turns_of_arms(
     arms: Sequence[RoadArm], entrances: Sequence[LaneEnd], exits: Sequence[LaneEnd], ways: Sequence[Way]
 ) -> dict[tuple[int, int], Turn]:
-    """Return the turn type from every arm to every other one: of its first movement, else by the directions of the arms."""
+    """Return the turn from every arm to every other arm: the turn of its first movement, else from the directions of the arms."""
     found: dict[tuple[int, int], Turn] = {}
     for way in ways:
         found.setdefault((entrances[way.entrance].arm, exits[way.exit].arm), way.turn)
@@ -256,8 +256,8 @@ def _lanes(edges: Sequence[Sequence[str]]) -> tuple[LaneEnd, ...]:
 def right_of_pairs(turns: dict[tuple[int, int], Turn], *, left_hand: bool) -> Pairs:
     """Return the pairs ``v1 right-of v2`` (paper, table of semantics), mirrored where traffic keeps left.
 
-    A right movement from v1 and a straight one from v2 share an exit, or a straight one from v1 and a left one
-    from v2 do; with traffic on the left, right and left change places.
+    v1 is right-of v2 if a right movement from v1 and a straight movement from v2 share an exit, or a straight movement from v1
+    and a left movement from v2 do. If traffic keeps left, right and left change places.
     """
     near, far = (Turn.LEFT, Turn.RIGHT) if left_hand else (Turn.RIGHT, Turn.LEFT)
     wanted = {(near, Turn.STRAIGHT), (Turn.STRAIGHT, far)}
@@ -283,14 +283,14 @@ def _phases(
     here: Sequence[Sequence[MapObject]],
     protected: Collection[int],
 ) -> tuple[frozenset[int], ...]:
-    """Return the entrances that have green together, of those with lights.
+    """Return the groups of entrances with lights that have green together.
 
     Args:
-        network: of the map.
-        entrances: of the junction.
-        opposite: pairs of arms.
+        network: the network of the map.
+        entrances: the entrances of the junction.
+        opposite: pairs of opposite arms.
         here: per entrance, its signs and lights.
-        protected: entrances with an arrow for the turn across oncoming traffic alone.
+        protected: entrances with an arrow for the turn across oncoming traffic only.
     """
     signs = signs_of([{item.kind for item in items} for items in here])
     lit = [number for number, sign in enumerate(signs) if sign is Sign.LIGHTS]
@@ -307,7 +307,7 @@ def _phases(
 
 
 def _arrows_across(ways: Sequence[Way], here: Sequence[Sequence[MapObject]], *, left_hand: bool) -> frozenset[int]:
-    """Return the entrances whose lights are arrows for the turn across oncoming traffic, and that allow nothing else."""
+    """Return the entrances whose lights are arrows for the turn across oncoming traffic, and that allow no other movement."""
     across = {Turn.RIGHT if left_hand else Turn.LEFT}
     found = set()
     for number, items in enumerate(here):
@@ -318,7 +318,7 @@ def _arrows_across(ways: Sequence[Way], here: Sequence[Sequence[MapObject]], *, 
 
 
 def _stated(network: Network, id: str, ways: Sequence[Way], graph: MetricGraph) -> frozenset[tuple[Key, Key]]:
-    """Return the pairs of movements of which the file says that the first gives way to the second, by roads."""
+    """Return the pairs of movements of which, by the priorities of roads in the file, the first gives way to the second."""
     found = set()
     for high, low in network.junctions[id].priorities:
         roads = [(way, {graph.edges[edge].road for edge in (way.path.entrance, *way.path.edges)}) for way in ways]
@@ -342,7 +342,7 @@ def _joining(ways: Sequence[Way], graph: MetricGraph) -> frozenset[tuple[Key, Ke
         edges = [graph.edges[edge] for edge in (way.path.entrance, *way.path.edges)]
         return not any(edge.joins for edge in edges), edges[0].road in graph.network.motorways
 
-    ranks = {(way.entrance, way.exit): rank(way) for way in reversed(ways)}  # of several the shortest comes first
+    ranks = {(way.entrance, way.exit): rank(way) for way in reversed(ways)}  # the shortest of several comes first
     return frozenset((one, two) for one, two in permutations(ranks, 2) if one[1] == two[1] and ranks[one] < ranks[two])
 
 

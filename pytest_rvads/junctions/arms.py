@@ -1,8 +1,8 @@
-"""Arms of a junction, whether or not the model can use it.
+"""The arms of a junction, usable or not.
 
-An arm is a road end where the junction is entered or left, or a pair of one-way road ends that lie side by side
-(the paper's ``entex``). Arms are numbered counter-clockwise, the first one being the first counter-clockwise from
-direction -112.5 degrees as seen from the centre, so a southern arm with some slack is arm 0.
+An arm is a road end where the junction is entered or left, or a pair of one-way road ends that lie side by side (the paper's
+``entex``). Arms are numbered counter-clockwise. Arm 0 is the first arm counter-clockwise from direction -112.5 degrees as seen
+from the centre, so a southern arm with some slack is arm 0.
 """
 
 from __future__ import annotations
@@ -25,8 +25,10 @@ _FACING = math.radians(70.0)
 _BESIDE = 30.0
 _ALONGSIDE = math.radians(30.0)
 _FURTHER_OUT = 40.0
-"""How far out two one-way roads are followed to tell whether they run side by side [m]; lanes that part around an island have
-come together again by then."""
+"""Distance from the junction up to which two one-way roads are compared to decide whether they run side by side [m].
+
+Lanes that part around an island have come together again at this distance.
+"""
 _PER_DEGREE = 0.05
 _MOST_PAIRS = 10_000
 
@@ -35,17 +37,17 @@ RoadEnd = tuple[str, str]
 
 @dataclass(frozen=True, slots=True)
 class RoadArm:
-    """An arm as the map has it: a road end, or a pair of one-way road ends."""
+    """An arm in the map: a road end, or a pair of one-way road ends."""
 
     ends: tuple[RoadEnd, ...]
     entrances: tuple[str, ...]
     """Edges that lead into the junction, counted from the kerb."""
     exits: tuple[str, ...]
-    """Edges that lead out of it, likewise."""
+    """Edges that lead out of the junction, counted from the kerb."""
     x: float
-    """Mean of the lane ends, east [m]."""
+    """Mean east coordinate of the lane ends [m]."""
     y: float
-    """North [m]."""
+    """Mean north coordinate of the lane ends [m]."""
     outward: float
     """Direction away from the junction [rad]."""
 
@@ -54,7 +56,7 @@ def arms_of(graph: MetricGraph, pairs: Sequence[tuple[str, str]]) -> tuple[RoadA
     """Return the arms of a junction, numbered counter-clockwise.
 
     Args:
-        graph: of the map.
+        graph: the metric graph of the map.
         pairs: (entrance edge, exit edge) of every way through the junction.
     """
     entering: dict[RoadEnd, list[Edge]] = {}
@@ -87,16 +89,17 @@ def sort_arms(arms: Sequence[RoadArm], in_order: Callable[[Sequence[RoadArm]], b
     """Number the arms counter-clockwise.
 
     Args:
-        arms: in any order.
-        in_order: tells whether the turns of all movements agree with an order. Positions around the centre are
-            tried first, then the directions of the arms; positions stand where neither agrees.
+        arms: the arms, in any order.
+        in_order: returns whether the turns of all movements agree with an order of the arms. The order of the positions around
+            the centre is tried first, then the order of the directions of the arms. If neither agrees, the order of the positions
+            is kept.
     """
     if not arms:
         return ()
     x, y = math.fsum(arm.x for arm in arms) / len(arms), math.fsum(arm.y for arm in arms) / len(arms)
 
     def turned(angle: float) -> float:
-        # An arm just at the starting direction must not jump to the end by rounding.
+        # Rounding must not move an arm at the starting direction to the end.
         return (angle - FIRST + 1e-9) % math.tau
 
     around = tuple(sorted(arms, key=lambda arm: (turned(math.atan2(arm.y - y, arm.x - x)), arm.ends)))
@@ -107,7 +110,7 @@ def sort_arms(arms: Sequence[RoadArm], in_order: Callable[[Sequence[RoadArm]], b
 
 
 def turns_in_order(turning: Iterable[tuple[int, int, float]], ways: int) -> bool:
-    """Tell whether the movements of every entrance, sorted by turn, follow the cyclic order of the exits.
+    """Return whether the movements of every entrance, sorted by turn, follow the cyclic order of the exits.
 
     Args:
         turning: (entrance arm, exit arm, total change of heading [rad]) of the movements.
@@ -124,7 +127,7 @@ def _arm(ends: tuple[RoadEnd, ...], entering: Sequence[Edge], leaving: Sequence[
     points = [edge.points[-1] for edge in entering] + [edge.points[0] for edge in leaving]
     headings = [edge.end_heading + math.pi for edge in entering] + [edge.start_heading for edge in leaving]
     outward = math.atan2(math.fsum(map(math.sin, headings)), math.fsum(map(math.cos, headings)))
-    # From the kerb beside the entrances to the one beside the exits.
+    # From the kerb beside the entrances to the kerb beside the exits.
     across = (-math.sin(outward), math.cos(outward)) if ends[0][0] in left_hand else (math.sin(outward), -math.cos(outward))
     return RoadArm(
         ends,
@@ -137,9 +140,9 @@ def _arm(ends: tuple[RoadEnd, ...], entering: Sequence[Edge], leaving: Sequence[
 
 
 def _beside(graph: MetricGraph, entrance: Edge, exit: Edge) -> float | None:
-    """Return the cost of pairing a one-way entrance with a one-way exit, or None where they are no pair.
+    """Return the cost of pairing a one-way entrance with a one-way exit, or None if they are no pair.
 
-    Two one-way streets may begin next to each other and lead apart; a dual carriageway runs on side by side.
+    Two one-way streets may begin next to each other and lead apart; the two sides of a dual carriageway run side by side.
     """
     distance, angle, left = facing(entrance, exit)
     if angle > _FACING or distance > _BESIDE or left is (entrance.road in graph.network.left_hand):
@@ -149,7 +152,7 @@ def _beside(graph: MetricGraph, entrance: Edge, exit: Edge) -> float | None:
 
 
 def _away(graph: MetricGraph, edge: Edge, *, upstream: bool) -> float:
-    """Return the direction from the junction to a point `_FURTHER_OUT` on a road, or its end [rad]."""
+    """Return the direction from the junction to a point `_FURTHER_OUT` along a road, or to the end of a shorter road [rad]."""
     points = np.vstack([graph.edges[id].points[:: -1 if upstream else 1] for id in walk(graph, edge.id, upstream=upstream)])
     far = np.hypot(*(points - points[0]).T) >= _FURTHER_OUT
     x, y = points[int(far.argmax()) if far.any() else -1] - points[0]

@@ -1,4 +1,4 @@
-"""The maps that ship with the package: Xs and Ts with every kind of control, turn lanes, a roundabout, the Xs of the paper."""
+"""The built-in maps: Xs and Ts with every kind of control, turn lanes, a roundabout, the Xs of the paper."""
 
 from __future__ import annotations
 
@@ -23,11 +23,14 @@ CROSSINGS = {
     "right4": Layout(4, JunctionControl.NONE),
     "lanes4": Layout(4, _LIGHTS, lanes=(((1, 2), (3,)),) * 4, shift=1.75),
 }
-"""Maps of one junction. Those of the paper have about the lengths of its recorded junctions: 15.6 m to the right, 29 m straight
-on, 30 m to the left. The major road of ``yield4`` runs from west to east; in ``lanes4`` the left-turn lanes face each other."""
+"""Layouts of maps with one junction.
+
+The maps of the paper have about the lengths of its recorded junctions: 15.6 m to the right, 29 m straight on, 30 m to the left.
+The major road of ``yield4`` runs from west to east. In ``lanes4`` the left-turn lanes face each other.
+"""
 
 LAYOUTS: dict[str, Layout | Roundabout] = {**CROSSINGS, "roundabout4": Roundabout(4)}
-"""Per name the layout that the file was written from."""
+"""Per name, the layout from which the file was written."""
 
 
 def path_of(name: str) -> Path:

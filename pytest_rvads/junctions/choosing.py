@@ -1,4 +1,4 @@
-"""Many junctions at once: by name or id, all of a map, those of some kinds, or a sample of them."""
+"""Chooses several junctions: by name or id, all junctions of a map, the junctions of some kinds, or a sample."""
 
 from __future__ import annotations
 
@@ -18,69 +18,71 @@ from pytest_rvads.stratified import draw
 __all__ = ["EVERY", "Choice", "Kinds", "Refused", "choose", "choose_among", "some"]
 
 EVERY = "*"
-"""All junctions of a map."""
+"""Stands for all junctions of a map."""
 _FREE = "no two of its movements meet, so nobody has to give way there: ask for it by its id to drive there all the same"
 Map = str | os.PathLike[str] | None
 
 
 @dataclass(frozen=True, slots=True)
 class Refused:
-    """A junction that was asked for among others, and can't be used, or where no ways meet."""
+    """A requested junction that can't be used, or whose ways do not meet."""
 
     junction: str
-    """Its id."""
+    """Id of the junction."""
     map: str | None
     ways: int
     """Number of arms."""
     control: str
-    """What regulates it; empty where nobody enters it."""
+    """Control of the junction; empty if the junction has no entrances."""
     reason: str
 
     @property
     def name(self) -> str:
-        """What ids would call it."""
+        """Name of the junction in ids."""
         return name_of(self.map, self.junction) if self.map else self.junction
 
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """Junctions, and what became of the others that were asked for."""
+    """The chosen junctions, and the requested junctions that were not chosen."""
 
     junctions: tuple[Junction, ...]
-    """As they were named; of a map in the order of its file."""
+    """The junctions in the order of the request; those of a map in the order of its file."""
     refused: tuple[Refused, ...]
     passed_over: int
-    """How many more would do, but for a limit."""
+    """Number of suitable junctions beyond the limit."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Candidate:
-    """A junction that would do, not yet cut from its map."""
+    """A suitable junction that is not yet cut from its map."""
 
     map: Map
     id: str
-    """In the map, or the name of a built-in one."""
+    """Id in the map, or the name of a built-in junction."""
     report: JunctionReport
     alone: bool
-    """Whether it was named, and not one of several that were meant."""
+    """Whether the request named the junction itself, rather than several junctions."""
 
 
 def choose(
     wanted: str | Iterable[str], map: Map = None, *, kinds: Kinds | None = None, limit: int | None = None, seed: int = 0
 ) -> Choice:
-    """Return the junctions of a map that are asked for.
+    """Return the requested junctions of a map.
 
     Args:
-        wanted: one or several of these: an id in `map`; ``"*"`` for all of `map`; a type such as "4-way stop" or "3-way lights
-            with 40 m of approach" for all that fit; a place such as "nearest to 52, 149" [m]. Without a map: built-in names,
-            ``"*"`` for all of these; a type is the first that fits, as for `find`, since built-in ones come in variants.
+        wanted: one or several texts. A text is an id in `map`; ``"*"`` for all junctions of `map`; a type such as "4-way stop" or
+            "3-way lights with 40 m of approach" for all junctions of this type; or a place such as "nearest to 52, 149" [m].
+            Without a map, a text is a built-in name, ``"*"`` for all built-in junctions, or a type for the first built-in
+            junction of this type, as in `find`, because built-in junctions come in variants.
         map: an OpenDRIVE file, or None for the built-in maps.
-        kinds: take only these of them.
-        limit: most junctions; more are drawn by `seed`, as evenly as possible from every kind (control and number of arms).
-        seed: other seeds draw others.
+        kinds: choose only junctions of these kinds.
+        limit: the largest number of junctions. Of more junctions, a sample is drawn, as evenly as possible from every kind
+            (control and number of arms).
+        seed: the seed of the sample.
 
     Raises:
-        MapError: an unreadable map, an id that is unknown or unusable, or nothing usable that fits.
+        MapError: the map is unreadable, an id is unknown or unusable, or no usable junction fits.
     """
     return choose_among(((one, map) for one in _texts(wanted)), kinds=kinds, limit=limit, seed=seed)
 
@@ -88,7 +90,7 @@ def choose(
 def choose_among(
     wanted: Iterable[tuple[str, Map]], *, kinds: Kinds | None = None, limit: int | None = None, seed: int = 0
 ) -> Choice:
-    """Return the junctions that are asked for, each in a map of its own; for the rest see `choose`."""
+    """Return the requested junctions, given as pairs of text and map; see `choose` for the other arguments."""
     if limit is not None and (isinstance(limit, bool) or not isinstance(limit, int) or limit < 1):
         raise MapError(f"limit must be a whole number of junctions, 1 or more, got {limit!r}")
     asked = list(wanted)
@@ -116,7 +118,7 @@ def choose_among(
 
 
 def some(junctions: Sequence[Junction], limit: int | None, seed: int = 0) -> tuple[Junction, ...]:
-    """Return at most so many junctions, in their order, as evenly as possible from every kind: control and number of arms."""
+    """Return at most `limit` junctions, in order, drawn as evenly as possible from every kind: control and number of arms."""
     if limit is None:
         return tuple(junctions)
     return tuple(draw(junctions, limit, seed, _kind, lambda junction: junction.name))
@@ -135,10 +137,10 @@ def _refused(one: _Candidate, reason: str) -> Refused:
 
 
 def _offered(one: _Candidate) -> Junction:
-    """Return a junction that was named, or where ways meet.
+    """Return a junction that was named itself, or whose ways meet.
 
     Raises:
-        MapError: its roads can't be joined, which is not known before, or no ways meet.
+        MapError: the roads of the junction can't be joined, which only cutting shows, or no two of its ways meet.
     """
     place = find(one.id, one.map)
     if place.kind is JunctionKind.CONFLICT_FREE and not one.alone:
@@ -151,7 +153,7 @@ def _kind(junction: Junction) -> tuple[str, ...]:
 
 
 def _named(text: str, map: Map, kinds: Kinds | None, refused: dict[tuple[Map, str], Refused]) -> Iterator[_Candidate]:
-    """Yield what a text means, of these kinds; `refused` takes what it means and is unusable."""
+    """Yield the junctions of the given kinds that a text denotes; unusable junctions are added to `refused`."""
     if map is None:
         chosen = names() if text == EVERY else (find(text).name,)
         for name in chosen:

@@ -1,4 +1,4 @@
-"""Clusters: junctions whose ways lead from one straight into another, without a road between them, read as one junction."""
+"""Reads a cluster, junctions whose ways lead into each other without a road between, as one junction."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def clustered(graph: MetricGraph) -> MetricGraph:
     """Return a metric graph in which each cluster of `FEWEST` to `MOST` arms is one junction.
 
     Raises:
-        MapError: see `pytest_rvads.junctions.ways.paths_of`.
+        MapError: the lanes of a junction branch too often, see `pytest_rvads.junctions.ways.paths_of`.
     """
     names = _names(graph.network)
     if not names:
@@ -33,7 +33,7 @@ def clustered(graph: MetricGraph) -> MetricGraph:
 
 
 def _names(network: Network) -> dict[str, str]:
-    """Return per junction of a cluster the name of the cluster: the ids of its junctions in file order."""
+    """Return, per junction of a cluster, the name of the cluster: the ids of its junctions in file order."""
     beside = nx.Graph()
     for one, two in network.links.edges:
         here, there = network.edges[one].junction, network.edges[two].junction
@@ -45,7 +45,7 @@ def _names(network: Network) -> dict[str, str]:
 
 
 def _merged(network: Network, names: Mapping[str, str]) -> Network:
-    """Return a network in which the junctions of each cluster are one, under the name of the cluster."""
+    """Return a network in which the junctions of each cluster are one junction, with the name of the cluster."""
     junctions: dict[str, list[DeclaredJunction]] = {}
     for id, junction in network.junctions.items():
         junctions.setdefault(names.get(id, id), []).append(junction)

@@ -1,4 +1,4 @@
-"""Where the movements of a junction get in each other's way, and who then gives way to whom."""
+"""The shared stretches of the movements of a junction."""
 
 from __future__ import annotations
 
@@ -14,49 +14,51 @@ from pytest_rvads.maps.segment import Segment
 __all__ = ["CONFLICT_WIDTH", "JunctionKind", "Key", "Shared", "Stretch", "stretches"]
 
 CONFLICT_WIDTH = 2.6
-"""Two movements whose centre lines come nearer than this are in conflict [m]: the width of a car and what its body sweeps
-in a bend."""
+"""Distance of centre lines below which two movements are in conflict [m].
+
+The distance is the width of a car and the width that its body sweeps in a bend.
+"""
 _SPACING = 0.5
 
 Key = tuple[int, int]
-"""A movement: numbers of its entrance and its exit."""
+"""A movement, as the numbers of its entrance and its exit."""
 
 
 class JunctionKind(StrEnum):
-    """How the ways through a junction meet."""
+    """The kind of a junction by the meetings of its movements."""
 
     CROSSING = "crossing"
     """Some movements cross, or come too near to each other."""
     MERGING = "merging"
-    """Movements meet only where they lead into one exit."""
+    """Movements meet only if they lead into the same exit."""
     CONFLICT_FREE = "conflict-free"
     """No two movements from different entrances meet."""
 
 
 class Stretch(NamedTuple):
-    """Part of a movement, after the entrance vertex."""
+    """A part of a movement, as stations after the entrance vertex."""
 
     start: float
-    """[m]."""
+    """First station [m]."""
     end: float
-    """[m]."""
+    """Last station [m]."""
 
 
 class Shared(NamedTuple):
-    """Where two movements get in each other's way."""
+    """The stretches on which two movements are in conflict."""
 
     mine: Stretch
-    """On the first movement."""
+    """The stretch of the first movement."""
     yours: Stretch
-    """On the second one."""
+    """The stretch of the second movement."""
     merges: bool
-    """Whether both lead into the same exit: behind each other there is then room for both."""
+    """Whether both movements lead into the same exit, where two vehicles have room behind each other."""
 
 
 def stretches(paths: Mapping[Key, Segment]) -> dict[tuple[Key, Key], Shared]:
-    """Return what pairs of movements share, in both orders.
+    """Return the stretches that pairs of movements share, in both orders.
 
-    Movements from one entrance don't count: there one vehicle follows the other.
+    Pairs of movements from the same entrance are left out, because vehicles of an entrance follow each other.
 
     Args:
         paths: the centre line of every movement.
@@ -66,7 +68,7 @@ def stretches(paths: Mapping[Key, Segment]) -> dict[tuple[Key, Key], Shared]:
     boxes = np.array([(*points.min(axis=0), *points.max(axis=0)) for _, points in lines]).reshape(-1, 4)
     found = {}
     for i, (one, (along, first)) in enumerate(zip(keys, lines, strict=True)):
-        # Most of many lanes keep apart; their boxes tell that without looking at the lines.
+        # Most movements of a junction with many lanes are far apart; comparing their boxes is cheaper than comparing their lines.
         near_boxes = np.all(
             (boxes[:, :2] < boxes[i, 2:] + CONFLICT_WIDTH) & (boxes[:, 2:] > boxes[i, :2] - CONFLICT_WIDTH), axis=1
         )

@@ -30,16 +30,16 @@ def names() -> tuple[str, ...]:
 
 
 def find(junction: str, map: str | os.PathLike[str] | None = None) -> Junction:
-    """Return a junction; each is read once per process.
+    """Return a junction; each junction is read once per process.
 
     Args:
-        junction: a built-in name, or the id of a ``<junction>`` in `map`, or a type such as "4-way all-way stop",
-            "3-way lights", "4-way none" or "4-way lights with 40 m of approach"; of several that fit, the first
-            in file order is taken; or a place such as "nearest to 52, 149" [m], see `nearest`.
+        junction: a built-in name; the id of a ``<junction>`` in `map`; a type such as "4-way all-way stop", "3-way lights",
+            "4-way none" or "4-way lights with 40 m of approach", for the first junction of this type in file order; or a place
+            such as "nearest to 52, 149" [m], see `nearest`.
         map: an OpenDRIVE file, or None for the built-in maps.
 
     Raises:
-        MapError: an unknown or unusable junction, an unreadable map, or nothing of this type.
+        MapError: the junction is unknown or unusable, the map is unreadable, or no junction has this type.
     """
     require(junction, str, "find takes the name, id or type of a junction as a text, such as 'stop4'", MapError)
     wanted = Kinds.parse(junction)
@@ -59,7 +59,7 @@ def nearest(map: str | os.PathLike[str], x: float, y: float) -> Junction:
     """Return the usable junction of `map` whose centre is nearest to the point (`x`, `y`) [m].
 
     Raises:
-        MapError: an unreadable map, coordinates that are not finite, or no usable junction.
+        MapError: the map is unreadable, the coordinates are not finite, or no junction is usable.
     """
     if not (math.isfinite(x) and math.isfinite(y)):
         raise MapError(f"the point ({x!r}, {y!r}) is no place on a map, expected two finite coordinates in metres")
@@ -77,10 +77,10 @@ def nearest(map: str | os.PathLike[str], x: float, y: float) -> Junction:
 
 
 def called(name: str, map: str | os.PathLike[str]) -> Junction:
-    """Return the junction of `map` that ids call so (``stem.id``), or that has this id.
+    """Return the junction of `map` with this name (``stem.id``) or this id.
 
     Raises:
-        MapError: an unreadable map, or no such junction.
+        MapError: the map is unreadable, or no junction has this name or id.
     """
     ids = {name_of(map, report.id): report.id for report in load(map).junctions}
     return find(ids.get(name, name), map)
@@ -96,12 +96,12 @@ def load(map: str | os.PathLike[str]) -> RoadMap:
 
 
 def name_of(map: str | os.PathLike[str], id: str) -> str:
-    """Return what ids call junction `id` of a map: ``stem.id``, other characters as ``_``."""
+    """Return the name of junction `id` of a map in ids: ``stem.id``, with ``_`` for other characters."""
     return ".".join(re.sub(r"[^A-Za-z0-9_]", "_", part) for part in (Path(map).stem, id))
 
 
 def offer(road_map: RoadMap) -> str:
-    """Return what a map has to offer, by type, as the end of a sentence."""
+    """Return the usable junctions of a map by type, as the end of a sentence."""
     table: dict[str, list[JunctionReport]] = {}
     for report in road_map.junctions:
         if report.usable:
@@ -117,7 +117,7 @@ def offer(road_map: RoadMap) -> str:
 
 @lru_cache
 def _builtin(junction: str, wanted: Kinds | None) -> Junction:
-    """Return a built-in junction; unlike a user's file, its file is not looked at again."""
+    """Return a built-in junction; unlike a user's file, its file is not checked for changes."""
     if wanted is None:
         if junction not in LAYOUTS:
             raise MapError(

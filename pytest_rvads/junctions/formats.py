@@ -1,4 +1,4 @@
-"""The map formats that are read: a reader for each suffix of a file name."""
+"""The supported map formats: a reader for each suffix of a file name."""
 
 from __future__ import annotations
 
@@ -17,18 +17,20 @@ Reader = Callable[[str | os.PathLike[str]], Network]
 
 
 def _added(name: str, path: str | os.PathLike[str]) -> Network:
-    """Read a map file by the entry point of that name."""
+    """Read a map file with the reader of entry point `name`."""
     network: Network = load("maps", name)(path)
     return network
 
 
 READERS: dict[str, Reader] = {".xodr": read_network, **{f".{name}": partial(_added, name) for name in entries("maps")}}
-"""Per suffix, in lower case, what reads such a file and raises MapError where it can't; formats of other packages are entry
-points ``rvads.maps``, named by the suffix."""
+"""Per suffix, in lower case, a reader, which raises MapError for a file that it can't read.
+
+Formats of other packages are entry points ``rvads.maps``, named by the suffix.
+"""
 
 
 def read_file(path: str | os.PathLike[str]) -> Network:
-    """Return the network of a map file; a file of any other suffix is taken as OpenDRIVE.
+    """Return the network of a map file; a file with an unknown suffix is read as OpenDRIVE.
 
     Raises:
         MapError: the file cannot be used at all; the message is one sentence.

@@ -37,12 +37,12 @@ class Ride:
     """A ride: consecutive segments from one position to another, the first and last cut to the positions."""
 
     segments: tuple[Segment, ...]
-    """Empty for the ride from a position to itself."""
+    """The segments; empty for the ride from a position to itself."""
     length: float
-    """Sum of their lengths [m]."""
+    """Sum of the lengths of the segments [m]."""
 
     def path(self) -> Segment | None:
-        """Return the concatenation of the segments, None where two are not consecutive or there are none."""
+        """Return the concatenation of the segments; None for no segments, or for two segments that are not consecutive."""
         return join(self.segments) if self.segments else None
 
 
@@ -53,27 +53,30 @@ class Road:
     entrance: str
     """First vertex."""
     exit: str
-    """Last vertex; the first one where the road is a closed loop."""
+    """Last vertex; the first vertex if the road is a closed loop."""
     segments: tuple[str, ...]
-    """Ids of the segments on the way."""
+    """Ids of the segments of the road, in order."""
 
 
 class MetricGraph:
     """The metric graph of a network, on `networkx.MultiDiGraph`, and its line graph.
 
     Args:
-        network: what a reader of map files gives.
+        network: the network, from a reader of map files.
     """
 
     def __init__(self, network: Network) -> None:
         self.network = network
         self.edges = network.edges
         self.links = network.links
-        """The line graph: on the ids of segments, an arc leads to what traffic can go on to. Where lanes merge and fork at one
-        vertex it has fewer arcs than pairs that meet there, because a file says lane by lane who may go where."""
+        """The line graph: an arc leads from the id of a segment to the id of a segment onto which traffic can continue.
+
+        Where lanes merge and fork at a vertex, the line graph has fewer arcs than pairs of segments that meet at the vertex,
+        because a file states the links lane by lane.
+        """
         self.graph = nx.MultiDiGraph()
-        """Nodes are names of vertices. The key of an edge is the id of its segment, its ``weight`` the length [m]."""
-        # A vertex is a class of lane ends that links make one; it is named after the first lane that ends or starts there.
+        """The metric graph: nodes are names of vertices; an edge has its segment's id as key and the length [m] as ``weight``."""
+        # Links identify lane ends: a vertex is a class of linked lane ends, named after the first lane that ends or starts there.
         classes = nx.utils.UnionFind((id, end) for id in self.edges for end in ("start", "end"))
         for one, two in chain(self.links.edges, *(junction.direct for junction in network.junctions.values())):
             classes.union((one, "end"), (two, "start"))
@@ -96,10 +99,10 @@ class MetricGraph:
         """Return the segment with this id.
 
         Raises:
-            MapError: there is none.
+            MapError: no segment has this id.
         """
         self.ends(id)
-        if id not in self._segments:  # most segments of a town are never asked for
+        if id not in self._segments:  # most segments of a town are never used
             edge = self.edges[id]
             turn = Turn.STRAIGHT if edge.junction is None else Turn.of(edge.turning)
             self._segments[id] = Segment(id, edge.points, turn, edge.junction, edge.limits)
@@ -110,10 +113,10 @@ class MetricGraph:
         return self._inside.get(junction, ())
 
     def ends(self, id: str) -> tuple[str, str]:
-        """Return the vertices that segment `id` leads from and to.
+        """Return the start vertex and the end vertex of segment `id`.
 
         Raises:
-            MapError: there is no such segment.
+            MapError: no segment has this id.
         """
         try:
             return self._ends[id]
@@ -124,7 +127,7 @@ class MetricGraph:
         """Return the paper's ``s(-, eta)``, the position `eta` after the beginning of segment `id` [m].
 
         Raises:
-            MapError: no such segment, or it is shorter than `eta`.
+            MapError: no segment has this id, or the segment is shorter than `eta`.
         """
         length = self.segment(id).length
         if not -_SAME <= eta <= length + _SAME:
@@ -135,24 +138,24 @@ class MetricGraph:
         """Return the paper's ``s(eta, -)``, the position `eta` before the end of segment `id` [m].
 
         Raises:
-            MapError: no such segment, or it is shorter than `eta`.
+            MapError: no segment has this id, or the segment is shorter than `eta`.
         """
         return self.before(id, self.segment(id).length - eta)
 
     def distance(self, one: Position, two: Position) -> float:
-        """Return the paper's ``d_G``: 0 at one place, else the length of the shortest ride, infinite if there is none [m]."""
+        """Return the paper's ``d_G``: 0 for the same place, else the length of the shortest ride, infinite without a ride [m]."""
         ride = self.ride(one, two)
         return math.inf if ride is None else ride.length
 
     def same(self, one: Position, two: Position) -> bool:
-        """Tell whether two positions are one place; the end of a segment and the start of the next are the same vertex."""
+        """Return whether two positions are the same place; the end of a segment and the start of the next are the same vertex."""
         if one.segment == two.segment and abs(one.eta - two.eta) <= _SAME:
             return True
         vertex = self._vertex(one)
         return vertex is not None and vertex == self._vertex(two)
 
     def ride(self, one: Position, two: Position) -> Ride | None:
-        """Return the shortest ride from `one` to `two`, None if there is none."""
+        """Return the shortest ride from `one` to `two`; None if no ride exists."""
         if self.same(one, two):
             return Ride((), 0.0)
         first, last = self.segment(one.segment), self.segment(two.segment)
@@ -179,7 +182,7 @@ class MetricGraph:
         starting = {u: id for id, u, _ in outside}
         inner = {v for _, _, v in outside if self.graph.in_degree(v) == 1 == self.graph.out_degree(v) and v in starting}
         done: set[str] = set()
-        # Paths first, from their entrances; what is left over are closed loops.
+        # First the paths, from their entrances; the remaining segments form closed loops.
         for id, u, _ in [row for row in outside if row[1] not in inner] + outside:
             if id in done:
                 continue
@@ -191,7 +194,7 @@ class MetricGraph:
             yield Road(u, self._ends[way[-1]][1], tuple(way))
 
     def junction(self, id: str) -> nx.MultiDiGraph:
-        """Return the sub-graph of junction `id`: the edges that lie in it, with their vertices.
+        """Return the sub-graph of junction `id`: the edges in the junction, with their vertices.
 
         Raises:
             MapError: no segment lies in such a junction.

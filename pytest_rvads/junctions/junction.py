@@ -1,8 +1,8 @@
-"""Junctions as the rules and the scenarios see them: arms with their lanes, movements, and the geometry to drive on.
+"""Junctions as rules and scenarios use them: arms with their lanes, movements, and the geometry to drive on.
 
-Arms are numbered counter-clockwise. Entrances and exits are lanes, numbered arm by arm and on each arm from the kerb, so that
-with one lane per arm an entrance, and the exit beside it, have the number of their arm. Direction ``d_j`` leads from arm ``i``
-to arm ``(i + j) mod n`` (paper, section 5.2).
+Arms are numbered counter-clockwise. Entrances and exits are lanes, numbered arm by arm and on each arm from the kerb. So with one
+lane per arm an entrance, and the exit beside it, have the number of their arm. Direction ``d_j`` leads from arm ``i`` to arm
+``(i + j) mod n`` (paper, section 5.2).
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from pytest_rvads.maps.segment import SPEED_LIMIT, Limits, Segment, Turn
 __all__ = ["Arm", "Entrance", "Exit", "Junction", "Movement", "cross"]
 
 
-# Autopilots are handed the tables of a junction, so they are read-only; a run has to be picklable all the same.
+# Autopilots receive the tables of a junction, so the tables are read-only. A run must be picklable nevertheless.
 def _table(items: dict[Any, Any]) -> MappingProxyType[Any, Any]:
     return MappingProxyType(items)
 
@@ -41,16 +41,16 @@ class Entrance:
 
     arm: int
     lane: int = 0
-    """Counted from the kerb."""
+    """Number of the lane on its arm, counted from the kerb."""
     sign: Sign = Sign.NONE
     phase: int | None = None
-    """Number of the phase group it has green with; None without a light."""
+    """Number of the entrance's phase group; None without a light."""
     setback: float = 0.0
-    """Distance of the stopping line before the entrance vertex [m]; 0 where no line is marked."""
+    """Distance of the stopping line before the entrance vertex [m]; 0 if no line is marked."""
     approach: Segment | None = None
-    """The lane walked upstream to the previous junction or the end of the road; ends at the vertex."""
+    """The lane followed upstream to the previous junction or the end of the road; the segment ends at the entrance vertex."""
     sign_setback: float | None = None
-    """Distance of its stop sign before the vertex, where that is not at the stopping line [m]."""
+    """Distance of the stop sign before the vertex [m]; None without a stop sign away from the stopping line."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,13 +59,13 @@ class Exit:
 
     arm: int
     lane: int = 0
-    """Counted from the kerb."""
+    """Number of the lane on its arm, counted from the kerb."""
     road: Segment | None = None
-    """The lane walked downstream to the next junction or the end of the road; starts at the vertex."""
+    """The lane followed downstream to the next junction or the end of the road; the segment starts at the exit vertex."""
 
 
 class Arm(NamedTuple):
-    """The lanes of one arm, by their numbers, counted from the kerb."""
+    """The lanes of an arm, as numbers of entrances and exits, counted from the kerb."""
 
     entrances: tuple[int, ...]
     exits: tuple[int, ...]
@@ -73,7 +73,7 @@ class Arm(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Movement:
-    """One way through a junction: an edge of the metric graph, or several that follow each other."""
+    """A way through a junction: an edge of the metric graph, or several consecutive edges."""
 
     entrance: int
     """Number of the entrance."""
@@ -81,11 +81,11 @@ class Movement:
     """Number of the exit."""
     turn: Turn
     length: float
-    """From the entrance vertex to the exit vertex along the centre line [m]."""
+    """Length from the entrance vertex to the exit vertex along the centre line [m]."""
     segment: str
     """Id of the segment that labels the edge."""
     path: Segment | None = field(default=None, compare=False, repr=False)
-    """The centre line; None where a recording does not hold it."""
+    """The centre line; None if a recording does not hold the centre line."""
 
     @property
     def key(self) -> Key:
@@ -95,12 +95,13 @@ class Movement:
 
 @dataclass(frozen=True, eq=False)
 class Junction:
-    """A junction. Two are equal when name, lanes, movements, signs and centre lines are.
+    """A junction. Two junctions are equal if their names, lanes, movements, signs and centre lines are equal.
 
-    A recorded run may know only the topology; segments are then None, and nothing can be simulated there.
+    A recorded run may know only the topology of its junction. Segments are then None, and the junction can't be simulated.
 
     Raises:
-        MapError: a movement from or to a lane that is not there, fewer than two arms, or arms that leave numbers out.
+        MapError: a movement uses a lane that does not exist, the junction has fewer than two arms, or the numbers of the arms
+            have gaps.
     """
 
     name: str
@@ -110,7 +111,7 @@ class Junction:
     entrances: tuple[Entrance, ...]
     exits: tuple[Exit, ...]
     movements: Mapping[Key, Movement]
-    """Per (entrance, exit); there need not be one for every pair."""
+    """Movements by (entrance, exit); some pairs may have no movement."""
     right_of: frozenset[tuple[int, int]]
     """Pairs (v1, v2) of entrances with ``v1 right-of v2`` (paper, table of semantics; mirrored where traffic keeps left)."""
     opposite: frozenset[tuple[int, int]]
@@ -120,12 +121,14 @@ class Junction:
     lane_width: float = 3.5
     """Width of the lanes [m]."""
     map: str | None = None
-    """File it was read from; None for a built-in one, or one from no map. No part of what is compared."""
+    """The map file; None for a built-in junction or a junction without a map. Comparisons ignore the file."""
     stated: frozenset[tuple[Key, Key]] = frozenset()
-    """Pairs of movements of which the map says that the first gives way to the second."""
+    """Pairs of movements of which, according to the map, the first gives way to the second."""
     joining: frozenset[tuple[Key, Key]] = frozenset()
-    """Pairs of movements into one exit of which the map shows that the first joins the second: from a ramp, an entry or exit
-    lane or one that ends, or onto a motorway."""
+    """Pairs of movements into one exit of which, according to the map, the first joins the second.
+
+    The first movement comes from a ramp, an entry or exit lane or a lane that ends, or leads onto a motorway.
+    """
 
     def __post_init__(self) -> None:
         arms = {entrance.arm for entrance in self.entrances} | {exit.arm for exit in self.exits}
@@ -166,7 +169,7 @@ class Junction:
 
     @cached_property
     def lanes(self) -> tuple[int, ...]:
-        """Per arm, how many entrances it has."""
+        """Number of entrances of every arm."""
         return tuple(len(arm.entrances) for arm in self.arms)
 
     @cached_property
@@ -176,12 +179,12 @@ class Junction:
 
     @cached_property
     def control(self) -> JunctionControl:
-        """What regulates the junction as a whole."""
+        """The control of the junction as a whole."""
         return control_of(entrance.sign for entrance in self.entrances)
 
     @cached_property
     def phase_groups(self) -> tuple[frozenset[int], ...]:
-        """Entrances that have green together, the group of entrance 0 first; empty without lights."""
+        """Groups of entrances that have green together, the group of entrance 0 first; empty without lights."""
         phases = sorted({lane.phase for lane in self.entrances if lane.phase is not None})
         return tuple(frozenset(k for k, lane in enumerate(self.entrances) if lane.phase == phase) for phase in phases)
 
@@ -192,7 +195,7 @@ class Junction:
 
     @cached_property
     def drivable(self) -> bool:
-        """Whether it is known where all lanes lie."""
+        """Whether the places of all lanes are known."""
         lines = [e.approach for e in self.entrances] + [e.road for e in self.exits] + [m.path for m in self.movements.values()]
         return None not in lines
 
@@ -204,18 +207,18 @@ class Junction:
 
     @cached_property
     def top_limit(self) -> float:
-        """Highest speed limit of its lanes, `SPEED_LIMIT` where the map states none [m/s]."""
+        """Highest speed limit of the lanes [m/s]; `SPEED_LIMIT` for lanes without a limit in the map."""
         return max(
             (limit or SPEED_LIMIT for line in self._lines for _, limit in line.limits or ((0.0, None),)), default=SPEED_LIMIT
         )
 
     def limited(self, limit: float | None) -> Junction:
-        """Return the junction with one speed limit [m/s] on all its lanes; None: as if its map stated none."""
+        """Return the junction with one speed limit [m/s] on all its lanes; with None, without the limits of its map."""
         return _limited(self, limit) if limit or any(line.limits for line in self._lines) else self
 
     @cached_property
     def stretches(self) -> Mapping[tuple[Key, Key], Shared] | None:
-        """What pairs of movements from different entrances share, in both orders; None without centre lines."""
+        """Shared stretches of pairs of movements from different entrances, in both orders; None without centre lines."""
         paths = {key: m.path for key, m in self.movements.items() if m.path is not None}
         return MappingProxyType(stretches(paths)) if len(paths) == len(self.movements) else None
 
@@ -226,7 +229,7 @@ class Junction:
 
     @cached_property
     def kind(self) -> JunctionKind | None:
-        """How its movements meet; None without centre lines."""
+        """The kind of the junction by the meetings of its movements; None without centre lines."""
         if self.stretches is None:
             return None
         if not self.stretches:
@@ -236,12 +239,12 @@ class Junction:
 
     @cached_property
     def tight(self) -> Mapping[Key, float]:
-        """Movements on which no path of the rear axle keeps a usual car in its lane, with their least radii [m]."""
+        """Least radius [m] of the movements on which no path of the rear axle keeps a usual car in its lane."""
         found = {key: no_way(course, CAR) for key in self.movements if (course := self._course(key)) is not None}
         return MappingProxyType({key: narrow.radius for key, narrow in found.items() if narrow is not None})
 
     def _course(self, key: Key) -> Course | None:
-        """Return the centre line from the approach to the exit road of a movement, None where it is not known."""
+        """Return the centre line from the approach to the exit road of a movement; None if the centre line is not known."""
         entrance, path, road = self.entrances[key[0]], self.movements[key].path, self.exits[key[1]].road
         if entrance.approach is None or path is None or road is None:
             return None
@@ -251,11 +254,11 @@ class Junction:
 
     @cached_property
     def yields(self) -> Mapping[tuple[Key, Key], Reason] | None:
-        """Pairs (one, other) of conflicting movements of which the first gives way to the second, and why.
+        """Pairs (one, other) of conflicting movements of which the first gives way to the second, with the reason.
 
-        Of two that have lights but never green together there is none: the light says who goes. A pair of which nobody can say
-        who gives way is in it in both orders, with the reason ``undecided``. None without centre lines. See
-        `pytest_rvads.junctions.yielding`.
+        Two movements with lights that never have green together are no pair, because the light decides. If it can't be decided
+        which of two movements gives way, both orders of the two are pairs, with the reason ``undecided``. None without centre
+        lines. See `pytest_rvads.junctions.yielding`.
         """
         if self.conflicts is None:
             return None
@@ -281,10 +284,10 @@ class Junction:
 
     @cached_property
     def by_direction(self) -> Mapping[tuple[int, int], Movement]:
-        """Per entrance and symbolic direction the movement there.
+        """Movements by entrance and symbolic direction.
 
-        Direction ``n`` is the U-turn. Where several exits of one arm can be reached, ``j`` leads to the one nearest to the kerb,
-        ``j + n`` to the next, and so on.
+        Direction ``n`` is the U-turn. If several exits of one arm can be reached, ``j`` leads to the exit nearest to the kerb,
+        ``j + n`` to the next exit, and so on.
         """
         found: dict[tuple[int, int], Movement] = {}
         for (entrance, exit), movement in sorted(self.movements.items()):
@@ -296,7 +299,7 @@ class Junction:
 
     @cached_property
     def entex(self) -> frozenset[tuple[int, int]]:
-        """Pairs of an entrance and an exit of one arm, the paper's relation of this name."""
+        """Pairs of an entrance and an exit of the same arm, the paper's relation ``entex``."""
         return frozenset((entrance, exit) for arm in self.arms for entrance in arm.entrances for exit in arm.exits)
 
     @cached_property
@@ -308,13 +311,13 @@ class Junction:
 
     @cached_property
     def digest(self) -> str:
-        """SHA-256 of all that a run or a verdict can depend on: names don't count, signs and centre lines do."""
+        """SHA-256 of everything that a run or a verdict can depend on, including signs and centre lines, without names."""
         found = hashlib.sha256()
         entrances = [(e.arm, e.lane, e.sign, e.phase, e.setback) for e in self.entrances]
         exits = [(e.arm, e.lane) for e in self.exits]
         ways = sorted((m.entrance, m.exit, m.turn, m.length) for m in self.movements.values())
         relations = sorted(self.right_of), sorted(self.opposite)
-        # What most junctions don't have comes in only where there is some, so that digests of the others stay as they were.
+        # Rare properties enter the digest only if the junction has them, so that other junctions keep their digests.
         signs = [e.sign_setback for e in self.entrances] if any(e.sign_setback is not None for e in self.entrances) else None
         joining = self.joining and {"joining": sorted(self.joining)}
         limits = [line.limits for line in self._lines]
@@ -330,7 +333,7 @@ class Junction:
         """Return the movement from `entrance` into symbolic direction `direction`, see `by_direction`.
 
         Raises:
-            ScenarioError: there is none.
+            ScenarioError: no movement leads there.
         """
         movement = self.by_direction.get((entrance, direction))
         if movement is None:
@@ -352,7 +355,7 @@ class Junction:
 
     @cached_property
     def rotations(self) -> tuple[int, ...]:
-        """By how many arms the junction can be rotated so that lanes, movements and signs stay the same; 0 comes first.
+        """Numbers of arms by which a rotation keeps lanes, movements and signs the same; 0 comes first.
 
         Turns may change: rotating a T is a symmetry in the paper's sense (section 5.2).
         """
@@ -367,17 +370,17 @@ class Junction:
         return tuple(found)
 
     def image(self, arms: int) -> tuple[tuple[int, ...], tuple[int, ...]] | None:
-        """Return which entrances and exits take the places of each when every arm moves on by `arms`; None if one has none."""
+        """Return the images of entrances and exits when every arm moves on by `arms`; None if a lane has no image."""
         entrances, exits = (_image(lanes, arms, self.ways) for lanes in (self.entrances, self.exits))
         return None if entrances is None or exits is None else (entrances, exits)
 
     def vehicle_at(self, entrance: int) -> str:
-        """Return the name of the first vehicle at an entrance: ``a0``; ``a0.1`` on lane 1 of an arm that has several."""
+        """Return the name of the first vehicle at an entrance: ``a0``; ``a0.1`` on lane 1 of an arm with several entrances."""
         lane = self.entrances[entrance]
         return f"a{lane.arm}" if len(self.arms[lane.arm].entrances) == 1 else f"a{lane.arm}.{lane.lane}"
 
     def approach(self, entrance: int) -> float:
-        """Return the length of the approach of `entrance`, up to its stopping line [m]; 0 where it is not known."""
+        """Return the length of the approach of `entrance`, up to its stopping line [m]; 0 if the approach is not known."""
         lane = self.entrances[entrance]
         return lane.approach.length - lane.setback if lane.approach else 0.0
 
@@ -385,7 +388,7 @@ class Junction:
         """Return the lane that leads to `entrance`; see `Entrance.approach`.
 
         Raises:
-            MapError: it is not known where the lanes lie.
+            MapError: the place of the lane is not known.
         """
         return self._known(self.entrances[entrance].approach)
 
@@ -404,7 +407,7 @@ class Junction:
 
     @property
     def near(self) -> Turn:
-        """The turn that crosses nobody's way: right where traffic keeps right."""
+        """The turn that crosses no other way: right where traffic keeps right."""
         return Turn.LEFT if self.left_hand else Turn.RIGHT
 
     @property
@@ -413,7 +416,7 @@ class Junction:
         return Turn.RIGHT if self.left_hand else Turn.LEFT
 
 
-@lru_cache(maxsize=256)  # one object per limit, so that what is found out about it is found out once
+@lru_cache(maxsize=256)  # one object per limit, so that its cached properties are computed once
 def _limited(junction: Junction, limit: float | None) -> Junction:
     limits: Limits = () if limit is None else ((0.0, limit),)
 
@@ -442,14 +445,14 @@ def cross(
     approaches: Sequence[Segment] = (),
     roads: Sequence[Segment] = (),
 ) -> tuple[tuple[Entrance, ...], tuple[Exit, ...]]:
-    """Return the entrances and exits of a junction of one lane per arm.
+    """Return the entrances and exits of a junction with one lane per arm.
 
     Args:
-        signs: per arm.
-        phase_groups: entrances per phase group.
-        setbacks: per arm, distance of the stopping line before the entrance vertex [m]; 0 where none is given.
-        approaches: per arm, the lane that leads in, where known.
-        roads: per arm, the lane that leads out, where known.
+        signs: the sign of every arm.
+        phase_groups: the entrances of every phase group.
+        setbacks: per arm, distance of the stopping line before the entrance vertex [m]; 0 by default.
+        approaches: per arm, the lane that leads in, if known.
+        roads: per arm, the lane that leads out, if known.
     """
     phases = {entrance: number for number, group in enumerate(phase_groups) for entrance in group}
     return (

@@ -1,4 +1,4 @@
-"""Kinds of junctions: by what regulates them, how many arms they have, and how long their approaches are."""
+"""Kinds of junctions: their control, number of arms, and length of approaches."""
 
 from __future__ import annotations
 
@@ -25,21 +25,21 @@ _KEYS = ("control", "arms", "approach")
 
 @dataclass(frozen=True, slots=True)
 class Kinds:
-    """Which junctions are wanted; what is not said may be anything."""
+    """A condition on junctions; properties that are not given are not restricted."""
 
     control: tuple[JunctionControl, ...] = ()
-    """What regulates them, any of these."""
+    """The allowed controls; empty for any control."""
     arms: tuple[int, ...] = ()
-    """How many arms they have, any of these."""
+    """The allowed numbers of arms; empty for any number."""
     approach: float = 0.0
-    """Shortest approach, from the previous junction to the stopping line [m]."""
+    """Least length of approaches, from the previous junction to the stopping line [m]."""
 
     @classmethod
     def of(cls, asked: Mapping[str, Any]) -> Kinds:
         """Return kinds from words: ``{"control": ["stop", "lights"], "arms": 4, "approach": 40}``, one value or several.
 
         Raises:
-            MapError: another word, or a value that no junction has.
+            MapError: a key is unknown, or a value that no junction can have is given.
         """
         require(asked, Mapping, "kinds of junctions are a dict such as {'control': 'stop', 'arms': (3, 4)}", MapError)
         for key in asked:
@@ -57,7 +57,7 @@ class Kinds:
 
     @classmethod
     def parse(cls, text: str) -> Kinds | None:
-        """Return the kind that a type is, "4-way all-way stop with 40 m of approach"; None where the text is no type."""
+        """Return the kind of a type such as "4-way all-way stop with 40 m of approach"; None if the text is no type."""
         match = _TYPE.fullmatch(text.strip())
         if match is None:
             return None
@@ -66,13 +66,13 @@ class Kinds:
         return cls((control,), (int(match["ways"]),), float(match["approach"] or 0.0))
 
     def match(self, report: JunctionReport) -> bool:
-        """Tell whether a junction, usable or not, has the control and the arms; one that nobody enters has no control."""
+        """Return whether a junction, usable or not, has the control and the arms; a junction without entrances has no control."""
         if self.arms and report.ways not in self.arms:
             return False
         return not self.control or (bool(report.entrances) and report.control in self.control)
 
     def fit(self, report: JunctionReport) -> bool:
-        """Tell whether a junction is usable and of these kinds, and its approaches are long enough."""
+        """Return whether a junction is usable and of these kinds, and its approaches are long enough."""
         return report.usable and self.match(report) and report.usable_from >= self.approach
 
     def __str__(self) -> str:
@@ -82,7 +82,7 @@ class Kinds:
 
 
 def _several(key: str, asked: Mapping[str, Any], known: Iterable[Any], expected: str) -> tuple[Any, ...]:
-    """Return what was asked for under a key as a tuple, empty where nothing was."""
+    """Return the values under a key as a tuple; empty if the key is missing."""
     if key not in asked:
         return ()
     value, known = asked[key], tuple(known)

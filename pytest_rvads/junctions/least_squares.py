@@ -1,6 +1,6 @@
-"""The damped normal equations of a least-squares problem in which errors depend on neighbouring unknowns alone.
+"""The damped normal equations of a least-squares problem whose errors depend only on neighbouring unknowns.
 
-Numpy's own solvers give other last bits with other numbers of threads, and runs have to be the same bit for bit.
+The last bits of the results of numpy's solvers depend on the number of threads, but runs have to be bit-identical.
 """
 
 from __future__ import annotations
@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 __all__ = ["BAND", "normal_bands", "pull", "solved"]
 
 BAND = 5
-"""The errors of a row depend on so many unknowns: that of the row and two on either side."""
+"""Number of unknowns on which the errors of a row depend: the unknown of the row and two on either side."""
 
 
 def normal_bands(slopes: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the bands of the normal matrix: entry (k, k + m) at ``[m, k]``, shape ``(BAND, unknowns)``.
 
     Args:
-        slopes: how every error of a row changes with the unknowns of its band, shape ``(unknowns, errors, BAND)``.
+        slopes: the derivatives of the errors of every row by the unknowns of its band, shape ``(unknowns, errors, BAND)``.
     """
     count, half = len(slopes), BAND // 2
     products = np.einsum("nca,ncb->nab", slopes, slopes)
@@ -30,11 +30,11 @@ def normal_bands(slopes: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def pull(slopes: NDArray[np.float64], errors: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the slope of half the sum of squares with every unknown, shape ``(unknowns,)``.
+    """Return the derivatives of half the sum of squares by every unknown, shape ``(unknowns,)``.
 
     Args:
-        slopes: as for `normal_bands`.
-        errors: shape ``(unknowns, errors)``.
+        slopes: the derivatives of the errors of every row by the unknowns of its band, shape ``(unknowns, errors, BAND)``.
+        errors: the errors of every row, shape ``(unknowns, errors)``.
     """
     count, half = len(slopes), BAND // 2
     padded = np.zeros(count + 2 * half)
@@ -47,8 +47,8 @@ def solved(bands: NDArray[np.float64], damping: float, right: NDArray[np.float64
     """Return the solution of the damped normal equations, by elimination within their bands.
 
     Args:
-        bands: of the normal matrix, as `normal_bands` returns them.
-        damping: added to the diagonal.
+        bands: the bands of the normal matrix, as `normal_bands` returns them.
+        damping: the value added to the diagonal.
         right: the right-hand side, shape ``(unknowns,)``.
     """
     count = len(right)

@@ -1,8 +1,8 @@
-"""Poses on the metric graph: along a known track, or anywhere on a map.
+"""Projects poses on the metric graph: on a known track, or anywhere on a map.
 
-A vehicle is projected on its own track, in a window around its last station: half of the points inside a
-junction lie within 0.5 m of another movement, so "the nearest lane" is the wrong one there. `Locator` is for
-first placements and for logs that say nothing about itineraries; it returns every candidate, best first.
+A vehicle is projected on its own track, in a window around its last station. Half of the points inside a junction lie within 0.5
+m of another movement, so "the nearest lane" is often the wrong lane there. `Locator` is for first placements and for logs without
+itineraries; it returns all candidates, the best first.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ _PER_RADIAN = 2.0
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """Where a pose is relative to a line."""
+    """The place of a pose relative to a line."""
 
     position: Position
-    """On the metric graph."""
+    """Position on the metric graph."""
     station: float
-    """Along the track, or along the segment where there is no track [m]."""
+    """Station along the track, or along the segment if there is no track [m]."""
     offset: float
-    """To the left of the line [m]."""
+    """Offset to the left of the line [m]."""
     heading_error: float
     """Heading of the pose minus direction of the line, in -pi..pi [rad]."""
 
@@ -41,10 +41,10 @@ class Track:
     """Consecutive segments of a metric graph, such as an itinerary.
 
     Args:
-        segments: at least one, each starting where the one before ends.
+        segments: at least one segment, each starting where the segment before ends.
 
     Raises:
-        MapError: no segment, or two that are not consecutive.
+        MapError: there is no segment, or two segments are not consecutive.
     """
 
     def __init__(self, segments: Sequence[Segment]) -> None:
@@ -63,29 +63,29 @@ class Track:
             station += segment.length
 
     def project(self, pose: Pose, near: float, window: float = 5.0) -> Place:
-        """Project a pose on the track, looking only around station `near`.
+        """Project a pose on the track, in a window around station `near`.
 
         Args:
-            pose: of the vehicle's reference point.
-            near: station to look around [m].
-            window: how far to look to either side [m].
+            pose: the pose of the vehicle's reference point.
+            near: the station in the middle of the window [m].
+            window: half the length of the window [m].
         """
         station, offset = self.path.project(pose.x, pose.y, near, window)
         error = math.remainder(pose.heading - self.path.pose(station).heading, math.tau)
         return Place(self.position(station), station, offset, error)
 
     def position(self, station: float) -> Position:
-        """Return the position on the metric graph at `station` [m]; in a gap, the end of the segment before it."""
+        """Return the position on the metric graph at `station` [m]; in a gap, the end of the segment before the gap."""
         i = max(bisect_right(self._starts, station) - 1, 0)
         segment = self.segments[i]
         return Position(segment.id, min(max(station - self._starts[i], 0.0), segment.length))
 
 
 class Locator:
-    """Finds the segments a pose can be on, by a grid of cells over the plane.
+    """Finds the segments that a pose can be on, by a grid of cells over the plane.
 
     Args:
-        segments: of a metric graph.
+        segments: the segments of a metric graph.
     """
 
     def __init__(self, segments: Iterable[Segment]) -> None:
@@ -97,15 +97,15 @@ class Locator:
                     self._cells.setdefault(cell, []).append((segment, i))
 
     def locate(self, pose: Pose, reach: float = 4.0, turn: float = math.pi / 2) -> list[Place]:
-        """Return the places a pose can be at, best first: near the line, and heading along it.
+        """Return the places of a pose near a line and heading along the line, the best first.
 
         Args:
-            pose: of the vehicle's reference point.
+            pose: the pose of the vehicle's reference point.
             reach: largest distance from the line [m].
             turn: largest heading error [rad].
 
         Raises:
-            MapError: a pose that is not finite, or a reach beyond 6 m.
+            MapError: the pose is not finite, or the reach is beyond 6 m.
         """
         if not all(map(math.isfinite, pose)):
             raise MapError(f"a pose needs finite coordinates and heading, got {tuple(pose)}")
@@ -123,7 +123,7 @@ class Locator:
 
 
 def _cells_between(one: Sequence[float], two: Sequence[float]) -> set[tuple[int, int]]:
-    """Return the cells that a straight piece passes, sampled often enough to touch a neighbour of each."""
+    """Return the cells that a straight piece passes, sampled densely enough to include a neighbour of each passed cell."""
     steps = max(1, math.ceil(math.dist(one, two) / (_CELL / 2)))
     return {
         (

@@ -1,4 +1,4 @@
-"""A map file as the model sees it: metric graph, junctions and warnings."""
+"""A map file as the model reads it: metric graph, junctions and warnings."""
 
 from __future__ import annotations
 
@@ -31,21 +31,21 @@ from pytest_rvads.wording import plural
 __all__ = ["WALK_LIMIT", "RoadMap", "describe", "read_map"]
 
 WALK_LIMIT = 600.0
-"""How much of an approach or exit road becomes geometry, at most [m]."""
+"""Longest part of an approach or exit road that becomes geometry [m]."""
 
 
 @dataclass(frozen=True, eq=False)
 class RoadMap:
-    """A map file, read."""
+    """The content of a map file."""
 
     path: str
     graph: MetricGraph
     """The metric graph of all drivable lanes."""
     junctions: tuple[JunctionReport, ...]
-    """One per junction that the file declares, in file order, usable or not."""
+    """Reports of the junctions that the file declares, usable or not, in file order."""
     warnings: tuple[MapWarning, ...]
     joints: frozenset[str] = frozenset()
-    """Ids of junctions that only join two roads: approaches and exit roads go on through them."""
+    """Ids of junctions that only join two roads; approaches and exit roads continue through them."""
 
     def walk(self, start: str, *, upstream: bool) -> list[str]:
         """Return the edges from edge `start` to the next junction or the end of the road, see `pytest_rvads.junctions.ways`."""
@@ -53,25 +53,25 @@ class RoadMap:
 
     @cached_property
     def bends(self) -> tuple[MapWarning, ...]:
-        """Doubts about movements on which no car keeps its lane, one per junction: paths are planned only when asked for."""
+        """Warnings about movements on which no car keeps its lane, one per junction; paths are planned at the first use."""
         usable = ((report.id, self._cut(report, report.id, roads=True).tight) for report in self.junctions if report.usable)
         return tuple(MapWarning(Doubt.BEND, _bend(id, tight), None, id) for id, tight in usable if tight)
 
     @cached_property
     def locator(self) -> Locator:
-        """Finds the segments a pose can be on."""
+        """The locator of the segments that a pose can be on."""
         return Locator(map(self.graph.segment, self.graph.segments))
 
     def track(self, id: str, entrance: int, exit: int) -> Track:
         """Return the segments of the metric graph from the start of an approach through junction `id` down an exit road.
 
         Args:
-            id: of the junction.
-            entrance: number of the entrance.
-            exit: number of the exit.
+            id: the id of the junction.
+            entrance: the number of the entrance.
+            exit: the number of the exit.
 
         Raises:
-            MapError: no such junction or movement.
+            MapError: no junction has this id, or the junction has no such movement.
         """
         report = self.report(id)
         way = next((way for way in report.movements if (way.entrance, way.exit) == (entrance, exit)), None)
@@ -82,14 +82,14 @@ class RoadMap:
         return Track([self.graph.segment(edge) for edge in (*before, *way.path.edges, *after)])
 
     def relations(self, report: JunctionReport) -> Junction | None:
-        """Return a junction to ask for its relations, which needs no roads; None where it is unusable."""
+        """Return a junction without its roads, for its relations; None if the junction is unusable."""
         return self._cut(report, report.id, roads=False) if report.usable else None
 
     def entex(self, id: str) -> dict[str, str]:
         """Return the paper's ``entex`` of junction `id`: per entrance vertex the neighbouring exit vertex.
 
         Raises:
-            MapError: there is no such junction.
+            MapError: no junction has this id.
         """
         pairs = [(arm.entrances, arm.exits) for arm in self.report(id).arms]
         return {self.graph.ends(one)[1]: self.graph.ends(twos[0])[0] for ones, twos in pairs if twos for one in ones}
@@ -98,7 +98,7 @@ class RoadMap:
         """Return the report of junction `id`.
 
         Raises:
-            MapError: there is no such junction.
+            MapError: no junction has this id.
         """
         for report in self.junctions:
             if report.id == id:
@@ -114,12 +114,12 @@ class RoadMap:
         """Return junction `id` with its geometry.
 
         Args:
-            id: of the ``<junction>``.
-            name: name in test ids; ``stem.id`` when None.
+            id: the id of the ``<junction>``.
+            name: the name in test ids; ``stem.id`` by default.
             uturns: keep U-turns, which are left out otherwise; their direction is ``n``, the number of arms.
 
         Raises:
-            MapError: there is no such junction, or it is unusable; the message says why.
+            MapError: no junction has this id, or the junction is unusable; the message gives the reason.
         """
         report = self.report(id)
         if uturns:
@@ -129,9 +129,9 @@ class RoadMap:
         return self._cut(report, name or f"{Path(self.path).stem}.{id}", roads=True)
 
     def _cut(self, report: JunctionReport, name: str, *, roads: bool) -> Junction:
-        """Return a junction; without the geometry of its `roads`, which takes longest to join, movements still have theirs."""
+        """Return a junction; without `roads` its approaches and exit roads, which take longest to join, have no geometry."""
         movements: dict[tuple[int, int], Movement] = {}
-        for way in reversed(report.movements):  # of several from one lane to another the shortest comes first
+        for way in reversed(report.movements):  # of several ways between two lanes, the shortest comes first
             edges = [self.graph.edges[e] for e in way.path.edges]
             parts = [Segment(edge.id, edge.points, way.turn, report.id, edge.limits) for edge in edges]
             path = self._joined(parts)
@@ -162,7 +162,7 @@ class RoadMap:
         )
 
     def _road(self, start: str, *, upstream: bool) -> Segment:
-        """Join the segments of a walk, at most `WALK_LIMIT` of them, into one."""
+        """Join the segments of a walk into one segment, cut to `WALK_LIMIT`."""
         total, kept = 0.0, []
         for id in self.walk(start, upstream=upstream):
             kept.append(self.graph.segment(id))
@@ -185,7 +185,7 @@ def read_map(path: str | os.PathLike[str], *, uturns: bool = False, clusters: bo
     """Read a map file, by its suffix.
 
     Args:
-        path: of the file.
+        path: the map file.
         uturns: keep U-turns at all junctions, which are left out otherwise.
         clusters: read junctions whose ways lead into each other as one junction, if the union has 3 to 8 arms.
 
@@ -218,7 +218,7 @@ def describe(road_map: RoadMap) -> dict[str, Any]:
 
 
 def _bend(id: str, tight: Mapping[Key, float]) -> str:
-    """Return what is told of the movements of a junction on which no car keeps its lane, the tightest first."""
+    """Return the warning about the movements of a junction on which no car keeps its lane; it names the tightest movement."""
     entrance, exit = min(tight, key=tight.__getitem__)
     rest = f"; nor on {plural(len(tight) - 1, 'more movement')}" if len(tight) > 1 else ""
     return (
@@ -234,9 +234,9 @@ def _limits(arm: RoadArm, edges: Mapping[str, Edge]) -> list[float]:
 
 
 def _describe(report: JunctionReport, junction: Junction | None, edges: Mapping[str, Edge]) -> dict[str, Any]:
-    """Return what is known of a junction; who gives way to whom only where it is usable."""
+    """Return a report as builtins; conflicts and yields are given only for a usable junction."""
     entering = [i for i, arm in enumerate(report.arms) if arm.entrances]
-    # Of several from one lane to another the shortest, which comes first, is driven.
+    # Of several ways between two lanes, the shortest is driven, which comes first.
     numbers = {(way.entrance, way.exit): k for k, way in reversed([*enumerate(report.movements)])}
     by_arm = {i: [k for k, end in enumerate(report.entrances) if end.arm == i] for i in range(report.ways)}
     conflicts, yields = (junction.conflicts or (), junction.yields or {}) if junction else ((), {})

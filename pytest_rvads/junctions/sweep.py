@@ -1,7 +1,7 @@
-"""What a body sweeps in a bend, and whether any path of its rear axle keeps the body in the lane.
+"""The area that a body sweeps in a bend, and the search for a path of its rear axle that keeps the body in the lane.
 
-A path is a row of offsets from the smoothed centre line, found by a Gauss-Newton descent. Drivers follow the path, `keep_lane`
-asks whether there is one, and so does the report of a map.
+A path is a row of offsets from the smoothed centre line, found by a Gauss-Newton descent. Drivers follow the path. The rule
+`keep_lane` and the report of a map use whether a path exists.
 """
 
 from __future__ import annotations
@@ -22,56 +22,58 @@ __all__ = ["CAR", "EXIT_LENGTH", "FINE", "LANE_TOLERANCE", "STEP", "Body", "Cour
 Array = NDArray[np.float64]
 
 LANE_TOLERANCE = 0.3
-"""How far a body may reach over the border of its lane [m]; about as much as lane keeping of people varies."""
+"""Longest distance by which a body may cross the border of its lane [m]; about the variation of people's lane keeping."""
 STEP = 0.5
 """Distance between two points of the path [m]."""
 FINE = 0.25
 """Distance between two points of the centre line that bodies are measured against [m]."""
 AROUND = 4.0
-"""How far along the centre line the place of a corner is looked for, around where the corner were on a straight path [m]."""
+"""Half the range of stations in which the place of a corner is searched, around its place on a straight path [m]."""
 EXIT_LENGTH = 60.0
-"""How much of the exit road belongs to the way of a vehicle, at most [m]."""
+"""Longest part of the exit road that belongs to the way of a vehicle [m]."""
 BEFORE, BEHIND = 12.0, 15.0
-"""How far the search reaches, before the stopping line and behind the junction [m]."""
+"""Range of the search before the stopping line and behind the junction [m]."""
 BLUR = 2.5
-"""Standard deviation of the smoothing of the centre line [m]: sharper corners are no path of an axle."""
+"""Standard deviation of the smoothing of the centre line [m]; an axle can't follow sharper corners."""
 MARGIN = 0.2
-"""Kept from the border that `keep_lane` allows where there is room for it [m]: the tracking errs by so much."""
+"""Distance kept from the border that `keep_lane` allows, if there is room [m]: the error of the tracking."""
 RESERVE = 0.97
-"""Share of the sharpest curvature of the vehicle that is planned with where that suffices."""
+"""Share of the vehicle's sharpest curvature that is used for planning, if it suffices."""
 LEAST = 0.03
-"""Margin that a path must leave to count as one that keeps the lane [m]: the rear axle errs by so much at a walking pace."""
+"""Least margin of a path that counts as keeping the lane [m]: the error of the rear axle at a walking pace."""
 LITTLE, MOST = 0.08, 0.98
-"""Margin [m] and share that are planned with where nothing fits with `MARGIN` and `RESERVE`."""
+"""Margin [m] and share for planning if no path fits with `MARGIN` and `RESERVE`."""
 WITHIN = math.tan(0.61) / (0.7 * 0.8 / 1.8)
-"""Length of path within which the wheels turn from straight on to their limit, at the soonest [m].
+"""Least length of path in which the wheels turn from straight on to their limit [m].
 
-Those of a car do so, by 0.61 rad, with 0.7 of their 0.8 rad/s at 1.8 m/s."""
+The wheels of a car turn by 0.61 rad, with 0.7 of their 0.8 rad/s at 1.8 m/s.
+"""
 ROUNDS = 80
-"""Steps of the descent, at most."""
+"""Most steps of the descent."""
 DONE = 0.02
-"""Weighted errors that are good enough: 1 cm over the border, or an offset of 0.5 m along 25 m."""
+"""Sum of weighted errors that is good enough: 1 cm over the border, or an offset of 0.5 m along 25 m."""
 _STEER, _TURN, _JERK = 100.0, 10.0, 0.6
-"""Weights of curvature beyond the vehicle's [m], of its change beyond what the wheels can turn, and of every change [m^2]."""
+"""Weights of curvature beyond the vehicle's limit [m], of its change beyond the wheels' limit, and of every change [m^2]."""
 _LANE, _INSIDE, _CENTRE = 20.0, 2.0, 0.02
-"""Weights of bodies over the border, of corners over it inside the junction, and of offsets [1/m].
+"""Weights of bodies over the border, of corners over the border inside the junction, and of offsets [1/m].
 
-All weights are chosen, not measured: what `keep_lane` judges comes before the rest."""
+All weights are chosen, not measured: the errors that `keep_lane` judges have priority.
+"""
 _NUDGE = 1e-4
-"""Change of an offset that slopes are measured with [m]."""
+"""Change of an offset from which derivatives are computed [m]."""
 
 
 class Body(NamedTuple):
-    """What of a vehicle decides where it can go."""
+    """The measures of a vehicle that decide where it can go."""
 
     length: float
-    """Bumper to bumper [m]."""
+    """Length from bumper to bumper [m]."""
     width: float
-    """[m]."""
+    """Width of the body [m]."""
     axle: float
-    """Front bumper to rear axle [m]."""
+    """Distance from the front bumper to the rear axle [m]."""
     radius: float
-    """Of the circle on which the rear axle drives with the wheels turned as far as they go [m]."""
+    """Radius of the circle of the rear axle with the wheels turned to their limit [m]."""
 
 
 class Course(NamedTuple):
@@ -81,11 +83,11 @@ class Course(NamedTuple):
     origin: float
     """Arc length of the entrance vertex on `path` [m]."""
     length: float
-    """Of the movement [m]."""
+    """Length of the movement [m]."""
     start: float
-    """Station of the front where a path begins on the centre line [m]."""
+    """Station of the front at which a path begins on the centre line [m]."""
     lane_width: float
-    """[m]."""
+    """Width of the lane [m]."""
 
 
 CAR = Body(4.6, 1.86, 3.65, LEAST_RADIUS)
@@ -94,18 +96,19 @@ CAR = Body(4.6, 1.86, 3.65, LEAST_RADIUS)
 
 @lru_cache(maxsize=256)
 def through(approach: Segment, movement: Segment, road: Segment) -> Segment | None:
-    """Return the centre line of a vehicle's way, joined once; None where the segments do not meet."""
+    """Return the centre line of a vehicle's way, joined once; None if the segments do not meet."""
     return join((approach, movement, road if road.length <= EXIT_LENGTH else road.head(EXIT_LENGTH)))
 
 
 class Sweep:
-    """What a body sweeps while its rear axle follows a path beside a centre line.
+    """The area that a body sweeps while its rear axle follows a path beside a centre line.
 
     Args:
         course: the centre line.
-        body: what drives there.
-        margin: kept from the border that `keep_lane` allows [m].
-        share: of the sharpest curvature of the vehicle that is allowed.
+        body: the body.
+        margin: the distance kept from the border that `keep_lane` allows [m].
+        share: the allowed share of the vehicle's sharpest curvature.
+        firm: a factor of the weights of sharp curvature and of the border.
     """
 
     def __init__(self, course: Course, body: Body, margin: float, share: float, firm: float = 1.0) -> None:
@@ -121,7 +124,7 @@ class Sweep:
         points = round((last - first + self._back + self._rear + 2.0 * AROUND) / FINE) + 4
         fine = np.asarray(first - self._rear - AROUND + FINE * np.arange(points), dtype=np.float64)
         self._fine, (self._places, _) = fine, path.centre(fine + origin)
-        # Middle of the front, then corners: of each the points of the centre line among which the nearest one is.
+        # For the middle of the front and for the corners, the points of the centre line among which the nearest point is.
         ahead = np.array([self._back, self._back, self._back, -self._rear, -self._rear])
         self._shape = ahead[:, None], np.array([0.0, -self._side, self._side, -self._side, self._side])[:, None]
         start = np.arange(count)[:, None] * round(STEP / FINE) + np.round((ahead + self._rear) / FINE).astype(np.int64)
@@ -134,7 +137,7 @@ class Sweep:
         self.free = np.ones(count, dtype=np.bool_)
         self.free[:2] = self.free[-3:] = False
         self._base = np.where(self.free[:, None], blurred, self.centre)
-        # A vehicle starts with its front on the centre line, and points away from where its rear axle would be there.
+        # A vehicle starts with its front on the centre line, pointing away from the place of its rear axle there.
         front, _ = path.centre(np.array([course.start + origin]))
         ahead = (front[0] - self._base[0]) / math.dist(front[0], self._base[0])
         self._base[:2] = front - np.array([[self._back], [self._back - STEP]]) * ahead
@@ -156,13 +159,13 @@ class Sweep:
         return spots
 
     def nearest(self, points: Array) -> NDArray[np.int64]:
-        """Return which points of the centre line are nearest to front and corners, shape ``(stations, 5)``."""
+        """Return the numbers of the points of the centre line nearest to front and corners, shape ``(stations, 5)``."""
         apart = self._spots(points)[:, :, None, :] - self._places[self._near]
         square = apart[..., 0] ** 2 + apart[..., 1] ** 2
         return np.take_along_axis(self._near, square.argmin(axis=-1)[..., None], axis=-1)[..., 0]
 
     def over(self, points: Array, nearest: NDArray[np.int64]) -> tuple[Array, Array]:
-        """Return how far the body reaches over the border [m]: what `keep_lane` looks at, and other corners."""
+        """Return the distances of the body over the border [m]: of the points that `keep_lane` checks, and of other corners."""
         apart = self._spots(points) - self._places[nearest]
         far = np.maximum(np.hypot(apart[..., 0], apart[..., 1]) - self._half, 0.0)
         place = self._fine[nearest]
@@ -180,13 +183,13 @@ class Sweep:
         return bend
 
     def amiss(self, points: Array) -> Array:
-        """Return the stations where a vehicle can't follow a path, or `keep_lane` finds something wrong with its body [m]."""
+        """Return the stations where a vehicle can't follow a path, or where its body violates `keep_lane` [m]."""
         judged, _ = self.over(points, self.nearest(points))
         stations: Array = self.stations[judged.any(axis=1) | (np.abs(np.pad(self.curvature(points), 1)) > self._most)]
         return stations
 
     def errors(self, offsets: Array, nearest: NDArray[np.int64]) -> Array:
-        """Return what is wrong with a path, weighted, a row per station."""
+        """Return the weighted errors of a path, a row per station."""
         points = self.way(offsets)
         bend = np.pad(self.curvature(points), 1)
         judged, others = self.over(points, nearest)
@@ -197,7 +200,7 @@ class Sweep:
         return np.column_stack((*bends, self._firm * _LANE * judged, _INSIDE * others, _CENTRE * offsets))
 
     def relax(self, offsets: Array) -> Array:
-        """Return the offsets of the best path that a descent from some `offsets` finds [m]."""
+        """Return the offsets of the best path found by a descent from given `offsets` [m]."""
         damping, damped = 1.0, True
         nearest = self.nearest(self.way(offsets))
         best = self.errors(offsets, nearest)
@@ -223,7 +226,7 @@ class Sweep:
         return offsets
 
     def _slopes(self, offsets: Array, errors: Array, nearest: NDArray[np.int64]) -> Array:
-        """Return how the errors of a station change with the offsets around, shape ``(stations, errors, BAND)`` [1/m]."""
+        """Return the derivatives of a station's errors by the offsets around it, shape ``(stations, errors, BAND)`` [1/m]."""
         station = np.arange(len(offsets))
         slopes = np.zeros((*errors.shape, BAND))
         for colour in range(BAND):
@@ -239,9 +242,9 @@ class Plan(NamedTuple):
     """A path of a rear axle that leaves the centre line."""
 
     stations: Array
-    """Of the points on the centre line [m]."""
+    """Stations of the points on the centre line [m]."""
     points: Array
-    """Shape ``(stations, 2)`` [m]."""
+    """Points of the path, shape ``(stations, 2)`` [m]."""
     bend: Array
     """Curvature at every point, shape ``(stations,)`` [1/m]."""
     amiss: Array
@@ -250,7 +253,7 @@ class Plan(NamedTuple):
 
 @lru_cache(maxsize=1024)
 def plan(course: Course, body: Body) -> Plan | None:
-    """Return the path of the rear axle that keeps a body in its lane best; None where the centre line will do."""
+    """Return the path of the rear axle that keeps a body in its lane best; None if the centre line is good enough."""
     roomy, exact = Sweep(course, body, MARGIN, RESERVE), Sweep(course, body, LEAST, 1.0)
     if not len(roomy.amiss(roomy.centre)):
         return None
@@ -267,17 +270,17 @@ class Narrow(NamedTuple):
     """A bend in which no path of the rear axle keeps a body in its lane."""
 
     radius: float
-    """The least one of the centre line [m]."""
+    """Least radius of the centre line [m]."""
     start: float
-    """Station of the front from which on the lane can't be kept for certain [m]: at the latest, the entrance vertex."""
+    """Station of the front from which on the lane certainly can't be kept [m]; at most the station of the entrance vertex."""
     end: float
-    """Station of the front up to which it can't [m]: at the soonest, where the rear leaves the junction."""
+    """Station of the front up to which the lane can't be kept [m]; at least the station at which the rear leaves the junction."""
 
 
 def no_way(course: Course, body: Body) -> Narrow | None:
-    """Return where no path of the rear axle is found that keeps the body in its lane; None where there is one.
+    """Return the bend in which no path of the rear axle keeps the body in its lane; None if a path is found.
 
-    A bend is not planned where even the ring that the body sweeps on a circle of its radius is narrower than the lane.
+    No path is planned for a bend in which the ring that the body sweeps on a circle of its radius is narrower than the lane.
     """
     first = course.start - body.length - AROUND
     bend, _ = course.path.centre(np.arange(first, course.length + BEHIND, STEP) + course.origin)

@@ -1,4 +1,4 @@
-"""The word for what a movement does, for people; drivers, rules and lights go by its `Turn`, the side that it turns to."""
+"""The word for the turn of a movement, for people; drivers, rules and lights use its `Turn`, the side to which it turns."""
 
 from __future__ import annotations
 
@@ -12,5 +12,5 @@ UTURN = "U-turn"
 
 
 def turn_word(place: Junction | JunctionReport, way: Movement | Way) -> str:
-    """Return ``left``, ``straight`` or ``right``, or ``U-turn`` for a movement that leaves by the arm from which it came."""
+    """Return ``left``, ``straight`` or ``right``, or ``U-turn`` for a movement that leaves by the arm of its entrance."""
     return UTURN if place.entrances[way.entrance].arm == place.exits[way.exit].arm else way.turn.value

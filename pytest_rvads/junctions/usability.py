@@ -1,4 +1,4 @@
-"""Why the model has no room for a junction of a file, the gravest reason first."""
+"""The reasons why the model can't use a junction of a file, checked in order of importance."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from pytest_rvads.maps.segment import GAP_LIMIT
 __all__ = ["FEWEST", "MOST", "unusable", "widest_gap"]
 
 FEWEST, MOST = 3, 8
-"""Ways a junction of the model can have."""
+"""Least and largest number of arms of a junction of the model."""
 
 
 def unusable(
     graph: MetricGraph, id: str, arms: Sequence[RoadArm], ways: Sequence[Way], pairs: Sequence[tuple[str, str]]
 ) -> str | None:
-    """Return the first reason why junction `id` cannot be used, None where it can.
+    """Return the first reason why junction `id` cannot be used; None for a usable junction.
 
     Args:
-        graph: of the map.
-        id: of the junction.
-        arms: counter-clockwise.
-        ways: through it, those that are left out not among them.
+        graph: the metric graph of the map.
+        id: the id of the junction.
+        arms: the arms, counter-clockwise.
+        ways: the ways through the junction, without the ways that are left out.
         pairs: (entrance edge, exit edge) of every way through the junction.
     """
     declared = graph.network.junctions[id]
@@ -50,7 +50,7 @@ def unusable(
 
 
 def widest_gap(graph: MetricGraph, path: Path) -> tuple[float, tuple[str, str]]:
-    """Return the widest gap between lanes that follow each other on a path [m], and the two lanes."""
+    """Return the widest gap between consecutive lanes of a path [m], and the two lanes."""
     gaps = []
     for one, two in pairwise((path.entrance, *path.edges, path.exit)):
         (x, y), (u, v) = graph.edges[one].points[-1], graph.edges[two].points[0]

@@ -19,16 +19,16 @@ _MOST_STEPS = 300_000
 
 
 class Path(NamedTuple):
-    """One way through a junction, as the file has it."""
+    """A path through a junction in the file."""
 
     entrance: str
-    """Edge it comes from."""
+    """Edge before the junction."""
     exit: str
-    """Edge it goes to."""
+    """Edge after the junction."""
     edges: tuple[str, ...]
     """Edges inside the junction."""
     length: float
-    """Along the lane centre line [m]."""
+    """Length along the lane centre line [m]."""
     turning: float
     """Total unwrapped change of heading [rad]."""
 
@@ -42,7 +42,7 @@ class Way(NamedTuple):
     """Number of the exit."""
     turn: Turn
     length: float
-    """Along the lane centre line [m]."""
+    """Length along the lane centre line [m]."""
     turning: float
     """Total unwrapped change of heading [rad]."""
     path: Path
@@ -52,11 +52,11 @@ def paths_of(graph: MetricGraph, junction: str) -> list[Path]:
     """Return the shortest path from every entrance edge to every exit edge of `junction`.
 
     Raises:
-        MapError: so many branches in a junction that no intersection can be meant.
+        MapError: the lanes of the junction branch so often that the junction can be no intersection.
     """
     edges, links, inside = graph.edges, graph.links, dict.fromkeys(graph.inside(junction))
     starts = dict.fromkeys(one for id in inside for one in links.pred[id] if one not in inside)
-    # The junction's part of the line graph; an edge outside may both lead in and lead out, where a road comes back.
+    # The junction's part of the line graph. An edge outside may lead both in and out, if a road returns.
     cut = nx.DiGraph()
     for one in (*starts, *inside):
         for two in links.succ[one]:
@@ -88,13 +88,13 @@ def paths_of(graph: MetricGraph, junction: str) -> list[Path]:
 def walk(graph: MetricGraph, start: str, *, upstream: bool, joints: Container[str] = ()) -> list[str]:
     """Walk from an edge over road links to the next junction or the end of the road.
 
-    Where lanes merge or fork, the walk keeps to the one that goes on straightest.
+    Where lanes merge or fork, the walk follows the lane that continues straightest.
 
     Args:
-        graph: of the map.
-        start: edge where the walk begins.
+        graph: the metric graph of the map.
+        start: the edge at which the walk begins.
         upstream: walk against traffic.
-        joints: junctions of two arms, which the walk goes on through.
+        joints: ids of junctions of two arms, through which the walk continues.
 
     Returns:
         The edges in the order of the walk.
@@ -119,14 +119,14 @@ def walk(graph: MetricGraph, start: str, *, upstream: bool, joints: Container[st
 
 
 class _Bend(NamedTuple):
-    """How a lane goes on from another one, the smoothest first."""
+    """The transition from a lane to a next lane; the smoothest transition sorts first."""
 
     turn: float
-    """Change of heading between them [rad]."""
+    """Change of heading between the lanes [rad]."""
     gap: float
-    """[m]."""
+    """Gap between the lanes [m]."""
     inside: float
-    """Length inside a joint [m]: lanes that part there begin alike, and the one that keeps its line is the shortest."""
+    """Length inside a joint [m]: lanes that part in a joint begin alike, and the lane that keeps its line is the shortest."""
     ids: tuple[str, str]
 
 

@@ -1,10 +1,11 @@
-"""Who gives way to whom where two movements of a junction cross or merge, and why.
+"""Decides which of two movements of a junction that cross or merge gives way, and for which reason.
 
-Where the map itself says which movement has priority, that decides; then signs; then, of two that come from opposite sides, the
-turn across the other's way gives way; then the lane that joins another one, where the map shows that; else right before left
-(Vienna Convention on Road Traffic 1968, Art. 16(1)(b), 18 and 25(2); StVO, sections 8(1), 9(3), 9(4) and 18(3); Uniform Vehicle
-Code 11-401 to 11-405). Two lanes at a flat angle come together, and where the map does not show which joins which, nobody can say
-who gives way. At an all-way stop this is who goes first in a tie; at lights, who gives way while both have green.
+If the map itself states which movement has priority, the map decides; then signs decide; then, of two movements from opposite
+sides, the turn across the other's way gives way; then, if the map shows that a lane joins another lane, the joining movement
+gives way; else right goes before left (Vienna Convention on Road Traffic 1968, Art. 16(1)(b), 18 and 25(2); StVO, sections 8(1),
+9(3), 9(4) and 18(3); Uniform Vehicle Code 11-401 to 11-405). Two lanes at a flat angle come together. If the map does not show
+which of the two joins the other, it can't be decided which gives way. At an all-way stop the relation says which vehicle goes
+first in a tie; at lights, which vehicle gives way while both have green.
 """
 
 from __future__ import annotations
@@ -21,54 +22,60 @@ from pytest_rvads.maps.segment import Pose, Turn
 __all__ = ["Precedence", "Reason"]
 
 _RANK = {Sign.STOP: 0, Sign.YIELD: 0, Sign.NONE: 1, Sign.LIGHTS: 1, Sign.PRIORITY: 2}
-"""Whoever comes past a sign of lower rank gives way (Vienna Convention on Road Signs and Signals 1968, signs B,1 to B,3). Stop
-and yield signs both say to give way to the road ahead; between two who come past them, sides decide."""
+"""Ranks of signs: a vehicle past a sign of lower rank gives way.
+
+The ranks follow the Vienna Convention on Road Signs and Signals 1968, signs B,1 to B,3. Stop and yield signs both oblige to give
+way to the road ahead. Between two vehicles past such signs, sides decide.
+"""
 _AHEAD = 1e-6
 _FLAT = math.radians(50.0)
-"""Entrances whose directions differ by less come together, and do not cross [rad]: roads that cross do so at 60 degrees or more
-(AASHTO, A Policy on Geometric Design: angle of intersection), and what a lane bends in the junction is left room for."""
+"""Angle between entrances below which their lanes come together and do not cross [rad].
+
+Roads that cross do so at 60 degrees or more (AASHTO, A Policy on Geometric Design: angle of intersection); the difference leaves
+room for the bend of a lane in the junction.
+"""
 
 
 class Reason(StrEnum):
-    """Why one movement gives way to another."""
+    """The reason why a movement gives way to another movement."""
 
     STATED = "stated"
-    """The map says so."""
+    """The map states the priority."""
     SIGN = "sign"
-    """Its entrance has a stop or yield sign, or the other one a priority sign."""
+    """The entrance of the movement has a stop or yield sign, or the entrance of the other movement has a priority sign."""
     TURN = "turn"
-    """It turns across the way of the other one, which comes from the opposite side."""
+    """The movement turns across the way of the other movement, which comes from the opposite side."""
     RIGHT = "right"
-    """The other one comes from the right; from the left, where traffic keeps left."""
+    """The other movement comes from the right; from the left, where traffic keeps left."""
     MERGE = "merge"
-    """It joins the traffic of the other one, as the map shows."""
+    """According to the map, the movement joins the other movement."""
     UNDECIDED = "undecided"
-    """Both come together at a flat angle, and the map does not show which joins which: nobody can say who gives way."""
+    """Both come together at a flat angle, and the map does not show which joins the other, so it can't be decided."""
 
 
 @dataclass(frozen=True, slots=True)
 class Precedence:
-    """What decides who gives way at a junction."""
+    """The properties of a junction that decide which movement gives way."""
 
     signs: Sequence[Sign]
-    """Per entrance."""
+    """Sign of every entrance."""
     arms: Sequence[int]
     """The arm of every entrance."""
     starts: Mapping[int, Pose]
-    """Where the movements of an entrance begin, and in which direction."""
+    """Pose at which the movements of an entrance begin."""
     turns: Mapping[Key, Turn]
     right_of: Collection[tuple[int, int]]
     opposite: Collection[tuple[int, int]]
     stated: Collection[tuple[Key, Key]]
-    """Pairs of movements of which the map says that the first gives way to the second."""
+    """Pairs of movements of which, according to the map, the first gives way to the second."""
     joining: Collection[tuple[Key, Key]]
-    """Pairs of movements of which the map shows that the first joins the second."""
+    """Pairs of movements of which, according to the map, the first joins the second."""
     left_hand: bool
 
     def why(self, one: Key, other: Key) -> Reason | None:
-        """Return why whoever makes the movement `one` gives way to whoever makes `other`, None where it need not.
+        """Return the reason why a vehicle on movement `one` gives way to a vehicle on movement `other`, or None.
 
-        Two lanes of one arm owe each other nothing here: whoever is ahead goes first.
+        Movements from two lanes of one arm never give way to each other here: the vehicle ahead goes first.
         """
         if (one, other) in self.stated:
             return Reason.STATED
@@ -89,7 +96,7 @@ class Precedence:
 
     def _among_equals(self, one: Key, other: Key) -> Reason | None:
         mine, yours = one[0], other[0]
-        if set(self.signs) != {Sign.STOP}:  # at an all-way stop, lanes that come together take turns like any others
+        if set(self.signs) != {Sign.STOP}:  # at an all-way stop, lanes that come together take turns like other lanes
             if (one, other) in self.joining or (other, one) in self.joining:
                 return Reason.MERGE if (one, other) in self.joining else None
             if abs(math.remainder(self.starts[yours].heading - self.starts[mine].heading, math.tau)) < _FLAT:
@@ -102,8 +109,8 @@ class Precedence:
     def _from_right(self, mine: int, yours: int) -> bool:
         """Return whether entrance `yours` lies to the right of entrance `mine`; to the left, where traffic keeps left.
 
-        The places of the entrances decide, if exactly one of them lies to the right of the other. Entrances that face each other
-        may both lie to the right: then the paper's relation decides, and without the relation the angle between the entrances.
+        The places of the entrances decide, if exactly one entrance lies to the right of the other. Two facing entrances may lie
+        to the right of each other. Then the paper's relation decides, and without the relation the angle between the entrances.
         """
         right = self._right_by_place(mine, yours)
         if right != self._right_by_place(yours, mine):

@@ -1,4 +1,4 @@
-"""Judging a run by a rule: Algorithm 1 of the paper, and what it leaves open at the end of a finite run."""
+"""Judging a run by a rule: Algorithm 1 of the paper, extended by the obligations that are open at the end of a finite run."""
 
 from __future__ import annotations
 
@@ -35,9 +35,9 @@ from pytest_rvads.runs.run import Run
 __all__ = ["check", "extract", "ground", "simplify", "unfold"]
 
 NOT_RECORDED = "not recorded"
-"""Begins the reason of a verdict on what a run does not hold."""
+"""Start of the reason of a verdict if the run does not hold what the rule needs."""
 _QUIET = (Outcome.PASS, Outcome.NA)
-"""Of what a rulebook says beside its worst verdict, these outcomes are only counted."""
+"""Outcomes that the message of a rulebook only counts; other outcomes beside the worst verdict are quoted in its notes."""
 CUT_OFF = "cut off: the run reached its duration before the subject had left the junction"
 """Reason of an NA verdict: the subject kept the rule up to the end of the run, which says nothing about its crossing."""
 _KINDS = {
@@ -61,30 +61,31 @@ def check(
     """Judge a run by a rule, or by a rulebook.
 
     The verdict of a rulebook is the worst verdict of its rules. Its message counts the verdicts of all these rules, and its notes
-    hold the messages of the others that neither pass nor are NA.
+    hold the messages of the other verdicts that are neither PASS nor NA.
 
     Args:
         run: the run.
         rule: a rule, or the name of a rule or rulebook.
-        tie: waiting times that differ by at most this count as equal [s]; the rule's own by default.
+        tie: largest difference of waiting times that count as equal [s]; the rule's own by default.
         itinerary: use the known itineraries for ``take``; False evaluates the paper's definition, a future formula.
-        standing: count waiting times from standstill, as the paper's text says, instead of from the arrival at the
-            entrance, as its implementation does and its tables require.
-        book: to look the rule and its companions up in; by default the one that is open, with what you registered.
+        standing: count waiting times from standstill, as the paper's text says, instead of from the arrival at the entrance, as
+            the paper's implementation does and the paper's tables require.
+        book: the book that holds the rule and its companions; by default the open book, which also holds the rules that you
+            registered.
 
-    With a subject among traffic (`Run.subject`) the status is that of the instances the subject is to blame for. Where it is
-    to blame for none, whatever the traffic did is told with ``provoked`` set; and it passes only where an instance bound it
-    to act. A violation that nobody could have helped is told with ``unavoidable`` set.
+    With a subject among traffic (`Run.subject`) the status comes from the instances that the subject is to blame for. If the
+    subject is to blame for no instance, a violation by the traffic is reported with ``provoked`` set. The subject passes only if
+    an instance bound the subject to act. A violation that no vehicle could have avoided is reported with ``unavoidable`` set.
 
-    A run that is known to some accuracy only (`Run.spread`, `Excerpt`, a step longer than that of a simulation) is UNSURE where
-    another reading of it within that accuracy would change what an instance says, and nothing definite is worse.
+    A run whose accuracy is limited (`Run.spread`, `Excerpt`, a step longer than the step of a simulation) is UNSURE if another
+    reading of the run within its accuracy would change the status of an instance, unless a definite status is worse.
 
     Returns:
-        The verdict. What was sampled before a fault is judged: a violation stands, everything else is then an ERROR, as it is
-        for a run that is empty or damaged.
+        The verdict. The states before a fault are judged: a violation stands, any other status becomes an ERROR. The verdict on
+        an empty or damaged run is an ERROR as well.
 
     Raises:
-        FormulaError: an unknown rule, or one whose monitor would be too large.
+        FormulaError: the rule is unknown, or its monitor would be too large.
     """
     require(run, Run, "check takes a run, such as rvads.simulate(case) returns", RunError)
     book = current_book(book)
@@ -111,7 +112,7 @@ def check(
 
 
 def _worst(rulebook: str, verdicts: Sequence[Verdict]) -> Verdict:
-    """Return the worst verdict of the rules of a rulebook, with what the other rules say."""
+    """Return the worst verdict of the rules of a rulebook, with the messages of the other rules in its notes."""
     counts = Counter[Outcome | None](verdict.outcome for verdict in verdicts)
     worst = min(verdicts, key=lambda verdict: verdict.outcome.severity)
     others = tuple(f"{v.outcome} {v.message}" for v in verdicts if v is not worst and v.outcome not in _QUIET)
@@ -119,7 +120,7 @@ def _worst(rulebook: str, verdicts: Sequence[Verdict]) -> Verdict:
 
 
 def _judged(rule: Rule, values: Values, book: RuleBook, sampled: Run, *, itinerary: bool, standing: bool) -> Story:
-    """Return what a rule says of the states of a run, whatever ended it; `sampled` is the run as it was recorded."""
+    """Judge the states of a run by a rule, whatever ended the run; `sampled` is the run as recorded."""
     run = values.run
     if not rule.concerns(run.junction):
         return Story(rule, run, Status.NA, reason=_elsewhere(rule, run.junction))
@@ -153,7 +154,7 @@ def _judged(rule: Rule, values: Values, book: RuleBook, sampled: Run, *, itinera
 
 
 def _elsewhere(rule: Rule, junction: Junction) -> str:
-    """Return why a rule is not about a junction."""
+    """Return the reason why a rule does not apply to a junction."""
     here = _KINDS[junction.control]
     if junction.control not in rule.kinds:
         if len(rule.kinds) == 1:
@@ -163,7 +164,7 @@ def _elsewhere(rule: Rule, junction: Junction) -> str:
 
 
 def _idle(story: Story, templates: tuple[Template, ...], values: Values) -> tuple[str, Near | None]:
-    """Return why a rule is not applicable, and where it came closest to being so."""
+    """Return the reason why a rule was not applicable, and the place where the rule came closest to being triggered."""
     if any(j.status is not Status.NA for j in story.found):
         if story.subject is None:
             return "nobody moved, so nobody kept the rule by what it did", None
@@ -172,7 +173,7 @@ def _idle(story: Story, templates: tuple[Template, ...], values: Values) -> tupl
 
 
 def _cycle(rule: Rule, values: Values, own: tuple[Template, ...], book: RuleBook) -> Cycle | None:
-    """Look for obligations that contradict each other: of the rule alone, else together with its companions."""
+    """Find a cycle of contradicting obligations: among the instances of the rule alone, else together with its companions."""
     found = find_cycle(own, values)
     if found is None and rule.companions:
         found = find_cycle([*own, *companions(rule, values.run, book)], values)

@@ -1,4 +1,4 @@
-"""What the monitors of a rule went through along a run, for people to look at."""
+"""The verdicts of the monitors of a rule along a run, for people to look at."""
 
 from __future__ import annotations
 
@@ -28,26 +28,29 @@ class Timeline:
     """The monitor of one instance along a run."""
 
     binding: tuple[tuple[str, str], ...]
-    """Variables of the rule and the names they stand for."""
+    """Variables of the rule, and the names of the elements that the variables stand for."""
     changes: tuple[tuple[int, str], ...]
-    """Since which tick the monitor has been ``watching`` (nothing is due, anything can come), in an obligation that is
-    ``due``, ``violated`` or ``satisfied`` whatever comes (the LTL3 verdicts ?, ?, F and T)."""
+    """Pairs of tick and new state of the monitor.
+
+    The states are ``watching`` (no obligation is due, every verdict is possible), ``due`` (an obligation is due), ``violated``
+    and ``satisfied`` (whatever comes). Their LTL3 verdicts are ?, ?, F and T.
+    """
 
     @property
     def moved(self) -> bool:
-        """Whether anything happened."""
+        """Whether the monitor ever left the state ``watching``."""
         return len(self.changes) > 1 or self.changes[0][1] != "watching"
 
 
 def timelines(run: Run, rule: str | Rule) -> tuple[Timeline, ...]:
-    """Return what the monitor of every instance went through; none where the run does not hold what the rule asks for.
+    """Return the timeline of every instance of a rule; none if the run does not hold what the rule needs.
 
     Args:
         run: the run.
-        rule: a rule or the name of one.
+        rule: a rule or the name of a rule.
 
     Raises:
-        FormulaError: an unknown rule.
+        FormulaError: no rule has this name.
     """
     rule, run = get_rule(rule), without_jumps(run)
     templates = prepare(rule.formula, extract(run), rule.bound).templates

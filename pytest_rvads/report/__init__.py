@@ -1,1 +1,1 @@
-"""Reports: what is said of verdicts, from plain records."""
+"""Reports on sessions and campaigns, made from plain records."""

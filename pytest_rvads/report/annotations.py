@@ -1,8 +1,8 @@
-"""Failures as GitHub Actions shows them beside the lines of a change: one annotation per cause.
+"""Failures as annotations of GitHub Actions beside the lines of a change: one annotation per cause.
 
-A workflow command is a line of its own, ``::error file=...,line=...,title=...::message``. Values are escaped so that no name and
-no message ends its value, its line or its command, or begins another one. What a controller prints itself is not looked at here:
-GitHub reads a log line by line, whoever wrote it.
+A workflow command is a separate line, ``::error file=...,line=...,title=...::message``. Values are escaped, so that no name and
+no message ends its value, its line or its command, or begins another. The output of a controller is not escaped: GitHub reads
+every line of a log, also the lines that a controller prints.
 """
 
 from __future__ import annotations
@@ -18,20 +18,21 @@ from pytest_rvads.wording import one_line, plural, quoted
 __all__ = ["annotate"]
 
 _MOST = 10
-"""GitHub shows so many annotations of a kind per step, and drops the rest."""
+"""Most annotations of a kind per step that GitHub shows; GitHub drops further annotations."""
 _LONGEST = 1000
-"""Of a line of an annotation."""
+"""Most characters of a line of an annotation."""
 
 
 def annotate(report: Report, root: Path, workspace: Path) -> list[str]:
-    """Return at most ten workflow commands, one per cause of failures, the gravest first.
+    """Return at most ten workflow commands, one per cause of failures, sorted by severity.
 
-    They are errors, or warnings where the session lets the failures pass, as those that its baseline has.
+    The commands are errors, or warnings if the session passes in spite of the failures, for example because its baseline has
+    them.
 
     Args:
-        report: of the session.
-        root: folder that the ids of its items begin in.
-        workspace: folder of the repository; what lies elsewhere is named without a file.
+        report: the report of the session.
+        root: the folder that the ids of its items are relative to.
+        workspace: the folder of the repository; tests outside are annotated without a file.
     """
     grouped = causes()
     firsts: dict[str, Record] = {}
@@ -56,7 +57,7 @@ def _annotation(kind: str, cause: Cause, place: dict[str, str], again: str) -> s
 
 
 def _place(record: Record, root: Path, workspace: Path) -> dict[str, str]:
-    """Return file and line of the test of an item, or nothing where that is outside of the repository."""
+    """Return file and line of the test of an item; empty for a test outside of the repository."""
     file = os.path.abspath(root / record.nodeid.partition("::")[0])
     inside = os.path.relpath(file, workspace)
     if inside.split(os.sep)[0] == os.pardir:
@@ -71,10 +72,10 @@ def _command(kind: str, properties: dict[str, str], *lines: str) -> str:
 
 
 def _data(text: str) -> str:
-    """Return a text as the message of a command holds it."""
+    """Return a text escaped as the message of a command."""
     return text.replace("%", "%25").replace("\r", "%0D").replace("\n", "%0A")
 
 
 def _property(text: str) -> str:
-    """Return a text as the value of a property of a command."""
+    """Return a text escaped as the value of a property of a command."""
     return _data(text).replace(":", "%3A").replace(",", "%2C")

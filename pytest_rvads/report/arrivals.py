@@ -1,4 +1,4 @@
-"""Arrivals: in which order the subject and the others came to a junction, and how far apart in time."""
+"""Arrivals: the order in which the subject and the other vehicles came to a junction, and the times between them."""
 
 from __future__ import annotations
 
@@ -10,21 +10,21 @@ from pytest_rvads.wording import plural
 __all__ = ["Arrivals"]
 
 _TOGETHER = 0.5
-"""Vehicles that arrive within this time arrive together [s]: the tie window of the road rulebook, `TIE`."""
+"""Longest time between two vehicles that arrive together [s]: the tie window of the road rulebook, `TIE`."""
 _NEAR = 2.0
-"""Two vehicles on a shared stretch met when the one reached it less than this after the other had left it [s]."""
+"""Two vehicles on a shared stretch met if one reached it less than this time after the other had left it [s]."""
 
 
 class Arrivals:
-    """Takes in one record per run with a subject and tells how the subject and the nearest of the others arrived."""
+    """Collects a record per run with a subject, and counts the orders in which the subject and the nearest vehicle arrived."""
 
     def __init__(self) -> None:
         self._gaps: dict[str, list[float]] = defaultdict(list)
-        """By order, how long after the subject the other vehicle arrived that came nearest in time [s]."""
+        """By order, the times between the arrivals of the subject and of the vehicle nearest in time [s]."""
         self._apart = 0
 
     def add(self, record: Record) -> None:
-        """Take in a record of a run that was not taken in yet."""
+        """Add a record of a run, once per run."""
         subject = next((verdict.subject for verdict in record.verdicts if verdict.subject), None)
         kpis = record.kpis
         times = {one.agent: one.arrival for one in kpis.vehicles if one.arrival is not None} if kpis else {}
@@ -37,7 +37,7 @@ class Arrivals:
         self._apart += bool(gaps) and (kpis.pet is None or kpis.pet >= _NEAR)
 
     def lines(self, junction: str) -> list[str]:
-        """Return a line on the orders of arrival at a junction, with the gaps; none where no run has a subject."""
+        """Return a line on the orders of arrival at a junction, with the gaps; no line if no run has a subject."""
         total = sum(map(len, self._gaps.values()))
         told: list[str] = []
         for order in ("simultaneous", "others first", "subject first", "alone"):

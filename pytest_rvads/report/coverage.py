@@ -1,9 +1,9 @@
-"""Coverage: which cells of the tables a session exercised, of those that its tests ask for.
+"""Coverage: the share of the planned cells that a session exercised.
 
-A cell is (junction, class, configuration, rule), and with a subject its seat and the traffic around it; of what was recorded it
-is (junction, recording, rule). It is exercised when a rule asked something of the system under test there, and got an answer:
-PASS, FAIL or OPEN, expected or not. What only the traffic was asked exercises nothing, nor does NA, what is UNSURE, an error, or
-an item that did not run. Tests share the cells of what they both ask for, and so do the variants of a test.
+A cell is (junction, class, configuration, rule), with a subject also the subject's seat and the traffic around it. A cell of a
+recording is (junction, recording, rule). A cell is exercised if a rule required something of the system under test in the cell,
+and the verdict is PASS, FAIL or OPEN, expected or not. A rule that bound only the traffic exercises no cell. NA, UNSURE, errors
+and items that did not run exercise no cell either. Tests that plan the same cells share them, and so do the variants of a test.
 """
 
 from __future__ import annotations
@@ -22,17 +22,17 @@ __all__ = ["Cells", "Coverage", "Requirements", "dropped", "measure", "shortfall
 
 @dataclass(frozen=True, slots=True)
 class Coverage:
-    """How much of what the tests ask for was exercised."""
+    """The number of planned and of exercised cells."""
 
     planned: int
-    """Cells that the collected tests expand to, before anything was deselected."""
+    """Cells that the collected tests expand to, before tests are deselected."""
     exercised: int
     idle: dict[str, int]
-    """Why the others were not: status of their items, or ``not selected``; with how many cells."""
+    """Number of cells that were not exercised, by reason: the status of their items, or ``not selected``."""
 
     @property
     def percent(self) -> float:
-        """Share of the planned cells [%]; 0 where nothing was planned."""
+        """Share of the exercised cells among the planned cells [%]; 0 if no cells were planned."""
         return 100 * self.exercised / self.planned if self.planned else 0.0
 
     def __str__(self) -> str:
@@ -43,25 +43,25 @@ class Coverage:
 
 
 class Cells:
-    """Counts cells by what became of them; takes records in.
+    """Counts cells by their outcome; records are added singly.
 
     Args:
-        planned: the cells that are there without a record, too.
+        planned: the planned cells, which count without a record as well.
     """
 
     def __init__(self, planned: Iterable[Cell] = ()) -> None:
         self._rules: dict[str, int] = {}
         self._rows: dict[tuple[object, ...], bytearray] = {}
-        """Cells but for the rule, and for each rule a byte: there may be a million of them."""
+        """By cell without its rule, a byte per rule: a session may have a million cells."""
         for cell in planned:
             self._note(cell, _PLANNED)
 
     def add(self, record: Record) -> None:
-        """Take a record in."""
+        """Add a record."""
         self._note(cell_of(record), _EXERCISED if record.asked else _EXERCISED + 1 + record.status.severity)
 
     def _note(self, cell: Cell, found: int) -> None:
-        """Note what was found in a cell; of several findings the least counts."""
+        """Note the outcome of a cell; of several outcomes the least byte counts."""
         junction, cls, configuration, rule, seat, traffic = cell
         row = self._rows.setdefault((junction, cls, configuration, seat, traffic), bytearray())
         number = self._rules.setdefault(rule, len(self._rules))
@@ -69,12 +69,12 @@ class Cells:
         row[number] = min(row[number], found)
 
     def coverage(self) -> Coverage:
-        """Return how many there are, and how many were exercised."""
+        """Return the number of cells and of exercised cells."""
         found: Counter[int] = Counter()
         for row in self._rows.values():
             found.update(row)
         del found[_NO_CELL]
-        # The first reason that applies to one of its items.
+        # By the first reason that applies to an item of the cell.
         whys = [(outcome.small, found[_EXERCISED + 1 + outcome.severity]) for outcome in Outcome.worst_first()]
         idle = {why: count for why, count in (*whys, (_UNSELECTED, found[_PLANNED])) if count}
         return Coverage(found.total(), found[_EXERCISED], idle)
@@ -89,16 +89,16 @@ def measure(report: Report) -> Coverage:
 
 
 _EXERCISED, _PLANNED, _NO_CELL = 0, 254, 255
-"""What a byte says of a cell; between the first two why nothing was asked there, the worst first."""
+"""Values of a cell's byte; between the first two, 1 plus the severity of the outcome that exercised nothing."""
 _UNSELECTED = "not selected"
 
 
 def shortfall(report: Report, least: float) -> str:
-    """Return why the coverage is not enough, in one sentence, or nothing.
+    """Return the sentence that the coverage is too low, or an empty text.
 
     Args:
-        report: a session or several merged.
-        least: share of the planned cells that have to be exercised [%].
+        report: the report of a session, or of several sessions merged.
+        least: the least share of the planned cells that have to be exercised [%].
     """
     coverage = measure(report)
     if coverage.planned and 100 * coverage.exercised >= least * coverage.planned:
@@ -107,11 +107,11 @@ def shortfall(report: Report, least: float) -> str:
 
 
 def dropped(report: Report, most: int | None = None) -> list[str]:
-    """Return a line on points of grids in which nobody could stop, and one on scenarios that did not fit, if there are any.
+    """Return a line on the points of grids beyond v(d)max, and a line on the scenarios without room, if there are any.
 
     Args:
-        report: of a session, or merged.
-        most: tests, or junctions, named in a line; the others are counted.
+        report: the report of a session, or of several sessions merged.
+        most: most tests or junctions named in a line; the others are counted.
     """
     return [
         f"{sum(tests.values())} {what}{'' if sum(tests.values()) == 1 else 's'} {why} left out: "
@@ -125,16 +125,16 @@ def dropped(report: Report, most: int | None = None) -> list[str]:
 
 
 class Requirements:
-    """Counts the verdicts that trace to each requirement; takes records in."""
+    """Counts the verdicts that trace to each requirement; records are added singly."""
 
     def __init__(self) -> None:
         self._found: dict[str, Counter[Tallied]] = {}
 
     def add(self, record: Record) -> None:
-        """Take a record in."""
+        """Add a record."""
         for requirement in record.requirements:
             self._found.setdefault(requirement, Counter())[record.counts_as] += 1
 
     def lines(self) -> list[str]:
-        """Return a line per requirement: its verdicts by status."""
+        """Return a line per requirement with its verdicts by status."""
         return [f"requirement {name}: {counted(self._found[name])}" for name in sorted(self._found)]

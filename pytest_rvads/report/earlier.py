@@ -1,4 +1,4 @@
-"""The run of an item in an earlier session, where that has kept it."""
+"""The run of an item in an earlier session that kept its runs."""
 
 from __future__ import annotations
 
@@ -17,26 +17,26 @@ __all__ = ["earlier_run"]
 
 
 def earlier_run(report: Report, beside: Path, here: Path, nodeid: str, run: Run) -> Run | None:
-    """Return what an item's run was in an earlier session; None where it was the same, was not kept, or was somewhere else.
+    """Return the run of an item in an earlier session; None if it is the same run, was not kept, or has another junction.
 
     Args:
-        report: of that session.
-        beside: folder in which the report lies.
-        here: folder that this session was started in, where that one may have been, too.
-        nodeid: of the item.
-        run: of the item in this session.
+        report: the report of the earlier session.
+        beside: the folder of that report.
+        here: the working directory of this session, which may have been that of the earlier session.
+        nodeid: the id of the item.
+        run: the run of the item in this session.
     """
     record = next((record for record in report.records if record.nodeid == nodeid), None)
     if record is None or not record.hash or record.hash == run.hash:
         return None
     names = _names(nodeid, record.rule)
     kept = [folder / report.kept / f"{name}.npz" for folder in (here, beside) for name in names] if report.kept else []
-    with suppress(RunError):  # the hash is none
+    with suppress(RunError):  # the hash is malformed
         kept.append(run_file(beside, record.hash))
     for path in kept:
         try:
             found = load_run(path)
-        except RunError:  # it is not there, or is damaged
+        except RunError:  # the file is missing or damaged
             continue
         if found.hash == record.hash and found.junction.digest == run.junction.digest:
             return found
@@ -44,7 +44,7 @@ def earlier_run(report: Report, beside: Path, here: Path, nodeid: str, run: Run)
 
 
 def _names(nodeid: str, rule: str | None) -> list[str]:
-    """Return how the file of an item's run may be called: by its id without the rule, wherever in it that stands."""
+    """Return the possible names of an item's run file: the id without the rule, at each place where the rule occurs in the id."""
     if not rule:
         return [slug(nodeid)]
     return [slug(nodeid[: at.start()] + nodeid[at.end() :]) for at in re.finditer(re.escape(f"-{rule}"), nodeid)]

@@ -1,4 +1,4 @@
-"""What went wrong with one item, from its record: what was violated, when, and what all records of one fault share."""
+"""The failure of an item, from its record: the violated obligation, the time, and the signature of its cause."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from pytest_rvads.report.record import Record
 __all__ = ["explains", "first_line", "hanging", "signature", "time_of", "verdict_of", "violated"]
 
 _INSTANCES = 3
-"""Unsure instances of an item that are told; the rest is counted."""
+"""Most unsure instances of an item that are described; the others are counted."""
 _VARIES = re.compile(r"0x[0-9a-fA-F]+|\d+([.,]\d+)*(e[+-]?\d+)?")
-"""What differs between messages of one fault: vehicles, times, lines, addresses. Names of vehicles end with a number."""
+"""Matches the parts that differ between messages of one fault: numbers of vehicles, times, lines, addresses."""
 
 
 def explains(record: Record) -> bool:
-    """Tell whether what a record says was violated can be behind other failures of its run."""
+    """Return whether the violation of a record can be behind other failures of its run."""
     verdict = verdict_of(record)
     return verdict is not None and bool(record.hash) and not verdict.unavoidable
 
 
 def verdict_of(record: Record) -> Verdict | None:
-    """Return the verdict that gave a record its status, or None where something else did."""
+    """Return the verdict that gave a record its status; None if the status has another origin."""
     wanted = record.status
     if wanted is Outcome.ERROR:
         return None
@@ -33,7 +33,7 @@ def verdict_of(record: Record) -> Verdict | None:
 
 
 def time_of(record: Record) -> tuple[bool, float, str]:
-    """Return the place of a record in the order of its run: violations by their times [s], then obligations that are open.
+    """Return the sort key of a record in its run: violations by their times [s], then open obligations.
 
     An obligation becomes overdue at the end of the run, whenever it began. Records with the same time are ordered by the names of
     their rules.
@@ -44,18 +44,18 @@ def time_of(record: Record) -> tuple[bool, float, str]:
 
 
 def signature(record: Record) -> Hashable:
-    """Return what records with the same cause share; what messages of one fault differ in is not part of it."""
+    """Return a key that is equal for records with the same cause; the differing parts of messages are left out."""
     verdict = verdict_of(record)
     if verdict is not None:
-        # What can't be kept is one cause, however it ended.
+        # Violations of a rule that no vehicle could have kept are one cause, whatever their status.
         return "" if verdict.unavoidable else record.status, violated(record)
-    # One fault of a stack is one cause, whatever rules would have judged its runs; and so is chance in it.
+    # A fault of a stack is one cause, whatever rules would have judged its runs; so is a stack that is not deterministic.
     rule = "" if record.status in (Outcome.ERROR, Outcome.FLAKY) else record.asks
     return record.status, rule, _VARIES.sub("#", violated(record))
 
 
 def violated(record: Record) -> str:
-    """Return what was violated or went wrong, in words."""
+    """Return the violated obligation or the error, in words."""
     if record.status is Outcome.FLAKY:
         repeated = record.flaky and record.flaky.what == "status"
         return f"not deterministic: the same start gave another {'verdict' if repeated else 'run'}"
@@ -69,7 +69,7 @@ def violated(record: Record) -> str:
 
 
 def hanging(record: Record) -> str:
-    """Return what an unsure record hangs on."""
+    """Return the doubts on which an unsure record depends."""
     verdict = verdict_of(record)
     if verdict is None:
         return first_line(record)
@@ -81,5 +81,5 @@ def hanging(record: Record) -> str:
 
 
 def first_line(record: Record) -> str:
-    """Return the first line of a message."""
+    """Return the first line of a record's message."""
     return record.message.strip().partition("\n")[0]

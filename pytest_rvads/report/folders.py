@@ -1,4 +1,4 @@
-"""The folders of sessions: numbered below one folder of artefacts, the last few of them kept."""
+"""The folders of sessions: numbered below the folder of artefacts, the latest few of them kept."""
 
 from __future__ import annotations
 
@@ -14,35 +14,35 @@ from pytest_rvads.wording import quoted
 __all__ = ["INDEX", "REPORT", "ROOT", "claimed", "option", "run_file", "sessions", "shown", "used"]
 
 ROOT = ".rvads"
-"""Where sessions leave what they leave unless they are told otherwise."""
+"""Default folder of artefacts."""
 INDEX, REPORT = "index.html", "report.json"
-"""What a session leaves in its folder when it has ended: its page, and its report for programs."""
+"""Files that an ended session leaves in its folder: its page, and its report for programs."""
 _RUNS, _MARKER, _LATEST = "runs", ".session", "latest"
 _OURS = (".html", ".svg", ".json", ".npz", ".part")
-"""Endings of what lies in the folder of a session; anything else is the user's."""
+"""Suffixes of the files that a session writes to its folder; other files are the user's."""
 _HASH = re.compile("[0-9a-f]+")
 _ALIVE = 3600.0
-"""A session without a report that wrote something so lately may still be running [s]."""
+"""A session without a report that wrote a file less than this time ago may still be running [s]."""
 _ATTEMPTS, _PAUSE = 100, 0.02
-"""How often a process looks whether another one has made the folder of their session, and how long it waits in between [s]."""
+"""How often a process checks whether another process has made the session's folder, and the pause between checks [s]."""
 
 
 def sessions(root: Path) -> list[Path]:
-    """Return the folders of the sessions below a folder of artefacts, the oldest first; what we did not make is none."""
+    """Return the folders of the sessions below a folder of artefacts, the oldest first; folders of other origin are left out."""
     found = _numbered(root)
     return [found[number] for number in sorted(found) if _made(found[number])]
 
 
 def claimed(root: Path, token: str, keep: int) -> Path:
-    """Return the folder of a session, and make it if no other of its processes has; then older ones are removed.
+    """Return the folder of a session. The first process of the session makes the folder and removes the oldest folders.
 
     Args:
-        root: folder of artefacts, which version control ignores.
-        token: what all processes of the session share and no other session has.
-        keep: how many sessions stay, this one included; those that may be running stay, too.
+        root: the folder of artefacts, which version control ignores.
+        token: a text that all processes of the session share and no other session has.
+        keep: the number of sessions that stay, this session included; sessions that may be running stay as well.
 
     Raises:
-        OSError: it can't be made.
+        OSError: the folder can't be made.
     """
     part = root / f".{token}"
     for _ in range(_ATTEMPTS):
@@ -50,12 +50,12 @@ def claimed(root: Path, token: str, keep: int) -> Path:
             return found
         _prepare(root)
         try:
-            part.mkdir()  # one process alone can
+            part.mkdir()  # only one process can
         except FileExistsError:
             time.sleep(_PAUSE)
             continue
         try:
-            # Where it can be made again, another process has moved it to its place since we looked.
+            # If the folder can be made again, another process may have moved it to its place in the meantime.
             if found := _of(root, token):
                 return found
             made = _numbered_anew(root, part, token)
@@ -68,34 +68,34 @@ def claimed(root: Path, token: str, keep: int) -> Path:
 
 
 def option(folder: Path) -> str:
-    """Return the option by which ``rvads replay`` takes a session, and no later one.
+    """Return the option by which ``rvads replay`` takes this session, not a later session.
 
     Args:
-        folder: of the session, from where it was started.
+        folder: the folder of the session, as seen from its working directory.
     """
     numbered = folder.parent == Path(ROOT) and folder.name.isdecimal()
     return f"--session {folder.name if numbered else quoted(folder.as_posix())}"
 
 
 def shown(folder: Path, name: str) -> Path:
-    """Return the page of a failure.
+    """Return the path of the page of a failure.
 
     Args:
-        folder: of the session.
-        name: of the item as a file.
+        folder: the folder of the session.
+        name: the name of the item as a file name.
     """
     return folder / f"{name}.html"
 
 
 def run_file(folder: Path, digest: str) -> Path:
-    """Return the file of a run.
+    """Return the path of the file of a run.
 
     Args:
-        folder: of the session.
-        digest: hash of the run.
+        folder: the folder of the session.
+        digest: the hash of the run.
 
     Raises:
-        RunError: it is no hash, as in a report that somebody has changed; no path is made of it.
+        RunError: `digest` is no hash, for example in a report that was changed by hand; no path is made from such a text.
     """
     if not _HASH.fullmatch(digest):
         raise RunError(f"the hash of a run consists of the digits 0-9 a-f, got {digest[:80]!r}")
@@ -103,26 +103,26 @@ def run_file(folder: Path, digest: str) -> Path:
 
 
 def used(folder: Path) -> int:
-    """Return how much the runs of a session take on disk [bytes]."""
+    """Return the size of the runs of a session on disk [bytes]."""
     with suppress(OSError):
         return sum(path.stat().st_size for path in (folder / _RUNS).iterdir())
     return 0
 
 
 def _numbered(root: Path) -> dict[int, Path]:
-    """Return what is called by a number, whoever made it."""
+    """Return all files and folders whose name is a number, of any origin."""
     with suppress(OSError):
         return {int(p.name): p for p in root.iterdir() if p.name.isascii() and p.name.isdecimal() and p.name[0] != "0"}
     return {}
 
 
 def _made(folder: Path) -> bool:
-    """Return whether we made a folder; what a link leads to is none of ours."""
+    """Return whether a session made a folder; a link does not count."""
     return not folder.is_symlink() and (folder / _MARKER).is_file()
 
 
 def _of(root: Path, token: str) -> Path | None:
-    """Return the folder of a session, where it has one."""
+    """Return the folder of a session, or None."""
     for folder in sessions(root):
         with suppress(OSError, UnicodeDecodeError):
             if (folder / _MARKER).read_text(encoding="utf-8") == token:
@@ -131,12 +131,12 @@ def _of(root: Path, token: str) -> Path | None:
 
 
 def _numbered_anew(root: Path, part: Path, token: str) -> Path:
-    """Return a folder that has been moved to a number of its own.
+    """Move a new folder to the next free number, and return its path.
 
-    It has its marker by then: a folder that holds something is replaced by no other one.
+    The folder already contains its marker, because the file system does not replace a folder that is not empty.
 
     Raises:
-        OSError: it can't be moved there.
+        OSError: the folder can't be moved.
     """
     (part / _MARKER).write_text(token, encoding="utf-8")
     while True:
@@ -144,7 +144,7 @@ def _numbered_anew(root: Path, part: Path, token: str) -> Path:
         try:
             return part.rename(mine)
         except OSError:
-            if not mine.exists():  # else another session has that number
+            if not mine.exists():  # else another session has this number
                 raise
 
 
@@ -156,7 +156,7 @@ def _prepare(root: Path) -> None:
 
 
 def _point(root: Path, folder: Path, token: str) -> None:
-    """Have a link lead to the latest session, where the system has links and the name is free."""
+    """Make the link ``latest`` point to the newest session, if the system has links and the name is not taken by a file."""
     link, part = root / _LATEST, root / f".{token}.link"
     with suppress(OSError, NotImplementedError):
         if link.is_symlink() or not link.exists():
@@ -168,7 +168,7 @@ def _point(root: Path, folder: Path, token: str) -> None:
 
 
 def _prune(root: Path, keep: int) -> None:
-    """Remove the oldest sessions, but for those that may be running."""
+    """Remove the oldest sessions, except sessions that may be running."""
     for folder in sessions(root)[:-keep]:
         if not _running(folder):
             _remove(folder)
@@ -184,7 +184,7 @@ def _running(folder: Path) -> bool:
 
 
 def _remove(folder: Path) -> None:
-    """Remove what a session has left; where somebody has put files of his own into its folder, they stay, and so does that."""
+    """Remove the files of a session, and its folder unless the folder contains files of the user."""
     runs = folder / _RUNS
     with suppress(OSError):
         for place in (folder,) if runs.is_symlink() else (runs, folder):

@@ -1,4 +1,4 @@
-"""The journal of a session: its records on disk as they come, so that they need no memory and outlive the process."""
+"""The journal of a session: its records on disk as they arrive, so that records need no memory and outlive the process."""
 
 from __future__ import annotations
 
@@ -23,43 +23,44 @@ from pytest_rvads.storage import read_file
 __all__ = ["Journal", "claim", "journal_of", "recovered"]
 
 _SHOWN = 3
-"""Items without a verdict that are named."""
+"""Most items without a verdict that are named."""
 
 
 def journal_of(report: Path) -> Path:
-    """Return where the journal of the session lies that writes a report; it is there until that session has ended."""
+    """Return the path of the journal of the session that writes a report; the journal exists until the session has ended."""
     return report.with_name(f"{report.name}.journal")
 
 
 def claim(report: Path) -> None:
-    """Leave an empty journal beside a report, unless one is there: so it is known that a session began which is to replace it."""
+    """Create an empty journal beside a report unless a journal exists, as a sign that a session began which will replace it."""
     with suppress(OSError):
         journal_of(report).touch()
 
 
 class Journal:
-    """Takes records in, a line of JSON each, and gives them back at the end of the session.
+    """Takes records, a line of JSON each, and returns them at the end of the session.
 
     Args:
-        report: beside which it lies. Without one, and where no file can be made, it has no name and is gone with its process.
+        report: the path of the report beside which the journal lies. Without a report, or if no file can be made there, the
+            journal is a file without a name that is gone with its process.
     """
 
     def __init__(self, report: Path | None) -> None:
         self._path = report and journal_of(report)
         self._file = _begun(self._path)
         self._unwritten: list[bytes] = []
-        """Lines that there was no room for on disk."""
+        """Lines that could not be written to disk."""
 
     def add(self, record: Record) -> None:
-        """Write a record down, at once."""
-        line = b"\n" + encode(record)  # the line end comes first: it closes one that was cut off
+        """Write a record to the file at once."""
+        line = b"\n" + encode(record)  # the line end comes first: it ends a line that was cut off
         with suppress(OSError):
             if self._file and self._file.write(line) == len(line):
                 return
         self._unwritten.append(line)
 
     def records(self) -> dict[str, Record]:
-        """Return the records by node id; of an item that was repeated the last one."""
+        """Return the records by node id; for an item that was repeated, its last record."""
         found = {}
         if self._file:
             self._file.seek(0)
@@ -68,19 +69,19 @@ class Journal:
         return found | _parsed(self._unwritten)
 
     def remove(self) -> None:
-        """Remove the file, unless another session has put its own in this place."""
+        """Remove the file, unless another session has replaced it by its own journal."""
         with suppress(OSError):
             if self._file and self._path and samestat(fstat(self._file.fileno()), self._path.stat()):
                 self._path.unlink()
 
     def close(self) -> None:
-        """Let go of the file."""
+        """Close the file."""
         if self._file:
             self._file.close()
 
 
 def _begun(path: Path | None) -> IO[bytes] | None:
-    """Return a new file to write to and read from, in place of an earlier one; None where none can be made anywhere."""
+    """Return a new file for writing and reading, which replaces an earlier file; None if no file can be made anywhere."""
     if path:
         with suppress(OSError):
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -92,7 +93,7 @@ def _begun(path: Path | None) -> IO[bytes] | None:
 
 
 def _parsed(lines: Iterable[bytes]) -> dict[str, Record]:
-    """Return the records of lines by node id, the last one of each; what is none, as a line that was cut off, is passed over."""
+    """Return the last record of each node id; lines that are no record, such as a line that was cut off, are skipped."""
     decoder = msgspec.json.Decoder(Record)
     found = {}
     for line in lines:
@@ -103,10 +104,10 @@ def _parsed(lines: Iterable[bytes]) -> dict[str, Record]:
 
 
 def recovered(path: Path) -> Report:
-    """Read a JSON report; that of a session which has not ended with the records of its journal, and a note on what is missing.
+    """Read a JSON report; if its session has not ended, add the records of the journal and a note on the missing items.
 
     Raises:
-        RvadsError: not a report, or one of another version, or damaged; or its journal can't be read.
+        RvadsError: the file is no report, has another version or is damaged, or its journal can't be read.
     """
     report, journal = read(path), journal_of(path)
     if report.complete:
@@ -117,7 +118,7 @@ def recovered(path: Path) -> Report:
     records = {record.nodeid: record for record in report.records}
     try:
         records |= _parsed(read_file(journal, MOST).splitlines())
-    except FileNotFoundError:  # who copied the report may have left it behind
+    except FileNotFoundError:  # a copied report may lack its journal
         pass
     except OSError as error:
         raise RvadsError(f"{journal} can't be read as the journal of a session: {error}") from error
@@ -126,7 +127,7 @@ def recovered(path: Path) -> Report:
 
 
 def _missing(records: tuple[Record, ...]) -> str:
-    """Return how much of a session that did not end is known."""
+    """Return the note on a session that did not end: how many of its items have a verdict."""
     said = "the session that writes it has not ended, or died"
     if not records:
         return f"{said} before it was known what is to run"

@@ -1,4 +1,4 @@
-"""What the words in tables of verdicts mean, for who reads them without the manual."""
+"""Explains the words in tables of verdicts for readers without the manual."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ _MEANINGS = {
     Outcome.FLAKY: "the same start gave another run, or the same run another verdict",
     Outcome.NOT_JUDGED: "the test judged nothing",
 }
-"""What a legend says of the words in tables, where they occur."""
+"""The explanations of outcomes in tables."""
 
 
 def legend(found: Iterable[RollUp | Verdicts]) -> Iterator[str]:
-    """Yield what the words in tables mean, where they occur and need it."""
+    """Yield an explanation for each word in the tables that needs one."""
     kinds: set[Outcome] = set()
     known = shares = summed = False
     for block in found:

@@ -1,4 +1,4 @@
-"""A report as Markdown, for GitHub's job summary among others: what the session was and causes first, the rest folded."""
+"""A report as Markdown, for example for GitHub's job summary: the session and the causes of failures first, the rest folded."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from pytest_rvads.wording import printable, quoted
 __all__ = ["markdown", "section"]
 
 _LINES = 50
-"""Lines of a list that are not folded."""
+"""Most lines of a list that are not folded."""
 _ESCAPES = (
     (re.compile(r"&(?=[#\w])"), "&amp;"),  # entities
     (re.compile(r"<(?=[A-Za-z/!?])"), "&lt;"),  # HTML, addresses in angle brackets
@@ -25,7 +25,7 @@ _ESCAPES = (
 
 
 def markdown(report: Report) -> str:
-    """Return a report as Markdown: what it was, what changed, and what caused failures; sums; all else folded."""
+    """Return a report as Markdown: the session, the changes, the causes of failures and the sums; everything else folded."""
     blocks = outline(report)
     shown, closed = [block for block in blocks if _open(block)], [block for block in blocks if not _open(block)]
     lines = ["# rvads verdicts"]
@@ -38,12 +38,12 @@ def markdown(report: Report) -> str:
 
 
 def _open(block: Block) -> bool:
-    """Tell whether a block is read without opening anything: sums are, because they are as long for any number of verdicts."""
+    """Return whether a block is not folded; sums are not, because their length does not grow with the number of verdicts."""
     return isinstance(block, Notes | Head | Changes | RollUp) or block.title == FAILURES
 
 
 def _summary(block: Block) -> str:
-    """Return what a folded part is called; nothing that comes from elsewhere, because that is HTML."""
+    """Return the summary line of a folded part, which contains no text from elsewhere because the line is HTML."""
     match block:
         case Verdicts():
             return "verdict tables"
@@ -53,7 +53,7 @@ def _summary(block: Block) -> str:
 
 
 def section(title: str, lines: Sequence[str], columns: Sequence[str], rows: Sequence[Sequence[str]]) -> Iterator[str]:
-    """Yield a heading, and below it a table, or without columns a list; what is long is folded."""
+    """Yield a heading with a table below, or with a list if there are no columns; long tables and lists are folded."""
     yield from (f"## {_text(title)}", "")
     if columns:
         yield from _folded((_row(columns), f"|{'---|' * len(columns)}"), [_row(cells) for cells in rows], "rows")
@@ -93,7 +93,7 @@ def _render(block: Block) -> Iterator[str]:
 
 
 def _folded(head: tuple[str, ...], rows: Sequence[str], what: str, most: int = WORST) -> Iterator[str]:
-    """Yield a table or a list; what is longer than a screen is folded."""
+    """Yield a table or a list; the rows beyond a screen are folded."""
     yield from (*head, *rows[:most])
     if more := rows[most:]:
         yield from ("", f"<details><summary>{len(more)} more {what}</summary>", "", *head, *more, "", "</details>")
@@ -108,7 +108,7 @@ def _heading(title: str) -> str:
 
 
 def _text(text: str) -> str:
-    """Return a text on one line, of which Markdown takes nothing for its own, for HTML, for a link or for a mention."""
+    """Return a text on one line, escaped so that Markdown reads no markup, HTML, link or mention in it."""
     line = printable(text, len(text)).translate({ord("\n"): " ", ord("\t"): " "})
     for special, escaped in _ESCAPES:
         line = special.sub(escaped, line)
@@ -116,5 +116,5 @@ def _text(text: str) -> str:
 
 
 def _code(text: str) -> str:
-    """Return a text as a span of code, in which nothing can be escaped."""
+    """Return a text as a code span if the text needs no escapes, because nothing can be escaped in a code span; else as text."""
     return _text(text) if re.search(r"[`\\|\s]", text) else f"`{printable(text, len(text))}`"

@@ -1,6 +1,6 @@
-"""The outline of a report: all that it says, in order, as blocks that every format renders in its own way.
+"""The outline of a report: its whole content, in order, as blocks that every format renders.
 
-Formats differ in how they show a block, never in which: what one of them says, all say.
+Formats differ in how they show a block. All formats show the same blocks.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ from pytest_rvads.wording import plural, quoted
 __all__ = ["FAILURES", "Block", "Causes", "Changes", "Figures", "Head", "Notes", "RollUp", "Verdicts", "outline"]
 
 FAILURES = "causes of failures"
-"""Title of the block that groups failures; no format folds it."""
+"""Title of the block that groups failures, which no format folds."""
 _REASONS = 5
-"""Reasons told in short why junctions are left out."""
+"""Most reasons for left-out junctions in the short form."""
 _LISTED = 10
-"""Lines of a kind told in short: systems under test and simulators, stacks, samples."""
+"""Most lines of a kind in the short form: systems under test and simulators, stacks, samples."""
 _SLOWEST = 10
-"""Runs named that took longest; in short three, and none where all were quicker than a second."""
+"""Most slowest runs that are named; three in the short form, and none if all runs took less than a second."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,42 +39,42 @@ class _Lines:
     lines: tuple[str, ...]
 
     def plain(self) -> Iterator[str]:
-        """Yield what the block says, a line each."""
+        """Yield the content of the block as lines of text."""
         yield from self.lines
 
 
 @dataclass(frozen=True, slots=True)
 class Notes(_Lines):
-    """What is missing or doubtful, before anything else is believed."""
+    """Missing or doubtful parts of the report, shown before everything else."""
 
     title: str = "notes"
 
 
 @dataclass(frozen=True, slots=True)
 class Head(_Lines):
-    """When the session was and by which command, what drove, what came of it in all, and how it ended."""
+    """The time and command of the session, its driver, its totals, and its end."""
 
     title: str = "session"
     short: tuple[str, ...] = ()
-    """What of it whoever sees pytest's own lines and those below does not know."""
+    """The lines that neither pytest's own output nor the blocks below contain."""
 
 
 @dataclass(frozen=True, slots=True)
 class Changes:
-    """What changed since the baseline."""
+    """The changes since the baseline."""
 
     comparison: Comparison
     title: str = "since the baseline"
     again: str = "pytest"
-    """The command that runs an item once more."""
+    """The command that runs an item again."""
 
     def plain(self) -> Iterator[str]:
-        """Yield what the block says, a line each."""
+        """Yield the content of the block as lines of text."""
         yield self.comparison.headline
         yield from self.comparison.lines()
 
     def first(self, nodeid: str) -> str:
-        """Return the command that runs an item once more."""
+        """Return the command that runs an item again."""
         return _command(self.again, nodeid)
 
 
@@ -86,11 +86,11 @@ class Verdicts:
 
     @property
     def title(self) -> str:
-        """Junction, traffic, and test."""
+        """The title: junction, traffic, and test."""
         return self.matrix.title
 
     def plain(self) -> Iterator[str]:
-        """Yield what the block says, a line each."""
+        """Yield the content of the block as lines of text."""
         for rows, entries in self.matrix.rows:
             told = (f"{column} {e.text}" for column, e in zip(self.matrix.headings, entries, strict=True) if e.text)
             yield f"{self.matrix.corner} {rows}: {'; '.join(told)}"
@@ -98,41 +98,41 @@ class Verdicts:
 
 @dataclass(frozen=True, slots=True)
 class RollUp:
-    """The verdicts at many junctions in sums, in place of a table for each."""
+    """Sums of the verdicts at many junctions, instead of a table per junction."""
 
     sums: tuple[Sums, ...]
     title: str = "verdicts in sums"
 
     def plain(self) -> Iterator[str]:
-        """Yield what the block says, a line each."""
+        """Yield the content of the block as lines of text."""
         for table in self.sums:
             yield from table.plain()
 
 
 @dataclass(frozen=True, slots=True)
 class Causes:
-    """What is behind failures, or behind what was no failure, the gravest first."""
+    """The causes of failures, or of items that did not fail, sorted by severity."""
 
     title: str
     causes: tuple[Cause, ...]
     again: str = "pytest"
-    """The command that runs an item once more."""
+    """The command that runs an item again."""
     settled: bool = False
-    """Whether nobody has to look into them: known failures, and what did not apply or did not run."""
+    """Whether the causes need no attention: known failures, and items that did not apply or did not run."""
 
     def plain(self) -> Iterator[str]:
-        """Yield what the block says, a line each."""
+        """Yield the content of the block as lines of text."""
         for cause in self.causes:
             yield f"{cause.count} x {cause.rule}: {cause.line} (first: {self.first(cause)})"
 
     def first(self, cause: Cause) -> str:
-        """Return the command that runs the first item of a cause once more."""
+        """Return the command that runs the first item of a cause again."""
         return _command(self.again, cause.example)
 
 
 @dataclass(frozen=True, slots=True)
 class Figures(_Lines):
-    """The extremes, what was exercised, and how long it took."""
+    """Extreme values, coverage and durations."""
 
     title: str = "coverage"
 
@@ -152,19 +152,19 @@ _GROUPED: tuple[tuple[str, Callable[[], ByText]], ...] = (
     ("known failures", known),
     ("not applicable, skipped or not run", idle),
 )
-"""Titles of blocks of causes, and what finds them; the last one is left out in short."""
+"""Titles of blocks of causes, with the makers of their groups; the short form leaves out the last block."""
 _SETTLED = {"known failures", "not applicable, skipped or not run"}
 
 
 def outline(report: Report, short: bool = False, tables: bool = False) -> list[Block]:
-    """Return what a report says, in one pass over its records; blocks that would be empty are left out.
+    """Return the outline of a report, in one pass over its records; empty blocks are left out.
 
     Args:
-        report: of a session, merged, or of a campaign.
-        short: name three slow runs at most, none where all were quick, and leave out what a glance does not need: why items were
-            not judged, requirements, versions.
-        tables: give the table of every junction also where there are more of them than a few, beside the sums that stand for
-            them otherwise; none where nobody could read them.
+        report: the report of a session, of several sessions merged, or of a campaign.
+        short: whether to name at most three slow runs, none if all were quick, and to leave out requirements, versions and the
+            reasons why items were not judged.
+        tables: whether to include the table of every junction beside the sums that replace the tables of many junctions; never if
+            there are too many verdicts for tables.
     """
     at_junctions = AtJunctions(report.totals, report.extents)
     matrices, cells, requirements = Matrices(), Cells(report.planned), Requirements()
@@ -187,7 +187,7 @@ def outline(report: Report, short: bool = False, tables: bool = False) -> list[B
     blocks: list[Block] = [Notes(report.notes)] if report.notes else []
     total, made = _total(at_junctions.found), tuple(_few(makers.lines(report.versions), brief))
     ended = f"exit status {report.ended}"
-    # One junction says its verdicts itself.
+    # The block of a single junction shows its verdicts itself.
     blocks.append(Head((*_began(report), total, ended, *made), short=made if len(at_junctions.found) == 1 else (total, *made)))
     if report.comparison:
         blocks.append(Changes(report.comparison, again=report.again))
@@ -216,7 +216,7 @@ def _command(again: str, nodeid: str) -> str:
 
 
 def _began(report: Report) -> Iterator[str]:
-    """Yield when a session was and by which command, where that is known."""
+    """Yield the beginning and the command of a session, if they are known."""
     if report.began:
         yield f"began {report.began}"
     if report.command:
@@ -224,14 +224,14 @@ def _began(report: Report) -> Iterator[str]:
 
 
 def _total(found: Sequence[AtJunction]) -> str:
-    """Return how many verdicts there are of what kind, on how many runs."""
+    """Return the number of verdicts by kind, and the number of runs."""
     tally = sum((one.tally for one in found), Counter[Tallied]())
     runs = len(set[str]().union(*(some for one in found for some in (one.runs, one.wrong))))
     return f"{plural(tally.total(), 'verdict')} on {plural(runs, 'run')}: {counted(tally) or 'none'}"
 
 
 def _fill(records: Iterable[Record], *tallies: _Tally) -> None:
-    """Let all tallies take all records in, in one pass."""
+    """Add all records to all tallies, in one pass."""
     adds = [tally.add for tally in tallies]
     for record in records:
         for add in adds:
@@ -239,14 +239,14 @@ def _fill(records: Iterable[Record], *tallies: _Tally) -> None:
 
 
 def _few(lines: Sequence[str], most: int | None) -> Iterator[str]:
-    """Yield at most so many lines, and how many more there are."""
+    """Yield at most `most` lines, and the number of further lines."""
     yield from lines[:most]
     if most is not None and len(lines) > most:
         yield f"... and {len(lines) - most} more"
 
 
 def _worst(found: Sequence[AtJunction]) -> Iterator[str]:
-    """Yield a line for each of the worst few junctions."""
+    """Yield the lines of the worst few junctions."""
     yield from (line for one in ranked(found)[:FEW] for line in one.lines())
     if len(found) > FEW:
         yield f"... and {plural(len(found) - FEW, 'more junction')}, none worse"

@@ -1,4 +1,4 @@
-"""What tests asked for and did not run: junctions that are left out or run otherwise, by reason, and what was not drawn."""
+"""Planned tests that did not run: junctions that are left out or changed, by reason, and the sizes of samples."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ from pytest_rvads.wording import first, plural
 __all__ = ["refused"]
 
 _NAMED = 5
-"""Junctions named per reason."""
+"""Most junctions named per reason."""
 
 
 def refused(report: Report, most: int | None = None) -> list[str]:
-    """Return a line per reason why junctions or movements are left out, the most frequent first, and one per drawn sample.
+    """Return a line per reason for left-out junctions or movements, the most frequent first, and a line per drawn sample.
 
     Args:
-        report: of a session, or merged.
-        most: reasons told; the junctions of the others are counted.
+        report: the report of a session, or of several sessions merged.
+        most: most reasons that have a line; the junctions of further reasons are counted.
     """
     reasons = sorted(report.refused.items(), key=lambda entry: -len(entry[1]))
     lines = []

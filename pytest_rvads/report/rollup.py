@@ -1,4 +1,4 @@
-"""Sums over many junctions, in place of a table for each: per kind of junction, per rule, and the junctions, the worst first."""
+"""Sums over many junctions, instead of a table per junction: per kind of junction, per rule, and per junction, worst first."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from pytest_rvads.report.at_junctions import AtJunction
 __all__ = ["WORST", "Row", "Sums", "natural", "ranked", "sums"]
 
 WORST = 20
-"""Rows of a table of sums that short forms show."""
+"""Most rows of a table of sums in short forms."""
 
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """A kind of junction, a rule, or a junction, and what was found there."""
+    """The verdicts of a kind of junction, of a rule, or at a junction."""
 
     name: str
     told: tuple[str, ...]
-    """What stands between its name and its verdicts, a text per heading."""
+    """The texts between the name of the row and its verdicts, one per heading."""
     counts: tuple[int, ...]
-    """How many verdicts there are of each kind."""
+    """Number of verdicts of each kind."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,17 +47,17 @@ class Sums:
 
     @property
     def styles(self) -> tuple[str, ...]:
-        """How a terminal shows each column."""
+        """The style of each column on a terminal."""
         plain = [""] * (1 + len(self.headings))
         return (*plain, *("" if kind is None else kind.style.removeprefix("bold ") for kind in self.kinds))
 
     @property
     def sides(self) -> tuple[Literal["left", "right"], ...]:
-        """On which side the texts of each column begin: numbers end below each other."""
+        """The alignment of each column; numbers are aligned right."""
         return tuple("left" if heading in (self.corner, "kind") else "right" for heading in self.columns)
 
     def cells(self, row: Row) -> tuple[str, ...]:
-        """Return a text per column; none where there are no such verdicts."""
+        """Return a text per column; empty for a kind without verdicts."""
         return (row.name, *row.told, *(str(count) if count else "" for count in row.counts))
 
     def plain(self) -> Iterator[str]:
@@ -68,7 +68,7 @@ class Sums:
 
 
 def sums(found: Sequence[AtJunction]) -> tuple[Sums, ...]:
-    """Return a row per kind of junction, by name; per rule, what went wrong most often first; and per junction, as `ranked`."""
+    """Return three tables of sums: per kind of junction by name, per rule by number of failures, per junction as `ranked`."""
     kinds: dict[str, list[AtJunction]] = {}
     junctions: dict[str, list[AtJunction]] = {}
     rules: dict[str, dict[str, Counter[Tallied]]] = {}
@@ -103,12 +103,12 @@ def sums(found: Sequence[AtJunction]) -> tuple[Sums, ...]:
 
 
 def ranked(found: Iterable[AtJunction]) -> list[AtJunction]:
-    """Return what was found, the worst first: where something went wrong in a larger share of the runs, in more, then by name."""
+    """Return the junctions, the worst first: by the share of wrong runs, then by their number, then by name."""
     return sorted(found, key=lambda one: (-one.share, -len(one.wrong), natural(one.junction)))
 
 
 def _runs(found: Sequence[AtJunction]) -> tuple[int, int]:
-    """Return how many runs there were, and in how many something went wrong."""
+    """Return the number of runs, and the number of runs with a failure."""
     return sum(len(one.runs | one.wrong) for one in found), sum(len(one.wrong) for one in found)
 
 
@@ -121,6 +121,6 @@ def _bad(counts: Counter[Tallied]) -> int:
 
 
 def natural(name: str) -> list[tuple[bool, int, str, str]]:
-    """Return what names are sorted by so that 26 comes before 124; they may have more digits than Python makes a number of."""
+    """Return the sort key by which name 26 comes before name 124; a number may have more digits than Python's int() accepts."""
     parts = [(part, part.lstrip("0") if part.isdecimal() else "") for part in re.split(r"(\d+)", name)]
     return [(part.isdecimal(), len(digits), digits, part) for part, digits in parts]

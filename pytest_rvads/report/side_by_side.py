@@ -32,14 +32,14 @@ class Side:
 
     name: str
     head: tuple[str, ...]
-    """When it was, by which command, what drove, what came of it, how it ended; a line each."""
+    """Lines on the time, command and driver of the session, its totals, and its end."""
     notes: tuple[str, ...]
-    """What is missing or doubtful."""
+    """Missing or doubtful parts of the session."""
 
 
 @dataclass(frozen=True, slots=True)
 class Ruled:
-    """The verdicts of a rule in each of the sessions."""
+    """The verdicts of a rule in each of the two sessions."""
 
     rule: str
     a: Counter[Tallied]
@@ -48,33 +48,33 @@ class Ruled:
 
 @dataclass(frozen=True, slots=True)
 class Shared:
-    """A cause of failures, and how many items it broke in each of the sessions."""
+    """A cause of failures, and the number of its items in each of the two sessions."""
 
     rule: str
     text: str
     a: int
     b: int
     example: str
-    """Node id of the first item that tells it."""
+    """Node id of the first item with the cause."""
 
     @property
     def where(self) -> str:
-        """In which of the sessions it is."""
+        """The session or sessions that have the cause."""
         return _WHERE[self.a > 0, self.b > 0]
 
 
 @dataclass(frozen=True, slots=True)
 class SideBySide:
-    """Two sessions, called A and B, and what differs between them."""
+    """Two sessions, called A and B, and the differences between them."""
 
     a: Side
     b: Side
     common: int
-    """Items that both have."""
+    """Number of items that both sessions have."""
     comparison: Comparison
-    """What changed from A to B."""
+    """The changes from A to B."""
     matrices: tuple[Matrix, ...] | None
-    """Per test and junction, ``pass -> FAIL`` where an item differs; None where the verdicts are too many for tables."""
+    """Per test and junction, with ``pass -> FAIL`` for an item that differs; None if the verdicts are too many for tables."""
     rules: tuple[Ruled, ...]
     causes: tuple[Shared, ...]
 
@@ -92,12 +92,12 @@ def side_by_side(a: tuple[str, Report], b: tuple[str, Report], erosion: float) -
     """Return two sessions side by side.
 
     Args:
-        a: the earlier session, or that of one controller, with its name.
-        b: the later one, or that of another controller.
-        erosion: a margin that falls by more than this is told [s].
+        a: name and report of the earlier session, or of the session of one controller.
+        b: name and report of the later session, or of the session of another controller.
+        erosion: a margin that falls by more than this is reported [s].
 
     Raises:
-        RvadsError: they have no item in common.
+        RvadsError: the two sessions have no item in common.
     """
     (first_name, one), (second_name, other) = a, b
     common = len({record.nodeid for record in one.records} & {record.nodeid for record in other.records})
@@ -125,7 +125,7 @@ def _side(name: str, report: Report) -> Side:
 
 
 def _matrices(one: Iterable[Record], other: Iterable[Record]) -> tuple[Matrix, ...] | None:
-    """Return the matrices of two sessions as one each, None where the verdicts are too many for tables."""
+    """Merge the matrices of two sessions; None if the verdicts are too many for tables."""
     was, now = Matrices(), Matrices()
     before: dict[str, tuple[Place, Outcome, str]] = {}
     for record in one:
@@ -143,7 +143,7 @@ def _matrices(one: Iterable[Record], other: Iterable[Record]) -> tuple[Matrix, .
 
 
 def _stands(record: Record) -> tuple[Place, Outcome, str]:
-    """Return where a record stands, and what is told of it there."""
+    """Return the place of a record in its table, its status, and the reason of a known failure."""
     return place_of(record), record.status, (record.known or "").partition(":")[0]
 
 
@@ -158,9 +158,9 @@ def _rules(one: Iterable[Record], other: Iterable[Record]) -> tuple[Ruled, ...]:
 
 
 def _causes(one: Iterable[Record], other: Iterable[Record]) -> tuple[Shared, ...]:
-    """Return the causes of failures: those only in the second session, only in the first, in both, the most frequent first.
+    """Return the causes of failures: first those only in the second session, then only in the first, then in both by frequency.
 
-    Causes are the same whose texts are; of what is left, those whose texts differ in numbers alone.
+    Causes with the same text are the same cause. Of the remaining causes, those whose texts differ only in numbers are the same.
     """
     here, there = _found(one), _found(other)
     shared: list[Shared] = []
@@ -189,12 +189,12 @@ def _found(records: Iterable[Record]) -> list[triage.Cause]:
 
 
 def differing(matrix: Matrix) -> int:
-    """Return in how many cells something differs."""
+    """Return the number of cells that differ."""
     return sum(
         len(members) * sum(map(changed, entries)) for (_, entries), members in zip(matrix.rows, matrix.members, strict=True)
     )
 
 
 def changed(entry: Entry) -> bool:
-    """Tell whether an item differs in a cell."""
+    """Return whether the items of a cell differ."""
     return entry.text not in ("", SAME)

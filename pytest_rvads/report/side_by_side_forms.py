@@ -1,4 +1,4 @@
-"""What is told of two sessions side by side: in a terminal, as a page, as Markdown, as JSON."""
+"""Writes two sessions side by side for a terminal, as a page, as Markdown and as JSON."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ __all__ = ["Section", "fitting", "save", "sections", "text"]
 
 _TITLE = "rvads: two sessions side by side"
 _MOST = 10
-"""Lines of a section, and tables, that a terminal shows; the rest is counted."""
+"""Most lines of a section, and most tables, that a terminal shows; the others are counted."""
 _LINE = 2000
-"""Characters of a line there."""
+"""Most characters of a line on a terminal."""
 
 
 @dataclass(frozen=True, slots=True)
 class Section:
-    """A part of what is told: lines, and where it is a table also its cells, each with ``good``, ``bad`` or nothing."""
+    """A section: lines, and for a table also its cells, each with the mark ``good``, ``bad`` or an empty mark."""
 
     title: str
     lines: tuple[str, ...]
@@ -42,7 +42,7 @@ class Section:
 
 
 def text(found: SideBySide, width: int) -> str:
-    """Return what is told in a terminal of so many columns; only what can't be broken, such as an id, is wider."""
+    """Return the text for a terminal of `width` columns; only unbreakable words, such as an id, are wider."""
     wrapped = partial(wrap, width=width, break_long_words=False, break_on_hyphens=False)
     lines = []
     for part in sections(found, _MOST):
@@ -56,10 +56,10 @@ def text(found: SideBySide, width: int) -> str:
 
 
 def fitting(path: Path) -> Callable[[SideBySide], str]:
-    """Return what makes the text of a file, by its ending.
+    """Return the function that writes the format of a file, by the suffix of the file.
 
     Raises:
-        RvadsError: another ending.
+        RvadsError: no format has this suffix.
     """
     if path.suffix not in _FORMATS:
         raise RvadsError(f"a comparison is a {', '.join(_FORMATS)} file, got {str(path)!r}")
@@ -67,21 +67,21 @@ def fitting(path: Path) -> Callable[[SideBySide], str]:
 
 
 def save(path: Path, found: SideBySide) -> None:
-    """Write two sessions side by side, in the format that the ending of `path` names.
+    """Write two sessions side by side, in the format that the suffix of `path` names.
 
     Raises:
-        RvadsError: another ending.
+        RvadsError: no format has this suffix.
         OSError: the file can't be written.
     """
     write_file(path, [fitting(path)(found).encode("utf-8", "backslashreplace")])
 
 
 def sections(found: SideBySide, most: int | None = None) -> Iterator[Section]:
-    """Yield all that is told of two sessions, in order; parts that would be empty are left out.
+    """Yield the sections on two sessions, in order; empty sections are left out.
 
     Args:
         found: the sessions.
-        most: lines of a section, tables, and changes of a kind; the rest is counted.
+        most: most lines of a section, most tables, and most changes of a kind; the others are counted.
     """
     for letter, side in (("A", found.a), ("B", found.b)):
         yield Section(f"{letter}: {side.name}", (*(f"note: {note}" for note in side.notes), *side.head))
@@ -111,7 +111,7 @@ def sections(found: SideBySide, most: int | None = None) -> Iterator[Section]:
 
 
 def _same(found: SideBySide) -> str:
-    """Return that nothing differs, as far as that can be said."""
+    """Return the sentence that no verdict differs, with its limitations."""
     absent = found.comparison.count("OUTSIDE")
     more = f"; {plural(absent, 'item')} of A not selected in B" if absent else ""
     dated = any(line.startswith("began ") for line in found.a.head)
@@ -120,7 +120,7 @@ def _same(found: SideBySide) -> str:
 
 
 def _tables(found: SideBySide, most: int | None) -> Iterator[Section]:
-    """Yield a section per table in which something differs."""
+    """Yield a section per table with differing cells."""
     if found.matrices is None:
         yield Section("verdicts", ("too many for tables: the changes name the items",))
         return
@@ -132,7 +132,7 @@ def _tables(found: SideBySide, most: int | None) -> Iterator[Section]:
 
 
 def _table(matrix: Matrix, most: int | None) -> Section:
-    """Return the rows and columns of a matrix in which something differs."""
+    """Return a section with the rows and columns of a matrix that contain differing cells."""
     columns = [i for i in range(len(matrix.columns)) if any(changed(entries[i]) for _, entries in matrix.rows)]
     rows = [i for i, (_, entries) in enumerate(matrix.rows) if any(map(changed, entries))]
     count = differing(matrix)
@@ -152,7 +152,7 @@ def _table(matrix: Matrix, most: int | None) -> Section:
 
 
 def _row(matrix: Matrix, number: int) -> Iterator[str]:
-    """Yield what differs in a row of a matrix, a line per rule and change: ``v3, class 07, p1: pass -> FAIL (C, E)``."""
+    """Yield the differences in a row of a matrix, a line per rule and change: ``v3, class 07, p1: pass -> FAIL (C, E)``."""
     label, entries = matrix.rows[number]
     found: dict[tuple[str, str], list[str]] = {}
     for (cfg, rule), entry in zip(matrix.columns, entries, strict=True):
@@ -166,7 +166,7 @@ def _row(matrix: Matrix, number: int) -> Iterator[str]:
 
 
 def _better(entry: Entry) -> str:
-    """Return whether a cell has become good or bad, where it changed and either can be said."""
+    """Return whether a cell has changed to good or bad; empty for a cell without change or without such a value."""
     passed = entry.outcome is not None and entry.outcome.meaning == "passed"
     return "bad" if entry.bad else "good" if passed and changed(entry) else ""
 
@@ -208,7 +208,7 @@ def _markdown(found: SideBySide) -> str:
 
 
 def _json(found: SideBySide) -> str:
-    """Return all of it for programs; a number of verdicts under the spelling of their status, known failures under ``known``."""
+    """Return all sections for programs. Numbers of verdicts have the name of their status as key, known failures ``known``."""
     tables = None if found.matrices is None else list(map(_cells, found.matrices))
     content = {
         "format": "rvads-comparison",
@@ -238,4 +238,4 @@ def _by_name(counts: dict[Tallied, int]) -> dict[str, int]:
 
 
 _FORMATS: dict[str, Callable[[SideBySide], str]] = {".html": _page, ".md": _markdown, ".json": _json}
-"""What makes the text of a file, by its ending."""
+"""Functions that write the formats, by the suffix of a file."""

@@ -21,26 +21,26 @@ from pytest_rvads.wording import plural, printable
 __all__ = ["Summary", "summarise", "summary"]
 
 _MOST = 10
-"""Causes and changes of a kind listed; the rest is counted."""
+"""Most causes, and most changes of a kind, that are listed; the others are counted."""
 _ROWS = 20
-"""Rows of a table shown; those with failures first."""
+"""Most rows of a table that are shown; rows with failures come first."""
 _LINES = 50
-"""Lines of all tables together; those with failures first."""
+"""Most lines of all tables together; tables with failures come first."""
 _LENGTH, _BRIEF = 20_000, 1_000
-"""Characters of a line shown in full, and in short."""
+"""Most characters of a line in the full form, and in the short form."""
 _NARROWEST = 20
-"""Of terminals that say they are narrower [characters]."""
+"""Least width of the output on terminals that are narrower [characters]."""
 _CHANGES = {"NEW": "bold red", "FIXED": "green", "ERODED": "yellow", "LOST": "yellow"}
 
 
 @dataclass(frozen=True, slots=True)
 class Summary:
-    """The summary of a report in two parts, because what has to be looked into comes last."""
+    """The summary of a report in two parts; the causes that need attention come last."""
 
     verdicts: str
-    """Totals, changes, tables and figures."""
+    """The first part: totals, changes, tables and figures."""
     causes: str
-    """What is behind failures, and behind what was no failure."""
+    """The second part: causes of failures, and causes of items that did not fail."""
     examples: tuple[str, ...]
     """The first item of each cause of failures, listed or not."""
 
@@ -48,33 +48,33 @@ class Summary:
 def summary(
     report: Report, *, colour: bool, width: int, unicode: bool, full: bool = False, more: str = "reports in files hold all"
 ) -> str:
-    """Return the outline of a report but for its notes, which callers print where they belong; the causes last.
+    """Return the summary of a report without its notes, which callers print separately; the causes come last.
 
     Args:
-        report: of a session, merged, or of a campaign.
+        report: the report of a session, of several sessions merged, or of a campaign.
         colour: whether the terminal shows colours.
-        width: of the terminal, in characters.
-        unicode: whether its encoding has box characters.
-        full: whether to show all; by default all tables together are no longer than a screen, and no list longer than ten.
-        more: what shows what is left out.
+        width: the width of the terminal [characters].
+        unicode: whether the encoding of the terminal has box characters.
+        full: whether to show everything; by default all tables together fit on a screen, and a list has at most ten entries.
+        more: a phrase that names the output with everything that is left out.
     """
     told = summarise(report, colour=colour, width=width, unicode=unicode, full=full, more=more)
     return told.verdicts + told.causes
 
 
-def summarise(  # noqa: PLR0913 - what a terminal is like, and how much to show
+def summarise(  # noqa: PLR0913 - the properties of a terminal, and the extent of the output
     report: Report, *, colour: bool, width: int, unicode: bool, full: bool, more: str, head: bool = True
 ) -> Summary:
     """Return the summary of a report in its two parts.
 
     Args:
-        report: as for `summary`, and so the others.
-        colour: likewise.
-        width: likewise.
-        unicode: likewise.
-        full: likewise.
-        more: likewise.
-        head: whether to say when the session was, by which command and how it ended, which pytest says at its end.
+        report: the report of a session, of several sessions merged, or of a campaign.
+        colour: whether the terminal shows colours.
+        width: the width of the terminal [characters].
+        unicode: whether the encoding of the terminal has box characters.
+        full: whether to show everything.
+        more: a phrase that names the output with everything that is left out.
+        head: whether to include the time, command and end of the session, which pytest prints itself at the end of a session.
     """
     verdicts, causes = (_Screen(colour, max(width, _NARROWEST), unicode, full, more) for _ in range(2))
     tables: list[RollUp | Verdicts] = []
@@ -106,23 +106,23 @@ def summarise(  # noqa: PLR0913 - what a terminal is like, and how much to show
 
 
 class _Table:
-    """A table, cut unless all is to be shown, as the blocks that a terminal has room for."""
+    """A table, divided into blocks of columns that fit on a terminal, and cut unless everything is to be shown."""
 
     def __init__(self, title: str, what: str, parts: Sequence[Part], hidden: Sequence[str]) -> None:
         self.title, self.what, self.parts = title, what, parts
         self.hidden = hidden
-        """What was left out before, in words."""
+        """The rows or tables left out so far, in words."""
         self.wrong: tuple[bool, ...] = (False,) * len(parts)
-        """Of each block, whether it has something to look at first."""
+        """Per block, whether the block contains failures."""
         self.below: tuple[list[str], ...] = tuple([] for _ in parts)
-        """What is told below the table of each block, once."""
+        """Per block, the lines below its table; each line is printed once."""
 
     def rank(self, k: int) -> tuple[bool, int]:
-        """Return what a block is sorted by: those with something wrong first, of each table one before any has two."""
+        """Return the sort key of a block: blocks with failures first, and a first block of each table before second blocks."""
         return not self.wrong[k], self.wrong[:k].count(self.wrong[k])
 
     def height(self, k: int) -> int:
-        """Return how many lines a block takes, with title and what stands below."""
+        """Return the number of lines of a block, with its title and the lines below."""
         return len(self.parts[k].lines) + len(self.below[k]) + 2
 
 
@@ -139,21 +139,21 @@ class _Screen:
         self._full, self._more = full, more
 
     def text(self) -> str:
-        """Return what was rendered."""
+        """Return the rendered text."""
         return self._out.getvalue()
 
     def lines(self, told: Iterable[str]) -> None:
-        """Print lines, each broken at spaces where it is too long."""
+        """Print lines, each broken at spaces if it is too long."""
         for one in told:
             self.lines_as_they_are(wrapped(_fit(one, self._length), self._width, 4))
 
     def lines_as_they_are(self, told: Iterable[str]) -> None:
-        """Print lines, which terminals break where they like."""
+        """Print lines unbroken; terminals break them anywhere."""
         for line in told:
             self._line(line)
 
     def tables(self, found: Sequence[RollUp | Verdicts]) -> None:
-        """Render tables: as many blocks of them as fit on a screen, those in which something is wrong first, one at least."""
+        """Render as many blocks of tables as fit on a screen, but at least one; blocks with failures come first."""
         tables: list[_Table] = []
         for block in found:
             match block:
@@ -173,7 +173,7 @@ class _Screen:
             self._legend(found)
 
     def _kept(self, tables: Sequence[_Table]) -> set[tuple[int, int]]:
-        """Return which blocks of which tables are shown."""
+        """Return the shown blocks, as numbers of tables and of blocks."""
         every = [(number, k) for number, table in enumerate(tables) for k in range(len(table.parts))]
         if self._full:
             return set(every)
@@ -219,13 +219,13 @@ class _Screen:
         return table
 
     def _sums(self, sums: Sequence[Sums]) -> list[_Table]:
-        """Return the tables of sums, with as many rows of each as fit on a screen together."""
+        """Return the tables of sums, with as many rows each as fit on a screen together."""
         for most in (None,) if self._full else (WORST, 15, 12, 10, 8, 6, 5, 4, 3):
             tables = [self._rolled_up(one, most, "" if k else "verdicts in sums") for k, one in enumerate(sums)]
             if sum(table.height(k) for table in tables for k in range(len(table.parts))) <= _LINES:
                 break
         for table in tables:
-            table.wrong = (True,) * len(table.parts)  # they are cut by rows, and none is left out before a matrix
+            table.wrong = (True,) * len(table.parts)  # sums are cut by rows, and no table of sums is left out before a matrix
         return tables
 
     def _rolled_up(self, sums: Sums, most: int | None, title: str) -> _Table:
@@ -239,7 +239,7 @@ class _Screen:
         return _Table(title, "column", parts, [plural(more, f"more {sums.corner}")] if more else [])
 
     def _legend(self, found: Sequence[RollUp | Verdicts]) -> None:
-        """Say what the words in the tables mean that need it."""
+        """Print the explanations of the words in the tables that need one."""
         told = list(legend(found))
         if told:
             self._paragraph("; ".join(told))
@@ -250,7 +250,7 @@ class _Screen:
             self._line(f" {line}")
 
     def changes(self, block: Changes) -> None:
-        """Print what changed since the baseline."""
+        """Print the changes since the baseline."""
         self._line(block.comparison.headline, "bold")
         new = next((change.nodeid for change in block.comparison.changes if change.kind == "NEW"), "")
         told = list(block.comparison.lines(self.most))
@@ -262,7 +262,7 @@ class _Screen:
         self._line("")
 
     def causes(self, block: Causes) -> None:
-        """Print causes, and of those that somebody has to look into the command that runs the first item of each."""
+        """Print causes; for causes that need attention, also the command that runs the first item."""
         self._line(block.title, "bold")
         for cause in block.causes[: self.most]:
             count = f"  {cause.count:4d} x "
@@ -279,11 +279,11 @@ class _Screen:
         return _LENGTH if self._full else _BRIEF
 
     def _line(self, text: str, style: str = "") -> None:
-        """Print a line that terminals break where it is too long, so that a command in it can be pasted."""
+        """Print a line unbroken, so that a command in the line can be pasted; terminals break it if it is too long."""
         end = "\n" if text.endswith("\n") else ""
         self._console.print(Text(_fit(text.removesuffix("\n"), self._length) + end, style=style), soft_wrap=True)
 
 
 def _fit(text: str, length: int = _LENGTH) -> str:
-    """Return a text on one line, which the terminal does not take for a command."""
+    """Return a text on one line, without control characters that a terminal would obey."""
     return printable(text.replace("\n", " "), length)

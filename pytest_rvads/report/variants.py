@@ -1,4 +1,4 @@
-"""Variants of tests, the values of their other parameters: which of them something concerns, where not all."""
+"""Variants of tests, that is, the values of their other parameters, and the variants to name when not all are concerned."""
 
 from __future__ import annotations
 
@@ -10,24 +10,24 @@ from pytest_rvads.report.rollup import natural
 __all__ = ["Variant", "Variants", "variant_of"]
 
 Variant = tuple[str, str]
-"""A test, and its variant; both are empty where it has none."""
+"""A test and its variant; both are empty for a record without a variant."""
 
 
 class Variants:
-    """Takes records in and tells which variants of a test something concerns."""
+    """Collects the variants of tests from records, and selects the variants to name."""
 
     def __init__(self) -> None:
         self._known: dict[str, set[str]] = {}
-        """By test all of its variants."""
+        """All variants of each test."""
 
     def add(self, record: Record) -> None:
-        """Take a record in."""
+        """Add a record."""
         if record.variant:
             test, variant = variant_of(record)
             self._known.setdefault(test, set()).add(variant)
 
     def only(self, places: Collection[Variant]) -> tuple[str, ...]:
-        """Return the variants at some places in order, where their tests have others; nothing where a test has none."""
+        """Return the variants at some places in order; empty if their tests have no other variants, or a test has none."""
         tests, here = {test for test, _ in places}, {variant for _, variant in places}
         if "" in here or here >= set().union(*(self._known.get(test, ()) for test in tests)):
             return ()
@@ -35,6 +35,6 @@ class Variants:
 
 
 def variant_of(record: Record) -> Variant:
-    """Return which test a record is of, by its file and function, and in which variant."""
-    # One place for all others: a campaign has a million records, each an item of its own.
+    """Return the test of a record, by file and function, and its variant."""
+    # Records without a variant share a place: a campaign has a million records, each with an item of its own.
     return (record.nodeid.partition("[")[0], record.variant) if record.variant else ("", "")

@@ -1,4 +1,4 @@
-"""Cases: a scenario, what drives in it, and in which bodies. Whatever simulates, searches, caches or records takes a case."""
+"""Cases: a scenario, its drivers, and the bodies of its agents. Simulations, searches, caches and records take a case."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ __all__ = ["Case", "Fleet"]
 
 @dataclass(frozen=True, slots=True)
 class Fleet:
-    """In which bodies the agents of a scenario drive.
+    """The bodies of the agents of a scenario.
 
     Raises:
-        ScenarioError: what is no `Vehicle`.
+        ScenarioError: a body is no `Vehicle`.
     """
 
     vehicle: Vehicle = field(default_factory=Vehicle)
-    """Of every agent that has no other one."""
+    """The vehicle of every agent without an entry in `others`."""
     others: Mapping[str, Vehicle] = field(default_factory=dict, hash=False)
-    """By the name of the agent."""
+    """Other vehicles, by the name of the agent."""
 
     def __post_init__(self) -> None:
         require(self.others, Mapping, "others= must be vehicles by the name of the agent, such as {'a0': truck}", ScenarioError)
@@ -38,7 +38,7 @@ class Fleet:
         object.__setattr__(self, "others", MappingProxyType(dict(self.others)))
 
     def of(self, agent: str) -> Vehicle:
-        """Return the vehicle of the agent of that name."""
+        """Return the vehicle of an agent, given by name."""
         return self.others.get(agent, self.vehicle)
 
 
@@ -47,17 +47,19 @@ class Case:
     """Everything that a run depends on.
 
     Raises:
-        ScenarioError: no scenario, no fleet, or one with a body for an agent that the scenario does not have; or traffic
-            without a subject.
-        AutopilotError: `driver` or `traffic` is nothing that can be called.
+        ScenarioError: the scenario or the fleet has a wrong type, the fleet has a body for an agent that the scenario does not
+            have, or traffic is given without a subject.
+        AutopilotError: `driver` or `traffic` can't be called.
     """
 
     scenario: Scenario
     driver: Factory
-    """Drives every vehicle, or the subject alone: a class or callable without arguments, called once per vehicle, in creation
-    order, or once for all when it makes a `TrafficSystem`."""
+    """Drives every vehicle, or the subject alone: a class or callable without arguments.
+
+    The driver is called once per vehicle, in creation order, or once for all vehicles if it makes a `TrafficSystem`.
+    """
     traffic: Factory | None = None
-    """Drives the other vehicles of a scenario with a subject, and only there; the reference policy where None is given."""
+    """Drives the other vehicles of a scenario with a subject; the reference policy by default. Allowed only with a subject."""
     fleet: Fleet = field(default_factory=Fleet)
 
     def __post_init__(self) -> None:
@@ -84,10 +86,10 @@ class Case:
         return replace(self, scenario=self.scenario.but(**changes))
 
     def starts(self) -> tuple[tuple[float, float], ...]:
-        """Return per agent its distance to the stopping line [m] and its speed [m/s], in the order of `agents`.
+        """Return, per agent, its distance to the stopping line [m] and its speed [m/s], in the order of `agents`.
 
         Raises:
-            ScenarioError: a vehicle has no room where it would start, see `Scenario.starts`.
+            ScenarioError: a vehicle has no room at its start, see `Scenario.starts`.
         """
         return self.scenario.starts(self.fleet.of)
 

@@ -1,10 +1,10 @@
 """Abstract scenarios and their structural equivalence classes (paper, sections 5.1 and 5.2).
 
-An abstract scenario of a junction is a tuple of symbolic directions: entry i is the direction of the vehicle at entrance i,
-0 where nobody stands. Rotating a junction onto itself gives an equivalent scenario; with one entrance per arm, all movements and
-equal signs the classes of full scenarios are the necklaces of length n over n - 1 directions. Classes are numbered from 1 in the
-order of their representatives, the lexicographically least rotations; partial scenarios have number 0. See `Orbits`; what is
-asked for here by a number of ways is about the junctions of the paper.
+An abstract scenario of a junction is a tuple of symbolic directions: entry i is the direction of the vehicle at entrance i, 0 for
+an entrance without a vehicle. Rotating a junction onto itself gives an equivalent scenario. With one entrance per arm, all
+movements and equal signs, the classes of full scenarios are the necklaces of length n over n - 1 directions. Classes are numbered
+from 1 in the order of their representatives, the lexicographically least rotations; partial scenarios have number 0. See
+`Orbits`. The functions here that take a number of ways are about the junctions of the paper.
 """
 
 from __future__ import annotations
@@ -36,10 +36,10 @@ _DIGITS = "0123456789abcdefghijklmnopqrstuvwxyz"
 
 
 def parse(directions: str | Sequence[int]) -> Directions:
-    """Read directions from a string such as ``"1133"``, or ``"13_2_0_31"`` where arms have several lanes, or from integers.
+    """Read directions from a string such as ``"1133"``, or ``"13_2_0_31"`` for arms with several lanes, or from integers.
 
     Raises:
-        ScenarioError: something else, or no vehicle at all.
+        ScenarioError: `directions` is neither, or has no vehicle.
     """
     digits: object = directions
     if isinstance(directions, str):
@@ -62,7 +62,7 @@ def label(code: Directions, lanes: Sequence[int] = ()) -> str:
 
     Args:
         code: the directions.
-        lanes: per arm, how many entrances it has; where one has several, arms are parted by ``_``.
+        lanes: number of entrances per arm. If an arm has several entrances, ``_`` separates the arms.
     """
     digits = "".join(_DIGITS[d] for d in code)
     if max(lanes, default=1) <= 1:
@@ -72,7 +72,7 @@ def label(code: Directions, lanes: Sequence[int] = ()) -> str:
 
 
 def rotations(code: Directions) -> tuple[Directions, ...]:
-    """Return the n rotations of a scenario, row 0 first; some coincide when it is symmetric."""
+    """Return the n rotations of a scenario, row 0 first; a symmetric scenario has equal rotations."""
     return Orbits.plain(len(code)).turns(code)
 
 
@@ -87,7 +87,7 @@ def members(code: Directions) -> tuple[Directions, ...]:
 
 
 def seats(code: Directions) -> tuple[int, ...]:
-    """Return the occupied entrances of `code` that no symmetry of it takes to an earlier one, see `Orbits.seats`."""
+    """Return the occupied entrances of `code` that no symmetry of `code` maps to an earlier entrance, see `Orbits.seats`."""
     return Orbits.plain(len(code)).seats(code)
 
 

@@ -1,7 +1,7 @@
-"""Configurations: distances and speeds per entrance, as the paper's A..J, staggered around a subject, or as a user's grid.
+"""Configurations: distances and speeds per entrance: the paper's A..J, staggered around a subject, or a user's grid.
 
-The grid keeps to the braking envelope: a vehicle that starts d metres before the stopping line is no faster
-than v(d)max, else it would break rules by its speed alone (paper, section 5.3).
+The grid keeps to the braking envelope: a vehicle that starts d metres before the stopping line is no faster than v(d)max, because
+a faster vehicle would break rules by its speed alone (paper, section 5.3).
 """
 
 from __future__ import annotations
@@ -35,48 +35,53 @@ __all__ = [
 ]
 
 Envelope = Callable[[float], float | None]
-"""v(d)max: distance to the stopping line [m] to the greatest safe speed [m/s], None where even 0 m/s is unsafe."""
+"""v(d)max: maps the distance to the stopping line [m] to the greatest safe speed [m/s]; None if even 0 m/s is unsafe."""
 
 PAPER = {JunctionControl.STOP: "ABCDE", JunctionControl.LIGHTS: "FGHIJ"}
-"""The paper's configurations by control; A and F are deliberate probes of a controller that launches before it looks."""
+"""The paper's configurations by control. A and F deliberately probe a controller that launches before it looks."""
 
 ARRIVALS = "arrivals"
-"""The grid of tests with a subject that name none: an equal start 20 m before the lines, and staggered ones."""
+"""The default grid of tests with a subject: an equal start 20 m before the lines, and staggered starts."""
 
 _NEAR, _CLOSE, _FAR, _FAST = 0.01, 0.3, 20.0, 10.0
 _STAGGERED_SPEED = 8.0
-"""Of every vehicle of a staggered configuration [m/s]; below the speed limit."""
+"""Speed of every vehicle of a staggered configuration [m/s]; below the speed limit."""
 _NEAREST = 10.0
-"""A vehicle of a staggered configuration starts no nearer to its line than this [m]; v(d)max is 8.66 m/s there."""
+"""Least distance of a vehicle of a staggered configuration from its line [m]; v(d)max is 8.66 m/s there."""
 _AT_STOPS, _ELSEWHERE = (36, "S21 S26 S31 S46 S51 S56"), (20, "S31 S42 S53 S64 S75")
-"""Distance of the subject [m], and the staggered configurations by the distance of the others. At an all-way stop, where the
-order of arrival decides, the others arrive 1.5, 1 and 0.5 s earlier and 1, 1.5 and 2 s later; elsewhere 1 to 5 s later."""
+"""Distance of the subject [m], and the labels of the staggered configurations, named by the distance of the others.
+
+At an all-way stop, where the order of arrival decides, the other vehicles arrive 1.5, 1 and 0.5 s earlier and 1, 1.5 and 2 s
+later than the subject. Elsewhere they arrive 1 to 5 s later.
+"""
 _STAGGERED_LABEL = re.compile(r"S\d{1,3}(_\d{1,3})*")
 
 
 @dataclass(frozen=True, slots=True)
 class Configuration:
-    """Distances and speeds of one scenario, per entrance before rotation."""
+    """Distances and speeds of a scenario, per entrance before rotation."""
 
     label: str
     distances: tuple[float, ...]
-    """Reference point to stopping line [m]."""
+    """Distances from the reference points to the stopping lines [m]."""
     speeds: tuple[float, ...]
-    """[m/s]."""
+    """Speeds [m/s]."""
     staggered: bool = False
-    """Whether the first of `distances` and `speeds` are those of the subject, wherever it sits, and the next ones those of the
-    others, counter-clockwise from it."""
+    """Whether the first distance and speed are those of the subject, at any entrance.
+
+    The next distances and speeds are then those of the other vehicles, counter-clockwise from the subject.
+    """
 
     @property
     def room(self) -> float:
-        """How long an approach has to be at least [m]."""
+        """Least length of an approach [m]."""
         return _NEAREST if self.staggered else max(self.distances)
 
     def around(self, seat: int, rooms: Sequence[float]) -> Configuration:
-        """Return a staggered configuration around a subject; any other one as it is.
+        """Return a staggered configuration around a subject; other configurations are returned unchanged.
 
-        On an approach that is too short for its vehicle, the vehicle starts as far from the line as the approach allows. Where
-        that is the subject, the others start nearer by as much, at least `_NEAREST` before their lines.
+        On an approach that is too short for its vehicle, the vehicle starts as far from the line as the approach allows. If this
+        vehicle is the subject, the other vehicles start nearer by the same distance, but at least `_NEAREST` before their lines.
 
         Args:
             seat: entrance of the subject, before rotation.
@@ -91,16 +96,16 @@ class Configuration:
 
 
 def configuration(label: str, entrances: int, control: JunctionControl = JunctionControl.STOP) -> Configuration:
-    """Return the configuration called `label` for `entrances` entrances of a junction with that control.
+    """Return the configuration called `label` for `entrances` entrances of a junction with a given control.
 
     Args:
-        label: a letter of the paper's, A to J; or of a staggered configuration ``S`` and the distance of the others [m], where
-            they differ one per entrance, counter-clockwise from the subject: ``S26_56_56``.
+        label: a letter of the paper, A to J; or for a staggered configuration ``S`` and the distance of the other vehicles [m],
+            or a distance per entrance, counter-clockwise from the subject: ``S26_56_56``.
         entrances: number of entrances.
-        control: of the junction. It says how far from its line the subject of a staggered configuration starts.
+        control: the control of the junction, which determines the distance of the subject of a staggered configuration.
 
     Raises:
-        ScenarioError: no such configuration.
+        ScenarioError: no configuration has this label.
     """
     if not _STAGGERED_LABEL.fullmatch(label):
         return _of_paper(label, entrances)
@@ -135,16 +140,16 @@ def grid(names: str | Iterable[str], entrances: int, control: JunctionControl) -
     """Return the configurations of a named grid.
 
     Args:
-        names: ``"paper"`` for the five of the paper that belong to `control` (those of the stop junction where the control is
-            neither stop nor lights), ``"staggered"`` for all staggered ones, ``"arrivals"`` for the usual ones of tests with a
-            subject, the label of a staggered one, a string of letters, or a sequence of any.
+        names: ``"paper"`` for the paper's five configurations of `control` (those of stops, if the control is neither stop nor
+            lights), ``"staggered"`` for all staggered configurations, ``"arrivals"`` for the default of tests with a subject, the
+            label of a staggered configuration, a string of letters, or a sequence of these.
         entrances: number of entrances.
-        control: of the junction.
+        control: the control of the junction.
     """
     letters, stop = PAPER.get(control, PAPER[JunctionControl.STOP]), control is JunctionControl.STOP
     _, staggered = _AT_STOPS if stop else _ELSEWHERE
-    # Of others that arrive together before the subject the one at its left goes first, and the subject need not see it: in two
-    # configurations only the one at its right, or only the one at its left, is early.
+    # If several others arrive together before the subject, the vehicle at the subject's left goes first, and the subject need not
+    # see that vehicle. So in two configurations only the vehicle at the right, or only the vehicle at the left, is early.
     late = ["56"] * (entrances - 2)
     at_stops = ["S21", "S46", "_".join(("S26", *late)), f"S{'_'.join((*late, '26'))}"]
     named: dict[str, Sequence[str]] = {
@@ -167,19 +172,19 @@ def explicit(distances: Axis, speeds: Axis, entrances: int) -> tuple[Configurati
     """Return the product of explicit distances and speeds.
 
     Args:
-        distances: a number for all entrances, a tuple with one number per entrance, or a list of either.
-        speeds: likewise.
+        distances: a number for all entrances [m], a tuple with one number per entrance, or a list of such numbers and tuples.
+        speeds: a number for all entrances [m/s], a tuple with one number per entrance, or a list of such numbers and tuples.
         entrances: number of entrances.
 
     Raises:
-        ScenarioError: a number that is negative or not finite, or a tuple of another length.
+        ScenarioError: a number is negative or not finite, or a tuple has another length.
     """
     points = product(_points("distances", distances, entrances), _points("speeds", speeds, entrances))
     return tuple(Configuration(explicit_label(d, v), d, v) for d, v in points)
 
 
 def explicit_label(distances: Sequence[float], speeds: Sequence[float]) -> str:
-    """Return the label of explicit values: ``d20.00_00.30v00.00``, one value where all are equal."""
+    """Return the label of explicit values: ``d20.00_00.30v00.00``; a single value if all values are equal."""
 
     def text(values: Sequence[float]) -> str:
         return "_".join(f"{v:05.2f}" for v in (values[:1] if len(set(values)) == 1 else values))
@@ -197,7 +202,7 @@ def outside(point: Configuration, envelope: Envelope) -> tuple[float, float] | N
 
 
 def probe(point: Configuration, envelope: Envelope) -> str:
-    """Return what `point` deliberately probes, as a sentence; an empty one where it is a fair start like any other."""
+    """Return a sentence on the deliberate probe of `point`; an empty text for a fair start."""
     beyond = outside(point, envelope)
     if beyond is not None:
         distance, speed = beyond
@@ -212,7 +217,7 @@ def per_entrance(name: str, value: float | Sequence[float], entrances: int) -> t
     """Return `value` as one finite number of 0 or more per entrance.
 
     Raises:
-        ScenarioError: another count, or a number that is negative or not finite.
+        ScenarioError: the number of values is wrong, or a value is negative or not finite.
     """
     value = plain(value)
     if isinstance(value, str) or not isinstance(value, int | float | Sequence):
@@ -227,7 +232,7 @@ def per_entrance(name: str, value: float | Sequence[float], entrances: int) -> t
 
 
 def plain(value: Any) -> Any:
-    """Return an array or number of numpy's as Python's own, anything else as it is."""
+    """Return an array or number of numpy as builtins, any other value unchanged."""
     return value.tolist() if isinstance(value, np.ndarray | np.generic) else value
 
 

@@ -1,4 +1,4 @@
-"""How much there is to cover at the junctions of a session or town, where their number of ways does not tell."""
+"""The numbers of classes and pairs to cover at junctions, if the numbers of ways do not determine them."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ __all__ = ["extended"]
 
 
 def extended(extents: Mapping[str, Extent], selection: Selection) -> dict[str, Extent]:
-    """Return extents with what a selection chooses from; a junction of the paper has none as long as whole classes are chosen."""
+    """Return extents with the extent of a selection added; junctions as in the paper, with whole classes, need no extent."""
     place = selection.place
     full, usual = Orbits.at(place, selection.occupancy), Orbits.at(place)
     occupancy = "arms" if full == usual else selection.occupancy

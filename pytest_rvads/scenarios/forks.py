@@ -1,7 +1,7 @@
-"""Approaches that lie on each other: where vehicles of two entrances would start in one lane, or inside each other.
+"""Approaches that overlap, so that vehicles of two entrances would start in the same lane, or inside each other.
 
-Behind turn lanes several entrances share one lane, and a lane that begins on the way has no width there. Two vehicles at
-the same distance from their lines would stand inside each other.
+Behind turn lanes several entrances share a lane, and a lane that begins on the way has no width there. Two vehicles at the same
+distance from their lines would stand inside each other.
 """
 
 from __future__ import annotations
@@ -19,26 +19,28 @@ from pytest_rvads.maps.segment import Segment
 __all__ = ["Fork", "forks", "near"]
 
 _BESIDE = 2.0
-"""Lanes whose centre lines are nearer than this are one [m]: cars, 1.86 m wide, have no room beside each other there."""
+"""Distance of centre lines below which two lanes count as one lane [m]: cars, 1.86 m wide, have no room beside each other."""
 _NEAR = 3.0
-"""Bodies on centre lines that stay farther apart than this do not touch [m]: no vehicle may be wider than 2.6 m (Council
-Directive 96/53/EC, Annex I)."""
+"""Distance of centre lines from which on bodies do not touch [m].
+
+No vehicle may be wider than 2.6 m (Council Directive 96/53/EC, Annex I).
+"""
 _SPACING = 0.5
-"""Approaches are compared at points so far apart [m]."""
+"""Distance of the points at which approaches are compared [m]."""
 
 
 class Fork(NamedTuple):
     """Two entrances, the lower number first, whose approaches are one lane upstream."""
 
     entrances: tuple[int, int]
-    """Their numbers."""
+    """Numbers of the two entrances."""
     distances: tuple[float, float]
-    """How far before each stopping line the lanes part [m]; negative behind the line."""
+    """Distances before the two stopping lines at which the lanes part [m]; negative behind the line."""
 
 
 @lru_cache(maxsize=256)
 def forks(place: Junction) -> tuple[Fork, ...]:
-    """Return every two entrances of a junction whose approaches are one lane upstream; none where no lane is known."""
+    """Return the pairs of entrances whose approaches are one lane upstream; entrances without a known approach are skipped."""
     lines = {e: _sample(lane.approach) for e, lane in enumerate(place.entrances) if lane.approach}
     found = []
     for one, two in combinations(lines, 2):
@@ -53,9 +55,9 @@ def forks(place: Junction) -> tuple[Fork, ...]:
 
 @lru_cache(maxsize=256)
 def near(place: Junction) -> frozenset[tuple[int, int]]:
-    """Return every two entrances, the lower number first, on whose approaches vehicles may start inside each other.
+    """Return the pairs of entrances, the lower number first, on whose approaches vehicles may start inside each other.
 
-    Such approaches are one lane upstream, see `forks`, or converge towards their stopping lines.
+    These approaches are one lane upstream, see `forks`, or converge towards their stopping lines.
     """
     lines = {e: _sample(lane.approach)[::-2] for e, lane in enumerate(place.entrances) if lane.approach}
     pairs = combinations(lines, 2)
@@ -63,7 +65,7 @@ def near(place: Junction) -> frozenset[tuple[int, int]]:
 
 
 def _parting(one: NDArray[np.float64], two: NDArray[np.float64]) -> tuple[float, float] | None:
-    """Return how far before their ends two lines part [m], the first of which begins on the second one; None if it does not."""
+    """Return the distances before their ends at which two lines part [m]; None if the first does not begin on the second."""
     if _apart(one[0], two).min() >= _BESIDE:
         return None
     mine = yours = 0

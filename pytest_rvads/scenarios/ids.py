@@ -1,4 +1,4 @@
-"""Scenarios from their ids: ``stop4-class07-as1133-s0-cfgD.delay00.20.r1-hesitant-p1``, as tests are called."""
+"""Reads scenarios from the ids of tests, such as ``stop4-class07-as1133-s0-cfgD.delay00.20.r1-hesitant-p1``."""
 
 from __future__ import annotations
 
@@ -25,25 +25,25 @@ _POINT = re.compile(
     r"(?P<cfg>[A-J]|S[\d_]*\d|d(?P<d>[\d._]*\d)v(?P<v>[\d._]*\d))(\.f(?P<followers>\d))?(?P<senses>(\.[a-z_]+(\d+\.\d+|\d+)?)*?)"
     r"(\.r(?P<rotation>\d+))?(\.o(?P<order>(?=[a-z]*\d)[0-9a-z]+))?"
 )
-"""An order has digits, which tells it from a sense that begins with o."""
+"""An order has digits, unlike a sense that begins with o."""
 _SENSE = re.compile(r"\.([a-z_]+)(\d+\.\d+|\d+)?")
 
 
 def run_id(scenario: Scenario, traffic: str | None) -> str:
-    """Return the id of a run, without a rule; the policy of `traffic` around a subject follows where it is not the usual one."""
+    """Return the id of a run, without a rule; the policy of the traffic around a subject is appended if it is not the default."""
     return scenario.name if traffic in (None, DEFAULT) else f"{scenario.name}-{traffic}"
 
 
 def from_id(id: str, map: str | os.PathLike[str] | None = None) -> Scenario:
-    """Return the scenario of an id; what ids leave out, duration, braking level and random draw, is as usual.
+    """Return the scenario of an id; duration, braking level and random draw, which ids leave out, have their defaults.
 
     Args:
-        id: with or without the rule, of a test or a run.
-        map: OpenDRIVE file of a junction that is not built in.
+        id: the id of a test or a run, with or without the rule.
+        map: the OpenDRIVE file of a junction that is not built in.
 
     Raises:
-        ScenarioError: it is no id, or says what the junction does not have; the message says what is expected.
-        MapError: no such junction.
+        ScenarioError: the text is no id, or does not fit the junction; the message says what is expected.
+        MapError: no junction has this name.
     """
     said = _ID.fullmatch(id)
     point = said and _POINT.fullmatch(said["point"])
@@ -79,7 +79,7 @@ def from_id(id: str, map: str | os.PathLike[str] | None = None) -> Scenario:
 
 
 def _numbers(text: str | None) -> float | tuple[float, ...]:
-    """Return the values of a label: one for all entrances, or one for each."""
+    """Return the values of a label: one value for all entrances, or one value per entrance."""
     try:
         values = tuple(map(float, (text or "0").split("_")))
     except ValueError:

@@ -1,8 +1,8 @@
 """Orbits: abstract scenarios up to the rotations of their junction, counted and numbered without listing them.
 
-A scenario is a word of *slots*, each of which chooses a letter: what the vehicle on an arm does, or the one on a lane. The
-rotations that keep lanes, movements and signs move slots on by whole *blocks*, so that a scenario is a word of blocks, and its
-orbit under them a necklace: classes are numbered in the order of the lexicographically least words.
+A scenario is a word of *slots*. Each slot has a letter: the direction of the vehicle on an arm, or on a lane. The rotations that
+keep lanes, movements and signs move slots by whole *blocks*. So a scenario is a word of blocks, and its orbit under the rotations
+is a necklace: classes are numbered in the order of their lexicographically least words.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ __all__ = ["OCCUPANCIES", "WAYS", "Directions", "Orbits", "rotate"]
 T = TypeVar("T")
 Directions = tuple[int, ...]
 WAYS = range(3, 9)
-"""Arities the method is defined for here."""
+"""Numbers of arms for which the paper's method is defined here."""
 OCCUPANCIES = ("arms", "lanes")
-"""Which entrances are occupied in a full scenario: one on each arm, or all of them."""
+"""The occupied entrances of a full scenario: one entrance on each arm, or all entrances."""
 
 
 def rotate(code: tuple[T, ...], rows: int) -> tuple[T, ...]:
-    """Move every vehicle `rows` entrances on, keeping its symbolic direction; or whatever else is given per entrance."""
+    """Move every vehicle by `rows` entrances with its symbolic direction kept; any other values per entrance can be moved too."""
     rows %= len(code)
     return code[-rows:] + code[:-rows] if rows else code
 
@@ -39,22 +39,22 @@ class Orbits:
     """The abstract scenarios of a junction, and their classes under its rotations."""
 
     slots: tuple[tuple[Directions, ...], ...]
-    """Per slot the directions at its entrances that can be chosen, in ascending order."""
+    """Per slot, the letters: the possible directions at its entrances, in ascending order."""
     blocks: int
-    """How many rotations there are; each moves every slot on by a multiple of as many slots as a block has."""
+    """Number of rotations; each moves every slot by a multiple of the number of slots per block."""
     partial: bool = False
-    """Whether slots may be empty, though not all of them."""
+    """Whether some slots may be empty, but not all slots."""
 
     @classmethod
     def plain(cls, ways: int, *, partial: bool = False) -> Orbits:
-        """Return the scenarios of the paper: one entrance per arm, from where movements lead to every other arm.
+        """Return the scenarios of the paper: one entrance per arm, with movements to every other arm.
 
         Args:
             ways: number of arms.
-            partial: with arms on which nobody stands.
+            partial: whether arms may have no vehicle.
 
         Raises:
-            ScenarioError: another number of ways than 3..8.
+            ScenarioError: the number of ways is not 3 to 8.
         """
         if ways not in WAYS:
             raise ScenarioError(f"the number of ways must be 3 to 8, got {ways!r}")
@@ -66,12 +66,12 @@ class Orbits:
 
         Args:
             place: the junction.
-            occupancy: ``"arms"``: one vehicle on every arm from which a movement leads, on any of its lanes; ``"lanes"``: one on
-                every such lane.
-            partial: with arms, or lanes, on which nobody stands.
+            occupancy: ``"arms"`` for one vehicle on every arm with movements, on any of its lanes; ``"lanes"`` for one vehicle on
+                every lane with movements.
+            partial: whether arms, or lanes, may have no vehicle.
 
         Raises:
-            ScenarioError: another occupancy, or a junction without movements.
+            ScenarioError: the occupancy is unknown, or the junction has no movements.
         """
         if occupancy not in OCCUPANCIES:
             raise ScenarioError(f"occupancy must be one of {', '.join(OCCUPANCIES)}, got {occupancy!r}")
@@ -84,7 +84,7 @@ class Orbits:
 
     @cached_property
     def rows(self) -> range:
-        """By how many entrances each rotation moves vehicles on, 0 first."""
+        """Numbers of entrances by which the rotations move vehicles, 0 first."""
         return range(0, self.size, self.size // self.blocks)
 
     @cached_property
@@ -98,26 +98,26 @@ class Orbits:
         return sum(map(self._fixed, range(self.blocks))) // self.blocks - self.partial
 
     def seated(self, entrance: int) -> int:
-        """Return in how many scenarios somebody stands at `entrance`."""
+        """Return the number of scenarios with a vehicle at `entrance`."""
         return int(self._fixed(0) * self._share(entrance))
 
     def turned(self, entrance: int) -> int:
-        """Return in how many rotations of representatives somebody stands at `entrance`; those that coincide count each."""
+        """Return the number of rotations of representatives with a vehicle at `entrance`; equal rotations count separately."""
         return int(sum(map(self._fixed, range(self.blocks))) * self._share(entrance))
 
     def __contains__(self, code: Directions) -> bool:
-        """Tell whether `code` is one of the scenarios."""
+        """Return whether `code` is one of the scenarios."""
         return len(code) == self.size and self._word(code) is not None and any(code)
 
     def __iter__(self) -> Iterator[Directions]:
         """Yield the representatives in order, class 1 first.
 
-        This is the algorithm of Fredricksen, Kessler and Maiorana for necklaces in lexicographic order; memory does not grow with
+        The algorithm of Fredricksen, Kessler and Maiorana yields necklaces in lexicographic order; its memory does not grow with
         the number of classes.
         """
         length, top = self.blocks, self._top
         word = [0] * (length + 1)
-        if not self.partial:  # else nobody stands anywhere in the first one
+        if not self.partial:  # else the first word has no vehicle
             yield self._code(word[1:])
         while True:
             i = length
@@ -139,7 +139,7 @@ class Orbits:
                 yield code
 
     def turns(self, code: Directions) -> tuple[Directions, ...]:
-        """Return the rotations of a scenario, row 0 first; some coincide when it is symmetric."""
+        """Return the rotations of a scenario, row 0 first; a symmetric scenario has equal rotations."""
         return tuple(rotate(code, row) for row in self.rows)
 
     def representative(self, code: Directions) -> Directions:
@@ -151,19 +151,19 @@ class Orbits:
         return tuple(dict.fromkeys(self.turns(code)))
 
     def seats(self, code: Directions) -> tuple[int, ...]:
-        """Return the occupied entrances of `code` that no symmetry of it takes to an earlier one.
+        """Return the occupied entrances of `code` that no symmetry of `code` maps to an earlier entrance.
 
-        A vehicle under test among traffic breaks the symmetry of rotation: over all classes of full scenarios of the paper these
-        seats are as many as there are scenarios, 81 at four ways and 8 at three.
+        A vehicle under test among traffic breaks the symmetry of rotation. Over all classes of full scenarios of the paper, the
+        number of these seats is the number of scenarios: 81 at four ways and 8 at three.
         """
         period = len(self.members(code)) * (self.size // self.blocks)
         return tuple(seat for seat in range(period) if code[seat])
 
     def number(self, code: Directions) -> int:
-        """Return the number of the class of `code`, 1 for the first; 0 where it is none of the scenarios.
+        """Return the number of the class of `code`, 1 for the first class; 0 if `code` is none of the scenarios.
 
-        What comes later is counted: words whose rotations are all at least the representative. They are the closed walks of an
-        automaton that has matched so many letters of it.
+        The method counts the words whose rotations are all at least the representative. These words are the closed walks of an
+        automaton whose state is the number of matched letters of the representative.
         """
         word = self._word(self.representative(code)) if code in self else None
         if word is None:
@@ -190,11 +190,11 @@ class Orbits:
         return prod(len(letters) for letters in self.slots[: len(self.slots) // self.blocks]) - 1
 
     def _fixed(self, turn: int) -> int:
-        """Return how many words a rotation by so many blocks leaves as they are."""
+        """Return the number of words that a rotation by `turn` blocks leaves unchanged."""
         return int((self._top + 1) ** gcd(turn, self.blocks))
 
     def _share(self, entrance: int) -> Fraction:
-        """Return in which share of the words of any period somebody stands at `entrance`."""
+        """Return the share of words of any period that have a vehicle at `entrance`."""
         first = 0
         for letters in self.slots:
             here, first = entrance - first, first + len(letters[0])
@@ -207,7 +207,7 @@ class Orbits:
         return tuple({letter: rank for rank, letter in enumerate(letters)} for letters in self.slots)
 
     def _word(self, code: Directions) -> tuple[int, ...] | None:
-        """Return the scenario as letters of blocks; None where a slot does not have what is chosen."""
+        """Return the scenario as letters of blocks; None if a slot does not have the letter."""
         word, first, each = [0] * self.blocks, 0, len(self.slots) // self.blocks
         for number, ranks in enumerate(self._ranks):
             last = first + len(self.slots[number][0])
@@ -247,14 +247,14 @@ def _at(place: Junction, occupancy: str, partial: bool) -> Orbits:
 
 
 def _letters(lanes: Sequence[Directions], partial: bool) -> tuple[Directions, ...]:
-    """Return what one vehicle may do that stands on one of some lanes, as directions of all of them, in ascending order."""
+    """Return the letters of a slot: the directions of all its lanes with one vehicle on one lane, in ascending order."""
     nobody = (0,) * len(lanes)
     found = [(*nobody[:k], direction, *nobody[k + 1 :]) for k, lane in enumerate(lanes) for direction in lane]
     return tuple(sorted(found if found and not partial else [nobody, *found]))
 
 
 def _border(word: Sequence[int]) -> int:
-    """Return the length of the longest proper prefix of `word` that it also ends with."""
+    """Return the length of the longest proper prefix of `word` that is a suffix of `word` as well."""
     return next(k for k in range(len(word) - 1, -1, -1) if word[:k] == word[len(word) - k :])
 
 

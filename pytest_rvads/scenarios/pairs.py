@@ -1,7 +1,8 @@
-"""Pairs of movements: which a junction has, and a few scenarios in which all of them happen.
+"""Pairs of movements: the pairs of a junction, and a few scenarios that contain all pairs.
 
-Classes are products over the entrances, pairs are not: a covering array has every pair in some row, and grows with the logarithm
-of the number of entrances. Scenarios are chosen one by one, each for as many new pairs as go with the first one that is missing.
+The number of classes is a product over the entrances. A covering array instead has every pair in some row, and its number of rows
+is logarithmic in the number of entrances. The scenarios are chosen in succession, each with as many new pairs as are compatible
+with the first missing pair.
 """
 
 from __future__ import annotations
@@ -17,19 +18,19 @@ from pytest_rvads.scenarios.orbits import Directions, Orbits
 __all__ = ["PAIRED", "Pair", "covering", "pairs_at", "pairs_in"]
 
 PAIRED = ("pairs", "conflicts")
-"""Every pair of movements from different entrances; those of them that cross or merge."""
+"""Covers by pairs: every pair of movements from different entrances, or the pairs that cross or merge."""
 
 Pair = tuple[Key, Key]
-"""Two movements, the one from the entrance with the lower number first."""
+"""Two movements; the movement from the entrance with the lower number is first."""
 _Choice = tuple[int, int]
-"""A slot and the rank of a letter there."""
+"""A slot and the rank of a letter in the slot."""
 
 
 def pairs_at(place: Junction, *, conflicting: bool = False) -> tuple[Pair, ...]:
-    """Return the pairs of movements from different entrances, in order; or only those that conflict.
+    """Return the pairs of movements from different entrances, in order, or only the pairs that conflict.
 
     Raises:
-        ScenarioError: conflicts are asked for, and it is not known where the lanes lie.
+        ScenarioError: conflicting pairs are requested, and the places of the lanes are unknown.
     """
     if conflicting and place.conflicts is None:
         raise ScenarioError(f"the conflicts of junction {place.name!r} are not known, since it is not known where its lanes lie")
@@ -44,18 +45,19 @@ def pairs_in(place: Junction, code: Directions) -> Iterator[Pair]:
 
 
 def covering(place: Junction, orbits: Orbits, seat: int | None = None, *, conflicting: bool = False) -> tuple[Directions, ...]:
-    """Return scenarios that have every pair of movements that some scenario has.
+    """Return scenarios that contain every pair of movements that occurs in a scenario.
 
-    Movements on which no car can keep its lane (`Junction.tight`) are left out; a slot with no others is empty.
+    Movements on which no car can keep its lane (`Junction.tight`) are left out; a slot without other movements is empty.
 
     Args:
         place: the junction.
-        orbits: its scenarios.
-        seat: an entrance at which somebody stands in all of them; None for no such one.
-        conflicting: only pairs of movements that conflict; whatever else happens is chosen for as many of them as possible.
+        orbits: the scenarios of the junction.
+        seat: an entrance with a vehicle in all returned scenarios; None for no such entrance.
+        conflicting: whether to cover only pairs of conflicting movements; the remaining movements are chosen for as many of these
+            pairs as possible.
 
     Raises:
-        ScenarioError: no such pair is possible; or conflicts are asked for and not known.
+        ScenarioError: no such pair is possible, or conflicting pairs are requested and the conflicts are unknown.
     """
     wanted = frozenset(pairs_at(place, conflicting=conflicting))
     slots = _placed(place, orbits, seat)
@@ -76,11 +78,11 @@ def covering(place: Junction, orbits: Orbits, seat: int | None = None, *, confli
 
 
 def _placed(place: Junction, orbits: Orbits, seat: int | None) -> list[tuple[int, Sequence[Directions]]]:
-    """Return per slot its first entrance and its letters on which a car keeps its lane, at the seat those with somebody there."""
+    """Return, per slot, its first entrance and its letters without tight movements; at the seat, only letters with a vehicle."""
     found: list[tuple[int, Sequence[Directions]]] = []
     first = 0
     for every in orbits.slots:
-        # Where no movement is left, nobody stands.
+        # A slot without remaining movements has no vehicle.
         letters = [c for c in every if _movement(place, first, c) not in place.tight] or [(0,) * len(every[0])]
         here = None if seat is None else seat - first
         inside = here is not None and 0 <= here < len(letters[0])
@@ -96,7 +98,7 @@ def _placed(place: Junction, orbits: Orbits, seat: int | None) -> list[tuple[int
 
 
 def _movement(place: Junction, first: int, letter: Directions) -> Key | None:
-    """Return the movement of a letter, which is one vehicle's; None where nobody stands."""
+    """Return the movement of a letter, which has one vehicle; None for a letter without a vehicle."""
     return next((place.leads(first + k, direction).key for k, direction in enumerate(letter) if direction), None)
 
 
@@ -106,17 +108,17 @@ def _choices(moves: Sequence[Sequence[object]]) -> Iterator[tuple[_Choice, _Choi
 
 
 def _between(moves: Sequence[Sequence[Key | None]], one: _Choice, other: _Choice) -> Pair | None:
-    """Return the movements of two letters of different slots, the first slot's first; its entrances come first, too."""
+    """Return the movements of two letters of different slots, in the order of the slots and so of the entrances."""
     mine, yours = moves[one[0]][one[1]], moves[other[0]][other[1]]
     return None if mine is None or yours is None else (mine, yours)
 
 
 def _row(sizes: Sequence[int], missing: Collection[tuple[_Choice, _Choice]]) -> list[int]:
-    """Return the ranks of the letters of one scenario: the first pair that is missing, and what adds most to it.
+    """Return the ranks of the letters of one scenario: of the first missing pair, then of letters with most new pairs.
 
     Args:
-        sizes: per slot its number of letters.
-        missing: pairs in the order in which they are looked for.
+        sizes: number of letters per slot.
+        missing: the missing pairs, in the order of the search.
     """
     row = dict(next(iter(missing)))
     while len(row) < len(sizes):
@@ -129,5 +131,5 @@ def _row(sizes: Sequence[int], missing: Collection[tuple[_Choice, _Choice]]) -> 
 
 
 def _new(choice: _Choice, chosen: Iterable[_Choice], missing: Collection[tuple[_Choice, _Choice]]) -> int:
-    """Return how many missing pairs a choice adds to what is chosen."""
+    """Return the number of missing pairs that a choice adds to the chosen letters."""
     return sum(((choice, other) if choice < other else (other, choice)) in missing for other in chosen)

@@ -1,4 +1,4 @@
-"""Scenarios from their records: what `Scenario.record` gave, in run files and exports, as a scenario again."""
+"""Makes scenarios from the records of `Scenario.record` in run files and exports."""
 
 from __future__ import annotations
 
@@ -34,15 +34,15 @@ class _Record(msgspec.Struct, frozen=True):
 
 
 def recalled(record: Mapping[str, Any], place: Junction, where: str) -> Scenario:
-    """Return the scenario that a record is of.
+    """Return the scenario of a record.
 
     Args:
-        record: as `Scenario.record` gives it; the fields for its junction are left to `place`.
-        place: its junction.
-        where: begins the message.
+        record: a record of `Scenario.record`; its fields about the junction are ignored.
+        place: the junction of the scenario.
+        where: the beginning of the error message.
 
     Raises:
-        ScenarioError: a field is missing or can't be.
+        ScenarioError: a field is missing or impossible.
     """
     found = typed(dict(record), _Record, where, ScenarioError)
     try:

@@ -1,4 +1,4 @@
-"""From what a test asks for to the scenarios to run: classes, members, rows or pairs of movements, and configurations."""
+"""Turns the request of a test into scenarios: classes, members, rows or pairs of movements, and configurations."""
 
 from __future__ import annotations
 
@@ -20,22 +20,25 @@ from pytest_rvads.scenarios.senses import IDEAL, Senses
 __all__ = ["CHOOSING", "COVERS", "TOO_SHORT", "TOO_TIGHT", "Selection", "alone"]
 
 CHOOSING = ("partial", *PAIRED)
-"""One row per class of scenarios that may leave entrances empty; enough scenarios for every pair of movements, or of those that
-conflict."""
+"""Covers that choose scenarios themselves.
+
+The cover ``partial`` has one row per class of scenarios that may leave entrances empty. The other covers have enough scenarios
+for every pair of movements, or for every pair that conflicts.
+"""
 TOO_TIGHT = "no car can keep its lane in a bend so narrow (cover 'class' takes them all the same)"
-"""Why movements are left out by `PAIRED` covers."""
+"""The reason for movements that the covers of `PAIRED` leave out."""
 TOO_SHORT = "with an approach too short for a staggered start, where vehicles start as far out as they can"
-"""What is told of junctions of which `Selection.too_short` holds."""
+"""The message on junctions for which `Selection.too_short` holds."""
 COVERS = ("class", "scenario", "rotation", *CHOOSING)
-"""One row per class; every distinct member; all rows, as in the paper's tables; and those that choose scenarios themselves."""
+"""One row per class; every distinct member; all rows, as in the paper's tables; and the covers of `CHOOSING`."""
 
 
 @dataclass(frozen=True)
 class Selection:
-    """Abstract scenarios of one junction times configurations.
+    """The product of abstract scenarios of a junction and configurations.
 
     Raises:
-        ScenarioError: a class, scenario or subject that the junction does not have.
+        ScenarioError: the junction does not have a selected class, scenario or subject.
     """
 
     place: Junction
@@ -45,23 +48,23 @@ class Selection:
     occupancy: str = "arms"
     """One of `pytest_rvads.scenarios.orbits.OCCUPANCIES`."""
     classes: tuple[int, ...] | None = None
-    """Class numbers, or None for all."""
+    """Class numbers; None for all classes."""
     scenarios: tuple[Directions, ...] | None = None
-    """Scenarios that stand at row 0 of their class, or None for the representatives."""
+    """Scenarios at row 0 of their class; None for the representatives."""
     subject: int | str | None = None
     """Entrance of the vehicle under test among traffic, or ``"all"`` for every seat in turn."""
     followers: tuple[int, ...] = (0,)
-    """How many vehicles queue behind each, one after the other, for every configuration."""
+    """Lengths of the queue behind each vehicle; each length is combined with every configuration."""
     senses: tuple[Senses, ...] = (IDEAL,)
-    """Likewise."""
+    """Senses of the vehicle under test; each value is combined with every configuration."""
     duration: float | None = None
-    """Longest run [s]; `usual_duration` where None."""
+    """Longest run [s]; `usual_duration` if None."""
     aggression: int = 1
     wait: float = 1.5
     alternating: bool = False
-    """Whether every scenario and seat runs at one point only, the next one at the next point, instead of at all of them."""
+    """Whether every scenario and seat runs at one point only, in turn, instead of at all points."""
     left_out: int = 0
-    """How many more configurations were asked for, in which nobody could stop."""
+    """Number of further requested configurations, left out because no vehicle could stop."""
 
     def __post_init__(self) -> None:
         entrances, total = self.entrances, self.orbits.count
@@ -86,13 +89,13 @@ class Selection:
 
     @property
     def too_tight(self) -> tuple[str, ...]:
-        """The movements that the cover leaves out because no car can keep its lane there, each by its junction and lanes."""
+        """The movements that the cover leaves out because no car can keep its lane there, each named by junction and lanes."""
         keys = sorted(self.place.tight) if self.cover in PAIRED else ()
         return tuple(f"{self.place.name} from entrance {entrance} to exit {exit}" for entrance, exit in keys)
 
     @property
     def too_short(self) -> bool:
-        """Whether an approach is shorter than a staggered configuration asks for, so that a vehicle starts nearer to its line."""
+        """Whether an approach is shorter than a staggered configuration requires, so that a vehicle starts nearer to its line."""
         asked = [max(point.distances) for point in self.configurations if point.staggered]
         return max(asked, default=0.0) > self._reach
 
@@ -107,7 +110,7 @@ class Selection:
         return Orbits.at(self.place, self.occupancy, partial=self.cover == "partial")
 
     def count(self) -> int:
-        """Return how many abstract scenarios (rows and seats) are selected, without listing all classes."""
+        """Return the number of selected abstract scenarios (rows and seats), without listing all classes."""
         if self.classes is not None or self.scenarios is not None or self.cover in PAIRED:
             return sum(len(self._seated(first)) for first in self._firsts())
         orbits = self.orbits
@@ -118,14 +121,14 @@ class Selection:
         seats = range(self.entrances) if self.subject == "all" else [int(self.subject)]
         if self.cover == "rotation":
             return sum(map(orbits.turned, seats))
-        # No rotation but that by nothing keeps a seat, so that every class of (scenario, seat) has as many members as there are.
+        # Only the rotation by 0 keeps a seat, so every class of (scenario, seat) has as many members as rotations exist.
         seated = sum(map(orbits.seated, seats))
         return seated // orbits.blocks if once and self.subject == "all" else seated
 
     def __iter__(self) -> Iterator[Scenario]:
         """Yield the scenarios, class by class, row by row, configuration by configuration."""
         points = list(product(self.configurations, self.followers, self.senses))
-        turn = crc32(self.place.name.encode()) if self.alternating else 0  # so that junctions of one shape differ in the points
+        turn = crc32(self.place.name.encode()) if self.alternating else 0  # junctions of one shape start at different points
         for first in self._firsts():
             for row, subject in self._seated(first):
                 turn += 1
@@ -145,12 +148,12 @@ class Selection:
 
     @cached_property
     def roomy(self) -> bool:
-        """Whether every vehicle has room where it would start, for certain, so that no scenario has to be looked at."""
+        """Whether every vehicle certainly has room at its start, so that no scenario has to be checked."""
         longest = max(configuration.room for configuration in self.configurations)
         return not any(self.followers) and longest <= self._reach and not near(self.place)
 
     def fitting(self, unfit: Callable[[ScenarioError], object]) -> Iterator[Scenario]:
-        """Yield the scenarios in which every vehicle has room where it would start.
+        """Yield the scenarios in which every vehicle has room at its start.
 
         Args:
             unfit: called with the reason for every scenario that is left out.
@@ -185,10 +188,10 @@ class Selection:
         return covering(self.place, self.orbits, seat, conflicting=self.cover == "conflicts")
 
     def _seated(self, first: Directions) -> list[tuple[int, int | None]]:
-        """Return rows and the entrance of the subject there.
+        """Return pairs of a row and the entrance of the subject in this row.
 
-        With a subject, classes are run once for every (scenario, seat): where the seat is fixed the scenario is rotated through
-        it, else the seat moves.
+        With a subject, a class runs once for every (scenario, seat). If the seat is fixed, the scenario is rotated through the
+        seat, else the seat moves.
         """
         once = self.cover in ("class", "partial") and self.scenarios is None
         if self.subject is None:
@@ -199,7 +202,7 @@ class Selection:
             return [(row, seat) for row in self._rows(first) for seat, d in enumerate(rotate(first, row)) if d]
         seat = int(self.subject)
         rows = self.orbits.rows[: len(self.orbits.members(first))] if once else self._rows(first)
-        # A scenario that is named stays as it is, and tells that nobody sits there.
+        # A named scenario is kept even if its seat is empty, so that the error says so.
         return [(row, seat) for row in rows if self.scenarios is not None or rotate(first, row)[seat]]
 
     def _rows(self, first: Directions) -> Sequence[int]:
@@ -210,7 +213,7 @@ class Selection:
 
 
 def alone(place: Junction) -> tuple[Directions, ...]:
-    """Return the scenarios of one vehicle each, one per movement of a junction on which a car can keep its lane."""
+    """Return the scenarios with a single vehicle, one per movement of a junction on which a car can keep its lane."""
     entrances = range(len(place.entrances))
     return tuple(
         tuple(direction if entrance == occupied else 0 for entrance in entrances)

@@ -1,4 +1,4 @@
-"""How imperfectly the vehicle under test sees and acts: parameters of a scenario, ideal by default."""
+"""Imperfections of the senses and actions of the vehicle under test: parameters of a scenario, ideal by default."""
 
 from __future__ import annotations
 
@@ -15,30 +15,30 @@ __all__ = ["IDEAL", "Senses"]
 
 @dataclass(frozen=True, slots=True)
 class Senses:
-    """What an autopilot gets to see of the others, how late, and how late its commands take effect.
+    """The autopilot's view of other vehicles, its age, and the latency of commands.
 
-    Its own state, the lights and the map are known as they are. All that is drawn at random comes from `seed`.
+    The vehicle's own state, the lights and the map are known exactly. All random draws come from `seed`.
 
     Raises:
-        ScenarioError: a number out of range.
+        ScenarioError: a number is out of range.
     """
 
     delay: float = 0.0
-    """Age of what is seen of the other vehicles [s]."""
+    """Age of the observed states of other vehicles [s]."""
     range: float = math.inf
-    """Vehicles farther away than this, reference point to reference point, are not seen [m]."""
+    """Range of sight, from reference point to reference point [m]; vehicles farther away are not seen."""
     occlusion: bool = False
-    """Whether a vehicle behind another one is not seen: no line from the own front to its front, centre or rear is free."""
+    """Whether hidden vehicles are not seen: no line from the own front to the other's front, centre or rear is free."""
     dropout: float = 0.0
-    """Share of the decisions in which a vehicle that could be seen is not, 0..1; drawn for each vehicle and decision."""
+    """Share of decisions in which a visible vehicle is not seen, 0..1; drawn for each vehicle and decision."""
     position_noise: float = 0.0
     """Standard deviation of positions, along and across the way, drawn for each vehicle and decision [m]."""
     speed_noise: float = 0.0
-    """Likewise of speeds [m/s]."""
+    """Standard deviation of speeds, drawn for each vehicle and decision [m/s]."""
     latency: float = 0.0
-    """From an observation to the effect of the command [s]."""
+    """Time from an observation to the effect of the command [s]."""
     jitter: float = 0.0
-    """Up to so much is added to the latency, drawn for each decision [s]."""
+    """Largest addition to the latency, drawn for each decision [s]."""
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -62,7 +62,7 @@ class Senses:
         """Return the product of fields, each a value or a list of values.
 
         Raises:
-            ScenarioError: no such field, an empty list, or a value out of range.
+            ScenarioError: a field is unknown, a list is empty, or a value is out of range.
         """
         known = [item.name for item in fields(cls)]
         for name in axes:
@@ -75,12 +75,12 @@ class Senses:
 
     @property
     def blurred(self) -> bool:
-        """Whether anything is seen otherwise than it is."""
+        """Whether the view of other vehicles differs from their true state."""
         return Senses(latency=self.latency, jitter=self.jitter, seed=self.seed) != self
 
     @property
     def label(self) -> str:
-        """What is not ideal, as in ids: ``delay0.20.range40.00``; empty where everything is."""
+        """The fields that are not ideal, as in ids: ``delay0.20.range40.00``; empty for ideal senses."""
         parts = []
         for item in fields(self):
             value = getattr(self, item.name)
@@ -90,11 +90,11 @@ class Senses:
         return ".".join(parts)
 
     def record(self) -> dict[str, Any]:
-        """Return what is not ideal as builtins."""
+        """Return the fields that are not ideal, as builtins."""
         return {item.name: value for item in fields(self) if (value := getattr(self, item.name)) != item.default}
 
 
 _KINDS: dict[str, tuple[Any, str]] = {"occlusion": (bool, "True or False"), "seed": (int, "a whole number of 0 or more")}
-"""The fields that are no amounts: their type, and how to say it."""
+"""The fields that are no real numbers: their type, and its name in messages."""
 IDEAL = Senses()
-"""Sees everything at once as it is, and acts at once."""
+"""Ideal senses: everything is seen at once and exactly, and commands act at once."""

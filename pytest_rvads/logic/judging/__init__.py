@@ -1,1 +1,1 @@
-"""Judging a run by a rule: grounding, monitoring, whose doing it was."""
+"""Judging a run by a rule: grounding, monitoring, attribution to vehicles."""

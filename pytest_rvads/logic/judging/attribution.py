@@ -1,4 +1,4 @@
-"""From what the instances of a rule say to what the rule says about a run: whose doing counts, and what nobody could help."""
+"""Derives the status of a rule on a run from its instances: which vehicle caused a violation, and which could not be avoided."""
 
 from __future__ import annotations
 
@@ -27,29 +27,31 @@ _BROKEN = (Status.FAIL, Status.OPEN)
 
 @dataclass(frozen=True, slots=True)
 class Attribution:
-    """What a rule says about a run."""
+    """The status of a rule on a run, with its attribution to the subject or the traffic."""
 
     status: Status
     asked: bool = True
-    """Whether an instance bound the subject to act; without a subject, whether any was triggered. Who never moves never acts."""
+    """Whether an instance bound the subject to act; without a subject, whether an instance was triggered and a vehicle moved."""
     unavoidable: bool = False
-    """Violated, and nobody could have kept it."""
+    """Whether the rule was violated and no vehicle could have kept the rule."""
     provoked: bool = False
-    """Violated or open by the doing of the traffic alone."""
+    """Whether the traffic alone caused the violation or the open obligation."""
 
 
 def attribute(found: Sequence[Judgement], rule: Rule, values: Values, book: RuleBook) -> Attribution:
-    """Return what a rule says about a run, given what its instances say.
+    """Return the status of a rule on a run, given the judgements of its instances.
 
-    Without a subject: FAIL if any instance, else OPEN if any, else PASS if any was triggered, else NA. With one, what it is to
-    blame for counts first; what only others broke is provoked; and it passes only where it was bound to act itself. Nobody passes
-    by never moving. What is UNSURE counts where it binds the subject; it is no violation, but nor is it excused or provoked.
+    Without a subject the status is FAIL if an instance failed, else OPEN if an instance is open, else UNSURE if an instance is
+    unsure, else PASS if an instance was triggered, else NA. With a subject, the instances that the subject is to blame for count
+    first. A violation by other vehicles alone is provoked. The subject passes only if an instance bound the subject to act. A run
+    in which no vehicle moves does not pass, and a subject that never moves does not pass. An UNSURE instance counts if it binds
+    the subject: the instance is no violation, but excludes the statuses unavoidable and provoked.
 
     Args:
-        found: what the instances say.
+        found: the judgements of the instances.
         rule: the rule.
-        values: of the run.
-        book: with the companions of the rule.
+        values: the truth values of the run.
+        book: the book with the companions of the rule.
     """
     run, status = values.run, _overall(found)
     subject = run.subject
@@ -98,14 +100,14 @@ def _with_companions(found: Sequence[Judgement], rule: Rule, run: Run, book: Rul
 
 
 def _excused(found: Sequence[Judgement], rule: Rule, values: Values, book: RuleBook) -> bool:
-    """Return whether the subject has reason to leave something open: it has to wait itself, or others ended the run."""
+    """Return whether the subject may leave an obligation open: the subject has to wait, or other vehicles ended the run."""
     run, subject = values.run, values.run.subject or ""
     others = set(cut_short_by(run)) - {subject}
     return bool(others) or any(waits(j, subject) for j in found) or _held(rule, run, subject, book)
 
 
 def _owes_the_way(run: Run, subject: str) -> bool:
-    """Return whether the subject owes the way to a vehicle that comes or stands at its line as the run ends."""
+    """Return whether, at the end of the run, the subject owes the way to a vehicle that is coming or stands at its line."""
     try:
         return any(held(run)[-1, column] for column, agent in enumerate(run.agents) if agent.name == subject)
     except RunError:
@@ -113,7 +115,10 @@ def _owes_the_way(run: Run, subject: str) -> bool:
 
 
 def _held(rule: Rule, run: Run, subject: str, book: RuleBook) -> bool:
-    """Return whether another rule of its rulebook still makes the subject wait: then it keeps others waiting with good reason."""
+    """Return whether another rule still makes the subject wait, which excuses the subject for keeping other vehicles waiting.
+
+    The other rules are the companions of `rule` and the rules of the rulebooks that contain `rule`.
+    """
     if _owes_the_way(run, subject):
         return True
     static = extract(run)

@@ -1,6 +1,6 @@
-"""When vehicles crossed the borders of their zones and lights changed, and how exactly that is known.
+"""When vehicles crossed the borders of their zones and lights changed, and how exactly these times are known.
 
-Times are counted in moments: as many to a tick as make one about as long as a step of a simulation.
+Times are counted in moments. A tick has as many moments as make a moment about as long as a step of a simulation.
 """
 
 from __future__ import annotations
@@ -19,52 +19,54 @@ from pytest_rvads.runs.states import Zone
 __all__ = ["LONG_AGO", "Crossings", "Event", "certain", "crossings"]
 
 FINE = 0.02
-"""Of runs with steps up to this the states say enough [s]: on the runs of the paper's authors no verdict changes up to there, and
-at 0.05 s some do."""
+"""Longest step of a run whose states alone determine the order of events [s].
+
+On the runs of the paper's authors no verdict changes up to this step, and some verdicts change at 0.05 s.
+"""
 LONG_AGO = -(10**9)
-"""The moment before which nobody asks: who appears at an entrance may have come to it at any time."""
+"""Stands for an unknown past: a vehicle that appears at an entrance may have come to the entrance at any time before."""
 _BORDERS = (Zone.ENTRANCE, Zone.JUNCTION, Zone.EXIT, Zone.GONE)
-"""Each is crossed on coming to a zone."""
+"""Zones with a border; a vehicle crosses the border when it comes to the zone."""
 
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """Something that happened once: a vehicle came to a zone, a light changed."""
+    """An event that happened once: a vehicle came to a zone, or a light changed."""
 
     agent: int | None
-    """The column of the vehicle, None of a light."""
+    """Column of the vehicle; None for a light."""
     code: int
-    """Of the zone; of a light, the colour that it turned to."""
+    """The zone that the vehicle came to, or the new colour of the light."""
     early: int
-    """The first moment at which it may have happened, in which it is so already."""
+    """First moment at which the event may have happened; the new zone or colour already holds in this moment."""
     told: int
-    """At which it happened as recorded."""
+    """Moment of the event as recorded."""
     late: int
-    """The last one; at the end of what was recorded of a vehicle: perhaps it never did."""
+    """Last moment at which the event may have happened; the end of the vehicle's recording if it may never have happened."""
     light: int | None = None
-    """The entrance of the light."""
+    """Entrance of the light; None for a vehicle."""
 
     @property
     def exact(self) -> bool:
-        """Whether it can have happened at one moment only."""
+        """Whether the event can have happened at a single moment only."""
         return self.early == self.late
 
 
 @dataclass(frozen=True, eq=False)
 class Crossings:
-    """The events of a run, which are kept with it; this value is not, as it holds the run."""
+    """The events of a run. The events are cached with the run; this value is not, because it holds the run."""
 
     run: Run
     moments: int
-    """To a tick."""
+    """Moments per tick."""
     of_agents: tuple[tuple[Event, ...], ...]
-    """Of every vehicle, when it came to the entrance, the junction, its exit, and when it was gone."""
+    """Per vehicle, the events of coming to the entrance, to the junction, to the exit, and of leaving."""
     of_lights: tuple[tuple[Event, ...], ...]
-    """Of every light, its changes."""
+    """Per light, its changes."""
 
     @property
     def length(self) -> float:
-        """Of a moment [s]."""
+        """Duration of a moment [s]."""
         return self.run.dt / self.moments
 
     @property
@@ -74,23 +76,24 @@ class Crossings:
 
     @cached_property
     def spans(self) -> list[tuple[int, int]]:
-        """From which moment on and up to which one every vehicle is in the run."""
+        """Per vehicle, its first moment in the run and the moment after its last."""
         return [(int(begin) * self.moments, int(end) * self.moments) for begin, end in self.run.spans]
 
     @cached_property
     def exact(self) -> bool:
-        """Whether all is known to the step."""
+        """Whether every event can have happened at a single moment only."""
         return all(e.exact for who in (*self.of_agents, *self.of_lights) for e in who)
 
 
 def certain(run: Run) -> bool:
-    """Return whether there is one reading of a run: its states say enough, and nothing in it was measured."""
+    """Return whether a run has a single reading: its steps are fine enough, and the run is no recording."""
     return run.dt <= FINE and run.spread is None and run.excerpt is None
 
 
 def crossings(run: Run) -> Crossings:
-    """Return the events of a run, worked out once."""
-    # The run keeps the events and not what is returned, which holds the run: such a circle stays in memory for a while.
+    """Return the events of a run, computed once per run."""
+    # The run caches the events, not the returned value: that value holds the run, and a reference cycle stays in memory for a
+    # while.
     return Crossings(run, _moments(run), *once(run, _events))
 
 
@@ -99,7 +102,7 @@ def _moments(run: Run) -> int:
 
 
 def _events(run: Run) -> tuple[tuple[tuple[Event, ...], ...], tuple[tuple[Event, ...], ...]]:
-    """Return the events of every vehicle, and those of every light."""
+    """Return the events per vehicle, and the events per light."""
     agents = tuple(tuple(_coming(run, agent, zone) for zone in _BORDERS) for agent in range(len(run.agents)))
     return agents, tuple(_changes(run, light) for light in range(run.lights.shape[1]))
 
@@ -113,7 +116,7 @@ def _changes(run: Run, light: int) -> tuple[Event, ...]:
 
 
 def _coming(run: Run, agent: int, zone: Zone) -> Event:
-    """Return when an agent came to a zone."""
+    """Return the event of an agent coming to a zone."""
     several = _moments(run)
     begin, end = (int(v) for v in run.spans[agent])
     there = run.zone[begin:end, agent] >= zone
@@ -123,7 +126,7 @@ def _coming(run: Run, agent: int, zone: Zone) -> Event:
     if reach is not None:
         farthest, nearest = reach
         early, late = min(begin + _after(farthest[begin:end]), told), max(begin + _after(nearest[begin:end]), told)
-    # Between two samples it may have been at any moment after the first one.
+    # Between two samples the event may have happened at any moment after the first sample.
     first = early * several if early in (begin, end) else (early - 1) * several + 1
     if early == begin < end and zone is Zone.ENTRANCE and run.excerpt is not None and run.zone[begin, agent] <= zone:
         first = LONG_AGO
@@ -131,7 +134,7 @@ def _coming(run: Run, agent: int, zone: Zone) -> Event:
 
 
 def _reach(run: Run, agent: int, zone: Zone) -> tuple[NDArray[np.bool_], NDArray[np.bool_]] | None:
-    """Return where an agent certainly has not, and where it may not have come to a zone, each of shape ``(steps,)``."""
+    """Return where an agent has certainly not come to a zone, and where it has possibly not come, each of shape ``(steps,)``."""
     if run.spread is None or run.station is None:
         return None
     who = run.agents[agent]
@@ -147,5 +150,5 @@ def _reach(run: Run, agent: int, zone: Zone) -> tuple[NDArray[np.bool_], NDArray
 
 
 def _after(before: NDArray[np.bool_]) -> int:
-    """Return the number of states up to the last one that is true."""
+    """Return the number of states up to and including the last true state."""
     return len(before) - int(before[::-1].argmax()) if before.any() else 0

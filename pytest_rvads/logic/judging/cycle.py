@@ -1,4 +1,4 @@
-"""Obligations that contradict each other: four vehicles that each wait for the one on their right."""
+"""Contradicting obligations: cycles of waiting, such as four vehicles of which each waits for the vehicle on its right."""
 
 from __future__ import annotations
 
@@ -24,19 +24,20 @@ __all__ = ["Cycle", "find_cycle", "unavoidable"]
 
 @dataclass(frozen=True, slots=True)
 class Cycle:
-    """Vehicles each of which had to wait for the next one, the last for the first."""
+    """Vehicles in a circle of waiting: each had to wait for the next, and the last for the first."""
 
     tick: int
-    """From this tick on."""
+    """First tick of the cycle."""
     agents: tuple[str, ...]
     alone: bool = True
-    """True when the obligations of one rule suffice, False when those of its companions are part of it."""
+    """True if the obligations of the judged rule suffice, False if the cycle needs obligations of its companions."""
 
 
 def find_cycle(templates: Iterable[Template], values: Values) -> Cycle | None:
     """Find the earliest cycle of vehicles that all wait for each other, among instances of the form YIELD.
 
-    Within it every vehicle must stay until another one has entered, so no continuation satisfies all of them.
+    In a cycle every vehicle must stay until another vehicle of the cycle has entered, so no continuation satisfies all
+    obligations.
     """
     owed = list(_owed(templates, values))
     begun = sorted({int(tick) for _, _, held in owed for tick in np.flatnonzero(np.diff(held, prepend=False) & held)})
@@ -50,15 +51,16 @@ def find_cycle(templates: Iterable[Template], values: Values) -> Cycle | None:
 
 
 def unavoidable(found: Iterable[Judgement], templates: Iterable[Template], values: Values) -> bool:
-    """Return whether nobody could have kept a rule that is violated: all that was broken were cycles, or tight bends.
+    """Return whether no vehicle could have kept a violated rule: every violation broke a cycle, or happened in a tight bend.
 
-    Whoever is in a cycle has to break it, or all wait for ever; but one is enough. What was broken when no cycle was left, or
-    by several at once, could have been kept. No vehicle keeps its lane where no path of its rear axle does.
+    One vehicle of a cycle has to break the rule, or all vehicles of the cycle wait for ever. A violation outside a cycle, or
+    violations by several vehicles in the same tick, could have been avoided. A vehicle can't keep its lane in a bend in which no
+    path of the rear axle keeps the vehicle in its lane.
 
     Args:
-        found: what the instances of the rule say.
-        templates: of the rule and of its companions, whose obligations count as well.
-        values: of the run.
+        found: the judgements of the instances of the rule.
+        templates: the instances of the rule and of its companions, whose obligations count as well.
+        values: the truth values of the run.
     """
     owed = list(_owed(templates, values))
     broken = [j for j in found if j.status is Status.FAIL]
@@ -79,10 +81,10 @@ def unavoidable(found: Iterable[Judgement], templates: Iterable[Template], value
 
 
 def _beyond_steering(run: Run, agent: int) -> bool:
-    """Return whether the agent was outside its lane only on a movement where no path keeps the vehicle in its lane.
+    """Return whether the agent left its lane only on a movement on which no path keeps the vehicle in its lane.
 
-    What it does between its entry into the junction and the departure of its rear counts as on the movement, and so does what it
-    does beside the place where the best path fails.
+    The movement lasts from the agent's entry into the junction to the departure of its rear. The place where the best path fails
+    belongs to the movement as well.
     """
     bend = too_tight(run, agent)
     if bend is None:
@@ -93,7 +95,7 @@ def _beyond_steering(run: Run, agent: int) -> bool:
 
 
 _Owed = tuple[str, str, NDArray[np.bool_]]
-"""Who waits, for whom, and in which states, shape ``(steps,)``."""
+"""The waiting vehicle, the vehicle that it waits for, and the states of waiting, shape ``(steps,)``."""
 
 
 def _owed(templates: Iterable[Template], values: Values) -> Iterator[_Owed]:
@@ -113,12 +115,12 @@ def _owed(templates: Iterable[Template], values: Values) -> Iterator[_Owed]:
             last_due = np.maximum.accumulate(np.where(due, tick, -1))
             last_over = np.maximum.accumulate(np.where(over, tick, -1))
             held = last_due > last_over
-            held[end:] = False  # nobody waits for who is not there
+            held[end:] = False  # no vehicle waits for an absent vehicle
             yield *ends, held
 
 
 def _ends(template: Template) -> tuple[str, str] | None:
-    """Return who waits and for whom in an instance of the form YIELD with one vehicle on either side, else None."""
+    """Return the waiting and the awaited vehicle of an instance of the form YIELD with one vehicle on either side, else None."""
     shape = template.shape
     if shape.kind is not Kind.YIELD or shape.waits is None or shape.goes is None:
         return None
@@ -127,7 +129,7 @@ def _ends(template: Template) -> tuple[str, str] | None:
 
 
 def _waits(owed: Iterable[_Owed], tick: int) -> dict[str, list[str]]:
-    """Return whom everybody waits for in a state."""
+    """Return, for every waiting vehicle, the vehicles that it waits for in a state."""
     found: dict[str, list[str]] = {}
     for one, two, held in owed:
         if held[tick]:
@@ -136,7 +138,7 @@ def _waits(owed: Iterable[_Owed], tick: int) -> dict[str, list[str]]:
 
 
 def _around(here: str, goal: str, waits: Mapping[str, list[str]], path: tuple[str, ...]) -> tuple[str, ...] | None:
-    """Return who waits for whom from one vehicle up to another one, or None where that leads nowhere."""
+    """Return the chain of waiting vehicles from vehicle `here` to vehicle `goal`, or None if no chain exists."""
     path = (*path, here)
     for target in sorted(waits.get(here, ())):
         if target == goal:

@@ -30,11 +30,11 @@ OPERATORS: Mapping[str, Callable[[Any, Any], NDArray[np.bool_]]] = {
 
 
 class Values(Mapping[f.Atom, NDArray[np.bool_]]):
-    """The atoms of a run as arrays of shape ``(steps,)``, each computed when first asked for.
+    """The atoms of a run as arrays of shape ``(steps,)``, each computed at its first use.
 
     Args:
         run: the run.
-        tie: waiting times that differ by at most this count as equal [s].
+        tie: largest difference of waiting times that count as equal [s].
         standing: count waiting times from standstill, see `check`.
     """
 
@@ -57,11 +57,11 @@ class Values(Mapping[f.Atom, NDArray[np.bool_]]):
         return self.run.steps
 
     def within(self, begin: int, end: int) -> Values | Part:
-        """Return the same from tick `begin` on, up to tick `end`."""
+        """Return the values from tick `begin` up to tick `end`."""
         return self if (begin, end) == (0, self.run.steps) else Part(self, begin, end)
 
     def untied(self) -> Values:
-        """Return the same without a tie window; what does not depend on it is known already."""
+        """Return the values without a tie window; cached values that do not depend on the tie window are kept."""
         exact = copy(self)
         exact.tie, exact._ticks = 0.0, 0
         exact._known = {atom: values for atom, values in self._known.items() if not _tied(atom)}
@@ -89,7 +89,7 @@ class Values(Mapping[f.Atom, NDArray[np.bool_]]):
         return compare(self._operand(left, right), self._operand(right, left))
 
     def _operand(self, term: f.Term, other: f.Term) -> NDArray[Any] | float:
-        """Return the values of one side of a comparison; a name stands for a value of what the other side asks for."""
+        """Return the values of one side of a comparison; a name becomes its code as a value of the other side's attribute."""
         match term, other:
             case f.Number(value), _:
                 return value
@@ -108,12 +108,12 @@ class Values(Mapping[f.Atom, NDArray[np.bool_]]):
 
 
 class Part(Mapping[f.Atom, NDArray[np.bool_]]):
-    """The values in a part of a run; ticks count from its beginning.
+    """The values in a part of a run; ticks count from the beginning of the part.
 
     Args:
-        values: of the whole run.
-        begin: first tick.
-        end: the one after the last.
+        values: the values of the whole run.
+        begin: the first tick of the part.
+        end: the tick after the last tick of the part.
     """
 
     def __init__(self, values: Values, begin: int, end: int) -> None:

@@ -1,7 +1,7 @@
-"""Algorithm 1 of the paper up to the monitor: `unfold` the quantifiers, then `simplify` by what is static.
+"""Algorithm 1 of the paper up to the monitor: `unfold` the quantifiers, then `simplify` by the static model.
 
-Every step can be called and printed. `ground` does both at once, variable by variable, so that instances whose static
-part is already decided are never written out; it yields the same as ``simplify(unfold(...))``.
+Every step can be called and printed. `ground` does both steps at once, variable by variable, so that instances whose static part
+is already decided are never written out; the result equals ``simplify(unfold(...))``.
 """
 
 from __future__ import annotations
@@ -24,11 +24,15 @@ __all__ = ["Grounding", "Instance", "domain", "ground", "simplify", "unfold"]
 Binding = tuple[tuple[str, f.Element], ...]
 
 LIMIT = 100_000
-"""Atoms and constants that unfolding a formula may look at; a second or two of work. The shipped rules need at most 2,000 where
-four roads meet, and 30,000 where eight do."""
+"""Most atoms and constants that unfolding a formula may visit, which takes a second or two.
+
+The shipped rules need at most 2,000 at a junction of four roads, and 30,000 at a junction of eight roads.
+"""
 _EACH = 10_000
-"""How many more for every agent, where they come and go: each is together with few others, so that their number grows only as
-the recording does."""
+"""Further atoms and constants allowed per agent of a recording, in which agents come and go.
+
+An agent is together with few other agents, so the number of atoms is proportional to the length of the recording.
+"""
 
 
 def _budget(formula: f.Formula, static: Static) -> Budget:
@@ -54,7 +58,7 @@ class Grounding:
 
     instances: tuple[Instance, ...]
     collapsed: int = 0
-    """Instances that are true whatever happens, because of what is static."""
+    """Number of instances that the static model makes true in every run."""
 
     def __str__(self) -> str:
         lines = [str(i) for i in self.instances]
@@ -82,12 +86,12 @@ def domain(sort: str, static: Static) -> tuple[f.Element, ...]:
             return tuple(f.Element(sort, i, f"j.ex{i}") for i in range(static.exits))
         case Sort.VERTEX:
             return domain(Sort.ENTRANCE, static) + domain(Sort.EXIT, static)
-        case Sort.ROAD:  # the roads into the junction, then those out of it
+        case Sort.ROAD:  # the roads into the junction, then the roads out of the junction
             return tuple(f.Element(sort, i, f"r{i}") for i in range(static.entrances + static.exits))
 
 
 def _beside(elements: Iterable[f.Element], bound: Iterable[f.Element], static: Static) -> Iterable[f.Element]:
-    """Leave out agents that were never near the junction together with those that other variables stand for."""
+    """Leave out the agents that were never near the junction together with the agents of the bound variables."""
     if static.together is None:
         return elements
     there = _columns(bound)
@@ -105,7 +109,7 @@ def unfold(formula: f.Formula, static: Static) -> Grounding:
     Further quantifiers become conjunctions and disjunctions inside the instances.
 
     Raises:
-        FormulaError: there would be too many.
+        FormulaError: there would be too many instances.
     """
     return Grounding(tuple(_unfold(formula, static, (), _budget(formula, static))))
 
@@ -122,11 +126,11 @@ def _unfold(formula: f.Formula, static: Static, binding: Binding, budget: Budget
 
 
 def simplify(grounding: Grounding, static: Static, *, itinerary: bool = True) -> Grounding:
-    """Evaluate predicates about what is static, and drop the instances that become true.
+    """Evaluate static predicates, and drop the instances that become true.
 
     Args:
-        grounding: from `unfold`.
-        static: from `extract`.
+        grounding: the result of `unfold`.
+        static: the static model, the result of `extract`.
         itinerary: use the agents' known itineraries for ``take``, instead of its definition as a future formula.
     """
     found = [
@@ -138,7 +142,7 @@ def simplify(grounding: Grounding, static: Static, *, itinerary: bool = True) ->
 
 
 def ground(formula: f.Formula, static: Static, *, itinerary: bool = True) -> Grounding:
-    """Return ``simplify(unfold(formula, static), static)``, without writing out what collapses on the way.
+    """Return ``simplify(unfold(formula, static), static)`` without writing out the instances that collapse on the way.
 
     Raises:
         FormulaError: there would be too many instances.
@@ -163,7 +167,7 @@ def _ground(formula: f.Formula, static: Static, itinerary: bool, binding: Bindin
     for element in _beside(domain(first.sort, static), [e for _, e in binding], static):
         if not rest and not static.judges(_columns((*(e for _, e in binding), element))):
             continue
-        # Inner variables may hide the name; they are handled by _reduce.
+        # Inner variables may have the same name; `_reduce` handles them.
         bound = (*binding, (first.name, element))
         known = dict(bound) if static.together is not None else {first.name: element}
         reduced = _reduce(body, known, static, budget, decide=True, itinerary=itinerary)
@@ -172,13 +176,13 @@ def _ground(formula: f.Formula, static: Static, itinerary: bool, binding: Bindin
             if reduced.value or not count:
                 collapsed += count
                 continue
-            reduced = body  # false for all: write the instances out one by one
+            reduced = body  # false for every choice: write the instances out separately
         collapsed += _ground(reduced, static, itinerary, bound, found, budget)
     return collapsed
 
 
 def _count(formula: f.Formula, static: Static) -> int:
-    """Return how many instances the outermost universal variables make."""
+    """Return the number of instances of the outermost universal variables."""
     if not isinstance(formula, f.Forall):
         return 1
     return prod(len(domain(v.sort, static)) for v in formula.variables) * _count(formula.body, static)
@@ -187,9 +191,10 @@ def _count(formula: f.Formula, static: Static) -> int:
 def _reduce(
     formula: f.Formula, values: Mapping[str, f.Element], static: Static, budget: Budget, *, decide: bool, itinerary: bool
 ) -> f.Formula:
-    """Replace variables; with `decide`, evaluate what is static and simplify; quantifiers below the outermost unfold.
+    """Replace variables and unfold inner quantifiers; with `decide`, evaluate static predicates and simplify.
 
-    Where agents come and go, they do when all of the outermost variables are known: who was there together with these.
+    In a recording, whose agents come and go, inner quantifiers are unfolded only once all outermost variables are bound: their
+    domains are the agents that were present together with the bound agents.
     """
     waits = static.together is not None and isinstance(formula, f.Forall)
 
@@ -236,9 +241,9 @@ def _bind(term: f.Term, env: Mapping[str, f.Element]) -> f.Term:
 
 
 def _fold(node: f.Formula, below: Iterator[f.Formula]) -> f.Formula:
-    """Rebuild a node with constants simplified away, by laws that hold on finite runs as well.
+    """Rebuild a node and simplify constants away, by laws that also hold on finite runs.
 
-    Its direct subformulas are worked out one by one, and no more of them than decide it.
+    The direct subformulas are computed in order, and only until they decide the node.
     """
     match node:
         case f.And():
@@ -277,7 +282,7 @@ def _fold_until(node: f.Formula, left: f.Formula, right: f.Formula) -> f.Formula
 
 
 def _decide(atom: f.Atom, static: Static, itinerary: bool) -> f.Formula:
-    """Evaluate an atom about what is static; others come back as they are."""
+    """Evaluate an atom about the static model; other atoms are returned unchanged."""
     word, ground = word_of(atom), not any(isinstance(t.of if isinstance(t, f.Attr) else t, f.Var) for t in atom.terms)
     if word is None:
         return _compare(atom)
@@ -288,20 +293,20 @@ def _decide(atom: f.Atom, static: Static, itinerary: bool) -> f.Formula:
     if word.apart and atom.terms[0] == atom.terms[1]:
         return f.FALSE
     if word.symmetric and _number(atom.terms[0]) > _number(atom.terms[1]):
-        return f.Atom(atom.name, atom.terms[::-1], word=atom.word)  # both orders are one atom
+        return f.Atom(atom.name, atom.terms[::-1], word=atom.word)  # both orders of the terms are one atom
     truth = None if word.decide is None else word.decide(static, *atom.terms)
     return atom if truth is None else f.TRUE if truth else f.FALSE
 
 
 def _define(formula: f.Formula, static: Static, itinerary: bool) -> f.Formula:
-    """Evaluate what a word stands for."""
+    """Evaluate the definition of a word."""
     if isinstance(formula, f.Atom):
         return _decide(formula, static, itinerary)
     return _fold(formula, (_define(child, static, itinerary) for child in f.children(formula)))
 
 
 def _compare(atom: f.Atom) -> f.Formula:
-    """Evaluate a comparison of elements, or of something with itself; write the others in one of two orders."""
+    """Evaluate a comparison of two elements or of a term with itself; sort the terms of other comparisons."""
     truth: bool | None = None
     match atom.name, atom.terms:
         case (("=" | "!="), (f.Element() as one, f.Element() as two)):

@@ -1,4 +1,4 @@
-"""Judging one instance of a rule on a run: its status, what broke, since when, and by how much."""
+"""Judging one instance of a rule on a run: its status, the broken atoms, the tick of its obligation, and its margin."""
 
 from __future__ import annotations
 
@@ -24,35 +24,35 @@ from pytest_rvads.logic.rules.sorts import Sort
 __all__ = ["Happening", "Hinge", "Judgement", "Near", "asked", "judge", "nearest_miss", "unsure", "walk"]
 
 Near = tuple[Template, int, tuple[f.Formula, ...], int]
-"""Where a rule came closest to being triggered: the instance, the tick, what was false, and for how many ticks."""
+"""Where a rule came closest to being triggered: instance, tick, false conjuncts of the premise, number of equally close ticks."""
 
 
 @dataclass(frozen=True, slots=True)
 class Happening:
-    """An event that a verdict hangs on."""
+    """An event on which a verdict depends."""
 
     agent: int | None
-    """The column of the vehicle, None of a light."""
+    """Column of the vehicle; None for a light."""
     light: int | None
-    """The entrance of the light, None of a vehicle."""
+    """Entrance of the light; None for a vehicle."""
     code: int
-    """Of the zone that the vehicle came to; of the colour that the light turned to."""
+    """The zone that the vehicle came to, or the colour that the light turned to."""
     time: float | None
-    """Since the first state of the run [s]; None where what was recorded ends before."""
+    """Time since the first state of the run [s]; None if the recording of the vehicle ends before the event."""
 
 
 @dataclass(frozen=True, slots=True)
 class Hinge:
-    """What an UNSURE instance hangs on: the order of events, or how exactly something was measured."""
+    """The doubt on which an UNSURE instance depends: the order of events, or the accuracy of a measurement."""
 
     what: tuple[Happening, ...] = ()
-    """The two events, the earlier one first; or the one of which it is not known whether it happened."""
+    """The two events, the earlier event first; or a single event that may not have happened."""
     known: float = 0.0
-    """How exactly the time between them is known [s]; infinite where one may have happened at any time."""
+    """Accuracy of the time between the events [s]; infinite if an event may have happened at any time."""
     tie: float = 0.0
-    """Up to how long after each other they count as at the same time [s]."""
+    """Longest time between two events that count as simultaneous [s]."""
     reading: str = ""
-    """Where no order of events decides: what would have to be otherwise, in words."""
+    """The measurement that would have to be different, in words; empty if the order of events decides."""
 
     @property
     def apart(self) -> float | None:
@@ -63,26 +63,26 @@ class Hinge:
 
 @dataclass(frozen=True, slots=True)
 class Judgement:
-    """What an instance says about a run; ticks count from 0."""
+    """The judgement of an instance on a run; ticks count from 0."""
 
     template: Template
     status: Status
     trigger: int | None = None
-    """First tick of the obligation that was violated, is open, or came first."""
+    """First tick of the violated or open obligation; of a kept instance, first tick of its first obligation."""
     failed: int | None = None
     broken: tuple[tuple[f.Atom, bool], ...] = ()
-    """Atoms and the values they had when it failed, any of which, had it been otherwise, would have saved it."""
+    """Atoms with their values in the failing tick; the opposite value of any of these atoms would have kept the rule."""
     margin: float | None = None
     together: bool = False
-    """True when what had to be waited for came in the failing tick itself, too late by one step."""
+    """True if the awaited event came in the failing tick itself, one step too late."""
     ended: int | None = None
-    """Last tick in which all its agents were recorded, where one vanishes before the run ends."""
+    """Last tick in which all agents of the instance were recorded, if an agent vanishes before the run ends."""
     hinge: Hinge | None = None
-    """Of what is UNSURE, what it hangs on."""
+    """The doubt on which an UNSURE instance depends."""
 
 
 def judge(templates: tuple[Template, ...], values: Values) -> list[Judgement]:
-    """Judge all instances of a rule: monitors first, finite-trace semantics for what they leave open."""
+    """Judge all instances of a rule: by monitors, and by finite-trace semantics if the monitor stays undecided."""
     found = [Judgement(template, Status.NA) for template in templates]
     for i, begin, end, states in _walked(templates, values):
         outputs = templates[i].machine.output[states]
@@ -100,7 +100,7 @@ def columns(template: Template) -> tuple[int, ...]:
 
 
 def _placed(j: Judgement, begin: int, end: int, steps: int) -> Judgement:
-    """Return what was found between two ticks, with ticks of the whole run."""
+    """Return a judgement of a part of the run between two ticks, with ticks of the whole run."""
     if (begin, end) == (0, steps):
         return j
     trigger, failed = (None if tick is None else begin + tick for tick in (j.trigger, j.failed))
@@ -108,21 +108,22 @@ def _placed(j: Judgement, begin: int, end: int, steps: int) -> Judgement:
 
 
 def unsure(found: Judgement, hinge: Hinge) -> Judgement:
-    """Return what an instance says where another reading of the run within its accuracy says something else."""
+    """Return the UNSURE judgement of an instance whose status is different in another reading of the run."""
     return Judgement(found.template, Status.UNSURE, found.trigger, margin=hinge.apart, hinge=hinge)
 
 
 def asked(template: Template, values: Values, agent: int) -> bool:
-    """Return whether an instance bound an agent, given by column, to act; one that never moves has not acted."""
+    """Return whether an instance bound an agent, given by column, to act; an agent that never moves has not acted."""
     mine = [m for m in template.members if any(e.index == agent for e in m.bound)]
     applies = any(m.premise is None or settle(m.premise, values, values.run.steps).any() for m in mine)
     return applies and drives(values.run, agent)
 
 
 def walk(templates: tuple[Template, ...], values: Values) -> list[NDArray[np.int32]]:
-    """Return the states that the monitor of every instance goes through, each of shape ``(steps,)``.
+    """Return the states of the monitor of every instance, each of shape ``(steps,)``.
 
-    It reads the states in which all of its agents are in the run; before, it is in its first one, and afterwards it stays.
+    The monitor reads the states of the run in which all agents of the instance are present. Before these states the monitor is in
+    its initial state, and afterwards it keeps its last state.
     """
     found = [np.zeros(values.steps, dtype=np.int32) for _ in templates]
     for i, begin, end, states in _walked(templates, values):
@@ -131,7 +132,7 @@ def walk(templates: tuple[Template, ...], values: Values) -> list[NDArray[np.int
 
 
 def _walked(templates: tuple[Template, ...], values: Values) -> Iterator[tuple[int, int, int, NDArray[np.int32]]]:
-    """Yield the number of every instance whose agents are ever together, between which ticks they are, and the states there."""
+    """Yield the number, first tick, end tick and monitor states of every instance whose agents are ever together."""
     groups: dict[tuple[int, int, int], list[int]] = {}
     for i, t in enumerate(templates):
         groups.setdefault((id(t.machine), *window(values.run, columns(t))), []).append(i)
@@ -175,7 +176,7 @@ def _judge(template: Template, values: Values | Part, failed: int | None, before
 
 
 def _since(template: Template, values: Values | Part, end: int) -> int:
-    """Return the first tick whose obligation is not met by what happened before tick `end`."""
+    """Return the first tick whose obligation is not met before tick `end`."""
     if not isinstance(template.formula, f.Always):
         return 0
     cut = {a: values[a][:end] for a in template.atoms}
@@ -187,10 +188,10 @@ def _since(template: Template, values: Values | Part, end: int) -> int:
 
 
 def _broken(template: Template, values: Values | Part, failed: int, before: int) -> tuple[tuple[f.Atom, bool], ...]:
-    """Return the atoms whose other value in the failing tick would have saved the instance.
+    """Return the atoms whose opposite value in the failing tick would have kept the instance.
 
-    Those that changed in that tick come alone when there are any: they are what happened. When no single atom could
-    have saved it, all that changed are returned, and all atoms when none did.
+    If some of these atoms changed in the failing tick, only the changed atoms are returned. If no single atom could have kept the
+    instance, all changed atoms are returned; if no atom changed, all atoms.
     """
     machine = template.machine
     now = {a: bool(values[a][failed]) for a in template.atoms}
@@ -203,12 +204,12 @@ def _broken(template: Template, values: Values | Part, failed: int, before: int)
 def _after(machine: Machine, template: Template, state: int, now: dict[f.Atom, bool]) -> Truth:
     true = frozenset(f.Atom(f"p{k}") for k, a in enumerate(template.atoms) if now[a])
     letter = machine.letter(sum(1 << k for k, guard in enumerate(machine.guards) if holds(guard, true)))
-    # A letter that the guards exclude can't be read; it saves nothing.
+    # A letter that the guards exclude can't be read, so the letter keeps nothing.
     return Truth(int(machine.output[machine.delta[state, letter]])) if letter >= 0 else Truth.FALSE
 
 
 def _margin(template: Template, values: Values | Part, start: int | None) -> float | None:
-    """Return how long before it was allowed the bound vehicle acted, or how long two were together [s]."""
+    """Return how long before its permission the bound vehicle acted, or how long two vehicles were together [s]."""
     steps, dt, shape = values.steps, values.run.dt, template.shape
     if shape.kind is Kind.STATE and isinstance(template.formula, f.Always):
         bad = ~evaluate(template.formula.body, values, (steps,))
@@ -223,7 +224,7 @@ def _margin(template: Template, values: Values | Part, start: int | None) -> flo
 def nearest_miss(templates: tuple[Template, ...], values: Values) -> Near | None:
     """Return where a rule came closest to being triggered.
 
-    The tick is the first one with the fewest false conjuncts of the premise, over all instances.
+    The tick is the first tick with the fewest false conjuncts of the premise, over all instances.
     """
     best: tuple[int, int, int] | None = None
     found = None

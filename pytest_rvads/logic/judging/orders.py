@@ -1,7 +1,7 @@
 """Rules about the order of events, judged in every order in which the events of an instance may have happened.
 
-All that such an instance speaks of is who is in which zone, who waited longer, and what the lights show. The rules don't
-count states, so a run is as good as the word of one state per event.
+The atoms of an instance about order are about zones of vehicles, comparisons of waiting times, and colours of lights. The rules
+don't count states, so a word with one state per event gives the same judgement as the run.
 """
 
 from __future__ import annotations
@@ -30,15 +30,15 @@ from pytest_rvads.runs.states import Zone
 __all__ = ["about_order", "plain", "reordered"]
 
 _Moments = dict[int, int]
-"""Per event, given by its id, when it happened."""
+"""Per event, given by its id(), the moment of the event."""
 MOST = 1024
-"""Choices of moments that are looked at for one instance, before only the first and the last ones are."""
+"""Most choices of moments that are tried for an instance; beyond, only the first and last moments of the events are tried."""
 
 
 def about_order(template: Template, run: Run) -> bool:
-    """Return whether an instance speaks of nothing but zones, compared waiting times and colours.
+    """Return whether the atoms of an instance are only about zones, comparisons of waiting times, and colours.
 
-    Arrivals are known from zones alone where a run holds no positions or no speeds.
+    If a run holds no positions or no speeds, arrivals are derived from zones alone.
     """
     by_zone = run.station is None or run.speed is None
     return all(_ordered(atom, by_zone) for atom in template.atoms)
@@ -58,12 +58,12 @@ def _ordered(atom: f.Atom, by_zone: bool) -> bool:
 
 
 def reordered(found: Judgement, known: Crossings, values: Values) -> Judgement:
-    """Return what an instance about order says when its events may have happened in another one.
+    """Return the judgement of an instance about order, UNSURE if its events may have happened in an order with another status.
 
     Args:
-        found: what it says of the run as it was recorded.
+        found: the judgement of the run as recorded.
         known: the events of the run.
-        values: of the run.
+        values: the truth values of the run.
     """
     template = found.template
     agents = [e.index for e in agents_of(template.formula)]
@@ -103,7 +103,7 @@ def reordered(found: Judgement, known: Crossings, values: Values) -> Judgement:
 
 
 def plain(status: Status) -> Status:
-    """Return a status without the difference that nobody asks for: whether what was kept had been asked."""
+    """Return a status with NA replaced by PASS: readings need not distinguish a kept rule from an untriggered rule."""
     return Status.PASS if status is Status.NA else status
 
 
@@ -114,13 +114,13 @@ def _lights(term: f.Term) -> Iterator[f.Element]:
 
 
 def _skips(run: Run, agent: int) -> bool:
-    """Return whether an agent steps over a zone between two samples: it was there all the same."""
+    """Return whether an agent skips a zone between two samples; the agent was in that zone nevertheless."""
     begin, end = run.spans[agent]
     return bool((np.diff(run.zone[begin:end, agent].astype(int)) > 1).any())
 
 
 def _loose(events: Sequence[Event], changes: Sequence[Event], known: Crossings, tie: int) -> list[Event]:
-    """Return the events whose place in the order is open."""
+    """Return the events whose place in the order of events is uncertain."""
     found: dict[int, Event] = {}
     for one, two in chain(combinations(events, 2), product(events, changes), combinations(changes, 2)):
         if (one.exact and two.exact) or (one.agent, one.light) == (two.agent, two.light):
@@ -137,12 +137,12 @@ def _loose(events: Sequence[Event], changes: Sequence[Event], known: Crossings, 
 
 
 def _compare(difference: int, tie: int) -> int:
-    """Return -1, 0 or 1: before, at about the same time, after."""
+    """Return -1, 0 or 1 for before, at about the same time, after."""
     return 0 if abs(difference) <= tie else 1 if difference > 0 else -1
 
 
 def _choices(loose: Sequence[Event]) -> Iterator[_Moments]:
-    """Return moments for events: of every one its own ends and middle, and those of the others that it can share."""
+    """Yield moments for the events: per event its recorded, first and last moment, and those of other events within its range."""
     ends = {id(e): (e.told, e.early, e.late) for e in loose}
     shared = [{*ends[id(e)], *(t for o in loose for t in ends[id(o)] if e.early <= t <= e.late)} for e in loose]
     if np.prod([float(len(s)) for s in shared]) > MOST:
@@ -152,9 +152,9 @@ def _choices(loose: Sequence[Event]) -> Iterator[_Moments]:
 
 
 def _followed(moments: _Moments, agents: Sequence[int], known: Crossings) -> _Moments | None:
-    """Return moments in which every agent comes to one zone after the other; None where it can't have at these.
+    """Return moments in which every agent comes to its zones in order; None if the given moments allow no such order.
 
-    Who steps over a zone between two samples was in it just before it left it.
+    An agent that skips a zone between two samples was in the zone just before the agent left the zone.
     """
     found = dict(moments)
     for agent in agents:
@@ -169,13 +169,13 @@ def _followed(moments: _Moments, agents: Sequence[int], known: Crossings) -> _Mo
 
 
 class _Word:
-    """A run of one state per event, in which every event happens at a moment that was chosen.
+    """A run with one state per event, in which every event happens at a chosen moment.
 
     Args:
         known: the events of the whole run.
-        agents: the columns of those that it is about; the others are absent.
-        lights: whose changes count, by entrance.
-        moments: of the events.
+        agents: the columns of the agents of the instance; other agents are absent.
+        lights: the entrances of the lights whose changes count.
+        moments: the moments of the events.
     """
 
     def __init__(self, known: Crossings, agents: Sequence[int], lights: Sequence[int], moments: _Moments) -> None:
@@ -193,7 +193,7 @@ class _Word:
             there = (self._times >= begin) & (self._times < end)
             self._zone[there, agent] = np.searchsorted(crossed, self._times[there], side="right")
             at = self._zone[:, agent] == Zone.ENTRANCE
-            # As `Run.wt` counts: one in the first state there, but none in the first state of all.
+            # As in `Run.wt`, the first state at the entrance counts 1, but the first state of the run counts 0.
             arrived = crossed[0] or 1
             self._waited[at, agent] = self._times[at] - arrived + 1
             self._arrived.append(arrived)
@@ -203,12 +203,12 @@ class _Word:
                 self._lights[self._times >= moments[id(change)], light] = change.code
 
     def key(self, tie: int) -> object:
-        """Return the same for words that no rule about order tells apart."""
+        """Return a key that is equal for words that no rule about order distinguishes."""
         arrivals = tuple(_compare(one - two, tie) for one, two in combinations(self._arrived, 2))
         return self._zone.tobytes(), self._lights.tobytes(), arrivals
 
     def judged(self, template: Template, values: Values) -> Judgement:
-        """Return what an instance says of it, in ticks of the whole run."""
+        """Return the judgement of an instance on this word, with ticks of the whole run."""
         known = self._known
         run = known.run
         word = Run(run.label, run.junction, run.agents, self._zone, self._lights, known.length)
@@ -222,7 +222,7 @@ class _Word:
 
 
 def _hinge(events: Sequence[Event], moments: _Moments, known: Crossings, tie: int) -> Hinge:
-    """Return the two events, nearest to each other, whose order another reading changes; or the one that is open."""
+    """Return as the hinge the nearest two events whose order another reading changes, or the single uncertain event."""
     turned = []
     for one, two in combinations(events, 2):
         if (one.agent, one.light) == (two.agent, two.light):

@@ -1,4 +1,4 @@
-"""What checking a rule needs and no run changes: its instances, merged and taken apart, with one monitor per template."""
+"""The preparation of a rule that is the same for all runs of a static model: instances, merged by symmetry, with monitors."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from pytest_rvads.logic.rules.shape import Kind, Shape, agents_of, shape_of, spl
 __all__ = ["Member", "Prepared", "Template", "forget", "prepare", "template"]
 
 _MERGE_LIMIT = 6
-"""Symmetric instances are looked for up to this many atoms (truth tables of 64 rows)."""
+"""Most atoms of an instance that is compared with other instances for symmetry (truth tables of 64 rows)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,7 +28,7 @@ class Member:
 
     binding: Binding
     premise: f.Formula | None
-    """None where the rule is never vacuous."""
+    """The premise of the instance; None if the rule is never vacuous."""
     bound: tuple[f.Element, ...]
     """The agents that are bound to act."""
 
@@ -40,20 +40,20 @@ class Template:
     formula: f.Formula
     shape: Shape
     members: tuple[Member, ...]
-    """This instance, and every one merged into it."""
+    """This instance, and every instance merged into it."""
     machine: Machine
-    """Over propositions p0, p1, ...; shared by all instances that differ only in their atoms."""
+    """Monitor over the propositions p0, p1, ...; instances that differ only in their atoms share a machine."""
     atoms: tuple[f.Atom, ...]
-    """What the propositions stand for."""
+    """The atoms that the propositions stand for."""
 
     @property
     def binding(self) -> Binding:
-        """What the variables of the instance stand for."""
+        """The elements that the variables of the instance stand for."""
         return self.members[0].binding
 
     @property
     def premises(self) -> tuple[f.Formula, ...]:
-        """Of this and of every instance merged into it; empty where the rule is never vacuous."""
+        """Premises of this instance and of the instances merged into it; empty if the rule is never vacuous."""
         found = dict.fromkeys(member.premise for member in self.members)
         return () if None in found else tuple(p for p in found if p is not None)
 
@@ -74,12 +74,13 @@ def template(formula: f.Formula) -> tuple[f.Formula, tuple[f.Atom, ...]]:
 
 
 def prepare(formula: f.Formula, static: Static, bound: tuple[str, ...] = (), *, itinerary: bool = True) -> Prepared:
-    """Unfold, simplify, merge symmetric instances, and build the monitors.
+    """Unfold and simplify a rule, merge symmetric instances, and build the monitors.
 
     Args:
-        formula: of the rule.
+        formula: the formula of the rule.
         static: the model.
-        bound: the variables of the agents that are bound to act; by default those that have to wait, else of the obligation.
+        bound: the variables of the agents that are bound to act; by default the agents that have to wait, else the agents of the
+            obligation.
         itinerary: use the agents' known itineraries for ``take``.
 
     Raises:
@@ -90,7 +91,7 @@ def prepare(formula: f.Formula, static: Static, bound: tuple[str, ...] = (), *, 
 
 
 def forget() -> None:
-    """Forget what was prepared."""
+    """Empty the caches of prepared rules."""
     _few.cache_clear()
     _many.cache_clear()
 
@@ -111,8 +112,11 @@ def _prepare(formula: f.Formula, static: Static, bound: tuple[str, ...], itinera
 
 
 _FEW = 12
-"""Models with so many agents come back: scenarios do, and their instances take some 5 kB each. Crowds of recorded traffic don't,
-and theirs take megabytes."""
+"""Most agents of a model whose preparation is cached in the large cache.
+
+Small models recur, because scenarios recur; their instances take some 5 kB each. Crowds of recorded traffic do not recur, and
+their instances take megabytes.
+"""
 _few = lru_cache(maxsize=8192)(_prepare)
 _many = lru_cache(maxsize=64)(_prepare)
 
@@ -124,7 +128,7 @@ def _member(instance: Instance, bound: tuple[str, ...]) -> Member:
 
 
 def _key(formula: f.Formula) -> object:
-    """Return the same key for instances that say the same, such as p1 of (a, a') and of (a', a)."""
+    """Return a key that is equal for instances with the same meaning, such as p1 of (a, a') and of (a', a)."""
     shape = shape_of(formula)
     atoms = sorted(f.atoms(formula), key=str)
     if shape.kind is not Kind.STATE or len(atoms) > _MERGE_LIMIT or not isinstance(formula, f.Always):

@@ -1,7 +1,7 @@
-"""Other readings of a run: where what was measured may have been otherwise within its accuracy, and what instances say then.
+"""Other readings of a run: measured values changed within their accuracy, and the judgements of instances in these readings.
 
-A reading is a run of its own, in which everything fits together; truth values that change one by one would put a vehicle in
-two places at once. Order of events has all its readings (`orders`); for the rest there are a few, at the ends of what can be.
+A reading is a complete, consistent run. Changing single truth values instead could put a vehicle in two places at once. The order
+of events is judged in all its readings (`orders`); other instances are judged in a few readings at the limits of the accuracy.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from pytest_rvads.runs.states import Zone
 __all__ = ["SURE", "Reading", "doubted"]
 
 SURE = 3.0
-"""What was measured is within so many standard deviations."""
+"""Measured values lie within this number of standard deviations."""
 _SIZES, _SIDES, _PACE, _ALONG = "how near bodies came", "how far beside its way it was", "how fast it was", "how far it had come"
 _ALONE = "how far it had come on its way"
 _BEFORE = "what it did before it was seen"
@@ -55,7 +55,7 @@ _ASKS: dict[str, tuple[str, ...]] = {
     "obstructs": (_PACE, _ALONG),
     "@": (_ALONG,),
 }
-"""Per word, what in a run its truth turns on; of those that are not here, on everything."""
+"""Per word, the kinds of measurement on which its truth depends; the truth of a word not listed depends on every kind."""
 _EVERYTHING = (_SIZES, _SIDES, _PACE, _ALONG)
 _ORDER = (*_EVERYTHING, _ALONE, _BEFORE)
 
@@ -65,27 +65,27 @@ class Reading:
     """Another reading of a run."""
 
     asks: str
-    """What is read otherwise, in words."""
+    """The kind of measurement that is changed, in words."""
     within: float
-    """By how much at most [m or m/s]; 0 where nothing was measured."""
+    """Largest change [m or m/s]; 0 if the reading changes no measured value."""
     run: Run
 
     @property
     def words(self) -> str:
-        """What is read otherwise, and by how much."""
+        """The kind of measurement that is changed, and its accuracy."""
         if not self.within:
             return self.asks
         return f"{self.asks}, known to {self.within:.2f} {'m/s' if self.asks == _PACE else 'm'}"
 
 
 def doubted(found: Sequence[Judgement], values: Values, sampled: Run, *, standing: bool = False) -> list[Judgement]:
-    """Return what instances say, UNSURE where another reading of the run within its accuracy says something else.
+    """Return the judgements, with UNSURE for instances whose status differs in another reading within the run's accuracy.
 
     Args:
-        found: what they say of the run as it was recorded.
-        values: of the run.
-        sampled: the run as it was recorded, which tells between which samples events lie.
-        standing: waiting times count from standstill, so speeds decide orders, too.
+        found: the judgements of the run as recorded.
+        values: the truth values of the run.
+        sampled: the run as recorded; its samples limit the times of events.
+        standing: whether waiting times count from standstill, so that speeds decide orders as well.
     """
     run = values.run
     if certain(sampled):
@@ -108,7 +108,7 @@ def doubted(found: Sequence[Judgement], values: Values, sampled: Run, *, standin
 
 
 def _left_early(run: Run, j: Judgement) -> bool:
-    """Return whether a vehicle vanishes while it takes a way that it owes, so that nothing tells whether it obstructs."""
+    """Return whether a vehicle vanishes on the way that it owes to another vehicle, so that an obstruction can't be excluded."""
     if j.status is not Status.PASS or j.ended is None:
         return False
     pairs = [[e.index for e in agents_of(atom)] for atom in j.template.atoms if atom.name == "obstructs"]
@@ -116,7 +116,7 @@ def _left_early(run: Run, j: Judgement) -> bool:
 
 
 def _asks(template: Template) -> frozenset[str]:
-    """Return what in a run an instance turns on."""
+    """Return the kinds of measurement on which an instance depends."""
     asks = {ask for atom in template.atoms for ask in _ASKS.get(atom.name, _EVERYTHING if _is_word(atom) else (_PACE,))}
     if _ALONG in asks and len(agents_of(template.formula)) < 2:
         asks = asks - {_ALONG} | {_ALONE}
@@ -128,7 +128,7 @@ def _is_word(atom: f.Atom) -> bool:
 
 
 def _near(run: Run, j: Judgement) -> bool:
-    """Return whether the vehicles of an instance come so near to each other that a reading can matter."""
+    """Return whether the vehicles of an instance come near enough to each other for a reading to matter."""
     agents = [e.index for e in agents_of(j.template.formula)]
     if len(agents) < 2 or run.pose is None:
         return True
@@ -136,8 +136,10 @@ def _near(run: Run, j: Judgement) -> bool:
 
 
 NEARBY = 30.0
-"""Vehicles whose fronts were never nearer to each other than this have nothing to do with each other [m]: a car and a truck,
-and the gap that one of them is due in at 5 m/s."""
+"""Largest distance between the fronts of two vehicles that can affect each other [m].
+
+The distance covers a car and a truck, and the gap in which one of the two is due at 5 m/s.
+"""
 
 
 def _nearby(run: Run) -> NDArray[np.bool_]:
@@ -146,12 +148,12 @@ def _nearby(run: Run) -> NDArray[np.bool_]:
     found = np.zeros((len(run.agents), len(run.agents)), dtype=np.bool_)
     for column in range(len(run.agents)):
         apart = places - places[:, column, None]
-        found[column] = ((apart**2).sum(axis=-1) < NEARBY**2).any(axis=0)  # of who is absent it is NaN, which is not less
+        found[column] = ((apart**2).sum(axis=-1) < NEARBY**2).any(axis=0)  # absent: NaN, not less
     return found
 
 
 def _readings(run: Run, ask: str) -> tuple[Reading, ...]:
-    """Return the other readings of a run as to something, made once."""
+    """Return the other readings of a run for a kind of measurement, computed once per run."""
     return once(run, _MAKERS[ask])
 
 
@@ -163,7 +165,7 @@ def _of_sizes(run: Run) -> tuple[Reading, ...]:
 
 
 def _sized(run: Run, by: float) -> Run:
-    """Return a run whose bodies reach farther on all sides [m]."""
+    """Return a run whose bodies are larger by `by` on all sides [m]."""
     agents = tuple(
         replace(agent, size=(max(agent.size[0] + 2 * by, by), max(agent.size[1] + 2 * by, abs(by)))) if agent.size else agent
         for agent in run.agents
@@ -183,7 +185,7 @@ def _of_pace(run: Run) -> tuple[Reading, ...]:
     if by <= 0.0 or run.speed is None:
         return ()
     fast = np.abs(run.speed)
-    # A speed of exactly nothing is that of a stand which the positions prove. Who was slower did not come as far.
+    # A speed of exactly 0 is a standstill that the positions prove. A slower vehicle has come less far.
     speeds = ((np.maximum(fast - by, 0.0), -1.0), (np.where(fast == 0.0, 0.0, fast + by), 1.0))
     found = []
     for speed, sign in speeds:
@@ -201,9 +203,10 @@ def _of_one(run: Run) -> tuple[Reading, ...]:
 
 
 def _of_the_past(run: Run) -> tuple[Reading, ...]:
-    """Return readings of what vehicles did before they appear in their stop place.
+    """Return readings of the time before vehicles appear in their stop place.
 
-    In the first reading they stop there as they appear. In the second one they roll until they first move.
+    In the first reading the vehicles stop in the stop place as they appear. In the second reading they roll until they first
+    move.
     """
     if run.excerpt is None or run.speed is None or run.station is None:
         return ()
@@ -218,7 +221,7 @@ def _of_the_past(run: Run) -> tuple[Reading, ...]:
 
 
 def _all_moved(run: Run, asks: str, patterns: Iterable[NDArray[np.float64]]) -> tuple[Reading, ...]:
-    """Return a reading per choice of who is ahead of where it was measured (1) and who behind (-1)."""
+    """Return a reading per sign pattern: agents are ahead of (1) or behind (-1) their measured station."""
     if run.spread is None or run.station is None:
         return ()
     within = float(np.nanmax(run.spread, initial=0.0))
@@ -226,9 +229,10 @@ def _all_moved(run: Run, asks: str, patterns: Iterable[NDArray[np.float64]]) -> 
 
 
 def _patterns(run: Run) -> Iterator[NDArray[np.float64]]:
-    """Yield who is ahead and who behind, in turns.
+    """Yield patterns of signs: which agents are ahead of their measured station, and which are behind.
 
-    Those of one entrance are so together; of any two entrances each is once ahead when the other one is behind.
+    Agents of an entrance have the same sign. For any two entrances, a pattern has one entrance ahead and the other entrance
+    behind.
     """
     entrances = np.array([agent.entrance for agent in run.agents])
     for bit in range(max(ceil(log2(max(len(run.junction.entrances), 2))), 1)):
@@ -238,7 +242,7 @@ def _patterns(run: Run) -> Iterator[NDArray[np.float64]]:
 
 
 def _moved(run: Run, signs: NDArray[np.float64]) -> Run:
-    """Return a run in which every agent is as far ahead of where it was measured, or behind, as it may have been."""
+    """Return a run in which every agent is moved ahead (1) or behind (-1) by the spread of its station."""
     by = signs * np.asarray(run.spread)
     station, zone = run.need("station") + by, run.zone.copy()
     for column, (begin, end) in enumerate(run.spans.tolist()):
@@ -248,7 +252,7 @@ def _moved(run: Run, signs: NDArray[np.float64]) -> Run:
 
 
 def _shifted(run: Run, ahead: float | NDArray[np.float64], left: float) -> NDArray[np.float64]:
-    """Return poses further ahead and to the left [m]."""
+    """Return the poses moved ahead and to the left [m]."""
     pose = run.need("pose").copy()
     cos, sin = np.cos(pose[..., 2]), np.sin(pose[..., 2])
     pose[..., 0] += ahead * cos - left * sin

@@ -1,4 +1,4 @@
-"""Whose doing it is that an instance of a rule is violated or open."""
+"""Which vehicles are responsible for a violated or open instance of a rule."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ __all__ = ["cause_between", "is_about", "responsible", "waits"]
 
 
 def responsible(j: Judgement, run: Run) -> tuple[f.Element, ...]:
-    """Return the vehicles bound to act: those whose doing broke the instance, or that still have to wait."""
+    """Return the responsible vehicles: the vehicles that broke the instance, or that still have to wait."""
     if j.status is Status.FAIL:
         named = tuple(dict.fromkeys(e for a, _ in j.broken for e in agents_of(a))) or agents_of(j.template.formula)
         cause = cause_between(j, run)
@@ -32,11 +32,12 @@ def responsible(j: Judgement, run: Run) -> tuple[f.Element, ...]:
 
 
 def is_about(j: Judgement, run: Run, subject: str) -> bool:
-    """Return whether `subject` is to blame for what is violated or open.
+    """Return whether `subject` is to blame for a violated or open instance.
 
-    It is not where it met somebody in the junction who had to wait and left it no time to react, where another vehicle has just
-    pushed it, nor where it went before a vehicle that waived its right. An obligation that is still open is kept by whoever
-    waits; what keeps it open is the vehicle that is waited for, if any, or one that stands in everybody's way.
+    The subject is not to blame for meeting a vehicle in the junction that had to wait and left the subject no time to react, for
+    a violation right after a push by another vehicle, or for going before a vehicle that waived its right. A waiting vehicle
+    keeps an open obligation. To blame for an open obligation is the awaited vehicle, if there is any, or a vehicle that is stuck
+    in the way of all others.
     """
     me = next(column for column, agent in enumerate(run.agents) if agent.name == subject)
     if j.failed is not None:
@@ -53,7 +54,7 @@ def is_about(j: Judgement, run: Run, subject: str) -> bool:
 
 
 def _forfeited(j: Judgement, run: Run) -> bool:
-    """Return whether the vehicle that was to go first waived its right meanwhile; or whether it waited for such a vehicle."""
+    """Return whether every awaited vehicle waived its right since the trigger, or waited for a vehicle that waived its right."""
     awaited, waiting = _awaited(j), {e.index for e in _waiting(j)}
     others = [k for k in range(len(run.agents)) if k not in waiting]
     if not awaited or not j.failed:
@@ -66,7 +67,7 @@ def _forfeited(j: Judgement, run: Run) -> bool:
 
 
 def _could_go(run: Run, agent: int) -> bool:
-    """Return whether an agent could go when the run ends; also where the run does not record enough to tell."""
+    """Return whether an agent could go at the end of the run, or the run does not record enough to decide."""
     try:
         return bool(may_go(run, agent)[-1])
     except RunError:
@@ -81,7 +82,7 @@ def waits(j: Judgement, subject: str) -> bool:
 
 
 def cause_between(j: Judgement, run: Run) -> Cause | None:
-    """Return who is to blame that two vehicles collided or met, which broke an instance, or None where neither did it."""
+    """Return the cause of the collision or meeting of two vehicles that broke an instance; None if neither vehicle caused it."""
     for atom, _ in j.broken:
         if atom.name == "collide":
             pair = {e.name for e in agents_of(atom)}
@@ -99,6 +100,6 @@ def _waiting(j: Judgement) -> tuple[f.Element, ...]:
 
 
 def _awaited(j: Judgement) -> list[int]:
-    """Return the columns of those that are to go first."""
+    """Return the columns of the vehicles that are to go first."""
     goes, waiting = j.template.shape.goes, _waiting(j)
     return [e.index for e in agents_of(goes) if e not in waiting] if goes is not None else []

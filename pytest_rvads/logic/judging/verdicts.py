@@ -1,4 +1,4 @@
-"""Verdicts: what a rule says about a run. Reports and files of results hold these values as they are."""
+"""Verdicts of rules on runs. Reports and files of results hold these values unchanged."""
 
 from __future__ import annotations
 
@@ -18,38 +18,40 @@ class Status(StrEnum):
     """The outcome of judging a run by a rule."""
 
     PASS = "PASS"
-    """Triggered, and every obligation discharged."""
+    """The rule was triggered, and every obligation was discharged."""
     FAIL = "FAIL"
-    """Violated, whatever would have followed."""
+    """The rule was violated, whatever would have followed."""
     OPEN = "OPEN"
     """An obligation was still open when the run ended."""
     UNSURE = "UNSURE"
-    """Another reading of what was recorded, within its accuracy, would change the verdict."""
+    """Another reading of the recording, within its accuracy, would change the verdict."""
     NA = "NA"
-    """The rule is about something else, or was never triggered."""
+    """The rule does not apply to the run, or was never triggered."""
     ERROR = "ERROR"
     """The run can't be judged: it is empty, damaged, or ended by a fault."""
 
 
 class InstanceVerdict(msgspec.Struct, frozen=True, omit_defaults=True):
-    """What one instance of a rule says; symmetric instances are one."""
+    """The verdict of an instance of a rule; symmetric instances share a verdict."""
 
     binding: tuple[tuple[str, str], ...]
-    """Variables of the rule and the names they stand for."""
+    """Variables of the rule, and the names of the elements that the variables stand for."""
     status: Status
     responsible: tuple[str, ...] = ()
-    """The vehicles bound to act, when violated or open."""
+    """The vehicles bound to act, if the instance is violated or open."""
     trigger: int | None = None
-    """Tick since which the obligation exists that was violated, is open, or was discharged first."""
+    """First tick of the obligation that was violated, is open, or was discharged first."""
     failed: int | None = None
-    """Tick at which no continuation could repair it any more."""
+    """First tick from which on no continuation satisfies the instance."""
     broken: tuple[str, ...] = ()
-    """What was not as it had to be, in that tick."""
+    """The atoms that had the wrong value in that tick."""
     margin: float | None = None
-    """How long before it was allowed the bound vehicle acted, negative when it waited; seconds of overlap where two
-    must never be together [s]. None where one of the two events is missing."""
+    """How long before its permission the bound vehicle acted, negative if the vehicle waited [s].
+
+    For vehicles that must never be together: the duration of their overlap [s]. None if the action or the permission is missing.
+    """
     hangs: str = ""
-    """Of what is UNSURE, what it hangs on, and by how much."""
+    """The doubt on which an UNSURE instance depends, and its size."""
 
 
 class NearMiss(msgspec.Struct, frozen=True):
@@ -58,59 +60,60 @@ class NearMiss(msgspec.Struct, frozen=True):
     binding: tuple[tuple[str, str], ...]
     tick: int
     missing: tuple[str, ...]
-    """Conjuncts of the premise that were false then."""
+    """Conjuncts of the premise that were false in the step."""
     steps: int
-    """How many steps were as close as this one."""
+    """Number of equally close steps."""
 
 
 class Verdict(msgspec.Struct, frozen=True, omit_defaults=True):
-    """The verdict of one rule on one run.
+    """The verdict of a rule on a run.
 
-    Its truth value is that of "the run satisfies the rule"; an NA verdict has none and refuses.
+    The truth value of a verdict is the truth of "the run satisfies the rule". An NA, UNSURE or ERROR verdict has no truth value:
+    ``bool()`` raises an error.
     """
 
     rule: str
     status: Status
     message: str
-    """One line: rule, time, what happened."""
+    """One line: the rule, the time, and the event."""
     reason: str = ""
-    """Of NA and ERROR, the same words for the same cause."""
+    """Reason of the status; of NA and ERROR, in the same words for the same cause."""
     final: bool = False
     """True when no continuation of the run could change the status."""
     time: float | None = None
-    """Of the earliest violation, or since when the obligation is open [s]."""
+    """Time of the earliest violation, or of the beginning of the open obligation [s]."""
     counts: dict[str, int] = {}
-    """Instances by outcome: fail, open, pass, "not triggered"."""
+    """Number of instances by outcome: fail, open, pass, "not triggered"."""
     collapsed: int = 0
-    """Instances that what is static makes true; they are in no count."""
+    """Number of instances that the static model makes true; `counts` leaves them out."""
     instances: tuple[InstanceVerdict, ...] = ()
-    """The worst first, the earliest of them first."""
+    """Verdicts of the instances, sorted by severity, then by time."""
     near: NearMiss | None = None
     violated: str = ""
-    """What was violated, in the same words whoever did it: groups failures."""
+    """The violated obligation, in the same words for all vehicles; groups failures."""
     roles: str = ""
-    """Which vehicles it was, in words that are the same for all rotations of a scenario."""
+    """The vehicles of the violation, in words that are the same for all rotations of a scenario."""
     asked: bool = True
-    """Whether an instance bound the subject to act; without a subject, whether any was triggered."""
+    """Whether an instance bound the subject to act; without a subject, whether an instance was triggered."""
     unavoidable: bool = False
-    """Violated, but nobody could have kept it: a session counts it apart, and it fails no test by default."""
+    """Whether no vehicle could have kept the violated rule; sessions count it apart, and it fails no test by default."""
     notes: tuple[str, ...] = ()
-    """What else should be known: that no run could pass, that a tie window decides."""
+    """Further remarks, such as that no run could pass, or that a tie window decides."""
     explanation: str = ""
-    """A block of text: the rule, the instance, the states before and after, who had to act and since when."""
+    """A block of text: the rule, the instance, its states, the vehicles bound to act, the beginning of the obligation."""
     requirement: str | None = None
     dt: float = 0.01
     """Time between two states [s]."""
     start: float = 0.0
-    """Time of the first state on the clock of the recording, which `time` is on [s]; ticks count from it."""
+    """Time of the first state on the clock of the recording [s]; `time` is on this clock, ticks count from the first state."""
     subject: str | None = None
-    """The vehicle under test, where the others are traffic; the status is then that of what it is to blame for, if anything."""
+    """The vehicle under test among traffic. The status then comes from the instances that the subject is to blame for, if any."""
     provoked: bool = False
-    """Violated or open, but by the doing of the traffic alone: nothing for a test of the subject to fail by."""
+    """Whether the traffic alone caused the violation or the open obligation; such a verdict fails no test of the subject."""
     title: str = ""
-    """Of the rule, in words."""
+    """The title of the rule, in words."""
     responsible: tuple[str, ...] = ()
-    """The vehicles responsible for violated or open instances, the earliest first, each once."""
+    """The vehicles responsible for violated or open instances, each once, sorted by time."""
 
     def __repr__(self) -> str:
         return f"<Verdict {self.rule} {self.status}: {self.message}>"
@@ -136,15 +139,15 @@ class Verdict(msgspec.Struct, frozen=True, omit_defaults=True):
 
     @property
     def outcome(self) -> Outcome:
-        """What reports say of it: the status, or UNAVOIDABLE or PROVOKED where it is."""
+        """The outcome in reports: UNAVOIDABLE or PROVOKED if the verdict is unavoidable or provoked, else the status."""
         return Outcome.UNAVOIDABLE if self.unavoidable else Outcome.PROVOKED if self.provoked else Outcome(self.status.value)
 
     @property
     def cause(self) -> str:
-        """What was violated and by whom: the same words for the same violation in a rotated scenario."""
+        """The violated obligation and its vehicles, in the same words for the same violation in a rotated scenario."""
         return f"{self.violated} ({self.roles})" if self.roles else self.violated
 
     def record(self) -> dict[str, Any]:
-        """Return the verdict as builtins that JSON has too, without what has its default, as reports hold it."""
+        """Return the verdict as builtins for JSON, without the fields that have their default, as reports hold it."""
         content: dict[str, Any] = msgspec.json.decode(msgspec.json.encode(self))
         return content

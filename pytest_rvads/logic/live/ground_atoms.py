@@ -1,4 +1,4 @@
-"""Ground atoms that speak of vehicles by number, and the vehicles that they speak of."""
+"""Ground atoms about vehicles, which elements name by number, and the vehicles of these atoms."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ __all__ = ["element_of", "in_columns", "key_of"]
 
 
 def element_of(term: f.Term) -> f.Element | None:
-    """Return what a term speaks of, None for a value."""
+    """Return the element of a term; None for a value."""
     inner = term.of if isinstance(term, f.Attr) else term
     return inner if isinstance(inner, f.Element) else None
 
 
 def key_of(term: f.Term, movers: Sequence[Mover]) -> object:
-    """Return what tells terms apart: the vehicle for an agent, and which attribute of it is asked for."""
+    """Return a key of a term: for an agent its mover, together with the name of an attribute; else the term."""
     element = element_of(term)
     if element is None or element.sort != Sort.AGENT:
         return term
@@ -27,7 +27,7 @@ def key_of(term: f.Term, movers: Sequence[Mover]) -> object:
 
 
 def in_columns(atom: f.Atom, movers: Sequence[Mover]) -> f.Atom:
-    """Return an atom that speaks of agents by their columns."""
+    """Return an atom whose agents are numbered by their columns."""
 
     def move(term: f.Term) -> f.Term:
         if isinstance(term, f.Attr) and isinstance(term.of, f.Element):

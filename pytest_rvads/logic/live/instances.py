@@ -1,4 +1,4 @@
-"""The instances of rules about vehicles that are not known beforehand: about each by itself, and about each two."""
+"""The instances of rules for vehicles that are not known beforehand: per vehicle, and per pair of vehicles."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ __all__ = ["Instances"]
 
 
 class Instances:
-    """Instances by the ways of the vehicles, found once for all that go the same ways.
+    """The instances of rules by the ways of the vehicles, prepared once per combination of ways.
 
     Args:
-        rules: what to judge by.
-        junction: where.
-        lights: colours of the first state: where one is lit, there is a light.
+        rules: the rules.
+        junction: the junction.
+        lights: colours of the first state; an entrance with a colour other than none has a light.
 
     Raises:
-        FormulaError: a rule that is about more than two vehicles at once, so that who is to come would count.
+        FormulaError: a rule is about more than two vehicles at once, so that vehicles that come later would count.
     """
 
     def __init__(self, rules: tuple[Rule, ...], junction: Junction, lights: list[int]) -> None:
@@ -43,9 +43,9 @@ class Instances:
             _refuse_crowds(rule, static)
 
     def of(self, *ways: Key) -> tuple[tuple[int, Template], ...]:
-        """Return the instances about one vehicle, or those about two together, with the number of the rule.
+        """Return the instances about one vehicle or about two vehicles together, each with the number of its rule.
 
-        Their agents are numbered in the order of the ways.
+        The agents of the instances are numbered in the order of the ways.
         """
         found = self._known.get(ways)
         if found is None:
@@ -66,7 +66,7 @@ class Instances:
 
 
 def _about(template: Template) -> set[int]:
-    """Return the agents that an instance is about, by column: those of its variables, and those of its atoms."""
+    """Return the columns of the agents in the variables and in the atoms of an instance."""
     named = {e.index for member in template.members for _, e in member.binding if e.sort == Sort.AGENT}
     return named | {e.index for e in agents_of(template.formula)}
 
@@ -82,7 +82,7 @@ def _refuse_crowds(rule: Rule, static: Static) -> None:
 
 
 def _exists(formula: f.Formula) -> bool:
-    """Return whether a formula asks for some vehicle."""
+    """Return whether a formula has an existential quantifier over agents."""
     if isinstance(formula, f.Exists) and any(v.sort == Sort.AGENT for v in formula.variables):
         return True
     return any(_exists(child) for child in f.children(formula))

@@ -1,4 +1,4 @@
-"""What live monitors are given and what they answer."""
+"""The inputs and the answers of live monitors."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ __all__ = ["Decided", "Seen", "row_of", "sizes_of"]
 
 
 class Seen(NamedTuple):
-    """A vehicle as it is seen in one state; see `RuleMonitor.see`."""
+    """The state of a vehicle at an instant; see `RuleMonitor.see`."""
 
     agent: Agent
-    """Its name, way and size; the same in every state, and nobody else's name as long as it is there."""
+    """Name, way and size of the vehicle, the same in every state; no other vehicle present has the same name."""
     station: float
-    """Reference point along its itinerary, 0 at the entrance vertex [m]."""
+    """Station of the reference point along the itinerary, 0 at the entrance vertex [m]."""
     speed: float
-    """Forward [m/s]."""
+    """Forward speed [m/s]."""
     x: float
     """East coordinate of the reference point [m]."""
     y: float
@@ -32,28 +32,27 @@ class Seen(NamedTuple):
     heading: float
     """Counter-clockwise from east [rad]."""
     spread: float = 0.0
-    """How far before or behind its station it may be [m]: three standard deviations of what is measured."""
+    """Three standard deviations of the measured station [m]."""
 
 
 @dataclass(frozen=True, slots=True)
 class Decided:
-    """The last word on one instance of a rule."""
+    """The final verdict of an instance of a rule."""
 
     rule: str
     binding: Mapping[str, str]
-    """Variables of the rule and the names they stand for."""
+    """Variables of the rule, and the names of the elements that the variables stand for."""
     verdict: Truth
-    """``F``: violated in this very state; ``T``: nothing can violate it any more; ``?``: a vehicle of the
-    instance left before the rule was violated."""
+    """``F``: violated in this state; ``T``: no continuation violates it; ``?``: a vehicle left before a violation."""
     time: float
-    """When that was known, since the first state [s]."""
+    """Time of the decision since the first state [s]."""
 
 
 def sizes_of(given: tuple[float, float] | Sequence[tuple[float, float]], count: int) -> tuple[tuple[float, float], ...]:
-    """Return length and width of every vehicle [m], given one pair for all or one for each.
+    """Return length and width of every vehicle [m], given one pair for all vehicles or one pair per vehicle.
 
     Raises:
-        RunError: what is neither.
+        RunError: the sizes have another shape, or are not finite and positive.
     """
     sizes = np.asarray(given, dtype=np.float64)
     if sizes.shape not in ((2,), (count, 2)) or not (np.isfinite(sizes) & (sizes > 0)).all():
@@ -62,10 +61,10 @@ def sizes_of(given: tuple[float, float] | Sequence[tuple[float, float]], count: 
 
 
 def row_of(name: str, values: ArrayLike, shape: tuple[int, ...]) -> list[Any]:
-    """Return numbers of a state, given under a name, as lists.
+    """Return the numbers of a state as lists.
 
     Raises:
-        RunError: they have another shape, or are not finite.
+        RunError: the numbers have another shape than `shape`, or are not finite; the message gives their `name`.
     """
     row = np.asarray(values, dtype=np.float64)
     if row.shape != shape or not np.isfinite(row).all():

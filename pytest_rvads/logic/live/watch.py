@@ -1,4 +1,4 @@
-"""Monitors that are stepped only when something that they look at has changed, or when they have not settled yet."""
+"""Monitors that are stepped only if an atom that they read has changed, or if they have not settled yet."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ __all__ = ["Fact", "Reading", "Watch"]
 
 
 class Fact:
-    """A ground atom as it is now, with the watches that look at it.
+    """The present value of a ground atom, with the watches that read the atom.
 
     Args:
-        value: in the instant in which it is made.
-        ask: computes the value, where it is not told by `tell` in every instant in which it changes.
+        value: the value at creation.
+        ask: computes the value; None if `tell` is called at every change.
     """
 
     __slots__ = ("ask", "homes", "value", "watches")
@@ -26,10 +26,10 @@ class Fact:
         self.value, self.ask = value, ask
         self.watches: list[tuple[Watch, int]] = []
         self.homes: list[Callable[[], None]] = []
-        """What ends its being worked out, for when nobody looks any more."""
+        """Callables that end the computation of the atom once no watch reads the atom."""
 
     def tell(self, value: bool) -> None:
-        """Say what it is now."""
+        """Set the present value, and wake the watches if the value has changed."""
         if value is not self.value:
             self.value = value
             for watch, bit in self.watches:
@@ -37,7 +37,7 @@ class Fact:
                 watch.wake()
 
     def leave(self, watch: Watch) -> bool:
-        """Forget a watch, and return whether nobody is left."""
+        """Remove a watch, and return whether no watch is left."""
         self.watches = [entry for entry in self.watches if entry[0] is not watch]
         if not self.watches:
             for end in self.homes:
@@ -46,11 +46,11 @@ class Fact:
 
 
 class Reading:
-    """What a machine reads in the values of its atoms, numbered by the bits of a mask.
+    """Maps the truth values of a machine's atoms, given as a mask with bit k for atom k, to letters.
 
     Args:
-        machine: over propositions p0, p1, ...
-        asked: numbers of the atoms that are worked out only when they count.
+        machine: the machine, over propositions p0, p1, ...
+        asked: numbers of the atoms that are evaluated only if they affect the letter.
     """
 
     def __init__(self, machine: Machine, asked: Sequence[int]) -> None:
@@ -63,7 +63,7 @@ class Reading:
         self._hopeless: dict[tuple[int, int], bool] = {}
 
     def letter(self, mask: int) -> int | None:
-        """Return the letter where it is the same whatever the atoms to be asked are, else None."""
+        """Return the letter if it is the same for all values of the atoms in `asked`, else None."""
         try:
             return self._letters[mask]
         except KeyError:
@@ -74,7 +74,7 @@ class Reading:
             return letter
 
     def exact(self, mask: int) -> int:
-        """Return the letter of the values of all atoms."""
+        """Return the letter for the values of all atoms."""
         letter = self._exact.get(mask)
         if letter is None:
             machine = self._machine
@@ -84,7 +84,7 @@ class Reading:
         return letter
 
     def can_fail(self, state: int, false: int) -> bool:
-        """Return whether a violation can still come after a state, when the atoms of a mask stay false."""
+        """Return whether a violation is reachable from a state while the atoms of mask `false` stay false."""
         known = self._hopeless.get((state, false))
         if known is None:
             count = len(self._machine.atoms)
@@ -104,21 +104,21 @@ class Reading:
 
 
 _MOST_FREE = 8
-"""Atoms whose values are all tried, to see whether a violation can still come."""
+"""Most atoms whose values are all tried to decide whether a violation is reachable."""
 _MOST_ASKED = 6
-"""Atoms whose values are all tried, to see whether they count."""
+"""Most atoms whose values are all tried to decide whether the atoms affect the letter."""
 
 
 class Watch:
-    """A monitor of one instance.
+    """The monitor of one instance.
 
     Args:
         rule: number of the rule.
         template: the instance.
-        reading: of its machine.
-        facts: what its propositions stand for now.
-        queue: where it puts itself when it is to be stepped.
-        state: of the machine.
+        reading: the reading of its machine.
+        facts: the facts that its propositions stand for.
+        queue: the queue of watches to step, to which the watch appends itself.
+        state: the state of the machine.
     """
 
     __slots__ = ("_queue", "_queued", "asked", "facts", "mask", "reading", "rule", "state", "template")
@@ -141,17 +141,17 @@ class Watch:
 
     @property
     def verdict(self) -> Truth:
-        """The verdict so far."""
+        """The present verdict."""
         return self.reading.output[self.state]
 
     def wake(self) -> None:
-        """Be stepped in this instant."""
+        """Enter the queue, to be stepped in this instant."""
         if not self._queued:
             self._queued = True
             self._queue.append(self)
 
     def step(self) -> Truth:
-        """Read the instant; come back in the next one, whatever happens, unless the same letter would change nothing."""
+        """Read the letter of this instant; enter the queue again unless the same letter read again would change nothing."""
         self._queued = False
         reading = self.reading
         letter = reading.letter(self.mask)
@@ -170,10 +170,10 @@ class Watch:
         return verdict
 
     def can_fail(self, false: frozenset[Fact]) -> bool:
-        """Return whether it can still be violated when these facts stay false."""
+        """Return whether the instance can still be violated while these facts stay false."""
         return self.reading.can_fail(self.state, sum(1 << k for k, fact in enumerate(self.facts) if fact in false))
 
     def end(self) -> None:
-        """Stop looking."""
+        """Remove the watch from its facts."""
         for fact in dict.fromkeys(self.facts):
             fact.leave(self)

@@ -1,9 +1,9 @@
-"""From formulas to automata that know which prefixes can still be continued.
+"""Builds, from a formula, the automaton of the prefixes that can still be continued.
 
-A state is a set of obligations (nodes in negation normal form, as a bit mask). Reading a letter, every obligation
-unfolds by the expansion laws ``a U b = b | (a & X(a U b))`` and ``a R b = b & (a | X(a R b))``; an U that is put off is
-marked, and a run is accepting when no U is put off forever: a transition-based generalised Büchi automaton
-(Couvreur, On-the-fly verification of linear temporal logic, FM 1999). Sets of letters are bit masks too.
+A state is a set of obligations (nodes in negation normal form, as a bit mask). Reading a letter, every obligation unfolds by the
+expansion laws ``a U b = b | (a & X(a U b))`` and ``a R b = b & (a | X(a R b))``. An U that is put off is marked, and a run is
+accepting if no U is put off forever: a transition-based generalised Büchi automaton (Couvreur, On-the-fly verification of linear
+temporal logic, FM 1999). Sets of letters are bit masks too.
 """
 
 from __future__ import annotations
@@ -28,13 +28,13 @@ class Nfa:
     """A nondeterministic automaton without acceptance: every state can be continued to a word of the language."""
 
     initial: int
-    """-1 when the language is empty."""
+    """The initial state; -1 if the language is empty."""
     moves: tuple[tuple[tuple[int, int], ...], ...]
-    """Per state (letters, target)."""
+    """Per state, pairs of letters (mask) and target."""
 
     @property
     def universal(self) -> int:
-        """The state from which every word can be read, or -1; there is at most one, as equivalent states are merged."""
+        """The state from which every word can be read, or -1; at most one such state exists, as equivalent states are merged."""
         return next((q for q, moves in enumerate(self.moves) if len(moves) == 1 and moves[0] == (self._full, q)), -1)
 
     @property
@@ -52,9 +52,9 @@ def prefixes(pool: Pool, root: int, where: tuple[int, ...], full: int, budget: B
     Args:
         pool: the nodes.
         root: number of the node.
-        where: per guard, the letters in which it holds (mask).
+        where: per guard, the letters in which the guard holds (mask).
         full: all letters (mask).
-        budget: what the construction may cost.
+        budget: the budget of the construction.
     """
     index, edges = _Explorer(pool.nodes, where, full, budget).states(root)
     live = _live(edges, [n for n, node in enumerate(pool.nodes) if node.kind is Kind.UNTIL])
@@ -64,7 +64,7 @@ def prefixes(pool: Pool, root: int, where: tuple[int, ...], full: int, budget: B
 
 @dataclass(frozen=True, slots=True)
 class _Explorer:
-    """Unfolds nodes into what has to hold now and what is left for the next state."""
+    """Unfolds nodes into the letters that satisfy them now and the obligations for the next state."""
 
     nodes: Sequence[Node]
     where: tuple[int, ...]
@@ -73,7 +73,7 @@ class _Explorer:
     memo: dict[int, list[_Move]] = field(default_factory=dict)
 
     def states(self, root: int) -> tuple[dict[int, int], list[list[_Move]]]:
-        """Return the states by number, and per state (letters, target, put off)."""
+        """Return the states by number, and per state its moves (letters, target, U nodes put off)."""
         start = self.obligations(root)
         index = {start: 0}
         order = [start]
@@ -96,7 +96,7 @@ class _Explorer:
         return index, edges
 
     def unfold(self, n: int) -> list[_Move]:
-        """Return the ways to keep a node."""
+        """Return the moves that keep a node."""
         if n not in self.memo:
             self.memo[n] = self._unfold(n)
         return self.memo[n]
@@ -122,19 +122,19 @@ class _Explorer:
         return [now] if node.kind is Kind.TRUE else []
 
     def obligations(self, n: int) -> int:
-        """Return the nodes that a node asks for together (mask)."""
+        """Return the nodes whose conjunction is a node (mask)."""
         node = self.nodes[n]
         if node.kind is Kind.TRUE:
             return 0
         return sum(1 << p for p in node.parts) if node.kind is Kind.AND else 1 << n
 
     def both(self, ones: list[_Move], twos: list[_Move]) -> list[_Move]:
-        """Return the ways to keep two things at once."""
+        """Return the moves that keep the obligations of both lists at once."""
         self.budget.spend(1 + len(ones) * len(twos) // 4)
         return self.prune([(a & d, b | e, c | g) for a, b, c in ones for d, e, g in twos if a & d])
 
     def prune(self, moves: list[_Move]) -> list[_Move]:
-        """Take from every move the letters on which another one leads to fewer obligations and puts off less."""
+        """Take from every move the letters on which another move leads to fewer obligations and puts off less."""
         merged: dict[tuple[int, int], int] = {}
         for letters, target, off in moves:
             merged[target, off] = merged.get((target, off), 0) | letters
@@ -152,14 +152,14 @@ class _Explorer:
 
 
 def _live(edges: list[list[_Move]], untils: list[int]) -> list[bool]:
-    """Say which states have a non-empty language: those that reach a component in which no U is put off forever."""
+    """Return which states have a non-empty language: the states that reach a component in which no U is put off forever."""
     graph = nx.DiGraph()
     graph.add_nodes_from(range(len(edges)))
     graph.add_edges_from((state, target) for state, moves in enumerate(edges) for _, target, _ in moves)
     components = nx.condensation(graph)
     live = [False] * len(edges)
     everything = sum(1 << u for u in untils)
-    for component in reversed(list(nx.topological_sort(components))):  # what a component leads to comes before the component
+    for component in reversed(list(nx.topological_sort(components))):  # targets of a component come before the component
         states = components.nodes[component]["members"]
         inner = [off for s in states for _, target, off in edges[s] if target in states]
         missing = everything
@@ -181,7 +181,7 @@ def _merge(edges: list[list[_Move]], live: list[bool], budget: Budget) -> Nfa:
     blocks = 1
 
     def reach(state: int) -> dict[int, int]:
-        """Return by block the letters that lead there."""
+        """Return, per block, the letters that lead to the block."""
         found: dict[int, int] = {}
         for letters, target, _ in edges[state]:
             if live[target]:

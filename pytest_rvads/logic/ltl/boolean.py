@@ -1,7 +1,7 @@
-"""Boolean reasoning on formulas: constructors that simplify, guards, and the valuations that guards can take together.
+"""Boolean reasoning on formulas: constructors that simplify, guards, and the joint valuations of guards.
 
-The letters of a monitor are not the 2^n valuations of its propositions but the joint valuations of its guards, the
-largest subformulas without temporal operators: ``!(a | b | c) U d`` has two guards and three letters.
+The letters of a monitor are not the 2^n valuations of its propositions but the joint valuations of its guards, the largest
+subformulas without temporal operators: ``!(a | b | c) U d`` has two guards and three letters.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ __all__ = ["LETTER_LIMIT", "assign", "conj", "connect", "disj", "evaluate", "hol
 LETTER_LIMIT = 1024
 """Most letters a monitor may have."""
 _ATOM_LIMIT = 200
-"""Most propositions that guards may have in common; keeps the recursion over them inside Python's limit."""
+"""Most propositions of guards with common propositions; keeps the recursion over the propositions inside Python's limit."""
 
 
 def neg(body: f.Formula) -> f.Formula:
@@ -67,7 +67,7 @@ def assign(formula: f.Formula, atom: f.Atom, value: bool) -> f.Formula:
 
 
 def plain(formula: f.Formula, parts: tuple[f.Formula, ...]) -> f.Formula:
-    """Return a boolean formula with other direct subformulas, simplified and without implications."""
+    """Return a boolean formula with its direct subformulas replaced by `parts`, simplified and without implications."""
     match formula:
         case f.Not():
             return neg(parts[0])
@@ -92,13 +92,13 @@ def iff(left: f.Formula, right: f.Formula) -> f.Formula:
 
 
 def letters(guards: tuple[f.Formula, ...], budget: Budget) -> tuple[int, ...]:
-    """Return every joint valuation of `guards` that some state of the world realises.
+    """Return every joint valuation of `guards` that some truth values of the atoms realise.
 
-    Bit k of a valuation is the value of guard k. Guards without a common atom vary independently; the others are
-    split by Shannon expansion, equal remainders only once.
+    Bit k of a valuation is the value of guard k. Guards without a common atom vary independently. Guards with common atoms are
+    split by Shannon expansion, and equal remainders are expanded only once.
 
     Raises:
-        FormulaError: there are more than `LETTER_LIMIT`, or finding them takes more than the budget.
+        FormulaError: there are more than `LETTER_LIMIT` valuations, or finding the valuations takes more than the budget.
     """
     choices = []
     total = 1
@@ -116,7 +116,7 @@ def letters(guards: tuple[f.Formula, ...], budget: Budget) -> tuple[int, ...]:
 
 
 def _groups(guards: tuple[f.Formula, ...]) -> list[list[int]]:
-    """Return the guards that are connected by common atoms, by number."""
+    """Return the groups of guards that are connected by common atoms, by number."""
     home: dict[f.Atom, list[int]] = {}
     for k, guard in enumerate(guards):
         merged = [k]
@@ -133,7 +133,7 @@ def _cells(
 ) -> frozenset[int]:
     if guards in memo:
         return memo[guards]
-    budget.spend(16 * sum(map(f.size, guards)))  # what simplifying them twice takes
+    budget.spend(16 * sum(map(f.size, guards)))  # the cost of simplifying the guards twice
     if deep > _ATOM_LIMIT:
         raise FormulaError(f"the formula joins more than {_ATOM_LIMIT} propositions in one state: split it into rules")
     atom = next((a for g in guards for a in f.atoms(g)), None)
@@ -147,7 +147,7 @@ def _cells(
 
 
 def evaluate(formula: f.Formula, values: Mapping[f.Atom, NDArray[np.bool_]], shape: tuple[int, ...]) -> NDArray[np.bool_]:
-    """Return a boolean formula over arrays: one truth value per entry of arrays of shape `shape`."""
+    """Return the truth values of a boolean formula, one per entry of arrays of shape `shape`."""
     if isinstance(formula, f.Atom):
         return values[formula]
     if isinstance(formula, f.Const):
@@ -156,7 +156,7 @@ def evaluate(formula: f.Formula, values: Mapping[f.Atom, NDArray[np.bool_]], sha
 
 
 def connect(formula: f.Formula, parts: Sequence[NDArray[np.bool_]]) -> NDArray[np.bool_]:
-    """Return the truth values of a boolean operator, given those of its parts."""
+    """Return the truth values of a boolean operator, given the truth values of its parts."""
     match formula:
         case f.Not():
             return ~parts[0]
@@ -172,5 +172,5 @@ def connect(formula: f.Formula, parts: Sequence[NDArray[np.bool_]]) -> NDArray[n
 
 
 def holds(formula: f.Formula, true: frozenset[f.Atom]) -> bool:
-    """Return a boolean formula in the state in which exactly the atoms in `true` hold."""
+    """Return the truth value of a boolean formula in the state in which exactly the atoms in `true` hold."""
     return bool(evaluate(formula, {atom: np.array(atom in true) for atom in f.atoms(formula)}, ()))

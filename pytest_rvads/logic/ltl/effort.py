@@ -1,4 +1,4 @@
-"""What a formula may cost: counted in steps, not in seconds, so that the same formula always gets the same answer."""
+"""The cost limit of a formula: counted in steps, not in seconds, so that the same formula always gets the same answer."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ __all__ = ["Budget"]
 
 @dataclass(slots=True)
 class Budget:
-    """Counts the work that a formula causes, so that one that blows up is refused instead of left to run."""
+    """Counts the work that a formula causes, so that a formula that blows up is refused."""
 
     limit: int
     size: int
-    """Of the formula, for the message."""
+    """Size of the formula, for the message."""
     spent: int = 0
     what: str = "a monitor too large to build"
-    """What is needed beyond the limit, for the message."""
+    """The result that would need more than the limit, for the message."""
 
     def spend(self, work: int) -> None:
-        """Add `work`.
+        """Add `work` steps.
 
         Raises:
             FormulaError: the limit is exceeded.

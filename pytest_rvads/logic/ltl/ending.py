@@ -1,7 +1,7 @@
-"""Finite traces as infinite words: a proposition says how long the trace lasts.
+"""Finite traces as infinite words: a proposition holds as long as the trace lasts.
 
-A formula is translated so that its LTL3 monitor decides in the first state without the proposition, as `finite.settle`
-would on the trace before it (De Giacomo, Vardi: IJCAI 2013, section 4, with weak operators released at the end).
+A formula is translated so that its LTL3 monitor decides in the first state without the proposition, as `finite.settle` would on
+the trace before this state (De Giacomo, Vardi: IJCAI 2013, section 4, with weak operators released at the end).
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from pytest_rvads.logic.ltl.rewrite import rebuild
 __all__ = ["ALIVE", "with_ending"]
 
 ALIVE = f.Atom("alive")
-"""Holds in every state of the trace, and in none after it."""
+"""Holds in every state of the trace, and in no state after the trace."""
 _ENDED = f.Not(ALIVE)
 
 

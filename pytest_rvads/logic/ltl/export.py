@@ -1,4 +1,4 @@
-"""Monitors for people and for other tools: a table in words, Graphviz, HOA."""
+"""Monitors written as a table in words, as Graphviz and as HOA."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pytest_rvads.logic.ltl.ltl3 import Machine, Truth
 __all__ = ["describe", "label", "to_dot", "to_hoa"]
 
 _MOST_WORK = 100_000_000
-"""Comparisons of letters for the labels of edges; some 5 s."""
+"""Most comparisons of letters for the labels of edges; some 5 s."""
 _COLOURS = {Truth.FALSE: "#f4b6b6", Truth.TRUE: "#b9e3b9", Truth.UNKNOWN: "#ffffff"}
 _MEANING = {
     Truth.FALSE: "no continuation satisfies the formula",
@@ -24,8 +24,8 @@ _MEANING = {
 def label(machine: Machine, letters: frozenset[int]) -> f.Formula:
     """Return a boolean formula over the guards that holds in exactly the given letters.
 
-    Cubes of as few guards as possible are taken, the widest first, until all letters are covered; codes that never
-    occur don't matter.
+    Cubes of as few guards as possible are taken, the widest first, until all letters are covered. Codes that never occur don't
+    matter.
     """
     wanted = {machine.codes[i] for i in letters}
     others = set(machine.codes) - wanted
@@ -35,7 +35,7 @@ def label(machine: Machine, letters: frozenset[int]) -> f.Formula:
     cubes = []
     for code in sorted(wanted):
         mask = sum(1 << k for k in bits)
-        for k in bits:  # forget a guard as long as no other letter comes in
+        for k in bits:  # drop a guard as long as no other letter matches
             smaller = mask & ~(1 << k)
             if not any((other ^ code) & smaller == 0 for other in others):
                 mask = smaller
@@ -54,10 +54,10 @@ def label(machine: Machine, letters: frozenset[int]) -> f.Formula:
 
 
 def _edges(machine: Machine) -> list[tuple[int, int, f.Formula]]:
-    """Return (state, target, label), in order.
+    """Return the edges (state, target, label), in order.
 
     Raises:
-        FormulaError: there is too much to say.
+        FormulaError: the labels would need more than `_MOST_WORK` comparisons.
     """
     edges: list[tuple[int, int, frozenset[int]]] = []
     for state, row in enumerate(machine.delta.tolist()):
@@ -76,7 +76,7 @@ def _edges(machine: Machine) -> list[tuple[int, int, f.Formula]]:
 
 
 def describe(machine: Machine) -> str:
-    """Return the machine in words: its states, what they mean, where they lead."""
+    """Return the machine in words: states with verdicts and edges."""
     count = machine.states
     lines = [
         f"formula       {machine.formula}",
@@ -94,7 +94,7 @@ def describe(machine: Machine) -> str:
 
 
 def to_dot(machine: Machine) -> str:
-    """Return the machine for Graphviz; the verdict is written into the states."""
+    """Return the machine for Graphviz; the label of a state contains its verdict."""
     lines = ["digraph monitor {", "  rankdir=LR;", '  node [shape=circle, style=filled, fontname="sans-serif"];']
     lines.append('  start [shape=point, style=""]; start -> 0;')
     for state in range(machine.states):

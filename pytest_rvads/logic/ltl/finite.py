@@ -1,7 +1,7 @@
-"""Finite-trace semantics: the truth of a formula on a run that has ended, at every one of its states.
+"""Finite-trace semantics: the truth of a formula on a finished run, at every state of the run.
 
-U, F and N are strong (what they wait for must come, a next state must exist), G, W and R weak, negation is complement
-(De Giacomo, Vardi: Linear temporal logic and linear dynamic logic on finite traces, IJCAI 2013).
+U, F and N are strong: the awaited state must come, the next state must exist. G, W and R are weak. Negation is complement (De
+Giacomo, Vardi: Linear temporal logic and linear dynamic logic on finite traces, IJCAI 2013).
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ def settle(formula: f.Formula, values: Mapping[f.Atom, Truths], steps: int) -> T
     """Return the truth value at every state of a finite trace, shape ``(steps,)``.
 
     Args:
-        formula: without quantifiers.
+        formula: a formula without quantifiers.
         values: per atom, its truth values, shape ``(steps,)``.
         steps: length of the trace, at least 1.
     """
@@ -55,7 +55,7 @@ def _until(left: Truths, right: Truths) -> Truths:
 
 
 def _next(values: Truths) -> NDArray[np.int64]:
-    """Return for every state the first one from it on where `values` holds, or the number of states."""
+    """Return, for every state, the first state from there on in which `values` holds, or the number of states."""
     steps = len(values)
     found = np.where(values, np.arange(steps), steps)
     return np.minimum.accumulate(found[::-1])[::-1]

@@ -1,7 +1,7 @@
-"""Formulas of the paper's first-order linear temporal logic (section 5.1): a small frozen syntax tree, and how it prints.
+"""Formulas of the paper's first-order linear temporal logic (section 5.1): a small frozen syntax tree and its text form.
 
-Printing and parsing are inverse: `parse(str(f)) == f` for every formula that the parser can produce.
-Conjunctions and disjunctions are flat, so that ``a & (b & c)`` and ``a & b & c`` are the same formula.
+Printing and parsing are inverse: `parse(str(f)) == f` for every formula that the parser can produce. Conjunctions and
+disjunctions are flat, so that ``a & (b & c)`` and ``a & b & c`` are the same formula.
 """
 
 from __future__ import annotations
@@ -68,17 +68,20 @@ TRUE, FALSE = Const(True), Const(False)
 
 @dataclass(frozen=True, slots=True)
 class Atom(Formula):
-    """A predicate over terms; a proposition when there are none."""
+    """A predicate over terms; a proposition if there are no terms."""
 
     name: str
     terms: tuple[Term, ...] = ()
     at: int = field(default=0, compare=False, repr=False)
-    """Where it stands in the text, for error messages."""
+    """Position of the atom in the text, for error messages."""
     word: object = field(default=None, hash=False, repr=False)
-    """What the name means, where the name alone doesn't tell."""
+    """The meaning of the name, if the name alone does not determine it."""
 
     def __eq__(self, other: object) -> bool:
-        """Tell whether both say the same of the same; results are kept by atoms, so it takes one word, not two that are alike."""
+        """Return whether both atoms have the same name, the same terms and the same word.
+
+        Results are cached by atom, so the words must be one object, not two equal objects.
+        """
         if not isinstance(other, Atom):
             return NotImplemented
         return self.name == other.name and self.terms == other.terms and self.word is other.word
@@ -129,21 +132,21 @@ class Iff(Formula):
 
 @dataclass(frozen=True, slots=True)
 class Next(Formula):
-    """In the next state, which must exist (the paper's N)."""
+    """The body holds in the next state, which must exist (the paper's N)."""
 
     body: Formula
 
 
 @dataclass(frozen=True, slots=True)
 class Always(Formula):
-    """In this and every later state."""
+    """The body holds in this and every later state."""
 
     body: Formula
 
 
 @dataclass(frozen=True, slots=True)
 class Eventually(Formula):
-    """In this or some later state."""
+    """The body holds in this or some later state."""
 
     body: Formula
 
@@ -158,7 +161,7 @@ class Until(Formula):
 
 @dataclass(frozen=True, slots=True)
 class WeakUntil(Formula):
-    """`left` until `right`, or forever."""
+    """`left` holds until `right` comes to hold, or forever."""
 
     left: Formula
     right: Formula
@@ -166,7 +169,7 @@ class WeakUntil(Formula):
 
 @dataclass(frozen=True, slots=True)
 class Release(Formula):
-    """`right` up to and including the state in which `left` holds, or forever."""
+    """`right` holds up to and including the state in which `left` comes to hold, or forever."""
 
     left: Formula
     right: Formula
@@ -174,7 +177,7 @@ class Release(Formula):
 
 @dataclass(frozen=True, slots=True)
 class Forall(Formula):
-    """For all elements of the sorts of its variables."""
+    """The body holds for all elements of the sorts of the variables."""
 
     variables: tuple[Binder, ...]
     body: Formula
@@ -182,7 +185,7 @@ class Forall(Formula):
 
 @dataclass(frozen=True, slots=True)
 class Exists(Formula):
-    """For some elements of the sorts of its variables."""
+    """The body holds for some elements of the sorts of the variables."""
 
     variables: tuple[Binder, ...]
     body: Formula
@@ -201,7 +204,7 @@ def children(formula: Formula) -> tuple[Formula, ...]:
 
 
 def walk(formula: Formula) -> Iterator[tuple[Formula, int]]:
-    """Yield every subformula with its depth, to which every bound variable adds one, from left to right, without recursion."""
+    """Yield every subformula with its depth, from left to right, without recursion; a bound variable adds one to the depth."""
     stack = [(formula, 1)]
     while stack:
         node, level = stack.pop()
@@ -216,7 +219,7 @@ def size(formula: Formula) -> int:
 
 
 def depth(formula: Formula) -> int:
-    """Return how deep operators and bound variables nest."""
+    """Return the nesting depth of operators and bound variables."""
     return max(level for _, level in walk(formula))
 
 
@@ -246,14 +249,14 @@ _BINARY = {
 
 
 def _show(formula: Formula, level: int) -> str:
-    """Return the text; parentheses where a surrounding operator of binding strength `level` needs them."""
+    """Return the text, in parentheses if a surrounding operator of binding strength `level` needs them."""
     match formula:
         case Const(value):
             return "true" if value else "false"
         case Atom(name, terms):
             return _show_atom(name, terms)
         case Not(Atom(Infix() as name, terms)):
-            # Without parentheses this would look like a comparison of something negated.
+            # Without parentheses the text would look like a comparison of a negated term.
             return f"!({_show_atom(name, terms)})"
         case Not(body) | Next(body) | Always(body) | Eventually(body):
             inner = _show(body, 6)
@@ -268,7 +271,7 @@ def _show(formula: Formula, level: int) -> str:
             text = f" {sign} ".join(_show(p, strength + 1) for p in parts)
         case Implies(left, right) | Iff(left, right) | Until(left, right) | WeakUntil(left, right) | Release(left, right):
             strength, sign = _BINARY[type(formula)]
-            # Equivalence groups to the left, the others to the right.
+            # Equivalence groups to the left, the other operators to the right.
             low, high = (strength, strength + 1) if isinstance(formula, Iff) else (strength + 1, strength)
             text = f"{_show(left, low)} {sign} {_show(right, high)}"
         case _:

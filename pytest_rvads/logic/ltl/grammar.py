@@ -123,7 +123,7 @@ class Build(Transformer[Token, Any]):
     """Builds the tree bottom-up while the parser runs, so that nesting costs no recursion.
 
     Args:
-        language: of the rules; None for formulas of propositions.
+        language: the language of the rules; None for formulas of propositions.
     """
 
     def __init__(self, language: Language | None = None) -> None:

@@ -1,4 +1,4 @@
-"""What a first-order language of rules adds to the logic: sorts and the letters that tell them, named values, relations."""
+"""The first-order language of rules: sorts, the letters of the variables of each sort, named values, relations."""
 
 from __future__ import annotations
 
@@ -12,25 +12,25 @@ __all__ = ["Language"]
 
 @dataclass(frozen=True)
 class Language:
-    """The words that a parser has to know beforehand; which predicates there are is no matter of grammar."""
+    """The words that a parser has to know beforehand; predicates are looked up after parsing."""
 
     sorts: tuple[str, ...]
-    """What variables range over."""
+    """Sorts of variables."""
     letters: Mapping[str, str]
-    """By the letters of a variable its sort: ``x``, or ``x.part`` for a part of what ``x`` stands for."""
+    """Sort by the letters of a variable: ``x``, or ``x.part`` for a part of the element that ``x`` stands for."""
     values: tuple[str, ...]
-    """Names of values; no variable is called so."""
+    """Names of values, which variables can't have."""
     relations: tuple[str, ...]
-    """Predicates of two terms that are written between them."""
+    """Predicates of two terms that are written between the terms."""
     keywords: tuple[str, ...] = ()
-    """Further names that people misspell."""
+    """Further names, which the correction of misspelt words suggests."""
 
     def __hash__(self) -> int:
         return hash((self.sorts, self.values, self.relations))
 
     @cached_property
     def parts(self) -> tuple[str, ...]:
-        """What comes after the dot in letters."""
+        """The letters after the dot."""
         return tuple(dict.fromkeys(letters.partition(".")[2] for letters in self.letters if "." in letters))
 
     @cached_property
@@ -38,7 +38,7 @@ class Language:
         return re.compile(rf"([A-Za-z_]+)\d*'*(?:\.({'|'.join(self.parts)})\d*'*)?")
 
     def sort_of(self, name: str) -> str | None:
-        """Return the sort that the letters of a variable tell (``x'``, ``x.part2``), or None.
+        """Return the sort that the letters of a variable imply (``x'``, ``x.part2``), or None.
 
         Digits and primes make further variables of the same sort.
         """

@@ -1,9 +1,9 @@
 """LTL3 monitors (Bauer, Leucker, Schallhart: Runtime verification for LTL and TLTL, TOSEM 2011).
 
-The verdict after a prefix is TRUE if every continuation satisfies the formula, FALSE if none does, UNKNOWN otherwise;
-so a monitor is anticipatory: ``p U q`` is FALSE as soon as a state has neither. It is built from the automata of the
-prefixes that can be continued to a model of the formula and of its negation: determinised together, minimised as one
-Moore machine.
+The verdict after a prefix is TRUE if every continuation satisfies the formula, FALSE if no continuation satisfies the formula,
+and UNKNOWN otherwise. So a monitor is anticipatory: ``p U q`` is FALSE as soon as neither p nor q holds. The monitor is built
+from two automata: of the prefixes that can be continued to a model of the formula, and of those that can be continued to a model
+of its negation. The two automata are determinised together and minimised as one Moore machine.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from pytest_rvads.logic.ltl.normal import Pool
 __all__ = ["WORK_LIMIT", "Machine", "Truth", "synthesize"]
 
 WORK_LIMIT = 700_000
-"""Most elementary steps that one synthesis may take; a fraction of a second."""
+"""Most elementary steps of a synthesis; a fraction of a second."""
 
 
 class Truth(IntEnum):
@@ -46,15 +46,15 @@ class Machine:
     atoms: tuple[f.Atom, ...]
     """The propositions of the formula, by first occurrence."""
     guards: tuple[f.Formula, ...]
-    """Boolean formulas whose values make up a letter; bit k of a code is guard k."""
+    """Boolean formulas whose truth values together are the letter; bit k of a code is the value of guard k."""
     codes: tuple[int, ...]
-    """The code of every letter; other codes never occur, as guards share propositions."""
+    """The code of every letter; other codes never occur, because guards share propositions."""
     delta: NDArray[np.int32]
-    """Next state, shape ``(states, letters)``."""
+    """Next state per state and letter, shape ``(states, letters)``."""
     output: NDArray[np.int8]
     """`Truth` of every state, shape ``(states,)``."""
     lookup: NDArray[np.int32] = field(init=False, repr=False)
-    """Letter per code where that table is small, else empty."""
+    """Letter per code if the table is small, else empty."""
 
     def __post_init__(self) -> None:
         table = np.full(1 << len(self.guards) if len(self.guards) <= 16 else 0, -1, dtype=np.int32)
@@ -79,7 +79,7 @@ def synthesize(formula: f.Formula) -> Machine:
     """Build the minimal LTL3 monitor of a formula without quantifiers.
 
     Args:
-        formula: its atoms are taken as independent propositions.
+        formula: the formula; its atoms count as independent propositions.
 
     Raises:
         FormulaError: the monitor would be too large; the message says the size of the formula.
@@ -99,7 +99,7 @@ def synthesize(formula: f.Formula) -> Machine:
 
 
 def _determinise(can: Nfa, may_fail: Nfa, full: int, count: int, budget: Budget) -> tuple[NDArray[np.int32], NDArray[np.int8]]:
-    """Run both automata together on sets of states; an empty set decides."""
+    """Run both automata together on sets of states; an empty set decides the verdict."""
     ones = _Subsets(can, full, budget)
     twos = _Subsets(may_fail, full, budget)
     start = (ones.initial, twos.initial)
@@ -142,7 +142,7 @@ class _Subsets:
         return self._universal if subset & self._universal else subset
 
     def moves(self, subset: int) -> list[tuple[int, int]]:
-        """Return (letters, next subset), the letters apart and together all of them."""
+        """Return pairs (letters, next subset); the letters are disjoint, and their union is all letters."""
         if subset in self._memo:
             return self._memo[subset]
         pieces = {0: self._full}

@@ -16,11 +16,11 @@ __all__ = ["Monitor", "encode", "run_machine"]
 
 
 _STRETCH = 100
-"""A stretch of equal letters costs about as much as walking this many states one by one."""
+"""A stretch of equal letters costs about as much as stepping through this number of states separately."""
 
 
 class Monitor:
-    """Follows one word: `step` takes constant time, whatever came before."""
+    """A monitor on one word: `step` takes constant time, whatever states came before."""
 
     def __init__(self, machine: Machine) -> None:
         self.machine = machine
@@ -31,15 +31,15 @@ class Monitor:
 
     @property
     def verdict(self) -> Truth:
-        """The verdict so far."""
+        """The present verdict."""
         return self._output[self._state]
 
     def reset(self) -> None:
-        """Forget what was read."""
+        """Return to the initial state."""
         self._state = 0
 
     def step(self, true: Iterable[str]) -> Truth:
-        """Read one state, given by the propositions (as formulas print them) that hold in it."""
+        """Read one state, given by the propositions that hold in the state, spelt as formulas print them."""
         names = true if isinstance(true, frozenset) else frozenset(true)
         letter = self._letters.get(names)
         if letter is None:
@@ -63,12 +63,12 @@ def encode(machine: Machine, values: Mapping[f.Atom, NDArray[np.bool_]], steps: 
 def run_machine(machine: Machine, letters: NDArray[np.int32]) -> NDArray[np.int32]:
     """Return the states of a machine after every state of many words, shape ``(words, steps)``.
 
-    Between two changes of letter the same letters repeat; a monitor of LTL then settles (its language is star-free),
-    so only the first few repetitions are computed. Where letters change all the time, every word is walked by itself.
+    Between two changes of letter the same letters repeat. A monitor of LTL then settles (its language is star-free), so only the
+    first few repetitions are computed. If letters change often, every word is walked separately.
 
     Args:
-        machine: the monitor, one for all words.
-        letters: of every word, shape ``(words, steps)``.
+        machine: the monitor, the same for all words.
+        letters: the letters of every word, shape ``(words, steps)``.
     """
     words, steps = letters.shape
     states = np.zeros((words, steps), dtype=np.int32)

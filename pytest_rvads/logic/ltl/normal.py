@@ -1,6 +1,6 @@
-"""Negation normal form over guards: the shape in which automata are built.
+"""Negation normal form over guards, from which automata are built.
 
-Nodes are numbered; equal nodes get the same number, so that sets of nodes are bit masks.
+Nodes are numbered. Equal nodes have the same number, so that sets of nodes are bit masks.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ __all__ = ["Kind", "Node", "Pool"]
 
 
 class Kind(Enum):
-    """What a node is."""
+    """The kind of a node."""
 
     TRUE = auto()
     FALSE = auto()
@@ -29,18 +29,18 @@ class Kind(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Node:
-    """A formula in negation normal form; a guard may be negated, nothing else is."""
+    """A formula in negation normal form; only guards may be negated."""
 
     kind: Kind
     parts: tuple[int, ...] = ()
-    """Numbers of the parts; of a guard, its number."""
+    """Numbers of the parts; for a guard, its number in `Pool.guards`."""
     positive: bool = True
     """False for a negated guard."""
 
 
 @dataclass(slots=True)
 class Pool:
-    """All nodes of one synthesis, and the guards among them."""
+    """All nodes of one synthesis, with their guards."""
 
     nodes: list[Node] = field(default_factory=list)
     guards: list[f.Formula] = field(default_factory=list)
@@ -48,11 +48,11 @@ class Pool:
     _guard_numbers: dict[f.Formula, int] = field(default_factory=dict)
     _known: dict[tuple[int, bool], int] = field(default_factory=dict)
     _alive: list[f.Formula] = field(default_factory=list)
-    """What `_known` knows by identity must not be collected."""
+    """Formulas kept alive, so that the id() of a key in `_known` can't be reused for another formula."""
 
     def add(self, formula: f.Formula, positive: bool = True) -> int:
         """Return the number of the node for `formula`, or for its negation."""
-        key = (id(formula), positive)  # equivalences ask for both signs of both sides, again and again
+        key = (id(formula), positive)  # equivalences request both signs of both sides repeatedly
         if key not in self._known:
             self._known[key] = self._add(formula, positive)
             self._alive.append(formula)
@@ -66,7 +66,7 @@ class Pool:
                 return self.add(body, not positive)
             case f.Next(body):
                 return self._next(self.add(body, positive))
-            # The negation of an U is the R of what is negated, and the other way round.
+            # The negation of a U b is the R of the negations of a and b, and vice versa.
             case f.Always(body) | f.Eventually(body):  # F a = true U a, and G a = false R a
                 a, until = self.add(body, positive), isinstance(formula, f.Eventually) is positive
                 return self._lasting(until, self._number(Node(Kind.TRUE if until else Kind.FALSE)), a)
@@ -87,7 +87,7 @@ class Pool:
         raise TypeError(f"quantifiers must be unfolded before a monitor is built: {formula}")
 
     def _join(self, parts: tuple[f.Formula, ...], positive: bool, *, conjunction: bool) -> int:
-        # The parts without temporal operators make one guard together.
+        # The parts without temporal operators together make one guard.
         plain = [p for p in parts if f.is_boolean(p)]
         numbers = [self.add(p, positive) for p in parts if not f.is_boolean(p)]
         if plain:
@@ -130,7 +130,7 @@ class Pool:
         kind, unit, zero = (Kind.UNTIL, Kind.TRUE, Kind.FALSE) if until else (Kind.RELEASE, Kind.FALSE, Kind.TRUE)
         if two.kind in (Kind.TRUE, Kind.FALSE) or one.kind is zero or a == b:
             return b
-        # a U (a U b) = a U b, and F (c U b) = F b; likewise for R and G
+        # a U (a U b) = a U b, and F (c U b) = F b; the same laws hold for R and G
         if two.kind is kind and (two.parts[0] == a or one.kind is unit):
             return self._lasting(until, a, two.parts[1])
         return self._number(Node(kind, (a, b)))
@@ -143,5 +143,5 @@ class Pool:
 
 
 def _fold(formula: f.Formula) -> f.Formula:
-    """Simplify the constants out of a boolean formula."""
+    """Simplify a boolean formula by its constants."""
     return plain(formula, tuple(map(_fold, f.children(formula))))

@@ -1,7 +1,7 @@
-"""From text to formulas: the language of rules, and propositional LTL as other tools spell it.
+"""Parses text into formulas: the language of rules, and propositional LTL with the spellings of other tools.
 
-Both are LALR(1) grammars that share operators and precedence: unary operators bind tightest, then U, W and R, then
-and, or, ``->``, ``<->``; a quantifier reaches as far to the right as it can.
+Both languages are LALR(1) grammars with the same operators and precedence: unary operators bind tightest, then U, W and R, then
+and, or, ``->``, ``<->``. The scope of a quantifier extends as far to the right as possible.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ LENGTH_LIMIT = 20_000
 DEPTH_LIMIT = 150
 """Deepest nesting of operators and bound variables; keeps recursion over formulas well inside Python's limit."""
 SIZE_LIMIT = 20_000
-"""Most operators and atoms of a formula once its definitions are written out; a text without any has fewer."""
+"""Most operators and atoms of a formula once its definitions are written out; no text without definitions reaches the limit."""
 
 _SIGNS = {
     "not": "!",
@@ -43,7 +43,7 @@ _SIGNS = {
     "until": "U",
     "release": "R",
 }
-"""Operators that people write as words."""
+"""Operators by the words that people write for them."""
 
 
 @cache
@@ -66,8 +66,8 @@ def parse_rule(text: str, language: Language) -> f.Formula:
     """Parse a rule: definitions ``name(x, y) := ...;`` and a formula; sorts are not checked yet.
 
     Args:
-        text: of the rule.
-        language: it is written in.
+        text: the text of the rule.
+        language: the language of the rule.
 
     Raises:
         FormulaError: the text is not a rule, too long, too large once its definitions are written out, or nested too deeply.
@@ -109,7 +109,11 @@ def _bounded(formula: f.Formula, text: str) -> f.Formula:
 
 
 def _unexpected(error: UnexpectedInput, text: str, keywords: tuple[str, ...]) -> str:
-    """Say what was got and expected; a misspelt keyword is often read as a name, and the mistake shows one word later."""
+    """Return the message of a parse error: the unexpected word, the expected words, and a suggestion for a misspelt keyword.
+
+    A misspelt keyword is often read as a name, and the parser reports the error one word later. So the word before is checked
+    first.
+    """
     at = error.pos_in_stream if isinstance(error.pos_in_stream, int) and error.pos_in_stream >= 0 else len(text)
     token = getattr(error, "token", None)
     wanted = set(getattr(error, "accepts", None) or getattr(error, "expected", None) or getattr(error, "allowed", None) or ())
@@ -131,7 +135,7 @@ def _unexpected(error: UnexpectedInput, text: str, keywords: tuple[str, ...]) ->
 
 
 def caret(message: str, text: str, at: int) -> str:
-    """Return `message` with the line of `text` that position `at` is in and a caret below it."""
+    """Return `message` with the line of `text` that contains position `at`, and a caret below the position."""
     start = text.rfind("\n", 0, at) + 1
     end = text.find("\n", at)
     line = text[start : len(text) if end < 0 else end]
@@ -147,11 +151,11 @@ class _Definition(NamedTuple):
     parameters: tuple[f.Var, ...]
     body: f.Formula
     size: int
-    """Of the body."""
+    """Size of the body."""
 
 
 def _expand(formula: f.Formula, known: Mapping[str, _Definition], text: str) -> f.Formula:
-    """Replace defined predicates by their bodies, once the result is known to be within bounds."""
+    """Replace defined predicates by their bodies, after checking that the result keeps the limits."""
     _bounded(formula, text)
     used = (known[node.name].size - 1 for node, _ in f.walk(formula) if isinstance(node, f.Atom) and node.name in known)
     size = f.size(formula) + sum(used)

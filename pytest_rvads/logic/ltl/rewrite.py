@@ -1,4 +1,4 @@
-"""Rewriting formulas: other subformulas, terms for variables, definitions for their names."""
+"""Rewriting formulas: replacing subformulas, atoms and variables."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ __all__ = ["rebuild", "replaced", "substitute"]
 
 
 def rebuild(formula: f.Formula, parts: tuple[f.Formula, ...]) -> f.Formula:
-    """Return `formula` with other direct subformulas."""
+    """Return `formula` with its direct subformulas replaced by `parts`."""
     match formula:
         case f.And() | f.Or():
             return type(formula)(parts)
@@ -22,14 +22,14 @@ def rebuild(formula: f.Formula, parts: tuple[f.Formula, ...]) -> f.Formula:
 
 
 def replaced(formula: f.Formula, by: Callable[[f.Atom], f.Formula]) -> f.Formula:
-    """Return `formula` with what `by` gives in the place of every atom."""
+    """Return `formula` with every atom replaced by the result of `by` for the atom."""
     if isinstance(formula, f.Atom):
         return by(formula)
     return rebuild(formula, tuple(replaced(child, by) for child in f.children(formula)))
 
 
 def substitute(formula: f.Formula, terms: Mapping[str, f.Term]) -> f.Formula:
-    """Replace free variables by terms; bound variables are renamed where they would capture one of them."""
+    """Replace free variables by terms; bound variables are renamed if they would capture a variable of a term."""
     match formula:
         case f.Atom(name, arguments, at, word):
             return f.Atom(name, tuple(_substitute(t, terms) for t in arguments), at, word)

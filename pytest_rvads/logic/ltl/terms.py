@@ -9,7 +9,7 @@ __all__ = ["Attr", "Binder", "Element", "Infix", "Number", "Term", "Value", "Var
 
 
 class Infix(str):
-    """The name of a relation that is written between its two terms, as comparisons are."""
+    """The name of a relation that is written between its two terms, such as a comparison."""
 
     __slots__ = ()
 
@@ -20,7 +20,7 @@ class Var:
 
     name: str
     at: int = field(default=0, compare=False, repr=False)
-    """Where it stands in the text, for error messages."""
+    """Position of the variable in the text, for error messages."""
 
     def __str__(self) -> str:
         return self.name
@@ -28,11 +28,11 @@ class Var:
 
 @dataclass(frozen=True, slots=True)
 class Element:
-    """A constant that a variable stands for, of the model."""
+    """An element of the model that a variable stands for."""
 
-    sort: str = field(hash=False)  # the name tells the sort
+    sort: str = field(hash=False)  # the name determines the sort
     index: int
-    """Its number among those of its kind."""
+    """Number of the element among the elements of its sort."""
     name: str
 
     def __str__(self) -> str:
@@ -41,7 +41,7 @@ class Element:
 
 @dataclass(frozen=True, slots=True)
 class Value:
-    """A value that has a name."""
+    """A named value, such as a colour."""
 
     name: str
 
@@ -51,7 +51,7 @@ class Value:
 
 @dataclass(frozen=True, slots=True)
 class Number:
-    """A constant to compare with."""
+    """A number in a comparison."""
 
     value: float
 
@@ -61,7 +61,7 @@ class Number:
 
 @dataclass(frozen=True, slots=True)
 class Attr:
-    """An attribute of what a variable or constant stands for: ``x.size``."""
+    """An attribute of an element or of the element that a variable stands for: ``x.size``."""
 
     of: Var | Element
     name: str
@@ -75,12 +75,12 @@ Term = Var | Element | Value | Number | Attr
 
 @dataclass(frozen=True, slots=True)
 class Binder:
-    """A quantified variable with its sort, which prints only where the letters don't tell it."""
+    """A quantified variable with its sort, which is printed only if the letters of the variable don't imply it."""
 
     name: str
     sort: str
     told: bool = field(default=False, compare=False, repr=False)
-    """Whether the letters of the name tell the sort, so that it need not be declared."""
+    """Whether the letters of the name imply the sort, so that the sort need not be declared."""
 
     def __str__(self) -> str:
         return self.name if self.told else f"{self.name}: {self.sort}"

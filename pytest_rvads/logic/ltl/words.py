@@ -1,4 +1,4 @@
-"""Monitoring words of propositions: one formula, many words, as ``rvads monitor --jsonl`` reads and writes them."""
+"""Monitoring words of propositions: one formula, many words, in the format of ``rvads monitor --jsonl``."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from pytest_rvads.wording import printable
 __all__ = ["answer", "holds_on", "verdicts_on"]
 
 Word = Sequence[Sequence[str]]
-"""Per state the propositions that hold in it."""
+"""Per state, the propositions that hold in the state."""
 
 
 class _Named(Struct, frozen=True):
@@ -57,8 +57,8 @@ def answer(line: bytes) -> dict[str, Any]:
         line: a JSON object ``{"id", "formula", "words"}``.
 
     Returns:
-        ``{"id", "states", "verdicts", "finite"}``, or ``{"id", "error"}`` for what can't be understood or is refused; the id, a
-        text or number, is None where it can't be read.
+        ``{"id", "states", "verdicts", "finite"}``, or ``{"id", "error"}`` if the line can't be read or the formula is refused.
+        The id, a text or number, is None if the id can't be read.
     """
     name = None
     try:

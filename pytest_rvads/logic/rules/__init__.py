@@ -1,1 +1,1 @@
-"""Rules: the words they are written in, their shapes, the books they stand in."""
+"""Rules: formulas, predicates, shapes, and the books that hold rules."""

@@ -1,4 +1,4 @@
-"""Books of rules: the paper's p1..p6, those of the road, and what users add."""
+"""Books of rules: the paper's p1..p6, the rules of the road, and the rules that users add."""
 
 from __future__ import annotations
 
@@ -37,10 +37,10 @@ _Function = Callable[..., NDArray[np.bool_]]
 
 @dataclass(frozen=True, slots=True, repr=False)
 class RuleBook:
-    """Rules by name, and the predicates that they may be written in; adding to it gives another book."""
+    """Rules by name, and the predicates of their language; adding a rule or predicate returns another book."""
 
     rules: Mapping[str, Rule] = field(default_factory=lambda: {rule.name: rule for rules in _SHELF.values() for rule in rules})
-    """By name; those that come with the package by default."""
+    """Rules by name; the shipped rules by default."""
     vocabulary: Vocabulary = BUILT_IN
 
     def __post_init__(self) -> None:
@@ -51,10 +51,10 @@ class RuleBook:
         object.__setattr__(self, "rules", Names(self.rules))
 
     def add(self, rule: Rule) -> RuleBook:
-        """Return a book with another rule.
+        """Return a book with a further rule.
 
         Raises:
-            FormulaError: its name is that of a shipped rule or rulebook, or of another rule.
+            FormulaError: the name of the rule is that of a shipped rule or rulebook, or of a different rule.
         """
         if rule.name in SHIPPED.rules or rule.name in _SHELF:
             raise FormulaError(f"{rule.name!r} is a shipped rule or rulebook: choose another name for yours")
@@ -67,10 +67,10 @@ class RuleBook:
         return replace(self, rules={**self.rules, rule.name: known})
 
     def define(self, word: Word) -> RuleBook:
-        """Return a book with another predicate.
+        """Return a book with a further predicate.
 
         Raises:
-            FormulaError: its name means something else already.
+            FormulaError: the name of the predicate has another meaning already.
         """
         return replace(self, vocabulary=self.vocabulary.add(word))
 
@@ -89,14 +89,14 @@ class RuleBook:
 
 
 SHIPPED = RuleBook()
-"""The rules that come with the package."""
+"""The shipped rules."""
 
 
 def current_book(book: RuleBook | None = None) -> RuleBook:
-    """Return the given book, by default the one that is open: of the session of pytest, or of the process where none runs.
+    """Return the given book, by default the open book: of the pytest session, or of the process if no session runs.
 
     Raises:
-        FormulaError: what is given is no book.
+        FormulaError: `book` is not a RuleBook.
     """
     require(book, RuleBook | None, "book= takes a RuleBook, or nothing for the one that is open", FormulaError)
     return _on(desk()) if book is None else book
@@ -108,29 +108,29 @@ def _on(where: Desk) -> RuleBook:
 
 
 def _register(change: Callable[[RuleBook], RuleBook]) -> None:
-    """Leave a changed book on every desk that it concerns, or on none where one of them refuses the change."""
+    """Put a changed book on every desk that the change concerns, or on none if a book refuses the change."""
     changed = [(one, change(_on(one))) for one in desks()]
     for one, book in changed:
         one.book = book
 
 
 def joined(one: RuleBook, two: RuleBook) -> RuleBook:
-    """Return a book of what stands in two books that give no name two meanings."""
+    """Return a book with the rules and predicates of two books that give no name two meanings."""
     return RuleBook({**one.rules, **two.rules}, Vocabulary({**one.vocabulary, **two.vocabulary}))
 
 
 def claim(rule: Rule) -> None:
-    """Note a rule that a test is judged by, whether it is registered or not, and by whomever.
+    """Register in the index of the session a rule that judges a test, also a rule that no book holds.
 
     Raises:
-        FormulaError: another one of the session bears its name, so that reports would take both for one.
+        FormulaError: a different rule of the session has the same name, so that reports would mix up the two rules.
     """
     index = desk().index
     if index is not None and rule.name not in SHIPPED.rules:
         index.book = _on(index).add(rule)
 
 
-def rule(  # noqa: PLR0913 - everything there is to tell about a rule, by keyword
+def rule(  # noqa: PLR0913 - all properties of a rule, by keyword
     name: str,
     text: str,
     *,
@@ -144,28 +144,29 @@ def rule(  # noqa: PLR0913 - everything there is to tell about a rule, by keywor
     requirement: str | None = None,
     place: str = "",
 ) -> Rule:
-    """Register a rule under a name, in the book that is open: for the test file or test that does it, else for all.
+    """Register a rule under a name, in the open book: of the test file or test that registers the rule, else of all tests.
 
-    The same rule may be registered again; another one of the same name may not, because tests that mean the first would then
-    be judged by the second.
+    The same rule may be registered again. A different rule with the same name is refused, because tests that mean the first rule
+    would be judged by the second.
 
     Args:
-        name: to use in ``rules=`` and in test ids.
+        name: the name, for ``rules=`` and test ids.
         text: the formula, such as ``forall a, j.en. G(a@j.en -> F a@j)``.
-        title: what it is called, in a few words.
-        meaning: the same in one sentence.
-        source: where it comes from.
+        title: the title, a few words.
+        meaning: the meaning, one sentence.
+        source: the source of the rule, such as a statute.
         responsible: the role that is bound to act.
-        bound: the variables of that role, such as ``"a"``: with a subject among traffic the rule is asked where the subject
-            is one of them; by default those of the agents that have to wait, else of the obligation.
-        about: ``"stop"`` or ``"lights"`` when it concerns only such junctions.
-        tie: waiting times that differ by at most this count as equal [s].
+        bound: the variables of that role, such as ``"a"``. With a subject among traffic, the rule applies to the instances in
+            which the subject is one of these variables. By default the variables of the agents that have to wait, else of the
+            agents of the obligation.
+        about: the kind of junction that the rule is about, such as ``"stop"`` or ``"lights"``; None for all junctions.
+        tie: largest difference of waiting times that count as equal [s].
         requirement: identifier for traceability.
-        place: where the rule stands, for messages; by default the line that registers it.
+        place: file and line of the rule, for messages; by default the line that registers the rule.
 
     Raises:
-        FormulaError: a formula that can't be understood, a name of a shipped rule or of another one, an unknown kind of
-            junction.
+        FormulaError: the formula can't be parsed, the name is that of a shipped or different rule, or the kind of junction is
+            unknown.
     """
     kinds = [c.value for c in JunctionControl]
     if about is not None and about not in kinds:
@@ -190,7 +191,7 @@ def rule(  # noqa: PLR0913 - everything there is to tell about a rule, by keywor
 def predicate(
     name: str, *sorts: str, says: str = "", denies: str = "", follow: Callable[..., Follower] | None = None
 ) -> Callable[[_Function], _Function]:
-    """Register a Python function as a predicate of the rule language, where `rule` registers.
+    """Register a Python function as a predicate of the rule language, in the same books as `rule`.
 
     Example:
         >>> @predicate("crawls", "agent", says="{0} crawls", denies="{0} does not crawl")
@@ -199,18 +200,18 @@ def predicate(
 
     Args:
         name: an identifier, as formulas will spell it.
-        sorts: of the arguments, such as ``"agent"``, ``"entrance"``.
-        says: how explanations tell that it holds, with the arguments by number; by default as formulas spell it.
-        denies: how they tell that it does not.
-        follow: for live monitors, where earlier states count: takes a run of the first state and the numbers of the arguments,
-            and returns a function that reads the next state, a run of one, and tells the truth there. Without it a monitor asks
-            the function of a run of one state.
+        sorts: the sorts of the arguments, such as ``"agent"``, ``"entrance"``.
+        says: the predicate in words, for explanations, with the arguments by number; by default as formulas spell it.
+        denies: the negated predicate in words.
+        follow: a factory for live monitors of predicates that depend on earlier states. It takes a run of the first state and the
+            numbers of the arguments, and returns a function that reads the next state, a run of one state, and returns the truth
+            value there. Without `follow` a monitor calls the predicate on a run of one state.
 
     Raises:
-        FormulaError: a name that is taken, also by another function, or what `Word` refuses.
+        FormulaError: the name belongs to a shipped predicate or to a different function, or `Word` refuses the arguments.
     """
     made = Word(name, tuple(map(str, sorts)), None, says, denies, follow)
-    BUILT_IN.add(made)  # refuses the name of a shipped one
+    BUILT_IN.add(made)  # refuses the names of shipped predicates
 
     def register(function: _Function) -> _Function:
         word = replace(made, holds=function)
@@ -224,7 +225,7 @@ def rulebook(name: str) -> tuple[Rule, ...]:
     """Return the rules of a rulebook, ``"paper"`` or ``"road"``.
 
     Raises:
-        FormulaError: no such rulebook.
+        FormulaError: no rulebook has this name.
     """
     if name not in _SHELF:
         raise FormulaError(f"unknown rulebook {name!r}, there are {', '.join(_SHELF)}{suggest(name, _SHELF)}")
@@ -232,15 +233,15 @@ def rulebook(name: str) -> tuple[Rule, ...]:
 
 
 def is_rulebook(name: str) -> bool:
-    """Tell whether a name is that of a rulebook."""
+    """Return whether a name is the name of a rulebook."""
     return name in _SHELF
 
 
 def get_rule(rule: str | Rule, book: RuleBook | None = None) -> Rule:
-    """Return a rule, given itself or by name, of the book that is open if no other is given.
+    """Return a rule, given as a Rule or by its name in a book, by default the open book.
 
     Raises:
-        FormulaError: no such rule, or no book.
+        FormulaError: no rule has this name, or `book` is not a RuleBook.
     """
     book = current_book(book)
     require(rule, str | Rule, "a rule is a Rule or the name of one, such as 'p1'", FormulaError)
@@ -264,12 +265,12 @@ def rules_for(
 
     Args:
         spec: a rulebook, a rule, or a mixture of both.
-        place: of a rulebook only the rules about this junction are taken, or about those of one lane per arm that are so
-            controlled; a rule named outright always is.
-        book: to look them up in; the one that is open by default.
+        place: a junction, or the control of a junction with one lane per arm. Of a rulebook, only the rules about this place are
+            returned; a rule that `spec` names itself is always returned.
+        book: the book with the rules; the open book by default.
 
     Raises:
-        FormulaError: an unknown name, or different rules of the same name, also that of a shipped one.
+        FormulaError: a name is unknown, or two different rules have the same name, which may be the name of a shipped rule.
     """
     wanted = "rules are named one by one, or as a list of names and of Rules"
     require(spec, str | Rule | Iterable, wanted, FormulaError)

@@ -1,4 +1,4 @@
-"""Which book of rules is open: that of the test file or of the session that runs, or that of the process where none does."""
+"""The open book of rules: of the running test, test file or session, or of the process if no session runs."""
 
 from __future__ import annotations
 
@@ -11,46 +11,49 @@ from typing import Any
 __all__ = ["PACKAGE", "PROCESS", "Desk", "desk", "desks", "here", "own_desk"]
 
 PACKAGE = "pytest-rvads"
-"""The place of the rules and words that come with the package."""
+"""The place of the shipped rules and words."""
 
 
 class Desk:
-    """Where a book lies open, so that whoever defines something leaves a new book there.
+    """A place for an open book; registering a rule or predicate puts a new book on the desk.
 
-    Imports nothing, because every session of pytest has one, also where nobody asks for rules.
+    This module imports no rules, because every pytest session has a desk, also a session that uses no rules.
     """
 
     def __init__(self, book: Any = None, file: str = "", index: Desk | None = None, *, test: bool = False) -> None:
         self.book: Any = book
-        """A `RuleBook`; None for that of the shipped rules, not loaded yet."""
+        """A `RuleBook`; None for the shipped rules, which are not loaded yet."""
         self.file = file
-        """The test file that it is open for; empty for one that is open for all."""
+        """The test file of the desk; empty for a desk of all tests."""
         self.index = index
-        """Where all lies that a session registers for more than one test, so that a name means one thing in it."""
+        """Desk with all rules that the session registers for several tests, so that a name has one meaning in the session."""
         self.test = test
-        """Whether it is open for one test of the file, and dropped with it."""
+        """Whether the desk belongs to one test of the file, and is dropped with the test."""
         self.outlived = False
-        """Whether a fixture is being set up that other tests have as well, so that what it registers stays with their file."""
+        """Whether a fixture shared with other tests is being set up, whose rules then stay with the test file."""
 
     def alone(self, frame: FrameType) -> bool:
-        """Tell whether what code registers is for the test file or test alone; another file is imported once, so for all."""
+        """Return whether the calling code registers for this test file or test alone.
+
+        A module that is imported from another file is imported only once, so it registers for all tests.
+        """
         if self.outlived:
             return False
         return (self.test and not _imported(frame)) or frame.f_globals.get("__file__", self.file) == self.file
 
 
 PROCESS = Desk()
-"""Where the book lies that is open outside of any session."""
+"""The desk of the book that is open outside of any session."""
 _DESKS = [PROCESS]
 
 
 def desk() -> Desk:
-    """Return where the book lies that rules and predicates are looked up in and added to when no other is named."""
+    """Return the desk of the open book, which looks up and takes rules and predicates if no other book is given."""
     return _DESKS[-1]
 
 
 def desks() -> list[Desk]:
-    """Return where what the calling code registers has to lie: for a test file alone, or for all."""
+    """Return the desks for the rules that the calling code registers: of a test file alone, or of all tests."""
     frame, found = _caller(), []
     for one in reversed(_DESKS):
         found.append(one)
@@ -61,7 +64,7 @@ def desks() -> list[Desk]:
 
 @contextmanager
 def own_desk(own: Desk | None = None) -> Iterator[Desk]:
-    """Open a book of one's own, by default with what is known so far; what is added to it is forgotten at the end."""
+    """Open another desk, by default with the present book; its additions are dropped at the end."""
     own = own or Desk(desk().book)
     _DESKS.append(own)
     try:
@@ -71,7 +74,7 @@ def own_desk(own: Desk | None = None) -> Iterator[Desk]:
 
 
 def here() -> str:
-    """Return file and line of the nearest code that is not of this package."""
+    """Return file and line of the nearest caller outside this package."""
     frame = _caller()
     return f"{frame.f_code.co_filename}:{frame.f_lineno}"
 
@@ -84,7 +87,7 @@ def _caller() -> FrameType:
 
 
 def _imported(frame: FrameType) -> bool:
-    """Tell whether code runs because its module is imported, be it in a class or in a function that is called there."""
+    """Return whether code runs while its module is imported, also inside a class or function of the module."""
     while frame.f_back is not None and frame.f_back.f_globals is frame.f_globals:
         frame = frame.f_back
     return frame.f_code.co_name == "<module>"

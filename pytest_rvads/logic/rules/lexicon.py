@@ -1,4 +1,4 @@
-"""The predicates and attributes of the rule language: whoever adds one adds one entry here."""
+"""The predicates and attributes of the rule language: a new predicate or attribute is one entry here."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def _may_be_at(static: Static, thing: f.Element, place: f.Element) -> bool | Non
 
 
 def _take(agent: f.Term, entrance: f.Term, direction: f.Term, itinerary: bool) -> f.Formula:
-    """The agent is there, and turns so: by its itinerary, or by what it does next (the paper's definition)."""
+    """The agent is at the entrance and turns in the direction: by its itinerary, or by its next move (the paper's definition)."""
     there, turns = f.Atom("@", (agent, entrance)), f.Atom("turn", (agent, direction))
     return f.And((there, turns)) if itinerary else f.And((there, turns, f.Until(there, f.Atom("@", (agent, HERE)))))
 
@@ -86,7 +86,7 @@ def _one_lane(static: Static, agent: f.Element) -> bool | None:
 
 
 def _no_geometry(_run: Run, *_agents: int) -> NDArray[np.bool_]:
-    raise RunError("the run holds no geometry of its junction")  # else it is decided before
+    raise RunError("the run holds no geometry of its junction")  # with geometry, the value is decided before
 
 
 def _between(one: f.Element, two: f.Element, pairs: frozenset[tuple[int, int]]) -> bool:
@@ -94,7 +94,7 @@ def _between(one: f.Element, two: f.Element, pairs: frozenset[tuple[int, int]]) 
 
 
 def _from_right(static: Static, one: f.Element, two: f.Element) -> bool:
-    """Whether an entrance, or the one that a vehicle comes to, is to the right of the other."""
+    """Return whether an entrance, or the entrance of a vehicle, is to the right of the other entrance or vehicle."""
     if one.sort == two.sort == Sort.AGENT:
         return (static.agents[one.index].entrance, static.agents[two.index].entrance) in static.right_of
     return _between(one, two, static.right_of)
@@ -248,5 +248,5 @@ ATTRIBUTES = {
 
 
 def word_of(atom: f.Atom) -> Word | None:
-    """Return what the name of an atom means: a user's word stands in it, the others are the same everywhere."""
+    """Return the word of an atom: the user's word that the atom holds, else the shipped word of its name."""
     return atom.word if isinstance(atom.word, Word) else BUILT_IN.get(atom.name)

@@ -1,4 +1,4 @@
-"""From text to a formula whose words are known: every variable bound, every predicate known, every sort right."""
+"""Parses and checks the text of a rule: every variable bound, every predicate known, every sort right."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ def parse(text: str, vocabulary: Vocabulary = BUILT_IN) -> f.Formula:
     """Parse a rule and check it: every variable bound (but ``j``, the junction under test), known predicates, right sorts.
 
     Args:
-        text: of the rule.
-        vocabulary: the predicates it may use. Words that aren't built in stand in the atoms of the formula.
+        text: the text of the rule.
+        vocabulary: the predicates that the rule may use. The atoms of the formula hold the words that are not shipped.
 
     Raises:
-        FormulaError: with the line, a caret and the nearest valid word.
+        FormulaError: the text is not a rule; the message shows the line, a caret and the nearest valid word.
     """
     formula = parse_rule(text, LANGUAGE)
     _Check(text, vocabulary).formula(formula, {"j": Sort.JUNCTION})

@@ -1,4 +1,4 @@
-"""A rule: a formula of first-order temporal logic with what people need to know about it."""
+"""A rule: a formula of first-order temporal logic with its title, meaning, source and scope."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from pytest_rvads.wording import one_line
 __all__ = ["LONGEST_TIE", "Rule"]
 
 LONGEST_TIE = 3600
-"""Longest tie window [s]; of waiting times at a junction, those of an hour are all alike."""
+"""Longest tie window [s]; a window of an hour makes all waiting times at a junction equal."""
 _LONGEST_NAME = 100
 
 
@@ -26,42 +26,42 @@ _LONGEST_NAME = 100
 class Rule:
     """A traffic rule.
 
-    It holds all that judging by it needs: its formula and the words in it, whatever is registered later.
+    A rule holds its formula and the words of the formula, so later registrations do not change its verdicts.
 
     Raises:
-        FormulaError: the text is not a formula, the name does not fit into a test id, or a word is called as a shipped one or as
-            another one.
+        FormulaError: the text is not a formula, the name does not fit into a test id, or a word has the name of a shipped word or
+            of another word.
     """
 
     name: str
     text: str
     """The formula."""
     title: str = ""
-    """What the rule is called, such as ``right-of-way``."""
+    """The title of the rule, such as ``right-of-way``."""
     meaning: str = ""
-    """In one sentence of English."""
+    """The meaning of the rule, one sentence of English."""
     source: str = ""
-    """Paper, convention or statute, with the article."""
+    """The source: paper, convention or statute, with the article."""
     responsible: str = ""
     """The role that is bound to act, in words."""
     bound: tuple[str, ...] = ()
-    """Its variables; by default those of the agents that have to wait, else of the obligation."""
+    """The variables of that role; by default those of the agents that have to wait, else of the agents of the obligation."""
     about: JunctionControl | tuple[JunctionControl, ...] | None = None
-    """The kind of junction the rule is about, or several of them; None for all."""
+    """The kind or kinds of junction that the rule is about; None for all."""
     lanes: bool = False
-    """Whether it is only about junctions where an arm has several entrances."""
+    """Whether the rule is only about junctions where an arm has several entrances."""
     joining: bool = False
-    """Whether it is only about junctions where the map shows that a lane joins another one."""
+    """Whether the rule is only about junctions where, according to the map, a lane joins another lane."""
     tie: float = 0.0
-    """Waiting times that differ by at most this count as equal [s]."""
+    """Largest difference of waiting times that count as equal [s]."""
     companions: tuple[str, ...] = ()
-    """Rules of the same rulebook whose obligations can contradict this one's."""
+    """Names of rules of the same rulebook whose obligations can contradict the obligations of this rule."""
     requirement: str | None = None
-    """Identifier of the requirement the rule traces to."""
+    """Identifier of the requirement that the rule traces to."""
     words: tuple[Word, ...] = ()
-    """The predicates of users that its formula speaks of; those that are known by then, unless they are given."""
+    """The users' predicates in the formula; by default those of the open book."""
     place: str = field(default="", compare=False)
-    """Where it was registered; by default the line that makes it."""
+    """File and line of the registration; by default the line that makes the rule."""
     _formula: f.Formula | None = field(default=None, init=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -76,7 +76,7 @@ class Rule:
             )
         if not self.place:
             object.__setattr__(self, "place", here())
-        if self.place != PACKAGE:  # those are read when they are first judged by, most of them never
+        if self.place != PACKAGE:  # shipped rules are parsed at their first use; most of them are never used
             self._read()
 
     @property
@@ -86,20 +86,20 @@ class Rule:
 
     @property
     def kinds(self) -> tuple[JunctionControl, ...]:
-        """The kinds of junction the rule is about."""
+        """The kinds of junction that the rule is about."""
         if self.about is None:
             return tuple(JunctionControl)
         return (self.about,) if isinstance(self.about, JunctionControl) else self.about
 
     def concerns(self, place: Junction | JunctionControl) -> bool:
-        """Return whether the rule is about a junction, or about junctions of one lane per arm and a kind of control."""
+        """Return whether the rule is about a junction, or about junctions with one lane per arm and a kind of control."""
         if isinstance(place, JunctionControl):
             return place in self.kinds and not (self.lanes or self.joining)
         fits = (not self.lanes or max(place.lanes) > 1) and (not self.joining or bool(place.joining))
         return place.control in self.kinds and fits
 
     def _read(self) -> f.Formula:
-        """Parse the text, keep what it says, and return it."""
+        """Parse the text, store the formula and its words, and return the formula."""
         from pytest_rvads.logic.rules.reading import parse  # takes a parser generator, which collecting tests does not need
 
         try:

@@ -1,4 +1,4 @@
-"""The shipped rulebooks: ``paper``, as published, and ``road``, what a road user is held to."""
+"""The shipped rulebooks: ``paper``, the rules as published, and ``road``, the rules that bind a road user."""
 
 from __future__ import annotations
 

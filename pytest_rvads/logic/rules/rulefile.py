@@ -27,13 +27,13 @@ _KEYS = ("text", "title", "meaning", "source", "responsible", "bound", "about", 
 
 
 def load_rules(path: str | Path) -> tuple[Rule, ...]:
-    """Register every rule of a file and return them in order.
+    """Register every rule of a file and return the rules in order.
 
     Args:
-        path: of the file; keys are those of `rule`, ``text`` is required and may go over several indented lines.
+        path: the file. Its keys are the arguments of `rule`; ``text`` is required and may extend over several indented lines.
 
     Raises:
-        FormulaError: a file that can't be read or holds too much, an unknown key, a rule without text or with a wrong one.
+        FormulaError: the file can't be read or holds too many rules, a key is unknown, or a rule has no text or a wrong text.
     """
     path = Path(path)
     parser = ConfigParser(interpolation=None, comment_prefixes=("#", ";"), default_section="")

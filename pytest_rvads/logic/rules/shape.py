@@ -1,4 +1,4 @@
-"""The shape of an instance: what triggers it, what it obliges to, who has to wait for what."""
+"""The shape of an instance: its premise, its obligation, and in it the vehicles that wait and the awaited event."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ __all__ = ["Kind", "Shape", "agents_of", "conjuncts", "outermost", "shape_of", "
 
 
 class Kind(StrEnum):
-    """The templates of the rules."""
+    """The forms of rules."""
 
     YIELD = "yield"
     """``G(t -> (N w) U g)``: w must still hold in the step in which g comes."""
     HOLD = "hold"
-    """``G(t -> w U g)`` or ``G(t -> w W g)``: w may end in the very step in which g comes."""
+    """``G(t -> w U g)`` or ``G(t -> w W g)``: w may end in the same step in which g comes."""
     STATE = "state"
     """``G c`` or ``G(t -> c)`` with no temporal operator inside."""
     OTHER = "other"
@@ -29,11 +29,11 @@ class Kind(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Shape:
-    """An instance taken apart."""
+    """The parts of an instance."""
 
     kind: Kind
     premise: f.Formula | None
-    """None for an instance that is not of the form ``G(premise -> obligation)``: it is never vacuous."""
+    """The premise; None if the instance is not of the form ``G(premise -> obligation)``, so that it is never vacuous."""
     obligation: f.Formula
     waits: f.Formula | None = None
     """The w of YIELD and HOLD."""
@@ -42,7 +42,7 @@ class Shape:
 
 
 def shape_of(formula: f.Formula) -> Shape:
-    """Take a formula apart; outermost universal quantifiers don't matter."""
+    """Return the parts of a formula; outermost universal quantifiers are skipped."""
     while isinstance(formula, f.Forall):
         formula = formula.body
     if not isinstance(formula, f.Always):
@@ -59,7 +59,7 @@ def shape_of(formula: f.Formula) -> Shape:
 
 
 def split(formula: f.Formula) -> tuple[f.Formula, ...]:
-    """Write ``G(t -> (p & (q -> r)))`` as ``G(t -> p)`` and ``G(t & q -> r)``: what happened is then told part by part."""
+    """Split ``G(t -> (p & (q -> r)))`` into ``G(t -> p)`` and ``G(t & q -> r)``, so that each part has a verdict."""
     if not (isinstance(formula, f.Always) and isinstance(formula.body, f.Implies)):
         return (formula,)
     premise, obligation = formula.body.left, formula.body.right
@@ -72,12 +72,12 @@ def split(formula: f.Formula) -> tuple[f.Formula, ...]:
 
 
 def conjuncts(formula: f.Formula) -> tuple[f.Formula, ...]:
-    """Return the parts of a conjunction, or the formula alone."""
+    """Return the parts of a conjunction, or the formula itself."""
     return formula.parts if isinstance(formula, f.And) else (formula,)
 
 
 def agents_of(formula: f.Formula) -> tuple[f.Element, ...]:
-    """Return the agents a ground formula speaks about, by first occurrence."""
+    """Return the agents of a ground formula, by first occurrence."""
     found: dict[f.Element, None] = {}
     for atom in f.atoms(formula):
         for term in atom.terms:
@@ -88,7 +88,7 @@ def agents_of(formula: f.Formula) -> tuple[f.Element, ...]:
 
 
 def outermost(formula: f.Formula) -> tuple[f.Binder, ...]:
-    """Return the variables that the outermost universal quantifiers bind."""
+    """Return the variables of the outermost universal quantifiers."""
     found: list[f.Binder] = []
     while isinstance(formula, f.Forall):
         found += formula.variables
@@ -97,7 +97,7 @@ def outermost(formula: f.Formula) -> tuple[f.Binder, ...]:
 
 
 def untimed(formula: f.Formula, sorts: Mapping[str, str] | None = None) -> f.Atom | None:
-    """Return an atom that changes during a run and stands outside every temporal operator: only its first state counts."""
+    """Return an atom that changes during a run but stands outside every temporal operator: only its first state counts."""
     sorts = sorts or {}
     match formula:
         case f.Atom():

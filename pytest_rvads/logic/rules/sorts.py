@@ -1,4 +1,4 @@
-"""What the language of rules speaks about: the sorts of variables, told by the paper's letters, and the names of values."""
+"""The language of rules: the sorts of variables with the paper's letters, and the names of values."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ __all__ = ["COLOURS", "DIRECTIONS", "LANGUAGE", "Sort"]
 
 
 class Sort(StrEnum):
-    """What a variable ranges over, at the junction under test."""
+    """Sort of a variable: the elements at the junction under test that the variable ranges over."""
 
     AGENT = "agent"
     LIGHT = "light"

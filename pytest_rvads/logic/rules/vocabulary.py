@@ -1,4 +1,4 @@
-"""Words: what a predicate or an attribute of the rule language is, in one value; and vocabularies of them."""
+"""Words, the definitions of predicates and attributes of the rule language, and vocabularies of words."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from pytest_rvads.runs.run import Run
 __all__ = ["Attribute", "Follower", "Names", "Vocabulary", "Word", "sorts_in"]
 
 Follower = Callable[[Run], bool]
-"""Reads a run of one state, the next one, and returns whether something holds there."""
+"""Reads the next state, given as a run of one state, and returns the truth value of the predicate there."""
 
 _RESERVED = ("G", "F", "N", "X", "U", "W", "R", "true", "false")
-"""What formulas read as an operator or a constant."""
+"""Names that formulas read as an operator or a constant."""
 T = TypeVar("T")
 
 
@@ -31,34 +31,36 @@ class Word:
     """A predicate of the rule language.
 
     Raises:
-        FormulaError: a name that formulas can't spell, an unknown sort, or words that ask for more arguments.
+        FormulaError: formulas can't spell the name, a sort is unknown, or `says` or `denies` refer to more arguments than exist.
     """
 
     name: str
     sorts: tuple[str, ...]
-    """Of every argument the sort, or several: ``"entrance or vertex"``."""
+    """Sort of every argument, or several sorts: ``"entrance or vertex"``."""
     holds: Callable[..., NDArray[np.bool_]] | None = None
-    """On a whole run: takes the run and per argument its number (the column of an agent, the number of an entrance, exit or
-    light), or the element itself where it may be of several sorts, and returns the truth per state, shape ``(steps,)``. None
-    where no run is ever asked."""
+    """The predicate on a whole run; None if the predicate is never evaluated on a run.
+
+    The function takes the run and, per argument, its number (the column of an agent, the number of an entrance, exit or light).
+    An argument of several sorts is given as its element. The function returns the truth per state, shape ``(steps,)``.
+    """
     says: str = ""
-    """In words, with the arguments by number: ``"{0} has stopped at the line"``. Empty: as it is written."""
+    """The predicate in words, with the arguments by number: ``"{0} has stopped at the line"``. Empty: as formulas spell it."""
     denies: str = ""
-    """The same of its negation."""
+    """The negated predicate in words."""
     follow: Callable[..., Follower] | None = None
-    """State by state, where states before count: takes a run of the first state and the same numbers as `holds`."""
+    """For predicates that depend on earlier states: makes a `Follower` from a run of the first state and the arguments."""
     decide: Callable[..., bool | None] | None = None
-    """By the static model: takes it and the arguments, and returns the truth, or None where that changes during a run."""
+    """The predicate on the static model: takes the model and the arguments, returns the truth, or None if it changes in a run."""
     static: str = ""
-    """Sorts of the first argument for which it is the same in every state."""
+    """Sorts of the first argument for which the predicate has the same value in every state."""
     means: Callable[..., f.Formula] | None = None
-    """Takes the arguments, and whether itineraries are known, and returns the formula that it stands for."""
+    """The definition: takes the arguments, and whether itineraries are known, and returns the defining formula."""
     apart: bool = False
-    """Whether nothing is in this relation to itself."""
+    """Whether the predicate is false for two equal arguments."""
     symmetric: bool = False
-    """Whether both orders of its two arguments say the same."""
+    """Whether the predicate has the same value for both orders of its two arguments."""
     place: str = ""
-    """Where it was registered; by default the line that makes it."""
+    """File and line of the registration; by default the line that makes the word."""
 
     def __post_init__(self) -> None:
         if self.place == PACKAGE:
@@ -97,7 +99,7 @@ class Word:
         return self.holds, self.follow, self.decide, self.means
 
     def on(self, run: Run, *arguments: int | f.Element) -> NDArray[np.bool_]:
-        """Return its truth on a run, shape ``(steps,)``.
+        """Return the truth values of the predicate on a run, shape ``(steps,)``.
 
         Raises:
             FormulaError: the word has no function, or its function returns another shape or type.
@@ -113,32 +115,32 @@ class Word:
         return truths
 
     def arguments(self, atom: f.Atom) -> tuple[int | f.Element, ...]:
-        """Return the arguments of a ground atom as the functions of the word take them."""
+        """Return the arguments of a ground atom in the form that the functions of the word take."""
         pairs = zip(atom.terms, self.sorts, strict=True)
         return tuple(t if " " in sorts else t.index for t, sorts in pairs if isinstance(t, f.Element))
 
 
 @dataclass(frozen=True, slots=True)
 class Attribute:
-    """What comparisons ask of an element: its waiting time, its speed, its colour."""
+    """An attribute of an element that comparisons use: its waiting time, its speed, its colour."""
 
     name: str
     owner: str
-    """The sort that has it."""
+    """The sort of the elements with this attribute."""
     kind: str
-    """What its values are: ``"number"``, or a kind of named values."""
+    """The kind of its values: ``"number"``, or a kind of named values."""
     read: Callable[[Run, int], NDArray[Any]]
-    """Takes the run and the number of the element, and returns one value per state, shape ``(steps,)``."""
+    """Reads the attribute: takes the run and the number of the element, returns one value per state, shape ``(steps,)``."""
     codes: Callable[[str], int] | None = None
-    """Of named values: the number that stands for a name in what `read` returns."""
+    """For named values: maps a name to the number that stands for it in the values of `read`."""
     waited: bool = False
-    """Whether it counts ticks, and a difference within the tie window of a rule is none."""
+    """Whether the attribute counts ticks, so that values within the tie window of a rule are equal."""
     says: tuple[tuple[str, str, str], ...] = ()
-    """Comparisons in words, and denied: ``"="`` with the same attribute of another element, ``"= value"`` with a value."""
+    """Comparisons in words, affirmed and denied: ``"="`` with the attribute of another element, ``"= value"`` with a value."""
 
 
 class Names(Mapping[str, T]):
-    """What names stand for; nobody adds to it."""
+    """An immutable mapping from names to values."""
 
     __slots__ = ("_known",)
 
@@ -178,10 +180,10 @@ class Vocabulary(Names[Word]):
         return f"<Vocabulary of {len(self)} words>"
 
     def add(self, word: Word) -> Vocabulary:
-        """Return a vocabulary with another word.
+        """Return a vocabulary with a further word.
 
         Raises:
-            FormulaError: its name means something else already.
+            FormulaError: the name of the word has another meaning already.
         """
         known = self.get(word.name)
         if known is None:
@@ -197,5 +199,5 @@ class Vocabulary(Names[Word]):
 
 
 def sorts_in(sorts: str) -> list[str]:
-    """Return the sorts that ``"entrance or vertex"`` names."""
+    """Return the list of sorts in a text such as ``"entrance or vertex"``."""
     return sorts.split(" or ")

@@ -1,7 +1,7 @@
 """The block of text that explains a verdict.
 
-It shows the rule, the instance, who has to act and since when, where it broke, and the last good and the first bad state
-side by side. Names are the user's (a0, entrance 1), never generated ones.
+The block shows the rule, the instance, the vehicles that have to act, the beginning of their obligation, its violation, and the
+last good and the first bad state side by side. Elements have the user's names (a0, entrance 1), never generated names.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ def _count(story: Story) -> str:
 
 
 def _roles(story: Story, j: Judgement) -> list[str]:
-    """Return who yields to whom, since when, and where it broke."""
+    """Return lines with the yielding and the awaited vehicles, the beginning of the obligation, and its violation."""
     run, shape = story.run, j.template.shape
     tick = next(t for t in (j.failed, j.ended, run.steps - 1) if t is not None)
     lines = []
@@ -112,11 +112,11 @@ def _arrival(run: Run, e: f.Element, tick: int) -> str:
 
 
 def _relation(run: Run, e: f.Element, others: tuple[f.Element, ...]) -> str:
-    """Return how the entrance of an agent lies to that of the one that waits for it."""
+    """Return where the entrance of an agent lies relative to the entrance of the vehicle that waits for the agent."""
     if len(others) != 1:
         return ""
     here, there = run.agents[e.index].entrance, run.agents[others[0].index].entrance
-    # Where traffic keeps left, right-of is mirrored.
+    # If traffic keeps left, right-of is mirrored.
     side = "left of" if run.junction.left_hand else "right of"
     for word, pairs in ((side, run.junction.right_of), ("opposite", run.junction.opposite)):
         if (here, there) in pairs:
@@ -125,7 +125,7 @@ def _relation(run: Run, e: f.Element, others: tuple[f.Element, ...]) -> str:
 
 
 def _scene(run: Run, waiting: tuple[f.Element, ...], going: tuple[f.Element, ...], goes: f.Formula, tick: int) -> str:
-    """Return where everybody is in a tick."""
+    """Return the places of all vehicles in a tick."""
 
     def one(e: f.Element, still: bool) -> str:
         where = zone(run.agents[e.index], Zone(int(run.zone[tick, e.index])))
@@ -149,7 +149,7 @@ def _scene(run: Run, waiting: tuple[f.Element, ...], going: tuple[f.Element, ...
 
 
 def _table(run: Run, j: Judgement, values: Values | None) -> list[str]:
-    """Return the states in which the obligation began, was last kept, and broke, side by side."""
+    """Return a table of the states in which the obligation began, was last kept, and was broken."""
     if values is None:
         return []
     last = next(t for t in (j.failed, j.ended, run.steps - 1) if t is not None)

@@ -1,4 +1,4 @@
-"""What an UNSURE instance hangs on, in words."""
+"""The doubt on which an UNSURE instance depends, in words."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ _CAME = {
     Zone.EXIT: ("was through", "was through"),
     Zone.GONE: ("was gone", "was gone"),
 }
-"""What a vehicle did that came to a zone; and where it is not known whether it ever did."""
+"""Per zone, the verb for a vehicle that came to the zone, and the verb for a vehicle that may never have come."""
 
 
 def hangs(run: Run, j: Judgement) -> str:
-    """Return what an instance hangs on, and by how much; empty for what is definite.
+    """Return the doubt on which an instance depends, and its size; empty for a definite instance.
 
-    Such as ``a4 arrived at 12.31 s, a7 arrived at 12.34 s: 0.03 s apart, known to 0.05 s``.
+    An example is ``a4 arrived at 12.31 s, a7 arrived at 12.34 s: 0.03 s apart, known to 0.05 s``.
     """
     hinge = j.hinge
     if hinge is None:
@@ -41,7 +41,7 @@ def hangs(run: Run, j: Judgement) -> str:
 
 
 def since(run: Run, j: Judgement) -> float | None:
-    """Return when that happened, on the clock of the recording [s]."""
+    """Return the time of the doubtful events on the clock of the recording [s], else of the trigger."""
     times = [h.time for h in j.hinge.what if h.time is not None] if j.hinge else []
     tick = None if j.trigger is None else j.trigger * run.dt
     time = max(times) if times else tick
@@ -53,7 +53,7 @@ def _agents(j: Judgement) -> list[tuple[str, str]]:
 
 
 def _happened(run: Run, happening: Happening) -> str:
-    """Return who did what, and when."""
+    """Return an event in words: the vehicle or light, its change, and the time."""
     if happening.agent is None:
         what, ended = f"light {happening.light} turned {Colour(happening.code).name.lower()}", ""
     else:

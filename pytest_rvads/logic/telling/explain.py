@@ -1,4 +1,4 @@
-"""From judgements to verdicts people can act on: one line, a block, and a cause that groups failures."""
+"""Turns judgements into verdicts that people can act on: one line, a block, and a cause that groups failures."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ __all__ = ["tell"]
 
 
 _OWN: dict[str, str] = {Sort.ENTRANCE: "its entrance", Sort.LIGHT: "its light"}
-"""What a cause calls the places of a vehicle: their numbers differ among the rotations of a scenario."""
+"""Names of a vehicle's places in a cause; the numbers of the places differ among the rotations of a scenario."""
 
 
 def tell(story: Story) -> Verdict:
@@ -84,7 +84,7 @@ def tell(story: Story) -> Verdict:
 
 
 def _bends(worst: Judgement | None, run: Run) -> Iterator[str]:
-    """Yield a sentence for each vehicle to blame that left its lane, or hit somebody, where no path keeps it in its lane."""
+    """Yield a sentence per vehicle to blame that left its lane or hit another vehicle in a bend too tight for its lane."""
     if worst is None or {"off_lane", "off_route", "collide"}.isdisjoint(atom.name for atom, _ in worst.broken):
         return
     for name, bend in ((e.name, too_tight(run, e.index)) for e in responsible(worst, run)):
@@ -149,7 +149,7 @@ def _message(story: Story, worst: Judgement | None) -> str:
 
 
 def _violated(story: Story, worst: Judgement | None) -> str:
-    """Return what was violated in words that are the same whoever did it."""
+    """Return the violated obligation in words that are the same for all vehicles."""
     if story.status is Status.UNSURE:
         return "unsure: another reading of the recording within its accuracy would change the verdict"
     if worst is None:
@@ -170,12 +170,12 @@ def _violated(story: Story, worst: Judgement | None) -> str:
         return f"open: {story.rule.title or say(shape.obligation, name)}"
     by = cause_between(worst, run)
     blame = [name(e) for e in responsible(worst, run)] if by else []
-    # Whether it was one step too early or many is no other violation.
+    # A violation by one step and a violation by many steps are the same violation.
     return happened(replace(worst, together=False), name) + (f", caused by {' and '.join(blame)}" if blame else "")
 
 
 def _roles(story: Story, worst: Judgement | None) -> str:
-    """Return which vehicles it was, in words that are the same for all rotations of a scenario."""
+    """Return the vehicles of the violation, in words that are the same for all rotations of a scenario."""
     if worst is None or story.cycle:
         return ""
     run, junction = story.run, story.run.junction

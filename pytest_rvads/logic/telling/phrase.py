@@ -1,4 +1,4 @@
-"""Saying in words what atoms, places and times mean to a user."""
+"""Atoms, places and times in words for users."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from pytest_rvads.runs.states import Agent, Colour, Zone
 __all__ = ["Naming", "clock", "colour_at", "element_name", "literal", "place", "position", "say", "why", "zone"]
 
 Naming = Callable[[f.Element], str]
-"""How to call an element: by its own name, or by the variable it stands for."""
+"""Returns the name of an element: the element's own name, or the name of a variable."""
 
 
 def clock(run: Run, tick: int) -> str:
@@ -65,7 +65,7 @@ _PREPOSITIONS: dict[str, str] = {Sort.ENTRANCE: "at", Sort.JUNCTION: "in"}
 
 
 def _phrase(atom: f.Atom, value: bool) -> str:
-    """Return the words for an atom or its negation, with places for the names of its terms; empty where there are none."""
+    """Return the words for an atom or its negation, with placeholders for its terms; empty if the atom has no words."""
     word = word_of(atom)
     if word is not None:
         return word.says if value else word.denies
@@ -91,7 +91,7 @@ def _term(term: f.Term, name: Naming) -> str:
 
 
 def say(formula: f.Formula, name: Naming = element_name, be: str = "is") -> str:
-    """Return a formula in words: literals joined by and, or, with at most one temporal operator; any other one as it prints."""
+    """Return a formula in words: literals joined by and, or, with at most one temporal operator; other formulas as printed."""
     match formula:
         case f.Atom():
             return literal(formula, True, name, be)
@@ -109,12 +109,12 @@ def say(formula: f.Formula, name: Naming = element_name, be: str = "is") -> str:
 
 
 def why(run: Run, atoms: Iterable[f.Atom], seat: Callable[[int], str] = str) -> str:
-    """Return in words why the first of two vehicles has to give way to the second, empty where lights or arrivals decide.
+    """Return in words why the first of two vehicles has to give way to the second; empty if lights or arrivals decide.
 
     Args:
-        run: that they belong to.
-        atoms: of an instance; the first one about owing or obstructing names the two.
-        seat: how to call an entrance, by its number.
+        run: the run of the vehicles.
+        atoms: the atoms of an instance; the terms of the first atom ``owes`` or ``obstructs`` are the two vehicles.
+        seat: returns the name of an entrance, given its number.
     """
     pair = next((atom.terms for atom in atoms if atom.name in ("owes", "obstructs")), ())
     columns = [term.index for term in pair if isinstance(term, f.Element)]
@@ -150,14 +150,14 @@ _SIGNS = {
 
 
 def position(run: Run, agent: int, tick: int) -> str:
-    """Return where an agent is: its station relative to the entrance vertex [m], or its zone where none is recorded."""
+    """Return the place of an agent: its station relative to the entrance vertex [m], or its zone if no station is recorded."""
     if run.station is not None:
         return f"{run.station[tick, agent]:+.2f} m"
     return zone(run.agents[agent], Zone(int(run.zone[tick, agent])))
 
 
 def zone(agent: Agent, where: Zone) -> str:
-    """Return the part of its itinerary an agent is on, in words."""
+    """Return the present part of an agent's itinerary, in words."""
     return {
         Zone.APPROACH: "approach",
         Zone.ENTRANCE: f"entrance {agent.entrance}",

@@ -1,4 +1,4 @@
-"""What there is to tell about a rule on a run, and the sentences that several texts share."""
+"""The values from which a verdict is written, and the sentences that several texts share."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _WORDS = {Status.FAIL: "fail", Status.OPEN: "open", Status.UNSURE: "unsure", Sta
 
 @dataclass(slots=True)
 class Story:
-    """Everything there is to tell about a rule on a run."""
+    """The judgement of a run by a rule, with everything that the verdict reports."""
 
     rule: Rule
     run: Run
@@ -41,23 +41,23 @@ class Story:
     asked: bool = True
     """Whether an instance bound the subject to act."""
     unavoidable: bool = False
-    """Whether nobody could have kept the rule."""
+    """Whether no vehicle could have kept the rule."""
     provoked: bool = False
-    """Whether none of what is violated or open is the subject's doing."""
+    """Whether the subject caused no part of the violation or open obligation."""
 
     @property
     def subject(self) -> str | None:
-        """The vehicle that the status is about, where it is one among traffic."""
+        """The vehicle under test among traffic, or None."""
         return self.run.subject
 
     @property
     def counts(self) -> dict[str, int]:
-        """Instances by outcome."""
+        """Number of instances by outcome."""
         found = Counter(_WORDS[j.status] for j in self.found)
         return {word: found[word] for word in _WORDS.values() if found[word]}
 
     def kept(self) -> tuple[int, int]:
-        """Return in how many instances the rule was kept, and of how many; with a subject, of those that bind it."""
+        """Return the number of kept instances and of all instances; with a subject, of the instances that bind the subject."""
         found, run = self.found, self.run
         if self.subject is None or self.values is None:
             return sum(j.status is Status.PASS for j in found), len(found)
@@ -66,7 +66,7 @@ class Story:
         return sum(j.status is Status.PASS and asked(j.template, self.values, me) for j in mine), len(mine)
 
     def ordered(self) -> list[Judgement]:
-        """Return the worst instances first, the earliest of them first; with a subject, what it is to blame for leads."""
+        """Return the instances sorted by severity, then time; instances that the subject is to blame for come first."""
 
         def key(j: Judgement) -> tuple[bool, int, int]:
             tick = j.failed if j.failed is not None else j.trigger
@@ -77,12 +77,12 @@ class Story:
 
 
 def bound_names(template: Template) -> tuple[tuple[str, str], ...]:
-    """Return the variables of an instance and the names of what they stand for."""
+    """Return the variables of an instance, and the names of the elements that the variables stand for."""
     return tuple((name, element_name(e)) for name, e in template.binding)
 
 
 def happened(j: Judgement, name: Naming = element_name) -> str:
-    """Say what happened in the failing tick."""
+    """Return the events of the failing tick in words."""
     shape, broken = j.template.shape, dict(j.broken)
     match shape.waits:
         case f.Atom("@", (f.Element() as agent, f.Element() as entrance)) if shape.goes and broken.get(shape.waits) is False:
