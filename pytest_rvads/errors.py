@@ -1,7 +1,7 @@
 """The errors of the library: one tree, each class with its cause and its remedy.
 
-A message says in one sentence what was got, what was expected, where, and what to do. The plugin turns every error
-of this module into a ``pytest.UsageError`` or an error of the item, never into a traceback.
+A message is one sentence with the value that was got, the expected value, the place, and the remedy. The plugin turns
+every error of this module into a ``pytest.UsageError`` or an error of the item, never into a traceback.
 """
 
 from __future__ import annotations

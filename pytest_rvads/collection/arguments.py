@@ -1,4 +1,4 @@
-"""Checks the arguments of ``@rvads.scenario``: the values of each argument, and arguments that exclude each other."""
+"""Checks the arguments of ``@rvads.scenario``: wrong values, and combinations of arguments that exclude each other."""
 
 from __future__ import annotations
 

@@ -119,7 +119,7 @@ Look = Callable[[Bench], Iterator[str]]
 
 
 def crowd(place: Junction, driver: Factory, *, most: int | None = None, **scenario: Any) -> Case:
-    """Return a case with a vehicle at every entrance of a junction; one per arm, where there is no room for more.
+    """Return a case with a vehicle at every entrance of a junction, or a vehicle per arm if the entrances have no room.
 
     Args:
         place: the junction.

@@ -1,7 +1,7 @@
-"""What a driver is, in a digest that says in any process whether it is the same: its code, and the values that it works with.
+"""A digest of a driver, equal in every process for equal code and equal values.
 
-Source files alone would not do: a campaign that is called again with another argument, or after ``Pilot.speed = 9``, would return
-the results of the former speed.
+A digest of source files alone is not enough: a campaign that is called again with another argument, or after ``Pilot.speed = 9``,
+would return the results of the former speed.
 """
 
 from __future__ import annotations
@@ -34,13 +34,13 @@ _WRAPPED = ("func", "args", "keywords", "__func__", "__self__", "fget", "fset", 
 
 
 def identity(thing: Any) -> str:
-    """Return a digest of what decides what a driver, simulator or function of somebody does.
+    """Return a digest of the code and values of a driver, a simulator or a function of the user.
 
-    Code counts by its source files: the module of the thing, and all modules that this one and they import by name from their
-    package or from beside it, loaded or not; not what is installed elsewhere. Of a stack in another process, the command and the
-    files that the command names count. Values count as they are now: arguments, attributes of objects and of classes, and the
-    globals that functions name. An attribute ``version`` is such a value. What can't be taken apart, such as a lock, counts by
-    its kind; what another program reads by itself does not count.
+    Code counts by its source files: the module of the object, and all modules that are imported by name, directly or not, from the
+    same package or folder, loaded or not. Installed packages do not count. A stack in another process counts by its command and the
+    files that the command names. Values count as they are now: arguments, attributes of objects and classes (such as ``version``),
+    and the globals that functions name. A value that can't be pickled, such as a lock, counts by its type. Files that a program
+    reads itself do not count.
     """
     lines: list[str] = []
     met: dict[int, tuple[int, Any]] = {}
@@ -237,6 +237,6 @@ def _imported(file: Path, folder: Path, text: bytes) -> Iterator[Path]:
 
 
 def _file(module: ModuleType | None) -> Path | None:
-    """Return the source of a module, where it has one that is there."""
+    """Return the source file of a module, or None if the module has no source file."""
     name = getattr(module, "__file__", None)
     return Path(name).resolve() if isinstance(name, str) and name.endswith(".py") and Path(name).is_file() else None

@@ -59,7 +59,7 @@ class Policy:
 
 
 def policy_name(factory: Factory) -> str:
-    """Return the policy's name for ids: its key in `POLICIES`, else the factory's own name."""
+    """Return the name of a policy for ids: the key in `POLICIES`, or the name of the factory."""
     return next((name for name, known in POLICIES.items() if known is factory), "") or in_ids(factory)
 
 

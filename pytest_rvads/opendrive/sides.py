@@ -1,7 +1,7 @@
 """On which side traffic keeps: as the file states, or as its lanes prove.
 
-The attribute ``rule`` of a road is RHT where it is missing, says the standard. Some writers leave it out of maps
-where traffic keeps left, and some write a wrong value on connecting roads. The links and lanes of such a file are
+By the standard, a road without the attribute ``rule`` has right-hand traffic. Some writers leave the attribute out of maps
+with left-hand traffic, and some write a wrong value on connecting roads. The links and lanes of such a file are
 consistent with one of the two sides only. The *direction* of lanes relative to the reference line differs from the
 side on which traffic *keeps*: a map of one-way roads that are drawn along their traffic has right-hand lanes, although
 its traffic keeps left if the opposite road lies on the right.

@@ -41,7 +41,7 @@ Flips = Mapping[str, list[tuple[Key, str, str]]]
 
 @dataclass(frozen=True, slots=True)
 class Free:
-    """A free constant: how to move it, and which tables depend on it."""
+    """A free constant of the surrogate, with a function that moves the constant, and the tables that depend on it."""
 
     move: Callable[[float], Setup]
     """Returns the setup of the experiment with the constant moved by the argument."""

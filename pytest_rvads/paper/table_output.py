@@ -25,7 +25,7 @@ def disagreements(verdicts: Mapping[Key, str]) -> list[tuple[Key, str, str]]:
 
 
 def text_tables(verdicts: Mapping[Key, str]) -> str:
-    """Return both tables as text, with a summary under them."""
+    """Return both tables of the paper as text, followed by a summary."""
     lines = []
     for table in TABLES:
         lines += [_title(table), *_head(table)]

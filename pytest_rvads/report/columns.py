@@ -43,9 +43,9 @@ class Column:
     heads: tuple[str, ...]
     cells: tuple[Cell, ...]
     right: bool = False
-    """Whether its texts end below each other, as numbers do."""
+    """Whether the texts are aligned at the right, as numbers are."""
     group: Hashable = None
-    """Columns with the same group stay in one block where they can; of equal headings but the last, the first tells all."""
+    """Columns of a group stay in one block if it is wide enough; a heading that all columns of a group share is printed once."""
 
     @property
     def texts(self) -> tuple[str, ...]:
@@ -109,7 +109,7 @@ def blocks(corner: str, labels: Sequence[str], columns: Sequence[Column], width:
 
 
 def _wide(column: Column) -> int:
-    """Return how wide a column is to be: as its texts, or where they are long as its words."""
+    """Return the width of a column: that of its longest text, or of its longest word if the texts are long."""
     most = max(_PLEASANT, max(map(_longest, column.texts)))
     return max(cell_len(line) for text in column.texts for line in wrapped(text, most))
 
@@ -180,7 +180,7 @@ def _row(  # noqa: PLR0913 - likewise
 
 
 def _listed(corner: str, labels: Sequence[str], columns: Sequence[Column], width: int) -> Block:
-    """Return a table as a list: a row is its name, and below it what its columns say."""
+    """Return a table as a list: the name of each row, followed by its cells with their headings."""
     lines: list[Text] = []
     for number, label in enumerate(labels):
         lines += [Text(f" {line}") for line in wrapped(f"{corner} {label}", width - 1, _INDENT)]

@@ -22,7 +22,7 @@ def side_by_side(one: Run, first: Verdict, other: Run, second: Verdict, image: S
         other: the second run.
         second: the verdict of the same rule on the second run.
         image: for each entrance of `one` the corresponding entrance of `other`.
-        what: the change between the two runs, in words.
+        what: the change between the runs, in words.
     """
     columns: dict[int, list[int]] = {}
     for k, agent in enumerate(other.agents):

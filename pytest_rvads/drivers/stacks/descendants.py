@@ -31,17 +31,17 @@ class _Status(NamedTuple):
     kin: tuple[int, int, int]
     """Parent, process group, session."""
     start: int
-    """When it was started: its number may later be that of another one."""
+    """Time of the start, which tells a process from a later process with the same number."""
     runs: bool
-    """It has not ended; who has, and whose end nobody has noticed yet, still tells how others are related."""
+    """Whether the process has not ended. A zombie process counts as ended, but still links its children to the stack."""
 
 
 class Descendants:
     """All processes of a stack.
 
     Args:
-        leader: the one that we started, in a session of its own.
-        mark: its value of the variable `MARK`.
+        leader: number of the process that was started for the stack, the leader of a session.
+        mark: value of the environment variable `MARK` in all processes of the stack.
     """
 
     def __init__(self, leader: int, mark: str) -> None:
@@ -52,7 +52,7 @@ class Descendants:
         """Numbers and starts of all that were found: a process whose parent has gone may be related to nobody."""
 
     def living(self) -> set[int]:
-        """Return the numbers of those that run, as `os.kill` takes them: a negative one means a whole group."""
+        """Return the numbers of the running processes, as `os.kill` takes them: a negative number means a process group."""
         if not (_PROC / "self" / "stat").exists():
             return {-self._leader} if _exists(-self._leader) else set()
         table = {int(entry): status for entry in os.listdir(_PROC) if entry.isdecimal() and (status := _status(entry))}
@@ -87,7 +87,7 @@ def kill(stacks: Sequence[Descendants]) -> set[int]:
     """Send SIGKILL to all processes of stacks, and to those that these start meanwhile.
 
     Returns:
-        Those that are still there after some seconds: they belong to somebody else, or hang in the kernel.
+        Numbers of the processes that still run after some seconds: processes of another user, or blocked in the kernel.
     """
     deadline = time.monotonic() + _PATIENCE
     while True:
@@ -117,7 +117,7 @@ def _exists(pid: int) -> bool:
 
 
 def _status(pid: str) -> _Status | None:
-    """Return what there is about a process, or None where there is none."""
+    """Return the status of a process, or None if the process does not exist."""
     try:
         state, *numbers = (_PROC / pid / "stat").read_bytes().rpartition(b")")[2].split()
     except OSError:

@@ -53,7 +53,7 @@ class Process(TrafficSystem):
     """
 
     own_limits = True
-    """Stacks have limits of real time themselves, so the session's limits for drivers don't apply."""
+    """Whether the session's limits of real time for drivers don't apply; a stack has separate limits."""
 
     def __init__(  # noqa: PLR0913 - a program has a place and several limits, most of them left alone
         self,

@@ -91,7 +91,7 @@ def opened(path: Path, watch: Watch | None = None) -> Iterator[Source]:
     """Open a file, unpacked where it is compressed by gzip.
 
     Raises:
-        RunError: it can't be read, or turns out to be damaged; or it is read as XML and is none.
+        RunError: the file can't be read, is damaged, or was read as XML and is no XML.
     """
     try:
         with open_file(path) as raw:
