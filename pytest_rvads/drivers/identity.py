@@ -36,11 +36,11 @@ _WRAPPED = ("func", "args", "keywords", "__func__", "__self__", "fget", "fset", 
 def identity(thing: Any) -> str:
     """Return a digest of the code and values of a driver, a simulator or a function of the user.
 
-    Code counts by its source files: the module of the object, and all modules that are imported by name, directly or not, from the
-    same package or folder, loaded or not. Installed packages do not count. A stack in another process counts by its command and the
-    files that the command names. Values count as they are now: arguments, attributes of objects and classes (such as ``version``),
-    and the globals that functions name. A value that can't be pickled, such as a lock, counts by its type. Files that a program
-    reads itself do not count.
+    Code counts by its source files: the module of the object, and all modules that are imported by name, directly or not, from
+    the same package or folder, loaded or not. Installed packages do not count. A stack in another process counts by its command
+    and the files that the command names. Values count as they are now: arguments, attributes of objects and classes (such as
+    ``version``), and the globals that functions name. A value that can't be pickled, such as a lock, counts by its type. Files
+    that a program reads itself do not count.
     """
     lines: list[str] = []
     met: dict[int, tuple[int, Any]] = {}

@@ -45,7 +45,7 @@ class Column:
     right: bool = False
     """Whether the texts are aligned at the right, as numbers are."""
     group: Hashable = None
-    """Columns of a group stay in one block if it is wide enough; a heading that all columns of a group share is printed once."""
+    """Neighbouring columns of a group stay in one block where the width allows; equal upper headings are printed once."""
 
     @property
     def texts(self) -> tuple[str, ...]:
