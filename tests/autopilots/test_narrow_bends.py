@@ -4,6 +4,7 @@ import math
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from pytest_rvads.conduct.lane import off_lane, off_route
@@ -13,6 +14,7 @@ from pytest_rvads.drivers.swept import AxlePath, axle_path
 from pytest_rvads.drivers.way_ahead import track
 from pytest_rvads.junctions.builtin import CROSSINGS
 from pytest_rvads.junctions.finder import find, names
+from pytest_rvads.maps.segment import Segment
 from pytest_rvads.opendrive.writer import Layout, opendrive
 from pytest_rvads.runs.itineraries import itinerary
 from pytest_rvads.runs.states import Zone
@@ -39,9 +41,30 @@ def test_a_narrow_right_turn_is_driven_within_the_lane(tmp_path: Path, distance:
     assert not off_route(run, 0).any()
 
 
+def test_a_wavy_approach_is_followed_as_smoothly_before_a_narrow_turn_as_before_a_wide_one(tmp_path: Path) -> None:
+    """Points up to 2 cm aside every 30 cm turn the line by up to 8 degrees, not the road."""
+    path = tmp_path / "narrow.xodr"
+    path.write_text(opendrive(replace(CROSSINGS["stop4"], stop=5.6, lane_width=3.2, lane_offset=1.6)))
+    junction = find("1", str(path))
+    line = junction.way_in(0)
+    stations = np.arange(0.0, line.length, 0.3)
+    points, ahead = line.centre(stations)
+    waves = 0.02 * np.sin(np.arange(len(stations)) ** 2)[:, None] * np.stack((-ahead[:, 1], ahead[:, 0]), axis=-1)
+    waves[stations > line.length - 15.0] = 0.0  # there a path is planned
+    wavy = Segment(line.id, np.vstack((points + waves, line.points[-1])))
+    entrances = (replace(junction.entrances[0], approach=wavy), *junction.entrances[1:])
+    run = simulate(Case(Scenario(replace(junction, entrances=entrances), "1000", distance=60.0, speed=8.0), Reference))
+    before = (run.need("station")[:, 0] < -20.0).nonzero()[0]
+    x, y, heading = run.need("pose")[before, 0].T
+    start = line.pose(0.0)
+    aside = (y - start.y) * math.cos(start.heading) - (x - start.x) * math.sin(start.heading)
+    assert np.abs(aside).max() < 0.05
+    assert np.abs(heading - start.heading).max() < math.radians(2.0)
+
+
 def test_a_pace_of_the_rear_axle_holds_where_the_front_is_beyond_the_end_of_its_itinerary() -> None:
     way = itinerary(find("stop4"), 0, 1)
-    path = AxlePath(way.path, way.origin, (), (), ((way.end, 1.0),), (way.pose(way.end),))
+    path = AxlePath(way.path, (), (), ((way.end, 1.0),), (way.pose(way.end),))
     assert track(way, 3.65, path).speed(way.end + 9.0) == 1.0
 
 
