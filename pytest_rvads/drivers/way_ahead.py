@@ -37,6 +37,8 @@ class Track:
         poses = [itinerary.pose(self._first + k) for k in range(-3, count + 4)]
         self._places = [(x, y) for x, y, _ in poses[3:-3]]
         limits = _bends(poses, axle)
+        self.planned = way is not None
+        """Whether the rear axle follows a planned path, so that the body is not around the centre line."""
         self._axles = [itinerary.pose(self._first + k - axle) for k in range(len(limits))]
         for (station, speed), pose in zip(way.pace, way.poses, strict=True) if way else ():
             k = min(max(int(station + axle - self._first), 0), len(limits) - 1)

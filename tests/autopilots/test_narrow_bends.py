@@ -20,6 +20,7 @@ from pytest_rvads.runs.itineraries import itinerary
 from pytest_rvads.runs.states import Zone
 from pytest_rvads.runs.vehicle import Vehicle
 from pytest_rvads.scenarios.case import Case
+from pytest_rvads.scenarios.ids import from_id
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.simulators.simulator import simulate
 
@@ -110,3 +111,11 @@ def test_the_rear_axle_keeps_to_its_path(shared: Path, file: str, id: str, key: 
     run = simulate(Case(Scenario(junction, tuple(code), distance=0.3, duration=60), Reference))
     assert run.provenance["end"] == "left"
     assert not off_lane(run, 0).any()
+
+
+def test_a_car_passes_beside_a_standing_vehicle_that_its_body_does_not_touch(shared: Path) -> None:
+    """The body keeps 0.1 m to the vehicle at the line of the arm that it leaves by; the centre line of its front comes nearer."""
+    case = from_id("durlacher_tor.j_25309804-class03-as122-s0-cfgS42", shared / "maps" / "durlacher-tor.xodr")
+    run = simulate(Case(case, Reference, traffic=Reference))
+    assert run.provenance["end"] == "left"
+    assert run.collisions == ()
