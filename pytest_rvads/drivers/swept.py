@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pytest_rvads.junctions.sweep import STEP, plan
+from pytest_rvads.junctions.sweep import STEP, plan, with_roads
 from pytest_rvads.maps.segment import Pose, Segment
 from pytest_rvads.runs.itineraries import Itinerary
 from pytest_rvads.runs.vehicle import Vehicle
@@ -55,6 +55,8 @@ def axle_path(itinerary: Itinerary, vehicle: Vehicle, lane_width: float, start: 
         start: station of the front from which on the path is planned [m].
     """
     course = itinerary.course(lane_width, start)
+    if start <= 0.0:
+        course = with_roads(course, start, vehicle.body)
     planned = plan(course, vehicle.body)
     if planned is None:
         return None
