@@ -8,15 +8,14 @@ import shlex
 import shutil
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import pytest
 
 from pytest_rvads.errors import RvadsError
 from pytest_rvads.wording import page
 
-if TYPE_CHECKING:
-    import pytest
-
-__all__ = ["Options", "declare"]
+__all__ = ["OPTIONS", "Options", "declare"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -261,6 +260,10 @@ class Options:
             unavoidable=values["unavoidable"],
             unsure=values["unsure"],
         )
+
+
+OPTIONS: pytest.StashKey[Options] = pytest.StashKey()
+"""The options of a session, in the stash of its configuration."""
 
 
 def declare(parser: pytest.Parser) -> None:

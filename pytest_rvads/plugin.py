@@ -19,7 +19,7 @@ from pytest_rvads.errors import RvadsError
 from pytest_rvads.fixtures.monitoring import monitor, rule, settle
 from pytest_rvads.fixtures.running import run, rvads_cell, rvads_recorded, rvads_run, rvads_runs
 from pytest_rvads.fixtures.systems import rvads_autopilot, rvads_map, rvads_simulator, rvads_sut, rvads_vehicle
-from pytest_rvads.options import Options, declare
+from pytest_rvads.options import OPTIONS, Options, declare
 from pytest_rvads.session.bundled import offer
 from pytest_rvads.session.closing import Causes, Verdicts
 from pytest_rvads.session.code import code_of_driver, code_of_simulator
@@ -27,7 +27,7 @@ from pytest_rvads.session.comparing import explain
 from pytest_rvads.session.exports import check_library
 from pytest_rvads.session.folder import FOLDER, SessionFolder
 from pytest_rvads.session.interrupts import end_with_parent, heed
-from pytest_rvads.session.items import OPTIONS, RECORD, attach, letter, prepare
+from pytest_rvads.session.items import RECORD, attach, letter, prepare
 from pytest_rvads.session.limits import limits
 from pytest_rvads.session.main_process import Session
 from pytest_rvads.session.outputs import claim

@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import inspect
 from collections.abc import Callable
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Unpack
 
 from pytest_rvads.collection.misuse import caller, told_at
@@ -12,6 +13,7 @@ from pytest_rvads.drivers.abilities import check_factory
 from pytest_rvads.errors import RvadsError, ScenarioError
 from pytest_rvads.logic.rules.book import claim, rules_for
 from pytest_rvads.logic.rules.rule import Rule
+from pytest_rvads.options import OPTIONS
 from pytest_rvads.scenarios.case import Fleet
 from pytest_rvads.search.counterexample import violation
 from pytest_rvads.search.falsify import Search
@@ -84,7 +86,9 @@ def falsify(  # noqa: PLR0913 - keywords; a search has many settings
                     "it as a plain def without yield"
                 )
         wanted = inspect.signature(test)
-        needed = ["rvads_vehicle", "rvads_simulator", *([] if autopilot is not None else ["rvads_sut", "rvads_autopilot"])]
+        needed = ["pytestconfig", "rvads_vehicle", "rvads_simulator"]
+        if autopilot is None:
+            needed += ["rvads_sut", "rvads_autopilot"]
 
         @functools.wraps(test)
         def wrapper(*instance: Any, **fixtures: Any) -> None:
@@ -95,7 +99,9 @@ def falsify(  # noqa: PLR0913 - keywords; a search has many settings
             try:
                 check_factory(driver)
                 simulator = usable(fixtures["rvads_simulator"])
-                found = search.begin(driver, Fleet(fixtures["rvads_vehicle"]), simulator, name, searches, executor)
+                limit = fixtures["pytestconfig"].stash[OPTIONS].speed_limit
+                there = replace(search, place=search.place.limited(limit)) if limit else search
+                found = there.begin(driver, Fleet(fixtures["rvads_vehicle"]), simulator, name, searches, executor)
             except RvadsError as error:
                 error.args = (f"{place}: {error}",)
                 raise error.with_traceback(None) from None

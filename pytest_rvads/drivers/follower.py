@@ -101,7 +101,7 @@ class Follower(Autopilot):
             )
             self._track = track(seen.itinerary, back, way)
             if way:
-                self._way, self._axle = way, seen.me.station - back + way.origin
+                self._way, self._axle = way, seen.me.station - back - way.pace[0][0]
         return self._track
 
     def drive(self, seen: Observation, acceleration: float) -> Control:
@@ -125,7 +125,7 @@ class Follower(Autopilot):
             self.track(seen)
             self._wheels = seen.vehicle.rear_axle_offset, seen.vehicle.wheelbase
         back, wheelbase = self._wheels
-        if self._way is not None:
+        if self._way is not None and self._way.pace[0][0] <= me.station - back <= self._way.pace[-1][0]:
             return self._steered(self._way, me, back, wheelbase)
         path, aim = seen.itinerary.path, me.station - back + lookahead(me.speed) + seen.itinerary.origin
         start, end, x, y, ux, uy, _ = self._piece

@@ -169,7 +169,7 @@ def clear_of_bodies(seen: Observation, track: Track, followed: VehicleState | No
         far = reach + other.length
         # Cheap first: most others are nowhere near, or behind.
         if dx * dx + dy * dy < far * far and dx * cos + dy * sin > 0.0:
-            if other is followed:
+            if other is followed or (track.planned and other.speed < CREEP):  # then `clear_of_standing` looks at the body itself
                 continue
             gap = _free(track.places(me.station, reach), other, me.width / 2.0 + SIDE)
             if gap < math.inf:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pytest_rvads.junctions.sweep import FINE, STEP, plan
+from pytest_rvads.junctions.sweep import STEP, plan, with_roads
 from pytest_rvads.maps.segment import Pose, Segment
 from pytest_rvads.runs.itineraries import Itinerary
 from pytest_rvads.runs.vehicle import Vehicle
@@ -26,8 +26,6 @@ class AxlePath(NamedTuple):
     """The path of a rear axle beside the itinerary."""
 
     path: Segment
-    origin: float
-    """How far along the path station 0 of the rear axle is, as long as the path is on the centre line [m]."""
     headings: tuple[float, ...]
     """At every point of the path, without jumps [rad]."""
     bends: tuple[float, ...]
@@ -57,22 +55,18 @@ def axle_path(itinerary: Itinerary, vehicle: Vehicle, lane_width: float, start: 
         start: station of the front from which on the path is planned [m].
     """
     course = itinerary.course(lane_width, start)
+    if start <= 0.0:
+        course = with_roads(course, start, vehicle.body)
     planned = plan(course, vehicle.body)
     if planned is None:
         return None
-    line, arc = itinerary.path, itinerary.path.stations - itinerary.origin
-    first, *_, last = stations = planned.stations.tolist()
-    # Where a vehicle starts on the planned part, nothing before belongs to its path.
-    before = line.points[(arc < first - FINE) & (start < course.start)]
-    points = np.vstack((before, planned.points, line.points[arc > last + FINE]))
     change = np.abs(np.diff(planned.bend, append=0.0)) / STEP
     turning = QUICK * vehicle.steering_rate / (vehicle.wheelbase * np.maximum(change, 1e-3))
     pace = np.minimum(turning, np.sqrt(CALM / np.maximum(np.abs(planned.bend), 1e-3)))
-    path = Segment(f"{line.id} rear axle", points, line.turn)
+    path = Segment(f"{course.path.id} rear axle", planned.points, course.path.turn)
     along = np.gradient(path.points, axis=0)
     headings = np.unwrap(np.arctan2(along[:, 1], along[:, 0]))
     bends = np.gradient(headings, path.stations)
-    origin = float(path.stations[len(before)]) - first
-    pairs = zip(stations, pace.tolist(), strict=True)
-    poses = tuple(path.pose(station + origin) for station in stations)
-    return AxlePath(path, origin, tuple(headings.tolist()), tuple(bends.tolist()), tuple(pairs), poses)
+    pairs = zip(planned.stations.tolist(), pace.tolist(), strict=True)
+    poses = tuple(path.pose(along) for along in path.stations.tolist())
+    return AxlePath(path, tuple(headings.tolist()), tuple(bends.tolist()), tuple(pairs), poses)

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from functools import lru_cache
 
 from pytest_rvads.drivers.swept import AxlePath
-from pytest_rvads.maps.segment import SPEED_LIMIT, Pose
+from pytest_rvads.maps.segment import SPEED_LIMIT, Pose, Segment
 from pytest_rvads.runs.itineraries import Itinerary
 
-__all__ = ["EASE", "Track", "track"]
+__all__ = ["EASE", "Track", "fastest", "track"]
 
 BEND = 2.5
 """Lateral acceleration that bends are taken with [m/s^2]."""
@@ -35,13 +36,9 @@ class Track:
         count = max(math.ceil(itinerary.end - self._first), 1)
         poses = [itinerary.pose(self._first + k) for k in range(-3, count + 4)]
         self._places = [(x, y) for x, y, _ in poses[3:-3]]
-        # Chords of two metres, four metres apart: neither the corners of a polyline nor a joint where one lane begins a
-        # little before the other ends counts as a bend.
-        headings = [math.atan2(b.y - a.y, b.x - a.x) for a, b in zip(poses, poses[2:], strict=False)]
-        changes = [(b - a + math.pi) % (2 * math.pi) - math.pi for a, b in zip(headings, headings[4:], strict=False)]
-        raw = [math.sqrt(BEND * 4.0 / abs(change)) if abs(change) > 1e-3 else math.inf for change in changes]
-        trail = math.ceil(axle)
-        limits = [min(raw[max(k - trail, 0) : k + 1]) for k in range(len(raw))]
+        limits = _bends(poses, axle)
+        self.planned = way is not None
+        """Whether the rear axle follows a planned path, so that the body is not around the centre line."""
         self._axles = [itinerary.pose(self._first + k - axle) for k in range(len(limits))]
         for (station, speed), pose in zip(way.pace, way.poses, strict=True) if way else ():
             k = min(max(int(station + axle - self._first), 0), len(limits) - 1)
@@ -70,6 +67,38 @@ class Track:
         """Return the poses of the rear axle while the front is at `places`."""
         k = max(int(station - self._first) + 1, 0)
         return self._axles[k : k + int(reach)]
+
+
+def _bends(poses: Sequence[Pose], axle: float) -> list[float]:
+    """Return how fast bends are taken, from poses by the metre [m/s]: at all poses but the first and the last three.
+
+    Args:
+        poses: of the reference point.
+        axle: reference point to rear axle [m].
+    """
+    # Chords of two metres, four metres apart: neither the corners of a polyline nor a joint where one lane begins a
+    # little before the other ends counts as a bend.
+    headings = [math.atan2(b.y - a.y, b.x - a.x) for a, b in zip(poses, poses[2:], strict=False)]
+    changes = [(b - a + math.pi) % (2 * math.pi) - math.pi for a, b in zip(headings, headings[4:], strict=False)]
+    raw = [math.sqrt(BEND * 4.0 / abs(change)) if abs(change) > 1e-3 else math.inf for change in changes]
+    trail = math.ceil(axle)
+    return [min(raw[max(k - trail, 0) : k + 1]) for k in range(len(raw))]
+
+
+@lru_cache(maxsize=1024)  # many scenarios start at the same places
+def fastest(line: Segment, first: float, last: float, axle: float) -> float:
+    """Return the highest speed [m/s] that vehicles anywhere between two stations of a line can take its bends ahead from.
+
+    Args:
+        line: the centre line. What comes behind its end is not looked at.
+        first: station of the last vehicle [m].
+        last: station of the first vehicle [m].
+        axle: reference point to rear axle [m].
+    """
+    trail = math.ceil(axle)
+    poses = [line.pose(first + k) for k in range(-trail - 3, math.ceil(line.length - first) + 4)]
+    bends = _bends(poses, axle)[trail:]
+    return min(math.sqrt(speed**2 + 2.0 * EASE * max(first + k - last, 0.0)) for k, speed in enumerate(bends))
 
 
 @lru_cache(maxsize=256)  # the same ways are driven again and again

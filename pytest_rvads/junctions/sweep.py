@@ -17,7 +17,19 @@ from pytest_rvads.junctions.bends import LEAST_RADIUS, least_radius
 from pytest_rvads.junctions.least_squares import BAND, normal_bands, pull, solved
 from pytest_rvads.maps.segment import Segment, join
 
-__all__ = ["CAR", "EXIT_LENGTH", "FINE", "LANE_TOLERANCE", "STEP", "Body", "Course", "Sweep", "no_way", "plan", "through"]
+__all__ = [
+    "CAR",
+    "EXIT_LENGTH",
+    "LANE_TOLERANCE",
+    "STEP",
+    "Body",
+    "Course",
+    "Sweep",
+    "no_way",
+    "plan",
+    "through",
+    "with_roads",
+]
 
 Array = NDArray[np.float64]
 
@@ -88,6 +100,8 @@ class Course(NamedTuple):
     """Station of the front at which a path begins on the centre line [m]."""
     lane_width: float
     """Width of the lane [m]."""
+    behind: float = BEHIND
+    """Longest part of the exit road that the course includes [m]."""
 
 
 CAR = Body(4.6, 1.86, 3.65, LEAST_RADIUS)
@@ -118,7 +132,7 @@ class Sweep:
         self._side, self._most, self._swift = body.width / 2.0, share / body.radius, 1.0 / (body.radius * WITHIN)
         path, origin = course.path, course.origin
         first = course.start - self._back
-        last = min(path.length - origin, course.length + BEHIND)
+        last = min(path.length - origin, course.length + course.behind)
         self.stations = np.arange(first, last, STEP)
         count = len(self.stations)
         points = round((last - first + self._back + self._rear + 2.0 * AROUND) / FINE) + 4
@@ -236,6 +250,26 @@ class Sweep:
             change = (self.errors(offsets + moved, nearest) - errors) / _NUDGE
             slopes[station, :, (colour - station + BAND // 2) % BAND] = change
         return slopes
+
+
+def with_roads(course: Course, start: float, body: Body) -> Course:
+    """Return a course that reaches far enough to hold the bends of the roads in which a body would leave its lane.
+
+    Args:
+        course: the way through the junction.
+        start: station of the front from which on the approach counts [m].
+        body: what drives there, with its rear axle on the centre line.
+    """
+    start = max(start, -course.origin)
+    whole = Sweep(course._replace(start=start, behind=math.inf), body, MARGIN, RESERVE)
+    judged, _ = whole.over(whole.centre, whole.nearest(whole.centre))
+    amiss = whole.stations[judged.any(axis=1)]
+    if not len(amiss):
+        return course
+    first, last = (amiss[[0, -1]] + body.axle).tolist()
+    return course._replace(
+        start=max(start, min(course.start, first - BEFORE)), behind=max(course.behind, last - course.length + BEHIND)
+    )
 
 
 class Plan(NamedTuple):

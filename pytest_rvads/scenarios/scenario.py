@@ -14,6 +14,7 @@ import numpy as np
 
 from pytest_rvads.conduct.bodies import touch
 from pytest_rvads.displayed import shown
+from pytest_rvads.drivers.way_ahead import fastest
 from pytest_rvads.errors import ScenarioError, require
 from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.maps.segment import SPEED_LIMIT
@@ -347,27 +348,40 @@ def started(point: Configuration, place: Junction, rotation: int, subject: int |
     Raises:
         ScenarioError: a staggered configuration, and nobody to be staggered around.
     """
+    queue = followers * (Vehicle().length + QUEUE_GAP + QUEUE_TIME * max(point.speeds))
     if point.staggered:
         if subject is None:
             raise ScenarioError(
                 f"configuration {point.label} is staggered around a subject, and there is none: say subject=0 or 'all', or "
                 "choose another configuration"
             )
-        queue = followers * (Vehicle().length + QUEUE_GAP + QUEUE_TIME * max(point.speeds))
         rooms = [place.approach(entrance) - queue for entrance in range(len(place.entrances))]
         point = point.around((subject - rotation) % len(rooms), rotate(tuple(rooms), -rotation))
     speeds = point.speeds
     if not point.label.startswith("d"):  # speeds that a user asks for are kept
         starts = zip(rotate(tuple(range(len(speeds))), -rotation), point.distances, speeds, strict=True)
-        speeds = tuple(min(speed, _lowest_limit(place, entrance, distance)) for entrance, distance, speed in starts)
+        speeds = tuple(min(speed, _fastest(place, entrance, distance, queue)) for entrance, distance, speed in starts)
     return {"distance": point.distances, "speed": speeds, "configuration": point.label}
 
 
-def _lowest_limit(place: Junction, entrance: int, distance: float) -> float:
-    """Return the lowest speed limit from `distance` metres before the stopping line of an entrance up to the line [m/s]."""
+def _fastest(place: Junction, entrance: int, distance: float, queue: float) -> float:
+    """Return the highest speed that vehicles may start with on the approach of an entrance [m/s].
+
+    All speed limits from the last start up to the entrance count, and the bends from there on.
+
+    Args:
+        place: the junction.
+        entrance: number of the entrance.
+        distance: of the first vehicle to the stopping line [m].
+        queue: of the last vehicle to the first one [m].
+    """
     approach, start = place.entrances[entrance].approach, place.approach(entrance) - distance
-    limits = approach.tail(approach.length - start).limits if approach and start > 0.0 else ()
-    return min((limit or SPEED_LIMIT for _, limit in limits), default=SPEED_LIMIT)
+    if approach is None or start <= 0.0:
+        return SPEED_LIMIT
+    first = max(start - queue, 0.0)
+    limits = approach.tail(approach.length - first).limits
+    limit = min((limit or SPEED_LIMIT for _, limit in limits), default=SPEED_LIMIT)
+    return min(limit, fastest(approach, first, start, Vehicle().rear_axle_offset))
 
 
 def _within(value: object, count: int) -> bool:

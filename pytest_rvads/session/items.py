@@ -13,7 +13,7 @@ import pytest
 
 from pytest_rvads.collection.cells import RecordedCell
 from pytest_rvads.drivers.naming import stand_in
-from pytest_rvads.options import Options
+from pytest_rvads.options import OPTIONS
 from pytest_rvads.outcome import Outcome
 from pytest_rvads.session.artefacts import look, show
 from pytest_rvads.session.beside import beside
@@ -33,7 +33,6 @@ if TYPE_CHECKING:
     from pytest_rvads.simulators.simulator import Simulator
 
 __all__ = [
-    "OPTIONS",
     "RECORD",
     "REPEAT",
     "RUN",
@@ -47,7 +46,6 @@ __all__ = [
     "prepare",
 ]
 
-OPTIONS: pytest.StashKey[Options] = pytest.StashKey()
 RECORD: pytest.StashKey[Record] = pytest.StashKey()
 VERDICTS: pytest.StashKey[list[Verdict]] = pytest.StashKey()
 

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 
 import pytest
 
-from pytest_rvads.session.items import OPTIONS
+from pytest_rvads.options import OPTIONS
 from pytest_rvads.simulators.patience import Limits
 
 __all__ = ["limits"]

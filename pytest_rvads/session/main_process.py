@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from pytest_rvads.errors import RvadsError
+from pytest_rvads.options import OPTIONS
 from pytest_rvads.outcome import Outcome
 from pytest_rvads.session.interrupts import leave_in_time, put_off
-from pytest_rvads.session.items import OPTIONS
 from pytest_rvads.session.outputs import Outputs, told, totals
 from pytest_rvads.session.plan import Planner
 from pytest_rvads.session.reasons import Ending, reasons

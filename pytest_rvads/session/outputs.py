@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from pytest_rvads.options import OPTIONS
 from pytest_rvads.session.folder import FOLDER
-from pytest_rvads.session.items import OPTIONS
 from pytest_rvads.wording import one_line
 
 if TYPE_CHECKING:

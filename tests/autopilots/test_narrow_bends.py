@@ -4,6 +4,7 @@ import math
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from pytest_rvads.conduct.lane import off_lane, off_route
@@ -13,11 +14,13 @@ from pytest_rvads.drivers.swept import AxlePath, axle_path
 from pytest_rvads.drivers.way_ahead import track
 from pytest_rvads.junctions.builtin import CROSSINGS
 from pytest_rvads.junctions.finder import find, names
+from pytest_rvads.maps.segment import Pose, Segment
 from pytest_rvads.opendrive.writer import Layout, opendrive
 from pytest_rvads.runs.itineraries import itinerary
 from pytest_rvads.runs.states import Zone
 from pytest_rvads.runs.vehicle import Vehicle
 from pytest_rvads.scenarios.case import Case
+from pytest_rvads.scenarios.ids import from_id
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.simulators.simulator import simulate
 
@@ -39,9 +42,58 @@ def test_a_narrow_right_turn_is_driven_within_the_lane(tmp_path: Path, distance:
     assert not off_route(run, 0).any()
 
 
+def test_a_wavy_approach_is_followed_as_smoothly_before_a_narrow_turn_as_before_a_wide_one(tmp_path: Path) -> None:
+    """Points up to 2 cm aside every 30 cm turn the line by up to 8 degrees, not the road."""
+    path = tmp_path / "narrow.xodr"
+    path.write_text(opendrive(replace(CROSSINGS["stop4"], stop=5.6, lane_width=3.2, lane_offset=1.6)))
+    junction = find("1", str(path))
+    line = junction.way_in(0)
+    stations = np.arange(0.0, line.length, 0.3)
+    points, ahead = line.centre(stations)
+    waves = 0.02 * np.sin(np.arange(len(stations)) ** 2)[:, None] * np.stack((-ahead[:, 1], ahead[:, 0]), axis=-1)
+    waves[stations > line.length - 15.0] = 0.0  # there a path is planned
+    wavy = Segment(line.id, np.vstack((points + waves, line.points[-1])))
+    entrances = (replace(junction.entrances[0], approach=wavy), *junction.entrances[1:])
+    run = simulate(Case(Scenario(replace(junction, entrances=entrances), "1000", distance=60.0, speed=8.0), Reference))
+    before = (run.need("station")[:, 0] < -20.0).nonzero()[0]
+    x, y, heading = run.need("pose")[before, 0].T
+    start = line.pose(0.0)
+    aside = (y - start.y) * math.cos(start.heading) - (x - start.x) * math.sin(start.heading)
+    assert np.abs(aside).max() < 0.05
+    assert np.abs(heading - start.heading).max() < math.radians(2.0)
+
+
+@pytest.mark.parametrize("side", ["approach", "exit"])
+def test_a_bend_of_the_road_is_driven_within_a_narrow_lane(tmp_path: Path, side: str) -> None:
+    """A car whose rear axle follows a circle of 10 m reaches 1.52 m to the outside, where a lane of 2.4 m allows 1.5 m."""
+    path = tmp_path / "narrow.xodr"
+    path.write_text(opendrive(Layout(stop=8.0, lane_width=2.4, lane_offset=1.2)))
+    junction = find("1", str(path))
+    angle = np.arange(0.0, math.pi / 2.0, 0.02)[:, None]
+    arc = 10.0 * np.hstack((np.sin(angle), 1.0 - np.cos(angle))) + [18.0, 0.0]
+    bend = np.vstack(([0.0, 0.0], arc, [28.0, 10.0], [28.0, 60.0]))
+    entrances, exits = [*junction.entrances], [*junction.exits]
+    if side == "approach":  # from its end upstream
+        entrances[0] = replace(entrances[0], approach=turned(bend, junction.way_in(0).pose(junction.way_in(0).length), -1.0))
+    else:
+        exits[2] = replace(exits[2], road=turned(bend, junction.way_out(2).pose(0.0), 1.0))
+    junction = replace(junction, entrances=tuple(entrances), exits=tuple(exits))
+    # The other vehicle comes so late that the run goes on until the first one is behind the bend.
+    run = simulate(Case(Scenario(junction, "2020", distance=[45.0, 20.0, 110.0, 20.0], speed=[4.0, 0.0, 0.0, 0.0]), Reference))
+    assert run.station[-1, 0] > junction.movements[0, 2].length + 35.0
+    assert not off_lane(run, 0).any()
+
+
+def turned(points: np.ndarray, pose: Pose, ahead: float) -> Segment:
+    """Return the line that leads away from a pose (`ahead` 1), or to it (-1), by points that begin at the origin along x."""
+    cos, sin = ahead * math.cos(pose.heading), ahead * math.sin(pose.heading)
+    moved = points @ np.array([[cos, sin], [-sin, cos]]) + [pose.x, pose.y]
+    return Segment("bend", moved if ahead > 0.0 else moved[::-1])
+
+
 def test_a_pace_of_the_rear_axle_holds_where_the_front_is_beyond_the_end_of_its_itinerary() -> None:
     way = itinerary(find("stop4"), 0, 1)
-    path = AxlePath(way.path, way.origin, (), (), ((way.end, 1.0),), (way.pose(way.end),))
+    path = AxlePath(way.path, (), (), ((way.end, 1.0),), (way.pose(way.end),))
     assert track(way, 3.65, path).speed(way.end + 9.0) == 1.0
 
 
@@ -87,3 +139,11 @@ def test_the_rear_axle_keeps_to_its_path(shared: Path, file: str, id: str, key: 
     run = simulate(Case(Scenario(junction, tuple(code), distance=0.3, duration=60), Reference))
     assert run.provenance["end"] == "left"
     assert not off_lane(run, 0).any()
+
+
+def test_a_car_passes_beside_a_standing_vehicle_that_its_body_does_not_touch(shared: Path) -> None:
+    """The body keeps 0.1 m to the vehicle at the line of the arm that it leaves by; the centre line of its front comes nearer."""
+    case = from_id("durlacher_tor.j_25309804-class03-as122-s0-cfgS42", shared / "maps" / "durlacher-tor.xodr")
+    run = simulate(Case(case, Reference, traffic=Reference))
+    assert run.provenance["end"] == "left"
+    assert run.collisions == ()

@@ -14,14 +14,14 @@ STOP = rvads.Scenario(rvads.find("stop4"), "1000", distance=0.3, duration=1)
 
 
 @shows("search_where_nothing_applies")
-def test_a_search_in_which_a_rule_never_applied_found_nothing_out() -> None:
+def test_a_search_in_which_a_rule_never_applied_found_nothing_out(pytestconfig: pytest.Config) -> None:
     """p4 is about lights, and is looked for at stop signs."""
 
     @rvads.falsify("stop4", rule="p4", autopilot=rvads.Reference, budget=2, duration=1.0)
     def nothing_found() -> None: ...
 
     with pytest.raises(rvads.ScenarioError, match="p4 was not triggered in any of"):
-        nothing_found(rvads_vehicle=rvads.Vehicle(), rvads_simulator=usual())
+        nothing_found(pytestconfig=pytestconfig, rvads_vehicle=rvads.Vehicle(), rvads_simulator=usual())
 
 
 @shows("sweep_where_nothing_applies")

@@ -42,6 +42,25 @@ def test_the_limit_of_the_session_holds_everywhere(
     pytester.runpytest(*arguments).assert_outcomes(passed=1 if recorded == "FAIL" else 2, failed=int(recorded == "FAIL"))
 
 
+@pytest.mark.extended
+@pytest.mark.parametrize(("arguments", "outcome"), [(["--rvads-speed-limit=18km/h"], "failed"), ([], "passed")])
+def test_a_search_goes_by_the_limit_of_the_session(pytester: pytest.Pytester, arguments: list[str], outcome: str) -> None:
+    pytester.makepyfile("""
+        import pytest_rvads as rvads
+
+        class Cruiser(rvads.Follower):
+            def target_speed(self, seen):
+                return 8.0
+
+        @rvads.falsify("stop4", rule="speed_limit", autopilot=Cruiser, budget=5, far=20.0, duration=8)
+        def test_search(): ...
+    """)
+    result = pytester.runpytest("-p", "no:cacheprovider", *arguments)
+    result.assert_outcomes(**{outcome: 1})
+    if outcome == "failed":
+        result.stdout.fnmatch_lines(["E*RuleViolation: speed_limit at t=*"])
+
+
 def test_what_is_no_speed_is_refused_with_an_example(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(TEST)
     result = pytester.runpytest("--rvads-speed-limit=fast")

@@ -285,7 +285,7 @@ class Heedless(rvads.Follower):
 
 
 @pytest.mark.extended
-def test_searches_side_by_side_answer_as_one_after_the_other() -> None:
+def test_searches_side_by_side_answer_as_one_after_the_other(pytestconfig: pytest.Config) -> None:
     space: dict[str, Any] = {"budget": 6, "seed": 5, "searches": 2}
     alone = look_for("stop4", Heedless, "no_collision", executor=1, **space)
     assert alone is not None
@@ -298,7 +298,7 @@ def test_searches_side_by_side_answer_as_one_after_the_other() -> None:
         raise AssertionError("something was found, so this is not called")
 
     with pytest.raises(rvads.RuleViolation, match=r"no_collision at t=.* collide"):  # examples of before may be found first
-        test_beside(rvads_vehicle=rvads.Vehicle(), rvads_simulator=usual())
+        test_beside(pytestconfig=pytestconfig, rvads_vehicle=rvads.Vehicle(), rvads_simulator=usual())
 
 
 @pytest.mark.parametrize("searches", [0, 11, 1.5])
