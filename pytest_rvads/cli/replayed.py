@@ -20,7 +20,7 @@ from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.report.earlier import earlier_run
 from pytest_rvads.report.facts import facts
 from pytest_rvads.report.folders import INDEX, run_file
-from pytest_rvads.report.record import Record
+from pytest_rvads.report.record import Record, RecordedItem
 from pytest_rvads.report.session_report import Report
 from pytest_rvads.runs.readers import read_runs
 from pytest_rvads.runs.run import Run
@@ -143,7 +143,7 @@ def _start(run: Run, record: Record) -> str:
     if isinstance(told, Mapping):
         with suppress(RvadsError):  # it is told by another version
             return recalled(told, run.junction, "scenario").describe()
-    return record.recording or record.run or ""
+    return record.recording if isinstance(record, RecordedItem) else record.run or ""
 
 
 def _recorded_verdicts(report: Report, but: Record) -> tuple[tuple[str, str, str], ...]:

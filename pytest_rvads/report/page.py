@@ -13,9 +13,9 @@ from typing import Any
 
 from pytest_rvads.outcome import Outcome
 from pytest_rvads.report.folders import option, sessions
-from pytest_rvads.report.matrix import group_of, member_of
+from pytest_rvads.report.matrix import member_of, place_of
 from pytest_rvads.report.outline import FAILURES, Block, Causes, Changes, Figures, Head, Notes, RollUp, Verdicts, outline
-from pytest_rvads.report.record import Record
+from pytest_rvads.report.record import Record, SimulatedItem
 from pytest_rvads.report.rollup import Sums
 from pytest_rvads.report.session_report import TOLD, Report
 from pytest_rvads.webpage import webpage
@@ -146,9 +146,11 @@ def _matrix(block: Verdicts) -> dict[str, Any]:
 
 
 def _item(record: Record, folder: Path, report: Report, session: str) -> dict[str, Any]:
+    group, _, (cfg, rule) = place_of(record)
+    driver, simulator = (record.driver, record.simulator) if isinstance(record, SimulatedItem) else ("", "")
     return {
         "id": record.nodeid,
-        "group": group_of(record),
+        "group": group,
         "junction": record.junction,
         "kind": record.kind,
         "status": record.status,
@@ -156,11 +158,11 @@ def _item(record: Record, folder: Path, report: Report, session: str) -> dict[st
         "known": bool(record.known),
         "change": record.change if record.change in TOLD else "",
         "member": member_of(record),
-        "cfg": record.cfg,
-        "rule": record.asks,
+        "cfg": cfg,
+        "rule": rule,
         "text": record.message,
-        "driver": record.driver,
-        "simulator": record.simulator,
+        "driver": driver,
+        "simulator": simulator,
         "look": _link(record.look, folder),
         "draw": _drawing(record, report, session),
     }

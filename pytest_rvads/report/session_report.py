@@ -9,7 +9,7 @@ from typing import Annotated
 
 from msgspec import Meta, Struct
 
-from pytest_rvads.report.record import Record
+from pytest_rvads.report.record import Record, RecordedItem
 
 __all__ = [
     "TOLD",
@@ -198,14 +198,10 @@ def begun(
 
 def cell_of(record: Record) -> Cell:
     """Return the cell of a table that a record belongs to; the rows of a class share it."""
-    return (
-        record.junction,
-        record.recording or record.orbit or record.cls,
-        record.cfg,
-        record.rule or record.test,
-        record.seat,
-        record.traffic,
-    )
+    rule = record.rule or record.test
+    if isinstance(record, RecordedItem):
+        return record.junction, record.recording, "", rule, None, None
+    return record.junction, record.orbit or record.cls, record.cfg, rule, record.seat, record.traffic
 
 
 def in_order(records: Sequence[Record]) -> tuple[Record, ...]:
