@@ -254,7 +254,7 @@ def conclude(  # noqa: PLR0913 - what pytest tells about the end of an item
     assertions, also where an xfail expected the latter. One that was skipped by somebody is NOT RUN; it never counts as a pass,
     and no failed test as anything but a failure.
     """
-    given = msgspec.convert(list(verdicts), tuple[Verdict, ...])
+    given = tuple(replace(verdict, explanation="") for verdict in verdicts)
     worst = min((verdict.outcome for verdict in given), key=lambda found: found.severity, default=None)
     if outcome != "failed":
         ran = Outcome.FAIL if known else Outcome.NOT_RUN if outcome == "skipped" else Outcome.PASS

@@ -309,6 +309,12 @@ def test_a_known_failure_without_a_rule_is_a_failure_and_not_something_that_did_
     assert conclude(start, [], "setup", "skipped", known="I7: too slow").status is Outcome.NOT_RUN
 
 
+def test_records_hold_no_explanations() -> None:
+    explained = Verdict("p1", Status.FAIL, "p1 at t=1.00 s", explanation="a0 entered before a1\n...")
+    (kept,) = conclude(record(1, Outcome.NOT_RUN), [explained], "call", "failed").verdicts
+    assert kept == structs.replace(explained, explanation="")
+
+
 def test_a_report_read_back_says_the_same(tmp_path: Path) -> None:
     report = everything()
     save(tmp_path / "r.json", report)
