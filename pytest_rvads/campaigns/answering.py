@@ -83,7 +83,7 @@ def judge(question: Question, job: Job) -> bytes:
         return encode(undecided(question, job, _told(error)))
     return encode(
         msgspec.structs.replace(
-            _started(question, job),
+            _started(job),
             simulator=made_by(question.simulator, run),
             hash=run.hash,
             duration=run.duration,
@@ -112,15 +112,15 @@ def _versions(names: tuple[str, ...]) -> dict[str, str]:
     return {name: version for name, version in versions(*names).items() if name in names}
 
 
-def _started(question: Question, job: Job) -> Judged:
+def _started(job: Job) -> Judged:
     """Return what is known of a case before it is simulated."""
     scenario = job.case.scenario
-    place = scenario.place
-    traced = tuple((rule.requirement,) if rule.requirement else () for rule in _rules(question, job))
+    place, name = scenario.place, run_id(scenario, job.traffic)
     return Judged(
         case=job.key,
         number=job.number,
-        name=run_id(scenario, job.traffic),
+        nodeid=name,
+        run=name,
         junction=place.name,
         control=str(place.control),
         ways=place.ways,
@@ -135,15 +135,12 @@ def _started(question: Question, job: Job) -> Judged:
         simulator="",
         place=place.digest[:12],
         verdicts=(),
-        requirements=traced if any(traced) else (),
     )
 
 
 def undecided(question: Question, job: Job, reason: str) -> Judged:
     """Return what there is to say of a case that has no run: by every rule an ERROR with its reason."""
-    return msgspec.structs.replace(
-        _started(question, job), verdicts=tuple(_error(rule, reason) for rule in _rules(question, job))
-    )
+    return msgspec.structs.replace(_started(job), verdicts=tuple(_error(rule, reason) for rule in _rules(question, job)))
 
 
 def _rules(question: Question, job: Job) -> tuple[Rule, ...]:
@@ -158,7 +155,8 @@ def _verdict(run: Run, rule: Rule) -> Verdict:
 
 
 def _error(rule: Rule, reason: str) -> Verdict:
-    return Verdict(rule=rule.name, status=Status.ERROR, message=f"{rule.name} ERROR: {reason}", reason=reason)
+    message = f"{rule.name} ERROR: {reason}"
+    return Verdict(rule.name, Status.ERROR, message, reason=reason, requirement=rule.requirement)
 
 
 def _told(error: Exception) -> str:

@@ -16,10 +16,11 @@ import msgspec
 import numpy as np
 
 from pytest_rvads.campaigns.head import FORMAT, VERSION, Head
-from pytest_rvads.campaigns.judged import Glance, Judged, records
+from pytest_rvads.campaigns.judged import Glance, Judged
 from pytest_rvads.decoding import decode, encode
 from pytest_rvads.errors import RvadsError
 from pytest_rvads.report.record import Record
+from pytest_rvads.report.run_record import by_rule
 from pytest_rvads.report.session_report import UNFINISHED, Report
 from pytest_rvads.storage import open_file
 
@@ -263,7 +264,7 @@ class _Records(Collection[Record]):
 
     def __iter__(self) -> Iterator[Record]:
         for judged in self._results:
-            yield from records(judged)
+            yield from by_rule(judged)
 
     def __contains__(self, record: object) -> bool:
         return any(one == record for one in self)

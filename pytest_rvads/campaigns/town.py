@@ -11,7 +11,7 @@ from typing import Any
 
 import msgspec
 
-from pytest_rvads.campaigns.judged import Judged, records
+from pytest_rvads.campaigns.judged import Judged
 from pytest_rvads.campaigns.shapes import REACH, Shape, shapes
 from pytest_rvads.campaigns.town_page import Site, TownMap
 from pytest_rvads.campaigns.town_plan import Asked, Plan
@@ -24,6 +24,7 @@ from pytest_rvads.junctions.finder import load, name_of
 from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.outcome import Outcome
 from pytest_rvads.report.record import Record
+from pytest_rvads.report.run_record import by_rule
 from pytest_rvads.report.session_report import Drawn
 from pytest_rvads.runs.measured import Divergence
 from pytest_rvads.scenarios.case import Case
@@ -197,11 +198,11 @@ class TownRecords(Collection[Record]):
 
     def __iter__(self) -> Iterator[Record]:
         for judged in self._judged:
-            for record in records(judged):
+            for record in by_rule(judged):
                 changes: dict[str, Any] = {}
-                if look := self._looks.get((judged.name, record.rule or "")):
+                if look := self._looks.get((judged.nodeid, record.rule or "")):
                     changes["look"] = look
-                if record.failed and (difference := self._flaky.get(judged.name)):
+                if record.failed and (difference := self._flaky.get(judged.nodeid)):
                     changes |= {"status": Outcome.FLAKY, "flaky": difference}
                 yield msgspec.structs.replace(record, **changes) if changes else record
 

@@ -9,8 +9,10 @@ from shutil import copyfileobj
 from urllib.parse import quote
 from uuid import uuid4
 
+from pytest_rvads.cli.check_output import line, unsure
 from pytest_rvads.cli.check_totals import Totals
-from pytest_rvads.cli.run_answers import NOTABLE, RunAnswer, VerdictAnswer
+from pytest_rvads.cli.run_answers import NOTABLE, RunAnswer
+from pytest_rvads.report.record import Record
 from pytest_rvads.webpage import webpage
 from pytest_rvads.wording import markup
 
@@ -29,9 +31,9 @@ class Index:
 
     def add(self, label: str, answer: RunAnswer) -> None:
         """Add a row per verdict that is not as it should be."""
-        for verdict in answer.verdicts:
-            if verdict.status in NOTABLE:
-                self._rows.write(_row(label, answer.file, verdict))
+        for record in answer.records:
+            if record.verdicts[0].status in NOTABLE:
+                self._rows.write(_row(label, answer.file, record))
 
     def write(self, totals: Totals) -> None:
         """Write the page."""
@@ -52,12 +54,11 @@ class Index:
             part.unlink(missing_ok=True)
 
 
-def _row(label: str, file: str, verdict: VerdictAnswer) -> str:
+def _row(label: str, file: str, record: Record) -> str:
+    verdict = record.verdicts[0]
     status = verdict.status.value
-    links = [f'<a href="{quote(name)}#t={time:.2f}">{time:.2f} s</a>' for name, time in verdict.pages]
-    told = [f"<p>{markup(what)}</p>" for what in (verdict.line.removeprefix(f"{status:5} "), *verdict.unsure)]
-    if verdict.undrawn:
-        links.append(f"<details><summary>explained</summary><pre>{markup(verdict.undrawn)}</pre></details>")
+    links = [_link(look) for look in (record.look, *record.looks) if look]
+    told = [f"<p>{markup(what)}</p>" for what in (line(verdict).removeprefix(f"{status:5} "), *unsure(verdict))]
     cells = (
         f'<td class="s {status}">{status}',
         f'<td title="{markup(file)}">{markup(label)}',
@@ -66,3 +67,9 @@ def _row(label: str, file: str, verdict: VerdictAnswer) -> str:
         f"<td>{' '.join(links)}",
     )
     return f"<tr>{''.join(cells)}</tr>\n"
+
+
+def _link(look: str) -> str:
+    name, _, time = look.rpartition("#t=")
+    explained = f"<details><summary>explained</summary><pre>{markup(look)}</pre></details>"
+    return f'<a href="{quote(name)}#t={time}">{time} s</a>' if name else explained

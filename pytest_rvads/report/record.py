@@ -96,6 +96,8 @@ class _Item(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, tag_f
     flaky: Divergence | None = None
     look: str = ""
     """The replay page, with the time of the violation."""
+    looks: tuple[str, ...] = ()
+    """Further replay pages, of later violations in a long recording."""
     change: str = ""
     """Since the baseline, where there is one."""
     variant: str = ""

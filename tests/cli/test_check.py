@@ -263,6 +263,7 @@ def test_periods_of_a_recording_are_lines_as_they_are_judged(log: str, jobs: str
     assert [[i["a"] for i in line["verdicts"]["full_stop"]["violated"]] for line in found] == [[f"v{n}"] for n in range(10)]
     assert {line["vehicles"] for line in found} == {1}
     assert {line["file"] for line in found} == {log}
+    assert {line["version"] for line in found} == {1}
 
 
 def test_of_many_doubts_the_first_are_told(runs: dict[str, Run], tmp_path: Path, capsys: Read) -> None:

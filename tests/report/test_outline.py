@@ -250,6 +250,7 @@ SUMMED_UP = {
     "unkept": "one note for all",
     "flaky": "as a cause",
     "look": "the page links them",
+    "looks": "likewise",
     "change": "in the list of changes",
 }
 """The fields of records that text does not say record by record, and what it says instead; JSON has all of them."""
