@@ -62,8 +62,7 @@ def _check(options: argparse.Namespace) -> int:
     from pytest_rvads.cli.answers import named_rules
     from pytest_rvads.cli.check_teller import Teller
     from pytest_rvads.cli.check_totals import Totals
-    from pytest_rvads.cli.in_order import judged
-    from pytest_rvads.cli.run_answers import Question
+    from pytest_rvads.cli.run_answers import Question, judged
     from pytest_rvads.cli.run_files import run_files
 
     names = tuple(options.rules or ["road"])

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections import deque
+from collections.abc import Generator, Iterable, Iterator, Sequence
+from contextlib import closing
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from shlex import quote
 
@@ -14,6 +17,7 @@ from pytest_rvads.conduct.kpis import kpis
 from pytest_rvads.conduct.validate import damage, validate
 from pytest_rvads.draw.replay import Beside
 from pytest_rvads.errors import RvadsError
+from pytest_rvads.executors import Failed, gathered
 from pytest_rvads.failure_page import failure_pages
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.judging.verdicts import Status, Verdict
@@ -26,8 +30,10 @@ from pytest_rvads.runs.run import Run
 from pytest_rvads.storage import slug, write_file
 from pytest_rvads.wording import one_line
 
-__all__ = ["NOTABLE", "Batch", "Judge", "Part", "Question", "RunAnswer"]
+__all__ = ["NOTABLE", "Batch", "Question", "RunAnswer", "judged"]
 
+_SIZE = 4
+"""Runs of a file that a process of several gets at a time."""
 _SHOWN = (Status.FAIL, Status.OPEN, Status.UNSURE)
 """The statuses of verdicts that have replay pages."""
 NOTABLE = (*_SHOWN, Status.ERROR)
@@ -49,17 +55,17 @@ class Question:
 
 
 @dataclass(frozen=True, slots=True)
-class Part:
+class _Part:
     """Some runs of a file."""
 
     file: str
     begin: int
     end: int
 
-    def rest(self, total: int) -> list[Part]:
+    def rest(self, total: int) -> list[_Part]:
         """Return what comes after the first part of a file of so many runs, in parts of the same size."""
         size = self.end - self.begin
-        return [Part(self.file, k, k + size) for k in range(self.end, total, size)] if self.begin == 0 else []
+        return [_Part(self.file, k, k + size) for k in range(self.end, total, size)] if self.begin == 0 else []
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,15 +109,55 @@ class Batch:
     """Why the file could not be read."""
 
 
-class Judge:
+class _Parts(Iterator[_Part]):
+    """The parts of files in the order in which they are judged; what is added comes before the next file."""
+
+    def __init__(self, files: Sequence[str], size: int) -> None:
+        self.rest: deque[_Part] = deque()
+        self._first = (_Part(file, 0, size) for file in files)
+        self._handed: dict[int, _Part] = {}
+        self._count = 0
+
+    def __next__(self) -> _Part:
+        part = self.rest.popleft() if self.rest else next(self._first)
+        self._handed[self._count] = part
+        self._count += 1
+        return part
+
+    def numbered(self, number: int) -> _Part:
+        """Return the part that was the job of this number, and forget it."""
+        return self._handed.pop(number)
+
+
+def judged(files: Sequence[str], question: Question, processes: int = 1) -> Generator[Batch, None, None]:
+    """Yield what is said of the runs of files, in order, as soon as it is known; close it to end the processes early."""
+    size = _SIZE if processes > 1 else 1  # without others each run is told at once
+    parts, done = _Parts(files, size), dict[_Part, Batch]()
+    due = deque(_Part(file, 0, size) for file in files)
+    with closing(gathered(_Judge(question), parts, processes, batch=1)) as answers:
+        for number, answer in answers:
+            part = parts.numbered(number)
+            done[part] = Batch(part.file, 0, error=f"{part.file}: {answer.error}") if isinstance(answer, Failed) else answer
+            parts.rest.extend(part.rest(done[part].total))
+            while due and due[0] in done:
+                part = due.popleft()
+                batch = done.pop(part)
+                due.extendleft(reversed(part.rest(batch.total)))
+                yield batch
+
+
+class _Judge:
     """Answers a question about runs, one after the other; the file that was read last is kept where it holds several."""
 
     def __init__(self, question: Question) -> None:
         self._question = question
-        self._rules = named_rules(question.rules)
         self._kept: tuple[str, Sequence[Run]] | None = None
 
-    def answer(self, part: Part) -> Batch:
+    @cached_property
+    def _rules(self) -> tuple[Rule, ...]:
+        return named_rules(self._question.rules)
+
+    def __call__(self, part: _Part) -> Batch:
         """Return what is said of a part of a file; what can't be read or judged is told in it, whatever it is."""
         try:
             runs = self._runs(part.file)
@@ -129,7 +175,7 @@ class Judge:
             self._kept = file, runs
         return self._kept[1]
 
-    def _answers(self, part: Part, runs: Sequence[Run], numbers: range) -> Iterator[RunAnswer]:
+    def _answers(self, part: _Part, runs: Sequence[Run], numbers: range) -> Iterator[RunAnswer]:
         for number in numbers:
             try:
                 yield self._one(part.file, number, runs[number])

@@ -297,7 +297,7 @@ def test_a_process_that_dies_costs_one_file(folder: Path, capsys: Read, monkeypa
     assert main(["check", str(folder), "-j", "2", "--rules", "p1", "--jsonl"]) == 2
     out, err = capsys.readouterr()
     assert [line["run"] for line in lines(out) if "run" in line] == ["d1", "d4", "d5"]
-    assert f"rvads: {folder}/d3.npz: the process that judged it died" in err
+    assert f"rvads: {folder}/d3.npz: the process that worked on it died" in err
     assert multiprocessing.active_children() == []
 
 
