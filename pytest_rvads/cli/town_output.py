@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import shutil
-import sys
 from collections.abc import Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pytest_rvads.cli.common import say
-from pytest_rvads.report.session_report import UNFINISHED, Report
+from pytest_rvads.cli.common import say, show
+from pytest_rvads.report.session_report import UNFINISHED
 
 if TYPE_CHECKING:
     from pytest_rvads.campaigns.resultsfile import Results
@@ -80,7 +78,10 @@ def written(order: Order, results: Results, folder: Path, executor: Executor | i
     page = town_page(title, told, town.pictures(), town.sites(), tallies, replays.looks, order.again)
     write_file(folder / "town.html", page.encode())
     save(folder / "town.json", report)
-    _summary(report, notes, folder)
+    show(report)
+    for note in notes:
+        say(note)
+    say(f"look: {folder / 'town.html'}")
     return status
 
 
@@ -92,14 +93,3 @@ def _status(tallies: Mapping[str, JunctionTally], missing: int, *, flaky: bool) 
     if flaky or any(outcome.bad for outcome in found):
         return FAILED
     return 0 if any(outcome.judges for outcome in found) else NOTHING
-
-
-def _summary(report: Report, notes: list[str], folder: Path) -> None:
-    from pytest_rvads.report.terminal import summary
-
-    width = shutil.get_terminal_size().columns
-    unicode = (sys.stdout.encoding or "").lower().startswith("utf")
-    print(summary(report, colour=sys.stdout.isatty(), width=width, unicode=unicode), end="")
-    for note in notes:
-        say(note)
-    say(f"look: {folder / 'town.html'}")

@@ -154,6 +154,8 @@ def read(form: str, text: str) -> str:
         return "\n".join(strings(json.loads(text)))
     if form == ".csv":
         return "\n".join(cell for row in csv.reader(text.splitlines()) for cell in row)
+    if form == ".xml":
+        return unescape(text)
     if form == ".md":
         return unescape(re.sub(r"\\([!-/:-@\[-`{-~])", r"\1", text)).replace("\u2060", "")
     return text
