@@ -1,35 +1,42 @@
-"""Telling what ``rvads check`` finds as it comes: on standard output, on standard error, and on the page."""
+"""Telling what ``rvads check`` finds as it comes, on standard output and standard error, and in reports at the end."""
 
 from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
 
-from pytest_rvads.cli.check_index import Index
+from msgspec.structs import replace
+
 from pytest_rvads.cli.check_output import output
 from pytest_rvads.cli.check_totals import Labels, Totals
 from pytest_rvads.cli.common import clear, progress
 from pytest_rvads.cli.run_answers import Batch, RunAnswer
+from pytest_rvads.report.files import save
+from pytest_rvads.report.journal import Spool
+from pytest_rvads.report.session_report import UNFINISHED, Report
+from pytest_rvads.versions import versions
 
 __all__ = ["Teller"]
 
 
 class Teller:
-    """Takes what is said of parts of files, in order; the page is written whatever ends it.
+    """Takes what is said of parts of files, in order; reports are written whatever ends it.
 
     Args:
         options: of the command.
         totals: where all of it is counted.
         files: how many there are.
+        reports: files to write reports to.
         alone: whether there is one, of which everything is told.
     """
 
-    def __init__(self, options: argparse.Namespace, totals: Totals, files: int, *, alone: bool) -> None:
+    def __init__(self, options: argparse.Namespace, totals: Totals, files: int, reports: Sequence[Path], *, alone: bool) -> None:
         self._totals, self._files, self._alone, self._verbose = totals, files, alone, options.verbose
         self._labels, self._output = Labels(), output(options, alone, totals)
-        self._index = None if options.html is None else Index(Path(options.html))
+        self._reports, self._records = reports, Spool()
         # Who reads JSON may read standard error along with it.
         self._bar = sys.stderr.isatty() or not (options.json or options.jsonl)
 
@@ -41,8 +48,20 @@ class Teller:
             if kind is None:
                 self._output.close()
         finally:
-            if self._index:
-                self._index.write(self._totals)
+            self._report(whole=kind is None)
+
+    def _report(self, *, whole: bool) -> None:
+        notes = () if whole else ("INCOMPLETE: rvads check did not come to its end, so runs are missing",)
+        report = Report(
+            self._records,
+            versions=versions(),
+            exitstatus=self._totals.status if whole else UNFINISHED,
+            notes=(*notes, *self._totals.troubles),
+            complete=whole,
+            again="",
+        )
+        for path in self._reports:
+            save(path, report)
 
     def tell(self, batch: Batch) -> None:
         """Tell what is said of a part of a file."""
@@ -66,5 +85,5 @@ class Teller:
             self._totals.trouble(f"{label} {error}")
         self._totals.add(answer)
         self._output.run(label, answer)
-        if self._index:
-            self._index.add(label, answer)
+        for record in answer.records if self._reports else ():
+            self._records.add(replace(record, nodeid=f"{label}-{record.rule}", recording=label))

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-from collections import Counter
-
 from pytest_rvads.cli.common import warn
 from pytest_rvads.cli.run_answers import Batch, RunAnswer
 from pytest_rvads.logic.judging.verdicts import Status
+from pytest_rvads.report.at_junctions import AtJunctions
+from pytest_rvads.report.rollup import sums
+from pytest_rvads.report.session_report import UNFINISHED
+from pytest_rvads.wording import plural
 
 __all__ = ["Labels", "Totals"]
 
 _MOST_DOUBTS = 20
+NOTHING_JUDGED = 5
+"""Exit status where nothing was found out, as of a session that collected nothing."""
 
 
 class Labels:
@@ -33,14 +37,16 @@ class Totals:
     """Counts what was said of all runs."""
 
     def __init__(self) -> None:
-        self.verdicts: Counter[tuple[str, Status]] = Counter()
-        """By rule and status."""
-        self.runs = self.vehicles = self.files = self.troubles = self._doubts = 0
+        self._at = AtJunctions({})
+        self._statuses: set[Status] = set()
+        self.troubles: list[str] = []
+        """What could not be read or judged, a sentence each."""
+        self.runs = self.vehicles = self.files = self._doubts = 0
         self._left: dict[str, int] = {}
 
     def trouble(self, sentence: str) -> None:
         """Tell what could not be read or judged."""
-        self.troubles += 1
+        self.troubles.append(sentence)
         warn(f"rvads: {sentence}")
 
     def doubt(self, sentence: str, *, every: bool) -> None:
@@ -55,7 +61,9 @@ class Totals:
         """Count what is said of a run."""
         self.runs += 1
         self.vehicles += answer.vehicles
-        self.verdicts.update((v.rule, v.status) for v in answer.verdicts)
+        self._statuses.update(verdict.status for verdict in answer.verdicts)
+        for record in answer.records:
+            self._at.add(record)
 
     def finish(self, batch: Batch) -> bool:
         """Return whether a file is finished with a part of it."""
@@ -67,33 +75,38 @@ class Totals:
         return True
 
     def lines(self) -> list[str]:
-        """Return the numbers of verdicts as a table, and the sums."""
-        statuses = [status for status in Status if any(s is status for _, s in self.verdicts)]
-        rules = list(dict.fromkeys(rule for rule, _ in self.verdicts))
-        wide = max(map(len, rules), default=0)
-        lines = [" " * wide + "".join(f"{status.value:>8}" for status in statuses)] if rules else []
-        lines += [f"{rule:{wide}}" + "".join(f"{self.verdicts[rule, s] or '':>8}" for s in statuses) for rule in rules]
-        return [*map(str.rstrip, lines), self.sums]
+        """Return the numbers of verdicts by rule as a table, and how much was judged."""
+        _, rules, _ = sums(self._at.found)
+        kinds = [kind.value for kind in rules.kinds if kind]
+        table = [("", *kinds), *((row.name, *(str(count or "") for count in row.counts)) for row in rules.rows)]
+        name = max((len(row.name) for row in rules.rows), default=0)
+        lines = [f"{cells[0]:{name}}" + "".join(map(_right, cells[1:], kinds)) for cells in table] if rules.rows else []
+        return [*map(str.rstrip, lines), self._judged]
 
     @property
-    def sums(self) -> str:
-        """How much was judged, in a sentence."""
-        told = f"{_several(self.runs, 'run')}, {_several(self.vehicles, 'vehicle')} judged"
-        return f"{told}; {_several(self.troubles, 'thing')} could not be read or judged" if self.troubles else told
+    def _judged(self) -> str:
+        told = f"{plural(self.runs, 'run')}, {plural(self.vehicles, 'vehicle')} judged"
+        return f"{told}; {plural(len(self.troubles), 'thing')} could not be read or judged" if self.troubles else told
+
+    @property
+    def status(self) -> int:
+        """The exit status."""
+        if self.troubles:
+            return UNFINISHED
+        if not self._statuses & {Status.PASS, Status.FAIL, Status.OPEN}:
+            return NOTHING_JUDGED
+        return 1 if self._statuses & {Status.FAIL, Status.OPEN} else 0
 
     def exit_status(self, *, told: bool) -> int:
         """Return the exit status; what is `told` to a program is not also told by 1 and 5."""
-        found = {status for _, status in self.verdicts}
-        if self.troubles:
-            return 2
-        if told:
+        if told and not self.troubles:
             return 0
-        if not found & {Status.PASS, Status.FAIL, Status.OPEN}:
-            why = "every verdict that applies is UNSURE" if Status.UNSURE in found else "no rule applies to any of these runs"
+        if self.status == NOTHING_JUDGED:
+            unsure = "every verdict that applies is UNSURE"
+            why = unsure if Status.UNSURE in self._statuses else "no rule applies to any of these runs"
             warn(f"rvads: nothing was judged: {why}")
-            return 5
-        return 1 if found & {Status.FAIL, Status.OPEN} else 0
+        return self.status
 
 
-def _several(count: int, what: str) -> str:
-    return f"{count:,} {what}{'' if count == 1 else 's'}"
+def _right(text: str, kind: str) -> str:
+    return f"{text:>{max(8, len(kind) + 2)}}"

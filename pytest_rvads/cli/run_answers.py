@@ -245,7 +245,7 @@ class _Judge:
             for page in failure_pages(run, verdict, rule, notes, beside):
                 name = f"{slug(f'{run.label}-{rule.name}-{number}.{len(pages)}-{file}')}.html"
                 write_file(Path(self._question.pages) / name, page.html.encode())
-                pages.append(f"{name}#t={page.time:.2f}")
+                pages.append(f"{Path(self._question.pages) / name}#t={page.time:.2f}")
         except Exception as error:
             pages.append(f"not drawn: {_told(error)}\n{notes}")
         return tuple(pages)

@@ -1,8 +1,9 @@
-"""The journal of a session: its records on disk as they come, so that they need no memory and outlive the process."""
+"""Records on disk as they come, so that they need no memory; those of a session also outlive its process."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import weakref
+from collections.abc import Collection, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import replace
 from os import fstat
@@ -20,7 +21,7 @@ from pytest_rvads.report.record import Record
 from pytest_rvads.report.session_report import UNFINISHED, Report, in_order
 from pytest_rvads.storage import read_file
 
-__all__ = ["Journal", "claim", "journal_of", "recovered"]
+__all__ = ["Journal", "Spool", "claim", "journal_of", "recovered"]
 
 _SHOWN = 3
 """Items without a verdict that are named."""
@@ -77,6 +78,31 @@ class Journal:
         """Let go of the file."""
         if self._file:
             self._file.close()
+
+
+class Spool(Collection[Record]):
+    """Records in a file without a name, a line of JSON each; every pass reads them anew."""
+
+    def __init__(self) -> None:
+        self._file = TemporaryFile()  # noqa: SIM115 - closed with the last reference to these records
+        weakref.finalize(self, self._file.close)
+        self._count = 0
+
+    def add(self, record: Record) -> None:
+        """Write a record down, before any pass begins."""
+        self._file.write(encode(record) + b"\n")
+        self._count += 1
+
+    def __iter__(self) -> Iterator[Record]:
+        decoder = msgspec.json.Decoder(Record)
+        self._file.seek(0)
+        yield from map(decoder.decode, self._file)
+
+    def __len__(self) -> int:
+        return self._count
+
+    def __contains__(self, record: object) -> bool:
+        return any(kept == record for kept in self)
 
 
 def _begun(path: Path | None) -> IO[bytes] | None:

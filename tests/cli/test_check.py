@@ -23,6 +23,7 @@ from pytest_rvads.logic.check import check
 from pytest_rvads.logic.judging.verdicts import InstanceVerdict, Status, Verdict
 from pytest_rvads.logic.rules.book import rulebook
 from pytest_rvads.logic.rules.rule import Rule
+from pytest_rvads.report.files import FORMATS, load
 from pytest_rvads.runs.itineraries import Itinerary
 from pytest_rvads.runs.readers import read_runs
 from pytest_rvads.runs.recording import Recording, Track
@@ -168,6 +169,31 @@ def test_of_many_runs_what_is_wrong_is_printed_and_the_sums(folder: Path, capsys
     assert err.splitlines() == ["1/4 files", "2/4 files", "3/4 files", "4/4 files"]
     main(["check", str(folder), "--rules", "p1", "--rules", "p4", "-v"])
     assert "  PASS  p1: kept in 1 of 1 instances\n" in capsys.readouterr().out
+
+
+def test_reports_of_all_formats_hold_a_record_per_run_and_rule(folder: Path, tmp_path: Path, capsys: Read) -> None:
+    paths = [tmp_path / f"out{ending}" for ending in FORMATS]
+    reports = [word for path in paths for word in ("--report", str(path))]
+    assert main(["check", str(folder), "--rules", "p1", "--rules", "p4", *reports]) == 2
+    printed = capsys.readouterr().out
+    report = load(tmp_path / "out.json")
+    told = [(record.nodeid, record.status, record.outcome) for record in report.records]
+    assert told[:4] == [
+        ("d1-p1", "PASS", "passed"),
+        ("d1-p4", "NA", "skipped"),
+        ("d3-p1", "FAIL", "failed"),
+        ("d3-p4", "NA", "skipped"),
+    ]
+    assert len(told) == 8
+    assert report.exitstatus == 2
+    assert [note for note in report.notes if "d2.npz" in note]
+    table = re.findall(r"^p1 +(\d+) +(\d+)$", printed, re.MULTILINE)
+    assert table == [("2", "2")]
+    for path in paths:
+        assert "8 verdicts on 4 runs: 2 pass, 2 fail, 4 na" in path.read_text(encoding="utf-8").lower()
+    assert main(["report", "compare", str(tmp_path / "out.json"), str(tmp_path / "out.json")]) == 0
+    assert main(["check", str(folder), "--report", "out.txt"]) == 2
+    assert "a report is a .json" in capsys.readouterr().err
 
 
 def test_verdicts_come_one_by_one_and_no_run_is_held(folder: Path, capsys: Read, monkeypatch: pytest.MonkeyPatch) -> None:
