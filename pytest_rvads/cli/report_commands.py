@@ -56,7 +56,8 @@ def declare(commands: Subparsers) -> None:
         metavar="OUT",
         action="append",
         default=[],
-        help="write the comparison too, as FILE.html, FILE.md or FILE.json; repeatable",
+        help="write the comparison too, as FILE.html, FILE.md or FILE.json, or in another format of reports B with what changed "
+        "since A; repeatable",
     )
     compare.add_argument("--erosion", type=_seconds, default=0.5, metavar="SECONDS", help="as --rvads-erosion (default 0.5)")
     compare.add_argument(
@@ -130,13 +131,12 @@ def _merge(options: argparse.Namespace) -> int:
 
 
 def _compare(options: argparse.Namespace) -> int:
+    from pytest_rvads.report.files import fitting
     from pytest_rvads.report.journal import recovered
     from pytest_rvads.report.side_by_side import side_by_side
-    from pytest_rvads.report.side_by_side_forms import fitting, save, text
+    from pytest_rvads.report.side_by_side_forms import save, text
 
-    outputs = list(map(Path, options.output))
-    for path in outputs:
-        fitting(path)  # before time is spent on reading
+    outputs = list(map(fitting, options.output))
     a, b = ((name, recovered(Path(name))) for name in (options.a, options.b))
     found = side_by_side(a, b, options.erosion)
     print(text(found, shutil.get_terminal_size().columns))

@@ -86,6 +86,9 @@ def declare(commands: Subparsers) -> None:
     town.add_argument(
         "--once-per-shape", action="store_true", help="of junctions that are the same up to a motion simulate the first alone"
     )
+    town.add_argument(
+        "--report", action="append", default=[], metavar="FILE", help="write a report, in the format of its ending; repeatable"
+    )
     town.add_argument("-o", "--out", metavar="DIR", help="folder to write to (default: rvads-town)")
     town.add_argument("--list", action="store_true", help="print the ids of the runs, and simulate nothing")
     town.set_defaults(command=_town)
@@ -141,10 +144,12 @@ def _understood(options: argparse.Namespace, driver: Any) -> Order:
     from pytest_rvads.logic.rules.book import rules_for
     from pytest_rvads.logic.rules.rulefile import load_rules
     from pytest_rvads.maps.control import JunctionControl
+    from pytest_rvads.report.files import fitting
     from pytest_rvads.scenarios.configurations import grid
     from pytest_rvads.scenarios.scenario import check_followers
     from pytest_rvads.simulators.simulator import meant, named
 
+    reports = tuple(map(fitting, options.report))
     subject = _subject(options.subject)
     if options.traffic is not None and subject is None:
         raise ScenarioError("--traffic drives the vehicles beside a subject: say --subject N or all, or leave --traffic out")
@@ -176,7 +181,7 @@ def _understood(options: argparse.Namespace, driver: Any) -> Order:
         once_per_shape=options.once_per_shape,
     )
     simulator = named(options.simulator, Path.cwd()) if options.simulator else meant()
-    return Order(town, simulator, _again(options))
+    return Order(town, simulator, _again(options), reports)
 
 
 def _subject(text: str) -> int | str | None:

@@ -31,6 +31,8 @@ class Order:
     simulator: Simulator
     again: str
     """The command that runs some of it again; ids follow."""
+    reports: tuple[Path, ...] = ()
+    """Files to write reports to, beside that in the folder of the town."""
 
 
 def written(order: Order, results: Results, folder: Path, executor: Executor | int | None, cut: str = "") -> int:
@@ -64,7 +66,7 @@ def written(order: Order, results: Results, folder: Path, executor: Executor | i
     status = _status(tallies, missing, flaky=bool(replays.flaky))
     report = replace(
         results.report(again=order.again),
-        records=TownRecords(judged, replays.looks, replays.flaky),
+        records=TownRecords(judged, {key: f"{folder / page}" for key, page in replays.looks.items()}, replays.flaky),
         notes=tuple(notes),
         exitstatus=status,
         complete=not missing,
@@ -77,7 +79,8 @@ def written(order: Order, results: Results, folder: Path, executor: Executor | i
     told = [*notes, *(f"{one.taken:,} of {one.total:,} {one.what} drawn, seed {one.seed}" for one in report.drawn)]
     page = town_page(title, told, town.pictures(), town.sites(), tallies, replays.looks, order.again)
     write_file(folder / "town.html", page.encode())
-    save(folder / "town.json", report)
+    for path in (folder / "town.json", *order.reports):
+        save(path, report)
     show(report)
     for note in notes:
         say(note)

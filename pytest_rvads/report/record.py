@@ -303,5 +303,6 @@ def properties(record: Record) -> list[tuple[str, Any]]:
         *([("variant", record.variant)] if record.variant else []),
         ("rule", record.rule or record.test),
         ("verdict", record.status.value),
+        *([("change", record.change)] if record.change else []),
         *made,
     ]

@@ -1,8 +1,8 @@
-"""What is told of two sessions side by side: in a terminal, as a page, as Markdown, as JSON."""
+"""What is told of two sessions side by side: in a terminal, as a page, Markdown or JSON, and as a report of the later one."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from itertools import groupby
@@ -13,8 +13,8 @@ from typing import Any
 import msgspec
 
 from pytest_rvads.decoding import encode
-from pytest_rvads.errors import RvadsError
 from pytest_rvads.outcome import Tallied, counted
+from pytest_rvads.report.files import FORMATS, fitting
 from pytest_rvads.report.markdown import section
 from pytest_rvads.report.matrix import SAME, Entry, Matrix
 from pytest_rvads.report.side_by_side import Ruled, Shared, SideBySide, changed, differing
@@ -22,7 +22,7 @@ from pytest_rvads.storage import write_file
 from pytest_rvads.webpage import webpage
 from pytest_rvads.wording import first, one_line, plural
 
-__all__ = ["Section", "fitting", "save", "sections", "text"]
+__all__ = ["Section", "save", "sections", "text"]
 
 _TITLE = "rvads: two sessions side by side"
 _MOST = 10
@@ -55,25 +55,19 @@ def text(found: SideBySide, width: int) -> str:
     return "\n".join(lines)
 
 
-def fitting(path: Path) -> Callable[[SideBySide], str]:
-    """Return what makes the text of a file, by its ending.
-
-    Raises:
-        RvadsError: another ending.
-    """
-    if path.suffix not in _FORMATS:
-        raise RvadsError(f"a comparison is a {', '.join(_FORMATS)} file, got {str(path)!r}")
-    return _FORMATS[path.suffix]
-
-
 def save(path: Path, found: SideBySide) -> None:
     """Write two sessions side by side, in the format that the ending of `path` names.
+
+    A format that has a row or case per item, and nothing that could stand side by side, tells the later session and what changed.
 
     Raises:
         RvadsError: another ending.
         OSError: the file can't be written.
     """
-    write_file(path, [fitting(path)(found).encode("utf-8", "backslashreplace")])
+    own = _FORMATS.get(fitting(path).suffix)
+    text = own(found) if own else FORMATS[path.suffix](found.later, path.parent)
+    pieces: Iterable[str] = [text] if isinstance(text, str) else text
+    write_file(path, (piece.encode("utf-8", "backslashreplace") for piece in pieces))
 
 
 def sections(found: SideBySide, most: int | None = None) -> Iterator[Section]:
@@ -238,4 +232,4 @@ def _by_name(counts: dict[Tallied, int]) -> dict[str, int]:
 
 
 _FORMATS: dict[str, Callable[[SideBySide], str]] = {".html": _page, ".md": _markdown, ".json": _json}
-"""What makes the text of a file, by its ending."""
+"""What shows both sessions, by the ending of the file."""
