@@ -7,14 +7,12 @@ from pytest_rvads.cli.run_answers import Batch, RunAnswer
 from pytest_rvads.logic.judging.verdicts import Status
 from pytest_rvads.report.at_junctions import AtJunctions
 from pytest_rvads.report.rollup import sums
-from pytest_rvads.report.session_report import UNFINISHED
+from pytest_rvads.report.session_report import NOTHING_JUDGED, UNFINISHED
 from pytest_rvads.wording import plural
 
 __all__ = ["Labels", "Totals"]
 
 _MOST_DOUBTS = 20
-NOTHING_JUDGED = 5
-"""Exit status where nothing was found out, as of a session that collected nothing."""
 
 
 class Labels:

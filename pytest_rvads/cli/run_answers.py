@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Generator, Iterable, Iterator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from functools import cached_property
@@ -16,19 +16,16 @@ from pytest_rvads.cli.answers import named_rules
 from pytest_rvads.conduct.kpis import kpis
 from pytest_rvads.conduct.validate import damage, validate
 from pytest_rvads.draw.replay import Beside
-from pytest_rvads.errors import RvadsError
 from pytest_rvads.executors import Failed, gathered
 from pytest_rvads.failure_page import failure_pages
-from pytest_rvads.logic.check import check
 from pytest_rvads.logic.judging.verdicts import Status, Verdict
 from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.report.record import Record, planned_record
-from pytest_rvads.report.run_record import by_rule, computing, took_part
+from pytest_rvads.report.run_record import by_rule, of_run, sentence, summed, verdict_by
 from pytest_rvads.runs.measured import Kpis
 from pytest_rvads.runs.readers import read_runs
 from pytest_rvads.runs.run import Run
 from pytest_rvads.storage import slug, write_file
-from pytest_rvads.wording import one_line
 
 __all__ = ["NOTABLE", "Batch", "Question", "RunAnswer", "judged"]
 
@@ -163,7 +160,7 @@ class _Judge:
             runs = self._runs(part.file)
             total = len(runs)
         except Exception as error:
-            return Batch(part.file, 0, error=_told(error))
+            return Batch(part.file, 0, error=sentence(error))
         return Batch(part.file, total, tuple(self._answers(part, runs, range(part.begin, min(part.end, total)))))
 
     def _runs(self, file: str) -> Sequence[Run]:
@@ -180,16 +177,13 @@ class _Judge:
             try:
                 yield self._one(part.file, number, runs[number])
             except Exception as error:
-                yield RunAnswer(part.file, f"run {number + 1}", 0.0, False, 0, errors=(f"can't be judged: {_told(error)}",))
+                yield RunAnswer(part.file, f"run {number + 1}", 0.0, False, 0, errors=(f"can't be judged: {sentence(error)}",))
 
     def _one(self, file: str, number: int, run: Run) -> RunAnswer:
         reasons: dict[str, list[str]] = {}
         given: list[tuple[Rule, Verdict]] = []
         for rule in self._rules:
-            try:
-                verdict = check(run, rule)
-            except Exception as error:
-                verdict = Verdict(rule.name, Status.ERROR, f"{rule.name} ERROR: {_told(error)}", reason=_told(error))
+            verdict = verdict_by(run, rule)
             if verdict.status is Status.ERROR:
                 reasons.setdefault(verdict.reason, []).append(rule.name)
             given.append((rule, verdict))
@@ -200,12 +194,8 @@ class _Judge:
             planned_record(run.label, 0, "", keys, place.ways),
             verdicts=tuple(verdict for _, verdict in given),
             run=run.label,
-            hash=run.hash,
-            place=place.digest[:12],
-            duration=run.duration,
-            agents=took_part(run),
             kpis=kpis(run) if asked and not damage(run) else None,
-            timing=computing(run),
+            **of_run(run),
         )
         records = [
             self._shown(record, self._pages(file, number, run, rule, verdict, given))
@@ -239,7 +229,7 @@ class _Judge:
         again = f"rvads check {quote(file)} --rules {rule.name}"
         notes = f"{verdict.explanation}\nrecorded  {file}\nrerun     {again}"
         facts = ("recorded", file), ("rule", f"{rule.name}: {rule.title}" if rule.title else rule.name), ("rerun", again)
-        beside = Beside(facts, _summed(other for _, other in given if other is not verdict), "index.html")
+        beside = Beside(facts, summed(other for _, other in given if other is not verdict), "index.html")
         pages: list[str] = []
         try:
             for page in failure_pages(run, verdict, rule, notes, beside):
@@ -247,17 +237,5 @@ class _Judge:
                 write_file(Path(self._question.pages) / name, page.html.encode())
                 pages.append(f"{Path(self._question.pages) / name}#t={page.time:.2f}")
         except Exception as error:
-            pages.append(f"not drawn: {_told(error)}\n{notes}")
+            pages.append(f"not drawn: {sentence(error)}\n{notes}")
         return tuple(pages)
-
-
-def _summed(verdicts: Iterable[Verdict]) -> tuple[tuple[str, str, str], ...]:
-    """Return rule, status and message of verdicts, the worst first."""
-    ordered = sorted(verdicts, key=lambda verdict: verdict.outcome.severity)
-    return tuple((verdict.rule, verdict.outcome.value, verdict.message) for verdict in ordered)
-
-
-def _told(error: Exception) -> str:
-    """Return an error in one sentence; of one that nobody raised on purpose, also its kind."""
-    text = str(error) if isinstance(error, RvadsError | OSError) else f"{type(error).__name__}: {error}"
-    return one_line(text)

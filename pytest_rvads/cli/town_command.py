@@ -14,8 +14,9 @@ from typing import TYPE_CHECKING, Any
 
 from pytest_rvads.cli import executor_options
 from pytest_rvads.cli.common import Subparsers, say, terminable, warn
-from pytest_rvads.cli.town_output import NOTHING, Order, written
+from pytest_rvads.cli.town_output import Order, written
 from pytest_rvads.errors import AutopilotError, RvadsError, ScenarioError
+from pytest_rvads.report.session_report import NOTHING_JUDGED
 from pytest_rvads.wording import plural
 
 if TYPE_CHECKING:
@@ -240,7 +241,7 @@ def _nothing(town: Town) -> int:
     if town.plan.only:
         raise ScenarioError(f"no run has an id like {', '.join(map(repr, town.plan.only))}: `rvads town MAP --list` prints them")
     warn("rvads: nothing to judge: every junction is refused")
-    return NOTHING
+    return NOTHING_JUDGED
 
 
 def _judged(order: Order, options: argparse.Namespace, folder: Path, executor: Executor | int | None) -> int:

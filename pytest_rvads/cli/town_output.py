@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pytest_rvads.cli.common import say, show
-from pytest_rvads.report.session_report import UNFINISHED
+from pytest_rvads.report.session_report import NOTHING_JUDGED, UNFINISHED
 
 if TYPE_CHECKING:
     from pytest_rvads.campaigns.resultsfile import Results
@@ -17,10 +17,7 @@ if TYPE_CHECKING:
     from pytest_rvads.campaigns.town_tally import JunctionTally
     from pytest_rvads.simulators.simulator import Simulator
 
-__all__ = ["NOTHING", "Order", "written"]
-
-FAILED, NOTHING = 1, 5
-"""Exit statuses, as of a session."""
+__all__ = ["Order", "written"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +43,7 @@ def written(order: Order, results: Results, folder: Path, executor: Executor | i
         cut: why results are missing, or nothing.
     """
     from pytest_rvads.campaigns.replays import Replays, draw_replays
-    from pytest_rvads.campaigns.town import TownRecords, tallied
+    from pytest_rvads.campaigns.town import tallied, town_records
     from pytest_rvads.campaigns.town_page import town_page
     from pytest_rvads.cli.progress_bar import progressing
     from pytest_rvads.report.files import save
@@ -66,7 +63,7 @@ def written(order: Order, results: Results, folder: Path, executor: Executor | i
     status = _status(tallies, missing, flaky=bool(replays.flaky))
     report = replace(
         results.report(again=order.again),
-        records=TownRecords(judged, {key: f"{folder / page}" for key, page in replays.looks.items()}, replays.flaky),
+        records=town_records(judged, {key: f"{folder / page}" for key, page in replays.looks.items()}, replays.flaky),
         notes=tuple(notes),
         exitstatus=status,
         complete=not missing,
@@ -94,5 +91,5 @@ def _status(tallies: Mapping[str, JunctionTally], missing: int, *, flaky: bool) 
     if missing:
         return UNFINISHED
     if flaky or any(outcome.bad for outcome in found):
-        return FAILED
-    return 0 if any(outcome.judges for outcome in found) else NOTHING
+        return 1
+    return 0 if any(outcome.judges for outcome in found) else NOTHING_JUDGED

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import weakref
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import replace
 from os import fstat
@@ -17,7 +17,7 @@ import msgspec
 from pytest_rvads.decoding import encode
 from pytest_rvads.errors import RvadsError
 from pytest_rvads.report.files import MOST, read
-from pytest_rvads.report.record import Record
+from pytest_rvads.report.record import Anew, Record
 from pytest_rvads.report.session_report import UNFINISHED, Report, in_order
 from pytest_rvads.storage import read_file
 
@@ -80,29 +80,23 @@ class Journal:
             self._file.close()
 
 
-class Spool(Collection[Record]):
-    """Records in a file without a name, a line of JSON each; every pass reads them anew."""
+class Spool(Anew):
+    """Records in a file without a name, a line of JSON each; every pass reads them."""
 
     def __init__(self) -> None:
         self._file = TemporaryFile()  # noqa: SIM115 - closed with the last reference to these records
+        self._lines = 0
         weakref.finalize(self, self._file.close)
-        self._count = 0
+        super().__init__(self._read, lambda: self._lines)
 
     def add(self, record: Record) -> None:
         """Write a record down, before any pass begins."""
         self._file.write(encode(record) + b"\n")
-        self._count += 1
+        self._lines += 1
 
-    def __iter__(self) -> Iterator[Record]:
-        decoder = msgspec.json.Decoder(Record)
+    def _read(self) -> Iterator[Record]:
         self._file.seek(0)
-        yield from map(decoder.decode, self._file)
-
-    def __len__(self) -> int:
-        return self._count
-
-    def __contains__(self, record: object) -> bool:
-        return any(kept == record for kept in self)
+        yield from map(msgspec.json.Decoder(Record).decode, self._file)
 
 
 def _begun(path: Path | None) -> IO[bytes] | None:

@@ -12,6 +12,7 @@ from msgspec import Meta, Struct
 from pytest_rvads.report.record import Record, RecordedItem
 
 __all__ = [
+    "NOTHING_JUDGED",
     "TOLD",
     "UNFINISHED",
     "Cell",
@@ -28,6 +29,9 @@ __all__ = [
 
 UNFINISHED = 2
 """Exit status of a session that did not come to its end, as of one that was interrupted."""
+
+NOTHING_JUDGED = 5
+"""Exit status where nothing was found out, as of a session that collected nothing."""
 
 Cell = tuple[str, int | str, str, str, int | None, str | None]
 """Junction, class, configuration, rule, seat of the subject, traffic around it; where a test has no rule axis, its name stands
