@@ -7,7 +7,7 @@ import json
 import math
 import sys
 from collections.abc import Iterator
-from typing import Any, Protocol
+from typing import Any
 
 from pytest_rvads.cli.check_totals import Totals
 from pytest_rvads.cli.common import say
@@ -26,8 +26,8 @@ _LISTED = {Status.FAIL: "violated", Status.OPEN: "open", Status.UNSURE: "unsure"
 """What instances are listed under in JSON."""
 
 
-class Output(Protocol):
-    """What is printed."""
+class Output:
+    """What is printed; some outputs leave the rest to standard error."""
 
     def run(self, label: str, answer: RunAnswer) -> None:
         """Print what is said of a run."""
@@ -59,7 +59,7 @@ def unsure(verdict: Verdict) -> Iterator[str]:
         yield from (": ".join(filter(None, (", ".join(name for _, name in i.binding), i.hangs))) for i in doubts)
 
 
-class _Text:
+class _Text(Output):
     """For people: of one file everything, of several what is not as it should be, unless they want all."""
 
     def __init__(self, alone: bool, verbose: bool, totals: Totals) -> None:
@@ -75,9 +75,6 @@ class _Text:
         indicators = [] if answer.kpis is None else list(describe(answer.kpis))
         if lines or whole or indicators:
             say("\n  ".join((label, *lines, *indicators)))
-
-    def unread(self, batch: Batch) -> None:
-        """It is told on standard error."""
 
     def close(self) -> None:
         if self._totals.runs and (self._excerpts or not self._alone):
@@ -104,7 +101,7 @@ def _verdicts(answer: RunAnswer) -> dict[str, Any]:
     return {verdict.rule: _verdict(verdict) for verdict in answer.verdicts}
 
 
-class _Object:
+class _Object(Output):
     """One JSON object, written piece by piece: runs are not held until the last is judged."""
 
     def __init__(self) -> None:
@@ -115,9 +112,6 @@ class _Object:
         self._put(f"{self._before}\n{json.dumps(label)}: {json.dumps(told)}")
         self._before = ","
 
-    def unread(self, batch: Batch) -> None:
-        """It is told on standard error: the object has a member per run."""
-
     def close(self) -> None:
         self._put("{}\n" if self._before == "{" else "\n}\n")
 
@@ -126,7 +120,7 @@ class _Object:
         sys.stdout.flush()
 
 
-class _Lines:
+class _Lines(Output):
     """A JSON object per run and line."""
 
     def run(self, label: str, answer: RunAnswer) -> None:
@@ -137,9 +131,6 @@ class _Lines:
 
     def unread(self, batch: Batch) -> None:
         self._put({"file": batch.file, "errors": [batch.error]})
-
-    def close(self) -> None:
-        """Every line is printed."""
 
     def _put(self, told: dict[str, Any]) -> None:
         print(json.dumps({"version": VERSION} | told), flush=True)

@@ -11,7 +11,7 @@ from types import TracebackType
 from msgspec.structs import replace
 
 from pytest_rvads.cli.check_output import output
-from pytest_rvads.cli.check_totals import Labels, Totals
+from pytest_rvads.cli.check_totals import Totals
 from pytest_rvads.cli.common import clear, progress
 from pytest_rvads.cli.run_answers import Batch, RunAnswer
 from pytest_rvads.report.files import save
@@ -35,7 +35,7 @@ class Teller:
 
     def __init__(self, options: argparse.Namespace, totals: Totals, files: int, reports: Sequence[Path], *, alone: bool) -> None:
         self._totals, self._files, self._alone, self._verbose = totals, files, alone, options.verbose
-        self._labels, self._output = Labels(), output(options, alone, totals)
+        self._labels, self._output = set[str](), output(options, alone, totals)
         self._reports, self._records = reports, Spool()
         # Who reads JSON may read standard error along with it.
         self._bar = sys.stderr.isatty() or not (options.json or options.jsonl)
@@ -71,14 +71,14 @@ class Teller:
             self._output.unread(batch)
         for answer in batch.answers:
             self._run(answer)
-        finished = self._totals.finish(batch)
-        if self._bar and self._files > 1 and finished:
+        self._totals.files += batch.last
+        if self._bar and self._files > 1 and batch.last:
             progress(self._totals.files, self._files, "files")
         elif self._bar and self._files == 1 < batch.total and any(answer.excerpt for answer in batch.answers):
             progress(self._totals.runs, batch.total, "busy periods")
 
     def _run(self, answer: RunAnswer) -> None:
-        label = self._labels.of(answer)
+        label = self._label(answer)
         for warning in answer.warnings:
             self._totals.doubt(f"{label}: {warning}", every=self._verbose or (self._alone and not answer.excerpt))
         for error in answer.errors:
@@ -87,3 +87,12 @@ class Teller:
         self._output.run(label, answer)
         for record in answer.records if self._reports else ():
             self._records.add(replace(record, nodeid=f"{label}-{record.rule}", recording=label))
+
+    def _label(self, answer: RunAnswer) -> str:
+        """Return what a run is called; a label that comes again, in another file or the same, has the file before it."""
+        label, number = answer.label, 1
+        while label in self._labels:
+            label = f"{answer.file}: {answer.label}" + (f" ({number})" if number > 1 else "")
+            number += 1
+        self._labels.add(label)
+        return label

@@ -3,32 +3,16 @@
 from __future__ import annotations
 
 from pytest_rvads.cli.common import warn
-from pytest_rvads.cli.run_answers import Batch, RunAnswer
+from pytest_rvads.cli.run_answers import RunAnswer
 from pytest_rvads.logic.judging.verdicts import Status
 from pytest_rvads.report.at_junctions import AtJunctions
 from pytest_rvads.report.rollup import sums
 from pytest_rvads.report.session_report import NOTHING_JUDGED, UNFINISHED
 from pytest_rvads.wording import plural
 
-__all__ = ["Labels", "Totals"]
+__all__ = ["Totals"]
 
 _MOST_DOUBTS = 20
-
-
-class Labels:
-    """What runs are called; where a label comes again, in another file or the same, it is told apart."""
-
-    def __init__(self) -> None:
-        self._known: set[str] = set()
-
-    def of(self, answer: RunAnswer) -> str:
-        """Return the label of a run, that no other one has got."""
-        label, number = answer.label, 1
-        while label in self._known:
-            label = f"{answer.file}: {answer.label}" + (f" ({number})" if number > 1 else "")
-            number += 1
-        self._known.add(label)
-        return label
 
 
 class Totals:
@@ -40,7 +24,6 @@ class Totals:
         self.troubles: list[str] = []
         """What could not be read or judged, a sentence each."""
         self.runs = self.vehicles = self.files = self._doubts = 0
-        self._left: dict[str, int] = {}
 
     def trouble(self, sentence: str) -> None:
         """Tell what could not be read or judged."""
@@ -62,15 +45,6 @@ class Totals:
         self._statuses.update(verdict.status for verdict in answer.verdicts)
         for record in answer.records:
             self._at.add(record)
-
-    def finish(self, batch: Batch) -> bool:
-        """Return whether a file is finished with a part of it."""
-        left = self._left.pop(batch.file, batch.total) - len(batch.answers)
-        if left > 0 and not batch.error:
-            self._left[batch.file] = left
-            return False
-        self.files += 1
-        return True
 
     def lines(self) -> list[str]:
         """Return the numbers of verdicts by rule as a table, and how much was judged."""

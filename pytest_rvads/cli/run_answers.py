@@ -104,6 +104,8 @@ class Batch:
     answers: tuple[RunAnswer, ...] = ()
     error: str = ""
     """Why the file could not be read."""
+    last: bool = True
+    """Whether no further part of the file comes."""
 
 
 class _Parts(Iterator[_Part]):
@@ -161,7 +163,8 @@ class _Judge:
             total = len(runs)
         except Exception as error:
             return Batch(part.file, 0, error=sentence(error))
-        return Batch(part.file, total, tuple(self._answers(part, runs, range(part.begin, min(part.end, total)))))
+        answers = self._answers(part, runs, range(part.begin, min(part.end, total)))
+        return Batch(part.file, total, tuple(answers), last=part.end >= total)
 
     def _runs(self, file: str) -> Sequence[Run]:
         if self._kept is None or self._kept[0] != file:
