@@ -24,7 +24,8 @@ from pytest_rvads.junctions.choosing import Choice, Kinds, choose_among
 from pytest_rvads.junctions.finder import load, name_of
 from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.outcome import Outcome
-from pytest_rvads.report.record import Anew, Record
+from pytest_rvads.report.anew import Anew
+from pytest_rvads.report.record import Record
 from pytest_rvads.report.run_record import by_rule
 from pytest_rvads.report.session_report import Drawn
 from pytest_rvads.runs.measured import Divergence

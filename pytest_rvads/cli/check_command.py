@@ -67,9 +67,12 @@ def _check(options: argparse.Namespace) -> int:
     from pytest_rvads.cli.check_totals import Totals
     from pytest_rvads.cli.run_answers import Question, judged
     from pytest_rvads.cli.run_files import run_files
-    from pytest_rvads.report.files import fitting
 
-    reports = list(map(fitting, options.report))
+    reports: list[Path] = []
+    if options.report:
+        from pytest_rvads.report.files import fitting
+
+        reports += map(fitting, options.report)
     names = tuple(options.rules or ["road"])
     named_rules(names)  # what is wrong with them is told before anything is read
     if options.html is not None:

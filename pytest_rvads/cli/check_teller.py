@@ -14,10 +14,8 @@ from pytest_rvads.cli.check_output import output
 from pytest_rvads.cli.check_totals import Totals
 from pytest_rvads.cli.common import clear, progress
 from pytest_rvads.cli.run_answers import Batch, RunAnswer
-from pytest_rvads.report.files import save
-from pytest_rvads.report.journal import Spool
+from pytest_rvads.report.anew import Spool
 from pytest_rvads.report.session_report import UNFINISHED, Report
-from pytest_rvads.versions import versions
 
 __all__ = ["Teller"]
 
@@ -51,6 +49,11 @@ class Teller:
             self._report(whole=kind is None)
 
     def _report(self, *, whole: bool) -> None:
+        if not self._reports:
+            return
+        from pytest_rvads.report.files import save
+        from pytest_rvads.versions import versions
+
         notes = () if whole else ("INCOMPLETE: rvads check did not come to its end, so runs are missing",)
         report = Report(
             self._records,

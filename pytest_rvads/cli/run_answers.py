@@ -113,19 +113,12 @@ class _Parts(Iterator[_Part]):
 
     def __init__(self, files: Sequence[str], size: int) -> None:
         self.rest: deque[_Part] = deque()
+        self.begun: list[_Part] = []
         self._first = (_Part(file, 0, size) for file in files)
-        self._handed: dict[int, _Part] = {}
-        self._count = 0
 
     def __next__(self) -> _Part:
-        part = self.rest.popleft() if self.rest else next(self._first)
-        self._handed[self._count] = part
-        self._count += 1
-        return part
-
-    def numbered(self, number: int) -> _Part:
-        """Return the part that was the job of this number, and forget it."""
-        return self._handed.pop(number)
+        self.begun.append(self.rest.popleft() if self.rest else next(self._first))
+        return self.begun[-1]
 
 
 def judged(files: Sequence[str], question: Question, processes: int = 1) -> Generator[Batch, None, None]:
@@ -135,7 +128,7 @@ def judged(files: Sequence[str], question: Question, processes: int = 1) -> Gene
     due = deque(_Part(file, 0, size) for file in files)
     with closing(gathered(_Judge(question), parts, processes, batch=1)) as answers:
         for number, answer in answers:
-            part = parts.numbered(number)
+            part = parts.begun[number]
             done[part] = Batch(part.file, 0, error=f"{part.file}: {answer.error}") if isinstance(answer, Failed) else answer
             parts.rest.extend(part.rest(done[part].total))
             while due and due[0] in done:

@@ -1,9 +1,8 @@
-"""Records on disk as they come, so that they need no memory; those of a session also outlive its process."""
+"""The journal of a session: its records on disk as they come, so that they need no memory and outlive the process."""
 
 from __future__ import annotations
 
-import weakref
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import replace
 from os import fstat
@@ -17,11 +16,11 @@ import msgspec
 from pytest_rvads.decoding import encode
 from pytest_rvads.errors import RvadsError
 from pytest_rvads.report.files import MOST, read
-from pytest_rvads.report.record import Anew, Record
+from pytest_rvads.report.record import Record
 from pytest_rvads.report.session_report import UNFINISHED, Report, in_order
 from pytest_rvads.storage import read_file
 
-__all__ = ["Journal", "Spool", "claim", "journal_of", "recovered"]
+__all__ = ["Journal", "claim", "journal_of", "recovered"]
 
 _SHOWN = 3
 """Items without a verdict that are named."""
@@ -78,25 +77,6 @@ class Journal:
         """Let go of the file."""
         if self._file:
             self._file.close()
-
-
-class Spool(Anew):
-    """Records in a file without a name, a line of JSON each; every pass reads them."""
-
-    def __init__(self) -> None:
-        self._file = TemporaryFile()  # noqa: SIM115 - closed with the last reference to these records
-        self._lines = 0
-        weakref.finalize(self, self._file.close)
-        super().__init__(self._read, lambda: self._lines)
-
-    def add(self, record: Record) -> None:
-        """Write a record down, before any pass begins."""
-        self._file.write(encode(record) + b"\n")
-        self._lines += 1
-
-    def _read(self) -> Iterator[Record]:
-        self._file.seek(0)
-        yield from map(msgspec.json.Decoder(Record).decode, self._file)
 
 
 def _begun(path: Path | None) -> IO[bytes] | None:

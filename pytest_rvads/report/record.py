@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, TypeAlias
 
 import msgspec
@@ -15,7 +15,6 @@ from pytest_rvads.runs.measured import Divergence, Kpis
 
 __all__ = [
     "AgentRecord",
-    "Anew",
     "Computing",
     "Record",
     "RecordedItem",
@@ -192,27 +191,6 @@ class RecordedItem(_Item, frozen=True, kw_only=True, omit_defaults=True, tag="re
 
 Record: TypeAlias = SimulatedItem | RecordedItem
 """What is known of an item. In JSON the field ``type`` tells the two apart."""
-
-
-class Anew(Collection[Record]):
-    """Records that are made anew in every pass, because memory may not hold all of them.
-
-    Args:
-        made: begins a pass.
-        count: tells how many there are.
-    """
-
-    def __init__(self, made: Callable[[], Iterable[Record]], count: Callable[[], int]) -> None:
-        self._made, self._count = made, count
-
-    def __iter__(self) -> Iterator[Record]:
-        return iter(self._made())
-
-    def __len__(self) -> int:
-        return self._count()
-
-    def __contains__(self, record: object) -> bool:
-        return any(found == record for found in self)
 
 
 def planned_record(
