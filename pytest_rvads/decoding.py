@@ -97,7 +97,7 @@ def _sentence(message: str, value: Any, info: Type) -> str:
     of_keys, _, steps = place.partition("$")  # "key` in `$.totals`"
     path = ""
     for step in re.findall(r"\.\.\.|[^.\[\]`]+", steps):
-        info = _inside(info, step)
+        info = _inside(info, step, value)
         if isinstance(value, list | tuple):
             value, path = value[int(step)], f"{path}[{step}]"
         else:
@@ -118,10 +118,14 @@ def _sentence(message: str, value: Any, info: Type) -> str:
     return one_line(f"{field} must be {expected}, got {reprlib.repr(list(value) if of_keys else value)}")
 
 
-def _inside(info: Type, step: str) -> Type:
-    """Return the type of a field or item."""
+def _inside(info: Type, step: str, value: Any) -> Type:
+    """Return the type of a field or item of a value."""
     if isinstance(info, UnionType):
-        info = next(t for t in info.types if not isinstance(t, NoneType))
+        kinds = [t for t in info.types if not isinstance(t, NoneType)]
+        tagged = [t for t in kinds if isinstance(t, StructType) and value.get(t.tag_field) == t.tag]
+        if len(kinds) > 1 and not tagged:
+            return LiteralType(tuple(t.tag for t in kinds if isinstance(t, StructType) and t.tag is not None))
+        info = (tagged or kinds)[0]
     if isinstance(info, StructType | DataclassType):
         return next(f.type for f in info.fields if f.encode_name == step)
     if isinstance(info, TupleType):

@@ -11,15 +11,13 @@ import numpy as np
 
 from pytest_rvads.draw.picture import picture
 from pytest_rvads.draw.replay import Beside, Track, replay
-from pytest_rvads.errors import FormulaError, RvadsError
-from pytest_rvads.logic.check import check
+from pytest_rvads.errors import FormulaError
 from pytest_rvads.logic.judging.verdicts import InstanceVerdict, Status, Verdict
 from pytest_rvads.logic.rules.book import get_rule, rules_for
 from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.logic.timeline import timelines
-from pytest_rvads.outcome import Outcome
+from pytest_rvads.report.run_record import summed, verdict_by
 from pytest_rvads.runs.run import ARRAYS, Run
-from pytest_rvads.wording import one_line
 
 __all__ = ["Page", "failure_pages", "failure_picture", "moment", "other_verdicts", "usual_rules", "when"]
 
@@ -133,16 +131,7 @@ def other_verdicts(run: Run, rules: Iterable[str | Rule], but: str = "") -> tupl
         but: name of the rule that is left out, because the page is about it.
     """
     names = {rule if isinstance(rule, str) else rule.name: rule for rule in rules}
-    found = [_judged(run, name, rule) for name, rule in names.items() if name != but]
-    return tuple(sorted(found, key=lambda one: Outcome(one[1]).severity))
-
-
-def _judged(run: Run, name: str, rule: str | Rule) -> tuple[str, str, str]:
-    try:
-        verdict = check(run, rule)
-    except RvadsError as error:
-        return name, Outcome.ERROR.value, one_line(str(error))
-    return name, verdict.outcome.value, verdict.message
+    return summed(verdict_by(run, rule) for name, rule in names.items() if name != but)
 
 
 def _troubled(verdict: Verdict) -> list[tuple[float, InstanceVerdict]]:

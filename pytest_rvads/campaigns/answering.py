@@ -13,19 +13,15 @@ from pytest_rvads.conduct.kpis import kpis
 from pytest_rvads.decoding import encode
 from pytest_rvads.errors import RvadsError
 from pytest_rvads.junctions.junction import Junction
-from pytest_rvads.logic.check import check
-from pytest_rvads.logic.judging.verdicts import Status, Verdict
 from pytest_rvads.logic.rules.book import rules_for
 from pytest_rvads.logic.rules.rule import Rule
-from pytest_rvads.report.run_record import computing, took_part
-from pytest_rvads.runs.run import Run
+from pytest_rvads.report.run_record import of_run, sentence, unjudged, verdict_by
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.ids import run_id
 from pytest_rvads.simulators.choice import Choice, choosing
 from pytest_rvads.simulators.patience import Limits
 from pytest_rvads.simulators.simulator import Simulator, made_by, simulate
 from pytest_rvads.versions import code, versions
-from pytest_rvads.wording import one_line
 
 __all__ = ["Job", "Question", "judge", "undecided"]
 
@@ -80,17 +76,14 @@ def judge(question: Question, job: Job) -> bytes:
         with choosing(Choice(question.simulator, limits)):
             run = simulate(_at_home(job.case), question.simulator)
     except Exception as error:
-        return encode(undecided(question, job, _told(error)))
+        return encode(undecided(question, job, sentence(error)))
     return encode(
         msgspec.structs.replace(
-            _started(question, job),
+            _started(job),
             simulator=made_by(question.simulator, run),
-            hash=run.hash,
-            duration=run.duration,
-            agents=took_part(run),
             kpis=kpis(run),
-            timing=computing(run),
-            verdicts=tuple(_verdict(run, rule) for rule in _rules(question, job)),
+            verdicts=tuple(msgspec.structs.replace(verdict_by(run, r), explanation="") for r in _rules(question, job)),
+            **of_run(run),
         )
     )
 
@@ -112,15 +105,15 @@ def _versions(names: tuple[str, ...]) -> dict[str, str]:
     return {name: version for name, version in versions(*names).items() if name in names}
 
 
-def _started(question: Question, job: Job) -> Judged:
+def _started(job: Job) -> Judged:
     """Return what is known of a case before it is simulated."""
     scenario = job.case.scenario
-    place = scenario.place
-    traced = tuple((rule.requirement,) if rule.requirement else () for rule in _rules(question, job))
+    place, name = scenario.place, run_id(scenario, job.traffic)
     return Judged(
         case=job.key,
         number=job.number,
-        name=run_id(scenario, job.traffic),
+        nodeid=name,
+        run=name,
         junction=place.name,
         control=str(place.control),
         ways=place.ways,
@@ -135,34 +128,16 @@ def _started(question: Question, job: Job) -> Judged:
         simulator="",
         place=place.digest[:12],
         verdicts=(),
-        requirements=traced if any(traced) else (),
     )
 
 
 def undecided(question: Question, job: Job, reason: str) -> Judged:
     """Return what there is to say of a case that has no run: by every rule an ERROR with its reason."""
-    return msgspec.structs.replace(
-        _started(question, job), verdicts=tuple(_error(rule, reason) for rule in _rules(question, job))
-    )
+    return msgspec.structs.replace(_started(job), verdicts=tuple(unjudged(rule, reason) for rule in _rules(question, job)))
 
 
 def _rules(question: Question, job: Job) -> tuple[Rule, ...]:
     return rules_for(question.rules, job.case.scenario.place)
-
-
-def _verdict(run: Run, rule: Rule) -> Verdict:
-    try:
-        return msgspec.structs.replace(check(run, rule), explanation="")
-    except Exception as error:
-        return _error(rule, _told(error))
-
-
-def _error(rule: Rule, reason: str) -> Verdict:
-    return Verdict(rule=rule.name, status=Status.ERROR, message=f"{rule.name} ERROR: {reason}", reason=reason)
-
-
-def _told(error: Exception) -> str:
-    return one_line(str(error) if isinstance(error, RvadsError) else f"{type(error).__name__}: {error}")
 
 
 def _listed(found: dict[str, str]) -> str:

@@ -8,7 +8,7 @@ from pytest_rvads.report.record import Count
 
 __all__ = ["FORMAT", "VERSION", "Head"]
 
-FORMAT, VERSION = "rvads-campaign", 1
+FORMAT, VERSION = "rvads-campaign", 2
 
 
 class Head(msgspec.Struct, frozen=True, kw_only=True):

@@ -8,6 +8,7 @@ import weakref
 from array import array
 from collections.abc import Collection, Iterator, Sequence
 from io import BufferedReader, FileIO
+from itertools import chain
 from pathlib import Path
 from tempfile import TemporaryFile
 from typing import cast
@@ -16,11 +17,13 @@ import msgspec
 import numpy as np
 
 from pytest_rvads.campaigns.head import FORMAT, VERSION, Head
-from pytest_rvads.campaigns.judged import Glance, Judged, records
+from pytest_rvads.campaigns.judged import Glance, Judged
 from pytest_rvads.decoding import decode, encode
 from pytest_rvads.errors import RvadsError
+from pytest_rvads.report.anew import Anew
 from pytest_rvads.report.record import Record
-from pytest_rvads.report.session_report import UNFINISHED, Report
+from pytest_rvads.report.run_record import by_rule
+from pytest_rvads.report.session_report import NOTHING_JUDGED, UNFINISHED, Report
 from pytest_rvads.storage import open_file
 
 try:
@@ -36,8 +39,6 @@ _LONGEST = 2**26
 """Line that is read [bytes]."""
 _PATIENCE = 3.0
 """How long the processes of a campaign that was killed may take to notice, and to let go of its file [s]."""
-NOTHING_JUDGED = 5
-"""Exit status of a campaign in which nothing was found out, as of a session that collected nothing."""
 
 
 class Results:
@@ -183,7 +184,7 @@ class Results:
 
     def records(self) -> Collection[Record]:
         """Return a record per case and rule, made from what is on disk in every pass."""
-        return _Records(self)
+        return Anew(lambda: chain.from_iterable(map(by_rule, self)), lambda: self.verdicts)
 
     @property
     def complete(self) -> bool:
@@ -253,23 +254,6 @@ def joined(paths: Sequence[str | os.PathLike[str]]) -> Results:
     if whole is None:
         raise RvadsError("no file of results is named: name one or more")
     return whole
-
-
-class _Records(Collection[Record]):
-    """The records of results."""
-
-    def __init__(self, results: Results) -> None:
-        self._results = results
-
-    def __iter__(self) -> Iterator[Record]:
-        for judged in self._results:
-            yield from records(judged)
-
-    def __contains__(self, record: object) -> bool:
-        return any(one == record for one in self)
-
-    def __len__(self) -> int:
-        return self._results.verdicts
 
 
 def _opened(path: Path | None, add: bool) -> FileIO:

@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
 import msgspec
 
-from pytest_rvads.campaigns.judged import Judged, records
+from pytest_rvads.campaigns.judged import Judged
 from pytest_rvads.campaigns.shapes import REACH, Shape, shapes
 from pytest_rvads.campaigns.town_page import Site, TownMap
 from pytest_rvads.campaigns.town_plan import Asked, Plan
@@ -23,14 +24,16 @@ from pytest_rvads.junctions.choosing import Choice, Kinds, choose_among
 from pytest_rvads.junctions.finder import load, name_of
 from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.outcome import Outcome
+from pytest_rvads.report.anew import Anew
 from pytest_rvads.report.record import Record
+from pytest_rvads.report.run_record import by_rule
 from pytest_rvads.report.session_report import Drawn
 from pytest_rvads.runs.measured import Divergence
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.selection import TOO_SHORT, TOO_TIGHT
 from pytest_rvads.wording import first, plural
 
-__all__ = ["Town", "TownRecords", "tallied"]
+__all__ = ["Town", "tallied", "town_records"]
 
 
 @dataclass(eq=False)
@@ -182,8 +185,10 @@ class Town:
         return tuple(found)
 
 
-class TownRecords(Collection[Record]):
-    """A record per case and rule, made anew in every pass.
+def town_records(
+    judged: Iterable[Judged], looks: Mapping[tuple[str, str], str], flaky: Mapping[str, Divergence]
+) -> Collection[Record]:
+    """Return a record per case and rule, made anew in every pass.
 
     Args:
         judged: the results.
@@ -191,27 +196,16 @@ class TownRecords(Collection[Record]):
         flaky: by name of a run, where it parts from its repetition.
     """
 
-    def __init__(self, judged: Iterable[Judged], looks: Mapping[tuple[str, str], str], flaky: Mapping[str, Divergence]) -> None:
-        self._judged, self._looks, self._flaky = judged, looks, flaky
-        self._count: int | None = None
+    def made() -> Iterator[Record]:
+        for record in chain.from_iterable(map(by_rule, judged)):
+            changes: dict[str, Any] = {}
+            if look := looks.get((record.run or "", record.rule or "")):
+                changes["look"] = look
+            if record.failed and (difference := flaky.get(record.run or "")):
+                changes |= {"status": Outcome.FLAKY, "flaky": difference}
+            yield msgspec.structs.replace(record, **changes) if changes else record
 
-    def __iter__(self) -> Iterator[Record]:
-        for judged in self._judged:
-            for record in records(judged):
-                changes: dict[str, Any] = {}
-                if look := self._looks.get((judged.name, record.rule or "")):
-                    changes["look"] = look
-                if record.failed and (difference := self._flaky.get(judged.name)):
-                    changes |= {"status": Outcome.FLAKY, "flaky": difference}
-                yield msgspec.structs.replace(record, **changes) if changes else record
-
-    def __contains__(self, record: object) -> bool:
-        return any(one == record for one in self)
-
-    def __len__(self) -> int:
-        if self._count is None:
-            self._count = sum(len(judged.verdicts) for judged in self._judged)
-        return self._count
+    return Anew(made, cache(lambda: sum(len(result.verdicts) for result in judged)))
 
 
 def tallied(judged: Iterable[Judged]) -> dict[str, JunctionTally]:

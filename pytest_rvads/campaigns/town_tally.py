@@ -7,9 +7,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Literal
 
-from pytest_rvads.campaigns.judged import Judged, records
+from pytest_rvads.campaigns.judged import Judged
 from pytest_rvads.outcome import Mark, Outcome
 from pytest_rvads.report.record import Record
+from pytest_rvads.report.run_record import by_rule
 from pytest_rvads.report.triage import Cause, causes, gravity, provoked, unavoidable, unsure
 
 __all__ = ["CauseTally", "JunctionTally", "TownMark", "cell"]
@@ -69,7 +70,7 @@ class JunctionTally:
         self.table.update((verdict.rule, judged.cfg, verdict.outcome) for verdict in judged.verdicts)
         if all(verdict.outcome in (Outcome.PASS, Outcome.NA) for verdict in judged.verdicts):
             return
-        told = {record.nodeid: record for record in records(judged)}
+        told = {record.nodeid: record for record in by_rule(judged)}
         for title, grouping in _GROUPS:
             groups = grouping()
             for record in told.values():
@@ -86,8 +87,8 @@ class JunctionTally:
             self.untold += cause.count
             return
         count = cause.count + (known.count if known else 0)
-        if known is None or judged.name < known.run:
-            known = CauseTally(title, text, cause.rules, judged.name, teller.asks, judged.hash)
+        if known is None or judged.nodeid < known.run:
+            known = CauseTally(title, text, cause.rules, judged.nodeid, teller.asks, judged.hash)
             self.causes[title, text] = known
         known.count = count
 

@@ -70,7 +70,7 @@ class _Spread:
 
     def __iter__(self) -> Iterator[Judged]:
         for judged in self._results:
-            for at in self._found.get(judged.name, ()):
+            for at in self._found.get(judged.nodeid, ()):
                 yield judged if at.member.junction.name == judged.junction else _moved(judged, at)
 
 
@@ -93,7 +93,8 @@ def _moved(judged: Judged, at: _At) -> Judged:
             for end in ("entrance", "exit"):
                 agent[end] = arm(agent[end][0]), agent[end][1]
     told |= {
-        "name": at.planned.name,
+        "nodeid": at.planned.name,
+        "run": at.planned.name,
         "junction": place.name,
         "cls": scenario.number,
         "scenario": scenario.label,

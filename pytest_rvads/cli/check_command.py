@@ -35,7 +35,10 @@ def declare(commands: Subparsers) -> None:
         help="print one JSON object: run, rule, status and instances; exit 0 whatever the verdicts",
     )
     form.add_argument("--jsonl", action="store_true", help="likewise, a line per run as soon as it is judged")
-    check.add_argument("--html", metavar="DIR", help="write an index of verdicts and a replay page of every failure there")
+    check.add_argument("--html", metavar="DIR", help="write the page of the verdicts and a replay page of every failure there")
+    check.add_argument(
+        "--report", action="append", default=[], metavar="FILE", help="write a report, in the format of its ending; repeatable"
+    )
     check.add_argument("--kpis", action="store_true", help="also the key performance indicators of every run")
     check.add_argument("-j", "--jobs", type=_count, default=1, metavar="N", help="judge on so many processes (default: 1)")
     check.add_argument("-v", "--verbose", action="store_true", help="of many runs, print all verdicts and warnings")
@@ -62,19 +65,27 @@ def _check(options: argparse.Namespace) -> int:
     from pytest_rvads.cli.answers import named_rules
     from pytest_rvads.cli.check_teller import Teller
     from pytest_rvads.cli.check_totals import Totals
-    from pytest_rvads.cli.in_order import judged
-    from pytest_rvads.cli.run_answers import Question
+    from pytest_rvads.cli.run_answers import Question, judged
     from pytest_rvads.cli.run_files import run_files
 
+    reports: list[Path] = []
+    if options.report:
+        from pytest_rvads.report.files import fitting
+
+        reports += map(fitting, options.report)
     names = tuple(options.rules or ["road"])
     named_rules(names)  # what is wrong with them is told before anything is read
     if options.html is not None:
         _make_folder(options.html)
+        reports.append(Path(options.html) / "index.html")
     totals, told = Totals(), options.json or options.jsonl
     files = run_files(options.files, totals.trouble)
     alone = len(options.files) == len(files) == 1
     question = Question(names, options.kpis, alone and not told, options.html)
-    with Teller(options, totals, len(files), alone=alone) as teller, closing(judged(files, question, options.jobs)) as batches:
+    with (
+        Teller(options, totals, len(files), reports, alone=alone) as teller,
+        closing(judged(files, question, options.jobs)) as batches,
+    ):
         for batch in batches:
             teller.tell(batch)
     return totals.exit_status(told=told)

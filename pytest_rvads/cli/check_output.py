@@ -4,21 +4,30 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import sys
-from typing import Any, Protocol
+from collections.abc import Iterator
+from typing import Any
 
 from pytest_rvads.cli.check_totals import Totals
 from pytest_rvads.cli.common import say
 from pytest_rvads.cli.run_answers import NOTABLE, Batch, RunAnswer
+from pytest_rvads.conduct.kpis import describe
+from pytest_rvads.failure_page import when
+from pytest_rvads.logic.judging.verdicts import InstanceVerdict, Status, Verdict
 
-__all__ = ["Output", "output"]
+__all__ = ["VERSION", "Output", "line", "measured", "output", "unsure"]
 
+VERSION = 1
+"""Of the lines of ``--jsonl``. The object of ``--json`` has a member per run and no other."""
 _KPIS = "(kpis)"
 """Where the indicators of a run stand beside its rules in JSON; no rule can be called so."""
+_LISTED = {Status.FAIL: "violated", Status.OPEN: "open", Status.UNSURE: "unsure"}
+"""What instances are listed under in JSON."""
 
 
-class Output(Protocol):
-    """What is printed."""
+class Output:
+    """What is printed; some outputs leave the rest to standard error."""
 
     def run(self, label: str, answer: RunAnswer) -> None:
         """Print what is said of a run."""
@@ -37,7 +46,20 @@ def output(options: argparse.Namespace, alone: bool, totals: Totals) -> Output:
     return _Lines() if options.jsonl else _Text(alone, options.verbose, totals)
 
 
-class _Text:
+def line(verdict: Verdict) -> str:
+    """Return the status of a verdict and its message, which names the rule, in one line."""
+    text = verdict.message.removeprefix(f"{verdict.rule} {verdict.status}: ")
+    return f"{verdict.status.value:5} {text if text.startswith(verdict.rule) else f'{verdict.rule}: {text}'}"
+
+
+def unsure(verdict: Verdict) -> Iterator[str]:
+    """Yield who is in each unsure instance and what it hangs on, where the line of the verdict does not say it."""
+    doubts = [instance for instance in verdict.instances if instance.status is Status.UNSURE]
+    if len(doubts) > 1 or verdict.status is not Status.UNSURE or not verdict.reason:
+        yield from (": ".join(filter(None, (", ".join(name for _, name in i.binding), i.hangs))) for i in doubts)
+
+
+class _Text(Output):
     """For people: of one file everything, of several what is not as it should be, unless they want all."""
 
     def __init__(self, alone: bool, verbose: bool, totals: Totals) -> None:
@@ -49,40 +71,46 @@ class _Text:
         lines: list[str] = []
         for verdict in answer.verdicts:
             if whole or verdict.status in NOTABLE:
-                lines += [verdict.line, *(f"       UNSURE {what}" for what in verdict.unsure)]
-        if lines or whole or answer.indicators:
-            say("\n  ".join((label, *lines, *answer.indicators)))
-
-    def unread(self, batch: Batch) -> None:
-        """It is told on standard error."""
+                lines += [line(verdict), *(f"       UNSURE {what}" for what in unsure(verdict))]
+        indicators = [] if answer.kpis is None else list(describe(answer.kpis))
+        if lines or whole or indicators:
+            say("\n  ".join((label, *lines, *indicators)))
 
     def close(self) -> None:
         if self._totals.runs and (self._excerpts or not self._alone):
             say("\n".join(self._totals.lines()))
 
 
+def measured(verdict: Verdict, instance: InstanceVerdict) -> dict[str, Any]:
+    """Return when an instance was violated, by what margin, and what it hangs on, as JSON can have it."""
+    margin = instance.margin if instance.margin is not None and math.isfinite(instance.margin) else None
+    hangs = {"hangs": instance.hangs} if instance.hangs else {}
+    return {"time": when(verdict, instance), "margin": margin, **hangs}
+
+
+def _verdict(verdict: Verdict) -> dict[str, Any]:
+    """Return the status and the instances that are violated, open, unsure; ``open`` only where there are some."""
+    listed: dict[str, list[dict[str, Any]]] = {word: [] for word in _LISTED.values()}
+    for instance in verdict.instances:
+        if instance.status in _LISTED:
+            listed[_LISTED[instance.status]].append({**dict(instance.binding), **measured(verdict, instance)})
+    return {"status": verdict.status.value} | {word: found for word, found in listed.items() if found or word != "open"}
+
+
 def _verdicts(answer: RunAnswer) -> dict[str, Any]:
-    """Return by rule the status and the instances that are violated, open, unsure; ``open`` only where there are some."""
-    return {
-        verdict.rule: {"status": verdict.status.value}
-        | {word: found for word, found in verdict.instances.items() if found or word != "open"}
-        for verdict in answer.verdicts
-    }
+    return {verdict.rule: _verdict(verdict) for verdict in answer.verdicts}
 
 
-class _Object:
+class _Object(Output):
     """One JSON object, written piece by piece: runs are not held until the last is judged."""
 
     def __init__(self) -> None:
         self._before = "{"
 
     def run(self, label: str, answer: RunAnswer) -> None:
-        told = _verdicts(answer) | ({} if answer.kpis is None else {_KPIS: answer.kpis})
+        told = _verdicts(answer) | ({} if answer.kpis is None else {_KPIS: answer.kpis.record()})
         self._put(f"{self._before}\n{json.dumps(label)}: {json.dumps(told)}")
         self._before = ","
-
-    def unread(self, batch: Batch) -> None:
-        """It is told on standard error: the object has a member per run."""
 
     def close(self) -> None:
         self._put("{}\n" if self._before == "{" else "\n}\n")
@@ -92,20 +120,17 @@ class _Object:
         sys.stdout.flush()
 
 
-class _Lines:
+class _Lines(Output):
     """A JSON object per run and line."""
 
     def run(self, label: str, answer: RunAnswer) -> None:
         told: dict[str, Any] = {"run": label, "file": answer.file, "start": answer.start, "vehicles": answer.vehicles}
         told |= {"verdicts": _verdicts(answer)}
-        told |= {} if answer.kpis is None else {"kpis": answer.kpis}
+        told |= {} if answer.kpis is None else {"kpis": answer.kpis.record()}
         self._put(told | ({"errors": list(answer.errors)} if answer.errors else {}))
 
     def unread(self, batch: Batch) -> None:
         self._put({"file": batch.file, "errors": [batch.error]})
 
-    def close(self) -> None:
-        """Every line is printed."""
-
     def _put(self, told: dict[str, Any]) -> None:
-        print(json.dumps(told), flush=True)
+        print(json.dumps({"version": VERSION} | told), flush=True)

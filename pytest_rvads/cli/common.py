@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import argparse
+import shutil
 import signal
 import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from itertools import count
-from typing import TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 from pytest_rvads.errors import RvadsError
 from pytest_rvads.wording import printable
 
-__all__ = ["LINE_LIMIT", "Subparsers", "clear", "lines", "progress", "say", "terminable", "warn"]
+if TYPE_CHECKING:
+    from pytest_rvads.report.session_report import Report
+
+__all__ = ["LINE_LIMIT", "Subparsers", "clear", "lines", "progress", "say", "show", "terminable", "warn"]
 
 LINE_LIMIT = 2**20
 """Longest line that is read [bytes]; to answer it may take a hundred times as much memory."""
@@ -73,6 +77,14 @@ def lines() -> Iterator[bytes]:
 def say(text: str) -> None:
     """Print an answer in which names from elsewhere stand."""
     print(printable(text, len(text)), flush=True)
+
+
+def show(report: Report) -> None:
+    """Print the summary of a report, as wide as the terminal."""
+    from pytest_rvads.report.terminal import summary
+
+    unicode = (sys.stdout.encoding or "").lower().startswith("utf")
+    print(summary(report, colour=sys.stdout.isatty(), width=shutil.get_terminal_size().columns, unicode=unicode), end="")
 
 
 def warn(text: str) -> None:

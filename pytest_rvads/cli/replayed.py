@@ -20,7 +20,8 @@ from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.report.earlier import earlier_run
 from pytest_rvads.report.facts import facts
 from pytest_rvads.report.folders import INDEX, run_file
-from pytest_rvads.report.record import Record
+from pytest_rvads.report.record import Record, RecordedItem
+from pytest_rvads.report.run_record import summed
 from pytest_rvads.report.session_report import Report
 from pytest_rvads.runs.readers import read_runs
 from pytest_rvads.runs.run import Run
@@ -143,11 +144,10 @@ def _start(run: Run, record: Record) -> str:
     if isinstance(told, Mapping):
         with suppress(RvadsError):  # it is told by another version
             return recalled(told, run.junction, "scenario").describe()
-    return record.recording or record.run or ""
+    return record.recording if isinstance(record, RecordedItem) else record.run or ""
 
 
 def _recorded_verdicts(report: Report, but: Record) -> tuple[tuple[str, str, str], ...]:
     """Return rule, status and message of the other verdicts that a session has on a run, the worst first."""
     same = (r for r in report.records if r.hash == but.hash and r.test == but.test and r.variant == but.variant)
-    found = {v.rule: v for r in same for v in r.verdicts if v.rule != but.verdicts[-1].rule}
-    return tuple((v.rule, v.outcome.value, v.message) for v in sorted(found.values(), key=lambda v: v.outcome.severity))
+    return summed({v.rule: v for r in same for v in r.verdicts if v.rule != but.verdicts[-1].rule}.values())

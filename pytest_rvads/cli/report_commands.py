@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import argparse
 import shutil
-import sys
 from pathlib import Path
 
-from pytest_rvads.cli.common import Subparsers, say, warn
+from pytest_rvads.cli.common import Subparsers, say, show, warn
 from pytest_rvads.errors import RvadsError
 from pytest_rvads.report.session_report import UNFINISHED
 from pytest_rvads.wording import one_line
@@ -57,7 +56,8 @@ def declare(commands: Subparsers) -> None:
         metavar="OUT",
         action="append",
         default=[],
-        help="write the comparison too, as FILE.html, FILE.md or FILE.json; repeatable",
+        help="write the comparison too, as FILE.html, FILE.md or FILE.json, or in another format of reports B with what changed "
+        "since A; repeatable",
     )
     compare.add_argument("--erosion", type=_seconds, default=0.5, metavar="SECONDS", help="as --rvads-erosion (default 0.5)")
     compare.add_argument(
@@ -113,7 +113,6 @@ def _merge(options: argparse.Namespace) -> int:
     from pytest_rvads.report.journal import recovered
     from pytest_rvads.report.merge import merge
     from pytest_rvads.report.session_report import cell_of
-    from pytest_rvads.report.terminal import summary
 
     report = merge([(name, recovered(Path(name))) for name in options.files])
     if options.baseline:
@@ -124,8 +123,7 @@ def _merge(options: argparse.Namespace) -> int:
         report = with_baseline(report, compare(report, earlier, options.baseline, options.erosion, lost.__contains__, same=same))
     if options.output:
         save(Path(options.output), report)
-    unicode = (sys.stdout.encoding or "").lower().startswith("utf")
-    print(summary(report, colour=sys.stdout.isatty(), width=shutil.get_terminal_size().columns, unicode=unicode), end="")
+    show(report)
     short = "" if options.cov_fail_under is None else shortfall(report, options.cov_fail_under)
     for note in (*report.notes, *([short] if short else [])):
         warn(f"rvads: {note}")
@@ -133,13 +131,12 @@ def _merge(options: argparse.Namespace) -> int:
 
 
 def _compare(options: argparse.Namespace) -> int:
+    from pytest_rvads.report.files import fitting
     from pytest_rvads.report.journal import recovered
     from pytest_rvads.report.side_by_side import side_by_side
-    from pytest_rvads.report.side_by_side_forms import fitting, save, text
+    from pytest_rvads.report.side_by_side_forms import save, text
 
-    outputs = list(map(Path, options.output))
-    for path in outputs:
-        fitting(path)  # before time is spent on reading
+    outputs = list(map(fitting, options.output))
     a, b = ((name, recovered(Path(name))) for name in (options.a, options.b))
     found = side_by_side(a, b, options.erosion)
     print(text(found, shutil.get_terminal_size().columns))
@@ -150,18 +147,14 @@ def _compare(options: argparse.Namespace) -> int:
 
 def _make(options: argparse.Namespace) -> int:
     from pytest_rvads.campaigns.resultsfile import joined
-    from pytest_rvads.report.files import FORMATS, save
-    from pytest_rvads.report.terminal import summary
+    from pytest_rvads.report.files import fitting, save
 
-    for name in options.output:
-        if Path(name).suffix not in FORMATS:  # before minutes are spent on reading
-            raise RvadsError(f"a report is a {', '.join(FORMATS)} file, got {name!r}")
+    paths = list(map(fitting, options.output))
     with joined(options.files) as results:
         report = results.report()
-        for name in options.output:
-            save(Path(name), report)
-        unicode = (sys.stdout.encoding or "").lower().startswith("utf")
-        print(summary(report, colour=sys.stdout.isatty(), width=shutil.get_terminal_size().columns, unicode=unicode), end="")
+        for path in paths:
+            save(path, report)
+        show(report)
         for note in report.notes:
             warn(f"rvads: {note}")
         return report.ended

@@ -1,35 +1,39 @@
-"""What ``rvads check`` says of the runs of files, as plain values that cross processes."""
+"""Judging the runs of files for ``rvads check``: records, as plain values that cross processes."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from collections import deque
+from collections.abc import Generator, Iterator, Sequence
+from contextlib import closing
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from shlex import quote
-from typing import Any
+
+from msgspec.structs import replace
 
 from pytest_rvads.cli.answers import named_rules
-from pytest_rvads.conduct.kpis import describe, kpis
+from pytest_rvads.conduct.kpis import kpis
 from pytest_rvads.conduct.validate import damage, validate
 from pytest_rvads.draw.replay import Beside
-from pytest_rvads.errors import RvadsError
-from pytest_rvads.failure_page import failure_pages, when
-from pytest_rvads.logic.check import check
-from pytest_rvads.logic.judging.verdicts import InstanceVerdict, Status, Verdict
+from pytest_rvads.executors import Failed, gathered
+from pytest_rvads.failure_page import failure_pages
+from pytest_rvads.logic.judging.verdicts import Status, Verdict
 from pytest_rvads.logic.rules.rule import Rule
+from pytest_rvads.report.record import Record, planned_record
+from pytest_rvads.report.run_record import by_rule, of_run, sentence, summed, verdict_by
+from pytest_rvads.runs.measured import Kpis
 from pytest_rvads.runs.readers import read_runs
 from pytest_rvads.runs.run import Run
 from pytest_rvads.storage import slug, write_file
-from pytest_rvads.wording import one_line
 
-__all__ = ["NOTABLE", "Batch", "Judge", "Part", "Question", "RunAnswer", "VerdictAnswer", "finite"]
+__all__ = ["NOTABLE", "Batch", "Question", "RunAnswer", "judged"]
 
-_LISTED = {Status.FAIL: "violated", Status.OPEN: "open", Status.UNSURE: "unsure"}
-"""What instances are listed under in JSON."""
-_Summed = tuple[tuple[str, str, str], ...]
-"""Rule, status and message of every verdict of a run."""
-NOTABLE = (*_LISTED, Status.ERROR)
+_SIZE = 4
+"""Runs of a file that a process of several gets at a time."""
+_SHOWN = (Status.FAIL, Status.OPEN, Status.UNSURE)
+"""The statuses of verdicts that have replay pages."""
+NOTABLE = (*_SHOWN, Status.ERROR)
 """What is not as it should be."""
 
 
@@ -40,48 +44,30 @@ class Question:
     rules: tuple[str, ...]
     """As they are named on the command line."""
     kpis: bool = False
-    """Whether indicators are asked for; without, they are told of runs that are complete in themselves and alone."""
+    """Whether indicators are asked for."""
     alone: bool = False
-    """Whether there is one file."""
+    """Whether there is one file: its run has indicators where it is complete in itself."""
     pages: str | None = None
     """Folder of the pages of failures."""
 
 
 @dataclass(frozen=True, slots=True)
-class Part:
+class _Part:
     """Some runs of a file."""
 
     file: str
     begin: int
     end: int
 
-    def rest(self, total: int) -> list[Part]:
+    def rest(self, total: int) -> list[_Part]:
         """Return what comes after the first part of a file of so many runs, in parts of the same size."""
         size = self.end - self.begin
-        return [Part(self.file, k, k + size) for k in range(self.end, total, size)] if self.begin == 0 else []
-
-
-@dataclass(frozen=True, slots=True)
-class VerdictAnswer:
-    """What a rule says of a run."""
-
-    rule: str
-    status: Status
-    line: str
-    """For people."""
-    instances: dict[str, list[dict[str, Any]]] = field(default_factory=dict)
-    """For programs: those that are violated, open, unsure, by these words."""
-    unsure: tuple[str, ...] = ()
-    """What unsure instances hang on, for people."""
-    pages: tuple[tuple[str, float], ...] = ()
-    """Files in the folder of pages, and the times at which they open [s]."""
-    undrawn: str = ""
-    """Explanation, and why there is no page."""
+        return [_Part(self.file, k, k + size) for k in range(self.end, total, size)] if self.begin == 0 else []
 
 
 @dataclass(frozen=True, slots=True)
 class RunAnswer:
-    """What all rules say of a run."""
+    """What all rules say of a run of a file."""
 
     file: str
     label: str
@@ -91,13 +77,21 @@ class RunAnswer:
     """Whether the run is a part of a recording."""
     vehicles: int
     """How many were judged."""
-    verdicts: tuple[VerdictAnswer, ...] = ()
-    kpis: dict[str, Any] | None = None
-    indicators: tuple[str, ...] = ()
-    """The same for people."""
+    records: tuple[Record, ...] = ()
+    """One per rule."""
     warnings: tuple[str, ...] = ()
     errors: tuple[str, ...] = ()
     """Why rules could not judge it, a sentence each."""
+
+    @property
+    def verdicts(self) -> Iterator[Verdict]:
+        """The verdict of each rule."""
+        return (verdict for record in self.records for verdict in record.verdicts)
+
+    @property
+    def kpis(self) -> Kpis | None:
+        """The indicators of the run, where they are asked for."""
+        return self.records[0].kpis if self.records else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,24 +104,60 @@ class Batch:
     answers: tuple[RunAnswer, ...] = ()
     error: str = ""
     """Why the file could not be read."""
+    last: bool = True
+    """Whether no further part of the file comes."""
 
 
-class Judge:
+class _Parts(Iterator[_Part]):
+    """The parts of files in the order in which they are judged; what is added comes before the next file."""
+
+    def __init__(self, files: Sequence[str], size: int) -> None:
+        self.rest: deque[_Part] = deque()
+        self.begun: list[_Part] = []
+        self._first = (_Part(file, 0, size) for file in files)
+
+    def __next__(self) -> _Part:
+        self.begun.append(self.rest.popleft() if self.rest else next(self._first))
+        return self.begun[-1]
+
+
+def judged(files: Sequence[str], question: Question, processes: int = 1) -> Generator[Batch, None, None]:
+    """Yield what is said of the runs of files, in order, as soon as it is known; close it to end the processes early."""
+    size = _SIZE if processes > 1 else 1  # without others each run is told at once
+    parts, done = _Parts(files, size), dict[_Part, Batch]()
+    due = deque(_Part(file, 0, size) for file in files)
+    with closing(gathered(_Judge(question), parts, processes, batch=1)) as answers:
+        for number, answer in answers:
+            part = parts.begun[number]
+            done[part] = Batch(part.file, 0, error=f"{part.file}: {answer.error}") if isinstance(answer, Failed) else answer
+            parts.rest.extend(part.rest(done[part].total))
+            while due and due[0] in done:
+                part = due.popleft()
+                batch = done.pop(part)
+                due.extendleft(reversed(part.rest(batch.total)))
+                yield batch
+
+
+class _Judge:
     """Answers a question about runs, one after the other; the file that was read last is kept where it holds several."""
 
     def __init__(self, question: Question) -> None:
         self._question = question
-        self._rules = named_rules(question.rules)
         self._kept: tuple[str, Sequence[Run]] | None = None
 
-    def answer(self, part: Part) -> Batch:
+    @cached_property
+    def _rules(self) -> tuple[Rule, ...]:
+        return named_rules(self._question.rules)
+
+    def __call__(self, part: _Part) -> Batch:
         """Return what is said of a part of a file; what can't be read or judged is told in it, whatever it is."""
         try:
             runs = self._runs(part.file)
             total = len(runs)
         except Exception as error:
-            return Batch(part.file, 0, error=_told(error))
-        return Batch(part.file, total, tuple(self._answers(part, runs, range(part.begin, min(part.end, total)))))
+            return Batch(part.file, 0, error=sentence(error))
+        answers = self._answers(part, runs, range(part.begin, min(part.end, total)))
+        return Batch(part.file, total, tuple(answers), last=part.end >= total)
 
     def _runs(self, file: str) -> Sequence[Run]:
         if self._kept is None or self._kept[0] != file:
@@ -138,28 +168,35 @@ class Judge:
             self._kept = file, runs
         return self._kept[1]
 
-    def _answers(self, part: Part, runs: Sequence[Run], numbers: range) -> Iterator[RunAnswer]:
+    def _answers(self, part: _Part, runs: Sequence[Run], numbers: range) -> Iterator[RunAnswer]:
         for number in numbers:
             try:
                 yield self._one(part.file, number, runs[number])
             except Exception as error:
-                yield RunAnswer(part.file, f"run {number + 1}", 0.0, False, 0, errors=(f"can't be judged: {_told(error)}",))
+                yield RunAnswer(part.file, f"run {number + 1}", 0.0, False, 0, errors=(f"can't be judged: {sentence(error)}",))
 
     def _one(self, file: str, number: int, run: Run) -> RunAnswer:
         reasons: dict[str, list[str]] = {}
         given: list[tuple[Rule, Verdict]] = []
         for rule in self._rules:
-            try:
-                verdict = check(run, rule)
-            except Exception as error:
-                verdict = Verdict(rule.name, Status.ERROR, f"{rule.name} ERROR: {_told(error)}", reason=_told(error))
+            verdict = verdict_by(run, rule)
             if verdict.status is Status.ERROR:
                 reasons.setdefault(verdict.reason, []).append(rule.name)
             given.append((rule, verdict))
-        others = _summed(verdict for _, verdict in given)
-        verdicts = [self._verdict(file, number, run, rule, verdict, others) for rule, verdict in given]
         asked = self._question.kpis or (self._question.alone and run.excerpt is None)
-        found = kpis(run) if asked and not damage(run) else None
+        place = run.junction
+        keys = {"junction": place.name, "control": place.control.value, "recording": run.label}
+        whole = replace(
+            planned_record(run.label, 0, "", keys, place.ways),
+            verdicts=tuple(verdict for _, verdict in given),
+            run=run.label,
+            kpis=kpis(run) if asked and not damage(run) else None,
+            **of_run(run),
+        )
+        records = [
+            self._shown(record, self._pages(file, number, run, rule, verdict, given))
+            for record, (rule, verdict) in zip(by_rule(whole), given, strict=True)
+        ]
         judged = None if run.excerpt is None else run.excerpt.judged
         return RunAnswer(
             file,
@@ -167,9 +204,7 @@ class Judge:
             run.start,
             run.excerpt is not None,
             len(run.agents if judged is None else judged),
-            tuple(verdicts),
-            None if found is None else found.record(),
-            () if found is None else tuple(describe(found)),
+            tuple(records),
             tuple(map(str, validate(run))),
             tuple(self._unfit(reason, names) for reason, names in reasons.items()),
         )
@@ -178,60 +213,25 @@ class Judge:
         by = "" if len(names) == len(self._rules) else f" by {', '.join(names)}"
         return f"can't be judged{by}: {reason}"
 
-    def _verdict(self, file: str, number: int, run: Run, rule: Rule, verdict: Verdict, all: _Summed) -> VerdictAnswer:
-        told = verdict.message.removeprefix(f"{verdict.rule} {verdict.status}: ")
-        listed: dict[str, list[dict[str, Any]]] = {word: [] for word in _LISTED.values()}
-        for instance in verdict.instances:
-            if instance.status in _LISTED:
-                listed[_LISTED[instance.status]].append(_record(verdict, instance))
-        doubts = [instance for instance in verdict.instances if instance.status is Status.UNSURE]
-        if len(doubts) == 1 and verdict.status is Status.UNSURE and verdict.reason:
-            doubts = []  # the line says it
-        unsure = (": ".join(filter(None, (", ".join(name for _, name in i.binding), i.hangs))) for i in doubts)
-        pages, undrawn = self._pages(file, number, run, rule, verdict, all) if verdict.status in _LISTED else ((), "")
-        line = f"{verdict.status.value:5} {told if told.startswith(verdict.rule) else f'{verdict.rule}: {told}'}"
-        return VerdictAnswer(rule.name, verdict.status, line, listed, tuple(unsure), pages, undrawn)
+    def _shown(self, record: Record, pages: tuple[str, ...]) -> Record:
+        return replace(record, look=pages[0], looks=pages[1:]) if pages else record
 
     def _pages(
-        self, file: str, number: int, run: Run, rule: Rule, verdict: Verdict, all: _Summed
-    ) -> tuple[tuple[tuple[str, float], ...], str]:
-        """Write the pages of a verdict; return their names and times, and what there is to say where one can't be drawn."""
-        if self._question.pages is None:
-            return (), ""
+        self, file: str, number: int, run: Run, rule: Rule, verdict: Verdict, given: Sequence[tuple[Rule, Verdict]]
+    ) -> tuple[str, ...]:
+        """Write the replay pages of a verdict; return their names and the times at which they open, or why there is none."""
+        if self._question.pages is None or verdict.status not in _SHOWN:
+            return ()
         again = f"rvads check {quote(file)} --rules {rule.name}"
         notes = f"{verdict.explanation}\nrecorded  {file}\nrerun     {again}"
         facts = ("recorded", file), ("rule", f"{rule.name}: {rule.title}" if rule.title else rule.name), ("rerun", again)
-        beside = Beside(facts, tuple(told for told in all if told[0] != rule.name), "index.html")
-        pages: list[tuple[str, float]] = []
+        beside = Beside(facts, summed(other for _, other in given if other is not verdict), "index.html")
+        pages: list[str] = []
         try:
             for page in failure_pages(run, verdict, rule, notes, beside):
                 name = f"{slug(f'{run.label}-{rule.name}-{number}.{len(pages)}-{file}')}.html"
                 write_file(Path(self._question.pages) / name, page.html.encode())
-                pages.append((name, page.time))
+                pages.append(f"{Path(self._question.pages) / name}#t={page.time:.2f}")
         except Exception as error:
-            return tuple(pages), f"{notes}\n(no page: {_told(error)})"
-        return tuple(pages), ""
-
-
-def _summed(verdicts: Iterable[Verdict]) -> _Summed:
-    """Return rule, status and message of verdicts, the worst first."""
-    ordered = sorted(verdicts, key=lambda verdict: verdict.outcome.severity)
-    return tuple((verdict.rule, verdict.outcome.value, verdict.message) for verdict in ordered)
-
-
-def _record(verdict: Verdict, instance: InstanceVerdict) -> dict[str, Any]:
-    """Return an instance for programs: what its variables stand for, when it was violated, by what margin."""
-    found: dict[str, Any] = dict(instance.binding)
-    found |= {"time": when(verdict, instance), "margin": finite(instance.margin)}
-    return {**found, "hangs": instance.hangs} if instance.hangs else found
-
-
-def finite(margin: float | None) -> float | None:
-    """Return a margin as JSON can have it, None where it is infinite [s]."""
-    return margin if margin is not None and math.isfinite(margin) else None
-
-
-def _told(error: Exception) -> str:
-    """Return an error in one sentence; of one that nobody raised on purpose, also its kind."""
-    text = str(error) if isinstance(error, RvadsError | OSError) else f"{type(error).__name__}: {error}"
-    return one_line(text)
+            pages.append(f"not drawn: {sentence(error)}\n{notes}")
+        return tuple(pages)

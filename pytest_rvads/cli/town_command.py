@@ -14,8 +14,9 @@ from typing import TYPE_CHECKING, Any
 
 from pytest_rvads.cli import executor_options
 from pytest_rvads.cli.common import Subparsers, say, terminable, warn
-from pytest_rvads.cli.town_output import NOTHING, Order, written
+from pytest_rvads.cli.town_output import Order, written
 from pytest_rvads.errors import AutopilotError, RvadsError, ScenarioError
+from pytest_rvads.report.session_report import NOTHING_JUDGED
 from pytest_rvads.wording import plural
 
 if TYPE_CHECKING:
@@ -86,6 +87,9 @@ def declare(commands: Subparsers) -> None:
     town.add_argument(
         "--once-per-shape", action="store_true", help="of junctions that are the same up to a motion simulate the first alone"
     )
+    town.add_argument(
+        "--report", action="append", default=[], metavar="FILE", help="write a report, in the format of its ending; repeatable"
+    )
     town.add_argument("-o", "--out", metavar="DIR", help="folder to write to (default: rvads-town)")
     town.add_argument("--list", action="store_true", help="print the ids of the runs, and simulate nothing")
     town.set_defaults(command=_town)
@@ -141,10 +145,12 @@ def _understood(options: argparse.Namespace, driver: Any) -> Order:
     from pytest_rvads.logic.rules.book import rules_for
     from pytest_rvads.logic.rules.rulefile import load_rules
     from pytest_rvads.maps.control import JunctionControl
+    from pytest_rvads.report.files import fitting
     from pytest_rvads.scenarios.configurations import grid
     from pytest_rvads.scenarios.scenario import check_followers
     from pytest_rvads.simulators.simulator import meant, named
 
+    reports = tuple(map(fitting, options.report))
     subject = _subject(options.subject)
     if options.traffic is not None and subject is None:
         raise ScenarioError("--traffic drives the vehicles beside a subject: say --subject N or all, or leave --traffic out")
@@ -176,7 +182,7 @@ def _understood(options: argparse.Namespace, driver: Any) -> Order:
         once_per_shape=options.once_per_shape,
     )
     simulator = named(options.simulator, Path.cwd()) if options.simulator else meant()
-    return Order(town, simulator, _again(options))
+    return Order(town, simulator, _again(options), reports)
 
 
 def _subject(text: str) -> int | str | None:
@@ -235,7 +241,7 @@ def _nothing(town: Town) -> int:
     if town.plan.only:
         raise ScenarioError(f"no run has an id like {', '.join(map(repr, town.plan.only))}: `rvads town MAP --list` prints them")
     warn("rvads: nothing to judge: every junction is refused")
-    return NOTHING
+    return NOTHING_JUDGED
 
 
 def _judged(order: Order, options: argparse.Namespace, folder: Path, executor: Executor | int | None) -> int:

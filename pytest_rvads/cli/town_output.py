@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import shutil
-import sys
 from collections.abc import Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pytest_rvads.cli.common import say
-from pytest_rvads.report.session_report import UNFINISHED, Report
+from pytest_rvads.cli.common import say, show
+from pytest_rvads.report.session_report import NOTHING_JUDGED, UNFINISHED
 
 if TYPE_CHECKING:
     from pytest_rvads.campaigns.resultsfile import Results
@@ -19,10 +17,7 @@ if TYPE_CHECKING:
     from pytest_rvads.campaigns.town_tally import JunctionTally
     from pytest_rvads.simulators.simulator import Simulator
 
-__all__ = ["NOTHING", "Order", "written"]
-
-FAILED, NOTHING = 1, 5
-"""Exit statuses, as of a session."""
+__all__ = ["Order", "written"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,6 +28,8 @@ class Order:
     simulator: Simulator
     again: str
     """The command that runs some of it again; ids follow."""
+    reports: tuple[Path, ...] = ()
+    """Files to write reports to, beside that in the folder of the town."""
 
 
 def written(order: Order, results: Results, folder: Path, executor: Executor | int | None, cut: str = "") -> int:
@@ -46,7 +43,7 @@ def written(order: Order, results: Results, folder: Path, executor: Executor | i
         cut: why results are missing, or nothing.
     """
     from pytest_rvads.campaigns.replays import Replays, draw_replays
-    from pytest_rvads.campaigns.town import TownRecords, tallied
+    from pytest_rvads.campaigns.town import tallied, town_records
     from pytest_rvads.campaigns.town_page import town_page
     from pytest_rvads.cli.progress_bar import progressing
     from pytest_rvads.report.files import save
@@ -66,7 +63,7 @@ def written(order: Order, results: Results, folder: Path, executor: Executor | i
     status = _status(tallies, missing, flaky=bool(replays.flaky))
     report = replace(
         results.report(again=order.again),
-        records=TownRecords(judged, replays.looks, replays.flaky),
+        records=town_records(judged, {key: f"{folder / page}" for key, page in replays.looks.items()}, replays.flaky),
         notes=tuple(notes),
         exitstatus=status,
         complete=not missing,
@@ -79,8 +76,12 @@ def written(order: Order, results: Results, folder: Path, executor: Executor | i
     told = [*notes, *(f"{one.taken:,} of {one.total:,} {one.what} drawn, seed {one.seed}" for one in report.drawn)]
     page = town_page(title, told, town.pictures(), town.sites(), tallies, replays.looks, order.again)
     write_file(folder / "town.html", page.encode())
-    save(folder / "town.json", report)
-    _summary(report, notes, folder)
+    for path in (folder / "town.json", *order.reports):
+        save(path, report)
+    show(report)
+    for note in notes:
+        say(note)
+    say(f"look: {folder / 'town.html'}")
     return status
 
 
@@ -90,16 +91,5 @@ def _status(tallies: Mapping[str, JunctionTally], missing: int, *, flaky: bool) 
     if missing:
         return UNFINISHED
     if flaky or any(outcome.bad for outcome in found):
-        return FAILED
-    return 0 if any(outcome.judges for outcome in found) else NOTHING
-
-
-def _summary(report: Report, notes: list[str], folder: Path) -> None:
-    from pytest_rvads.report.terminal import summary
-
-    width = shutil.get_terminal_size().columns
-    unicode = (sys.stdout.encoding or "").lower().startswith("utf")
-    print(summary(report, colour=sys.stdout.isatty(), width=width, unicode=unicode), end="")
-    for note in notes:
-        say(note)
-    say(f"look: {folder / 'town.html'}")
+        return 1
+    return 0 if any(outcome.judges for outcome in found) else NOTHING_JUDGED

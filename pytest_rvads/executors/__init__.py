@@ -68,7 +68,8 @@ def gathered(
 
     Args:
         work: as for `spread`.
-        jobs: plain values, any number of them.
+        jobs: plain values, any number of them. An iterator that has ended is asked again after every result, so a result may
+            lead to further jobs.
         executor: as for `spread`.
         batch: jobs that a process gets at a time.
 
@@ -83,7 +84,7 @@ def gathered(
         return
     team: Team = Foreign(work, executor) if isinstance(executor, Executor) else Own(work, executor)
     try:
-        for part, answers in _flown(team, _parts(jobs, batch)):
+        for part, answers in _flown(team, _Parts(jobs, batch)):
             yield from enumerate(answers, start=part.begin)
     except BaseException:
         team.stop()
@@ -91,11 +92,18 @@ def gathered(
     team.close()
 
 
-def _parts(jobs: Iterable[Any], size: int) -> Iterator[Part]:
-    begin, rest = 0, iter(jobs)
-    while taken := tuple(islice(rest, size)):
-        yield Part(begin, taken)
-        begin += len(taken)
+class _Parts(Iterator[Part]):
+    """Jobs in parts of some size; unlike a generator it goes on when there are jobs again."""
+
+    def __init__(self, jobs: Iterable[Any], size: int) -> None:
+        self._begin, self._rest, self._size = 0, iter(jobs), size
+
+    def __next__(self) -> Part:
+        taken = tuple(islice(self._rest, self._size))
+        if not taken:
+            raise StopIteration
+        self._begin += len(taken)
+        return Part(self._begin - len(taken), taken)
 
 
 def _flown(team: Team, parts: Iterator[Part]) -> Iterator[tuple[Part, list[Any]]]:

@@ -8,7 +8,7 @@ from itertools import combinations
 
 from pytest_rvads.outcome import Outcome, Tallied, counted
 from pytest_rvads.report.arrivals import Arrivals
-from pytest_rvads.report.record import Record
+from pytest_rvads.report.record import Record, RecordedItem, SimulatedItem
 from pytest_rvads.report.session_report import Extent, Move
 from pytest_rvads.wording import first, plural
 
@@ -35,12 +35,12 @@ class AtJunctions:
 
     def add(self, record: Record) -> None:
         """Take a record in."""
-        key = record.junction, bool(record.recording)
+        key = record.junction, isinstance(record, RecordedItem)
         one = self._found.get(key) or self._found.setdefault(key, self._new(record))
         one.add(record)
 
     def _new(self, record: Record) -> AtJunction:
-        if record.recording:
+        if isinstance(record, RecordedItem):
             return AtJunction(record)
         return AtJunction(record, self._totals.get(record.ways), self._extents.get(record.junction))
 
@@ -72,7 +72,7 @@ class AtJunction:
         """Those that were judged."""
         self.wrong: set[str] = set()
         """Those in which something went wrong that was not known."""
-        self._recorded, self._totals, self._extent = bool(first.recording), totals, extent
+        self._recorded, self._totals, self._extent = isinstance(first, RecordedItem), totals, extent
         self._turns = extent.turns if extent else first.ways
         self._full = {"arms": _Full(), "lanes": _Full()}
         """Of full scenarios, by occupancy; together in the first where there is one way to occupy a junction."""
@@ -90,13 +90,15 @@ class AtJunction:
             if record.hash not in self.runs:
                 self._arrivals.add(record)
             self.runs.add(record.hash)
-            if record.cls:
-                # Numbers alone are those of occupied arms.
-                self._full["lanes" if self._extent and record.orbit else "arms"].add(record, self._turns)
-            if self._extent:
-                self._add_to_extent(record)
+            if isinstance(record, SimulatedItem):
+                self._add_scenario(record)
 
-    def _add_to_extent(self, record: Record) -> None:
+    def _add_scenario(self, record: SimulatedItem) -> None:
+        if record.cls:
+            # Numbers alone are those of occupied arms.
+            self._full["lanes" if self._extent and record.orbit else "arms"].add(record, self._turns)
+        if not self._extent:
+            return
         name = record.orbit or record.cls
         for occupancy, names in self._partial.items():
             if occupancy == "lanes" or _alone(record.scenario):
@@ -158,7 +160,7 @@ class _Full:
         self._seated: set[tuple[str, int]] = set()
         """As seen from its seat, equal scenarios are rotations of each other."""
 
-    def add(self, record: Record, turns: int) -> None:
+    def add(self, record: SimulatedItem, turns: int) -> None:
         """Take in a record of a run at a junction with so many rotations."""
         self._classes.add(record.cls)
         self._scenarios.add(record.scenario)

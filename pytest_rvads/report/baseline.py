@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, replace
 from msgspec import structs
 
 from pytest_rvads.outcome import BAD, Outcome
-from pytest_rvads.report.record import Record
+from pytest_rvads.report.record import Record, SimulatedItem
 from pytest_rvads.report.session_report import Change, Comparison, Report
 from pytest_rvads.wording import first, plural
 
@@ -52,7 +52,10 @@ def compare(
             fails is NEW, and an item that was judged in the baseline and does not fail is LOST.
     """
     before = {record.nodeid: record for record in baseline.records}
-    simulators = dict.fromkeys((before[r.nodeid].simulator, r.simulator) for r in report.records if r.nodeid in before)
+    pairs = ((before[record.nodeid], record) for record in report.records if record.nodeid in before)
+    simulators = dict.fromkeys(
+        (was.simulator, now.simulator) for was, now in pairs if isinstance(was, SimulatedItem) and isinstance(now, SimulatedItem)
+    )
     changes: list[Change] = []
     eroded: dict[str, _Eroded] = {}
     broken: set[str] = set()
@@ -115,8 +118,9 @@ def _other(record: Record, before: Record) -> str:
     """Return why what an item was is no basis for what it is, where both are known; else nothing."""
     if record.place and before.place and record.place != before.place:
         return "at a junction that is not the same any more"
-    if record.driver and before.driver and record.driver != before.driver:
-        return f"driven by {before.driver} then and by {record.driver} now"
+    drivers = [item.driver for item in (before, record) if isinstance(item, SimulatedItem) and item.driver]
+    if len(set(drivers)) == 2:
+        return f"driven by {drivers[0]} then and by {drivers[1]} now"
     if record.rule != before.rule or (record.formula and before.formula and record.formula != before.formula):
         return f"by a rule {record.rule} that is not the same any more"
     return ""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pytest_rvads.report.record import Record
+from pytest_rvads.report.record import Record, SimulatedItem
 
 __all__ = ["facts"]
 
@@ -17,13 +17,14 @@ def facts(record: Record, start: str, rerun: str) -> tuple[tuple[str, str], ...]
     """
     verdict = record.verdicts[-1] if record.verdicts else None
     rule = verdict.rule if verdict is not None else record.rule or ""
-    driver = f"{record.driver} ({record.source})" if record.source else record.driver
-    if record.traffic and verdict is not None and verdict.subject:
-        driver = f"{driver}, {verdict.subject} alone; the others by {record.traffic}"
+    run: tuple[tuple[str, str], ...] = (("recorded", start),)
+    if isinstance(record, SimulatedItem):
+        driver = f"{record.driver} ({record.source})" if record.source else record.driver
+        if record.traffic and verdict is not None and verdict.subject:
+            driver = f"{driver}, {verdict.subject} alone; the others by {record.traffic}"
+        run = ("scenario", start), ("driven by", driver), ("simulated by", record.simulator)
     found = (
-        ("recorded" if record.recording else "scenario", start),
-        ("driven by", driver),
-        ("simulated by", record.simulator),
+        *run,
         ("rule", f"{rule}: {verdict.title}" if verdict is not None and verdict.title else rule),
         ("requirements", ", ".join(record.requirements)),
         ("rerun", rerun),

@@ -7,7 +7,7 @@ from array import array
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from pytest_rvads.report.record import Computing, Record
+from pytest_rvads.report.record import Computing, Record, SimulatedItem
 from pytest_rvads.runs.measured import Kpis, PairKpis, VehicleKpis
 from pytest_rvads.wording import first, plural
 
@@ -34,6 +34,8 @@ class Makers:
 
     def add(self, record: Record) -> None:
         """Take a record in."""
+        if not isinstance(record, SimulatedItem):
+            return
         for made in (("driven", record.driver, record.source), ("simulated", record.simulator, "")):
             if made[1]:
                 runs = self._runs.get(made) or self._runs.setdefault(made, set())
@@ -111,12 +113,12 @@ class Timing:
     """Takes records in and tells how long stacks in other processes computed: real time, which no verdict depends on."""
 
     def __init__(self) -> None:
-        self._runs: set[tuple[str | None, str | None, str | None]] = set()
+        self._runs: set[tuple[str | None, str | None]] = set()
         self._stacks: dict[str, _Computed] = {}
 
     def add(self, record: Record) -> None:
         """Take a record in."""
-        run = record.run, record.traffic, record.hash
+        run = record.run, record.hash
         if record.timing and run not in self._runs:
             self._runs.add(run)
             for one in record.timing.values():

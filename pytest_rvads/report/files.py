@@ -10,6 +10,7 @@ import msgspec
 
 from pytest_rvads.decoding import decode, encode
 from pytest_rvads.errors import RvadsError
+from pytest_rvads.report.junit import junit
 from pytest_rvads.report.markdown import markdown
 from pytest_rvads.report.outline import outline
 from pytest_rvads.report.page import page
@@ -17,7 +18,7 @@ from pytest_rvads.report.session_report import Report
 from pytest_rvads.report.traceability import table
 from pytest_rvads.storage import read_file, write_file
 
-__all__ = ["FORMATS", "MOST", "append_summary", "load", "read", "save"]
+__all__ = ["FORMATS", "MOST", "append_summary", "fitting", "load", "read", "save"]
 
 VERSION = 5
 MOST = 2**28
@@ -33,6 +34,18 @@ class _Head(msgspec.Struct):
     version: int
 
 
+def fitting(name: str | Path) -> Path:
+    """Return the path of a report, before anything is spent on the report.
+
+    Raises:
+        RvadsError: the ending names no format.
+    """
+    path = Path(name)
+    if path.suffix not in FORMATS:
+        raise RvadsError(f"a report is a {', '.join(FORMATS)} file, got {str(path)!r}")
+    return path
+
+
 def save(path: Path, report: Report) -> None:
     """Write a report in the format that the ending of `path` names.
 
@@ -40,9 +53,7 @@ def save(path: Path, report: Report) -> None:
         RvadsError: another ending.
         OSError: the file can't be written.
     """
-    if path.suffix not in FORMATS:
-        raise RvadsError(f"a report is a {', '.join(FORMATS)} file, got {str(path)!r}")
-    text = FORMATS[path.suffix](report, path.parent)
+    text = FORMATS[fitting(path).suffix](report, path.parent)
     pieces = [text] if isinstance(text, str) else text
     write_file(path, (piece.encode("utf-8", "backslashreplace") for piece in pieces))
 
@@ -110,6 +121,7 @@ FORMATS: dict[str, Callable[[Report, Path], Iterable[str]]] = {
     ".html": page,
     ".md": lambda report, _: markdown(report),
     ".csv": lambda report, _: table(report),
+    ".xml": lambda report, _: junit(report),
 }
 """How a report is written, by the ending of its file, as a text or in pieces; what it links to is linked from the folder it will
 lie in."""

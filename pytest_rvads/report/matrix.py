@@ -10,7 +10,7 @@ from functools import partial
 from typing import Any, NamedTuple
 
 from pytest_rvads.outcome import Outcome
-from pytest_rvads.report.record import Record
+from pytest_rvads.report.record import Record, RecordedItem
 from pytest_rvads.report.rollup import natural
 from pytest_rvads.wording import first
 
@@ -150,7 +150,7 @@ class Matrices:
 
 def group_of(record: Record) -> str:
     """Return the title of the matrix that a record belongs to: junction, traffic, and test, where there is one."""
-    among = " as recorded" if record.recording else f" among {record.traffic} traffic" if record.traffic else ""
+    among = " as recorded" if isinstance(record, RecordedItem) else f" among {record.traffic} traffic" if record.traffic else ""
     return f"{record.junction}{among}   {record.nodeid.partition('[')[0] if record.test else ''}".rstrip()
 
 
@@ -158,7 +158,7 @@ class _Group:
     """What was counted for a matrix: per row and column the verdicts, by reason where they are known failures."""
 
     def __init__(self, first: Record) -> None:
-        self.junction, self.recorded = first.junction, bool(first.recording)
+        self.junction, self.recorded = first.junction, isinstance(first, RecordedItem)
         self.width = 0
         self.columns: set[tuple[str, str]] = set()
         self.cells: dict[_Row, dict[tuple[str, str], _Counts]] = {}
@@ -220,7 +220,9 @@ def _tabled(title: str, groups: Sequence[_Group], entry: Callable[[_Row, tuple[s
 
 def place_of(record: Record) -> Place:
     """Return the cell of a matrix that a record belongs to."""
-    return group_of(record), (record.variant, record.recording or record.cls), (record.cfg, record.asks)
+    if isinstance(record, RecordedItem):
+        return group_of(record), (record.variant, record.recording), ("", record.asks)
+    return group_of(record), (record.variant, record.cls), (record.cfg, record.asks)
 
 
 def member_of(record: Record) -> int | str:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from pytest_rvads.errors import RvadsError
 from pytest_rvads.outcome import Outcome
-from pytest_rvads.report.record import Record
+from pytest_rvads.report.record import Record, SimulatedItem
 from pytest_rvads.report.session_report import Cell, Extent, Report, in_order
 from pytest_rvads.report.steady import steady
 from pytest_rvads.wording import first
@@ -80,7 +80,8 @@ def _refuse_strangers(reports: Sequence[tuple[str, Report]]) -> None:
         for one in report.records:
             test = one.nodeid.partition("[")[0]
             told.setdefault(f"map of {one.junction} in {test}", set()).add(one.place or "")
-            told.setdefault(f"code of {one.driver} in {test}", set()).add(one.source)
+            if isinstance(one, SimulatedItem):
+                told.setdefault(f"code of {one.driver} in {test}", set()).add(one.source)
             told.setdefault(f"formula of {one.rule}", set()).add(one.formula)
         for what, values in told.items():
             if found := values - {""}:

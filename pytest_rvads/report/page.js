@@ -36,6 +36,8 @@ function card(list, item) {
     make("p", one, made.filter(Boolean).join(", "), "made");
   }
   link(one, item, "replay");
+  item.more.forEach((look, number) => { one.append(" "); make("a", one, `replay ${number + 2}`).href = look; });
+  if (item.why) fold(one, item.why.split("\n")[0], part => make("pre", part, item.why), "what");
 }
 function paged(place, found) {
   const list = make("ol", place, "", "items"), button = make("button", place, "", "more");

@@ -13,9 +13,9 @@ from typing import Any
 
 from pytest_rvads.outcome import Outcome
 from pytest_rvads.report.folders import option, sessions
-from pytest_rvads.report.matrix import group_of, member_of
+from pytest_rvads.report.matrix import member_of, place_of
 from pytest_rvads.report.outline import FAILURES, Block, Causes, Changes, Figures, Head, Notes, RollUp, Verdicts, outline
-from pytest_rvads.report.record import Record
+from pytest_rvads.report.record import Record, SimulatedItem
 from pytest_rvads.report.rollup import Sums
 from pytest_rvads.report.session_report import TOLD, Report
 from pytest_rvads.webpage import webpage
@@ -30,6 +30,8 @@ _NO_PATH = re.compile(r"[^/?#]*:| *//|.*[\\\t\n]", re.DOTALL)
 """An address with a scheme, of another host, or what browsers would make one of."""
 _TERMS = ("began", "driven by", "simulated by", "command:", "", "exit status")
 """What lines of the head begin with, in the order of the page; the one on all verdicts begins with their number."""
+_UNDRAWN = "not drawn"
+"""What stands in place of a replay page begins so, and goes on with the reason."""
 _LINES = 10
 """Lines of the head, and changes, that are not folded."""
 
@@ -146,9 +148,13 @@ def _matrix(block: Verdicts) -> dict[str, Any]:
 
 
 def _item(record: Record, folder: Path, report: Report, session: str) -> dict[str, Any]:
+    group, _, (cfg, rule) = place_of(record)
+    driver, simulator = (record.driver, record.simulator) if isinstance(record, SimulatedItem) else ("", "")
+    looks = (record.look, *record.looks)
+    links = [link for link in (_link(look, folder) for look in looks) if link]
     return {
         "id": record.nodeid,
-        "group": group_of(record),
+        "group": group,
         "junction": record.junction,
         "kind": record.kind,
         "status": record.status,
@@ -156,12 +162,14 @@ def _item(record: Record, folder: Path, report: Report, session: str) -> dict[st
         "known": bool(record.known),
         "change": record.change if record.change in TOLD else "",
         "member": member_of(record),
-        "cfg": record.cfg,
-        "rule": record.asks,
+        "cfg": cfg,
+        "rule": rule,
         "text": record.message,
-        "driver": record.driver,
-        "simulator": record.simulator,
-        "look": _link(record.look, folder),
+        "driver": driver,
+        "simulator": simulator,
+        "look": links[0] if links else "",
+        "more": links[1:],
+        "why": next((look for look in looks if look.startswith(_UNDRAWN)), ""),
         "draw": _drawing(record, report, session),
     }
 
@@ -184,7 +192,7 @@ def _drawing(record: Record, report: Report, session: str) -> str:
         report: of its session.
         session: the option that names the session; empty takes the latest, where nothing is known of it.
     """
-    if record.look and not record.look.startswith("not drawn"):
+    if record.look and not record.look.startswith(_UNDRAWN):
         return ""
     if not record.hash or not (record.shows if record.failed else report.kept) or not report.again.startswith("pytest"):
         return ""
@@ -193,7 +201,7 @@ def _drawing(record: Record, report: Report, session: str) -> str:
 
 def _link(look: str, folder: Path) -> str:
     """Return a link to a page, for a file in a folder; nothing where that would be neither a relative path nor https."""
-    if look.startswith("not drawn"):
+    if look.startswith(_UNDRAWN):
         return ""
     look = printable(look, len(look))  # control characters become backslashes, which are refused
     if _WEB.fullmatch(look):

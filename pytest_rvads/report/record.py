@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeAlias
 
 import msgspec
 from msgspec.structs import replace
@@ -17,6 +17,8 @@ __all__ = [
     "AgentRecord",
     "Computing",
     "Record",
+    "RecordedItem",
+    "SimulatedItem",
     "conclude",
     "planned_record",
     "properties",
@@ -49,10 +51,10 @@ class AgentRecord(msgspec.Struct, frozen=True, kw_only=True):
         return f"{self.kind} {self.name} from {'{}.{}'.format(*self.entrance)} to {'{}.{}'.format(*self.exit)}"
 
 
-class Record(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """What is known of an item; NOT RUN as long as it has not run.
+class _Item(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, tag_field="type"):
+    """What is known of every item; the status is NOT RUN until the item has run.
 
-    What comes from its run, and what only some records have, is left out of files where there is none.
+    A field with a default is left out of files where it has the default.
     """
 
     nodeid: str
@@ -65,19 +67,7 @@ class Record(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     junction: str
     control: str = ""
     """What regulates the junction, where that is known."""
-    cls: Count
-    scenario: str
-    cfg: str
-    rotation: Count
-    seat: Count | None
-    traffic: str | None
     rule: str | None
-    driver: str
-    """What drove, as it calls itself."""
-    source: str = ""
-    """Where what drove is defined and a digest of its code, or its version: ``pilots.py 3fa29c01``."""
-    simulator: str = ""
-    """What made the run, likewise."""
     requirements: tuple[str, ...]
     """Identifiers of what scenario and rule trace to."""
     formula: str = ""
@@ -106,15 +96,12 @@ class Record(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     flaky: Divergence | None = None
     look: str = ""
     """The replay page, with the time of the violation."""
+    looks: tuple[str, ...] = ()
+    """Further replay pages, of later violations in a long recording."""
     change: str = ""
     """Since the baseline, where there is one."""
-    orbit: str = ""
-    """The least scenario of the class, where the number does not tell which one that is."""
     variant: str = ""
     """Values of the test's other parameters, as ids name them, such as the version of a controller; empty without any."""
-    recording: str = ""
-    """What was recorded, as in the id of the item: file, and time or label where it holds several runs. It has no class, no
-    scenario and no configuration: those are 0 and empty."""
 
     @property
     def contradiction(self) -> str:
@@ -176,6 +163,36 @@ class Record(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
         return self.status.judges or (given and self.status is not Outcome.ERROR)
 
 
+class SimulatedItem(_Item, frozen=True, kw_only=True, omit_defaults=True, tag="simulated"):
+    """What is known of an item that simulates a scenario."""
+
+    cls: Count
+    scenario: str
+    cfg: str
+    rotation: Count
+    seat: Count | None
+    traffic: str | None
+    driver: str
+    """What drove, as it calls itself."""
+    source: str = ""
+    """Where what drove is defined and a digest of its code, or its version: ``pilots.py 3fa29c01``."""
+    simulator: str = ""
+    """What made the run, likewise."""
+    orbit: str = ""
+    """The least scenario of the class, where the number does not tell which one that is."""
+
+
+class RecordedItem(_Item, frozen=True, kw_only=True, omit_defaults=True, tag="recorded"):
+    """What is known of an item that judges a run of a file."""
+
+    recording: str
+    """What was recorded, as in the id of the item: file, and time or label where the file holds several runs."""
+
+
+Record: TypeAlias = SimulatedItem | RecordedItem
+"""What is known of an item. In JSON the field ``type`` tells the two apart."""
+
+
 def planned_record(
     nodeid: str, line: int, test: str, keys: Mapping[str, Any], ways: int, requirements: Sequence[str] = ()
 ) -> Record:
@@ -185,14 +202,14 @@ def planned_record(
         nodeid: of the item.
         line: of the test function in its file.
         test: name of the test function.
-        keys: what selects the cell: junction, then cls, scenario, cfg, rotation or recording, and seat, traffic, rule, orbit,
+        keys: what selects the cell: junction, then recording, or cls, scenario, cfg, rotation, and seat, traffic, rule, orbit,
             control, variant where there is one.
         ways: number of arms of the junction.
         requirements: identifiers of what scenario and rule trace to.
     """
-    unsaid: dict[str, Any] = {"cls": 0, "scenario": "", "cfg": "", "rotation": 0, "seat": None, "traffic": None, "rule": None}
-    known = {**unsaid, "driver": "", **keys}
-    return Record(
+    unsaid = {} if "recording" in keys else _UNSAID
+    kind: type[Record] = RecordedItem if "recording" in keys else SimulatedItem
+    return kind(
         nodeid=nodeid,
         line=line,
         test=test,
@@ -203,8 +220,12 @@ def planned_record(
         known=None,
         outcome="",
         message="",
-        **known,
+        **{"rule": None, **unsaid, **keys},
     )
+
+
+_UNSAID = {"cls": 0, "scenario": "", "cfg": "", "rotation": 0, "seat": None, "traffic": None, "driver": ""}
+"""What a simulated item has where its keys do not say otherwise."""
 
 
 def conclude(  # noqa: PLR0913 - what pytest tells about the end of an item
@@ -235,7 +256,7 @@ def conclude(  # noqa: PLR0913 - what pytest tells about the end of an item
     assertions, also where an xfail expected the latter. One that was skipped by somebody is NOT RUN; it never counts as a pass,
     and no failed test as anything but a failure.
     """
-    given = msgspec.convert(list(verdicts), tuple[Verdict, ...])
+    given = tuple(replace(verdict, explanation="") for verdict in verdicts)
     worst = min((verdict.outcome for verdict in given), key=lambda found: found.severity, default=None)
     if outcome != "failed":
         ran = Outcome.FAIL if known else Outcome.NOT_RUN if outcome == "skipped" else Outcome.PASS
@@ -261,25 +282,27 @@ def received(content: Mapping[str, Any]) -> Record:
     Raises:
         msgspec.ValidationError: it is none.
     """
-    return msgspec.convert(content, Record)
+    record: Record = msgspec.convert(content, Record)
+    return record
 
 
 def properties(record: Record) -> list[tuple[str, Any]]:
     """Return the properties of an item for JUnit."""
-    seat = [] if record.seat is None else [("seat", record.seat), ("traffic", record.traffic)]
-    simulated = [
-        ("class", record.cls),
-        ("scenario", record.scenario),
-        ("configuration", record.cfg),
-        ("rotation", record.rotation),
-        *seat,
-    ]
-    made = [("driver", record.driver), ("simulator", record.simulator)]
+    begun: list[tuple[str, Any]]
+    made: list[tuple[str, Any]] = []
+    if isinstance(record, RecordedItem):
+        begun = [("recording", record.recording)]
+    else:
+        begun = [("class", record.cls), ("scenario", record.scenario), ("configuration", record.cfg)]
+        begun += [("rotation", record.rotation)]
+        begun += [] if record.seat is None else [("seat", record.seat), ("traffic", record.traffic)]
+        made = [("driver", record.driver), ("simulator", record.simulator)]
     return [
         ("junction", record.junction),
-        *([("recording", record.recording)] if record.recording else simulated),
+        *begun,
         *([("variant", record.variant)] if record.variant else []),
         ("rule", record.rule or record.test),
         ("verdict", record.status.value),
-        *([] if record.recording else made),
+        *([("change", record.change)] if record.change else []),
+        *made,
     ]

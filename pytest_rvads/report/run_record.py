@@ -1,16 +1,61 @@
-"""What a record tells of a run beside verdicts and indicators: who took part, and how long stacks computed."""
+"""The record of a run: its verdicts, who took part, how long stacks computed, and the records by the rules that judge it."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
+from typing import Any
 
 import msgspec
 
-from pytest_rvads.report.record import AgentRecord, Computing
+from pytest_rvads.errors import RvadsError
+from pytest_rvads.logic.check import check
+from pytest_rvads.logic.judging.verdicts import Status, Verdict
+from pytest_rvads.logic.rules.rule import Rule
+from pytest_rvads.outcome import Outcome
+from pytest_rvads.report.record import AgentRecord, Computing, Record, RecordedItem, SimulatedItem, conclude
 from pytest_rvads.runs.run import Run
+from pytest_rvads.wording import one_line
 
-__all__ = ["computing", "took_part"]
+__all__ = ["by_rule", "computing", "of_run", "sentence", "summed", "took_part", "unjudged", "verdict_by"]
+
+_SKIPPED = (Outcome.NA, Outcome.UNSURE, Outcome.NOT_RUN)
+
+
+def verdict_by(run: Run, rule: str | Rule) -> Verdict:
+    """Return the verdict of a rule on a run; where the rule can't judge the run, an ERROR that says why."""
+    try:
+        return check(run, rule)
+    except Exception as error:  # a predicate of users may raise anything
+        return unjudged(rule, sentence(error))
+
+
+def unjudged(rule: str | Rule, reason: str) -> Verdict:
+    """Return the ERROR of a rule where there is no other verdict."""
+    name, requirement = (rule, None) if isinstance(rule, str) else (rule.name, rule.requirement)
+    return Verdict(name, Status.ERROR, f"{name} ERROR: {reason}", reason=reason, requirement=requirement)
+
+
+def sentence(error: Exception) -> str:
+    """Return an error in one sentence; of an error that nobody raised on purpose, also its kind."""
+    return one_line(str(error) if isinstance(error, RvadsError | OSError) else f"{type(error).__name__}: {error}")
+
+
+def summed(verdicts: Iterable[Verdict]) -> tuple[tuple[str, str, str], ...]:
+    """Return rule, outcome and message of verdicts, the worst first; for `Beside.others`."""
+    ordered = sorted(verdicts, key=lambda verdict: verdict.outcome.severity)
+    return tuple((verdict.rule, verdict.outcome.value, verdict.message) for verdict in ordered)
+
+
+def of_run(run: Run) -> dict[str, Any]:
+    """Return the fields of a record that come from its run, but for verdicts and indicators."""
+    return {
+        "hash": run.hash,
+        "place": run.junction.digest[:12],
+        "duration": run.duration,
+        "agents": took_part(run),
+        "timing": computing(run),
+    }
 
 
 def took_part(run: Run) -> tuple[AgentRecord, ...]:
@@ -31,3 +76,22 @@ def computing(run: Run) -> dict[str, Computing] | None:
         with suppress(msgspec.ValidationError):
             found[str(name)] = msgspec.convert(told, Computing)
     return found or None
+
+
+def by_rule(whole: Record) -> Iterator[Record]:
+    """Yield a record per verdict on a run, as sessions have one record per item.
+
+    Args:
+        whole: the record of the run, with the verdict of every rule; each id is its id, followed by the rule.
+    """
+    kind: type[Record] = RecordedItem if isinstance(whole, RecordedItem) else SimulatedItem
+    shared = {name: getattr(whole, name) for name in kind.__struct_fields__}
+    for verdict in whole.verdicts:
+        given = verdict.outcome
+        traced = (verdict.requirement,) if verdict.requirement else ()
+        start = kind(**shared | {"nodeid": f"{whole.nodeid}-{verdict.rule}", "rule": verdict.rule, "requirements": traced})
+        outcome = "failed" if given.bad else "skipped" if given in _SKIPPED else "passed"
+        error = Outcome.ERROR if given is Outcome.ERROR else None
+        # Why there is no verdict is the same by every rule, so that it is one cause.
+        text = verdict.reason or verdict.message if error else verdict.message
+        yield conclude(start, [verdict], "call", outcome, text=text, error=error)

@@ -9,9 +9,10 @@ from typing import Annotated
 
 from msgspec import Meta, Struct
 
-from pytest_rvads.report.record import Record
+from pytest_rvads.report.record import Record, RecordedItem
 
 __all__ = [
+    "NOTHING_JUDGED",
     "TOLD",
     "UNFINISHED",
     "Cell",
@@ -28,6 +29,9 @@ __all__ = [
 
 UNFINISHED = 2
 """Exit status of a session that did not come to its end, as of one that was interrupted."""
+
+NOTHING_JUDGED = 5
+"""Exit status where nothing was found out, as of a session that collected nothing."""
 
 Cell = tuple[str, int | str, str, str, int | None, str | None]
 """Junction, class, configuration, rule, seat of the subject, traffic around it; where a test has no rule axis, its name stands
@@ -198,14 +202,10 @@ def begun(
 
 def cell_of(record: Record) -> Cell:
     """Return the cell of a table that a record belongs to; the rows of a class share it."""
-    return (
-        record.junction,
-        record.recording or record.orbit or record.cls,
-        record.cfg,
-        record.rule or record.test,
-        record.seat,
-        record.traffic,
-    )
+    rule = record.rule or record.test
+    if isinstance(record, RecordedItem):
+        return record.junction, record.recording, "", rule, None, None
+    return record.junction, record.orbit or record.cls, record.cfg, rule, record.seat, record.traffic
 
 
 def in_order(records: Sequence[Record]) -> tuple[Record, ...]:

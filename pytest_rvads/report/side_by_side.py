@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pytest_rvads.errors import RvadsError
 from pytest_rvads.outcome import Outcome, Tallied
 from pytest_rvads.report import triage
-from pytest_rvads.report.baseline import compare
+from pytest_rvads.report.baseline import compare, with_baseline
 from pytest_rvads.report.matrix import SAME, Entry, Matrices, Matrix, Place, place_of
 from pytest_rvads.report.outline import Head, outline
 from pytest_rvads.report.record import Record
@@ -77,6 +77,8 @@ class SideBySide:
     """Per test and junction, with ``pass -> FAIL`` for an item that differs; None if the verdicts are too many for tables."""
     rules: tuple[Ruled, ...]
     causes: tuple[Shared, ...]
+    later: Report
+    """The report of B, with what changed since A."""
 
     @property
     def differ(self) -> bool:
@@ -108,14 +110,16 @@ def side_by_side(a: tuple[str, Report], b: tuple[str, Report], erosion: float) -
         )
     planned = set(other.planned)
     lost = {record.nodeid for record in one.records if cell_of(record) not in planned}
+    comparison = compare(other, one, "A", erosion, lost.__contains__, same=False)
     return SideBySide(
         _side(*a),
         _side(*b),
         common,
-        compare(other, one, "A", erosion, lost.__contains__, same=False),
+        comparison,
         _matrices(one.records, other.records),
         _rules(one.records, other.records),
         _causes(one.records, other.records),
+        with_baseline(other, comparison),
     )
 
 

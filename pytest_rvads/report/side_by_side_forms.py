@@ -1,8 +1,8 @@
-"""Writes two sessions side by side for a terminal, as a page, as Markdown and as JSON."""
+"""Writes two sessions side by side for a terminal, as a page, as Markdown and as JSON, and the later session in other formats."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from itertools import groupby
@@ -13,8 +13,8 @@ from typing import Any
 import msgspec
 
 from pytest_rvads.decoding import encode
-from pytest_rvads.errors import RvadsError
 from pytest_rvads.outcome import Tallied, counted
+from pytest_rvads.report.files import FORMATS, fitting
 from pytest_rvads.report.markdown import section
 from pytest_rvads.report.matrix import SAME, Entry, Matrix
 from pytest_rvads.report.side_by_side import Ruled, Shared, SideBySide, changed, differing
@@ -22,7 +22,7 @@ from pytest_rvads.storage import write_file
 from pytest_rvads.webpage import webpage
 from pytest_rvads.wording import first, one_line, plural
 
-__all__ = ["Section", "fitting", "save", "sections", "text"]
+__all__ = ["Section", "save", "sections", "text"]
 
 _TITLE = "rvads: two sessions side by side"
 _MOST = 10
@@ -55,25 +55,19 @@ def text(found: SideBySide, width: int) -> str:
     return "\n".join(lines)
 
 
-def fitting(path: Path) -> Callable[[SideBySide], str]:
-    """Return the function that writes the format of a file, by the suffix of the file.
-
-    Raises:
-        RvadsError: no format has this suffix.
-    """
-    if path.suffix not in _FORMATS:
-        raise RvadsError(f"a comparison is a {', '.join(_FORMATS)} file, got {str(path)!r}")
-    return _FORMATS[path.suffix]
-
-
 def save(path: Path, found: SideBySide) -> None:
     """Write two sessions side by side, in the format that the suffix of `path` names.
+
+    A format with a row or case per item, which can't show two sessions, shows the later session and the changes.
 
     Raises:
         RvadsError: no format has this suffix.
         OSError: the file can't be written.
     """
-    write_file(path, [fitting(path)(found).encode("utf-8", "backslashreplace")])
+    own = _FORMATS.get(fitting(path).suffix)
+    text = own(found) if own else FORMATS[path.suffix](found.later, path.parent)
+    pieces: Iterable[str] = [text] if isinstance(text, str) else text
+    write_file(path, (piece.encode("utf-8", "backslashreplace") for piece in pieces))
 
 
 def sections(found: SideBySide, most: int | None = None) -> Iterator[Section]:
@@ -238,4 +232,4 @@ def _by_name(counts: dict[Tallied, int]) -> dict[str, int]:
 
 
 _FORMATS: dict[str, Callable[[SideBySide], str]] = {".html": _page, ".md": _markdown, ".json": _json}
-"""Functions that write the formats, by the suffix of a file."""
+"""What shows both sessions, by the ending of the file."""

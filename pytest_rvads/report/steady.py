@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator
 from msgspec.structs import replace
 
 from pytest_rvads.outcome import Outcome
-from pytest_rvads.report.record import Record
+from pytest_rvads.report.record import Record, SimulatedItem
 from pytest_rvads.runs.measured import Divergence
 
 __all__ = ["steady"]
@@ -36,4 +36,5 @@ def steady(records: Iterable[Record]) -> Iterator[Record]:
 def _start(record: Record) -> tuple[str, ...]:
     """Return what names the run of an item: its test and variant, what drives and simulates, and the id of the run."""
     test = record.nodeid.partition("[")[0]
-    return test, record.variant, record.driver, str(record.traffic), record.simulator, str(record.run)
+    made = (record.driver, str(record.traffic), record.simulator) if isinstance(record, SimulatedItem) else ()
+    return test, record.variant, *made, str(record.run)

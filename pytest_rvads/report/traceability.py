@@ -37,9 +37,7 @@ _COLUMNS = {
     "run": "hash",
     "item": "nodeid",
 }
-"""Heading to attribute of the record."""
-_SIMULATED = ("cls", "scenario", "cfg", "rotation")
-"""What a recording has none of."""
+"""Heading to attribute of the record; the cell is empty where the record has no such attribute."""
 _WAITING = 2**20
 """Characters of rows of a requirement that wait in memory; more of them wait on disk."""
 _FORMULA = re.compile(r"[\s'\"\u200b\ufeff]*[=+\-@＝＋－＠\t\r]")
@@ -66,7 +64,7 @@ def table(report: Report) -> Iterator[str]:
     with ExitStack() as files:
         waiting: dict[str, IO[str]] = {}
         for record in report.records:
-            told = ["" if record.recording and key in _SIMULATED else getattr(record, key) for key in _COLUMNS.values()]
+            told = [getattr(record, name, "") for name in _COLUMNS.values()]
             for requirement in record.requirements or ("",):
                 if requirement not in waiting:
                     waiting[requirement] = files.enter_context(SpooledTemporaryFile(_WAITING, "w+", encoding="utf-8", newline=""))

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from pytest_rvads.logic.judging.verdicts import Verdict
 from pytest_rvads.outcome import Outcome
 from pytest_rvads.report.faults import explains, first_line, hanging, signature, time_of, verdict_of, violated
-from pytest_rvads.report.record import Record
+from pytest_rvads.report.record import Record, SimulatedItem
 from pytest_rvads.report.variants import Variant, Variants, variant_of
 from pytest_rvads.wording import first, plural
 
@@ -93,6 +93,10 @@ class Cause:
         return f"{self.text}{where}{f', mostly {self.roles}' if self.roles else ''}{only}"
 
 
+def _seat(record: Record) -> int | None:
+    return record.seat if isinstance(record, SimulatedItem) else None
+
+
 class _Part:
     """Failures of one run that have the same behind them, or a single one."""
 
@@ -104,7 +108,7 @@ class _Part:
         self.who = set(verdict.responsible) if verdict is not None else set()
         self.begun = set(verdict.instances[0].responsible) if verdict is not None and verdict.instances else self.who
         """Who is to blame for any instance, and for the first one."""
-        self.seats = {record.seat} - {None}
+        self.seats = {_seat(record)} - {None}
         self.roles = verdict.roles if verdict is not None else ""
         self.title = verdict.title if verdict is not None else ""
         self.example, self.rule = record.nodeid, record.asks
@@ -188,7 +192,7 @@ class ByText:
     def add(self, record: Record) -> None:
         """Take a record in."""
         self._variants.add(record)
-        self._seats.add(record.seat)
+        self._seats.add(_seat(record))
         text = self._text(record)
         if text is not None:
             self._take(self._numbered(_Part(record, text, text)))
@@ -226,7 +230,7 @@ class ByCause(ByText):
     def add(self, record: Record) -> None:
         """Take a record in."""
         self._variants.add(record)
-        self._seats.add(record.seat)
+        self._seats.add(_seat(record))
         if not self._chosen(record):
             return
         part = self._numbered(_Part(record, signature(record), violated(record), verdict_of(record)))

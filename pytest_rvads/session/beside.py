@@ -23,7 +23,7 @@ _BASELINE: pytest.StashKey[Report | None] = pytest.StashKey()
 
 
 def beside(item: pytest.Item, options: Options, record: Record, run: Run, start: str, rerun: str) -> Beside:
-    """Return what stands beside the replay of a failure; what can't be told is left out.
+    """Return what stands beside the replay of a failure; a rule that can't judge the run is an ERROR there.
 
     Args:
         item: that failed.
@@ -38,10 +38,7 @@ def beside(item: pytest.Item, options: Options, record: Record, run: Run, start:
     from pytest_rvads.report.facts import facts
     from pytest_rvads.report.folders import INDEX
 
-    try:
-        others = other_verdicts(run, _rules(item, run), record.verdicts[-1].rule)
-    except Exception:  # a predicate of the user's may raise anything
-        others = ()
+    others = other_verdicts(run, _rules(item, run), record.verdicts[-1].rule)
     ghost = _ghost(item, options, run)
     name = options.baseline.name if ghost is not None and options.baseline else ""
     return Beside(facts(record, start, rerun), others, INDEX, ghost, name)

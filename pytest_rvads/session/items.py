@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import pytest
 
@@ -26,7 +26,7 @@ from pytest_rvads.wording import one_line, printable, quoted
 if TYPE_CHECKING:
     from pytest_rvads.collection import Cell
     from pytest_rvads.logic.judging.verdicts import Verdict
-    from pytest_rvads.report.record import Record
+    from pytest_rvads.report.record import Record, SimulatedItem
     from pytest_rvads.runs.measured import Divergence
     from pytest_rvads.runs.run import Run
     from pytest_rvads.scenarios.scenario import Scenario
@@ -258,7 +258,7 @@ def _explained(item: pytest.Item, record: Record, report: pytest.TestReport) -> 
     return replace(record, look=page)
 
 
-def _made(item: pytest.Item, scenario: Scenario, record: Record) -> list[str]:
+def _made(item: pytest.Item, scenario: Scenario, record: SimulatedItem) -> list[str]:
     """Return who drove, what simulated, from which start, and whether that was beyond the braking envelope, a line each."""
     from pytest_rvads.scenarios.configurations import Configuration, probe
     from pytest_rvads.simulators.simulator import vmax
@@ -273,7 +273,10 @@ def _made(item: pytest.Item, scenario: Scenario, record: Record) -> list[str]:
 def _explanation(item: pytest.Item, verdict: Verdict, record: Record, report: pytest.TestReport) -> tuple[str, str]:
     """Return what to print of a failure, and its page or nothing; its picture is put on the report."""
     cell: Cell | RecordedCell = item.callspec.params["rvads_cell"]  # type: ignore[attr-defined]
-    made = [f"recorded  {cell.path}"] if isinstance(cell, RecordedCell) else _made(item, cell.scenario, record)
+    if isinstance(cell, RecordedCell):
+        made = [f"recorded  {cell.path}"]
+    else:
+        made = _made(item, cell.scenario, cast("SimulatedItem", record))
     lines = [verdict.explanation, *made]
     options, run = item.config.stash[OPTIONS], item.stash.get(RUN, None)
     again, page = f"{options.again} {quoted(item.nodeid)}", ""

@@ -46,9 +46,10 @@ def told(error: BaseException) -> str:
 
 def totals(records: Iterable[Record]) -> dict[int, tuple[int, int]]:
     """Return how many classes and scenarios there are at junctions of so many ways, for each kind that has records."""
+    from pytest_rvads.report.record import SimulatedItem
     from pytest_rvads.scenarios.classes import count_classes, count_scenarios
 
-    found = sorted({record.ways for record in records if not record.recording})
+    found = sorted({record.ways for record in records if isinstance(record, SimulatedItem)})
     return {ways: (count_classes(ways), count_scenarios(ways)) for ways in found}
 
 

@@ -91,11 +91,17 @@ def priority(records: Iterable[Record], failed: Mapping[str, Any], history: Mapp
         failed: node ids that failed in the last session.
         history: node id to the number of earlier sessions in which it ran.
     """
+    from pytest_rvads.report.record import RecordedItem
+
     runs: dict[tuple[Any, ...], list[str]] = {}
     classes: dict[tuple[Any, ...], list[tuple[Any, ...]]] = {}
     for record in records:
-        group = record.junction, record.cls
-        start = record.scenario, record.cfg, record.rotation, record.seat, record.recording
+        group: tuple[Any, ...] = (record.junction,)
+        start: tuple[Any, ...]
+        if isinstance(record, RecordedItem):
+            start = (record.recording,)
+        else:
+            group, start = (*group, record.cls), (record.scenario, record.cfg, record.rotation, record.seat)
         run = record.nodeid.partition("[")[0], *group, *start
         if run not in runs:
             classes.setdefault(group, []).append(run)

@@ -3,7 +3,7 @@
 from msgspec import structs
 
 from pytest_rvads.logic.judging.verdicts import Status, Verdict
-from pytest_rvads.report.record import AgentRecord, Record, conclude, planned_record
+from pytest_rvads.report.record import AgentRecord, Record, SimulatedItem, conclude, planned_record
 from pytest_rvads.report.session_report import Report, cell_of, in_order
 
 RULES = ("p1", "p2", "p3", "full_stop", "right_on_red")
@@ -28,7 +28,7 @@ def large_session() -> Report:
         for cfg in range(20)
         for n in range(5)
     ]
-    seconds = {f"test_rules[{one.run}]": 0.2 + one.cls / 10 for one in records}
+    seconds = {f"test_rules[{one.run}]": 0.2 + one.cls / 10 for one in records if isinstance(one, SimulatedItem)}
     return Report(
         in_order(records),
         {4: (24, 81)},

@@ -281,12 +281,12 @@ def test_parts_of_a_campaign_make_one_report_in_which_nothing_counts_twice(
     assert "holds results of another campaign than" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("content", [b"", b"{}", b"\x00\xff", b'{"format":"rvads-campaign","version":2}', b"[" * 10_000])
+@pytest.mark.parametrize("content", [b"", b"{}", b"\x00\xff", b'{"format":"rvads-campaign","version":1}', b"[" * 10_000])
 def test_what_is_no_file_of_results_is_refused(tmp_path: Path, content: bytes, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "results.jsonl"
     path.write_bytes(content)
     assert main(["report", "make", str(path)]) == 2
-    assert "holds no results of a campaign of version 1" in capsys.readouterr().err
+    assert "holds no results of a campaign of version 2" in capsys.readouterr().err
     if content:
         with pytest.raises(rvads.RvadsError, match="holds no results"):
             rvads.campaign(cases(), executor=1, results=path)

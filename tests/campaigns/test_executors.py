@@ -117,6 +117,28 @@ def test_jobs_are_asked_for_when_there_is_somebody_to_do_them() -> None:
         assert len(asked) <= 4 * 2 * 3
 
 
+@pytest.mark.parametrize("executor", [1, 2])
+def test_results_lead_to_further_jobs(executor: int) -> None:
+    class Halves:
+        def __init__(self) -> None:
+            self.waiting = [64]
+
+        def __iter__(self) -> "Halves":
+            return self
+
+        def __next__(self) -> int:
+            if not self.waiting:
+                raise StopIteration
+            return self.waiting.pop()
+
+    jobs, squares = Halves(), []
+    for _, answer in gathered(square, jobs, executor, batch=1):
+        assert isinstance(answer, int)
+        squares.append(answer)
+        jobs.waiting += [round(answer**0.5) // 2] if answer > 1 else []
+    assert squares == [4**k for k in range(6, -1, -1)]
+
+
 def test_what_was_under_way_when_a_process_died_is_done_again(tmp_path: Path) -> None:
     jobs = [(number, str(tmp_path / "died")) for number in range(20)]
     assert sorted(gathered(fatal_once, jobs, 2, batch=2)) == [(k, k) for k in range(20)]

@@ -23,6 +23,8 @@ from pytest_rvads.logic.check import check
 from pytest_rvads.logic.judging.verdicts import InstanceVerdict, Status, Verdict
 from pytest_rvads.logic.rules.book import rulebook
 from pytest_rvads.logic.rules.rule import Rule
+from pytest_rvads.report import run_record
+from pytest_rvads.report.files import FORMATS, load
 from pytest_rvads.runs.itineraries import Itinerary
 from pytest_rvads.runs.readers import read_runs
 from pytest_rvads.runs.recording import Recording, Track
@@ -170,6 +172,31 @@ def test_of_many_runs_what_is_wrong_is_printed_and_the_sums(folder: Path, capsys
     assert "  PASS  p1: kept in 1 of 1 instances\n" in capsys.readouterr().out
 
 
+def test_reports_of_all_formats_hold_a_record_per_run_and_rule(folder: Path, tmp_path: Path, capsys: Read) -> None:
+    paths = [tmp_path / f"out{ending}" for ending in FORMATS]
+    reports = [word for path in paths for word in ("--report", str(path))]
+    assert main(["check", str(folder), "--rules", "p1", "--rules", "p4", *reports]) == 2
+    printed = capsys.readouterr().out
+    report = load(tmp_path / "out.json")
+    told = [(record.nodeid, record.status, record.outcome) for record in report.records]
+    assert told[:4] == [
+        ("d1-p1", "PASS", "passed"),
+        ("d1-p4", "NA", "skipped"),
+        ("d3-p1", "FAIL", "failed"),
+        ("d3-p4", "NA", "skipped"),
+    ]
+    assert len(told) == 8
+    assert report.exitstatus == 2
+    assert [note for note in report.notes if "d2.npz" in note]
+    table = re.findall(r"^p1 +(\d+) +(\d+)$", printed, re.MULTILINE)
+    assert table == [("2", "2")]
+    for path in paths:
+        assert "8 verdicts on 4 runs: 2 pass, 2 fail, 4 na" in path.read_text(encoding="utf-8").lower()
+    assert main(["report", "compare", str(tmp_path / "out.json"), str(tmp_path / "out.json")]) == 0
+    assert main(["check", str(folder), "--report", "out.txt"]) == 2
+    assert "a report is a .json" in capsys.readouterr().err
+
+
 def test_verdicts_come_one_by_one_and_no_run_is_held(folder: Path, capsys: Read, monkeypatch: pytest.MonkeyPatch) -> None:
     (folder / "d2.npz").unlink()
     told: list[str] = []
@@ -206,7 +233,7 @@ def test_a_rule_that_can_not_judge_costs_no_other_verdict(folder: Path, capsys: 
             raise ZeroDivisionError("a fault of ours")
         return check(run, rule)
 
-    monkeypatch.setattr(run_answers, "check", fails)
+    monkeypatch.setattr(run_record, "check", fails)
     assert main(["check", str(folder / "d3.npz"), str(folder / "d1.npz"), "--rules", "paper", "--jsonl"]) == 2
     out, err = capsys.readouterr()
     one, two = lines(out)
@@ -263,6 +290,7 @@ def test_periods_of_a_recording_are_lines_as_they_are_judged(log: str, jobs: str
     assert [[i["a"] for i in line["verdicts"]["full_stop"]["violated"]] for line in found] == [[f"v{n}"] for n in range(10)]
     assert {line["vehicles"] for line in found} == {1}
     assert {line["file"] for line in found} == {log}
+    assert {line["version"] for line in found} == {1}
 
 
 def test_of_many_doubts_the_first_are_told(runs: dict[str, Run], tmp_path: Path, capsys: Read) -> None:
@@ -292,11 +320,11 @@ def test_a_process_that_dies_costs_one_file(folder: Path, capsys: Read, monkeypa
             os._exit(9)
         return check(run, rule)
 
-    monkeypatch.setattr(run_answers, "check", dies)
+    monkeypatch.setattr(run_record, "check", dies)
     assert main(["check", str(folder), "-j", "2", "--rules", "p1", "--jsonl"]) == 2
     out, err = capsys.readouterr()
     assert [line["run"] for line in lines(out) if "run" in line] == ["d1", "d4", "d5"]
-    assert f"rvads: {folder}/d3.npz: the process that judged it died" in err
+    assert f"rvads: {folder}/d3.npz: the process that worked on it died" in err
     assert multiprocessing.active_children() == []
 
 
@@ -312,7 +340,7 @@ def unsure(run: Run, rule: Rule) -> Verdict:
 def test_what_is_unsure_is_listed_and_neither_passes_nor_fails(
     folder: Path, capsys: Read, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(run_answers, "check", unsure)
+    monkeypatch.setattr(run_record, "check", unsure)
     files = [str(folder / "d1.npz"), str(folder / "d3.npz")]
     assert main(["check", *files, "--rules", "p1"]) == 5
     out, err = capsys.readouterr()
@@ -329,7 +357,7 @@ def test_what_is_unsure_is_listed_and_neither_passes_nor_fails(
         "unsure": [{"a": "a0", "a'": "a1", "time": 0.5, "margin": None, **hangs}],
     }
     # Something else that is definite makes it a success.
-    monkeypatch.setattr(run_answers, "check", lambda run, rule: (unsure if rule.name == "p3" else check)(run, rule))
+    monkeypatch.setattr(run_record, "check", lambda run, rule: (unsure if rule.name == "p3" else check)(run, rule))
     assert main(["check", files[0], "--rules", "p1", "--rules", "p3"]) == 0
 
 

@@ -6,19 +6,19 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
-from urllib.parse import unquote
 from xml.etree import ElementTree as ET
 
 import numpy as np
 import pytest
 
-from pytest_rvads.cli import main, run_answers
+from pytest_rvads.cli import main
 from pytest_rvads.draw.picture import picture
 from pytest_rvads.draw.replay import events
 from pytest_rvads.failure_page import failure_pages, failure_picture, moment
 from pytest_rvads.junctions.finder import find
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.judging.verdicts import InstanceVerdict, Status, Verdict
+from pytest_rvads.report import run_record
 from pytest_rvads.runs.itineraries import Itinerary
 from pytest_rvads.runs.recording import Recording, Track
 from pytest_rvads.runs.run import Run
@@ -38,10 +38,16 @@ def data(page: str) -> dict[str, Any]:
     return found
 
 
+def items(index: Path) -> list[dict[str, Any]]:
+    """Return what the page of the verdicts is given of each item."""
+    found: list[dict[str, Any]] = data(index.read_text(encoding="utf-8"))["items"]
+    return found
+
+
 def links(index: Path) -> list[tuple[str, float]]:
-    """Return the names of the pages that an index leads to, and the times at which they open [s]."""
-    found = re.findall(r'<a href="([^"#]*)#t=([^"]*)">', index.read_text(encoding="utf-8"))
-    return [(unquote(name), float(time)) for name, time in found]
+    """Return the names of the pages that the page of the verdicts leads to, and the times at which they open [s]."""
+    found = [link.split("#t=") for item in items(index) for link in (item["look"], *item["more"]) if link]
+    return [(name, float(time)) for name, time in found]
 
 
 @pytest.fixture(scope="module")
@@ -186,12 +192,12 @@ def test_without_positions_the_index_explains(make: Make, tmp_path: Path, capsys
     run = make("stop4", {0: (2, 10, 50, 200), 1: (2, 30, 150, 300)}, 400)
     save_run(replace(run, label="<b>drive</b>"), tmp_path / "run.npz")
     assert main(["check", str(tmp_path / "run.npz"), "--rules", "p1", "--html", str(tmp_path / "pages")]) == 1
-    index = (tmp_path / "pages" / "index.html").read_text(encoding="utf-8")
     assert [path.name for path in (tmp_path / "pages").iterdir()] == ["index.html"]
-    assert "holds no positions, so there is nothing to replay" in index
-    assert "recorded  " in index
-    assert "&lt;b&gt;drive" in index
-    assert "<b>" not in index
+    (item,) = items(tmp_path / "pages" / "index.html")
+    assert "holds no positions, so there is nothing to replay" in item["why"]
+    assert "recorded  " in item["why"]
+    assert item["id"] == "<b>drive</b>-p1"
+    assert "<b>" not in (tmp_path / "pages" / "index.html").read_text(encoding="utf-8")
 
 
 def test_an_index_is_written_whatever_ends_it(
@@ -206,11 +212,11 @@ def test_an_index_is_written_whatever_ends_it(
             raise KeyboardInterrupt
         return check(run, rule)
 
-    monkeypatch.setattr(run_answers, "check", interrupted)
+    monkeypatch.setattr(run_record, "check", interrupted)
     assert main(["check", str(tmp_path), "--rules", "p1", "--html", str(tmp_path / "pages")]) == 130
-    index = (tmp_path / "pages" / "index.html").read_text(encoding="utf-8")
-    assert "1 run, 2 vehicles judged" in index
-    assert index.count("<tr><td") == 1
+    assert "1 verdict on 1 run: 1 fail" in (tmp_path / "pages" / "index.html").read_text(encoding="utf-8")
+    assert "INCOMPLETE" in (tmp_path / "pages" / "index.html").read_text(encoding="utf-8")
+    assert len(items(tmp_path / "pages" / "index.html")) == 1
 
 
 def test_a_folder_that_can_not_be_made_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,8 +1,10 @@
 """``rvads report compare``, as users call it, on the reports of two sessions."""
 
+import csv
 import json
 from dataclasses import replace
 from pathlib import Path
+from xml.etree import ElementTree
 
 import pytest
 
@@ -96,6 +98,17 @@ def test_a_difference_fails_where_one_asks_for_that(
     assert said(capsys, *arguments)[::2] == (status, "")
 
 
+def test_formats_of_items_hold_the_later_session_and_what_changed(reports: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert said(capsys, "old.json", "new.json", "-o", "out.csv", "-o", "out.xml")[::2] == (0, "")
+    rows = list(csv.DictReader((reports / "out.csv").read_text(encoding="utf-8").splitlines()))
+    assert [row["verdict"] for row in rows if row["item"]] == ["FAIL"]
+    changes = [row["text"] for row in rows if row["section"] == "since the baseline"]
+    assert changes == ["against A: 1 NEW", "NEW     t.py::test[stop4]  p1: both in"]
+    (case,) = ElementTree.parse(reports / "out.xml").iter("testcase")
+    assert {one.get("name"): one.get("value") for one in case.iter("property")}["change"] == "NEW"
+    assert case.find("failure") is not None
+
+
 def test_one_session_twice_is_told(reports: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("COLUMNS", "100")
     _, lines, _ = said(capsys, "old.json", "old.json")
@@ -114,7 +127,7 @@ def test_a_session_that_died_is_compared_and_told(reports: Path, capsys: pytest.
         (["old.json", "no.json"], "no.json can't be read as a report of --rvads-report: "),
         (["text.json", "old.json"], "text.json can't be read as a report of --rvads-report: "),
         (["old.json", "later.json"], "later.json is not a report of version 5 written by --rvads-report=FILE.json"),
-        (["old.json", "new.json", "-o", "out.csv"], "a comparison is a .html, .md, .json file, got 'out.csv'"),
+        (["old.json", "new.json", "-o", "out.txt"], "a report is a .json, .html, .md, .csv, .xml file, got 'out.txt'"),
         (
             ["old.json", "other.json"],
             "old.json (1 item) and other.json (2 items) have no item in common, and items are matched by ",

@@ -102,7 +102,9 @@ def test_shards_merge_into_one_table(tests: pytest.Pytester, capsys: pytest.Capt
 
 def test_merging_what_is_no_report(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     other = tmp_path / "other.json"
-    other.write_text('{"format": "rvads-report", "version": 5, "records": [{"nodeid": 7}]}', encoding="utf-8")
+    other.write_text(
+        '{"format": "rvads-report", "version": 5, "records": [{"type": "simulated", "nodeid": 7}]}', encoding="utf-8"
+    )
     assert main(["report", "merge", str(other)]) == 2
     said = "other.json is a damaged report, write it again: the field 'records[0].nodeid' must be a text, got 7\n"
     assert capsys.readouterr().err.endswith(said)

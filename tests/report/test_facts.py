@@ -6,7 +6,15 @@ from pytest_rvads.logic.judging.verdicts import Status, Verdict
 from pytest_rvads.report.facts import facts
 from pytest_rvads.report.record import Record, conclude, planned_record
 
-KEYS = {"junction": "stop4", "cls": 7, "scenario": "1133", "cfg": "C", "rotation": 0, "rule": "full_stop", "driver": "a.Racer"}
+KEYS: dict[str, Any] = {
+    "junction": "stop4",
+    "cls": 7,
+    "scenario": "1133",
+    "cfg": "C",
+    "rotation": 0,
+    "rule": "full_stop",
+    "driver": "a.Racer",
+}
 
 
 def failed(**more: Any) -> Record:
@@ -33,7 +41,9 @@ def test_beside_a_vehicle_under_test_the_traffic_is_told() -> None:
 
 
 def test_of_a_recorded_run_nothing_drives() -> None:
-    told = dict(facts(failed(recording="tue", driver="", simulator=""), "tue.npz", ""))
+    start = planned_record("a", 1, "a", {"junction": "stop4", "recording": "tue", "rule": "full_stop"}, 4, ("REQ-1",))
+    record = conclude(start, [Verdict("full_stop", Status.FAIL, "", title="full stop", subject="a0")], "call", "failed")
+    told = dict(facts(record, "tue.npz", ""))
     assert told == {"recorded": "tue.npz", "rule": "full_stop: full stop", "requirements": "REQ-1"}
 
 

@@ -20,7 +20,16 @@ from pytest_rvads.outcome import Outcome
 from pytest_rvads.report.faults import hanging as hanging_on
 from pytest_rvads.report.files import FORMATS, load, save
 from pytest_rvads.report.outline import Block, Causes, Changes, Head, RollUp, Verdicts, outline
-from pytest_rvads.report.record import Computing, Record, conclude, planned_record, received, sent
+from pytest_rvads.report.record import (
+    Computing,
+    Record,
+    RecordedItem,
+    SimulatedItem,
+    conclude,
+    planned_record,
+    received,
+    sent,
+)
 from pytest_rvads.report.session_report import Change, Comparison, Report, cell_of
 from pytest_rvads.report.terminal import summary
 from pytest_rvads.runs.measured import Kpis
@@ -67,8 +76,10 @@ def record(number: int, outcome: Outcome, known: str | None = None) -> Record:
 
 def recorded(one: Record) -> Record:
     """The record of a run that nobody simulated."""
-    keys = {"cls": 0, "scenario": "", "cfg": "", "seat": None, "traffic": None, "driver": "", "simulator": ""}
-    return structs.replace(one, nodeid="t.py::test[drive17-t0312.4-p1]", recording="drive17-t0312.4", timing=None, **keys)
+    keys = {"junction": one.junction, "control": one.control, "recording": "drive17-t0312.4", "rule": one.rule}
+    start = planned_record("t.py::test[drive17-t0312.4-p1]", one.line, one.test, keys, one.ways, one.requirements)
+    shared = ("status", "verdicts", "outcome", "message", "run", "hash", "kpis", "variant")
+    return structs.replace(start, **{name: getattr(one, name) for name in shared})
 
 
 def in_variant(one: Record, variant: str) -> Record:
@@ -143,6 +154,8 @@ def read(form: str, text: str) -> str:
         return "\n".join(strings(json.loads(text)))
     if form == ".csv":
         return "\n".join(cell for row in csv.reader(text.splitlines()) for cell in row)
+    if form == ".xml":
+        return unescape(text)
     if form == ".md":
         return unescape(re.sub(r"\\([!-/:-@\[-`{-~])", r"\1", text)).replace("\u2060", "")
     return text
@@ -239,6 +252,7 @@ SUMMED_UP = {
     "unkept": "one note for all",
     "flaky": "as a cause",
     "look": "the page links them",
+    "looks": "likewise",
     "change": "in the list of changes",
 }
 """The fields of records that text does not say record by record, and what it says instead; JSON has all of them."""
@@ -247,18 +261,16 @@ SUMMED_UP = {
 def told(one: Record) -> dict[str, tuple[str, ...]]:
     """What text says of a record by itself, by field."""
     idle = one.status in ("NA", "NOT RUN") and not one.known  # messages of failures are told as causes, those of passes are not
-    return {
+    if isinstance(one, RecordedItem):
+        begun: dict[str, tuple[str, ...]] = {"recording": (one.recording,)}
+    else:
+        begun = {"cls": (f"{one.cls:02d}",), "cfg": (one.cfg,), "traffic": (one.traffic or "",)}
+        begun |= {"driver": (one.driver,), "source": (one.source,), "simulator": (one.simulator,)}
+    return begun | {
         "junction": (one.junction,),
         "test": (one.test,),
-        "cls": () if one.recording else (f"{one.cls:02d}",),
-        "recording": (one.recording,),
         "variant": (one.variant,),
-        "cfg": (one.cfg,),
         "rule": (one.asks,),
-        "traffic": (one.traffic or "",),
-        "driver": (one.driver,),
-        "source": (one.source,),
-        "simulator": (one.simulator,),
         "requirements": one.requirements,
         "status": () if one.known else (one.status.cell,),
         "known": (one.known,) if one.known else (),
@@ -269,7 +281,9 @@ def told(one: Record) -> dict[str, tuple[str, ...]]:
 @pytest.mark.parametrize("form", [*FORMATS, "terminal"])
 def test_every_form_says_all_of_every_record_but_what_is_summed_up(form: str) -> None:
     report = everything()
-    assert {*told(record(1, Outcome.PASS)), *SUMMED_UP} == set(Record.__struct_fields__)
+    fields = {name for kind in (SimulatedItem, RecordedItem) for name in kind.__struct_fields__}
+    simulated = record(1, Outcome.PASS)
+    assert {*told(simulated), *told(recorded(simulated)), *SUMMED_UP} == fields
     said = rendered(form, report)
     wanted = [(one.nodeid, fact) for one in report.records for facts in told(one).values() for fact in facts]
     assert [(item, fact) for item, fact in wanted if fact.lower() not in said] == []
@@ -281,7 +295,14 @@ def test_the_tables_have_a_row_with_all_columns_for_every_record() -> None:
     rows = {row["item"]: row for row in csv.DictReader(written(".csv", report).splitlines())}
     for one in report.records:
         found = {heading: rows[one.nodeid][heading] for heading in ("class", "verdict", "known", "run", "text", "versions")}
-        assert list(found.values()) == [str(one.cls or ""), one.status, one.known or "", one.hash, one.message, "numpy 2.0"]
+        assert list(found.values()) == [
+            str(getattr(one, "cls", "")),
+            one.status,
+            one.known or "",
+            one.hash,
+            one.message,
+            "numpy 2.0",
+        ]
 
 
 def test_a_known_failure_without_a_rule_is_a_failure_and_not_something_that_did_not_run() -> None:
@@ -289,6 +310,12 @@ def test_a_known_failure_without_a_rule_is_a_failure_and_not_something_that_did_
     assert conclude(start, [], "call", "skipped", known="I7: too slow", text="assert 3 < 1").status is Outcome.FAIL
     assert conclude(start, [], "call", "skipped", text="no camera here").status is Outcome.NOT_RUN
     assert conclude(start, [], "setup", "skipped", known="I7: too slow").status is Outcome.NOT_RUN
+
+
+def test_records_hold_no_explanations() -> None:
+    explained = Verdict("p1", Status.FAIL, "p1 at t=1.00 s", explanation="a0 entered before a1\n...")
+    (kept,) = conclude(record(1, Outcome.NOT_RUN), [explained], "call", "failed").verdicts
+    assert kept == structs.replace(explained, explanation="")
 
 
 def test_a_report_read_back_says_the_same(tmp_path: Path) -> None:
@@ -305,6 +332,9 @@ def test_a_report_read_back_says_the_same(tmp_path: Path) -> None:
         (("records", 1, "status"), "FINE", "the field 'records[1].status' must be 'ERROR' or 'FAIL' or "),
         (("records", 0, "kpis"), 7, "the field 'records[0].kpis' must be an object or null, got 7"),
         (("records", 0, "cls"), -1, "the field 'records[0].cls' must be a whole number >= 0, got -1"),
+        (("records", 0, "type"), "searched", "the field 'records[0].type' must be 'recorded' or 'simulated', got 'searched'"),
+        (("records", 0, "type"), ["recorded"], "the field 'records[0].type' must be 'recorded' or 'simulated', got ['recorded']"),
+        (("records", 0, "type"), "recorded", "the field 'records[0].recording' is missing"),
         (("records", 0, "timing", "a1", "decisions"), 10**400, "'records[0].timing.a1.decisions' must be a whole number <= "),
         (("planned", 0), ["stop4"], "the field 'planned[0]' must be a list of length 6, got ['stop4']"),
         (("notes",), "one", "the field 'notes' must be a list, got 'one'"),

@@ -23,7 +23,7 @@ from pytest_rvads.report.files import FORMATS, load
 from pytest_rvads.report.markdown import markdown
 from pytest_rvads.report.outline import Causes, Figures, Head, RollUp, Verdicts, outline
 from pytest_rvads.report.page import page
-from pytest_rvads.report.record import Computing, Record, conclude, planned_record
+from pytest_rvads.report.record import Computing, Record, RecordedItem, conclude, planned_record
 from pytest_rvads.report.session_report import Report
 from pytest_rvads.report.terminal import summary
 
@@ -158,7 +158,11 @@ def test_lines_of_junctions_are_those_of_the_worst() -> None:
 
 def test_of_few_junctions_no_line_is_left_out_where_runs_were_recorded_there_too() -> None:
     records = town(4, 1)
-    there = [replace(one, recording="mon", nodeid=f"{one.nodeid}-mon") for one in records]
+    names = [name for name in RecordedItem.__struct_fields__ if name not in ("recording", "nodeid")]
+    there = [
+        RecordedItem(recording="mon", nodeid=f"{one.nodeid}-mon", **{name: getattr(one, name) for name in names})
+        for one in records
+    ]
     figures = outline(Report((*records, *there)))[-1]
     assert isinstance(figures, Figures)
     assert sum(bool(re.match(r"J\d", line)) for line in figures.lines) == 8
@@ -408,7 +412,7 @@ def test_rows_that_wait_on_disk_come_out_in_the_order_of_requirements() -> None:
 def test_json_has_a_record_per_line() -> None:
     report = Report(tuple(town(3)))
     lines = [line.strip().rstrip(",") for line in written(".json", report).splitlines()]
-    found = [json.loads(line) for line in lines if line.startswith('{"nodeid"')]
+    found = [json.loads(line) for line in lines if line.startswith('{"type"')]
     assert [one["nodeid"] for one in found] == [one.nodeid for one in report.records]
 
 

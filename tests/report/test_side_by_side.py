@@ -211,8 +211,8 @@ def test_json_is_for_programs(tmp_path: Path) -> None:
 
 
 def test_a_file_has_an_ending_that_is_known(tmp_path: Path) -> None:
-    with pytest.raises(RvadsError, match=r"a comparison is a \.html, \.md, \.json file, got '.*out\.csv'"):
-        save(tmp_path / "out.csv", hostile())
+    with pytest.raises(RvadsError, match=r"a report is a \.json, .*, \.xml file, got '.*out\.txt'"):
+        save(tmp_path / "out.txt", hostile())
 
 
 @given(

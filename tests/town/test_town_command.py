@@ -8,6 +8,7 @@ import subprocess
 import sys
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import pytest
 
@@ -89,13 +90,16 @@ def test_a_town_is_judged_once_and_not_again(
     capsys: pytest.CaptureFixture[str], folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     words = ("stop3.xodr", "stop4.xodr", "--autopilot", "reference", "--sample", "2", *SHORT)
-    status, out, err = ran(capsys, *words)
+    status, out, err = ran(capsys, *words, "--report", "all/out.xml", "--report", "all/out.html")
     assert status == 0
     assert "2/2 runs" in err
     assert "look: rvads-town/town.html" in out
     first = load(folder / "rvads-town/town.json")
     assert {record.junction.split(".")[0] for record in first.records} == {"stop3", "stop4"}
     assert not any(record.failed for record in first.records)
+    cases = ElementTree.parse(folder / "all/out.xml").iter("testcase")
+    assert [case.get("name") for case in cases] == [record.nodeid for record in first.records]
+    assert "rvads verdicts" in (folder / "all/out.html").read_text(encoding="utf-8")
     assert {one["state"] for one in shown(folder / "rvads-town").values()} <= {"good", "doubt"}
     (drawn,) = first.drawn
     assert (drawn.what, drawn.taken, drawn.seed) == ("runs", 2, 0)
@@ -127,6 +131,7 @@ def test_the_printed_line_runs_exactly_that_case_again(capsys: pytest.CaptureFix
     assert again[id] == "FAIL"
     assert judged(load(folder / "rvads-town/town.json")) == whole, "the town as a whole stays as it was"
     (one,) = shown(folder / "rvads-town").values()
+    assert {record.look.partition("/")[0] for record in load(folder / "rvads-town/town.json").records} <= {"", "rvads-town"}
     looks = [cause["look"] for _, causes in one["causes"] for cause in causes]
     assert looks
     for look in looks:

@@ -26,7 +26,7 @@ def result(name: str, *outcomes: Outcome, violated: str = "a left too early", cf
     )
     return Judged(
         case=name,
-        name=name,
+        nodeid=name,
         junction="town.1",
         control="stop",
         ways=3,

@@ -152,23 +152,14 @@ class _Teller:
         if verdict.status == "ERROR":
             warn(f"warning: {run.label} can't be judged by {verdict.rule}: {verdict.reason}")
             self.counts["ERROR"] += 1
-        from pytest_rvads.cli.run_answers import finite
-        from pytest_rvads.failure_page import when
+        from pytest_rvads.cli.check_output import measured
 
         for instance in verdict.instances:
             if instance.status == "NA":
                 continue
             self.counts[instance.status.value] += 1
-            answer: dict[str, Any] = {
-                "rule": verdict.rule,
-                "status": instance.status.value,
-                "binding": dict(instance.binding),
-                "time": when(verdict, instance),
-                "margin": finite(instance.margin),
-            }
-            if instance.hangs:
-                answer["hangs"] = instance.hangs
-            self._write(answer)
+            who = {"rule": verdict.rule, "status": instance.status.value, "binding": dict(instance.binding)}
+            self._write(who | measured(verdict, instance))
 
     def status(self) -> int:
         """Return the exit status, as of ``rvads check``."""
