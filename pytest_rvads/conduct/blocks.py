@@ -296,10 +296,12 @@ _MOST = 4096
 """Most states of a block."""
 _BLOCKS = 60
 """Most blocks of a run."""
+_WHOLE = 10_000_000
+"""States times the square of the vehicles, at most, for a run without absent vehicles to be one block: 80 MB a signal."""
 
 
 def as_blocks(run: Run, size: int = 0) -> tuple[Block, ...]:
-    """Return a run as consecutive blocks; a run without absent vehicles is one block.
+    """Return a run as consecutive blocks; a run without absent vehicles is one block, unless it is large.
 
     Args:
         run: the run.
@@ -309,7 +311,7 @@ def as_blocks(run: Run, size: int = 0) -> tuple[Block, ...]:
     present = run.zone != ABSENT
     most = int(present.sum(axis=1).max(initial=1))
     size = size or max(min(_WORK // most**2, _MOST), _LEAST, -(-run.steps // _BLOCKS))
-    if present.all() or run.steps <= size:
+    if run.steps <= size or (present.all() and run.steps * most**2 <= _WHOLE):
         size = max(run.steps, 1)
     contacts = None if run.collisions is None else [(frozenset(c.agents), tick_of(run, c)) for c in run.collisions]
     blocks: list[Block] = []

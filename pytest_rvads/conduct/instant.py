@@ -68,8 +68,8 @@ class Instant:
         self.movers: list[Mover] = []
         """Those that are not absent."""
         self.lights: list[int] = [0] * len(junction.entrances)
-        self.located = self.timed = self.posed = True
-        """Whether stations, speeds and poses are given."""
+        self.located = self.timed = True
+        """Whether stations and speeds are given."""
         self.touching: frozenset[frozenset[str]] | None = None
         """Names of those that touch for the first time now, where somebody recorded it."""
         self._run: Run | None = None
@@ -118,7 +118,7 @@ class Instant:
         self._run = None
         self.block = self._feed(zones, stations, speeds, poses, lights)
         self.lights = list(lights)
-        self.located, self.timed, self.posed = stations is not None, speeds is not None, poses is not None
+        self.located, self.timed = stations is not None, speeds is not None
         changed = [mover for mover, zone in zip(self.slots, zones, strict=True) if self._zone(mover, zone)]
         self.movers = [mover for mover in self.slots if mover.zone != ABSENT]
         waiting, faced, found = (values[0].tolist() for values in (wt(self.block), facing(self.block), arrived(self.block)))
@@ -171,12 +171,6 @@ class Instant:
         )
         assume(run, self.block)
         return run
-
-    def require(self, *names: str) -> None:
-        """Raise a `RunError` where ``station``, ``speed`` or ``pose`` is not given."""
-        given = {"station": self.located, "speed": self.timed, "pose": self.posed}
-        if not all(given[name] for name in names):
-            self.run.need(next(name for name in names if not given[name]))
 
     def waited(self, mover: Mover) -> int:
         """`standing.waited`."""

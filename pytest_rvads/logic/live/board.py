@@ -1,17 +1,15 @@
 """What is the case now: the ground atoms that live monitors look at, each worked out once for all rules, and only as needed.
 
-Zones, waiting times and lights are looked at when they change. What is continuous is worked out by `conduct.instant` in every
-instant, or by `conduct.backlog` when it may have changed; and what else there is, users' words among it,
-on a run of one state, where a monitor asks for it.
+Zones, waiting times and lights are looked at when they change, signals in every state. Other words, users' words among them, are
+worked out on a run of one state, where a monitor asks for them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from typing import Any, TypeVar
 
-from pytest_rvads.conduct.backlog import Backlog
 from pytest_rvads.conduct.blocks import Signal
 from pytest_rvads.conduct.cast import Cast
 from pytest_rvads.conduct.instant import Instant
@@ -20,7 +18,7 @@ from pytest_rvads.logic.judging.evaluate import OPERATORS, Values
 from pytest_rvads.logic.live.ground_atoms import element_of, in_columns, key_of
 from pytest_rvads.logic.live.watch import Fact
 from pytest_rvads.logic.ltl import formula as f
-from pytest_rvads.logic.rules.lexicon import ATTRIBUTES, BUILT_IN, word_of
+from pytest_rvads.logic.rules.lexicon import ATTRIBUTES, word_of
 from pytest_rvads.logic.rules.sorts import Sort
 from pytest_rvads.logic.rules.vocabulary import Follower
 from pytest_rvads.runs.states import APPROACH, ENTRANCE, EXIT, JUNCTION
@@ -46,24 +44,18 @@ class Board:
         self._crossings: set[int] = set()
         """Waiting times at which a comparison of two of them may change [ticks]."""
         self._colours: list[tuple[Fact, _Test]] = []
-        self._lost: list[tuple[Fact, _Test]] = []
         self._signals: dict[Signal[Any], list[tuple[Fact, tuple[Mover, ...]]]] = {}
         self._columns: dict[Signal[Any], list[tuple[Fact, int]]] = {}
         self._cast: Cast | None = None
         self._rows: dict[Signal[Any], list[bool]] = {}
         """Of every signal the state before."""
         self._followed: list[tuple[Fact, Follower]] = []
-        self._backlog: Backlog | None = None
-        self._needs: set[str] = set()
-        self._checked: set[tuple[str, bool]] = set()
         self._bodily: dict[Mover, set[Fact]] = {}
         self._ends: dict[Mover, list[Callable[[], None]]] = {}
         self._lights: list[int] = []
 
     def drop(self, mover: Mover) -> None:
         """Forget a vehicle about which no monitor is left."""
-        if self._backlog is not None:
-            self._backlog.drop(mover)
         for end in self._ends.pop(mover, ()):
             end()
         for known in (self._places, self._waits, self._bodily):
@@ -85,11 +77,7 @@ class Board:
             RunError: something is not given that an atom asks for.
         """
         now = self.now
-        now.require(*self._needs)
         self._read_changes(changed)
-        if self._backlog is not None and (self._backlog.add() or any(fact.value for fact, _ in self._lost)):
-            for fact, test in self._lost:
-                fact.tell(test())
         if now.block.cast is not self._cast:
             self._cast = now.block.cast
             self._columns.clear()
@@ -136,7 +124,6 @@ class Board:
         found = self._facts.get(key)
         if found is None:
             agents = [movers[e.index] for e in map(element_of, atom.terms) if e is not None and e.sort == Sort.AGENT]
-            self._check(atom, movers)
             found = self._quick(atom, agents, tie) or self._general(atom, movers, tie)
             self._facts[key] = found
             if atom.word is None and atom.name in _PRESENT:
@@ -144,16 +131,6 @@ class Board:
                     self._bodily.setdefault(mover, set()).add(found)
             found.homes.append(partial(self._forget, key))
         return found
-
-    def _check(self, atom: f.Atom, movers: Sequence[Mover]) -> None:
-        """Ask the word on a run of this state, once, so that what is missing is told in its words."""
-        needs = _NEEDS.get(atom.name) if atom.word is None else None
-        case = atom.name, all(mover.agent.size is not None for mover in movers)
-        if needs is not None and case not in self._checked:
-            word = BUILT_IN[atom.name]
-            word.on(self.now.run, *word.arguments(in_columns(atom, movers)))
-            self._checked.add(case)
-            self._needs.update(needs)
 
     def _quick(self, atom: f.Atom, agents: Sequence[Mover], tie: float) -> Fact | None:
         """Return a fact that is told when it changes, None where this is no word of ours that can be followed so."""
@@ -174,13 +151,6 @@ class Board:
                 return self._wait(atom.name, agents, tie, now.waited)
             case (("=" | "!="), (f.Attr(f.Element(Sort.LIGHT, number), "cl"), f.Value(name))):
                 return self._colour(number, name, equal=atom.name == "=")
-            case "may_go", _:
-                backlog, who = self._losses(), agents[0]
-                return Fact(False, lambda: backlog.may_go(who))
-            case (("idles" | "blocks"), [_]):
-                test: _Test = partial(getattr(self._losses(), atom.name), agents[0])
-                fact = Fact(test())
-                return self._keep(fact, self._lost, (fact, test))
         return None
 
     def _of_signal(self, signal: Signal[Any], agents: Sequence[Mover]) -> Fact:
@@ -237,12 +207,6 @@ class Board:
         fact = Fact((now.lights[light] == wanted) is equal)
         return self._keep(fact, self._colours, (fact, lambda: (now.lights[light] == wanted) is equal))
 
-    def _losses(self) -> Backlog:
-        if self._backlog is None:
-            self._backlog = Backlog(self.now)
-            self._backlog.add()
-        return self._backlog
-
     def _keep(self, fact: Fact, where: list[_Entry], entry: _Entry, *until: Mover) -> Fact:
         """Have a fact looked after in a list, as long as somebody looks at it, or until one of these vehicles is dropped."""
         where.append(entry)
@@ -261,10 +225,3 @@ class Board:
 
 _PRESENT = ("@", "inside", "meet", "collide", "stopped", "arrived")
 """Words that hold of nobody who is absent."""
-_MOTION = "station", "speed"
-_NEEDS: Mapping[str, tuple[str, ...]] = {
-    "blocks": _MOTION,
-    "idles": _MOTION,
-    "may_go": _MOTION,
-}
-"""What our words ask of a state."""

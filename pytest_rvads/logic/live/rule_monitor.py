@@ -11,10 +11,8 @@ from numpy.typing import ArrayLike
 
 from pytest_rvads.conduct.blocks import Signal
 from pytest_rvads.conduct.instant import Instant
-from pytest_rvads.conduct.motion import advance
 from pytest_rvads.conduct.mover import Mover
 from pytest_rvads.conduct.predicates import extract
-from pytest_rvads.conduct.rights import waives
 from pytest_rvads.errors import RunError
 from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.logic.judging.prepare import Template, prepare
@@ -87,8 +85,6 @@ class RuleMonitor:
         self._now = Instant(junction, dt, Facts(speed_limit=speed_limit))
         words = {word_of(atom) for rule in self.rules for atom in f.atoms(rule.formula)}
         self._now.signals += [word.holds for word in words if word is not None and isinstance(word.holds, Signal)]
-        if any(word is not None and word.name in ("idles", "blocks", "may_go") for word in words):
-            self._now.signals += [advance, waives]
         self._board = Board(self._now)
         self._queue: list[Watch] = []
         self._readings: dict[tuple[int, tuple[int, ...]], tuple[Machine, Reading]] = {}
