@@ -60,7 +60,7 @@ def _at_light(block: Block) -> NDArray[np.bool_]:
 def _slowness(block: Block, speed: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the part of every step that is lost against walking pace [s]."""
     # Rounded, so that three hundred steps at rest are three seconds.
-    return np.round((1.0 - np.clip(speed / PACE, 0.0, 1.0)) * block.dt, 12)
+    return np.round((1.0 - np.minimum(np.maximum(speed / PACE, 0.0), 1.0)) * block.dt, 12)
 
 
 @signal
@@ -118,15 +118,18 @@ def losses(
     rear = block.need("station") - block.cast.length
     passed = (rear > PASSED).astype(np.int64) + (rear - block.cast.way > PASSED)
     parts = np.maximum(np.maximum.accumulate(passed, axis=0), part)
-    goes_on = np.diff(parts, axis=0, prepend=part[None]) > 0
+    goes_on = parts > np.concatenate((part[None], parts[:-1]))
     # A vehicle that overran its line on yellow or red, and now waits, does not stay in the junction.
     stays = inside(block) & (speed <= CRAWL) & ~(_at_light(block) & (facing(block) != GREEN))
     stuck = stays & wait.stuck
-    lost, circling = np.where(free, _may_lose(block), 0.0), wait.circling
-    blocked = np.where(stays & ~wait.held, _slowness(block, speed), 0.0)
-    amounts = np.stack((np.where(circling, 0.0, lost), np.where(circling, lost, 0.0), blocked, stuck * block.dt), axis=1)
-    restarts = np.stack((goes_on, goes_on | ~circling, np.zeros_like(stuck), ~stuck), axis=1)
-    total = np.cumsum(np.concatenate((before[None], amounts)), axis=0)
+    total, restarts = np.empty((len(speed) + 1, *before.shape)), np.empty((len(speed), *before.shape), dtype=np.bool_)
+    total[0] = before
+    total[1:, 0] = np.where(free & ~wait.circling, _may_lose(block), 0.0)
+    total[1:, 1] = np.where(free & wait.circling, _may_lose(block), 0.0)
+    total[1:, 2] = np.where(stays & ~wait.held, _slowness(block, speed), 0.0)
+    total[1:, 3] = stuck * block.dt
+    restarts[:, 0], restarts[:, 1], restarts[:, 2], restarts[:, 3] = goes_on, goes_on | ~wait.circling, False, ~stuck
+    total = np.cumsum(total, axis=0)
     gone = np.maximum.accumulate(np.where(restarts, total[:-1], gone), axis=0)
     # Rounded, so that three hundred steps at rest are three seconds, whatever went before.
     sums = np.round(total[1:] - gone, 9)

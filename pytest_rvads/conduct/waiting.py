@@ -216,33 +216,47 @@ def circles(block: Block) -> Circles:
 
     A vehicle that waits for an intruder, see `_intruders`, is held by the intruder, even where both wait for each other.
     """
-    near, both = block.cast.static(neighbours), block.cast.static(partners)
     queued, giving, late = close_behind(block), lets_pass(block), _intruders(block)
-    blocked = queued & no_room(block)
-    result = Circles(*(np.zeros(block.zone.shape, dtype=np.bool_) for _ in range(3)))
-    ends = [(of.one[some], of.two[some]) for of, some in ((near, queued.any(axis=0)), (both, giving.any(axis=0)))]
-    who = np.unique(np.concatenate([column for end in ends for column in end]))
-    if not len(who):
-        return result
-    truths = np.concatenate((queued, blocked, giving, late), axis=1)
-    moments = np.flatnonzero(np.append(True, (truths[1:] != truths[:-1]).any(axis=1)))
-    place = np.zeros(len(block.cast), dtype=np.int64)
-    place[who] = np.arange(len(who))
+    blocked, known = queued & no_room(block), block.cast.static(_situations)
+    keys = [row.tobytes() for row in np.concatenate((queued, blocked, giving, late), axis=1)]
+    new = {key: row for row, key in enumerate(keys) if key not in known}
+    if new:
+        if len(known) > _MOST:
+            known.clear()
+            new = {key: row for row, key in enumerate(keys)}
+        rows = list(new.values())
+        known.update(zip(new, _wait(block.cast, queued[rows], blocked[rows], giving[rows], late[rows]), strict=True))
+    return Circles(*np.stack([known[key] for key in keys], axis=1))
 
-    def square(pairs: Pairs, truths: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Return truths about pairs by both vehicles, shape ``(moments, who, who)``."""
-        columns, found = np.flatnonzero(truths.any(axis=0)), np.zeros((len(moments), len(who), len(who)), dtype=np.bool_)
-        found[:, place[pairs.one[columns]], place[pairs.two[columns]]] = truths[moments][:, columns]
-        return found
 
-    yielding = square(both, giving)
-    reach = square(near, queued) | yielding
-    for via in range(len(who)):
+_MOST = 4096
+"""Situations of a cast that are kept."""
+
+
+def _situations(_cast: Cast) -> dict[bytes, NDArray[np.bool_]]:
+    """Return a place for the circles of situations: from one state to the next, who waits for whom seldom changes."""
+    return {}
+
+
+def _wait(
+    cast: Cast, queued: NDArray[np.bool_], blocked: NDArray[np.bool_], giving: NDArray[np.bool_], late: NDArray[np.bool_]
+) -> NDArray[np.bool_]:
+    """Return the three arrays of `Circles`, shape ``(n, 3, agents)``.
+
+    Args:
+        cast: the vehicles.
+        queued: which vehicle is close behind which slow vehicle, shape ``(n, neighbours)``.
+        blocked: where also the second vehicle left the first no room when the first entered, likewise.
+        giving: which vehicle lets which vehicle pass, shape ``(n, partners)``.
+        late: which vehicles are intruders, shape ``(n, agents)``.
+    """
+    near, both = cast.static(neighbours), cast.static(partners)
+    shape = len(late), len(cast), len(cast)
+    reach, behind, yielding = (np.zeros(shape, dtype=np.bool_) for _ in range(3))
+    reach[:, near.one, near.two], behind[:, near.one, near.two], yielding[:, both.one, both.two] = queued, blocked, giving
+    reach |= yielding
+    for via in np.flatnonzero(reach.any(axis=(0, 1)) & reach.any(axis=(0, 2))).tolist():
         reach |= reach[:, :, via, None] & reach[:, via, None, :]
-    intruding = late[moments][:, who]
-    one_way = ~(reach & reach.swapaxes(1, 2)) | (intruding[:, None, :] & ~intruding[:, :, None])
-    held, lets, behind = ((of & one_way).any(axis=2) for of in (reach, yielding, square(near, blocked)))
-    lasts = np.diff(moments, append=len(truths))
-    for target, value in zip(result, (held, reach.any(axis=2) & ~held, behind & ~lets), strict=True):
-        target[:, who] = np.repeat(value, lasts, axis=0)
-    return result
+    one_way = ~(reach & reach.swapaxes(1, 2)) | (late[:, None, :] & ~late[:, :, None])
+    held, lets, stuck = ((of & one_way).any(axis=2) for of in (reach, yielding, behind))
+    return np.stack((held, reach.any(axis=2) & ~held, stuck & ~lets), axis=1)
