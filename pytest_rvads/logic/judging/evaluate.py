@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.conduct.predicates import ticks
-from pytest_rvads.conduct.standing import standing_time
 from pytest_rvads.errors import FormulaError
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.rules.lexicon import ATTRIBUTES, word_of
@@ -40,7 +39,8 @@ class Values(Mapping[f.Atom, NDArray[np.bool_]]):
 
     def __init__(self, run: Run, tie: float = 0.0, *, standing: bool = False) -> None:
         self.run = run
-        self._readers: dict[str, Callable[[Run, int], NDArray[Any]]] = {"wt": standing_time} if standing else {}
+        others = {name: attribute.standing for name, attribute in ATTRIBUTES.items() if attribute.standing is not None}
+        self._readers: dict[str, Callable[[Run, int], NDArray[Any]]] = others if standing else {}
         self.tie = tie
         self._ticks = ticks(run, tie)
         self._known: dict[f.Atom, NDArray[np.bool_]] = {}

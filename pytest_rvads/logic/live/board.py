@@ -126,7 +126,8 @@ class Board:
             agents = [movers[e.index] for e in map(element_of, atom.terms) if e is not None and e.sort == Sort.AGENT]
             found = self._quick(atom, agents, tie) or self._general(atom, movers, tie)
             self._facts[key] = found
-            if atom.word is None and atom.name in _PRESENT:
+            word = word_of(atom)
+            if word is not None and word.present:
                 for mover in agents:
                     self._bodily.setdefault(mover, set()).add(found)
             found.homes.append(partial(self._forget, key))
@@ -221,7 +222,3 @@ class Board:
         else:
             fact.homes.append(end)
         return fact
-
-
-_PRESENT = ("@", "inside", "meet", "collide", "stopped", "arrived")
-"""Words that hold of nobody who is absent."""

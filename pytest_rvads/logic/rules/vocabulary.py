@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from enum import Enum, StrEnum
 from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pytest_rvads.conduct.blame import Cause
 from pytest_rvads.errors import FormulaError, suggest
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.rules.current import PACKAGE, here
@@ -16,7 +18,7 @@ from pytest_rvads.logic.rules.sameness import same
 from pytest_rvads.logic.rules.sorts import Sort
 from pytest_rvads.runs.run import Run
 
-__all__ = ["Attribute", "Follower", "Names", "Vocabulary", "Word", "sorts_in"]
+__all__ = ["MEASURED", "Attribute", "Follower", "FromZones", "Measured", "Names", "Vocabulary", "Word", "sorts_in"]
 
 Follower = Callable[[Run], bool]
 """Reads a run of one state, the next one, and returns whether something holds there."""
@@ -24,6 +26,30 @@ Follower = Callable[[Run], bool]
 _RESERVED = ("G", "F", "N", "X", "U", "W", "R", "true", "false")
 """What formulas read as an operator or a constant."""
 T = TypeVar("T")
+
+
+class Measured(StrEnum):
+    """What the truth of a word turns on and is known only within an accuracy, in words that follow "hangs on"."""
+
+    SIZES = "how near bodies came"
+    SIDES = "how far beside its way it was"
+    PACE = "how fast it was"
+    ALONG = "how far it had come"
+    ALONE = "how far it had come on its way"
+    """Takes the place of `ALONG` in instances about one vehicle."""
+    BEFORE = "what it did before it was seen"
+
+
+MEASURED = (Measured.SIZES, Measured.SIDES, Measured.PACE, Measured.ALONG)
+"""What users' words turn on, as far as anybody knows."""
+
+
+class FromZones(Enum):
+    """Whether a truth or a value follows from the zones of vehicles alone."""
+
+    NEVER = "never"
+    BLIND = "in runs without positions or speeds"
+    ALWAYS = "always"
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -57,6 +83,22 @@ class Word:
     """Whether nothing is in this relation to itself."""
     symmetric: bool = False
     """Whether both orders of its two arguments say the same."""
+    turns_on: tuple[Measured, ...] = MEASURED
+    """What its truth turns on, of what is known only within an accuracy."""
+    from_zones: FromZones = FromZones.NEVER
+    """Whether its truth follows from zones alone."""
+    present: bool = False
+    """Whether it holds of no vehicle that is absent."""
+    debt: bool = False
+    """Whether it is about the way that its first argument owes to its second argument."""
+    cause: Callable[[Run, int, int, int], Cause | None] | None = None
+    """Who is to blame where it breaks a rule about two vehicles: takes the run, the columns of the two, and the tick."""
+    pending: Callable[..., NDArray[np.bool_]] | None = None
+    """Where it may become true soon after, so that a run that ends there leaves it open; takes what `holds` takes."""
+    beyond: Callable[[Run, int], bool] | None = None
+    """Whether no driver could have kept it false; takes the run and the column of its vehicle."""
+    bends: bool = False
+    """Whether a bend through which no path keeps a vehicle in its lane may be why it holds."""
     place: str = ""
     """Where it was registered; by default the line that makes it."""
 
@@ -91,10 +133,11 @@ class Word:
         return f"<Word {self.name}>"
 
     def _told(self) -> tuple[object, ...]:
-        return self.name, self.sorts, self.says, self.denies, self.static, self.apart, self.symmetric
+        told = self.name, self.sorts, self.says, self.denies, self.static, self.apart, self.symmetric
+        return *told, self.turns_on, self.from_zones, self.present, self.debt, self.bends
 
     def _functions(self) -> tuple[object, ...]:
-        return self.holds, self.follow, self.decide, self.means
+        return self.holds, self.follow, self.decide, self.means, self.cause, self.pending, self.beyond
 
     def on(self, run: Run, *arguments: int | f.Element) -> NDArray[np.bool_]:
         """Return its truth on a run, shape ``(steps,)``.
@@ -133,6 +176,10 @@ class Attribute:
     """Of named values: the number that stands for a name in what `read` returns."""
     waited: bool = False
     """Whether it counts ticks, and a difference within the tie window of a rule is none."""
+    from_zones: FromZones = FromZones.NEVER
+    """Whether its values follow from zones alone."""
+    standing: Callable[[Run, int], NDArray[Any]] | None = None
+    """Takes the place of `read` where waiting times count from standstill, see `check`."""
     says: tuple[tuple[str, str, str], ...] = ()
     """Comparisons in words, and denied: ``"="`` with the same attribute of another element, ``"= value"`` with a value."""
 

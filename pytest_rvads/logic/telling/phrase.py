@@ -116,7 +116,8 @@ def why(run: Run, atoms: Iterable[f.Atom], seat: Callable[[int], str] = str) -> 
         atoms: of an instance; the first one about owing or obstructing names the two.
         seat: how to call an entrance, by its number.
     """
-    pair = next((atom.terms for atom in atoms if atom.name in ("owes", "obstructs")), ())
+    words = ((word_of(atom), atom.terms) for atom in atoms)
+    pair = next((terms for word, terms in words if word is not None and word.debt), ())
     columns = [term.index for term in pair if isinstance(term, f.Element)]
     junction = run.junction
     if len(columns) != 2 or junction.control in (JunctionControl.STOP, JunctionControl.LIGHTS):
