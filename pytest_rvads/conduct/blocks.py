@@ -78,6 +78,8 @@ class Signal(Generic[_Value]):
     """Raises a `RunError` where the value about some vehicles, given by column, is not known."""
     otherwise: Any = False
     """The value for two vehicles that make no pair, and for a vehicle in a block from which the vehicle is absent."""
+    of_entrances: bool = False
+    """Whether the columns of the value are about entrances."""
 
     @overload
     def __call__(self, states: Block | Run) -> _Value: ...
@@ -95,7 +97,8 @@ class Signal(Generic[_Value]):
             if len(blocks) > 1:
                 if not columns:
                     return once(states, self._assembled)
-                parts = [self(block, *(block.columns.get(column, -1) for column in columns)) for block in blocks]
+                own = columns if self.of_entrances else None
+                parts = [self(block, *(own or [block.columns.get(column, -1) for column in columns])) for block in blocks]
                 return np.concatenate(parts)
             states = blocks[0]
         values = states.values
@@ -134,6 +137,7 @@ def signal(
     pairs: Callable[[Cast], Pairs] | None = ...,
     needs: Callable[[Block, Sequence[int]], None] | None = ...,
     otherwise: Any = ...,
+    of_entrances: bool = ...,
 ) -> Callable[..., Signal[Any]]: ...
 
 

@@ -10,14 +10,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pytest_rvads.conduct.blocks import Signal
-from pytest_rvads.conduct.instant import Instant
-from pytest_rvads.conduct.mover import Mover
 from pytest_rvads.conduct.predicates import extract
 from pytest_rvads.errors import RunError
 from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.logic.judging.prepare import Template, prepare
 from pytest_rvads.logic.live.board import Board
 from pytest_rvads.logic.live.instances import Instances
+from pytest_rvads.logic.live.instant import Instant, Mover
 from pytest_rvads.logic.live.seeing import Decided, Seen, row_of, sizes_of
 from pytest_rvads.logic.live.watch import Fact, Reading, Watch
 from pytest_rvads.logic.ltl import formula as f
@@ -165,11 +164,11 @@ class RuleMonitor:
         if first:
             for slot, agent in enumerate(self._agents):
                 now.add(agent, slot)
-        changed = now.move(list(map(int, zones)), stations, speeds, poses, colours)
+        now.move(list(map(int, zones)), stations, speeds, poses, colours)
         if first:
             self._begin()
         else:
-            self._board.read(changed)
+            self._board.read()
         self._run_monitors()
         return Truth.FALSE if self._failed else self.verdict
 
@@ -199,7 +198,8 @@ class RuleMonitor:
         old = tuple(self._there.values())
         new = tuple(self._enter(vehicle.agent) for name, vehicle in seen.items() if name not in self._there)
         gone = [self._there.pop(name) for name in self._there.keys() - seen.keys()]
-        self._board.read(self._now.move(*self._columns(seen), colours))
+        self._now.move(*self._columns(seen), colours)
+        self._board.read()
         old = tuple(mover for mover in old if mover.zone != ABSENT)
         for number, mover in enumerate(new):
             self._watch(self._instances.of(mover.agent.route.key), (mover,))

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from pytest_rvads.conduct import predicates
 from pytest_rvads.conduct.blame import Cause, blame, cause_of
+from pytest_rvads.conduct.blocks import Signal
 from pytest_rvads.conduct.bodies import collide, contacts
 from pytest_rvads.conduct.grounds import Ground
 from pytest_rvads.conduct.lane import beyond_steering, lane_allows, off_lane, off_route
@@ -27,21 +28,31 @@ from pytest_rvads.logic.rules.vocabulary import Attribute, FromZones, Measured, 
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Colour, Zone
 
-__all__ = ["ATTRIBUTES", "BUILT_IN", "HERE", "word_of"]
+__all__ = ["ATTRIBUTES", "BUILT_IN", "HERE", "at", "word_of"]
 
 HERE = f.Element(Sort.JUNCTION, 0, "j")
 """The junction under test."""
 
 
-def _at(run: Run, agent: f.Element, place: f.Element) -> NDArray[np.bool_]:
+def at(place: f.Element, entrances: int) -> Signal[NDArray[np.bool_]]:
+    """Return the signal that tells which vehicle is at a place of its own way.
+
+    Args:
+        place: the junction, an entrance, an exit, or a road.
+        entrances: how many entrances the junction has; roads with lower numbers lead to entrances.
+    """
     match place.sort:
         case Sort.JUNCTION:
-            return predicates.in_junction(run, agent.index)
+            return predicates.in_junction
         case Sort.ENTRANCE:
-            return predicates.at_entrance(run, agent.index)
-        case Sort.ROAD if place.index < len(run.junction.entrances):
-            return predicates.on_approach(run, agent.index)
-    return predicates.on_exit(run, agent.index)
+            return predicates.at_entrance
+        case Sort.ROAD if place.index < entrances:
+            return predicates.on_approach
+    return predicates.on_exit
+
+
+def _at(run: Run, agent: f.Element, place: f.Element) -> NDArray[np.bool_]:
+    return at(place, len(run.junction.entrances))(run, agent.index)
 
 
 def _may_be_at(static: Static, thing: f.Element, place: f.Element) -> bool | None:
@@ -324,7 +335,7 @@ ATTRIBUTES = {
             "cl",
             Sort.LIGHT,
             "colour",
-            lambda run, light: run.lights[:, light],
+            predicates.colour,
             lambda name: Colour[name.upper()],
             says=(("= value", "{0} {be} {1}", "{0} {be} not {1}"), ("!= value", "{0} {be} not {1}", "{0} {be} {1}")),
         ),

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.conduct.blame import Cause
+from pytest_rvads.conduct.blocks import Signal
 from pytest_rvads.errors import FormulaError, suggest
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.rules.current import PACKAGE, here
@@ -170,8 +171,8 @@ class Attribute:
     """The sort that has it."""
     kind: str
     """What its values are: ``"number"``, or a kind of named values."""
-    read: Callable[[Run, int], NDArray[Any]]
-    """Takes the run and the number of the element, and returns one value per state, shape ``(steps,)``."""
+    read: Signal[NDArray[Any]]
+    """The values of all vehicles, or of the lights at all entrances."""
     codes: Callable[[str], int] | None = None
     """Of named values: the number that stands for a name in what `read` returns."""
     waited: bool = False
