@@ -197,6 +197,21 @@ class Block:
         """The tick of every state, shape ``(n, 1)``."""
         return np.arange(self.tick, self.tick + len(self.zone))[:, None]
 
+    def only(self, row: int) -> Block:
+        """Return one state of the block as a block, with the values that have been worked out."""
+        if len(self.zone) == 1:
+            return self
+        part = slice(row, row + 1)
+        station, speed, pose = (None if array is None else array[part] for array in (self.station, self.speed, self.pose))
+        touching = None if self.touching is None else [(pair, 0) for pair, when in self.touching if when == row]
+        state = Block(self.cast, self.zone[part], self.lights[part], self.dt, station, speed, pose, touching, self.tick + row)
+        for signal, value in self.values.items():
+            if isinstance(value, np.ndarray):
+                state.values[signal] = value[part]
+            elif isinstance(value, tuple):
+                state.values[signal] = getattr(value, "_make", tuple)([array[part] for array in value])
+        return state
+
     def need(self, name: str) -> NDArray[np.float64]:
         """Return ``station``, ``speed`` or ``pose``.
 

@@ -70,7 +70,7 @@ class Board:
             self._columns.clear()
             self._rows.clear()
         for signal in self._signals:
-            row = signal(now.block)[-1].tolist()
+            row = signal(now.block)[now.row].tolist()
             if row != self._rows.get(signal):
                 self._rows[signal] = row
                 for fact, column in self._columns_of(signal):
@@ -112,7 +112,7 @@ class Board:
 
     def _of_signal(self, signal: Signal[Any], places: Sequence[Mover | int]) -> Fact:
         """Return a fact that is one column of a signal, about vehicles or an entrance."""
-        fact = Fact(bool(signal(self.now.block, *map(_column, places))[-1]))
+        fact = Fact(bool(signal(self.now.block, *map(_column, places))[self.now.row]))
         self._columns.pop(signal, None)
         return self._keep(fact, self._signals.setdefault(signal, []), (fact, tuple(places)))
 

@@ -1,4 +1,4 @@
-"""One state of the traffic after the other, as blocks of one state."""
+"""One state of the traffic after the other, worked out in blocks of one or more states."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,7 @@ from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.runs.run import Collision, Facts, Run
 from pytest_rvads.runs.states import ABSENT, Agent
 
-__all__ = ["Instant", "Mover"]
+__all__ = ["Instant", "Mover", "State"]
 
 
 @dataclass(slots=True, eq=False)
@@ -31,6 +31,23 @@ class Mover:
     zone: int = int(ABSENT)
     station: float = math.nan
     spread: float = math.nan
+
+
+class State(NamedTuple):
+    """A state as it is given, by column; None where something is not given."""
+
+    zones: Sequence[int]
+    stations: Sequence[float] | None
+    speeds: Sequence[float] | None
+    poses: Sequence[Sequence[float]] | None
+    lights: Sequence[int]
+    touching: frozenset[frozenset[str]] | None = None
+    """Names of the vehicles that touch for the first time, where a simulator recorded it."""
+
+    @property
+    def given(self) -> tuple[bool, ...]:
+        """Which of its values are given."""
+        return tuple(value is not None for value in self)
 
 
 class _State(Run):
@@ -71,8 +88,6 @@ class Instant:
         self.tick = -1
         self.slots: list[Mover] = []
         """The vehicles by column; a vehicle that is absent keeps its column until another vehicle takes it."""
-        self.touching: frozenset[frozenset[str]] | None = None
-        """Names of the vehicles that touch for the first time now, where somebody recorded it."""
         self._run: Run | None = None
         self._stream = Stream(junction, dt, facts)
         self.signals: list[Signal[Any]] = [wt, entered, facing, arrivals]
@@ -80,7 +95,8 @@ class Instant:
         self._cast: list[Mover] = []
         lights = np.zeros((1, len(junction.entrances)), dtype=np.int8)
         self.block = Block(self._stream.cast, np.empty((1, 0), dtype=np.int8), lights)
-        """The state."""
+        self.row = 0
+        """Which state of the block is now."""
 
     def add(self, agent: Agent, slot: int) -> Mover:
         """Return a vehicle that appears in the next state, in a column of its own or one that has become free."""
@@ -88,28 +104,23 @@ class Instant:
         self.slots[slot : slot + 1] = [mover]
         return mover
 
-    def move(
-        self,
-        zones: Sequence[int],
-        stations: Sequence[float] | None,
-        speeds: Sequence[float] | None,
-        poses: Sequence[Sequence[float]] | None,
-        lights: Sequence[int],
-    ) -> None:
-        """Go on to the next state; arguments are by column."""
-        self.tick += 1
-        self._run = None
+    def feed(self, states: Sequence[State]) -> None:
+        """Work out the next states of the same vehicles as a block; `go_on` goes from one state to the next."""
         if self._cast != self.slots:
             columns = {mover: column for column, mover in enumerate(self._cast)}
             self._stream.recast([mover.agent for mover in self.slots], [columns.get(mover) for mover in self.slots])
             self._cast = list(self.slots)
-        station, speed = (None if values is None else np.array([values]) for values in (stations, speeds))
-        pose = None if poses is None else np.array([poses]).reshape(1, -1, 3)
-        touching = None if self.touching is None else [(pair, 0) for pair in self.touching]
-        state = np.array([zones], dtype=np.int8), np.array([lights], dtype=np.int8)
-        self.block = self._stream.feed(self.signals, *state, station=station, speed=speed, pose=pose, touching=touching)
-        for column, mover in enumerate(self.slots):
-            mover.zone, mover.station = zones[column], math.nan if stations is None else stations[column]
+        zones, stations, speeds, poses, lights, touching = zip(*states, strict=True)
+        station, speed = (None if values[0] is None else np.array(values) for values in (stations, speeds))
+        pose = None if poses[0] is None else np.array(poses).reshape(len(states), -1, 3)
+        hits = None if touching[0] is None else [(pair, row) for row, pairs in enumerate(touching) for pair in pairs]
+        arrays = np.array(zones, dtype=np.int8), np.array(lights, dtype=np.int8)
+        self.block = self._stream.feed(self.signals, *arrays, station=station, speed=speed, pose=pose, touching=hits)
+        self.row = -1
+
+    def go_on(self) -> None:
+        """Go on to the next state of the block."""
+        self.tick, self.row, self._run = self.tick + 1, self.row + 1, None
 
     @property
     def run(self) -> Run:
@@ -119,8 +130,8 @@ class Instant:
         return self._run
 
     def _as_run(self) -> Run:
-        pairs = None if self.touching is None else tuple(Collision(0.0, _two(pair), 0.0) for pair in self.touching)
-        block = self.block
+        block = self.block.only(self.row)
+        pairs = None if block.touching is None else tuple(Collision(0.0, _two(pair), 0.0) for pair, _ in block.touching)
         run = _State(
             "live",
             self.junction,
