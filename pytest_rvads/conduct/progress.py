@@ -122,13 +122,13 @@ def losses(
     # A vehicle that overran its line on yellow or red, and now waits, does not stay in the junction.
     stays = inside(block) & (speed <= CRAWL) & ~(_at_light(block) & (facing(block) != GREEN))
     stuck = stays & wait.stuck
-    total, restarts = np.empty((len(speed) + 1, *before.shape)), np.empty((len(speed), *before.shape), dtype=np.bool_)
-    total[0] = before
-    total[1:, 0] = np.where(free & ~wait.circling, _may_lose(block), 0.0)
-    total[1:, 1] = np.where(free & wait.circling, _may_lose(block), 0.0)
-    total[1:, 2] = np.where(stays & ~wait.held, _slowness(block, speed), 0.0)
-    total[1:, 3] = stuck * block.dt
-    restarts[:, 0], restarts[:, 1], restarts[:, 2], restarts[:, 3] = goes_on, goes_on | ~wait.circling, False, ~stuck
+    total, restarts = np.zeros((len(speed) + 1, *before.shape)), np.zeros((len(speed), *before.shape), dtype=np.bool_)
+    total[0], lost, outside = before, np.where(free, _may_lose(block), 0.0), ~wait.circling
+    total[1:, 0], total[1:, 1] = lost * outside, lost * wait.circling
+    if stays.any():
+        total[1:, 2] = np.where(stays & ~wait.held, _slowness(block, speed), 0.0)
+        total[1:, 3] = stuck * block.dt
+    restarts[:, 0], restarts[:, 1], restarts[:, 3] = goes_on, goes_on | outside, ~stuck
     total = np.cumsum(total, axis=0)
     gone = np.maximum.accumulate(np.where(restarts, total[:-1], gone), axis=0)
     # Rounded, so that three hundred steps at rest are three seconds, whatever went before.

@@ -109,10 +109,12 @@ class _Debts(NamedTuple):
 @signal
 def _debts(block: Block) -> _Debts:
     """See `_Debts`."""
-    shape, owes = (len(block.zone), len(block.cast.static(partners))), yields(block)
+    shape = len(block.zone), len(block.cast.static(partners))
     found = _Debts(np.zeros(shape, dtype=np.bool_), np.zeros(shape, dtype=np.bool_))
-    for truths, (source, target) in zip(found, block.cast.static(_columns), strict=True):
-        truths[:, target] = owes[:, source]
+    if len(block.cast.static(owing)):
+        owes = yields(block)
+        for truths, (source, target) in zip(found, block.cast.static(_columns), strict=True):
+            truths[:, target] = owes[:, source]
     return found
 
 
@@ -154,10 +156,10 @@ def lets_pass(block: Block) -> NDArray[np.bool_]:
     on_mine = (front >= at.begin) & (rear[:, one] <= at.end) & here[:, one]
     there = (their_front >= at.begin_of_two) & (their_rear <= at.end_of_two) & here[:, two]
     found |= there & (ahead | on_mine)
-    debts = _debts(block)
+    comes, debts = due(block), _debts(block)
     found |= ahead & within[:, two] & (their_front < at.begin_of_two) & ~debts.given
-    found |= before & due(block) & (speed > PACE)[:, two]
-    found |= ahead & debts.owed & (due(block) | first_at_line(block)[:, two])
+    found |= before & comes & (speed > PACE)[:, two]
+    found |= ahead & debts.owed & (comes | first_at_line(block)[:, two])
     found &= before | within[:, one] | apart
     return found
 

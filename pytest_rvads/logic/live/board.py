@@ -38,7 +38,8 @@ class Board:
         self._facts: dict[object, Fact] = {}
         self._signals: dict[Signal[Any], list[tuple[Fact, tuple[Mover | int, ...]]]] = {}
         """The facts about every signal, and the vehicles or the entrance that they are about."""
-        self._columns: dict[Signal[Any], list[tuple[Fact, int]]] = {}
+        self._columns: dict[Signal[Any], tuple[int, list[tuple[Fact, int]]]] = {}
+        """How many facts there are about every signal, and which column each of them is, as long as the cast is the same."""
         self._cast: Cast | None = None
         self._rows: dict[Signal[Any], list[bool]] = {}
         """Of every signal the state before."""
@@ -118,10 +119,11 @@ class Board:
 
     def _columns_of(self, signal: Signal[Any]) -> list[tuple[Fact, int]]:
         """Return the facts about a signal, and which column of the signal each of them is."""
-        cast, facts, columns = self.now.block.cast, self._signals[signal], self._columns.get(signal)
-        if columns is None or len(columns) != len(facts):
+        cast, facts, (count, columns) = self.now.block.cast, self._signals[signal], self._columns.get(signal, (-1, []))
+        if count != len(facts):
             found = ((fact, signal.column(cast, list(map(_column, places)))) for fact, places in facts)
-            columns = self._columns[signal] = [(fact, column) for fact, column in found if column is not None]
+            columns = [(fact, column) for fact, column in found if column is not None]
+            self._columns[signal] = len(facts), columns
         return columns
 
     def _general(self, atom: f.Atom, movers: Sequence[Mover], tie: float) -> Fact:

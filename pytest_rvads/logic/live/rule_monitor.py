@@ -96,6 +96,8 @@ class RuleMonitor:
         self._queue: list[Watch] = []
         self._readings: dict[tuple[int, tuple[int, ...]], tuple[Machine, Reading]] = {}
         self._watches: dict[Watch, tuple[Mover, ...]] = {}
+        self._pending = [0] * len(self.rules)
+        """Of every rule, how many watches there are."""
         self._broken: dict[Watch, tuple[Mover, ...]] = {}
         self._failed: set[int] = set()
         self._instances: Instances | None = None
@@ -119,9 +121,8 @@ class RuleMonitor:
     def verdicts(self) -> dict[str, Truth]:
         """The same of every rule, by its name; ``T`` only where the vehicles are known from the beginning."""
         begun = self._now.tick >= 0 and self._agents is not None
-        pending = {watch.rule for watch in self._watches} if begun else set(range(len(self.rules)))
         return {
-            rule.name: Truth.FALSE if k in self._failed else Truth.UNKNOWN if k in pending else Truth.TRUE
+            rule.name: Truth.FALSE if k in self._failed else Truth.UNKNOWN if self._pending[k] or not begun else Truth.TRUE
             for k, rule in enumerate(self.rules)
             if rule.name not in self.not_judged
         }
@@ -305,6 +306,7 @@ class RuleMonitor:
                 continue
             watch = Watch(number, template, self._reading(template.machine, facts), facts, self._queue)
             self._watches[watch] = movers
+            self._pending[number] += 1
             if self._agents is None:
                 for mover in movers:
                     self._about[mover][watch] = None
@@ -349,6 +351,7 @@ class RuleMonitor:
 
     def _end(self, watch: Watch) -> None:
         watch.end()
+        self._pending[watch.rule] -= 1
         for mover in self._watches.pop(watch):
             self._about.get(mover, {}).pop(watch, None)
 
