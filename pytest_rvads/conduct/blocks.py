@@ -78,6 +78,8 @@ class Signal(Generic[_Value]):
     """Raises a `RunError` where the value about some vehicles, given by column, is not known."""
     otherwise: Any = False
     """The value for two vehicles that make no pair, and for a vehicle in a block from which the vehicle is absent."""
+    of_entrances: bool = False
+    """Whether the columns of the value are about entrances."""
 
     @overload
     def __call__(self, states: Block | Run) -> _Value: ...
@@ -95,7 +97,8 @@ class Signal(Generic[_Value]):
             if len(blocks) > 1:
                 if not columns:
                     return once(states, self._assembled)
-                parts = [self(block, *(block.columns.get(column, -1) for column in columns)) for block in blocks]
+                own = columns if self.of_entrances else None
+                parts = [self(block, *(own or [block.columns.get(column, -1) for column in columns])) for block in blocks]
                 return np.concatenate(parts)
             states = blocks[0]
         values = states.values
@@ -134,6 +137,7 @@ def signal(
     pairs: Callable[[Cast], Pairs] | None = ...,
     needs: Callable[[Block, Sequence[int]], None] | None = ...,
     otherwise: Any = ...,
+    of_entrances: bool = ...,
 ) -> Callable[..., Signal[Any]]: ...
 
 
@@ -192,6 +196,21 @@ class Block:
     def ticks(self) -> NDArray[np.int64]:
         """The tick of every state, shape ``(n, 1)``."""
         return np.arange(self.tick, self.tick + len(self.zone))[:, None]
+
+    def only(self, row: int) -> Block:
+        """Return one state of the block as a block, with the values that have been worked out."""
+        if len(self.zone) == 1:
+            return self
+        part = slice(row, row + 1)
+        station, speed, pose = (None if array is None else array[part] for array in (self.station, self.speed, self.pose))
+        touching = None if self.touching is None else [(pair, 0) for pair, when in self.touching if when == row]
+        state = Block(self.cast, self.zone[part], self.lights[part], self.dt, station, speed, pose, touching, self.tick + row)
+        for signal, value in self.values.items():
+            if isinstance(value, np.ndarray):
+                state.values[signal] = value[part]
+            elif isinstance(value, tuple):
+                state.values[signal] = getattr(value, "_make", tuple)([array[part] for array in value])
+        return state
 
     def need(self, name: str) -> NDArray[np.float64]:
         """Return ``station``, ``speed`` or ``pose``.
@@ -296,10 +315,12 @@ _MOST = 4096
 """Most states of a block."""
 _BLOCKS = 60
 """Most blocks of a run."""
+_WHOLE = 10_000_000
+"""States times the square of the vehicles, at most, for a run without absent vehicles to be one block: 80 MB a signal."""
 
 
 def as_blocks(run: Run, size: int = 0) -> tuple[Block, ...]:
-    """Return a run as consecutive blocks; a run without absent vehicles is one block.
+    """Return a run as consecutive blocks; a run without absent vehicles is one block, unless it is large.
 
     Args:
         run: the run.
@@ -309,7 +330,7 @@ def as_blocks(run: Run, size: int = 0) -> tuple[Block, ...]:
     present = run.zone != ABSENT
     most = int(present.sum(axis=1).max(initial=1))
     size = size or max(min(_WORK // most**2, _MOST), _LEAST, -(-run.steps // _BLOCKS))
-    if present.all() or run.steps <= size:
+    if run.steps <= size or (present.all() and run.steps * most**2 <= _WHOLE):
         size = max(run.steps, 1)
     contacts = None if run.collisions is None else [(frozenset(c.agents), tick_of(run, c)) for c in run.collisions]
     blocks: list[Block] = []

@@ -31,13 +31,17 @@ class Pairs:
         if not ordered:
             self.column |= {(two, one): number for number, (one, two) in enumerate(pairs)}
         self._starts = np.flatnonzero(np.diff(self.one, prepend=-1))
+        self._firsts = self.one[self._starts]
 
     def __len__(self) -> int:
         return len(self.one)
 
     def any(self, truths: NDArray[np.bool_], agents: int) -> NDArray[np.bool_]:
         """Return which vehicles are the first of a pair for which `truths` holds, shape ``(n, agents)``; see `count`."""
-        return self.count(truths, agents) > 0
+        found = np.zeros((len(truths), agents), dtype=np.bool_)
+        if len(self):
+            found[:, self._firsts] = np.logical_or.reduceat(truths, self._starts, axis=1)
+        return found
 
     def count(self, truths: NDArray[np.bool_], agents: int) -> NDArray[np.int64]:
         """Return, for every vehicle, the number of pairs with this vehicle first for which `truths` holds, shape ``(n, agents)``.
@@ -48,7 +52,7 @@ class Pairs:
         """
         found = np.zeros((len(truths), agents), dtype=np.int64)
         if len(self):
-            found[:, self.one[self._starts]] = np.add.reduceat(truths, self._starts, axis=1, dtype=np.int64)
+            found[:, self._firsts] = np.add.reduceat(truths, self._starts, axis=1, dtype=np.int64)
         return found
 
 

@@ -23,7 +23,7 @@ from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import AXLE
 from pytest_rvads.runs.vehicle import usual_body
 
-__all__ = ["MAX_OFFSET", "NEAR", "beside", "lane_allows", "off_lane", "off_route", "too_tight", "wrong_lanes"]
+__all__ = ["MAX_OFFSET", "NEAR", "beside", "beyond_steering", "lane_allows", "off_lane", "off_route", "too_tight", "wrong_lanes"]
 
 MAX_OFFSET = 3.0
 """Largest offset of a vehicle's front from its itinerary [m]; half of this for its rear axle.
@@ -205,6 +205,20 @@ def too_tight(run: Run, agent: int) -> tuple[Narrow, float] | None:
     start = float(run.need("station")[window(run, (agent,))[0], agent])
     narrow = no_way(itinerary(run.junction, *who.route.key).course(run.junction.lane_width, start), body)
     return None if narrow is None else (narrow, body.radius)
+
+
+def beyond_steering(run: Run, agent: int) -> bool:
+    """Return whether the agent was outside its lane only on a movement where no path keeps the vehicle in its lane.
+
+    What it does between its entry into the junction and the departure of its rear counts as on the movement, and so does what it
+    does beside the place where the best path fails.
+    """
+    bend = too_tight(run, agent)
+    if bend is None:
+        return False
+    station, (narrow, _) = run.need("station")[:, agent], bend
+    turning = (station > narrow.start) & (station < narrow.end)
+    return not (off_lane(run, agent) & ~turning).any()
 
 
 @lru_cache(maxsize=1024)

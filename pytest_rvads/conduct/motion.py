@@ -33,10 +33,10 @@ def entered(block: Block, before: NDArray[np.int64]) -> tuple[NDArray[np.int64],
 @signal(start=(0,))
 def facing(block: Block, before: NDArray[np.int8]) -> tuple[NDArray[np.int8], ...]:
     """The colour of the light at the entrance of every vehicle; from its entry on, as it was then."""
-    colours = block.lights[:, block.cast.entrance]
-    row = np.arange(len(colours))[:, None]
-    followed = np.maximum.accumulate(np.where(entered(block) >= block.ticks, row, -1), axis=0)
-    found = np.where(followed >= 0, np.take_along_axis(colours, np.maximum(followed, 0), axis=0), before).astype(np.int8)
+    colours, entry = block.lights[:, block.cast.entrance], entered(block)
+    row = np.minimum(entry[-1] - block.tick, len(colours) - 1)
+    at_entry = np.where(row >= 0, colours[np.maximum(row, 0), np.arange(len(row))], before)
+    found = np.where(entry >= block.ticks, colours, at_entry).astype(np.int8)
     return found, found
 
 
@@ -44,7 +44,7 @@ def facing(block: Block, before: NDArray[np.int8]) -> tuple[NDArray[np.int8], ..
 def advance(block: Block, before: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
     """How fast every vehicle gets on along its way, see `Run.advance` [m/s]; in its first state, its speed."""
     station = block.need("station")
-    rate = np.diff(station, axis=0, prepend=before[None]) / block.dt
+    rate = (station - np.concatenate((before[None], station[:-1]))) / block.dt
     return np.where(np.isnan(rate), block.need("speed"), rate), station
 
 

@@ -1,6 +1,6 @@
 """The predicates of the paper's table of semantics, evaluated on a run: one truth value per state.
 
-Dynamic predicates return arrays of shape ``(steps,)``. Static relations (right-of, opposite, turn, the entrance of an agent, the
+Dynamic predicates are signals on blocks of states. Static relations (right-of, opposite, turn, the entrance of an agent, the
 light of an entrance) are gathered in `Static`, the paper's model S^s.
 """
 
@@ -13,6 +13,7 @@ from itertools import permutations
 import numpy as np
 from numpy.typing import NDArray
 
+from pytest_rvads.conduct.blocks import APPROACH, ENTRANCE, EXIT, JUNCTION, Block, signal
 from pytest_rvads.conduct.grounds import Ground, ground_of, in_turn, lit, may_owe
 from pytest_rvads.conduct.lane import wrong_lanes
 from pytest_rvads.conduct.memo import once
@@ -20,9 +21,9 @@ from pytest_rvads.conduct.presence import judged, together
 from pytest_rvads.maps.control import JunctionControl, Sign
 from pytest_rvads.maps.segment import Turn
 from pytest_rvads.runs.run import Run
-from pytest_rvads.runs.states import Agent, Zone
+from pytest_rvads.runs.states import Agent
 
-__all__ = ["Static", "at_entrance", "extract", "in_junction", "on_approach", "on_exit", "once", "speed", "ticks"]
+__all__ = ["Static", "at_entrance", "colour", "extract", "in_junction", "on_approach", "on_exit", "once", "speed", "ticks"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,28 +151,31 @@ def _by_arrival(run: Run) -> frozenset[tuple[int, int]]:
     return frozenset((one, two) for one, two in pairs if in_turn(run.junction, ways[one], ways[two]))
 
 
-def in_junction(run: Run, agent: int) -> NDArray[np.bool_]:
-    """Return ``a@j``: the reference point is on a movement of the junction."""
-    found: NDArray[np.bool_] = run.zone[:, agent] == Zone.JUNCTION
+@signal
+def in_junction(block: Block) -> NDArray[np.bool_]:
+    """Which vehicle is in the junction, ``a@j``: the reference point is on a movement of the junction."""
+    found: NDArray[np.bool_] = block.zone == JUNCTION
     return found
 
 
-def at_entrance(run: Run, agent: int) -> NDArray[np.bool_]:
-    """Return ``a@j.en`` for the agent's entrance."""
-    found: NDArray[np.bool_] = run.zone[:, agent] == Zone.ENTRANCE
+@signal
+def at_entrance(block: Block) -> NDArray[np.bool_]:
+    """Which vehicle is at the entrance that it comes to, ``a@j.en``."""
+    found: NDArray[np.bool_] = block.zone == ENTRANCE
     return found
 
 
-def on_approach(run: Run, agent: int) -> NDArray[np.bool_]:
-    """Return ``a@r`` for the road that leads to the agent's entrance; the entrance zone is part of the road."""
-    zone = run.zone[:, agent]
-    found: NDArray[np.bool_] = (zone == Zone.APPROACH) | (zone == Zone.ENTRANCE)
+@signal
+def on_approach(block: Block) -> NDArray[np.bool_]:
+    """Which vehicle is on the road that leads to its entrance, ``a@r``; the entrance zone is part of that road."""
+    found: NDArray[np.bool_] = (block.zone == APPROACH) | (block.zone == ENTRANCE)
     return found
 
 
-def on_exit(run: Run, agent: int) -> NDArray[np.bool_]:
-    """Return ``a@j.ex``, and ``a@r`` for the road by which the agent leaves; the road begins with the exit vertex."""
-    found: NDArray[np.bool_] = run.zone[:, agent] == Zone.EXIT
+@signal
+def on_exit(block: Block) -> NDArray[np.bool_]:
+    """Which vehicle is on the road that it leaves by, ``a@j.ex`` and ``a@r``; that road begins with the exit vertex."""
+    found: NDArray[np.bool_] = block.zone == EXIT
     return found
 
 
@@ -180,10 +184,13 @@ def ticks(run: Run, seconds: float) -> int:
     return round(seconds / run.dt)
 
 
-def speed(run: Run, agent: int) -> NDArray[np.float64]:
-    """Return ``a.sp`` [m/s].
+@signal(otherwise=np.nan)
+def speed(block: Block) -> NDArray[np.float64]:
+    """The speed of every vehicle, ``a.sp`` [m/s]."""
+    return block.need("speed")
 
-    Raises:
-        RunError: the run does not record speeds.
-    """
-    return run.need("speed")[:, agent]
+
+@signal(of_entrances=True)
+def colour(block: Block) -> NDArray[np.int8]:
+    """The colour of the light at every entrance, ``lt.cl``."""
+    return block.lights

@@ -8,35 +8,21 @@ walking pace.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.conduct.memo import once
+from pytest_rvads.conduct.blocks import ENTRANCE, Block, signal, sized
+from pytest_rvads.conduct.cast import Cast
 from pytest_rvads.conduct.motion import advance, facing, inside
-from pytest_rvads.conduct.rights import PACE
-from pytest_rvads.conduct.stretches import before_exit, first_stretch, position
-from pytest_rvads.conduct.waiting import QUEUE_GAP, circles, reasons, since
+from pytest_rvads.conduct.rights import GREEN, PACE, RED, YELLOW
+from pytest_rvads.conduct.stretches import ahead_by, first_stretch, neighbours
+from pytest_rvads.conduct.waiting import QUEUE_GAP, circles, lines
 from pytest_rvads.runs.itineraries import LEAVE
-from pytest_rvads.runs.run import Run
-from pytest_rvads.runs.states import Colour
 
-__all__ = [
-    "BLOCKING_TIME",
-    "CRAWL",
-    "NOTHING",
-    "PASSED",
-    "PATIENCE",
-    "STUCK_TIME",
-    "Lost",
-    "blocks",
-    "idles",
-    "losses",
-    "may_go",
-    "part",
-]
+__all__ = ["BLOCKING_TIME", "CRAWL", "PASSED", "PATIENCE", "STUCK_TIME", "Lost", "blocks", "idles", "losses", "may_go"]
 
 PATIENCE = 10.0
 """Whoever could go for this long and has not, impedes traffic [s]; laws give no number (StVO, section 3(2); CVC 22400(a))."""
@@ -50,134 +36,123 @@ PASSED = 1.0
 """A vehicle has passed a part of its way for good when its rear has left it by this [m]: fronts flicker over a line."""
 
 
-def may_go(run: Run, agent: int) -> NDArray[np.bool_]:
-    """The agent could get on: its light or its turn allows it, and it waits for nobody that does not wait for it as well."""
-    return _waiting(run).free[:, agent]
+def _known(block: Block, _columns: Sequence[int]) -> None:
+    """Check that a block holds geometry, positions, speeds and sizes of all vehicles: every vehicle may be waited for."""
+    block.cast.static(neighbours)
+    sized(block, range(len(block.cast)))
+    block.need("speed")
 
 
-def idles(run: Run, agent: int) -> NDArray[np.bool_]:
-    """The agent has lost more time than `PATIENCE` while it could go: before the junction, in it, or on its way out.
+def _before_lights(cast: Cast) -> NDArray[np.float64]:
+    """Return where the front of every vehicle may wait at a light [m]: from before its line up to its first shared stretch."""
+    ends = [first_stretch(cast.junction, agent.route.key) for agent in cast.agents]
+    return np.array([cast.static(lines) - QUEUE_GAP, ends])
 
-    Or it has lost as much in a circle of vehicles that wait for each other, since that circle began.
+
+@signal
+def _at_light(block: Block) -> NDArray[np.bool_]:
+    """The light of which vehicle is not green, with its front near the line or beyond it, before the first shared stretch."""
+    light, station, (begin, end) = block.lights[:, block.cast.entrance], block.need("station"), block.cast.static(_before_lights)
+    found: NDArray[np.bool_] = ((light == RED) | (light == YELLOW)) & (station > begin) & (station < end)
+    return found
+
+
+def _slowness(block: Block, speed: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the part of every step that is lost against walking pace [s]."""
+    # Rounded, so that three hundred steps at rest are three seconds.
+    return np.round((1.0 - np.minimum(np.maximum(speed / PACE, 0.0), 1.0)) * block.dt, 12)
+
+
+@signal
+def _may_lose(block: Block) -> NDArray[np.float64]:
+    """How much time every vehicle loses in each state if it could go [s]."""
+    return _slowness(block, advance(block))
+
+
+@signal(needs=_known)
+def may_go(block: Block) -> NDArray[np.bool_]:
+    """Which vehicle could get on: its light or its turn allows it, and it waits only for vehicles that wait for it as well.
+
+    Behind a vehicle that loses no time, in the queue before the junction, no vehicle loses time. A vehicle far down its exit road
+    has arrived.
     """
-    lost = once(run, losses, agent)
+    cast, near, slow = block.cast, block.cast.static(neighbours), _may_lose(block) > 0.0
+    free = block.here & (block.need("station") - cast.way < LEAVE) & ~_at_light(block) & ~circles(block).held
+    trailing = (block.zone <= ENTRANCE)[:, near.one] & (ahead_by(block) < QUEUE_GAP)
+    while trailing.any():
+        excused = free & near.any(trailing & ~(free & slow)[:, near.two], len(cast))
+        if not excused.any():
+            break
+        free &= ~excused
+    return free
+
+
+class Lost(NamedTuple):
+    """What every vehicle has lost by every state [s], each of shape ``(n, agents)``."""
+
+    part: NDArray[np.int64]
+    """No time: how many parts of its way the vehicle has passed for good, of the part before the junction and the part in it."""
+    idle: NDArray[np.float64]
+    """In the present part of its way, although the vehicle could go."""
+    circle: NDArray[np.float64]
+    """In the present part of its way, in a circle of vehicles that wait for each other, since that circle began."""
+    blocked: NDArray[np.float64]
+    """In the junction, while no vehicle kept it."""
+    stuck: NDArray[np.float64]
+    """In the junction, standing behind a vehicle that left it no room when it entered."""
+
+
+@signal(start=(0, np.zeros(4), np.zeros(4)))
+def losses(
+    block: Block, part: NDArray[np.int64], before: NDArray[np.float64], gone: NDArray[np.float64]
+) -> tuple[Lost, NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
+    """What every vehicle has lost, see `Lost`.
+
+    Args:
+        block: the states.
+        part: the part of its way that every vehicle was in before the first state.
+        before: the sums of all that every vehicle had lost by then, shape ``(4, agents)`` [s].
+        gone: these sums when each loss last began anew, likewise.
+    """
+    speed, free, wait = np.abs(block.need("speed")), may_go(block), circles(block)
+    rear = block.need("station") - block.cast.length
+    passed = (rear > PASSED).astype(np.int64) + (rear - block.cast.way > PASSED)
+    parts = np.maximum(np.maximum.accumulate(passed, axis=0), part)
+    goes_on = parts > np.concatenate((part[None], parts[:-1]))
+    # A vehicle that overran its line on yellow or red, and now waits, does not stay in the junction.
+    stays = inside(block) & (speed <= CRAWL) & ~(_at_light(block) & (facing(block) != GREEN))
+    stuck = stays & wait.stuck
+    total, restarts = np.zeros((len(speed) + 1, *before.shape)), np.zeros((len(speed), *before.shape), dtype=np.bool_)
+    total[0], lost, outside = before, np.where(free, _may_lose(block), 0.0), ~wait.circling
+    total[1:, 0], total[1:, 1] = lost * outside, lost * wait.circling
+    if stays.any():
+        total[1:, 2] = np.where(stays & ~wait.held, _slowness(block, speed), 0.0)
+        total[1:, 3] = stuck * block.dt
+    restarts[:, 0], restarts[:, 1], restarts[:, 3] = goes_on, goes_on | outside, ~stuck
+    total = np.cumsum(total, axis=0)
+    gone = np.maximum.accumulate(np.where(restarts, total[:-1], gone), axis=0)
+    # Rounded, so that three hundred steps at rest are three seconds, whatever went before.
+    sums = np.round(total[1:] - gone, 9)
+    return Lost(parts, *sums.swapaxes(0, 1)), parts, total, gone
+
+
+@signal(needs=_known)
+def idles(block: Block) -> NDArray[np.bool_]:
+    """Which vehicle has lost more time than `PATIENCE` while it could go: before the junction, in it, or on its way out.
+
+    Or it has lost as much in a circle of vehicles that wait for each other, since that circle began. Each part of the way has a
+    patience of its own. A part is passed when the rear has left it by `PASSED`, wherever the vehicle goes then.
+    """
+    lost: Lost = losses(block)
     found: NDArray[np.bool_] = np.maximum(lost.idle, lost.circle) > PATIENCE
     return found
 
 
-class Lost(NamedTuple):
-    """What a vehicle has lost by some state, as numbers, or by every state, as arrays [s].
+@signal(needs=_known)
+def blocks(block: Block) -> NDArray[np.bool_]:
+    """Which vehicle has lost more time than `BLOCKING_TIME` in the junction, or is stuck there for more than `STUCK_TIME`.
 
-    In the present part of its way it has lost `idle` although it could go, and `circle` in a circle of vehicles that wait for
-    each other; in the junction `blocked` while no vehicle kept it. For `stuck` it has been standing there behind a vehicle that
-    left it no room when it entered. `part` is no time: it counts the parts that the vehicle has passed.
+    A vehicle stays in the junction at `CRAWL` or less.
     """
-
-    part: Any = 0
-    idle: Any = 0.0
-    circle: Any = 0.0
-    blocked: Any = 0.0
-    stuck: Any = 0.0
-
-
-NOTHING = Lost()
-
-
-def losses(run: Run, agent: int, before: Lost = NOTHING) -> Lost:
-    """Return what an agent has lost by each state, where it had lost `before` when the run began."""
-    found = _waiting(run)
-    lost, circling = found.lost[:, agent], found.circling[:, agent]
-    stays = _stays(run, agent)
-    blocked = np.where(stays & ~found.held[:, agent], _slowness(run, np.abs(run.need("speed")[:, agent])), 0.0)
-    stuck = stays & found.stuck[:, agent]
-    parts = np.maximum(part(run, agent), before.part)
-    goes_on = np.diff(parts, prepend=before.part) > 0
-    return Lost(
-        parts,
-        since(np.where(circling, 0.0, lost), goes_on, before.idle),
-        since(np.where(circling, lost, 0.0), goes_on | ~circling, before.circle),
-        since(blocked, np.zeros_like(stuck), before.blocked),
-        since(stuck * run.dt, ~stuck, before.stuck),
-    )
-
-
-def part(run: Run, agent: int) -> NDArray[np.int8]:
-    """Return how many parts of its way the agent has passed for good: the one before the junction, and the one in it.
-
-    Each part has a patience of its own. A part is passed when the rear has left it by `PASSED`, wherever the agent goes then.
-    """
-    (_, rear), (_, behind) = position(run, agent), before_exit(run, agent)
-    found: NDArray[np.int8] = np.maximum.accumulate((rear > PASSED).astype(np.int8) + (behind > PASSED).astype(np.int8))
-    return found
-
-
-def blocks(run: Run, agent: int) -> NDArray[np.bool_]:
-    """The agent has lost more time than `BLOCKING_TIME` in the junction, or is stuck there for more than `STUCK_TIME`."""
-    lost = once(run, losses, agent)
-    found: NDArray[np.bool_] = (lost.blocked > BLOCKING_TIME) | (lost.stuck > STUCK_TIME)
-    return found
-
-
-def _stays(run: Run, agent: int) -> NDArray[np.bool_]:
-    """Whether the agent is in the junction at `CRAWL` or less, unless it overran its line on yellow or red and now waits."""
-    overran = _at_light(run, agent) & (facing(run)[:, agent] != Colour.GREEN)
-    found: NDArray[np.bool_] = inside(run, agent) & (np.abs(run.need("speed")[:, agent]) <= CRAWL) & ~overran
-    return found
-
-
-def _at_light(run: Run, agent: int) -> NDArray[np.bool_]:
-    """Whether the agent's light is not green, and its front is near the line or beyond it, before the first shared stretch."""
-    me, station = run.agents[agent], run.need("station")[:, agent]
-    light = run.lights[:, me.entrance]
-    begin, end = -run.junction.setbacks[me.entrance] - QUEUE_GAP, first_stretch(run.junction, me.route.key)
-    found: NDArray[np.bool_] = ((light == Colour.RED) | (light == Colour.YELLOW)) & (station > begin) & (station < end)
-    return found
-
-
-def _slowness(run: Run, speed: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the part of every step that is lost against walking pace [s]."""
-    # Rounded, so that three hundred steps at rest are three seconds.
-    return np.round((1.0 - np.clip(speed / PACE, 0.0, 1.0)) * run.dt, 12)
-
-
-@dataclass(frozen=True, slots=True)
-class _Waiting:
-    """Which vehicles wait in a run; all arrays have the shape ``(steps, agents)``."""
-
-    free: NDArray[np.bool_]
-    """Which vehicle could get on."""
-    lost: NDArray[np.float64]
-    """How much time it then loses in each state [s]."""
-    held: NDArray[np.bool_]
-    """See `circles`, as of the others."""
-    circling: NDArray[np.bool_]
-    stuck: NDArray[np.bool_]
-
-
-def _waiting(run: Run) -> _Waiting:
-    """Return who waits in a run, worked out once."""
-    return once(run, _work_out)
-
-
-def _work_out(run: Run) -> _Waiting:
-    found = list(reasons(run))
-    held, circling, stuck = circles(run, found)
-    free, slow = ~held, _slowness(run, advance(run))
-    for agent in range(len(run.agents)):
-        free[:, agent] &= _allowed(run, agent)
-    queues, changed = [r for r in found if r.trailing.any()], True
-    while changed:  # behind a vehicle that loses no time nobody does, and so on
-        changed = False
-        for r in queues:
-            when = slice(r.begin, r.begin + len(r.trailing))
-            excused = r.trailing & free[when, r.agent] & ~(free[when, r.other] & (slow[when, r.other] > 0.0))
-            free[when, r.agent] &= ~excused
-            changed |= bool(excused.any())
-    return _Waiting(free, np.where(free, slow, 0.0), held, circling, stuck)
-
-
-def _allowed(run: Run, agent: int) -> NDArray[np.bool_]:
-    """Whether nothing but other vehicles can keep the agent from getting on; once far down its exit road, it has arrived."""
-    arrived = before_exit(run, agent)[0] >= LEAVE
-    found: NDArray[np.bool_] = run.here[:, agent] & ~arrived & ~_at_light(run, agent)
-    return found
+    lost: Lost = losses(block)
+    return (lost.blocked > BLOCKING_TIME) | (lost.stuck > STUCK_TIME)

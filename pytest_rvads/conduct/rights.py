@@ -16,20 +16,8 @@ from pytest_rvads.conduct.cast import Cast, Pairs, everybody, pairs
 from pytest_rvads.conduct.grounds import ground_of, in_turn, lit, may_owe
 from pytest_rvads.conduct.motion import entered, facing
 from pytest_rvads.conduct.standing import TIE, arrivals, arrived, leads, stands, waited
-from pytest_rvads.conduct.stretches import (
-    ALWAYS,
-    Places,
-    ahead_by,
-    contested,
-    contested_places,
-    neighbours,
-    places,
-    position,
-    roads,
-)
-from pytest_rvads.junctions.conflicts import Stretch
+from pytest_rvads.conduct.stretches import Places, ahead_by, contested, contested_places, neighbours, places, roads
 from pytest_rvads.maps.control import JunctionControl
-from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Colour
 
 __all__ = [
@@ -42,7 +30,7 @@ __all__ = [
     "close_behind",
     "comes",
     "comes_first",
-    "due",
+    "coming",
     "first_at_line",
     "gives_up",
     "has_way",
@@ -58,7 +46,6 @@ __all__ = [
 ]
 
 GREEN, YELLOW, RED = int(Colour.GREEN), int(Colour.YELLOW), int(Colour.RED)
-_Ends = float | NDArray[np.float64]
 _ALL_WAY = JunctionControl.STOP
 _LONG_AGO = -(10**9)
 """Stands for the tick in which a vehicle last stood ready, for a vehicle that never stood ready."""
@@ -137,33 +124,26 @@ def ready(block: Block) -> NDArray[np.bool_]:
     return found
 
 
-def due(run: Run, agent: int, stretch: Stretch, when: slice = ALWAYS) -> NDArray[np.bool_]:
-    """The agent is on a stretch of its way, reaches it within `DUE` at its present speed, or is first at its line and may go.
+def coming(block: Block, both: Pairs, at: Places) -> NDArray[np.bool_]:
+    """Return which second vehicle is on the stretch of its way, or reaches it within `DUE` at its present speed.
 
-    A vehicle that waives its right is not due by standing at its line.
+    Args:
+        block: the states.
+        both: pairs of vehicles.
+        at: the stretches that the pairs share.
     """
-    front, rear = position(run, agent, when)
-    comes = coming(front, rear, run.need("speed")[when, agent], stretch.start, stretch.end)
-    found: NDArray[np.bool_] = (comes | ready(run)[when, agent]) & run.here[when, agent]
-    return found
-
-
-def coming(
-    front: NDArray[np.float64], rear: NDArray[np.float64], speed: NDArray[np.float64], begin: _Ends, end: _Ends
-) -> NDArray[np.bool_]:
-    """Return whether vehicles are on stretches of their ways, or reach them within `DUE` at their present speeds."""
-    found: NDArray[np.bool_] = (begin - front <= DUE * np.maximum(speed, 0.0)) & (rear <= end)
+    front, reach = block.need("station"), DUE * np.maximum(block.need("speed"), 0.0)
+    rear = front - block.cast.length
+    found: NDArray[np.bool_] = at.begin_of_two - front[:, both.two] <= reach[:, both.two]
+    found &= (rear[:, both.two] <= at.end_of_two) & block.here[:, both.two]
     return found
 
 
 @signal(pairs=owing)
 def comes(block: Block) -> NDArray[np.bool_]:
     """Which second vehicle is on the contested stretch, or reaches it within `DUE` at its present speed."""
-    both, at, front = block.cast.static(owing), block.cast.static(owed_places), block.need("station")
-    rear = front - block.cast.length
-    speed = block.need("speed")[:, both.two]
-    found = coming(front[:, both.two], rear[:, both.two], speed, at.begin_of_two, at.end_of_two)
-    return found & block.here[:, both.two]
+    found: NDArray[np.bool_] = coming(block, block.cast.static(owing), block.cast.static(owed_places))
+    return found
 
 
 @signal

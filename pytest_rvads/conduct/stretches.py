@@ -1,7 +1,4 @@
-"""Where two vehicles are on the stretch that their movements share.
-
-Functions that take `when` return what holds in a part of the run only: all of it costs too much for each pair of many vehicles.
-"""
+"""Where two vehicles are on the stretch that their movements share."""
 
 from __future__ import annotations
 
@@ -22,25 +19,19 @@ from pytest_rvads.runs.itineraries import LEAVE
 from pytest_rvads.runs.run import Run
 
 __all__ = [
-    "ALWAYS",
     "ahead_by",
-    "before_exit",
     "contested",
     "contested_places",
     "first_stretch",
     "meet",
     "meeting",
     "neighbours",
-    "on_stretch",
     "parting",
     "places",
-    "position",
     "roads",
     "shared",
 ]
 
-ALWAYS = slice(None)
-"""In all states of a run."""
 _SPACING = 0.5
 """Movements are compared at stations so far apart [m]."""
 
@@ -97,26 +88,6 @@ def parting(junction: Junction, one: Key, two: Key) -> float:
 def first_stretch(junction: Junction, way: Key) -> float:
     """Return the station at which a movement first shares a stretch with a movement from another entrance [m], else infinity."""
     return min((common.mine.start for (one, _), common in (junction.stretches or {}).items() if one == way), default=math.inf)
-
-
-def position(run: Run, agent: int, when: slice = ALWAYS) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the stations of front and rear of an agent, each of shape ``(steps,)`` [m].
-
-    Raises:
-        RunError: the run holds no positions, or not the size of the vehicle.
-    """
-    front = run.need("station")[when, agent]
-    return front, front - run.size(agent)[0]
-
-
-def on_stretch(run: Run, agent: int, stretch: Stretch, when: slice = ALWAYS) -> NDArray[np.bool_]:
-    """Return where part of the body of an agent is on a stretch of its movement, shape ``(steps,)``.
-
-    Who is gone is nowhere, though a short exit road may end before its rear has come off the stretch.
-    """
-    front, rear = position(run, agent, when)
-    found: NDArray[np.bool_] = (front >= stretch.start) & (rear <= stretch.end) & run.here[when, agent]
-    return found
 
 
 def meeting(cast: Cast) -> Pairs:
@@ -227,10 +198,3 @@ def ahead_by(block: Block) -> NDArray[np.float64]:
     way = np.where(road.entrance, behind < road.parting, road.exit & (ahead >= road.joining))
     front = np.where(road.entrance, front, front + road.shift)
     return np.where(way & (ahead > front) & block.here[:, both.two], behind - front, np.inf)
-
-
-def before_exit(run: Run, agent: int, when: slice = ALWAYS) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return where front and rear of an agent are, counted from its exit vertex, each of shape ``(steps,)`` [m]."""
-    front, rear = position(run, agent, when)
-    length = run.agents[agent].route.length
-    return front - length, rear - length

@@ -1,34 +1,38 @@
-"""Who waits for whom, and where that goes round in a circle.
-
-Only vehicles that are near the junction together, or close behind each other, can have a reason to wait for each other; each pair
-is looked at while that lasts.
-"""
+"""Which vehicle waits for which other vehicle, and which vehicles wait for each other in a circle."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
 from functools import lru_cache
-from itertools import permutations
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.conduct.grounds import ground_of, may_owe
-from pytest_rvads.conduct.memo import once
+from pytest_rvads.conduct.blocks import ENTRANCE, JUNCTION, Block, signal
+from pytest_rvads.conduct.cast import Cast, Pairs, everybody, pairs
+from pytest_rvads.conduct.grounds import ground_of
 from pytest_rvads.conduct.motion import entered, facing
-from pytest_rvads.conduct.presence import near, window
-from pytest_rvads.conduct.rights import DUE, PACE, came_first, close_behind, due, first_at_line, has_way, waives, yields
-from pytest_rvads.conduct.stretches import ALWAYS, ahead_by, on_stretch, position, shared
-from pytest_rvads.errors import RunError
-from pytest_rvads.junctions.conflicts import Key, Shared
+from pytest_rvads.conduct.rights import (
+    DUE,
+    PACE,
+    RED,
+    came_first,
+    close_behind,
+    coming,
+    first_at_line,
+    has_way,
+    owing,
+    ready,
+    waives,
+    yields,
+)
+from pytest_rvads.conduct.stretches import Places, ahead_by, neighbours, places, roads, shared
+from pytest_rvads.junctions.conflicts import Key
 from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.maps.control import JunctionControl, Sign
-from pytest_rvads.runs.run import Run
-from pytest_rvads.runs.states import Colour, Zone
 
-__all__ = ["QUEUE_GAP", "Reason", "circles", "leave_no_room", "no_room", "reasons", "since"]
+__all__ = ["QUEUE_GAP", "Circles", "circles", "due", "lets_pass", "lines"]
 
 AT_LINE = 5.0
 """Nearer to the stopping line than this, a vehicle that stands waits for its turn [m]."""
@@ -37,220 +41,39 @@ QUEUE_GAP = 15.0
 three lengths of a car."""
 SPARE = 1.0
 """A vehicle must not enter the junction where less room than its length and this is left on its exit road [m]."""
-MOST = 200_000_000
-"""States times pairs of vehicles that are looked at."""
-_BLOCK = 50
-"""Ticks that are looked at together to find out who is never close behind whom."""
-_CHUNK = 256
-"""Instants at which circles are looked for together."""
 
 
-class Reason(NamedTuple):
-    """Why one vehicle waits for another, in part of a run."""
-
-    agent: int
-    other: int
-    begin: int
-    """First tick of the part."""
-    queued: NDArray[np.bool_]
-    """Where it is close behind the other one, which is slow, shape ``(ticks,)``."""
-    yielding: NDArray[np.bool_]
-    """Where it lets the other one pass, likewise."""
-    trailing: NDArray[np.bool_]
-    """Where it is before the junction and less than `QUEUE_GAP` behind the other one, likewise."""
+def lines(cast: Cast) -> NDArray[np.float64]:
+    """Return the stations of the stopping lines of all vehicles, shape ``(agents,)`` [m]."""
+    return np.array([-cast.junction.setbacks[agent.entrance] for agent in cast.agents], dtype=np.float64)
 
 
-def reasons(run: Run) -> Iterator[Reason]:
-    """Yield who waits for whom, and when; pairs that never wait are left out.
+def partners(cast: Cast) -> Pairs:
+    """Return the pairs of vehicles of which the first may have a reason to let the second pass.
 
     Raises:
-        RunError: the run holds no positions or no geometry, or too many vehicles that are there together.
+        RunError: the run holds no geometry of its junction.
     """
-    work = 0
-    for agent, other, when in _pairs(run):
-        work += when.stop - when.start
-        if work > MOST:
-            count = len(run.agents)
-            raise RunError(
-                f"{count} vehicles in {run.steps:,} states are too many to tell who waits for whom: cut the run in parts"
-            )
-        common = shared(run, agent, other)
-        ahead = ahead_by(run, agent, other)[when]
-        queued = close_behind(run, agent, other)[when]
-        yielding = _lets_pass(run, agent, other, common, when)
-        trailing = (run.zone[when, agent] <= Zone.ENTRANCE) & (ahead < QUEUE_GAP)
-        if queued.any() or yielding.any() or trailing.any():
-            yield Reason(agent, other, when.start, queued, yielding, trailing)
+    if cast.junction.control is JunctionControl.STOP:
+        return cast.static(everybody)
+    return pairs(cast, lambda one, two: shared(cast, one, two) is not None or _first_turn(cast, one, two) < math.inf)
 
 
-def _pairs(run: Run) -> Iterator[tuple[int, int, slice]]:
-    """Yield pairs of agents of which one may wait for the other, and when: all, all the time, where nobody is absent."""
-    pairs = permutations(range(len(run.agents)), 2)
-    if not (run.zone == Zone.ABSENT).any():
-        yield from ((one, two, slice(0, run.steps)) for one, two in pairs)
-        return
-    spans, queues = near(run).tolist(), _queues(run)
-    for one, two in pairs:
-        begin, end = max(spans[one][0], spans[two][0]), min(spans[one][1], spans[two][1])
-        if queues[one, two]:
-            begin, end = window(run, (one, two))
-        elif run.agents[one].exit == run.agents[two].exit:  # one waits for room, wherever the other one is on its exit road
-            end = min(spans[one][1], window(run, (two,))[1])
-        if begin < end:
-            yield one, two, slice(begin, end)
+def _places(cast: Cast) -> Places:
+    """Return the stretches that `partners` share."""
+    return places(shared(cast, one, two) for one, two in cast.static(partners).column)
 
 
-def _queues(run: Run) -> NDArray[np.bool_]:
-    """Return who may ever be close behind whom on a road that both drive along, shape ``(agents, agents)``."""
-    count, steps = len(run.agents), run.steps
-    lengths = np.array([run.size(k)[0] for k in range(count)])
-    found = np.zeros((count, count), dtype=np.bool_)
-    for ends, offsets in (
-        ([a.entrance for a in run.agents], np.zeros(count)),
-        ([a.exit for a in run.agents], np.array([a.route.length for a in run.agents])),
-    ):
-        same = np.equal.outer(ends, ends)
-        for start in range(0, steps, _BLOCK):
-            here = np.flatnonzero(run.here[start : start + _BLOCK].any(axis=0))
-            block = run.need("station")[start : start + _BLOCK, here] - offsets[here]
-            low, high = np.fmin.reduce(block, axis=0), np.fmax.reduce(block, axis=0)
-            apart = np.maximum(low[:, None] - high, low - high[:, None])
-            found[np.ix_(here, here)] |= (apart <= QUEUE_GAP + lengths[here]) & same[np.ix_(here, here)]
-    return found
+def _first_turns(cast: Cast) -> NDArray[np.float64]:
+    return np.array([_first_turn(cast, one, two) for one, two in cast.static(partners).column], dtype=np.float64)
 
 
-def circles(run: Run, found: Sequence[Reason]) -> tuple[NDArray[np.bool_], ...]:
-    """Return which vehicles are held, which wait in a circle, and which are stuck, each of shape ``(steps, agents)``.
-
-    A held vehicle waits, by itself or by way of others, for a vehicle that does not wait for it. In a circle vehicles wait for
-    each other, and for nobody else. A stuck vehicle lets nobody pass, and is close behind a vehicle that left it no room when it
-    entered. A vehicle that waits for an intruder, see `_intruders`, is held by the intruder, even where both wait for each other.
-    """
-    result = tuple(np.zeros((run.steps, len(run.agents)), dtype=np.bool_) for _ in range(3))
-    intruders = _intruders(run, found)
-    moments = _changes(run, found, intruders)
-    for first in range(0, len(moments), _CHUNK):
-        now = moments[first : first + _CHUNK]
-        until = int(moments[first + _CHUNK]) if first + _CHUNK < len(moments) else run.steps
-        some = [r for r in found if r.begin < until and r.begin + len(r.queued) > now[0]]
-        who = sorted({k for r in some for k in (r.agent, r.other)})
-        place = {column: number for number, column in enumerate(who)}
-        queued = np.zeros((len(who), len(who), len(now)), dtype=np.bool_)
-        yielding, blocked = np.zeros_like(queued), np.zeros_like(queued)
-        for r in some:
-            at = now - r.begin
-            inside = (at >= 0) & (at < len(r.queued))
-            one, two = place[r.agent], place[r.other]
-            queued[one, two, inside], yielding[one, two, inside] = r.queued[at[inside]], r.yielding[at[inside]]
-            blocked[one, two] = queued[one, two] & (r.other in once(run, no_room)[r.agent])
-        waits = queued | yielding
-        reach = waits.copy()
-        for via in range(len(who)):
-            reach |= reach[:, via, None] & reach[None, via, :]
-        late = intruders[now][:, who].T
-        one_way = ~(reach & reach.swapaxes(0, 1)) | (late[None] & ~late[:, None])
-        lasts = np.diff(now, append=until)
-        held, giving, behind = (np.any(of & one_way, axis=1).T for of in (reach, yielding, blocked))
-        circling = np.any(reach, axis=1).T & ~held
-        for target, value in zip(result, (held, circling, behind & ~giving), strict=True):
-            target[now[0] : until, who] = np.repeat(value, lasts, axis=0)
-    return result
-
-
-def _intruders(run: Run, found: Sequence[Reason]) -> NDArray[np.bool_]:
-    """Return which vehicles are intruders, shape ``(steps, agents)``.
-
-    An intruder entered on red, or entered the way of a vehicle that was inside before and to which the intruder owed the way.
-    """
-    intruders: NDArray[np.bool_] = (run.zone >= Zone.JUNCTION) & (facing(run) == Colour.RED)
-    entries = entered(run).min(axis=0)
-    for r in found:
-        if entries[r.agent] < entries[r.other] and may_owe(run, r.other, r.agent):
-            when = slice(r.begin, r.begin + len(r.yielding))
-            inside = run.zone[when, r.other] == Zone.JUNCTION
-            intruders[when, r.other] |= inside & r.yielding & yields(run, r.other, r.agent)[when]
-    return intruders
-
-
-def _changes(run: Run, found: Sequence[Reason], intruders: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """Return the ticks, increasing from 0 on, in which it changes who waits for whom or who is an intruder."""
-    changed = np.zeros(run.steps + 1, dtype=np.bool_)
-    changed[0] = True
-    changed[1:-1] = (intruders[1:] != intruders[:-1]).any(axis=1)
-    for r in found:
-        changed[[r.begin, r.begin + len(r.queued)]] = True
-        changed[r.begin + 1 : r.begin + len(r.queued)] |= np.diff(r.queued) | np.diff(r.yielding)
-    return np.flatnonzero(changed[: run.steps])
-
-
-def at_line(run: Run, agent: int, when: slice = ALWAYS) -> NDArray[np.bool_]:
-    """Return where the agent is before the junction and so near to its line that it may wait there, shape ``(steps,)``."""
-    line = -run.junction.setbacks[run.agents[agent].entrance]
-    zone, station = run.zone[when, agent], run.need("station")[when, agent]
-    found: NDArray[np.bool_] = (zone <= Zone.ENTRANCE) & (station > line - AT_LINE)
-    return found
-
-
-def no_room(run: Run) -> tuple[frozenset[int], ...]:
-    """Return for every vehicle the columns of the vehicles that left it no room when it entered, see `leave_no_room`."""
-    entries = enumerate(run.entered.tolist())
-    return tuple(leave_no_room(run, agent, tick) if tick < run.steps else frozenset() for agent, tick in entries)
-
-
-def leave_no_room(run: Run, agent: int, tick: int) -> frozenset[int]:
-    """Return the columns of the vehicles that leave an agent no room to enter the junction in a state.
-
-    Such a vehicle stands or creeps ahead on the agent's way or exit road. Or it moves on, to that exit road or along it, and its
-    rear leaves less room there than the agent's length and `SPARE`.
-    """
-    me, found = run.agents[agent], set()
-    for other, you in enumerate(run.agents):
-        if other != agent and run.here[tick, other]:
-            ahead = float(ahead_by(run, agent, other)[tick])
-            room = run.need("station")[tick, agent] + ahead - me.route.length
-            rolling = me.exit == you.exit and room < run.size(agent)[0] + SPARE
-            if ahead < math.inf and (rolling or run.need("speed")[tick, other] < PACE):
-                found.add(other)
-    return frozenset(found)
-
-
-def _lets_pass(run: Run, agent: int, other: int, common: Shared | None, when: slice) -> NDArray[np.bool_]:
-    """Whether the agent has reason to let the other one pass."""
-    zone, theirs = run.zone[when, agent], run.zone[when, other]
-    before = at_line(run, agent, when)
-    if run.junction.control is JunctionControl.STOP:
-        first = came_first(run, agent, other)[when]
-        if common is None and first.any():
-            first &= ~waives(run)[when, other]
-        found: NDArray[np.bool_] = before & (theirs == Zone.JUNCTION) | first
-    else:
-        found = before & _may_turn(run, agent, other, when)
-    if common is None:
-        return found
-    front = position(run, agent, when)[0]
-    ahead = front < common.mine.start
-    there = on_stretch(run, other, common.yours, when)
-    found |= there & (ahead | on_stretch(run, agent, common.mine, when))
-    gives = yields(run, other, agent)[when] if may_owe(run, other, agent) else np.zeros_like(found)
-    found |= ahead & (theirs == Zone.JUNCTION) & (position(run, other, when)[0] < common.yours.start) & ~gives
-    comes = due(run, other, common.yours, when)
-    found |= before & comes & (run.need("speed")[when, other] > PACE)
-    if may_owe(run, agent, other):
-        found |= ahead & yields(run, agent, other)[when] & (comes | first_at_line(run)[when, other])
-    found &= before | (zone == Zone.JUNCTION)
-    return found
-
-
-def _may_turn(run: Run, agent: int, other: int, when: slice) -> NDArray[np.bool_]:
-    """Whether the other one has priority over the agent by a sign, comes within `DUE` and could still turn onto its way."""
-    start = _first_turn(run.junction, run.agents[agent].route.key, run.agents[other].entrance)
-    reach = run.need("station")[when, other] + DUE * np.maximum(run.need("speed")[when, other], 0.0)
-    found: NDArray[np.bool_] = (reach >= start) & (run.zone[when, other] <= Zone.ENTRANCE) & run.here[when, other]
-    return found & has_way(run)[when, other]
+def _first_turn(cast: Cast, one: int, two: int) -> float:
+    return _first_turn_onto(cast.junction, cast.agents[one].route.key, cast.agents[two].entrance)
 
 
 @lru_cache(maxsize=4096)
-def _first_turn(junction: Junction, way: Key, entrance: int) -> float:
+def _first_turn_onto(junction: Junction, way: Key, entrance: int) -> float:
     """Return where a vehicle from an entrance first gets onto a way, on movements to which that way gives way by its sign [m]."""
     if junction.stretches is None or junction.entrances[way[0]].sign not in (Sign.STOP, Sign.YIELD):
         return math.inf
@@ -258,15 +81,184 @@ def _first_turn(junction: Junction, way: Key, entrance: int) -> float:
     return min((junction.stretches[way, key].yours.start for key in turns), default=math.inf)
 
 
-def since(amounts: NDArray[Any], restarts: NDArray[np.bool_], before: Any = 0.0) -> NDArray[np.float64]:
-    """Return the sums of amounts since the last state in which they began anew; states along the first axis.
+class _Columns(NamedTuple):
+    """Which columns of `owing` are about which columns of `partners`."""
+
+    owed: NDArray[np.int64]
+    """Rows: columns of `owing`, and the columns of the same pairs in `partners`."""
+    given: NDArray[np.int64]
+    """Rows: columns of `owing`, and the columns of the reversed pairs in `partners`."""
+
+
+def _columns(cast: Cast) -> _Columns:
+    column, debts = cast.static(partners).column, cast.static(owing).column.items()
+    owed = [(number, column[pair]) for pair, number in debts if pair in column]
+    given = [(number, column[two, one]) for (one, two), number in debts if (two, one) in column]
+    return _Columns(*(np.array(moves, dtype=np.int64).reshape(-1, 2).T for moves in (owed, given)))
+
+
+class _Debts(NamedTuple):
+    """Which vehicle of `partners` has to give way to the other vehicle, each of shape ``(n, pairs)``."""
+
+    owed: NDArray[np.bool_]
+    """The first to the second."""
+    given: NDArray[np.bool_]
+    """The second to the first."""
+
+
+@signal
+def _debts(block: Block) -> _Debts:
+    """See `_Debts`."""
+    shape = len(block.zone), len(block.cast.static(partners))
+    found = _Debts(np.zeros(shape, dtype=np.bool_), np.zeros(shape, dtype=np.bool_))
+    if len(block.cast.static(owing)):
+        owes = yields(block)
+        for truths, (source, target) in zip(found, block.cast.static(_columns), strict=True):
+            truths[:, target] = owes[:, source]
+    return found
+
+
+@signal
+def at_line(block: Block) -> NDArray[np.bool_]:
+    """Which vehicle is before the junction and so near to its line that it may wait there."""
+    found: NDArray[np.bool_] = (block.zone <= ENTRANCE) & (block.need("station") > block.cast.static(lines) - AT_LINE)
+    return found
+
+
+@signal(pairs=partners)
+def due(block: Block) -> NDArray[np.bool_]:
+    """Which second vehicle is due where both ways meet: it comes, see `coming`, or is first at its line and may go.
+
+    A vehicle that waives its right is not due by standing at its line.
+    """
+    both, at = block.cast.static(partners), block.cast.static(_places)
+    standing = (ready(block) & block.here)[:, both.two] & ~np.isnan(at.begin)
+    found: NDArray[np.bool_] = coming(block, both, at) | standing
+    return found
+
+
+@signal(pairs=partners)
+def lets_pass(block: Block) -> NDArray[np.bool_]:
+    """Which first vehicle has a reason to let the second pass."""
+    cast, both, at = block.cast, block.cast.static(partners), block.cast.static(_places)
+    one, two, apart = both.one, both.two, np.isnan(at.begin)
+    station, speed, here, within = block.need("station"), block.need("speed"), block.here, block.zone == JUNCTION
+    rear, pace = station - cast.length, np.maximum(speed, 0.0)
+    front, their_front, their_rear, before = station[:, one], station[:, two], rear[:, two], at_line(block)[:, one]
+    waiving = waives(block)
+    found: NDArray[np.bool_]
+    if block.junction.control is JunctionControl.STOP:
+        found = before & within[:, two] | came_first(block) & ~(apart & waiving[:, two])
+    else:
+        turning = (block.zone <= ENTRANCE) & here & has_way(block)
+        found = before & turning[:, two] & ((station + DUE * pace)[:, two] >= cast.static(_first_turns))
+    ahead = front < at.begin
+    on_mine = (front >= at.begin) & (rear[:, one] <= at.end) & here[:, one]
+    there = (their_front >= at.begin_of_two) & (their_rear <= at.end_of_two) & here[:, two]
+    found |= there & (ahead | on_mine)
+    comes, debts = due(block), _debts(block)
+    found |= ahead & within[:, two] & (their_front < at.begin_of_two) & ~debts.given
+    found |= before & comes & (speed > PACE)[:, two]
+    found |= ahead & debts.owed & (comes | first_at_line(block)[:, two])
+    found &= before | within[:, one] | apart
+    return found
+
+
+@signal(pairs=neighbours, start=(False,))
+def no_room(block: Block, before: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], ...]:
+    """Which second vehicle left the first no room when the first entered the junction.
+
+    The second vehicle stood or crept ahead on the way or exit road of the first. Or the second vehicle moved on, to that exit
+    road or along it, and its rear left less room there than the length of the first vehicle and `SPARE`.
+    """
+    cast, both = block.cast, block.cast.static(neighbours)
+    enters, found = (entered(block) == block.ticks)[:, both.one], np.zeros((len(block.zone), len(both)), dtype=np.bool_)
+    if enters.any():
+        rear = ahead_by(block)
+        room = block.need("station")[:, both.one] + rear - cast.way[both.one]
+        rolling = cast.static(roads).exit & (room < cast.length[both.one] + SPARE)
+        found = enters & (rear < math.inf) & (rolling | (block.need("speed")[:, both.two] < PACE))
+    found = before | np.logical_or.accumulate(found, axis=0)
+    return found, found
+
+
+@signal
+def _intruders(block: Block) -> NDArray[np.bool_]:
+    """Which vehicle is an intruder.
+
+    An intruder entered on red, or entered the way of a vehicle that was inside before and to which the intruder owed the way.
+    """
+    both, entry = block.cast.static(partners), entered(block)
+    found: NDArray[np.bool_] = (block.zone >= JUNCTION) & (facing(block) == RED)
+    late = lets_pass(block) & _debts(block).given
+    if late.any():
+        late &= (entry[:, both.one] < entry[:, both.two]) & (block.zone == JUNCTION)[:, both.two]
+        rows, columns = np.nonzero(late)
+        found[rows, both.two[columns]] = True
+    return found
+
+
+class Circles(NamedTuple):
+    """Which vehicles wait, each of shape ``(n, agents)``.
+
+    A vehicle waits for a vehicle that it lets pass, and for a slow vehicle that it is close behind.
+    """
+
+    held: NDArray[np.bool_]
+    """Which vehicle waits, by itself or by way of other vehicles, for a vehicle that does not wait for it."""
+    circling: NDArray[np.bool_]
+    """Which vehicle waits in a circle, in which vehicles wait for each other and for no other vehicle."""
+    stuck: NDArray[np.bool_]
+    """Which vehicle lets nobody pass, and is close behind a vehicle that left it no room when it entered."""
+
+
+@signal
+def circles(block: Block) -> Circles:
+    """Which vehicles wait, see `Circles`.
+
+    A vehicle that waits for an intruder, see `_intruders`, is held by the intruder, even where both wait for each other.
+    """
+    queued, giving, late = close_behind(block), lets_pass(block), _intruders(block)
+    blocked, known = queued & no_room(block), block.cast.static(_situations)
+    keys = [row.tobytes() for row in np.concatenate((queued, blocked, giving, late), axis=1)]
+    new = {key: row for row, key in enumerate(keys) if key not in known}
+    if new:
+        if len(known) > _MOST:
+            known.clear()
+            new = {key: row for row, key in enumerate(keys)}
+        rows = list(new.values())
+        known.update(zip(new, _wait(block.cast, queued[rows], blocked[rows], giving[rows], late[rows]), strict=True))
+    return Circles(*np.stack([known[key] for key in keys], axis=1))
+
+
+_MOST = 4096
+"""Situations of a cast that are kept."""
+
+
+def _situations(_cast: Cast) -> dict[bytes, NDArray[np.bool_]]:
+    """Return a place for the circles of situations: from one state to the next, who waits for whom seldom changes."""
+    return {}
+
+
+def _wait(
+    cast: Cast, queued: NDArray[np.bool_], blocked: NDArray[np.bool_], giving: NDArray[np.bool_], late: NDArray[np.bool_]
+) -> NDArray[np.bool_]:
+    """Return the three arrays of `Circles`, shape ``(n, 3, agents)``.
 
     Args:
-        amounts: of every state, not negative.
-        restarts: where a sum begins anew, with the amount of that state.
-        before: the sum before the first state.
+        cast: the vehicles.
+        queued: which vehicle is close behind which slow vehicle, shape ``(n, neighbours)``.
+        blocked: where also the second vehicle left the first no room when the first entered, likewise.
+        giving: which vehicle lets which vehicle pass, shape ``(n, partners)``.
+        late: which vehicles are intruders, shape ``(n, agents)``.
     """
-    total = np.cumsum(np.concatenate((np.reshape(before, (1, *amounts.shape[1:])), amounts)), axis=0)
-    gone = np.maximum.accumulate(np.where(restarts, total[:-1], 0.0), axis=0)
-    # Rounded, so that three hundred steps at rest are three seconds, whatever went before.
-    return np.round(total[1:] - gone, 9)
+    near, both = cast.static(neighbours), cast.static(partners)
+    shape = len(late), len(cast), len(cast)
+    reach, behind, yielding = (np.zeros(shape, dtype=np.bool_) for _ in range(3))
+    reach[:, near.one, near.two], behind[:, near.one, near.two], yielding[:, both.one, both.two] = queued, blocked, giving
+    reach |= yielding
+    for via in np.flatnonzero(reach.any(axis=(0, 1)) & reach.any(axis=(0, 2))).tolist():
+        reach |= reach[:, :, via, None] & reach[:, via, None, :]
+    one_way = ~(reach & reach.swapaxes(1, 2)) | (late[:, None, :] & ~late[:, :, None])
+    held, lets, stuck = ((of & one_way).any(axis=2) for of in (reach, yielding, behind))
+    return np.stack((held, reach.any(axis=2) & ~held, stuck & ~lets), axis=1)

@@ -18,6 +18,8 @@ from pytest_rvads.conduct.predicates import Static, extract
 from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.logic.judging.evaluate import Values
 from pytest_rvads.logic.ltl import formula as f
+from pytest_rvads.logic.rules.lexicon import ATTRIBUTES, word_of
+from pytest_rvads.logic.rules.vocabulary import FromZones
 from pytest_rvads.runs.lights import CLEARANCE, GREEN, YELLOW, SignalPlan
 from pytest_rvads.runs.run import DT, Run
 from pytest_rvads.runs.states import Agent, Zone
@@ -114,25 +116,27 @@ class Abstracted(Values):
 
     def __init__(self, model: Model, tie: float) -> None:
         super().__init__(model.run, tie)
-        self._readers["wt"] = self._readers["waited"] = lambda _, agent: self._wt(agent)
+        for name in (name for name, attribute in ATTRIBUTES.items() if attribute.waited):
+            self._readers[name] = lambda _, agent: self._wt(agent)
         self._arrivals = model.arrivals
         self._window = tie
 
     def open(self, atom: f.Atom) -> NDArray[np.bool_] | bool:
         """Return where the configuration does not determine `atom`: everywhere (True), nowhere, or shape ``(size,)``."""
-        match atom.name, atom.terms:
-            case (("@" | "arrived" | "gives_up"), _):
-                return False
-            case _, (f.Attr(f.Element(_, one), "wt" | "waited"), f.Attr(f.Element(_, two), "wt" | "waited")):
+        word = word_of(atom)
+        if word is not None:
+            return word.from_zones is FromZones.NEVER
+        match atom.terms:
+            case (f.Attr(f.Element(_, one), left), f.Attr(f.Element(_, two), right)) if all(
+                ATTRIBUTES[name].waited for name in (left, right)
+            ):
                 if not self._window:
                     return False
                 # Shortly after an arrival the difference to who is not there, and waits for 0 s, is within the window.
                 zone = self.run.zone
                 found: NDArray[np.bool_] = (zone[:, one] == Zone.ENTRANCE) != (zone[:, two] == Zone.ENTRANCE)
                 return found
-            case _, (left, right) if all(
-                isinstance(t, f.Value) or (isinstance(t, f.Attr) and t.name == "cl") for t in (left, right)
-            ):
+            case terms if all(isinstance(t, f.Value) or (isinstance(t, f.Attr) and ATTRIBUTES[t.name].codes) for t in terms):
                 return False
         return True
 

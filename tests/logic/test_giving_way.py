@@ -17,9 +17,9 @@ from pytest_rvads.conduct.lane import wrong_lanes
 from pytest_rvads.conduct.predicates import extract
 from pytest_rvads.conduct.priority import owes
 from pytest_rvads.conduct.progress import may_go
-from pytest_rvads.conduct.rights import comes_first, due
+from pytest_rvads.conduct.rights import comes_first
 from pytest_rvads.conduct.standing import stopped
-from pytest_rvads.conduct.stretches import on_stretch, shared
+from pytest_rvads.conduct.waiting import due
 from pytest_rvads.junctions.junction import Entrance, Junction, Movement
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.judging.prepare import prepare
@@ -208,14 +208,8 @@ def test_of_four_that_hold_each_other_nobody_is_due_by_standing_there(drive: Mak
     stands: dict[Any, Any] = {e: (2, -0.5, [STAND]) for e in range(4)}
     circle = drive(RIGHT, stands, 1200)
     three = drive(RIGHT, {e: stands[e] for e in (0, 1, 2)}, 1200)
-
-    def is_due(run: Run, agent: int, other: int) -> bool:
-        common = shared(run, agent, other)
-        assert common is not None
-        return bool(due(run, other, common.yours)[0])
-
-    assert not any(is_due(circle, e, (e + 1) % 4) for e in range(4))
-    assert [is_due(three, 1, 2), is_due(three, 0, 1)] == [True, False], "a2 has nobody on its right, a1 has a2"
+    assert not any(due(circle, e, (e + 1) % 4)[0] for e in range(4))
+    assert [due(three, 1, 2)[0], due(three, 0, 1)[0]] == [True, False], "a2 has nobody on its right, a1 has a2"
     assert np.flatnonzero(owes(three, 1, 2)).tolist() == list(range(300)), "until a2 has stood there, free to go, for 3 s"
     assert not owes(three, 0, 1).any()
     found = check(circle, "progress")
@@ -317,13 +311,10 @@ def test_who_is_gone_down_a_short_exit_road_is_in_nobodys_way(drive: Make, signs
     ticks = round((way.length + 4.0 + 0.5) / 8.0 * 100)
     run = drive(place, {1: (1, -0.5, [(0, 8.0), (ticks, 0.0)]), 0: (2, -6.0, [(0, 8.0)])}, 700)
     assert run.need("station")[-1, 0] - 4.6 < way.length
-    common = shared(run, 0, 1)
-    assert common is not None
     zone = run.zone.copy()
     zone[ticks:, 0] = Zone.GONE
     stays, gone = run, replace(run, zone=zone)
     assert [check(one, "no_conflict").status for one in (stays, gone)] == ["FAIL", "PASS"]
-    assert not on_stretch(gone, 0, common.mine)[ticks:].any()
 
 
 def test_a_lane_that_does_not_lead_there_is_the_wrong_one(drive: Make) -> None:

@@ -8,6 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 
+from pytest_rvads.drivers.rolling import RollingStop
 from pytest_rvads.errors import FormulaError, RunError
 from pytest_rvads.junctions.finder import find
 from pytest_rvads.logic.check import check
@@ -221,3 +222,40 @@ def test_zones_are_left_for_good() -> None:
     monitor = RuleMonitor(Rule("gone_in", "forall a. G(a@j -> N a@j)"), junction)
     told = [found.verdict for s in (-0.1, 0.1, -0.1, 0.2) for found in monitor.see([Seen(agent, s, 0.0, *way.pose(s))])]
     assert told == [], "a reading that falls back over the line is no leaving of the junction"
+
+
+@pytest.mark.parametrize("block", [7, 10])
+@pytest.mark.parametrize("name", PLACES)
+def test_blocks_of_states_tell_what_single_states_tell(name: str, block: int) -> None:
+    run = crowd(name, 1, 4, 700)
+    monitors = [RuleMonitor(ALL, run.junction, speed_limit=LIMIT, block=size) for size in (1, block)]
+    told: list[list[Decided]] = [[], []]
+    for tick, (seen, lights) in enumerate(zip(states(run), run.lights, strict=True)):
+        for decided, monitor in zip(told, monitors, strict=True):
+            decided += monitor.see(seen, lights)
+        assert all(tick * run.dt - found.time < block * run.dt for found in told[1][len(told[0]) :])
+    told[1] += monitors[1].flush()
+    single, blocks = ([(d.rule, *sorted(d.binding.items()), str(d.verdict), d.time) for d in decided] for decided in told)
+    assert single == blocks
+    assert any("F" in decision for decision in single)
+    assert monitors[0].verdicts == monitors[1].verdicts
+
+
+def test_block_of_states_of_vehicles_that_are_known_beforehand() -> None:
+    """The violation in one of ten states is told with the last one, and `flush` judges states that make no block."""
+    start = Scenario(find("stop4"), "3123", distance=(8, 14, 10, 0.3), speed=(5, 6, 4, 0), duration=8)
+    run = replace(simulate(Case(start, RollingStop)), collisions=None)
+    single, blocks = (RuleMonitor(ALL, run.junction, run.agents, speed_limit=LIMIT, block=size) for size in (1, 10))
+    truths: list[list[str]] = [[], []]
+    steps = run.steps - run.steps % 10 - 4
+    for tick in range(steps):
+        motion = {name: run.need(name)[tick] for name in ("station", "speed", "pose")}
+        for told, monitor in zip(truths, (single, blocks), strict=True):
+            told.append(str(monitor.step(run.zone[tick], run.lights[tick], **motion)))
+    first = truths[0].index("F")
+    assert truths[1].index("F") == first // 10 * 10 + 9
+    assert blocks.flush() == ()
+    assert single.violated == blocks.violated
+    assert single.verdicts == blocks.verdicts
+    with pytest.raises(RunError, match="block must be a number of states from 1 on, got 0"):
+        RuleMonitor("full_stop", run.junction, block=0)

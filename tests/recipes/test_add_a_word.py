@@ -53,6 +53,9 @@ def test_one_value_is_enough(drive: Callable[..., rvads.Run]) -> None:
     assert run.speed is not None
     said = [str(monitor.step(zone, speed=speed)) for zone, speed in zip(run.zone[:103], run.speed[:103], strict=True)]
     assert said == ["?"] * 101 + ["F"] * 2
+    ten = rvads.RuleMonitor(rule, run.junction, run.agents, block=10)
+    said = [str(ten.step(zone, speed=speed)) for zone, speed in zip(run.zone[:110], run.speed[:110], strict=True)]
+    assert said == ["?"] * 109 + ["F"]
     blind = rvads.Rule("brisk", rule.text, words=(rvads.Word("crawls", ("agent",), crawls),))
     alone = rvads.RuleMonitor(blind, run.junction, run.agents)
     for zone, speed in zip(run.zone, run.speed, strict=True):

@@ -8,14 +8,16 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pytest_rvads.conduct.blocks import Block, Signal, Stream
+from pytest_rvads.conduct.blocks import Block, Signal, Stream, as_blocks, signal
 from pytest_rvads.conduct.bodies import overlap
 from pytest_rvads.conduct.lane import off_lane, off_route
 from pytest_rvads.conduct.motion import advance, facing, inside, wt
 from pytest_rvads.conduct.priority import brakes_hard, obstructs, owes, unhindered
+from pytest_rvads.conduct.progress import Lost, losses, may_go
 from pytest_rvads.conduct.rights import close_behind, held, kept_by, next_to_go, starting, waives
 from pytest_rvads.conduct.standing import arrived, leads, speeding, stands, stopped, waited
 from pytest_rvads.conduct.stretches import meet
+from pytest_rvads.conduct.waiting import Circles, circles, lets_pass, no_room
 from pytest_rvads.junctions.finder import find
 from pytest_rvads.runs.itineraries import itinerary
 from pytest_rvads.runs.recording import zones
@@ -23,7 +25,32 @@ from pytest_rvads.runs.run import Facts, Run
 from pytest_rvads.runs.states import Agent, Colour, Zone
 
 STEPS, COUNT, DT = 400, 9, 0.1
-CARRIED: tuple[Signal[Any], ...] = (wt, facing, advance, stopped, arrived, starting, waives, kept_by, brakes_hard, owes)
+
+
+def part_of(whole: Signal[Any], name: str) -> Signal[Any]:
+    """Return one array of a signal that is a tuple of arrays."""
+
+    def work(block: Block) -> Any:
+        return getattr(whole(block), name)
+
+    work.__name__ = f"{whole.work.__name__}.{name}"
+    return signal(work)
+
+
+CARRIED: tuple[Signal[Any], ...] = (
+    wt,
+    facing,
+    advance,
+    stopped,
+    arrived,
+    starting,
+    waives,
+    kept_by,
+    brakes_hard,
+    owes,
+    no_room,
+    *(part_of(losses, name) for name in Lost._fields),
+)
 SIGNALS: tuple[Signal[Any], ...] = (
     *CARRIED,
     stands,
@@ -40,6 +67,9 @@ SIGNALS: tuple[Signal[Any], ...] = (
     close_behind,
     unhindered,
     obstructs,
+    lets_pass,
+    may_go,
+    *(part_of(circles, name) for name in Circles._fields),
 )
 PLACES = ("stop4", "light4", "yield4")
 
@@ -68,7 +98,7 @@ def traffic(place: str, seed: int) -> Run:
     return Run("t", junction, tuple(agents), zone, lights, DT, station, speed, pose, facts=Facts(speed_limit=4.0))
 
 
-def blocks(run: Run, size: int) -> Iterator[tuple[Sequence[int], slice, Block]]:
+def fed(run: Run, size: int) -> Iterator[tuple[Sequence[int], slice, Block]]:
     """Yield a run in blocks of at most `size` states, each with the columns of those who are there in all of its states."""
     stream = Stream(run.junction, run.dt, run.facts)
     present = run.zone != Zone.ABSENT
@@ -104,14 +134,26 @@ def alone(run: Run, signal: Signal[Any], there: Sequence[int], part: slice, bloc
 @pytest.mark.parametrize("place", PLACES)
 def test_signals_of_blocks_are_those_of_the_whole_run(place: str, size: int) -> None:
     run = traffic(place, 1)
-    for there, part, block in blocks(run, size):
-        for signal in SIGNALS:
-            whole, parts = alone(run, signal, there, part, block)
-            assert np.array_equal(whole, parts, equal_nan=whole.dtype == np.float64), (signal.work.__name__, part)
+    for there, part, block in fed(run, size):
+        for quantity in SIGNALS:
+            whole, parts = alone(run, quantity, there, part, block)
+            assert np.array_equal(whole, parts, equal_nan=whole.dtype == np.float64), (quantity.work.__name__, part)
 
 
-@pytest.mark.parametrize("signal", SIGNALS, ids=lambda signal: signal.work.__name__)
-def test_every_signal_changes_in_this_traffic(signal: Signal[Any]) -> None:
+@pytest.mark.parametrize("quantity", SIGNALS, ids=lambda quantity: quantity.work.__name__)
+def test_every_signal_changes_in_this_traffic(quantity: Signal[Any]) -> None:
     """What the test above compares is not the same everywhere."""
-    values = [np.asarray(signal(traffic(place, 1))) for place in PLACES]
+    values = [np.asarray(quantity(traffic(place, 1))) for place in PLACES]
     assert any(len(np.unique(value[np.isfinite(value)])) > 1 for value in values)
+
+
+def test_many_vehicles_that_are_always_present_are_read_in_blocks() -> None:
+    """A signal on 200 pairs of vehicles in 100,000 states is 160 MB; the states are read in parts, and no state is left out."""
+    junction = find("stop4")
+    agents = tuple(Agent(f"v{k}", junction.movements[0, 2]) for k in range(15))
+    steps = 100_000
+    run = Run("t", junction, agents, np.zeros((steps, 15), dtype=np.int8), np.zeros((steps, 4), dtype=np.int8))
+    parts = as_blocks(run)
+    assert max(len(part.zone) for part in parts) * 200 * 8 < 10e6
+    assert [part.tick for part in parts] == np.cumsum([0, *(len(part.zone) for part in parts[:-1])]).tolist()
+    assert sum(len(part.zone) for part in parts) == steps

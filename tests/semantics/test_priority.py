@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from pytest_rvads.conduct.priority import BEND_BRAKING, HARD_BRAKING, MIN_GAP, obstructs, owes
-from pytest_rvads.conduct.rights import DUE, due
+from pytest_rvads.conduct.rights import DUE
 from pytest_rvads.conduct.stretches import shared
+from pytest_rvads.conduct.waiting import due
 from pytest_rvads.junctions.conflicts import Shared
 from pytest_rvads.junctions.finder import find
 from pytest_rvads.runs.run import Run
@@ -48,25 +49,24 @@ def test_who_is_four_seconds_away_is_due(drive: Make, speed: float, ahead: float
     assert DUE == 4.0
     stretch = common().yours
     run = meeting(drive, at(-50.0, (0, 0.0)), at(stretch.start - ahead, (0, speed)), 1, {e: [(0, R)] for e in range(4)})
-    assert due(run, 1, stretch)[0] == is_due
+    assert due(run, 0, 1)[0] == is_due
 
 
 def test_who_stands_first_at_its_green_light_is_due_and_at_red_is_not(drive: Make) -> None:
-    stretch = common().yours
     stands = meeting(drive, at(-50.0, (0, 0.0)), at(-0.5, (0, 0.0)), 20, {**CROSS, 2: [(0, R), (10, G), (15, Y)]})
-    assert due(stands, 1, stretch).tolist() == [False] * 10 + [True] * 5 + [False] * 5
+    assert due(stands, 0, 1).tolist() == [False] * 10 + [True] * 5 + [False] * 5
     near, far = (meeting(drive, at(-50.0, (0, 0.0)), at(station, (0, 0.0)), 1) for station in (-4.9, -5.1))
-    assert due(near, 1, stretch)[0]
-    assert not due(far, 1, stretch)[0], "not in its stop place"
+    assert due(near, 0, 1)[0]
+    assert not due(far, 0, 1)[0], "not in its stop place"
 
 
 def test_who_has_passed_is_not_due_any_more(drive: Make) -> None:
     stretch = common().yours
     for rear, is_due in ((-0.1, True), (0.1, False)):
         run = meeting(drive, at(-50.0, (0, 0.0)), at(stretch.end + 4.6 + rear, (0, 8.0)), 1)
-        assert due(run, 1, stretch)[0] == is_due
+        assert due(run, 0, 1)[0] == is_due
     backwards = meeting(drive, at(-50.0, (0, 0.0)), at(stretch.start - 5.0, (0, -3.0)), 1)
-    assert not due(backwards, 1, stretch)[0]
+    assert not due(backwards, 0, 1)[0]
 
 
 # Owing

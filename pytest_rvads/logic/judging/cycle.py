@@ -8,14 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.conduct.lane import off_lane, too_tight
 from pytest_rvads.conduct.presence import window
 from pytest_rvads.logic.judging.evaluate import Values
 from pytest_rvads.logic.judging.judge import Judgement, columns
 from pytest_rvads.logic.judging.prepare import Template
 from pytest_rvads.logic.judging.verdicts import Status
+from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.ltl.boolean import evaluate
 from pytest_rvads.logic.ltl.finite import settle
+from pytest_rvads.logic.rules.lexicon import word_of
 from pytest_rvads.logic.rules.shape import Kind, agents_of
 from pytest_rvads.runs.run import Run
 
@@ -66,8 +67,7 @@ def unavoidable(found: Iterable[Judgement], templates: Iterable[Template], value
     broken = [j for j in found if j.status is Status.FAIL]
     breakers: dict[int, set[str]] = {}
     for j in broken:
-        lanes = [e.index for atom, _ in j.broken if atom.name == "off_lane" for e in agents_of(atom)]
-        if lanes and len(lanes) == len(j.broken) and all(_beyond_steering(values.run, agent) for agent in lanes):
+        if j.broken and all(value and _beyond(atom, values.run) for atom, value in j.broken):
             continue
         ends = _ends(j.template)
         if ends is None or not j.failed:
@@ -80,18 +80,10 @@ def unavoidable(found: Iterable[Judgement], templates: Iterable[Template], value
     return bool(broken) and all(len(agents) == 1 for agents in breakers.values())
 
 
-def _beyond_steering(run: Run, agent: int) -> bool:
-    """Return whether the agent left its lane only on a movement on which no path keeps the vehicle in its lane.
-
-    The movement lasts from the agent's entry into the junction to the departure of its rear. The place where the best path fails
-    belongs to the movement as well.
-    """
-    bend = too_tight(run, agent)
-    if bend is None:
-        return False
-    station, (narrow, _) = run.need("station")[:, agent], bend
-    turning = (station > narrow.start) & (station < narrow.end)
-    return not (off_lane(run, agent) & ~turning).any()
+def _beyond(atom: f.Atom, run: Run) -> bool:
+    """Return whether no driver could have kept an atom about one vehicle false."""
+    word, agents = word_of(atom), agents_of(atom)
+    return word is not None and word.beyond is not None and len(agents) == 1 and word.beyond(run, agents[0].index)
 
 
 _Owed = tuple[str, str, NDArray[np.bool_]]

@@ -5,19 +5,22 @@ from __future__ import annotations
 import operator
 from collections.abc import Callable, Iterator, Mapping
 from copy import copy
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pytest_rvads.conduct.blocks import Block, Signal
+from pytest_rvads.conduct.cast import everybody
 from pytest_rvads.conduct.predicates import ticks
-from pytest_rvads.conduct.standing import standing_time
 from pytest_rvads.errors import FormulaError
 from pytest_rvads.logic.ltl import formula as f
-from pytest_rvads.logic.rules.lexicon import ATTRIBUTES, word_of
+from pytest_rvads.logic.rules.lexicon import ATTRIBUTES, at, word_of
+from pytest_rvads.logic.rules.sorts import Sort
 from pytest_rvads.runs.run import Run
 
-__all__ = ["OPERATORS", "Part", "Values"]
+__all__ = ["OPERATORS", "Part", "Values", "signal_of"]
 
 OPERATORS: Mapping[str, Callable[[Any, Any], NDArray[np.bool_]]] = {
     "=": operator.eq,
@@ -40,7 +43,8 @@ class Values(Mapping[f.Atom, NDArray[np.bool_]]):
 
     def __init__(self, run: Run, tie: float = 0.0, *, standing: bool = False) -> None:
         self.run = run
-        self._readers: dict[str, Callable[[Run, int], NDArray[Any]]] = {"wt": standing_time} if standing else {}
+        others = {name: attribute.standing for name, attribute in ATTRIBUTES.items() if attribute.standing is not None}
+        self._readers: dict[str, Callable[[Run, int], NDArray[Any]]] = others if standing else {}
         self.tie = tie
         self._ticks = ticks(run, tie)
         self._known: dict[f.Atom, NDArray[np.bool_]] = {}
@@ -82,11 +86,9 @@ class Values(Mapping[f.Atom, NDArray[np.bool_]]):
         return word.on(self.run, *word.arguments(atom))
 
     def _compare(self, sign: str, left: f.Term, right: f.Term) -> NDArray[np.bool_]:
-        compare = OPERATORS[sign]
         if isinstance(left, f.Attr) and isinstance(right, f.Attr) and ATTRIBUTES[left.name].waited:
-            longer = self._read(left) - self._read(right)
-            return compare(np.where(np.abs(longer) <= self._ticks, 0, longer), 0)
-        return compare(self._operand(left, right), self._operand(right, left))
+            return _untied(sign, self._read(left), self._read(right), self._ticks)
+        return OPERATORS[sign](self._operand(left, right), self._operand(right, left))
 
     def _operand(self, term: f.Term, other: f.Term) -> NDArray[Any] | float:
         """Return the values of one side of a comparison; a name becomes its code as a value of the other side's attribute."""
@@ -96,8 +98,7 @@ class Values(Mapping[f.Atom, NDArray[np.bool_]]):
             case f.Value(name), f.Attr(_, asked) if codes := ATTRIBUTES[asked].codes:
                 return codes(name)
             case f.Attr(_, asked), _:
-                # Rounded, so that a waiting time of 300 ticks of 0.01 s equals 3 s.
-                return np.round(self._read(term) * self.run.dt, 9) if ATTRIBUTES[asked].waited else self._read(term)
+                return _seconds(asked, self._read(term), self.run.dt)
         raise FormulaError(f"{term} has no value to compare")
 
     def _read(self, term: f.Attr) -> NDArray[Any]:
@@ -105,6 +106,65 @@ class Values(Mapping[f.Atom, NDArray[np.bool_]]):
             raise FormulaError(f"{term} has no value as long as {term.of} is a variable")
         read = self._readers.get(term.name) or ATTRIBUTES[term.name].read
         return read(self.run, term.of.index)
+
+
+def _untied(sign: str, one: NDArray[Any], two: NDArray[Any], ticks: int) -> NDArray[np.bool_]:
+    """Compare waiting times, of which those that differ by at most some ticks are equal."""
+    longer = one - two
+    return OPERATORS[sign](np.where(np.abs(longer) <= ticks, 0, longer), 0)
+
+
+def _seconds(attribute: str, values: NDArray[Any], dt: float) -> NDArray[Any]:
+    """Return the values of an attribute, waiting times in seconds."""
+    # Rounded, so that a waiting time of 300 ticks of 0.01 s equals 3 s.
+    return np.round(values * dt, 9) if ATTRIBUTES[attribute].waited else values
+
+
+def signal_of(atom: f.Atom, entrances: int, ticks: int) -> Signal[NDArray[np.bool_]] | None:
+    """Return the signal that tells the truth of a ground atom about any vehicles or lights, None where only a run tells it.
+
+    Args:
+        atom: about a vehicle, a light, or two different vehicles.
+        entrances: how many entrances the junction has.
+        ticks: waiting times that differ by at most this count as equal.
+    """
+    word = word_of(atom)
+    if word is not None and isinstance(word.holds, Signal):
+        return word.holds
+    match atom.name, atom.terms:
+        case "@", (f.Element(Sort.AGENT), f.Element() as place):
+            return at(place, entrances)
+        case _, (f.Attr(f.Element(Sort.AGENT, one), left), f.Attr(f.Element(Sort.AGENT, two), right)) if one != two:
+            return _between(atom.name, left, right, ticks)
+        case _, (f.Attr(f.Element(), asked), f.Number(value)):
+            return _against(atom.name, asked, value)
+        case _, (f.Attr(f.Element(), asked), f.Value(name)) if codes := ATTRIBUTES[asked].codes:
+            return _against(atom.name, asked, codes(name))
+    return None
+
+
+@lru_cache(maxsize=256)
+def _between(sign: str, left: str, right: str, ticks: int) -> Signal[NDArray[np.bool_]]:
+    """Return the signal that compares an attribute of the first vehicle of every pair with an attribute of the second."""
+
+    def work(block: Block) -> NDArray[np.bool_]:
+        both = block.cast.static(everybody)
+        one, two = ATTRIBUTES[left].read(block)[:, both.one], ATTRIBUTES[right].read(block)[:, both.two]
+        if ATTRIBUTES[left].waited:
+            return _untied(sign, one, two, ticks)
+        return OPERATORS[sign](one, _seconds(right, two, block.dt))
+
+    return Signal(work, pairs=everybody)
+
+
+@lru_cache(maxsize=256)
+def _against(sign: str, attribute: str, constant: float) -> Signal[NDArray[np.bool_]]:
+    """Return the signal that compares an attribute with a constant."""
+
+    def work(block: Block) -> NDArray[np.bool_]:
+        return OPERATORS[sign](_seconds(attribute, ATTRIBUTES[attribute].read(block), block.dt), constant)
+
+    return Signal(work, of_entrances=ATTRIBUTES[attribute].read.of_entrances)
 
 
 class Part(Mapping[f.Atom, NDArray[np.bool_]]):

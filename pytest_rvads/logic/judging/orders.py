@@ -21,9 +21,10 @@ from pytest_rvads.logic.judging.judge import Happening, Hinge, Judgement, judge,
 from pytest_rvads.logic.judging.prepare import Template
 from pytest_rvads.logic.judging.verdicts import Status
 from pytest_rvads.logic.ltl import formula as f
-from pytest_rvads.logic.rules.lexicon import ATTRIBUTES
+from pytest_rvads.logic.rules.lexicon import ATTRIBUTES, word_of
 from pytest_rvads.logic.rules.shape import agents_of
 from pytest_rvads.logic.rules.sorts import Sort
+from pytest_rvads.logic.rules.vocabulary import FromZones
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Zone
 
@@ -45,13 +46,13 @@ def about_order(template: Template, run: Run) -> bool:
 
 
 def _ordered(atom: f.Atom, by_zone: bool) -> bool:
+    known = (FromZones.ALWAYS, FromZones.BLIND) if by_zone else (FromZones.ALWAYS,)
+    word = word_of(atom)
+    if word is not None:
+        return word.from_zones in known
     match atom.name, atom.terms:
-        case "@", _:
-            return True
-        case (("arrived" | "gives_up"), _):
-            return by_zone
         case _, (f.Attr(_, one), f.Attr(_, two)) if one == two and ATTRIBUTES[one].waited:
-            return by_zone or one == "wt"
+            return ATTRIBUTES[one].from_zones in known
         case (("=" | "!="), (f.Attr(_, asked), _)) if ATTRIBUTES[asked].codes:
             return True
     return False

@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.conduct.predicates import once
-from pytest_rvads.conduct.priority import owes
 from pytest_rvads.conduct.standing import STANDSTILL, in_stop_place, stands
 from pytest_rvads.logic.judging.crossings import certain, crossings
 from pytest_rvads.logic.judging.evaluate import Values
@@ -22,50 +21,26 @@ from pytest_rvads.logic.judging.judge import Hinge, Judgement, judge, unsure
 from pytest_rvads.logic.judging.orders import about_order, plain, reordered
 from pytest_rvads.logic.judging.prepare import Template
 from pytest_rvads.logic.judging.verdicts import Status
-from pytest_rvads.logic.ltl import formula as f
+from pytest_rvads.logic.rules.lexicon import word_of
 from pytest_rvads.logic.rules.shape import agents_of
+from pytest_rvads.logic.rules.vocabulary import Measured
 from pytest_rvads.runs.itineraries import itinerary
 from pytest_rvads.runs.recording import zones
 from pytest_rvads.runs.run import Run
-from pytest_rvads.runs.states import Zone
 
 __all__ = ["SURE", "Reading", "doubted"]
 
 SURE = 3.0
 """Measured values lie within this number of standard deviations."""
-_SIZES, _SIDES, _PACE, _ALONG = "how near bodies came", "how far beside its way it was", "how fast it was", "how far it had come"
-_ALONE = "how far it had come on its way"
-_BEFORE = "what it did before it was seen"
 _AFTER = "what happened after a vehicle had left the recording before it was clear"
-_ASKS: dict[str, tuple[str, ...]] = {
-    "collide": (_SIZES, _ALONG),
-    "meet": (_ALONG,),
-    "inside": (_ALONG,),
-    "off_lane": (_SIZES, _SIDES),
-    "off_route": (_SIDES,),
-    "lane_allows": (_SIDES,),
-    "speeding": (_PACE, _ALONG),
-    "stopped": (_PACE, _ALONG, _BEFORE),
-    "arrived": (_PACE, _ALONG, _BEFORE),
-    "gives_up": (_PACE, _ALONG, _BEFORE),
-    "blocks": (_PACE, _ALONG),
-    "idles": (_PACE, _ALONG),
-    "may_go": (_PACE, _ALONG),
-    "owes": (_PACE, _ALONG),
-    "obstructs": (_PACE, _ALONG),
-    "@": (_ALONG,),
-}
-"""Per word, the kinds of measurement on which its truth depends; the truth of a word not listed depends on every kind."""
-_EVERYTHING = (_SIZES, _SIDES, _PACE, _ALONG)
-_ORDER = (*_EVERYTHING, _ALONE, _BEFORE)
 
 
 @dataclass(frozen=True, slots=True)
 class Reading:
     """Another reading of a run."""
 
-    asks: str
-    """The kind of measurement that is changed, in words."""
+    asks: Measured
+    """The kind of measurement that is changed."""
     within: float
     """Largest change [m or m/s]; 0 if the reading changes no measured value."""
     run: Run
@@ -75,7 +50,7 @@ class Reading:
         """The kind of measurement that is changed, and its accuracy."""
         if not self.within:
             return self.asks
-        return f"{self.asks}, known to {self.within:.2f} {'m/s' if self.asks == _PACE else 'm'}"
+        return f"{self.asks}, known to {self.within:.2f} {'m/s' if self.asks == Measured.PACE else 'm'}"
 
 
 def doubted(found: Sequence[Judgement], values: Values, sampled: Run, *, standing: bool = False) -> list[Judgement]:
@@ -96,7 +71,7 @@ def doubted(found: Sequence[Judgement], values: Values, sampled: Run, *, standin
         result = [reordered(j, known, values) if about_order(j.template, run) and not standing else j for j in result]
     rest = {k: j for k, j in enumerate(found) if standing or not about_order(j.template, run)}
     asked = {ask for j in rest.values() for ask in _asks(j.template)}
-    for ask in (a for a in _ORDER if a in asked):
+    for ask in (a for a in Measured if a in asked):
         for reading in _readings(run, ask):
             left = {k: j for k, j in rest.items() if result[k] is j and ask in _asks(j.template) and _near(run, j)}
             again = Values(reading.run, values.tie, standing=standing)
@@ -108,23 +83,20 @@ def doubted(found: Sequence[Judgement], values: Values, sampled: Run, *, standin
 
 
 def _left_early(run: Run, j: Judgement) -> bool:
-    """Return whether a vehicle vanishes on the way that it owes to another vehicle, so that an obstruction can't be excluded."""
+    """Return whether a vehicle vanishes while an atom is pending, as on a way that it owes and may yet obstruct."""
     if j.status is not Status.PASS or j.ended is None:
         return False
-    pairs = [[e.index for e in agents_of(atom)] for atom in j.template.atoms if atom.name == "obstructs"]
-    return any(run.zone[j.ended, me] >= Zone.JUNCTION and owes(run, me, you)[j.ended] for me, you in pairs)
+    words = ((word_of(atom), [e.index for e in agents_of(atom)]) for atom in j.template.atoms)
+    return any(word.pending(run, *agents)[j.ended] for word, agents in words if word is not None and word.pending is not None)
 
 
-def _asks(template: Template) -> frozenset[str]:
+def _asks(template: Template) -> frozenset[Measured]:
     """Return the kinds of measurement on which an instance depends."""
-    asks = {ask for atom in template.atoms for ask in _ASKS.get(atom.name, _EVERYTHING if _is_word(atom) else (_PACE,))}
-    if _ALONG in asks and len(agents_of(template.formula)) < 2:
-        asks = asks - {_ALONG} | {_ALONE}
+    words = map(word_of, template.atoms)
+    asks = {ask for word in words for ask in ((Measured.PACE,) if word is None else word.turns_on)}
+    if Measured.ALONG in asks and len(agents_of(template.formula)) < 2:
+        asks = asks - {Measured.ALONG} | {Measured.ALONE}
     return frozenset(asks)
-
-
-def _is_word(atom: f.Atom) -> bool:
-    return not any(isinstance(term, f.Attr) for term in atom.terms)
 
 
 def _near(run: Run, j: Judgement) -> bool:
@@ -152,7 +124,7 @@ def _nearby(run: Run) -> NDArray[np.bool_]:
     return found
 
 
-def _readings(run: Run, ask: str) -> tuple[Reading, ...]:
+def _readings(run: Run, ask: Measured) -> tuple[Reading, ...]:
     """Return the other readings of a run for a kind of measurement, computed once per run."""
     return once(run, _MAKERS[ask])
 
@@ -161,7 +133,7 @@ def _of_sizes(run: Run) -> tuple[Reading, ...]:
     by = 0.0 if run.excerpt is None else SURE * run.excerpt.position_accuracy
     if by <= 0.0 or run.pose is None or run.station is None or not all(agent.size for agent in run.agents):
         return ()
-    return tuple(Reading(_SIZES, by, _sized(run, signed)) for signed in (by, -by))
+    return tuple(Reading(Measured.SIZES, by, _sized(run, signed)) for signed in (by, -by))
 
 
 def _sized(run: Run, by: float) -> Run:
@@ -177,7 +149,7 @@ def _of_sides(run: Run) -> tuple[Reading, ...]:
     by = 0.0 if run.excerpt is None else SURE * run.excerpt.position_accuracy
     if by <= 0.0 or run.pose is None:
         return ()
-    return tuple(Reading(_SIDES, by, replace(run, pose=_shifted(run, 0.0, to), spread=None)) for to in (by, -by))
+    return tuple(Reading(Measured.SIDES, by, replace(run, pose=_shifted(run, 0.0, to), spread=None)) for to in (by, -by))
 
 
 def _of_pace(run: Run) -> tuple[Reading, ...]:
@@ -190,16 +162,16 @@ def _of_pace(run: Run) -> tuple[Reading, ...]:
     found = []
     for speed, sign in speeds:
         moved = run if run.spread is None else _moved(run, np.full(len(run.agents), sign))
-        found.append(Reading(_PACE, by, replace(moved, speed=np.copysign(speed, run.speed))))
+        found.append(Reading(Measured.PACE, by, replace(moved, speed=np.copysign(speed, run.speed))))
     return tuple(found)
 
 
 def _of_way(run: Run) -> tuple[Reading, ...]:
-    return _all_moved(run, _ALONG, _patterns(run))
+    return _all_moved(run, Measured.ALONG, _patterns(run))
 
 
 def _of_one(run: Run) -> tuple[Reading, ...]:
-    return _all_moved(run, _ALONE, (np.full(len(run.agents), sign) for sign in (1.0, -1.0)))
+    return _all_moved(run, Measured.ALONE, (np.full(len(run.agents), sign) for sign in (1.0, -1.0)))
 
 
 def _of_the_past(run: Run) -> tuple[Reading, ...]:
@@ -217,10 +189,10 @@ def _of_the_past(run: Run) -> tuple[Reading, ...]:
         still = stands(run)[begin:end, agent]
         stopping[begin : begin + 2, agent] = 1.0, 0.0
         rolling[begin : begin + (len(still) if still.all() else still.argmin()), agent] = 2 * STANDSTILL
-    return tuple(Reading(_BEFORE, 0.0, replace(run, speed=speed)) for speed in (stopping, rolling) if late)
+    return tuple(Reading(Measured.BEFORE, 0.0, replace(run, speed=speed)) for speed in (stopping, rolling) if late)
 
 
-def _all_moved(run: Run, asks: str, patterns: Iterable[NDArray[np.float64]]) -> tuple[Reading, ...]:
+def _all_moved(run: Run, asks: Measured, patterns: Iterable[NDArray[np.float64]]) -> tuple[Reading, ...]:
     """Return a reading per sign pattern: agents are ahead of (1) or behind (-1) their measured station."""
     if run.spread is None or run.station is None:
         return ()
@@ -260,11 +232,11 @@ def _shifted(run: Run, ahead: float | NDArray[np.float64], left: float) -> NDArr
     return pose
 
 
-_MAKERS: dict[str, Callable[[Run], tuple[Reading, ...]]] = {
-    _SIZES: _of_sizes,
-    _SIDES: _of_sides,
-    _PACE: _of_pace,
-    _ALONG: _of_way,
-    _ALONE: _of_one,
-    _BEFORE: _of_the_past,
+_MAKERS: dict[Measured, Callable[[Run], tuple[Reading, ...]]] = {
+    Measured.SIZES: _of_sizes,
+    Measured.SIDES: _of_sides,
+    Measured.PACE: _of_pace,
+    Measured.ALONG: _of_way,
+    Measured.ALONE: _of_one,
+    Measured.BEFORE: _of_the_past,
 }

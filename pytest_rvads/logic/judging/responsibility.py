@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from pytest_rvads.conduct.blame import Cause, blame, cause_of, pushed, stuck, surprised
-from pytest_rvads.conduct.bodies import contacts
+from pytest_rvads.conduct.blame import Cause, pushed, stuck, surprised
 from pytest_rvads.conduct.grounds import may_owe
 from pytest_rvads.conduct.progress import may_go
 from pytest_rvads.conduct.rights import WAIVER, waives
@@ -11,6 +10,7 @@ from pytest_rvads.errors import RunError
 from pytest_rvads.logic.judging.judge import Judgement
 from pytest_rvads.logic.judging.verdicts import Status
 from pytest_rvads.logic.ltl import formula as f
+from pytest_rvads.logic.rules.lexicon import word_of
 from pytest_rvads.logic.rules.shape import Kind, agents_of
 from pytest_rvads.runs.run import Run
 
@@ -84,13 +84,9 @@ def waits(j: Judgement, subject: str) -> bool:
 def cause_between(j: Judgement, run: Run) -> Cause | None:
     """Return the cause of the collision or meeting of two vehicles that broke an instance; None if neither vehicle caused it."""
     for atom, _ in j.broken:
-        if atom.name == "collide":
-            pair = {e.name for e in agents_of(atom)}
-            hit = next((c for c in contacts(run) if set(c.agents) == pair), None)
-            return None if hit is None else cause_of(run, hit)
-        if atom.name == "meet" and j.failed is not None:
-            one, two = agents_of(atom)
-            return blame(run, one.index, two.index, j.failed)
+        word, agents = word_of(atom), [e.index for e in agents_of(atom)]
+        if word is not None and word.cause is not None and j.failed is not None and len(agents) == 2:
+            return word.cause(run, agents[0], agents[1], j.failed)
     return None
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from pytest_rvads.conduct.mover import Mover
+from pytest_rvads.logic.live.instant import Mover
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.rules.sorts import Sort
 

@@ -8,39 +8,51 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.conduct import predicates
-from pytest_rvads.conduct.bodies import collide
+from pytest_rvads.conduct.blame import Cause, blame, cause_of
+from pytest_rvads.conduct.blocks import Signal
+from pytest_rvads.conduct.bodies import collide, contacts
 from pytest_rvads.conduct.grounds import Ground
-from pytest_rvads.conduct.lane import lane_allows, off_lane, off_route
+from pytest_rvads.conduct.lane import beyond_steering, lane_allows, off_lane, off_route
 from pytest_rvads.conduct.motion import inside, wt
 from pytest_rvads.conduct.predicates import Static
 from pytest_rvads.conduct.priority import obstructs, owes
 from pytest_rvads.conduct.progress import blocks, idles, may_go
 from pytest_rvads.conduct.rights import gives_up
-from pytest_rvads.conduct.standing import arrived, speeding, stopped, waited
+from pytest_rvads.conduct.standing import arrived, speeding, standing_time, stopped, waited
 from pytest_rvads.conduct.stretches import meet
 from pytest_rvads.errors import RunError
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.rules.current import PACKAGE
 from pytest_rvads.logic.rules.sorts import Sort
-from pytest_rvads.logic.rules.vocabulary import Attribute, Vocabulary, Word
+from pytest_rvads.logic.rules.vocabulary import Attribute, FromZones, Measured, Vocabulary, Word
 from pytest_rvads.runs.run import Run
-from pytest_rvads.runs.states import Colour
+from pytest_rvads.runs.states import Colour, Zone
 
-__all__ = ["ATTRIBUTES", "BUILT_IN", "HERE", "word_of"]
+__all__ = ["ATTRIBUTES", "BUILT_IN", "HERE", "at", "word_of"]
 
 HERE = f.Element(Sort.JUNCTION, 0, "j")
 """The junction under test."""
 
 
-def _at(run: Run, agent: f.Element, place: f.Element) -> NDArray[np.bool_]:
+def at(place: f.Element, entrances: int) -> Signal[NDArray[np.bool_]]:
+    """Return the signal that tells which vehicle is at a place of its own way.
+
+    Args:
+        place: the junction, an entrance, an exit, or a road.
+        entrances: how many entrances the junction has; roads with lower numbers lead to entrances.
+    """
     match place.sort:
         case Sort.JUNCTION:
-            return predicates.in_junction(run, agent.index)
+            return predicates.in_junction
         case Sort.ENTRANCE:
-            return predicates.at_entrance(run, agent.index)
-        case Sort.ROAD if place.index < len(run.junction.entrances):
-            return predicates.on_approach(run, agent.index)
-    return predicates.on_exit(run, agent.index)
+            return predicates.at_entrance
+        case Sort.ROAD if place.index < entrances:
+            return predicates.on_approach
+    return predicates.on_exit
+
+
+def _at(run: Run, agent: f.Element, place: f.Element) -> NDArray[np.bool_]:
+    return at(place, len(run.junction.entrances))(run, agent.index)
 
 
 def _may_be_at(static: Static, thing: f.Element, place: f.Element) -> bool | None:
@@ -100,7 +112,22 @@ def _from_right(static: Static, one: f.Element, two: f.Element) -> bool:
     return _between(one, two, static.right_of)
 
 
+def _blame(run: Run, one: int, two: int, tick: int) -> Cause:
+    return blame(run, one, two, tick)
+
+
+def _cause(run: Run, one: int, two: int, _tick: int) -> Cause | None:
+    pair = {run.agents[one].name, run.agents[two].name}
+    hit = next((c for c in contacts(run) if set(c.agents) == pair), None)
+    return None if hit is None else cause_of(run, hit)
+
+
+def _takes_owed_way(run: Run, one: int, two: int) -> NDArray[np.bool_]:
+    return np.asarray(owes(run, one, two) & (run.zone[:, one] >= Zone.JUNCTION))
+
+
 _word = partial(Word, place=PACKAGE)
+_MOVES, _STOPS = (Measured.PACE, Measured.ALONG), (Measured.PACE, Measured.ALONG, Measured.BEFORE)
 _ONE, _TWO, _ENTRANCES = ("agent",), ("agent", "agent"), ("entrance or vertex", "entrance or vertex")
 
 BUILT_IN = Vocabulary.of(
@@ -110,6 +137,9 @@ BUILT_IN = Vocabulary.of(
         _at,
         decide=_may_be_at,
         static="light or object",
+        turns_on=(Measured.ALONG,),
+        from_zones=FromZones.ALWAYS,
+        present=True,
     ),
     _word("turn", ("agent", "direction"), decide=lambda s, agent, to: s.turns(agent.index, to.name), static="agent"),
     _word("take", ("agent", "entrance", "direction"), means=_take),
@@ -130,8 +160,23 @@ BUILT_IN = Vocabulary.of(
         "{0} and {1} do not meet",
         apart=True,
         symmetric=True,
+        turns_on=(Measured.ALONG,),
+        present=True,
+        cause=_blame,
     ),
-    _word("collide", _TWO, collide, "{0} and {1} collide", "{0} and {1} do not collide", apart=True, symmetric=True),
+    _word(
+        "collide",
+        _TWO,
+        collide,
+        "{0} and {1} collide",
+        "{0} and {1} do not collide",
+        apart=True,
+        symmetric=True,
+        turns_on=(Measured.SIZES, Measured.ALONG),
+        present=True,
+        cause=_cause,
+        bends=True,
+    ),
     _word(
         "owes",
         _TWO,
@@ -140,6 +185,8 @@ BUILT_IN = Vocabulary.of(
         "{0} need not let {1} pass",
         decide=_may_owe,
         apart=True,
+        turns_on=_MOVES,
+        debt=True,
     ),
     _word(
         "obstructs",
@@ -149,6 +196,9 @@ BUILT_IN = Vocabulary.of(
         "{0} does not get in the way of {1}",
         decide=_may_owe,
         apart=True,
+        turns_on=_MOVES,
+        debt=True,
+        pending=_takes_owed_way,
     ),
     *(
         _word(
@@ -169,14 +219,56 @@ BUILT_IN = Vocabulary.of(
             (Ground.MERGE, "{0} joins the traffic of {1}", "{0} does not join the traffic of {1}"),
         )
     ),
-    _word("stopped", _ONE, stopped, "{0} has stopped at the line", "{0} has not stopped at the line"),
-    _word("arrived", _ONE, arrived, "{0} has arrived at its line", "{0} has not arrived at its line"),
-    _word("gives_up", _ONE, gives_up, "{0} has given up its turn", "{0} has not given up its turn"),
-    _word("inside", _ONE, inside, "{0} is partly in the junction", "{0} is out of the junction"),
-    _word("blocks", _ONE, blocks, "{0} blocks the junction", "{0} does not block the junction"),
-    _word("may_go", _ONE, may_go, "{0} could go", "{0} could not go"),
-    _word("idles", _ONE, idles, "{0} could have gone and has not", "{0} has gone when it could"),
-    _word("off_lane", _ONE, off_lane, "{0} is outside its lane", "{0} is in its lane"),
+    _word(
+        "stopped",
+        _ONE,
+        stopped,
+        "{0} has stopped at the line",
+        "{0} has not stopped at the line",
+        turns_on=_STOPS,
+        present=True,
+    ),
+    _word(
+        "arrived",
+        _ONE,
+        arrived,
+        "{0} has arrived at its line",
+        "{0} has not arrived at its line",
+        turns_on=_STOPS,
+        from_zones=FromZones.BLIND,
+        present=True,
+    ),
+    _word(
+        "gives_up",
+        _ONE,
+        gives_up,
+        "{0} has given up its turn",
+        "{0} has not given up its turn",
+        turns_on=_STOPS,
+        from_zones=FromZones.BLIND,
+    ),
+    _word(
+        "inside",
+        _ONE,
+        inside,
+        "{0} is partly in the junction",
+        "{0} is out of the junction",
+        turns_on=(Measured.ALONG,),
+        present=True,
+    ),
+    _word("blocks", _ONE, blocks, "{0} blocks the junction", "{0} does not block the junction", turns_on=_MOVES),
+    _word("may_go", _ONE, may_go, "{0} could go", "{0} could not go", turns_on=_MOVES),
+    _word("idles", _ONE, idles, "{0} could have gone and has not", "{0} has gone when it could", turns_on=_MOVES),
+    _word(
+        "off_lane",
+        _ONE,
+        off_lane,
+        "{0} is outside its lane",
+        "{0} is in its lane",
+        turns_on=(Measured.SIZES, Measured.SIDES),
+        beyond=beyond_steering,
+        bends=True,
+    ),
     _word(
         "lane_allows",
         _ONE,
@@ -184,9 +276,10 @@ BUILT_IN = Vocabulary.of(
         "{0} is in a lane that leads where it goes",
         "{0} is in a lane that does not lead where it goes",
         decide=_one_lane,
+        turns_on=(Measured.SIDES,),
     ),
-    _word("off_route", _ONE, off_route, "{0} is off its route", "{0} is on its route"),
-    _word("speeding", _ONE, speeding, "{0} is over the speed limit", "{0} is within the speed limit"),
+    _word("off_route", _ONE, off_route, "{0} is off its route", "{0} is on its route", turns_on=(Measured.SIDES,), bends=True),
+    _word("speeding", _ONE, speeding, "{0} is over the speed limit", "{0} is within the speed limit", turns_on=_MOVES),
     _word("right-of", ("agent or entrance or vertex",) * 2, decide=_from_right, static="agent or entrance or vertex"),
     _word("opposite", _ENTRANCES, decide=lambda s, one, two: _between(one, two, s.opposite), static=_ENTRANCES[0]),
     _word(
@@ -218,6 +311,8 @@ ATTRIBUTES = {
             "number",
             wt,
             waited=True,
+            from_zones=FromZones.ALWAYS,
+            standing=standing_time,
             says=(
                 ("=", _SAME, "{0} and {1} did not arrive at the same time"),
                 ("<", _AFTER, "{0} did not arrive after {1}"),
@@ -229,6 +324,7 @@ ATTRIBUTES = {
             "number",
             waited,
             waited=True,
+            from_zones=FromZones.BLIND,
             says=(
                 ("=", _SAME, "{0} and {1} did not arrive at the same time"),
                 ("<", _AFTER, "{0} did not arrive after {1}"),
@@ -239,7 +335,7 @@ ATTRIBUTES = {
             "cl",
             Sort.LIGHT,
             "colour",
-            lambda run, light: run.lights[:, light],
+            predicates.colour,
             lambda name: Colour[name.upper()],
             says=(("= value", "{0} {be} {1}", "{0} {be} not {1}"), ("!= value", "{0} {be} not {1}", "{0} {be} {1}")),
         ),

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from enum import Enum, StrEnum
 from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pytest_rvads.conduct.blame import Cause
+from pytest_rvads.conduct.blocks import Signal
 from pytest_rvads.errors import FormulaError, suggest
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.rules.current import PACKAGE, here
@@ -16,7 +19,7 @@ from pytest_rvads.logic.rules.sameness import same
 from pytest_rvads.logic.rules.sorts import Sort
 from pytest_rvads.runs.run import Run
 
-__all__ = ["Attribute", "Follower", "Names", "Vocabulary", "Word", "sorts_in"]
+__all__ = ["MEASURED", "Attribute", "Follower", "FromZones", "Measured", "Names", "Vocabulary", "Word", "sorts_in"]
 
 Follower = Callable[[Run], bool]
 """Reads the next state, given as a run of one state, and returns the truth value of the predicate there."""
@@ -24,6 +27,30 @@ Follower = Callable[[Run], bool]
 _RESERVED = ("G", "F", "N", "X", "U", "W", "R", "true", "false")
 """Names that formulas read as an operator or a constant."""
 T = TypeVar("T")
+
+
+class Measured(StrEnum):
+    """What the truth of a word turns on and is known only within an accuracy, in words that follow "hangs on"."""
+
+    SIZES = "how near bodies came"
+    SIDES = "how far beside its way it was"
+    PACE = "how fast it was"
+    ALONG = "how far it had come"
+    ALONE = "how far it had come on its way"
+    """Takes the place of `ALONG` in instances about one vehicle."""
+    BEFORE = "what it did before it was seen"
+
+
+MEASURED = (Measured.SIZES, Measured.SIDES, Measured.PACE, Measured.ALONG)
+"""What users' words turn on, as far as anybody knows."""
+
+
+class FromZones(Enum):
+    """Whether a truth or a value follows from the zones of vehicles alone."""
+
+    NEVER = "never"
+    BLIND = "in runs without positions or speeds"
+    ALWAYS = "always"
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -59,6 +86,22 @@ class Word:
     """Whether the predicate is false for two equal arguments."""
     symmetric: bool = False
     """Whether the predicate has the same value for both orders of its two arguments."""
+    turns_on: tuple[Measured, ...] = MEASURED
+    """The kinds of measurement on which the truth depends."""
+    from_zones: FromZones = FromZones.NEVER
+    """Whether the truth follows from zones alone."""
+    present: bool = False
+    """Whether the predicate is false for absent vehicles."""
+    debt: bool = False
+    """Whether the predicate is about the way that the first argument owes to the second argument."""
+    cause: Callable[[Run, int, int, int], Cause | None] | None = None
+    """The vehicle to blame if the predicate breaks a rule about two vehicles; takes run, both columns, and tick."""
+    pending: Callable[..., NDArray[np.bool_]] | None = None
+    """The states in which the predicate may still become true, so that a run that ends there is unsure; arguments as `holds`."""
+    beyond: Callable[[Run, int], bool] | None = None
+    """Whether no driver could have kept the predicate false; takes the run and the column of the vehicle."""
+    bends: bool = False
+    """Whether a bend without a path that keeps a vehicle in its lane may make the predicate true."""
     place: str = ""
     """File and line of the registration; by default the line that makes the word."""
 
@@ -93,10 +136,11 @@ class Word:
         return f"<Word {self.name}>"
 
     def _told(self) -> tuple[object, ...]:
-        return self.name, self.sorts, self.says, self.denies, self.static, self.apart, self.symmetric
+        told = self.name, self.sorts, self.says, self.denies, self.static, self.apart, self.symmetric
+        return *told, self.turns_on, self.from_zones, self.present, self.debt, self.bends
 
     def _functions(self) -> tuple[object, ...]:
-        return self.holds, self.follow, self.decide, self.means
+        return self.holds, self.follow, self.decide, self.means, self.cause, self.pending, self.beyond
 
     def on(self, run: Run, *arguments: int | f.Element) -> NDArray[np.bool_]:
         """Return the truth values of the predicate on a run, shape ``(steps,)``.
@@ -129,12 +173,16 @@ class Attribute:
     """The sort of the elements with this attribute."""
     kind: str
     """The kind of its values: ``"number"``, or a kind of named values."""
-    read: Callable[[Run, int], NDArray[Any]]
-    """Reads the attribute: takes the run and the number of the element, returns one value per state, shape ``(steps,)``."""
+    read: Signal[NDArray[Any]]
+    """The signal with the values of all vehicles, or of the lights at all entrances."""
     codes: Callable[[str], int] | None = None
     """For named values: maps a name to the number that stands for it in the values of `read`."""
     waited: bool = False
     """Whether the attribute counts ticks, so that values within the tie window of a rule are equal."""
+    from_zones: FromZones = FromZones.NEVER
+    """Whether the values follow from zones alone."""
+    standing: Callable[[Run, int], NDArray[Any]] | None = None
+    """Used instead of `read` where waiting times count from standstill, see `check`."""
     says: tuple[tuple[str, str, str], ...] = ()
     """Comparisons in words, affirmed and denied: ``"="`` with the attribute of another element, ``"= value"`` with a value."""
 

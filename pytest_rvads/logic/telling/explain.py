@@ -12,6 +12,7 @@ from pytest_rvads.logic.judging.judge import Judgement, columns
 from pytest_rvads.logic.judging.responsibility import cause_between, responsible
 from pytest_rvads.logic.judging.verdicts import InstanceVerdict, NearMiss, Status, Verdict
 from pytest_rvads.logic.ltl import formula as f
+from pytest_rvads.logic.rules.lexicon import word_of
 from pytest_rvads.logic.rules.sorts import Sort
 from pytest_rvads.logic.telling.block import block
 from pytest_rvads.logic.telling.doubt import hangs, since
@@ -85,7 +86,8 @@ def tell(story: Story) -> Verdict:
 
 def _bends(worst: Judgement | None, run: Run) -> Iterator[str]:
     """Yield a sentence per vehicle to blame that left its lane or hit another vehicle in a bend too tight for its lane."""
-    if worst is None or {"off_lane", "off_route", "collide"}.isdisjoint(atom.name for atom, _ in worst.broken):
+    words = [word_of(atom) for atom, _ in worst.broken] if worst is not None else []
+    if worst is None or not any(word is not None and word.bends for word in words):
         return
     for name, bend in ((e.name, too_tight(run, e.index)) for e in responsible(worst, run)):
         if bend is not None:

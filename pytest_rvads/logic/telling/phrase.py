@@ -116,7 +116,8 @@ def why(run: Run, atoms: Iterable[f.Atom], seat: Callable[[int], str] = str) -> 
         atoms: the atoms of an instance; the terms of the first atom ``owes`` or ``obstructs`` are the two vehicles.
         seat: returns the name of an entrance, given its number.
     """
-    pair = next((atom.terms for atom in atoms if atom.name in ("owes", "obstructs")), ())
+    words = ((word_of(atom), atom.terms) for atom in atoms)
+    pair = next((terms for word, terms in words if word is not None and word.debt), ())
     columns = [term.index for term in pair if isinstance(term, f.Element)]
     junction = run.junction
     if len(columns) != 2 or junction.control in (JunctionControl.STOP, JunctionControl.LIGHTS):
