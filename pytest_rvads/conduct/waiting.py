@@ -201,7 +201,8 @@ def _intruders(block: Block) -> NDArray[np.bool_]:
 class Circles(NamedTuple):
     """Which vehicles wait, each of shape ``(n, agents)``.
 
-    A vehicle waits for a vehicle that it lets pass, and for a slow vehicle that it is close behind.
+    A vehicle waits for a vehicle that it lets pass, and for a slow vehicle that it is close behind. At an all-way stop a
+    vehicle may let a vehicle pass whose way does not meet; such a courtesy makes no circle, because the first vehicle could go.
     """
 
     held: NDArray[np.bool_]
@@ -256,9 +257,28 @@ def _wait(
     shape = len(late), len(cast), len(cast)
     reach, behind, yielding = (np.zeros(shape, dtype=np.bool_) for _ in range(3))
     reach[:, near.one, near.two], behind[:, near.one, near.two], yielding[:, both.one, both.two] = queued, blocked, giving
-    reach |= yielding
-    for via in np.flatnonzero(reach.any(axis=(0, 1)) & reach.any(axis=(0, 2))).tolist():
-        reach |= reach[:, :, via, None] & reach[:, via, None, :]
+    waits = reach | yielding
+    reach = _closure(waits)
+    courtesies = yielding & cast.static(_courtesies) & reach & reach.swapaxes(1, 2)
+    if courtesies.any():
+        yielding &= ~courtesies
+        reach = _closure(waits & ~courtesies)
     one_way = ~(reach & reach.swapaxes(1, 2)) | (late[:, None, :] & ~late[:, :, None])
     held, lets, stuck = ((of & one_way).any(axis=2) for of in (reach, yielding, behind))
     return np.stack((held, reach.any(axis=2) & ~held, stuck & ~lets), axis=1)
+
+
+def _closure(waits: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return which vehicle waits for which vehicle directly or by way of other vehicles, shape ``(n, agents, agents)``."""
+    reach = waits.copy()
+    for via in np.flatnonzero(reach.any(axis=(0, 1)) & reach.any(axis=(0, 2))).tolist():
+        reach |= reach[:, :, via, None] & reach[:, via, None, :]
+    return reach
+
+
+def _courtesies(cast: Cast) -> NDArray[np.bool_]:
+    """Return for which pairs of vehicles at an all-way stop the ways do not meet, shape ``(agents, agents)``."""
+    both, apart = cast.static(partners), np.zeros((len(cast), len(cast)), dtype=np.bool_)
+    if cast.junction.control is JunctionControl.STOP:
+        apart[both.one, both.two] = np.isnan(cast.static(_places).begin)
+    return apart

@@ -275,6 +275,17 @@ def test_vehicle_on_the_right_at_equal_arrival_is_a_reason_until_it_waives(drive
     assert status(run, "progress") == ("FAIL", ("a1",))
 
 
+def test_courtesy_to_a_vehicle_whose_way_does_not_meet_makes_no_circle(drive: Make) -> None:
+    """All arrive at once. a0 waits for a1, a1 for a2, and a3 for a0. a2 turns right beside a3, whose way a2 does not meet."""
+    ways = {0: stands(2), 1: stands(2), 2: stands(1), 3: stands(3)}
+    run = drive("stop4", ways, 1500)
+    meets = run.junction.stretches
+    assert meets is not None
+    assert ((2, 3), (3, 2)) not in meets
+    assert {((0, 2), (1, 3)), ((1, 3), (2, 3)), ((3, 2), (0, 2))} <= meets.keys()
+    assert status(run, "progress") == ("FAIL", ("a2",))
+
+
 def test_vehicle_with_priority_that_could_still_turn_is_a_reason_before_a_sign(drive: Make) -> None:
     # On yield4 a0 has a yield sign. a3 has priority and turns right, away from a0, but it might go straight on across its way.
     start = stretches("yield4")[(0, 1), (3, 1)].yours.start
