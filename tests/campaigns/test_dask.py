@@ -119,9 +119,9 @@ def test_a_campaign_whose_scheduler_was_killed_ends_and_goes_on_where_it_was(
     assert time.monotonic() - died[0] < 20
     here.stop()
     kept = path.read_bytes()
-    assert BEFORE <= kept.count(b'{"case"') < CASES
+    assert BEFORE <= kept.count(b'"case":') < CASES
     with cluster().client() as client:
         results = rvads.campaign(cases(), executor=client.get_executor(), results=path)
     assert list(results) == alone
     assert path.read_bytes().startswith(kept)
-    assert path.read_bytes().count(b'{"case"') == CASES
+    assert path.read_bytes().count(b'"case":') == CASES

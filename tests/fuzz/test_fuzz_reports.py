@@ -68,7 +68,8 @@ def report() -> Report:
         verdict = check(run(), rule)
         over = conclude(start, [verdict], "call", "failed", known=known, text=verdict.message)
         timing = {"a1": Computing(stack="stack ./mine", decisions=60, compute=0.3, longest=0.02)}
-        records.append(structs.replace(over, run="r", hash=rule, look=".rvads/a.html#t=1.00", kpis=kpis(run()), timing=timing))
+        look, looks = ".rvads/a.html#t=1.00", (".rvads/b.html#t=2.00",)
+        records.append(structs.replace(over, run="r", hash=rule, look=look, looks=looks, kpis=kpis(run()), timing=timing))
     comparison = Comparison("main.json", (Change("NEW", records[0].nodeid, "p1"), Change("LOST", "gone")), ("numpy was 1",))
     cells = tuple(map(cell_of, records))
     return Report(tuple(records), {4: (24, 81)}, cells, {"numpy": "2"}, 1, ("a note",), {"test": 2}, {"r": 1.5}, comparison)
@@ -138,6 +139,7 @@ def data_stays_data(found: Report) -> None:
     assert page.own == tame.own
     assert len(page.data["items"]) == len(found.records)
     assert all(is_link(item["look"]) for item in page.data["items"])
+    assert all(is_link(link) for item in page.data["items"] for link in item["more"])
     rows = list(csv.reader(io.StringIO(written(".csv", found))))
     assert len({len(row) for row in rows}) == 1
     assert [cell for row in rows for cell in row if re.match(r"[\s\"]*[=+\-@＝＋－＠]", cell) and not is_number(cell)] == []
@@ -186,7 +188,7 @@ def with_texts(value: Any, texts: Iterator[str], key: str = "") -> Any:
         return {name: with_texts(inner, texts, name) for name, inner in value.items()}
     if isinstance(value, list):
         return [with_texts(inner, texts, key) for inner in value]
-    return next(texts) if isinstance(value, str) and key not in ("status", "format", "outcome", "rule") else value
+    return next(texts) if isinstance(value, str) and key not in ("type", "status", "format", "outcome", "rule") else value
 
 
 @pytest.mark.extended
