@@ -1,4 +1,8 @@
-"""JSON from elsewhere: msgspec holds it against a type, and what does not fit is refused in one sentence. And JSON of ours."""
+"""JSON from elsewhere: msgspec holds it against a type, and what does not fit is refused in one sentence. And JSON of ours.
+
+The import of msgspec takes some 20 ms, with the first run, record or file. It replaces hand-made validators of facts, run files,
+recordings, messages of stacks, records and reports.
+"""
 
 from __future__ import annotations
 

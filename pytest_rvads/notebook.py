@@ -3,6 +3,8 @@
 A picture is an image of its own within the HTML: its style and its ids then reach nothing else on the page, nothing in it is
 executed, and a viewer that removes scripts and style elements leaves it whole. The text beside it has the colours
 of the notebook.
+
+A picture that is inlined would pass its styles to the page around it, and viewers that remove styles would show black shapes.
 """
 
 from __future__ import annotations

@@ -1,6 +1,8 @@
 """The pytest plugin: hooks only, each delegating in a few lines.
 
 It is imported by every pytest run of the environment, so it imports nothing heavy at top level.
+
+Only the modules of the plugin and the tests of simulators import pytest. Everything else works from a script or a notebook.
 """
 
 from __future__ import annotations

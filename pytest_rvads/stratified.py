@@ -1,4 +1,7 @@
-"""Samples: some of many things, spread evenly over the groups they belong to, and the same ones in every process."""
+"""Samples: some of many things, spread evenly over the groups they belong to, and the same ones in every process.
+
+A draw depends on names and seed alone. Runs that are not drawn are not planned, and reports say how many they are.
+"""
 
 from __future__ import annotations
 

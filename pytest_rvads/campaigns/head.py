@@ -1,4 +1,8 @@
-"""What stands at the head of a file of results: on what all of them depend."""
+"""What stands at the head of a file of results: on what all of them depend.
+
+The head names the code of this package and of the driver, the rules and the versions. So results of different code never mix, and
+a campaign continues where it was.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""The results of a campaign on disk: a line of JSON per case, added as they come, so that they need no memory and outlive us."""
+"""The results of a campaign on disk: a line of JSON per case, added as they come, so that they need no memory and outlive us.
+
+Lines stand in the order of arrival; readers get results in the order of the cases.
+"""
 
 from __future__ import annotations
 

@@ -3,6 +3,9 @@
 Builders of towns place the same junction in many places. Two junctions have the same shape if a rotation of arms maps lanes,
 movements, turns, signs, phases and all relations of the first to those of the second, and a rigid motion maps their centre lines,
 within a tolerance. Mirror images have different shapes, because traffic keeps to one side.
+
+Junctions are compared as far as runs reach. Results are shared only on request, because a driver that reads coordinates could
+tell the junctions of a shape apart.
 """
 
 from __future__ import annotations

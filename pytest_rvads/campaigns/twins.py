@@ -1,4 +1,7 @@
-"""Cases that are the same up to a motion of the plane: one of them is simulated, and its result is told of each."""
+"""Cases that are the same up to a motion of the plane: one of them is simulated, and its result is told of each.
+
+The result is told of each case under the id of that case.
+"""
 
 from __future__ import annotations
 

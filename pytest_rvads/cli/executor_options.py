@@ -1,4 +1,7 @@
-"""The options ``-j`` and ``--dask``: the executor of a command."""
+"""The options ``-j`` and ``--dask``: the executor of a command.
+
+distributed is imported only for ``--dask``; callers of `rvads.campaign` bring an executor.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""The progress of a long command: a bar with an estimate of the remaining time, or a line per tenth without a terminal."""
+"""The progress of a long command: a bar with an estimate of the remaining time, or a line per tenth without a terminal.
+
+rich is imported while a town is judged.
+"""
 
 from __future__ import annotations
 

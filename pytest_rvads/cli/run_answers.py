@@ -1,4 +1,8 @@
-"""Judging the runs of files for ``rvads check``: records, as plain values that cross processes."""
+"""Judging the runs of files for ``rvads check``: records, as plain values that cross processes.
+
+Answers come in the order of the files, on any number of processes, with one run in memory per process. A run that can't be read
+or judged, or that kills its process, costs no other verdict.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,8 @@
-"""What a test asks for: the arguments of ``@rvads.scenario``, checked when it is written and resolved at collection."""
+"""What a test asks for: the arguments of ``@rvads.scenario``, checked when it is written and resolved at collection.
+
+A mark is checked where it is written. The `Ask` is frozen and has the file and line of the mark, so that an error that only the
+junction or the session can show still names this line.
+"""
 
 from __future__ import annotations
 

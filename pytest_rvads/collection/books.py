@@ -1,4 +1,8 @@
-"""The book of rules of a session, those of its test files, and those of tests: what one registers is known there alone."""
+"""The book of rules of a session, those of its test files, and those of tests: what one registers is known there alone.
+
+A session has a desk and drops it at its end. Each test file has a desk of its own while it is collected or run, and each test has
+another desk on top.
+"""
 
 from __future__ import annotations
 

@@ -2,6 +2,10 @@
 
 One item per verdict: abstract scenario x configuration x rule, the rule innermost, so that the items of one
 run follow each other.
+
+Parameters of items are small keys (`Cell`), and a map is read once per process; simulations wait for the item. The map must be
+known at collection, so it comes from ``map=``, ``--rvads-map``, RVADS_MAP or the ini setting ``rvads_map``, in this order. The
+fixture ``rvads_map`` only tells which map it is.
 """
 
 from __future__ import annotations

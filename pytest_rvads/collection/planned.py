@@ -1,4 +1,8 @@
-"""From the marks of a test to its runs, with what is left out noted for the summary and the reports."""
+"""From the marks of a test to its runs, with what is left out noted for the summary and the reports.
+
+What does not fit at one of many junctions costs that junction alone, and every output counts it with the reason. A junction that
+the mark names by its id, and a mark of which nothing is left, are refused.
+"""
 
 from __future__ import annotations
 

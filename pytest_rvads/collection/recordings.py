@@ -1,4 +1,9 @@
-"""What a test asks for by ``@rvads.recorded``: files of recorded runs, found and looked into at collection."""
+"""What a test asks for by ``@rvads.recorded``: files of recorded runs, found and looked into at collection.
+
+A recorded run is an item like any other, and nothing drives in it: the arguments that drive and simulate get values at
+collection, so that their fixtures are not set up. Its records have a name in place of class, scenario and configuration, because
+what was not chosen is no axis. Collection opens a file only as far as ids and rules need.
+"""
 
 from __future__ import annotations
 

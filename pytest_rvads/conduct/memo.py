@@ -1,4 +1,7 @@
-"""Results of functions of a run, kept beside the run so that all rules that judge the run share them."""
+"""Results of functions of a run, kept beside the run so that all rules that judge the run share them.
+
+A result must not hold the run: the circle of references would keep the run in memory.
+"""
 
 from __future__ import annotations
 

@@ -2,6 +2,9 @@
 
 Dynamic predicates are signals on blocks of states. Static relations (right-of, opposite, turn, the entrance of an agent, the
 light of an entrance) are gathered in `Static`, the paper's model S^s.
+
+The paper's right-of and opposite are relations of arms, lifted to the lanes of the arms. Only the paper's rules and the two rules
+of the all-way stop use them; all other rules use `Junction.yields`.
 """
 
 from __future__ import annotations

@@ -12,6 +12,9 @@ is nearer than `NEAR_TIME`.
 - no_collision: bodies that touch are closer than any other bodies.
 - p4, red, full_stop, keep_clear, progress, keep_lane, on_lane_allowed, on_route and speed_limit are about one vehicle. The
 vehicles that it waits for, or that follow it, are looked up on the run, not among instances.
+
+Because only vehicles that are together have instances about pairs, the cost of judging grows with the traffic, and not with its
+square.
 """
 
 from __future__ import annotations

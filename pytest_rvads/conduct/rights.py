@@ -2,6 +2,10 @@
 
 A vehicle gives way to a vehicle with the better right that *is due*: that comes "so closely as to be a hazard" (California
 Vehicle Code 21801(a), 21453(b)), or stands first at its line with the right to go.
+
+Conduct is judged by hazard, in seconds and metres, and not by zones: rights hold from the entrance zone until the vehicle that
+must give way is clear of the shared stretch. Rules and shipped drivers read the same definitions: the words of rules, such as
+``owes``, ``meet`` and ``may_go``, take their numbers from this package.
 """
 
 from __future__ import annotations

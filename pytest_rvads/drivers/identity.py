@@ -2,6 +2,9 @@
 
 A digest of source files alone is not enough: a campaign that is called again with another argument, or after ``Pilot.speed = 9``,
 would return the results of the former speed.
+
+The digest covers the files that the driver's code imports by name, loaded or not, and the driver's values as they would travel to
+another process. The digest never depends on which modules happen to be loaded.
 """
 
 from __future__ import annotations

@@ -1,6 +1,8 @@
 """The interface between the simulation and a driver: observations, commands, autopilots, traffic systems.
 
 `Observation` and the commands are made hundreds of times per simulated second, so they are named tuples.
+
+`Factory` is a type, so that a type checker refuses an object that is no driver.
 """
 
 from __future__ import annotations

@@ -2,6 +2,9 @@
 
 The paper's ``s(-, eta)``, ``s(eta, -)``, ``s[-, eta]`` and ``s[eta, -]`` are `MetricGraph.before`, `after_end`,
 `Segment.head` and `Segment.tail`; its concatenation ``s . s'`` is `Segment.then`.
+
+The graph is made from the network of a map file before anything else. Arms, ways through a junction and walks along its roads are
+found on the graph and its line graph, by networkx, which is imported with the first map or rule.
 """
 
 from __future__ import annotations

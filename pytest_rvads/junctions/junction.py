@@ -3,6 +3,9 @@
 Arms are numbered counter-clockwise. Entrances and exits are lanes, numbered arm by arm and on each arm from the kerb. So with one
 lane per arm an entrance, and the exit beside it, have the number of their arm. Direction ``d_j`` leads from arm ``i`` to arm
 ``(i + j) mod n`` (paper, section 5.2).
+
+Arms, lanes and agents are different things. A pair of entrance and exit need not have a movement, and several agents may come to
+one entrance. So no code takes the number of an arm, a lane or an agent for the number of another thing.
 """
 
 from __future__ import annotations

@@ -2,6 +2,9 @@
 
 A path is a row of offsets from the smoothed centre line, found by a Gauss-Newton descent. Drivers follow the path. The rule
 `keep_lane` and the report of a map use whether a path exists.
+
+A path is searched once per way and body, and only where a vehicle on the centre line would break `keep_lane`, on the roads as
+well. Before and behind such a path drivers pursue the centre line. Stations always stay on the centre line.
 """
 
 from __future__ import annotations

@@ -1,4 +1,8 @@
-"""The word for the turn of a movement, for people; drivers, rules and lights use its `Turn`, the side to which it turns."""
+"""The word for the turn of a movement, for people; drivers, rules and lights use its `Turn`, the side to which it turns.
+
+A U-turn is recognised by its arms. A fourth `Turn` would show observers more than an indicator does, and would change every rule
+and driver that asks for a left turn.
+"""
 
 from __future__ import annotations
 

@@ -6,6 +6,8 @@ gives way; else right goes before left (Vienna Convention on Road Traffic 1968, 
 9(3), 9(4) and 18(3); Uniform Vehicle Code 11-401 to 11-405). Two lanes at a flat angle come together. If the map does not show
 which of the two joins the other, it can't be decided which gives way. At an all-way stop the relation says which vehicle goes
 first in a tie; at lights, which vehicle gives way while both have green.
+
+A pair that can't be decided has the reason `Reason.UNDECIDED` in both orders, and is no ground of any rule.
 """
 
 from __future__ import annotations

@@ -1,4 +1,8 @@
-"""What regulates a junction: signs, lights and stop lines on lanes, the kind of control they make up, green phases."""
+"""What regulates a junction: signs, lights and stop lines on lanes, the kind of control they make up, green phases.
+
+A stopping line is a marked line. Where no line is marked, vehicles stop before they enter the junction. The place of a sign
+decides only from where on a stop counts.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,9 @@
-"""Segments: the labels of the edges of a metric graph (paper, section 4.1)."""
+"""Segments: the labels of the edges of a metric graph (paper, section 4.1).
+
+The speed limits of a map lie along centre lines. Segments keep their limits when they are cut and joined, so junctions,
+itineraries and run files have the limits. `Facts.speed_limit` holds where the map states no limit. A junction with another limit
+is another junction, see `Junction.limited`.
+"""
 
 from __future__ import annotations
 

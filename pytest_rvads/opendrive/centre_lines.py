@@ -2,6 +2,8 @@
 
 A line is an array of rows ``(x, y, s)``, shape ``(k, 3)`` [m]: the points of a centre line in the direction of travel with their
 stations on the road.
+
+The reader repairs centre lines before the graph is made, so that lengths, stations, pictures and exports agree.
 """
 
 from __future__ import annotations

@@ -2,6 +2,8 @@
 
 Vehicles are links of multibodies on fixed bases, each on three joints of its own (x, y, yaw). The joints carry nothing,
 so every body moves as a free body in the plane, and two calls per step read and drive all that share a multibody.
+
+pybullet is imported with the first simulation.
 """
 
 from __future__ import annotations

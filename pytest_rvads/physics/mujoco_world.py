@@ -1,6 +1,8 @@
 """A world in MuJoCo, which also detects and resolves collisions.
 
 Vehicles are bodies on three joints each (x, y, yaw), which carry nothing, so every body moves as a free body in the plane.
+
+The import of mujoco takes 0.2 s, with the first simulation in MuJoCo.
 """
 
 from __future__ import annotations

@@ -1,4 +1,7 @@
-"""Records that memory does not hold: every pass makes or reads them anew."""
+"""Records that memory does not hold: every pass makes or reads them anew.
+
+A report goes through its records once. Each part of the outline is a tally that takes records in and keeps only what it reports.
+"""
 
 from __future__ import annotations
 

@@ -3,6 +3,8 @@
 Items are compared by node id. A safety margin is a time: how long the bound vehicle waited beyond what its rule asks for, and of
 the item's run the shortest time to collision and post-encroachment time. Erosion is told per run: the rules that judge a run
 share its indicators, so that its first item stands for all of them.
+
+A fallen margin has eroded only where it matters: below a threshold of the literature.
 """
 
 from __future__ import annotations

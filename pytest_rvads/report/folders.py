@@ -1,4 +1,9 @@
-"""The folders of sessions: numbered below the folder of artefacts, the latest few of them kept."""
+"""The folders of sessions: numbered below the folder of artefacts, the latest few of them kept.
+
+The main process draws a token and tells it to its workers. The first process with a file to write makes a folder with the token
+as its name, which only one process can do, and then moves the folder to the next number. A marker in the folder holds the token,
+by which the other processes find the folder. Only folders with a marker count as sessions or are removed.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,8 @@
-"""The journal of a session: its records on disk as they arrive, so that records need no memory and outlive the process."""
+"""The journal of a session: its records on disk as they arrive, so that records need no memory and outlive the process.
+
+Until its session has ended, a report says that it is incomplete. ``rvads report check`` tells from outside whether the session
+died.
+"""
 
 from __future__ import annotations
 

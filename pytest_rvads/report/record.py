@@ -1,4 +1,12 @@
-"""Records: one value per item, the only thing that reports are made from."""
+"""Records: one value per item, the only thing that reports are made from.
+
+Records are typed. They cross processes and reach hooks as builtins, and are checked where they are read. Verdicts, indicators and
+differences of runs are embedded unchanged; only the explanation of a verdict is left out, because a town has a million verdicts
+and most explanations are never read.
+
+Sessions make a record per item. Campaigns and ``rvads check`` make a record of a run with all its verdicts, which `run_record`
+splits into a record per rule.
+"""
 
 from __future__ import annotations
 

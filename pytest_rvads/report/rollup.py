@@ -1,4 +1,7 @@
-"""Sums over many junctions, instead of a table per junction: per kind of junction, per rule, and per junction, worst first."""
+"""Sums over many junctions, instead of a table per junction: per kind of junction, per rule, and per junction, worst first.
+
+Sums are shown if a report has more junctions, tables or columns than anybody reads.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""What a session leaves behind: its records, what its tests asked for, under which versions, and what changed."""
+"""What a session leaves behind: its records, what its tests asked for, under which versions, and what changed.
+
+A report also holds time and command of the session, and what drove, with its file and a digest. No verdict depends on these.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""The summary of a session as text, for terminals and logs of any width."""
+"""The summary of a session as text, for terminals and logs of any width.
+
+rich is imported at the end of a session that has records.
+"""
 
 from __future__ import annotations
 

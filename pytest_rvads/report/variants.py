@@ -1,4 +1,8 @@
-"""Variants of tests, that is, the values of their other parameters, and the variants to name when not all are concerned."""
+"""Variants of tests, that is, the values of their other parameters, and the variants to name when not all are concerned.
+
+A variant is no part of a cell: it separates rows of tables and cached runs, but coverage counts a situation in whichever variant
+it was.
+"""
 
 from __future__ import annotations
 

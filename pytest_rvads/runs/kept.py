@@ -1,4 +1,8 @@
-"""What the files of runs and of recordings have in common: arrays in an npz archive, beside a header in JSON with a version."""
+"""What the files of runs and of recordings have in common: arrays in an npz archive, beside a header in JSON with a version.
+
+A file of another version is refused in one sentence, and no file is converted. The same holds for reports and for the protocol of
+stacks.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,8 @@
-"""When a junction is busy, and with whom: recorded traffic is cut where nobody is near."""
+"""When a junction is busy, and with whom: recorded traffic is cut where nobody is near.
+
+An instance is judged in one excerpt: the excerpt in which the last of its vehicles to appear is judged. The same holds for
+indicators of a pair of vehicles. The other vehicles of an excerpt are context.
+"""
 
 from __future__ import annotations
 

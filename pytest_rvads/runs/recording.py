@@ -1,4 +1,11 @@
-"""Recorded traffic at one junction: vehicles that come and go, with individual sample times, cut into runs of busy periods."""
+"""Recorded traffic at one junction: vehicles that come and go, with individual sample times, cut into runs of busy periods.
+
+Nothing is guessed from before the first sample of a vehicle or after its last sample. The vehicle is absent then (`Zone.ABSENT`),
+its numbers are NaN, and no instance about it is judged.
+
+The clock of a run has steps of 0.01 s, as in simulated runs, so that waiting times and ties mean the same in both. A recording
+keeps the samples and makes a run when the run is indexed, so that one run at a time is in memory.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,9 @@
-"""Runs: the sequence of states that a simulation or a recording yields (paper, section 4.2)."""
+"""Runs: the sequence of states that a simulation or a recording yields (paper, section 4.2).
+
+Runs are values. A verdict depends on what the hash of a run covers, and on nothing else: the states with their accuracy, the
+name, route, kind and size of every agent, collisions, `Facts`, fault, excerpt and junction. `Run.provenance` tells where a run
+comes from, and no code that judges reads it. ``collisions=None`` means that nothing watched for collisions.
+"""
 
 from __future__ import annotations
 

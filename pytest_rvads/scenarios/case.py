@@ -1,4 +1,8 @@
-"""Cases: a scenario, its drivers, and the bodies of its agents. Simulations, searches, caches and records take a case."""
+"""Cases: a scenario, its drivers, and the bodies of its agents. Simulations, searches, caches and records take a case.
+
+A scenario holds its junction. Because a case is complete, every simulation, search, cache and record also works for a subject
+among traffic.
+"""
 
 from __future__ import annotations
 

@@ -2,6 +2,9 @@
 
 Behind turn lanes several entrances share a lane, and a lane that begins on the way has no width there. Two vehicles at the same
 distance from their lines would stand inside each other.
+
+`Scenario.starts` refuses starts of vehicles inside each other before a run, and starts on approaches that are too short or that
+converge.
 """
 
 from __future__ import annotations

@@ -1,4 +1,33 @@
-"""Reads scenarios from the ids of tests, such as ``stop4-class07-as1133-s0-cfgD.delay00.20.r1-hesitant-p1``."""
+"""Reads scenarios from the ids of tests, such as ``stop4-class07-as1133-s0-cfgD.delay00.20.r1-hesitant-p1``.
+
+Ids are a contract: ``--lf``, durations and dashboards depend on them. An id consists of ``[A-Za-z0-9_.-]``, its numbers are
+padded with zeros, and no release changes it. Its parts, in order:
+
+- junction: the built-in name, or ``stem.id`` for a junction of a file, with ``_`` in place of other characters.
+- class: the number of the class, in the order of the lexicographically least rotations of the directions; 00 for a partial
+  scenario.
+- abstract scenario: a digit per entrance as it stands on the map, 0 for an empty entrance. Digit ``j`` leads to the j-th next
+  arm, to its lane nearest to the kerb; ``j + n`` and ``j + 2n`` lead to the lanes beyond; ``n`` is the U-turn, where n is the
+  number of arms. From 10 on letters are digits. If arms have several entrances, ``_`` separates arms: ``as13_2_0_31``.
+- ``s0``: the entrance of the subject; left out without a subject.
+- configuration, before rotation: a letter A to J; ``S`` and metres for a staggered start; or ``d20.00_00.30v00.00`` for explicit
+  distances [m] and speeds [m/s], with one number if all are equal. After the configuration come ``f2`` for two followers per
+  vehicle, the imperfect senses of the vehicle under test (``delay00.20``), ``r1`` for row 1 of the class, and ``o`` with an order
+  of creation: ``stop4-class07-as3113-cfgD.r1`` is row 1 of class 7.
+- traffic policy, if it is not the reference; then the rule.
+
+For n entrances, A has 0.01 m and 0 m/s; B and G have 0.3 m and 0 m/s; F is as A; C and H have 20 m and 0 m/s; D and I have 20 m
+and 10 m/s. In E the first half of the vehicles, rounded up, has 0.3 m and the others 20 m; in J even vehicles have 20 m and odd
+vehicles 0.3 m; all stand. In a staggered start, which needs a subject, all vehicles drive 8 m/s. The subject is 36 m before an
+all-way stop, and 20 m before the line elsewhere. The numbers are the metres of the other vehicles, counter-clockwise from the
+subject if they differ: ``S26_56_56``. A label keeps its number on a short approach, where vehicles start nearer.
+
+Row r of a class moves directions, distances, speeds and the order of creation on by r entrances, and swaps the light phase if r
+is odd. An item of a recording has another id, ``drive17-t0312.4-p1``: the file below the fixed part of its pattern, with ``.``
+between folders; the time at which the junction becomes busy, or the label of the run, if the file has several runs; and the rule.
+Agents are named by arm: ``a0`` is the first vehicle at arm 0, ``a0.1`` the first on lane 1 of that arm, and ``a0+1`` the next
+vehicle behind.
+"""
 
 from __future__ import annotations
 

@@ -1,6 +1,8 @@
 """Looking for a counterexample: Hypothesis varies the scenario, guided by how near a rule was to being broken.
 
 A run that breaks the rule only because nobody could have obeyed it (see `consistency`) is no counterexample.
+
+The import of Hypothesis takes a quarter of a second, so Hypothesis is imported only where somebody searches.
 """
 
 from __future__ import annotations

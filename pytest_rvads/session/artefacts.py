@@ -1,4 +1,8 @@
-"""What a session leaves of its failures: the runs, and of the first ones pictures and replay pages."""
+"""What a session leaves of its failures: the runs, and of the first ones pictures and replay pages.
+
+The run of a failure is kept once, by its hash, and drawn on request: a session in which everything fails would draw for minutes.
+``rvads replay`` needs the folder alone: the run, and the report for rule, messages and facts.
+"""
 
 from __future__ import annotations
 

@@ -1,6 +1,10 @@
 """The end of a session in the terminal: verdicts before pytest's own short summary, and last of all the causes.
 
 Pytest prints a line per failure in between. Those of one cause are folded into the first of them, where the cause tells the rest.
+
+Two wrappers around pytest's own summary fold the failures. The inner wrapper prints the verdicts and takes the folded failures
+out of pytest's list; the outer wrapper puts the failures back and prints the causes. So other plugins find the list unchanged
+before and after.
 """
 
 from __future__ import annotations

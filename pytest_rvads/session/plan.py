@@ -1,4 +1,8 @@
-"""What the tests of a session expand to, known before anything runs and also where workers do the collecting."""
+"""What the tests of a session expand to, known before anything runs and also where workers do the collecting.
+
+Because the plan is known, coverage is a share of what the tests ask for, and an item that did not run has a record, whatever
+ended the session. A worker sends the plan with its first report.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,8 @@
-"""Why a session is not green, whatever pytest says: a list of small checks, each of which may give one reason."""
+"""Why a session is not green, whatever pytest says: a list of small checks, each of which may give one reason.
+
+A session is green only if a verdict was given, a driver was named, and everything planned is accounted for. A test can't pass
+over a violation of its own run.
+"""
 
 from __future__ import annotations
 

@@ -1,6 +1,10 @@
 """The simulation loop: from a case to a run.
 
 In every step the state is sampled, every autopilot decides on that same state, then the world moves on by one step.
+
+So a run is deterministic, bit for bit. A collision, or a vehicle off its route, ends a run without a fault, because what would
+follow is no driving. An open obligation is then OPEN, and is held against the vehicle that ended the run. A vehicle past the end
+of its itinerary leaves the run (`Zone.GONE`).
 """
 
 from __future__ import annotations

@@ -4,6 +4,9 @@ What happens in a run depends on simulated time alone. Limits of real time only 
 all that would come after it. A thread looks at the runs under way and raises `TooLate` into what takes too long: in the main
 thread by a signal, which also ends waiting, elsewhere by the interpreter. Where that gets a driver to stop neither, because it
 catches everything or is stuck in C, the process ends, if the limits say so, and leaves its stacks on standard error.
+
+The signal is SIGURG, which is ignored by default, and no timer is used. So alarms stay free for drivers and plugins, and no
+system call is interrupted while a run is in time. The last resort is the timer of faulthandler, in sessions only.
 """
 
 from __future__ import annotations

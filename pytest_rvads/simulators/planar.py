@@ -1,4 +1,7 @@
-"""The simulators that ship: planar vehicle dynamics in a physics engine. They are ``bullet`` and ``mujoco``."""
+"""The simulators that ship: planar vehicle dynamics in a physics engine. They are ``bullet`` and ``mujoco``.
+
+Both are one loop over two makers of a `World`. Outcomes are the same on both, but equal bits hold within one engine only.
+"""
 
 from __future__ import annotations
 

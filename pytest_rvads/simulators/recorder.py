@@ -1,4 +1,8 @@
-"""The recorder: collects the states of a simulation and turns them into a run."""
+"""The recorder: collects the states of a simulation and turns them into a run.
+
+A run under way keeps numbers, not objects. Values that many runs share (itineraries, tracks, versions) are computed once per
+process and kept in bounded caches.
+"""
 
 from __future__ import annotations
 

@@ -2,6 +2,9 @@
 
 A seat asks its autopilot at the autopilot's own rate, holds the answer in between, lets nothing through that is not a
 command, and has the tracking controller drive what is not a control.
+
+A fault is what is no driving: an autopilot that raises or answers nonsense, or a world that fails. The fault ends the run and is
+kept in it. The states before the fault are judged: a violation stands, every other verdict is ERROR.
 """
 
 from __future__ import annotations

@@ -1,4 +1,8 @@
-"""Simulators: what makes a run of a case. One protocol, found by name."""
+"""Simulators: what makes a run of a case. One protocol, found by name.
+
+Callers make runs by `simulate` and speeds by `vmax`, which check the answer of a simulator against the question. The inner
+workings of a simulator are its own affair.
+"""
 
 from __future__ import annotations
 

@@ -23,7 +23,7 @@ def collect(pytester: pytest.Pytester, arguments: str, *options: str) -> pytest.
 
 
 def test_ids_are_these_for_ever(pytester: pytest.Pytester, brackets: Names) -> None:
-    # Written down by hand after ARCHITECTURE.md: ids key --lf, durations and dashboards, so they never change.
+    # Written down by hand after `scenarios/ids.py`: ids key --lf, durations and dashboards, so they never change.
     result = collect(pytester, 'scenarios=("2111", "1233"), cover="rotation", grid="D", rules=("p1", "p3")')
     assert brackets(result) == [
         f"stop4-{stem}-{rule}"

@@ -46,7 +46,7 @@ def test_listing_yields_as_many_classes_as_burnside_counts() -> None:
 
 
 def test_classes_of_the_paper_have_their_numbers() -> None:
-    # Classes 1 to 4 of the paper begin with these rows; ARCHITECTURE.md gives their numbers here.
+    # Classes 1 to 4 of the paper begin with these rows; their numbers here follow the order in `scenarios/ids.py`.
     rows = ("2111", "3111", "1233", "2121")
     assert [class_number(parse(row)) for row in rows] == [2, 3, 13, 8]
     assert class_number(parse("1133")) == 7

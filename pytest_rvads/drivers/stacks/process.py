@@ -1,4 +1,9 @@
-"""Autopilots that run as programs of their own."""
+"""Autopilots that run as programs of their own.
+
+Simulated time waits for a stack, so the speed of a stack decides nothing. Time limits are limits of real time and end in an
+ERROR. The computing time is in the provenance of the run. All processes that a stack started end with it, also if this process is
+killed.
+"""
 
 from __future__ import annotations
 

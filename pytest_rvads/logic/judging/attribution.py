@@ -1,4 +1,9 @@
-"""Derives the status of a rule on a run from its instances: which vehicle caused a violation, and which could not be avoided."""
+"""Derives the status of a rule on a run from its instances: which vehicle caused a violation, and which could not be avoided.
+
+A rule says which vehicle it binds, by its shape or by ``bound=``. With a subject, a rule passes only if an instance that was
+triggered bound the subject. PROVOKED follows from blame. UNAVOIDABLE is a circle of waiting, which is proven, or a bend in which
+a search finds no path that keeps the body in the lane.
+"""
 
 from __future__ import annotations
 

@@ -2,6 +2,10 @@
 
 A reading is a complete, consistent run. Changing single truth values instead could put a vehicle in two places at once. The order
 of events is judged in all its readings (`orders`); other instances are judged in a few readings at the limits of the accuracy.
+
+A definite verdict holds in every reading within the accuracy of the run: places, sizes or speeds are moved by three standard
+deviations. A verdict that a reading changes is UNSURE, which is neither red nor green. An exact run with simulated density has a
+single reading and costs nothing more.
 """
 
 from __future__ import annotations

@@ -1,4 +1,9 @@
-"""Rules on a run while it is being produced: one state at a time, in constant memory."""
+"""Rules on a run while it is being produced: one state at a time, in constant memory.
+
+Verdicts equal those of `check`, tick for tick, except UNSURE, which needs the whole run; so ``rvads check --follow`` judges the
+runs of vehicles that have left. If vehicles come and go, instances about one or two vehicles are kept as long as a violation can
+come. A rule about three vehicles at once needs the vehicles beforehand.
+"""
 
 from __future__ import annotations
 

@@ -2,6 +2,8 @@
 
 Both languages are LALR(1) grammars with the same operators and precedence: unary operators bind tightest, then U, W and R, then
 and, or, ``->``, ``<->``. The scope of a quantifier extends as far to the right as possible.
+
+lark is imported with the first rule.
 """
 
 from __future__ import annotations

@@ -1,4 +1,9 @@
-"""The open book of rules: of the running test, test file or session, or of the process if no session runs."""
+"""The open book of rules: of the running test, test file or session, or of the process if no session runs.
+
+A book is a value, and a desk is the place where a book lies open. The file of the registering code, and the scope of the fixture
+that runs it, decide for which tests a registration holds. The index of a session has every rule that is registered for more than
+one test or that judges a test. A second text under a name of the index is an error that names both places.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,9 @@
-"""The predicates and attributes of the rule language: a new predicate or attribute is one entry here."""
+"""The predicates and attributes of the rule language: a new predicate or attribute is one entry here.
+
+An entry is one value: sorts, truth on a run, signal for live monitors, static part, phrases, measured quantities, and the vehicle
+to blame. No other module knows a word by its name, except ``@``, which the grammar has. A user's word is the same kind of value.
+A rule holds its words, so judging looks no name up.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,8 @@
-"""The shipped rulebooks: ``paper``, the rules as published, and ``road``, the rules that bind a road user."""
+"""The shipped rulebooks: ``paper``, the rules as published, and ``road``, the rules that bind a road user.
+
+A rulebook runs the rules about the kind of junction at hand. A rule that a test names always runs, and is NA at junctions of
+other kinds.
+"""
 
 from __future__ import annotations
 

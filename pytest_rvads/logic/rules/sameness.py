@@ -1,4 +1,7 @@
-"""When two functions are the same: a module that is loaded again makes its functions anew, and two files may say the same."""
+"""When two functions are the same: a module that is loaded again makes its functions anew, and two files may say the same.
+
+Words are equal if their functions are the same in this sense. Atoms, by which results are kept, compare words by identity.
+"""
 
 from __future__ import annotations
 

@@ -2,6 +2,9 @@
 
 An exported file has a note (`Note`) with the facts that trajectories can't hold: the ways of the vehicles, the collisions and
 faults of the simulation, and the vehicle under test. Positions, times and speeds are read from the trajectories.
+
+A zone in the note counts only where a station is at a border to within rounding. Files of other tools are logs: their vehicles
+are matched, and a vehicle whose way can't be told is left out. Files of an export also hold the ways of vehicles that never move.
 """
 
 from __future__ import annotations

@@ -1,4 +1,8 @@
-"""A run as OpenSCENARIO XML: everybody on a trajectory, the lights as they were, the map beside."""
+"""A run as OpenSCENARIO XML: everybody on a trajectory, the lights as they were, the map beside.
+
+An exported run comes back with the same verdict. All motion is in the trajectories; a property of the file holds what
+trajectories can't express: ways, facts, collisions. Writing needs a library, reading needs none.
+"""
 
 from __future__ import annotations
 

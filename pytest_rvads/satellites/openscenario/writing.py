@@ -1,6 +1,8 @@
 """From a `Document` to XML, by the library scenariogeneration: the one module that knows it.
 
 The version is 1.2: the first whose file header holds properties, and to which every rule of ASAM's quality checker applies.
+
+The import of scenariogeneration takes a second, and happens only for an export; reading does not need the library.
 """
 
 from __future__ import annotations

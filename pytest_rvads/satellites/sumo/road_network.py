@@ -2,6 +2,8 @@
 
 An arm is an edge in, ``in0``, and one out, ``out0``, with a lane per entrance and exit. The edge in ends at the stopping line, so
 that SUMO's vehicles stop there; a connection with a shape of its own leads from there along the centre line of the movement.
+
+Because the network is made from the `Junction`, junctions of every map format can be driven in SUMO.
 """
 
 from __future__ import annotations

@@ -1,4 +1,8 @@
-"""The simulator ``sumo``: from a case to a run in which SUMO's own models drive the vehicles that `SumoDriver` is named for."""
+"""The simulator ``sumo``: from a case to a run in which SUMO's own models drive the vehicles that `SumoDriver` is named for.
+
+Every vehicle without `SumoDriver` is driven by its own driver and moved by our vehicle dynamics, because a verdict must be about
+the named driver. SUMO runs in another process, so a crash or a hang of SUMO costs one run.
+"""
 
 from __future__ import annotations
 

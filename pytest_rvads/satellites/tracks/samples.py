@@ -1,4 +1,7 @@
-"""Samples of the vehicles of a log, independent of the log's format: the value that readers return and that matching takes."""
+"""Samples of the vehicles of a log, independent of the log's format: the value that readers return and that matching takes.
+
+A bad row costs its vehicle, and a vehicle that passes no junction is left out. Every output counts both, with the reason.
+"""
 
 from __future__ import annotations
 
