@@ -102,14 +102,14 @@ def test_a_rule_that_can_not_judge_the_run_is_told_and_ends_nothing() -> None:
 
 
 def test_what_traffic_provoked_or_nobody_could_help_is_no_failure(monkeypatch: pytest.MonkeyPatch) -> None:
-    from pytest_rvads import failure_page
+    from pytest_rvads.report import run_record
 
     verdicts = {
         "a": Verdict("a", Status.FAIL, "a", provoked=True),
         "b": Verdict("b", Status.FAIL, "b", unavoidable=True),
         "c": Verdict("c", Status.OPEN, "c"),
     }
-    monkeypatch.setattr(failure_page, "check", lambda _, rule: verdicts[rule])
+    monkeypatch.setattr(run_record, "check", lambda _, rule: verdicts[rule])
     assert [status for _, status, _ in other_verdicts(driven(), "abc")] == ["OPEN", "UNAVOIDABLE", "PROVOKED"]
 
 

@@ -157,6 +157,7 @@ def test_queue_before_a_red_light(drive: Make) -> None:
     assert status(drive("light4", gap, 1500, ALL_RED), "progress") == ("FAIL", ("a0+1", "a0+2")), "15.1 m behind"
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize("colour", [Y, R])
 def test_front_over_the_line_at_a_light_that_is_not_green(drive: Make, colour: Colour) -> None:
     """It overran its line by 0.3 m; a right turn, which meets others 5 m later, or a straight way."""
