@@ -113,7 +113,7 @@ def idle(item: pytest.Item) -> None:
 
 
 def unused(config: pytest.Config) -> list[str]:
-    """Return a sentence for every mark of a known deficiency that matches no cell of any test where it stands."""
+    """Return a sentence for every mark `known` that matches no item of the marked tests."""
     noted = config.stash.get(_KNOWN, {}).items()
     return [f"{k.place}: {node}: {k} matches no cell of any of its tests" for k, (node, used) in noted if not used]
 

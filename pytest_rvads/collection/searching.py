@@ -43,8 +43,9 @@ def falsify(  # noqa: PLR0913 - keywords; a search has many settings
 ) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Make a test that looks for a scenario in which a rule is broken, and fails with the simplest one it finds.
 
-    The body of the test is called once nothing was found; its arguments are fixtures. What was found is kept in Hypothesis'
-    example database and tried first the next time. A rule that never was triggered was not tried, which is an error.
+    The body of the test runs after the search, and only if the search found no violation; its arguments are fixtures. A found
+    scenario is kept in Hypothesis' example database and tried first in the next session. A rule that was never triggered was not
+    tested, which is an error.
 
     Args:
         junction: built-in name, or id of a junction in ``map``; or the junction itself.

@@ -103,7 +103,7 @@ class Ways:
 
 
 _FAR = 1e6
-"""Distance of ways in their common table [m]."""
+"""Offset of the stations of each way against the stations of the way before it in a shared sorted table [m]."""
 
 
 def _ways(cast: Cast) -> Ways:

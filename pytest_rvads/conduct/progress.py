@@ -25,7 +25,7 @@ from pytest_rvads.runs.itineraries import LEAVE
 __all__ = ["BLOCKING_TIME", "CRAWL", "PASSED", "PATIENCE", "STUCK_TIME", "Lost", "blocks", "idles", "losses", "may_go"]
 
 PATIENCE = 10.0
-"""Whoever could go for this long and has not, impedes traffic [s]; laws give no number (StVO, section 3(2); CVC 22400(a))."""
+"""A vehicle that stands for this long although it could go impedes traffic [s]; laws give no number (StVO 3(2), CVC 22400(a))."""
 BLOCKING_TIME = 3.0
 """A vehicle that loses more time than this in the junction blocks it [s]."""
 STUCK_TIME = 1.0

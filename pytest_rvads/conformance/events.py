@@ -22,9 +22,9 @@ from pytest_rvads.scenarios.case import Case, Fleet
 __all__ = ["crossing", "gone_for_good", "passing", "running_into"]
 
 SPEED = 8.0
-"""How fast those drive who meet [m/s]."""
+"""Speed of the vehicles that meet [m/s]."""
 LATER = 8.0
-"""Who follows sets out so much later [s]: then who drives ahead is no longer in a bend, where it is slow."""
+"""Delay of the following vehicle's start [s]: by then the leading vehicle has left the bend, where it drives slowly."""
 GAP = 0.5
 """Between bodies that pass each other [m]."""
 NEAR = 0.2

@@ -27,7 +27,7 @@ _HEADER = re.compile(
     rb"'fortran_order': (True|False), 'shape': \(([\d, ]{0,60})\), } *\n",
     re.DOTALL,
 )
-"""Of an array in version 1 of the npy format, as numpy writes it; numpy's own reader evaluates it as Python."""
+"""Header of an array in version 1 of the npy format, as numpy writes it; numpy's reader evaluates the header as Python."""
 
 
 def unpack(content: bytes, most: int = MOST_BYTES) -> dict[str, NDArray[Any]]:

@@ -1,1 +1,1 @@
-"""What the main job does not need: each folder is found by the entry points that pyproject.toml declares for it."""
+"""Optional parts of the package, which `pytest` with built-in junctions does not need: a folder each, found by entry points."""

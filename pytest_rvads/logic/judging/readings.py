@@ -207,8 +207,8 @@ def _all_moved(run: Run, asks: Measured, patterns: Iterable[NDArray[np.float64]]
 def _patterns(run: Run) -> Iterator[NDArray[np.float64]]:
     """Yield patterns of signs: which agents are ahead of their measured station, and which are behind.
 
-    Agents of an entrance have the same sign. For any two entrances, a pattern has one entrance ahead and the other entrance
-    behind.
+    All agents of an entrance have the same sign. For any two entrances, at least one of the patterns puts the agents of the first
+    entrance ahead and the agents of the second entrance behind.
     """
     entrances = np.array([agent.entrance for agent in run.agents])
     for bit in range(max(ceil(log2(max(len(run.junction.entrances), 2))), 1)):

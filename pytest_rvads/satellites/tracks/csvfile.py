@@ -79,7 +79,7 @@ def rows_of(source: Source) -> Iterator[tuple[int, list[str]]]:
     A row is one line. Of a line that is no CSV, because a quote in it is not closed, no cells are yielded.
 
     Raises:
-        RunError: there are no names of columns, or something is too large.
+        RunError: the file has no row of column names, or a line or the number of columns exceeds its bound.
     """
     lines = (
         line.decode("utf-8-sig" if number == 0 else "utf-8", "replace") for number, line in enumerate(source.lines(_LONGEST))
