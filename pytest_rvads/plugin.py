@@ -255,7 +255,7 @@ def pytest_report_teststatus(report: pytest.CollectReport | pytest.TestReport) -
 
 
 def _opened(config: pytest.Config, context: AbstractContextManager[_T]) -> _T:
-    """Enter a context that lasts as long as the session."""
+    """Enter a context, and leave the context when the session ends."""
     stack = ExitStack()
     config.add_cleanup(stack.close)
     return stack.enter_context(context)

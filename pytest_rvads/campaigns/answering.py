@@ -1,4 +1,4 @@
-"""A case simulated and judged, in whatever process: what is asked travels with it, and who has other code answers nothing."""
+"""Simulates and judges a case in any process. The question travels with the case; a process with other code refuses to answer."""
 
 from __future__ import annotations
 
@@ -33,10 +33,10 @@ class Question:
     """What is asked of every case."""
 
     rules: tuple[str | Rule, ...]
-    """Shipped rules and rulebooks by name, others as they are."""
+    """Shipped rules and rulebooks as names, other rules as `Rule`."""
     simulator: Simulator
     limits: Limits
-    """Of real time."""
+    """Limits of real time."""
     code: str
     """Checksum of the package that asks."""
     versions: dict[str, str]
@@ -58,10 +58,10 @@ class Job:
 
 
 def judge(question: Question, job: Job) -> bytes:
-    """Return what all rules say of a case, a `Judged` in JSON; what can't be simulated or judged is an ERROR in it.
+    """Return the verdicts of all rules on a case, as a `Judged` in JSON; an error of simulating or judging is an ERROR in it.
 
     Raises:
-        RvadsError: this process has other code or other versions than the one that asks.
+        RvadsError: the code or the versions of this process differ from those of the asking process.
     """
     mine = _versions(tuple(question.versions))
     if (code(), mine) != (question.code, question.versions):
@@ -89,7 +89,7 @@ def judge(question: Question, job: Job) -> bytes:
 
 
 def _at_home(case: Case) -> Case:
-    """Return a case at its junction as that came first: every batch brings one, and caches would keep what they know of each."""
+    """Return a case with the first of equal junctions: every batch brings a copy of its junction, and caches are per copy."""
     place = _first(case.scenario.place)
     return case if place is case.scenario.place else case.but(place=place)
 

@@ -27,21 +27,21 @@ class Head(msgspec.Struct, frozen=True, kw_only=True):
     versions: dict[str, str]
     """Of what the results depend on: name to version."""
     cases: Count | None = None
-    """How many the campaign had; None until it came to its end."""
+    """Number of cases of the campaign; None until the campaign has ended."""
     results: Count = 0
-    """How many there were when it came to its end: who finds fewer lacks some."""
+    """Number of results at the end of the campaign; a file with fewer results is incomplete."""
     unfit: dict[str, int] = {}
     """Junction to how many cases were left out because a vehicle has no room where it would start."""
 
     def with_part(self, other: Head) -> Head:
-        """Return what holds of both; the whole has come to its end where both have."""
+        """Return the head of both parts together; it has ended if both parts have ended."""
         ended = None if self.cases is None or other.cases is None else max(self.cases, other.cases)
         unfit = {name: max(self.unfit.get(name, 0), other.unfit.get(name, 0)) for name in sorted({**self.unfit, **other.unfit})}
         drivers, results = self.drivers | other.drivers, max(self.results, other.results)
         return msgspec.structs.replace(self, drivers=drivers, cases=ended, results=results, unfit=unfit)
 
     def differs(self, other: Head) -> str:
-        """Return in words what another head says otherwise, or nothing; drivers that only one of them knows are no difference."""
+        """Return the differences to another head in words, or an empty text; drivers of a single head are no difference."""
         pairs = [(word, self.made.get(word), other.made.get(word)) for word in {**self.made, **other.made}]
         pairs += [(f"version of {name}", version, other.versions.get(name)) for name, version in self.versions.items()]
         pairs += [(f"code or values of {name}", told, other.drivers.get(name, told)) for name, told in self.drivers.items()]

@@ -19,11 +19,11 @@ class Judged(SimulatedItem, frozen=True, kw_only=True, omit_defaults=True, tag="
     """
 
     case: str
-    """Hash of the case: who has it already need not run it again."""
+    """Hash of the case; a case with a result is not run again."""
     number: Count = 0
-    """Its place among the cases of the campaign."""
+    """Position of the case in the campaign."""
     shape: str = ""
-    """Junction of the same shape at which the run was simulated, where it was not this one."""
+    """Junction of the same shape at which the run was simulated; empty if it was simulated at the junction of the case."""
     line: Count = 0
     test: str = ""
     rotation: Count = 0

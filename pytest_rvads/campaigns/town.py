@@ -103,7 +103,7 @@ class Town:
 
     @cached_property
     def shapes(self) -> tuple[Shape, ...]:
-        """The shapes of the junctions where something runs, as far as its runs reach."""
+        """The shapes of the junctions with planned runs, compared up to the distance that runs reach."""
         return shapes(self.plan.places, REACH)
 
     def judged(self, results: Iterable[Judged]) -> Iterable[Judged]:
@@ -209,7 +209,7 @@ def town_records(
 
 
 def tallied(judged: Iterable[Judged]) -> dict[str, JunctionTally]:
-    """Return by junction what came of it, in one pass."""
+    """Return the tally of every junction, in one pass over the results."""
     found: dict[str, JunctionTally] = {}
     for one in judged:
         found.setdefault(one.junction, JunctionTally()).add(one)

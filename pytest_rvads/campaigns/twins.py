@@ -1,7 +1,4 @@
-"""Cases that are the same up to a motion of the plane: one of them is simulated, and its result is told of each.
-
-The result is told of each case under the id of that case.
-"""
+"""Cases that are equal up to a motion of the plane: one case is simulated, and all cases get its result under their own ids."""
 
 from __future__ import annotations
 
@@ -25,7 +22,7 @@ _ENTRANCE = re.compile(r"\bentrance (\d+)\b")
 
 @dataclass(frozen=True, slots=True)
 class _At:
-    """A case, and that which is simulated in its place."""
+    """A planned case, with the equal case that is simulated instead."""
 
     planned: Planned
     case: Case
@@ -63,7 +60,7 @@ class Twins:
         return {at.planned.name: twins[0].case for twins in self._found.values() for at in twins if at.planned.name in names}
 
     def spread(self, results: Iterable[Judged]) -> Iterable[Judged]:
-        """Return the results of all cases; can be gone through as often as those of the simulated ones."""
+        """Return the results of all cases; the iterable can be repeated as often as `results`."""
         return _Spread(self._found, results)
 
 

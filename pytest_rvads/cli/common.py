@@ -53,7 +53,7 @@ def progress(done: int, total: int, what: str = "runs") -> None:
 
 
 def clear() -> None:
-    """Take the bar off the terminal, so that something else can be written there."""
+    """Erase the progress bar, so that a line can be printed in its place."""
     if sys.stderr.isatty():
         print("\r\x1b[K", end="", file=sys.stderr, flush=True)
 

@@ -50,7 +50,7 @@ class Question:
     kpis: bool = False
     """Whether indicators are asked for."""
     alone: bool = False
-    """Whether there is one file: its run has indicators where it is complete in itself."""
+    """Whether a single file is checked; then a run that is no excerpt has indicators."""
     pages: str | None = None
     """Folder of the pages of failures."""
 
@@ -154,7 +154,7 @@ class _Judge:
         return named_rules(self._question.rules)
 
     def __call__(self, part: _Part) -> Batch:
-        """Return what is said of a part of a file; what can't be read or judged is told in it, whatever it is."""
+        """Return the answers on a part of a file; an unreadable file or run gives an answer with the error."""
         try:
             runs = self._runs(part.file)
             total = len(runs)
@@ -223,7 +223,7 @@ class _Judge:
     def _pages(
         self, file: str, number: int, run: Run, rule: Rule, verdict: Verdict, given: Sequence[tuple[Rule, Verdict]]
     ) -> tuple[str, ...]:
-        """Write the replay pages of a verdict; return their names and the times at which they open, or why there is none."""
+        """Write the replay pages of a verdict; return their names with their opening times, or the reason for having no page."""
         if self._question.pages is None or verdict.status not in _SHOWN:
             return ()
         again = f"rvads check {quote(file)} --rules {rule.name}"

@@ -71,9 +71,9 @@ def _may_lose(block: Block) -> NDArray[np.float64]:
 
 @signal(needs=_known)
 def may_go(block: Block) -> NDArray[np.bool_]:
-    """Which vehicle could get on: its light or its turn allows it, and it waits only for vehicles that wait for it as well.
+    """Which vehicle could go: its light allows it, and it waits for no vehicle, or in a circle of waiting vehicles only.
 
-    Behind a vehicle that loses no time, in the queue before the junction, no vehicle loses time. A vehicle far down its exit road
+    In the queue before the junction, a vehicle behind a vehicle that loses no time could not go. A vehicle far down its exit road
     has arrived.
     """
     cast, near, slow = block.cast, block.cast.static(neighbours), _may_lose(block) > 0.0
@@ -111,8 +111,8 @@ def losses(
     Args:
         block: the states.
         part: the part of its way that every vehicle was in before the first state.
-        before: the sums of all that every vehicle had lost by then, shape ``(4, agents)`` [s].
-        gone: these sums when each loss last began anew, likewise.
+        before: the total of each of the four losses before the first state, shape ``(4, agents)`` [s].
+        gone: the total of each loss when the loss last began anew, shape ``(4, agents)`` [s].
     """
     speed, free, wait = np.abs(block.need("speed")), may_go(block), circles(block)
     rear = block.need("station") - block.cast.length
@@ -140,8 +140,8 @@ def losses(
 def idles(block: Block) -> NDArray[np.bool_]:
     """Which vehicle has lost more time than `PATIENCE` while it could go: before the junction, in it, or on its way out.
 
-    Or it has lost as much in a circle of vehicles that wait for each other, since that circle began. Each part of the way has a
-    patience of its own. A part is passed when the rear has left it by `PASSED`, wherever the vehicle goes then.
+    The time in a circle of vehicles that wait for each other is counted separately, from the beginning of the circle. The time is
+    counted anew in each part of the way. A part is passed as soon as the rear has left the part by `PASSED`.
     """
     lost: Lost = losses(block)
     found: NDArray[np.bool_] = np.maximum(lost.idle, lost.circle) > PATIENCE

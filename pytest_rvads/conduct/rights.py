@@ -64,7 +64,7 @@ PACE = 1.4
 GAP = 6.0
 """Behind a body that is this near ahead a vehicle need not go [m]."""
 ROOM = 2.5
-"""Room that a vehicle wants on its exit road behind a body that stands there, beside its own length [m]."""
+"""Room that a vehicle needs on its exit road behind a standing body, in addition to its length [m]."""
 
 
 def lights(cast: Cast) -> NDArray[np.bool_]:
@@ -161,8 +161,8 @@ def first_at_line(block: Block) -> NDArray[np.bool_]:
 def held(block: Block) -> NDArray[np.bool_]:
     """Which vehicle owes the way to a vehicle that comes or is first at its line.
 
-    A vehicle first at its line counts even where it is held itself, so that of vehicles that hold each other in a circle none
-    is due by standing there. At an all-way stop the order of arrival holds vehicles.
+    A held vehicle that is first at its line holds other vehicles too, so no vehicle of a circle is due by standing at its line.
+    At an all-way stop the order of arrival holds vehicles.
     """
     cast, first = block.cast, first_at_line(block)
     if block.junction.control is _ALL_WAY:

@@ -68,7 +68,7 @@ def contested(run: Run | Cast, one: int, two: int) -> Shared | None:
 def parting(junction: Junction, one: Key, two: Key) -> float:
     """Return the station up to which two movements from one entrance have no room beside each other [m].
 
-    It is infinite where they lead into the same exit.
+    The station is infinite for movements into the same exit.
 
     Raises:
         RunError: the run holds no geometry of its junction.
@@ -129,7 +129,7 @@ def _meeting_places(cast: Cast) -> Places:
 def meet(block: Block) -> NDArray[np.bool_]:
     """Which two vehicles are both on the stretch that their movements share.
 
-    Where both lead into the same exit they meet when one is beside the other, not when it follows.
+    Vehicles with movements into the same exit meet while they are side by side, not while one vehicle follows the other.
     """
     cast, both, at = block.cast, block.cast.static(meeting), block.cast.static(_meeting_places)
     front = block.need("station")

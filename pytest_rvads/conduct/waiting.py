@@ -1,4 +1,4 @@
-"""Which vehicle waits for which other vehicle, and which vehicles wait for each other in a circle."""
+"""The relation of waiting between vehicles, and the circles in it."""
 
 from __future__ import annotations
 
@@ -120,14 +120,14 @@ def _debts(block: Block) -> _Debts:
 
 @signal
 def at_line(block: Block) -> NDArray[np.bool_]:
-    """Which vehicle is before the junction and so near to its line that it may wait there."""
+    """Which vehicle is before the junction, and at most `AT_LINE` before its line."""
     found: NDArray[np.bool_] = (block.zone <= ENTRANCE) & (block.need("station") > block.cast.static(lines) - AT_LINE)
     return found
 
 
 @signal(pairs=partners)
 def due(block: Block) -> NDArray[np.bool_]:
-    """Which second vehicle is due where both ways meet: it comes, see `coming`, or is first at its line and may go.
+    """Which second vehicle is due at the shared stretch: the vehicle comes, see `coming`, or is first at its line and may go.
 
     A vehicle that waives its right is not due by standing at its line.
     """

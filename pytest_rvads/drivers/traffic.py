@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import partial
 
+from pytest_rvads.conduct.standing import TIE
 from pytest_rvads.drivers.interface import Factory
 from pytest_rvads.drivers.lgsvl import LgsvlLike
 from pytest_rvads.drivers.naming import in_ids
@@ -14,12 +15,10 @@ from pytest_rvads.drivers.rolling import RollingStop
 from pytest_rvads.drivers.sumo_driver import SumoDriver
 from pytest_rvads.errors import ScenarioError, suggest
 
-__all__ = ["DEFAULT", "EVERYWHERE", "POLICIES", "TIE", "Policy", "policy_name", "traffic"]
+__all__ = ["DEFAULT", "EVERYWHERE", "POLICIES", "Policy", "policy_name", "traffic"]
 
 DEFAULT = "reference"
 """The policy where none is named; ids leave it out."""
-TIE = 0.5
-"""What road users take for arriving at once, as the road rulebook does [s]."""
 POLICIES: dict[str, Factory] = {
     "reference": partial(Reference, tie=TIE),
     "hesitant": partial(Hesitant, tie=TIE),

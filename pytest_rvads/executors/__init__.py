@@ -1,7 +1,7 @@
-"""Work on any `concurrent.futures.Executor`: what a job depends on travels with it, so that any process gives the same result.
+"""Runs jobs on any `concurrent.futures.Executor`. A job travels with its inputs, so that every process gives the same result.
 
-A process may die of what it is given, or of something else. So what was under way is done again, and what was under way twice
-is done apart from everything else: only what ends a process of its own is lost, and costs nothing but itself.
+A worker process may die because of a job, or for another reason. So the jobs of a dead process run again. A job whose process
+died twice runs alone in a process: only a job that kills this process is lost.
 """
 
 from __future__ import annotations
@@ -32,17 +32,17 @@ def spread(
     progress: Progress | None = None,
     batch: int = 4,
 ) -> Generator[_Result, None, None]:
-    """Yield the result of every job, in order; what a job raises is raised in its place; close it to end early.
+    """Yield the result of every job, in order; an exception of a job is raised in its place. Closing the generator ends the work.
 
     Args:
-        work: a function of a module, so that other processes find it.
-        jobs: plain values.
-        executor: a number of processes, by default as many as there are processors; 1 is this one. Or any executor.
+        work: the function that runs a job; a function of a module, because other processes import the function by name.
+        jobs: the jobs, as values that can be pickled.
+        executor: number of processes, by default the number of processors; 1 is this process. Or any executor.
         progress: called after every job.
-        batch: jobs that a process gets at a time.
+        batch: number of jobs that a process gets at a time.
 
     Raises:
-        RvadsError: a job can't travel, ended its process, or the executor is gone.
+        RvadsError: a job can't be pickled, a job killed its process, or the executor was shut down.
     """
     known: dict[int, _Result | Failed] = {}
     due = 0
@@ -107,7 +107,7 @@ class _Parts(Iterator[Part]):
 
 
 def _flown(team: Team, parts: Iterator[Part]) -> Iterator[tuple[Part, list[Any]]]:
-    """Yield parts with their answers, as they come back; lost ones have gone out again."""
+    """Yield parts with their answers in the order of completion; the parts of dead processes are submitted again."""
     flying: dict[Future[Any], Part] = {}
     back: SimpleQueue[Future[Any]] = SimpleQueue()
     sent = count(1)

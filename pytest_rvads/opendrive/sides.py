@@ -1,4 +1,4 @@
-"""On which side traffic keeps: as the file states, or as its lanes prove.
+"""The side of the road on which traffic keeps: the side that the file states, or the side that its lanes prove.
 
 By the standard, a road without the attribute ``rule`` has right-hand traffic. Some writers leave the attribute out of maps
 with left-hand traffic, and some write a wrong value on connecting roads. The links and lanes of such a file are

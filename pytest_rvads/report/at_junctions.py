@@ -69,9 +69,9 @@ class AtJunction:
         self.counts: dict[str, Counter[Tallied]] = {}
         """By rule how many verdicts there are of a kind."""
         self.runs: set[str] = set()
-        """Those that were judged."""
+        """Hashes of the judged runs."""
         self.wrong: set[str] = set()
-        """Those in which something went wrong that was not known."""
+        """Runs with an unexpected failure."""
         self._recorded, self._totals, self._extent = isinstance(first, RecordedItem), totals, extent
         self._turns = extent.turns if extent else first.ways
         self._full = {"arms": _Full(), "lanes": _Full()}
@@ -158,7 +158,7 @@ class _Full:
         self._classes: set[int] = set()
         self._scenarios: set[str] = set()
         self._seated: set[tuple[str, int]] = set()
-        """As seen from its seat, equal scenarios are rotations of each other."""
+        """Scenarios as seen from the seat of the subject: rotations of a scenario give the same entry."""
 
     def add(self, record: SimulatedItem, turns: int) -> None:
         """Take in a record of a run at a junction with so many rotations."""

@@ -1,10 +1,10 @@
 """What changed since a baseline: an earlier report of the same tests.
 
-Items are compared by node id. A safety margin is a time: how long the bound vehicle waited beyond what its rule asks for, and of
-the item's run the shortest time to collision and post-encroachment time. Erosion is told per run: the rules that judge a run
-share its indicators, so that its first item stands for all of them.
+Items are compared by node id. A safety margin is a time: the margin of the bound vehicle against its rule, the shortest time to
+collision of the run, or the shortest post-encroachment time of the run. All items of a run share the indicators of the run, so
+erosion is reported once per run, for its first item.
 
-A fallen margin has eroded only where it matters: below a threshold of the literature.
+A margin that has fallen has eroded only below a threshold of the literature.
 """
 
 from __future__ import annotations
@@ -173,7 +173,7 @@ class _Eroded:
     """By margin; where items differ the deepest fall."""
 
     def add(self, falls: Iterable[tuple[str, _Fall]]) -> None:
-        """Take in what fell in one of its items."""
+        """Add the fallen margins of an item."""
         self.items += 1
         for name, (then, now) in falls:
             if name not in self.falls or then - now > self.falls[name][0] - self.falls[name][1]:

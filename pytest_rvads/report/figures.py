@@ -18,7 +18,7 @@ _LINES: tuple[tuple[str, tuple[tuple[str, str, _Pick, str], ...]], ...] = (
     ("nearest", (("time to collision", "ttc", min, "s"), ("post-encroachment time", "pet", min, "s"))),
     ("most", (("braking", "deceleration", max, "m/s^2"), ("waiting", "waiting", max, "s"), ("delay", "delay", max, "s"))),
 )
-"""Per line its first word, and per indicator what it is called, its name in the record, which one counts, its unit."""
+"""Per line: the first word, and its indicators, each with heading, field of the record, function that selects, and unit."""
 _PICKS = tuple((key, pick) for _, indicators in _LINES for _, key, pick, _ in indicators)
 
 
@@ -68,7 +68,7 @@ class Titles:
                 self._titles.setdefault(verdict.rule, verdict.title)
 
     def lines(self, most: int | None) -> list[str]:
-        """Return a line that names them, at most so many; none where all names say it."""
+        """Return a line with at most `most` rules and their titles; no line if no rule has a title besides its name."""
         told = [f"{rule} ({title})" for rule, title in sorted(self._titles.items())]
         return [f"rules: {first(told, most)}"] if told else []
 

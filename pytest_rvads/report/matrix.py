@@ -68,8 +68,8 @@ class Matrix:
     columns: tuple[tuple[str, str], ...]
     """(configuration, rule) of each column."""
     rows: tuple[tuple[str, tuple[Entry, ...]], ...]
-    """Classes with equal verdicts, and an entry per column; likewise of runs that were recorded. Where the test has further
-    parameters, those of one variant stand below each other, and its name before the classes."""
+    """Per row: a label of the classes or recordings with equal verdicts, and an entry per column. The rows of a variant stand
+    below each other, and their labels begin with the name of the variant."""
     members: tuple[tuple[int | str, ...], ...] = ()
     """Per row what `member_of` says of its records."""
     corner: str = "class"
@@ -86,11 +86,11 @@ class Matrix:
 
     @property
     def headings(self) -> list[str]:
-        """Configuration, where there is one, and rule of each column."""
+        """Headings of the columns: configuration and rule, or the rule alone for recorded runs."""
         return [f"{cfg} {rule}".lstrip() for cfg, rule in self.columns]
 
     def shortened(self, most: int) -> Matrix:
-        """Return the matrix with at most so many rows, and no long labels: those in which something is wrong, then the first."""
+        """Return the matrix with at most `most` rows and short labels; rows with a failure are kept before other rows."""
         wrong = [any(entry.bad or entry.known for entry in entries) for _, entries in self.rows]
         kept = sorted(sorted(range(len(self.rows)), key=lambda i: not wrong[i])[:most])
         variants = tuple(self.variants[i] for i in kept)

@@ -136,7 +136,7 @@ class _Item(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, tag_f
 
     @property
     def counts_as(self) -> Tallied:
-        """What sums count it as: its status, or None where that is a known failure."""
+        """The status for sums; None for a known failure."""
         return None if self.known else self.status
 
     @property
@@ -247,22 +247,21 @@ def conclude(  # noqa: PLR0913 - what pytest tells about the end of an item
     error: Outcome | None = None,
     late: bool = False,
 ) -> Record:
-    """Return the record of an item that is over.
+    """Return the record of a finished item.
 
     Args:
-        record: of the item so far.
+        record: the item's record so far.
         verdicts: the verdicts given, in order; the record holds them without their explanations.
-        when: phase of the report.
+        when: phase of pytest's report.
         outcome: pytest's outcome.
         known: reason of the xfail that matched, or None.
-        text: of the exception, or empty.
-        error: what a failure is that is no failed assertion: ERROR, NOT JUDGED where the test was to judge and did not, or
-            UNSURE where that is to fail.
+        text: text of the exception, or empty.
+        error: status of a failure that is no failed assertion: ERROR, NOT JUDGED for a test that asked for no verdict, or
+            UNSURE if the session lets UNSURE fail.
         late: whether the time budget of the session was used up before the item started.
 
-    The status is that of the verdicts, worst first. A test of a run without rule and monitor is PASS or FAIL by its
-    assertions, also where an xfail expected the latter. One that was skipped by somebody is NOT RUN; it never counts as a pass,
-    and no failed test as anything but a failure.
+    The status is the worst status of the verdicts. A test without rule and monitor is PASS or FAIL by its assertions, also if an
+    xfail expected the failure. A skipped test is NOT RUN. A failed test always counts as a failure.
     """
     given = tuple(replace(verdict, explanation="") for verdict in verdicts)
     worst = min((verdict.outcome for verdict in given), key=lambda found: found.severity, default=None)

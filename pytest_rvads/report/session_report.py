@@ -1,6 +1,6 @@
-"""What a session leaves behind: its records, what its tests asked for, under which versions, and what changed.
+"""The report of a session: records, planned items, versions, and the changes since a baseline.
 
-A report also holds time and command of the session, and what drove, with its file and a digest. No verdict depends on these.
+A report also holds the time and the command of the session, and the driver with its file and digest. No verdict depends on these.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ class Extent(Struct, frozen=True, kw_only=True, omit_defaults=True):
 
 
 class Drawn(Struct, frozen=True, array_like=True):
-    """That a test runs some of what it asks for."""
+    """The sample that a test runs of the runs or junctions that the test asks for."""
 
     test: str
     what: str
@@ -168,7 +168,7 @@ class Report:
     refused: dict[str, tuple[str, ...]] = field(default_factory=dict)
     """Why junctions that tests asked for among others, or movements there, are left out, to their names."""
     drawn: tuple[Drawn, ...] = ()
-    """Where tests ran only some of what they ask for; the rest is not planned."""
+    """Tests that ran only a sample of their runs; the remaining runs are not planned."""
     began: str = field(default="", compare=False)
     """Date and time at which the session began, with its time zone (ISO 8601)."""
     command: str = field(default="", compare=False)

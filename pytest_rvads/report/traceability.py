@@ -1,4 +1,4 @@
-"""Traceability: which requirement was judged by what, with which verdict, on which run."""
+"""Traceability: a table with requirement, test, rule, verdict and run of every item."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ def _row(cells: Iterable[object]) -> str:
 
 
 def _cell(value: object) -> object:
-    """Return a value such that a spreadsheet shows it: after an apostrophe nothing is computed."""
+    """Return a value for a spreadsheet: an apostrophe before a text keeps a spreadsheet from computing the text as a formula."""
     return _shown(value) if isinstance(value, str) else value
 
 

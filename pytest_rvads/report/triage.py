@@ -1,11 +1,11 @@
-"""Causes of failures: which of many failing items have one thing behind them.
+"""Causes of failures: groups the failing items that probably have the same fault behind them.
 
-One fault breaks several rules of a run: who enters too early also breaks the rules about those he meets. What broke first
-explains the rest, but for what other vehicles broke by themselves, and runs belong together in which the same was violated first,
-whoever it was. Grouping every failure by its own rule, violation and roles instead gave three times as many groups as faults,
-measured with mutants of the reference autopilot (tests/report/test_triage.py).
+One fault breaks several rules of a run: a vehicle that enters too early also breaks rules about the vehicles that it meets. The
+first violation of a run explains the later failures of the run, except the violations of other vehicles by themselves. Runs with
+the same first violation form a cause, whichever vehicle it was. Grouping every failure by rule, violation and roles instead gave
+three times as many groups as faults, measured with mutants of the reference driver (tests/report/test_triage.py).
 
-What no autopilot could have avoided explains nothing else and is a cause of its own.
+An unavoidable violation explains no other failure and is a separate cause.
 """
 
 from __future__ import annotations
@@ -30,9 +30,9 @@ _VARIANTS = 5
 _IDS = 1000
 """Items of a cause whose ids are kept; the rest is counted."""
 _GROUPS = 1000
-"""Causes that are told apart; what comes after them is one more."""
+"""Most causes that are distinguished; all further failures form one more cause."""
 _OPEN = 10_000
-"""Runs that may go on failing: of one that fails once more when so many others have begun to, that is a cause of its own."""
+"""Most failing runs that are kept open for further failures; a later failure of a closed run is grouped separately."""
 
 
 _SEATS = 3
@@ -69,11 +69,11 @@ class Cause:
     junctions: int = 0
     """At how many, where that is told."""
     title: str = ""
-    """Of the first of its rules, in words, where that was violated first."""
+    """Title of the first of the rules, if that rule was violated first."""
     variants: tuple[str, ...] = ()
-    """The variants of tests it concerns, where it leaves out some of them."""
+    """Variants of the test with this cause; empty if all variants have the cause."""
     seats: tuple[int, ...] = ()
-    """The seats of the subject that it concerns, where they are few, and other seats are tested as well."""
+    """Seats of the subject with this cause; empty if all tested seats, or more than a few seats, have the cause."""
 
     @property
     def rule(self) -> str:
@@ -286,7 +286,7 @@ def unsure() -> ByText:
 
 
 def known() -> ByText:
-    """Return what groups known failures by what they are known as."""
+    """Return an empty collector that groups known failures by their known deficiency."""
     return ByText(lambda record: record.known or None)
 
 

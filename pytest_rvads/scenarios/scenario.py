@@ -77,9 +77,9 @@ class Scenario:
     """
 
     place: Junction
-    """Where it happens."""
+    """The junction."""
     directions: tuple[int, ...]
-    """Per entrance before rotation: symbolic direction as of `Junction.by_direction`, 0 where nobody stands."""
+    """Per entrance before rotation: symbolic direction as of `Junction.by_direction`, 0 for an empty entrance."""
     distances: tuple[float, ...]
     """Per entrance before rotation: reference point to stopping line [m]."""
     speeds: tuple[float, ...]
@@ -92,9 +92,9 @@ class Scenario:
     aggression: int
     """Braking level 1, 2 or 3 of the plant."""
     wait: float
-    """The one random draw of autopilots that have one [s]."""
+    """Random draw for the drivers that use a draw [s]."""
     subject: int | None
-    """Entrance at which the vehicle under test is the first, where the others are traffic; else None."""
+    """Entrance at which the vehicle under test is the first vehicle; None if every vehicle is under test."""
     order: tuple[int, ...]
     """Entrances before rotation, in the order in which their vehicles are created."""
     senses: Senses
@@ -189,9 +189,9 @@ class Scenario:
 
     @property
     def orbit(self) -> str:
-        """Label of the least member of its class, where the number alone does not tell which one that is; else empty.
+        """Label of the least member of the scenario's class; empty if the number of the class identifies the class.
 
-        Numbers are those of scenarios with one vehicle on each arm, as long as these are meant by full ones.
+        Classes of scenarios with one vehicle on each arm are numbered.
         """
         orbits, number = _orbit(self.place, self.directions)
         if number and orbits == Orbits.at(self.place):
@@ -223,7 +223,7 @@ class Scenario:
 
     @property
     def under_test(self) -> str | None:
-        """Name of the vehicle under test where the others are traffic, else None."""
+        """Name of the vehicle under test in a scenario with traffic; None if every vehicle is under test."""
         return None if self.subject is None else self.place.vehicle_at(self.subject)
 
     def start(self, entrance: int) -> tuple[float, float]:
@@ -283,7 +283,7 @@ class Scenario:
                 )
 
     def _check_forks(self, starts: Sequence[_Start]) -> None:
-        """Check that vehicles of different entrances stand behind each other where their lanes are one."""
+        """Check that vehicles from entrances with a common lane start behind each other on that lane."""
         for (one, two), (here, there) in forks(self.place):
             # Measured from where the lanes part, upstream; whoever has left the common lane stands in nobody's way.
             lane = [(s.distance - here, s) for s in starts if s.entrance == one] + [

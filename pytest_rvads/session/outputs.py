@@ -69,7 +69,7 @@ class Outputs:
 
     @cached_property
     def journal(self) -> Journal:
-        """The journal, to which each record is appended as soon as its item ends."""
+        """The journal: the record of an item is appended when the item ends."""
         from pytest_rvads.report.journal import Journal
 
         journal = Journal(_first_json(self._reports))

@@ -10,11 +10,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from pytest_rvads.conduct.standing import TIE
 from pytest_rvads.drivers.give_way import GiveWay
 from pytest_rvads.drivers.interface import Observation
 from pytest_rvads.drivers.order import Queue
 from pytest_rvads.drivers.reference import Reference
-from pytest_rvads.drivers.traffic import EVERYWHERE, TIE, traffic
+from pytest_rvads.drivers.traffic import EVERYWHERE, traffic
 from pytest_rvads.drivers.way_ahead import Track
 from pytest_rvads.junctions.finder import find, load
 from pytest_rvads.junctions.junction import Junction

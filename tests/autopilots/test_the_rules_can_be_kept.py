@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from pytest_rvads.conduct.standing import TIE
 from pytest_rvads.drivers.reference import Reference
-from pytest_rvads.drivers.traffic import EVERYWHERE, TIE, traffic
+from pytest_rvads.drivers.traffic import EVERYWHERE, traffic
 from pytest_rvads.junctions.finder import find
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.rules.book import rules_for

@@ -56,7 +56,7 @@ class Board:
             del self._facts[key]
 
     def bodily(self, movers: Iterable[Mover]) -> frozenset[Fact]:
-        """Return the facts that are false as long as one of these vehicles is absent."""
+        """Return the facts that are false while any of these vehicles is absent."""
         return frozenset(fact for mover in movers for fact in self._bodily.get(mover, ()))
 
     def read(self) -> None:

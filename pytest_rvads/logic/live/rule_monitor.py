@@ -40,30 +40,30 @@ __all__ = ["RuleMonitor"]
 
 
 class RuleMonitor:
-    """Follows rules through a run that is not over: `step` says whether they can still be kept.
+    """Judges rules on a run while the run goes on: after every state the verdict says whether a rule can still be kept.
 
-    What atoms need of the past (waiting times, having stopped, time lost, ways taken) is carried along, so that a state costs
-    the same however long the run is. A predicate of your own sees one state only, unless it is given with `follow`. How a run
-    ended, and why, is for `check` to say once it is over.
+    Values that depend on earlier states (waiting times, stops, lost time, ways) are carried from state to state, so the cost of
+    a state does not grow with the run. A user's predicate sees a single state, unless the predicate has a `follow`. `check`
+    judges the end of a run, such as obligations that are still open.
 
-    With `agents` the vehicles are the same from the first state to the last, and `step` reads them. Without, they come and go:
-    `see` reads who is there, and instances are about vehicles that are there at the same time.
+    With `agents`, the same vehicles are present in all states, and `step` reads the states. Without `agents`, vehicles come and
+    go, and `see` reads the states; an instance is about vehicles that are present at the same time.
 
     Args:
-        rule: a rule or the name of one, a rulebook, or several of these; of a rulebook, the rules about this junction.
-        junction: where the vehicles drive.
-        agents: the vehicles, in the order of the columns that `step` gets; None: those that `see` gets.
+        rule: a rule, the name of a rule, a rulebook, or several of these; of a rulebook, the rules about this junction count.
+        junction: the junction.
+        agents: the vehicles, in the order of the columns that `step` takes; None for vehicles that come and go.
         dt: time between two states [s].
-        speed_limit: where the map states none [m/s], for rules that ask for it.
-        vehicle_size: length and width of the vehicles [m], likewise; one pair for all, or one for each.
-        book: to look the rule up in; by default the one that is open, with what you registered.
-        block: so many states are judged at once, which takes much less time for each. What happens in a state is told up to
-            ``block - 1`` states later, 0.09 s for ten states of 0.01 s, with the time of the state in which it happened; `see`
-            tells it earlier where a vehicle comes or goes, `flush` at once.
+        speed_limit: speed limit on roads for which the map states no limit [m/s]; only some rules need the limit.
+        vehicle_size: length and width of the vehicles [m]: a pair for all, or a pair per vehicle; only some rules need it.
+        book: the rulebook in which names are looked up; by default the open book, with your registered rules.
+        block: number of states that are judged together, which takes less time per state. A decision about a state is returned up
+            to ``block - 1`` states later, 0.09 s for ten states of 0.01 s, with the time of its state. `see` also judges
+            the waiting states when a vehicle comes or goes, and `flush` judges them at once.
 
     Raises:
-        FormulaError: an unknown rule, one whose monitor would be too large, or without `agents` one about three vehicles at once.
-        RunError: the rule is about another kind of junction, or a block without states.
+        FormulaError: a rule is unknown, its monitor would be too large, or it is about three vehicles and `agents` is None.
+        RunError: the rule is about another kind of junction, or `block` is below 1.
     """
 
     def __init__(  # noqa: PLR0913 - what a monitor has to know, the rarer part by keyword
@@ -102,7 +102,7 @@ class RuleMonitor:
         self._readings: dict[tuple[int, tuple[int, ...]], tuple[Machine, Reading]] = {}
         self._watches: dict[Watch, tuple[Mover, ...]] = {}
         self._pending = [0] * len(self.rules)
-        """Of every rule, how many watches there are."""
+        """Number of watches per rule."""
         self._broken: dict[Watch, tuple[Mover, ...]] = {}
         self._failed: set[int] = set()
         self._instances: Instances | None = None
@@ -110,21 +110,21 @@ class RuleMonitor:
         self._about: dict[Mover, dict[Watch, None]] = {}
         self._free: list[int] = []
         self.not_judged: dict[str, str] = {}
-        """Of several rules, those that ask for something that is not given, and what that is."""
+        """Names of the rules that can't be judged, because a value that the rule needs is not given, with the reason."""
 
     @property
     def rule(self) -> Rule:
-        """The rule, the first where there are several."""
+        """The rule, or the first of several rules."""
         return self.rules[0]
 
     @property
     def verdict(self) -> Truth:
-        """``F`` when an instance is violated, whatever follows; ``T`` when none can be any more; else ``?``."""
+        """``F`` if an instance is violated, ``T`` if no instance can be violated in any future, else ``?``."""
         return min(self.verdicts.values(), key=_WORST.index, default=Truth.UNKNOWN)
 
     @property
     def verdicts(self) -> dict[str, Truth]:
-        """The same of every rule, by its name; ``T`` only where the vehicles are known from the beginning."""
+        """The verdict of every rule, by name; a verdict can be ``T`` only if `agents` were given."""
         begun = self._now.tick >= 0 and self._agents is not None
         return {
             rule.name: Truth.FALSE if k in self._failed else Truth.UNKNOWN if self._pending[k] or not begun else Truth.TRUE
@@ -134,11 +134,11 @@ class RuleMonitor:
 
     @property
     def violated(self) -> tuple[dict[str, str], ...]:
-        """Of violated instances, what the variables of the rule stand for; without `agents`, as long as these are there."""
+        """The violated instances, each as its variables and their values; without `agents`, only those of present vehicles."""
         return tuple(_binding(watch.template, movers) for watch, movers in self._broken.items())
 
     def violated_of(self, rule: str) -> tuple[dict[str, str], ...]:
-        """Return the same of one of several rules, by its name."""
+        """Return the violated instances of the rule with a name, each as its variables and their values."""
         return tuple(_binding(w.template, movers) for w, movers in self._broken.items() if self.rules[w.rule].name == rule)
 
     def step(
@@ -155,15 +155,15 @@ class RuleMonitor:
 
         Args:
             zone: `Zone` of every agent, shape ``(agents,)``.
-            lights: `Colour` at every entrance, shape ``(entrances,)``; none by default.
-            station: along the itinerary, 0 at the entrance vertex, shape ``(agents,)`` [m].
-            speed: forward, shape ``(agents,)`` [m/s].
+            lights: `Colour` at every entrance, shape ``(entrances,)``; by default no entrance has a light.
+            station: station of every agent along its itinerary, 0 at the entrance vertex, shape ``(agents,)`` [m].
+            speed: forward speed of every agent, shape ``(agents,)`` [m/s].
             pose: x [m], y [m], heading [rad] of the reference points, shape ``(agents, 3)``.
-            collisions: pairs of vehicles that touch for the first time in this state, by name; empty when none do. None works
-                it out from poses and sizes.
+            collisions: names of the pairs of vehicles that touch for the first time in this state; None computes the collisions
+                from poses and sizes.
 
         Raises:
-            RunError: an array of another shape, or one missing that the rule asks for.
+            RunError: an array has another shape, or an array that the rule needs is missing.
         """
         if self._agents is None:
             raise RunError("step reads vehicles that are known beforehand: give RuleMonitor its agents, or call see")
@@ -183,18 +183,18 @@ class RuleMonitor:
         return Truth.FALSE if self._failed else self.verdict
 
     def see(self, vehicles: Iterable[Seen], lights: ArrayLike | None = None) -> tuple[Decided, ...]:
-        """Read who is there now and return what is decided by it, each instance once.
+        """Read the vehicles that are present in one state, and return the instances that are decided, each instance once.
 
-        A vehicle is there from the first state in which it is seen to the last one before a state in which it is not. Its zone
-        follows from its stations: a border between two zones is crossed once, as in recordings. What is decided is not kept.
+        A vehicle is present from the first state that holds the vehicle until a state without it. The zone of a vehicle follows
+        from its stations: a border between two zones is crossed once, as in recordings. Decided instances are not stored.
 
         Args:
-            vehicles: that are seen now.
-            lights: `Colour` at every entrance, shape ``(entrances,)``; none by default.
+            vehicles: the present vehicles.
+            lights: `Colour` at every entrance, shape ``(entrances,)``; by default no entrance has a light.
 
         Raises:
-            RunError: two vehicles of one name, a way that the junction does not have, a number that is not finite, or something
-                missing that the only rule asks for.
+            RunError: two vehicles have the same name, the junction has no way of a vehicle, a number is not finite, or a value
+                that the only rule needs is missing.
         """
         if self._agents is not None:
             raise RunError("see reads vehicles that come and go: call step, or make a RuleMonitor without agents")
@@ -212,7 +212,7 @@ class RuleMonitor:
         return decided if len(self._seen) < self._block else (*decided, *self.flush())
 
     def flush(self) -> tuple[Decided, ...]:
-        """Judge the states that wait for their block to be full, and return what `see` would return."""
+        """Judge the states of an incomplete block, and return the decided instances as `see` does."""
         states, seen, self._states, self._seen = self._states, self._seen, [], []
         if self._agents is not None and states:
             self._judge(states)
@@ -265,7 +265,7 @@ class RuleMonitor:
             raise RunError(f"vehicle {vehicle.agent.name!r}: the junction has no way {vehicle.agent.route.key}")
 
     def _enter(self, agent: Agent) -> Mover:
-        """Return a vehicle that was not there before, in the column that has been free for longest."""
+        """Return a new vehicle, in the column that has been free for the longest time."""
         now = self._now
         if self._size is not None and agent.size is None:
             agent = replace(agent, size=self._size)
@@ -317,7 +317,7 @@ class RuleMonitor:
                     self._about[mover][watch] = None
 
     def _give_up(self, number: int, reason: str) -> None:
-        """Judge by a rule no more, which asks for something that nobody gives."""
+        """Stop judging a rule that needs a value which is not given."""
         self.not_judged[self.rules[number].name] = reason
         for watch in [watch for watch in self._watches if watch.rule == number]:
             self._end(watch)
@@ -330,7 +330,7 @@ class RuleMonitor:
         return known[1]
 
     def _run_monitors(self) -> tuple[Decided, ...]:
-        """Step those monitors that have something to read, and return what they decide."""
+        """Step the monitors whose letter may have changed, and return the decided instances."""
         decided = []
         todo = self._queue[:]
         self._queue.clear()
@@ -361,7 +361,7 @@ class RuleMonitor:
             self._about.get(mover, {}).pop(watch, None)
 
     def _leave(self, gone: Sequence[Mover]) -> tuple[Decided, ...]:
-        """Return what is decided because vehicles have vanished, and forget them as soon as nothing depends on them."""
+        """Return the instances that are decided because vehicles have left, and drop vehicles without undecided instances."""
         decided = []
         for mover in gone:
             for watch in list(self._about[mover]):
@@ -382,7 +382,7 @@ class RuleMonitor:
 
 
 _SPARE = 4
-"""Columns that stay free for a while after their vehicle has left, so that its past need not be worked out at once."""
+"""Number of columns that stay free after their vehicles have left, before a new vehicle takes the oldest free column."""
 _NOWHERE = (math.nan,) * 6
 """Station, speed, pose and spread of a vehicle that is not there."""
 _WORST = (Truth.FALSE, Truth.UNKNOWN, Truth.TRUE)

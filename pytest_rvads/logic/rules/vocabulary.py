@@ -42,7 +42,7 @@ class Measured(StrEnum):
 
 
 MEASURED = (Measured.SIZES, Measured.SIDES, Measured.PACE, Measured.ALONG)
-"""What users' words turn on, as far as anybody knows."""
+"""The kinds of measurement on which a user's word depends unless the word states its kinds: all of them."""
 
 
 class FromZones(Enum):
