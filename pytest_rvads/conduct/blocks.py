@@ -237,6 +237,10 @@ class Block:
     def _carry(self, signal: Signal[Any]) -> tuple[NDArray[Any], ...]:
         """Return the carry of a signal at the end of the block before, in the columns of this block."""
         if self.previous is None:
+            if self.tick:
+                raise RuntimeError(
+                    f"{signal.work.__name__} depends on earlier states, and was not worked out on the block before"
+                )
             return _fresh(signal, self.cast, self.dt)
         signal(self.previous)
         carry, cast = self.previous.after[signal], self.previous.cast

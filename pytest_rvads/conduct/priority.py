@@ -137,6 +137,9 @@ def _debts(block: Block, before: NDArray[np.object_]) -> tuple[_Debts, NDArray[n
     """Follow all encounters, from the entry of the first vehicle on."""
     cast, both, entry = block.cast, block.cast.static(owing), entered(block)[-1]
     bound = _bound(block)
+    if not block.whole:
+        for carried in (brakes_hard, kept_by, starting, waives):  # a later encounter needs what happens in this block
+            carried(block)
     # If the later blocks of the run are known, only pairs bound in a later block and pairs that owed the way are followed on.
     later = _bound_later(block.next) if block.next is not None else frozenset()
     again = np.array([not block.whole or (cast.agents[a], cast.agents[b]) in later for a, b in both.column], dtype=np.bool_)

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from pytest_rvads.conduct.blocks import Block, Signal, Stream, as_blocks, signal
 from pytest_rvads.conduct.bodies import overlap
 from pytest_rvads.conduct.lane import off_lane, off_route
-from pytest_rvads.conduct.motion import advance, facing, inside, wt
+from pytest_rvads.conduct.motion import advance, entered, facing, inside, wt
 from pytest_rvads.conduct.priority import brakes_hard, obstructs, owes, unhindered
-from pytest_rvads.conduct.progress import Lost, losses, may_go
+from pytest_rvads.conduct.progress import Lost, blocks, idles, losses, may_go
 from pytest_rvads.conduct.rights import close_behind, held, kept_by, next_to_go, starting, waives
 from pytest_rvads.conduct.standing import arrived, leads, speeding, stands, stopped, waited
 from pytest_rvads.conduct.stretches import meet
@@ -98,8 +98,11 @@ def traffic(place: str, seed: int) -> Run:
     return Run("t", junction, tuple(agents), zone, lights, DT, station, speed, pose, facts=Facts(speed_limit=4.0))
 
 
-def fed(run: Run, size: int) -> Iterator[tuple[Sequence[int], slice, Block]]:
-    """Yield a run in blocks of at most `size` states, each with the columns of those who are there in all of its states."""
+def fed(run: Run, size: int, carried: Sequence[Signal[Any]] = CARRIED) -> Iterator[tuple[Sequence[int], slice, Block]]:
+    """Yield a run in blocks of at most `size` states, each with the columns of those who are there in all of its states.
+
+    The signals `carried` are worked out on every block.
+    """
     stream = Stream(run.junction, run.dt, run.facts)
     present = run.zone != Zone.ABSENT
     columns: list[int] | None = None
@@ -113,7 +116,7 @@ def fed(run: Run, size: int) -> Iterator[tuple[Sequence[int], slice, Block]]:
             stream.recast([run.agents[k] for k in there], [before.get(k) for k in there])
             columns = there
         arrays = {name: run.need(name)[part][:, there] for name in ("station", "speed", "pose")}
-        yield there, part, stream.feed(CARRIED, run.zone[part][:, there], run.lights[part], **arrays)
+        yield there, part, stream.feed(carried, run.zone[part][:, there], run.lights[part], **arrays)
         begin = part.stop
 
 
@@ -138,6 +141,25 @@ def test_signals_of_blocks_are_those_of_the_whole_run(place: str, size: int) -> 
         for quantity in SIGNALS:
             whole, parts = alone(run, quantity, there, part, block)
             assert np.array_equal(whole, parts, equal_nan=whole.dtype == np.float64), (quantity.work.__name__, part)
+
+
+@pytest.mark.parametrize("word", [owes, obstructs, idles, blocks, may_go], ids=lambda word: word.work.__name__)
+@pytest.mark.parametrize("place", PLACES)
+def test_a_word_works_out_all_signals_that_it_needs_later(place: str, word: Signal[Any]) -> None:
+    """As in a live monitor of one rule, nothing but the word is asked for, in blocks of one state."""
+    run = traffic(place, 1)
+    for there, part, block in fed(run, 1, [entered, word]):
+        whole, parts = alone(run, word, there, part, block)
+        assert np.array_equal(whole, parts), part
+
+
+def test_a_signal_with_a_carry_that_is_asked_for_too_late_is_refused() -> None:
+    run = traffic("stop4", 1)
+    stream = Stream(run.junction, run.dt, run.facts)
+    stream.recast(run.agents, [None] * len(run.agents))
+    states = [stream.feed([], run.zone[k : k + 1], run.lights[k : k + 1]) for k in range(2)]
+    with pytest.raises(RuntimeError, match="wt depends on earlier states"):
+        wt(states[1])
 
 
 @pytest.mark.parametrize("quantity", SIGNALS, ids=lambda quantity: quantity.work.__name__)
