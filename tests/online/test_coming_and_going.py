@@ -257,5 +257,6 @@ def test_block_of_states_of_vehicles_that_are_known_beforehand() -> None:
     assert blocks.flush() == ()
     assert single.violated == blocks.violated
     assert single.verdicts == blocks.verdicts
-    with pytest.raises(RunError, match="block must be a number of states from 1 on, got 0"):
-        RuleMonitor("full_stop", run.junction, block=0)
+    for block in (0, 1.5, "ten"):
+        with pytest.raises(RunError, match=f"block must be a whole number of states from 1 on, got {block!r}"):
+            RuleMonitor("full_stop", run.junction, block=block)  # type: ignore[arg-type]

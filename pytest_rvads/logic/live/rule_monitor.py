@@ -63,7 +63,7 @@ class RuleMonitor:
 
     Raises:
         FormulaError: a rule is unknown, its monitor would be too large, or it is about three vehicles and `agents` is None.
-        RunError: the rule is about another kind of junction, or `block` is below 1.
+        RunError: the rule is about another kind of junction, or `block` is no whole number from 1 on.
     """
 
     def __init__(  # noqa: PLR0913 - what a monitor has to know, the rarer part by keyword
@@ -84,8 +84,8 @@ class RuleMonitor:
                 kinds = " or ".join(one.kinds) + (" and several lanes on an arm" if one.lanes else "")
                 kinds += " and a lane that joins another one" if one.joining else ""
                 raise RunError(f"{one.name} is about junctions with {kinds}, this one has {junction.control}")
-        if block < 1:
-            raise RunError(f"block must be a number of states from 1 on, got {block!r:.20}")
+        if not isinstance(block, int) or block < 1:
+            raise RunError(f"block must be a whole number of states from 1 on, got {block!r:.20}")
         self._junction, self._block = junction, block
         self._states: list[State] = []
         self._seen: list[tuple[dict[str, Seen], list[int]]] = []
