@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from enum import StrEnum
-from typing import Literal
+from typing import Any, Literal, NamedTuple
 
 from pytest_rvads.wording import plural
 
@@ -16,62 +16,68 @@ BAD: tuple[Meaning, ...] = ("violated", "error", "flaky")
 """What means that something is wrong with the system under test or with its test."""
 
 
-class Outcome(StrEnum):
-    """Result of an item, in the order in which summaries count the results.
+class _Traits(NamedTuple):
+    """What reports have to know of an outcome."""
 
-    The value of a member is the spelling in reports. The attributes are severity, meaning, the text of a table cell, the style in
-    a terminal, the mark on a page, and pytest's word and letter if these differ from the default.
-    """
+    value: str
+    """The spelling in reports."""
+    severity: int
+    """0 is the worst result; the numbers have gaps for further outcomes."""
+    meaning: Meaning
+    """What the outcome says when a session is compared with an earlier session; ``idle``: nothing."""
+    cell: str
+    """The text of a table cell."""
+    style: str
+    """The style in a terminal, as rich spells it."""
+    mark: Mark
+    """The mark on a page."""
+    judges: bool = False
+    """Whether the outcome says something of the system under test; a session without any such outcome is not green."""
+    word: str = ""
+    """The words in sentences that count ("3 provoked by traffic"); by default the spelling inside a sentence."""
+    letter: str = ""
+    """The letter in pytest's line of progress, where pytest's own letter would mislead."""
+
+
+class Outcome(StrEnum):
+    """Result of an item, in the order in which summaries count the results; the value is the spelling in reports."""
 
     severity: int
-    """0 is the worst result; the numbers have gaps for further members."""
     meaning: Meaning
-    """What it says when a session is compared with an earlier one; ``idle``: nothing."""
     cell: str
     style: str
     mark: Mark
     judges: bool
-    """Whether something was found out about the system under test; a session without any such outcome is not green."""
     word: str
-    """In sentences that count: "3 provoked by traffic"."""
     letter: str
-    """In pytest's line of progress, where pytest's own would mislead."""
 
-    def __new__(  # noqa: PLR0913 - what distinguishes outcomes, written out per member
-        cls,
-        value: str,
-        severity: int = 0,
-        meaning: Meaning = "idle",
-        cell: str = "",
-        style: str = "",
-        mark: Mark = "none",
-        judges: bool = False,
-        word: str = "",
-        letter: str = "",
-    ) -> Outcome:
-        """Make a member; from outside, find the one with a spelling."""
+    def __new__(cls, *traits: Any) -> Outcome:
+        """Make a member from its traits."""
+        value, *rest = _Traits(*traits)
         member = str.__new__(cls, value)
         member._value_ = value
-        member.severity, member.meaning, member.cell, member.style, member.mark = severity, meaning, cell, style, mark
-        member.judges, member.letter = judges, letter
-        member.word = word or member.small
+        for name, trait in zip(_Traits._fields[1:], rest, strict=True):
+            setattr(member, name, trait)
+        member.word = member.word or member.small
         return member
 
-    PASS = "PASS", 70, "passed", "pass", "green", "good", True
-    FAIL = "FAIL", 20, "violated", "FAIL", "bold red", "bad", True
-    OPEN = "OPEN", 40, "violated", "OPEN", "yellow", "doubt", True
-    UNAVOIDABLE = "UNAVOIDABLE", 50, "passed", "unavoidable", "cyan", "doubt"
-    """Violated, and nobody could have kept the rule."""
-    PROVOKED = "PROVOKED", 60, "passed", "provoked", "cyan", "doubt", False, "provoked by traffic"
+    PASS = _Traits("PASS", severity=70, meaning="passed", cell="pass", style="green", mark="good", judges=True)
+    FAIL = _Traits("FAIL", severity=20, meaning="violated", cell="FAIL", style="bold red", mark="bad", judges=True)
+    OPEN = _Traits("OPEN", severity=40, meaning="violated", cell="OPEN", style="yellow", mark="doubt", judges=True)
+    UNAVOIDABLE = _Traits("UNAVOIDABLE", severity=50, meaning="passed", cell="unavoidable", style="cyan", mark="doubt")
+    """Violated, and no vehicle could have kept the rule."""
+    PROVOKED = _Traits(
+        "PROVOKED", severity=60, meaning="passed", cell="provoked", style="cyan", mark="doubt", word="provoked by traffic"
+    )
     """Violated or open by the doing of the traffic, not of the subject."""
-    UNSURE = "UNSURE", 65, "idle", "unsure", "blue", "doubt", False, "", "?"
+    UNSURE = _Traits("UNSURE", severity=65, meaning="idle", cell="unsure", style="blue", mark="doubt", letter="?")
     """Another reading of what was recorded, within its accuracy, would change the verdict."""
-    NA = "NA", 80, "idle", "NA", "dim", "none", False, "", "n"
-    ERROR = "ERROR", 0, "error", "ERROR", "bold magenta", "bad"
-    FLAKY = "FLAKY", 10, "flaky", "FLAKY", "bold magenta", "bad"
-    NOT_JUDGED = "NOT JUDGED", 30, "error", "NOT JUDGED", "bold magenta", "bad"
+    NA = _Traits("NA", severity=80, meaning="idle", cell="NA", style="dim", mark="none", letter="n")
+    ERROR = _Traits("ERROR", severity=0, meaning="error", cell="ERROR", style="bold magenta", mark="bad")
+    FLAKY = _Traits("FLAKY", severity=10, meaning="flaky", cell="FLAKY", style="bold magenta", mark="bad")
+    NOT_JUDGED = _Traits("NOT JUDGED", severity=30, meaning="error", cell="NOT JUDGED", style="bold magenta", mark="bad")
     """The test has a rule or a monitor and judged nothing."""
-    NOT_RUN = "NOT RUN", 90, "idle", "NOT RUN", "", "none", False, "", "-"
+    NOT_RUN = _Traits("NOT RUN", severity=90, meaning="idle", cell="NOT RUN", style="", mark="none", letter="-")
 
     @property
     def bad(self) -> bool:
@@ -90,17 +96,19 @@ class Outcome(StrEnum):
 
 
 Tallied = Outcome | None
-"""What verdicts are counted as; None: known failures."""
+"""What verdicts are counted as; None stands for known failures."""
 
 
 def told_in(counts: Mapping[Tallied, int]) -> list[Tallied]:
-    """Return what there is any of, in the order of sentences: known failures after what was found out, before what was not."""
-    found = [outcome for outcome in Outcome if outcome.judges or outcome.meaning == "passed"]
-    order = (*found, None, *(outcome for outcome in Outcome if outcome not in found))
-    return [one for one in order if counts.get(one)]
+    """Return the outcomes that were counted, in the order of sentences: verdicts, known failures, then all other outcomes."""
+    verdicts = [outcome for outcome in Outcome if outcome.judges or outcome.meaning == "passed"]
+    order = (*verdicts, None, *(outcome for outcome in Outcome if outcome not in verdicts))
+    return [outcome for outcome in order if counts.get(outcome)]
 
 
 def counted(counts: Mapping[Tallied, int]) -> str:
     """Return verdicts by status: ``3 pass, 1 known failure, 2 NA``."""
-    told = told_in(counts)
-    return ", ".join(plural(counts[one], "known failure") if one is None else f"{counts[one]:,} {one.word}" for one in told)
+    return ", ".join(
+        plural(counts[None], "known failure") if outcome is None else f"{counts[outcome]:,} {outcome.word}"
+        for outcome in told_in(counts)
+    )

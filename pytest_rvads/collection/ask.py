@@ -66,28 +66,35 @@ class Ask:
     requirement: tuple[str, ...]
 
     @classmethod
-    def of(cls, place: str, asked: Mapping[str, Any]) -> Ask:
-        """Check arguments as far as they can be without junction and session.
+    def of(cls, place: str, arguments: Mapping[str, Any], misspelt: Iterable[str]) -> Ask:
+        """Check the arguments of a mark as far as possible without junction and session.
+
+        Args:
+            place: file and line of the mark.
+            arguments: the keywords of `scenario` with their values.
+            misspelt: further keywords, which are refused.
 
         Raises:
             ScenarioError: an argument of a wrong type, an empty list, or arguments that exclude each other.
         """
-        checked = dict(asked)
-        for wrong in checked.pop("misspelt"):
+        checked = dict(arguments)
+        for wrong in misspelt:
             raise ScenarioError(f"@rvads.scenario takes {', '.join(checked)}, got {wrong!r}{suggest(wrong, checked)}")
-        refuse(asked)
-        check_numbers(asked["duration"], asked["aggression"], asked["wait"])
+        refuse(arguments)
+        check_numbers(arguments["duration"], arguments["aggression"], arguments["wait"])
         for name, (kind, what) in SEVERAL.items():
-            if not (name == "senses" and isinstance(asked[name], Mapping)):
-                checked[name] = several(name, asked[name], kind, what)
+            if not (name == "senses" and isinstance(arguments[name], Mapping)):
+                checked[name] = several(name, arguments[name], kind, what)
         kinds = checked.pop("junctions")
         checked |= {
             "junction": checked["junction"] or (EVERY,),
             "kinds": None if kinds is None else Kinds.of(kinds),
-            "distances": values_of("distances", asked["distances"]),
-            "speeds": values_of("speeds", asked["speeds"]),
-            "traffic": (None,) if asked["subject"] is None else policies_of(asked["traffic"]),
-            "senses": Senses.grid(asked["senses"]) if isinstance(asked["senses"], Mapping) else checked["senses"] or (IDEAL,),
+            "distances": values_of("distances", arguments["distances"]),
+            "speeds": values_of("speeds", arguments["speeds"]),
+            "traffic": (None,) if arguments["subject"] is None else policies_of(arguments["traffic"]),
+            "senses": Senses.grid(arguments["senses"])
+            if isinstance(arguments["senses"], Mapping)
+            else checked["senses"] or (IDEAL,),
             "requirement": checked["requirement"] or (),
             "followers": checked["followers"] or (0,),
         }

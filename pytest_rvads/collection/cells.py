@@ -17,13 +17,23 @@ if TYPE_CHECKING:
     from pytest_rvads.scenarios.scenario import Scenario
     from pytest_rvads.scenarios.selection import Selection
 
-__all__ = ["KEYS", "Cell", "Known", "RecordedCell", "Unfit", "cells_of", "runs_of"]
+__all__ = ["KEYS", "Cell", "Known", "RecordedCell", "Unfit", "cells_of", "run_name", "runs_of"]
 
 KEYS = ("junction", "cls", "scenario", "cfg", "rotation", "seat", "traffic", "recording", "rule")
 """Keywords that select cells, in ``-m "rvads(cls=7)"`` and in ``@rvads.known(cls=7)``."""
 
 Traced = tuple[str, ...]
 """Identifiers of requirements."""
+
+
+def run_name(nodeid: str, cell: Cell | RecordedCell) -> str:
+    """Return the id of an item without the rule, the name that all items of one run of a test share.
+
+    Args:
+        nodeid: pytest's id of the item.
+        cell: the run and the rule of the item.
+    """
+    return nodeid.replace(cell.id, cell.run)
 
 
 def _digest(rule: Rule | None) -> str:

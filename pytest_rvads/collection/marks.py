@@ -100,11 +100,34 @@ def scenario(  # noqa: PLR0913 - keywords, each an axis of its own
     Raises:
         ScenarioError: an argument that means nothing; pytest shows it with the line of the mark and without a traceback.
     """
-    asked, place = locals(), caller()
+    place = caller()
     from pytest_rvads.collection.ask import Ask  # reads rules, maps and drivers, which a session without marks does not need
 
+    arguments = {
+        "junction": junction,
+        "map": map,
+        "junctions": junctions,
+        "limit": limit,
+        "classes": classes,
+        "scenarios": scenarios,
+        "cover": cover,
+        "occupancy": occupancy,
+        "followers": followers,
+        "grid": grid,
+        "distances": distances,
+        "speeds": speeds,
+        "probe": probe,
+        "rules": rules,
+        "subject": subject,
+        "traffic": traffic,
+        "senses": senses,
+        "duration": duration,
+        "aggression": aggression,
+        "wait": wait,
+        "requirement": requirement,
+    }
     with told_at(place):
-        mark: pytest.MarkDecorator = pytest.mark.rvads_scenario(Ask.of(place, asked))
+        mark: pytest.MarkDecorator = pytest.mark.rvads_scenario(Ask.of(place, arguments, misspelt))
     return mark
 
 
@@ -134,11 +157,11 @@ def recorded(
         ... def test_drives(monitor, rule):
         ...     monitor.check(rule)
     """
-    asked, place = locals(), caller()
-    from pytest_rvads.collection.recordings import Recordings  # likewise
+    place = caller()
+    from pytest_rvads.collection.recordings import Recordings  # reads rules, which a session without marks does not need
 
     with told_at(place):
-        mark: pytest.MarkDecorator = pytest.mark.rvads_recorded(Recordings.of(place, asked))
+        mark: pytest.MarkDecorator = pytest.mark.rvads_recorded(Recordings.of(place, patterns, rules, requirement, misspelt))
     return mark
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import glob
 import os
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain, count
 from pathlib import Path
@@ -77,16 +77,22 @@ class Recordings:
     requirement: tuple[str, ...]
 
     @classmethod
-    def of(cls, place: str, asked: Mapping[str, Any]) -> Recordings:
-        """Check arguments as far as they can be without looking for files.
+    def of(cls, place: str, patterns: Sequence[Any], rules: Any, requirement: Any, misspelt: Iterable[str]) -> Recordings:
+        """Check the arguments of a mark as far as possible without looking for files.
+
+        Args:
+            place: file and line of the mark.
+            patterns: files, folders or patterns.
+            rules: rules or names of rules or rulebooks, one or several; None for ``"road"``.
+            requirement: identifiers of requirements, one or several, or None.
+            misspelt: further keywords, which are refused.
 
         Raises:
-            ScenarioError: an argument of a wrong type, or none.
+            ScenarioError: an argument of a wrong type, or no pattern.
         """
-        for wrong in asked["misspelt"]:
-            taken = [name for name in asked if name not in ("patterns", "misspelt")]
+        for wrong in misspelt:
+            taken = ("rules", "requirement")
             raise ScenarioError(f"@rvads.recorded takes patterns, {', '.join(taken)}, got {wrong!r}{suggest(wrong, taken)}")
-        patterns = asked["patterns"]
         if not patterns:
             raise ScenarioError("@rvads.recorded needs files to judge: give it one or several, such as 'drives/*.npz'")
         for pattern in patterns:
@@ -97,8 +103,8 @@ class Recordings:
         return cls(
             place=place,
             patterns=tuple(str(os.fspath(pattern)) for pattern in patterns),
-            rules=several("rules", asked["rules"], (str, Rule), "rules or names of rules or rulebooks"),
-            requirement=several("requirement", asked["requirement"], str, "identifiers of requirements") or (),
+            rules=several("rules", rules, (str, Rule), "rules or names of rules or rulebooks"),
+            requirement=several("requirement", requirement, str, "identifiers of requirements") or (),
         )
 
     def files(self, folder: Path) -> dict[Path, str]:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 import pytest
 
-from pytest_rvads.collection.cells import RecordedCell
+from pytest_rvads.collection.cells import RecordedCell, run_name
 from pytest_rvads.drivers.naming import stand_in
 from pytest_rvads.options import OPTIONS
 from pytest_rvads.outcome import Outcome
@@ -291,6 +291,6 @@ def _explanation(item: pytest.Item, verdict: Verdict, record: Record, report: py
         if shown.image:
             show(item, report, shown.image)
     if (exports := options.export) and run is not None:
-        name = item.nodeid.replace(cell.id, cell.run)
+        name = run_name(item.nodeid, cell)
         lines.append(f"export    {export(item, exports, name, run, verdict, options.map)}")
     return "\n".join((*lines, rerun)), page

@@ -131,8 +131,8 @@ def test_no_two_runs_of_a_file_are_called_the_same_and_ids_are_plain(labels: lis
             return [rvads.Run(label, place, (), none, none) for label in labels]
 
     place, none = rvads.find("stop4"), np.zeros((0, 0), dtype=np.int8)
-    asked = {"patterns": ("x",), "rules": None, "requirement": None, "misspelt": {}}
-    cells = list(Recordings.of("here", asked).cells([(Path("x"), "drive17")], Given(), takes_rule=False))
+    recordings = Recordings.of("here", patterns=("x",), rules=None, requirement=None, misspelt=())
+    cells = list(recordings.cells([(Path("x"), "drive17")], Given(), takes_rule=False))
     assert len({cell.id for cell in cells}) == max(len(labels), 1), "one that says so where there is none"
     assert all(re.fullmatch(r"drive17(-[A-Za-z0-9_.-]+)?", cell.id) for cell in cells)
 
