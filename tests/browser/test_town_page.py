@@ -6,10 +6,10 @@ from typing import Any
 
 import pytest
 
-from pytest_rvads.campaigns.town_page import Site, TownMap, town_page
-from pytest_rvads.campaigns.town_tally import CauseTally, JunctionTally
-from pytest_rvads.draw.town_picture import Spot, TownPicture
 from pytest_rvads.outcome import Outcome
+from pytest_rvads.satellites.campaigns.town_page import Site, TownMap, town_page
+from pytest_rvads.satellites.campaigns.town_picture import Spot, TownPicture
+from pytest_rvads.satellites.campaigns.town_tally import CauseTally, JunctionTally
 
 Chrome = Any  # of selenium.webdriver, which not everybody has
 HARM = "<img src=x onerror=alert(1)></script>"

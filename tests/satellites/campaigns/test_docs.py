@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-PAGE = (Path(__file__).parents[2] / "docs" / "many-machines.md").read_text(encoding="utf-8")
+PAGE = (Path(__file__).parents[3] / "docs" / "many-machines.md").read_text(encoding="utf-8")
 
 
 @pytest.mark.extended

@@ -12,13 +12,13 @@ from xml.etree import ElementTree
 
 import pytest
 
-from pytest_rvads.campaigns import answering, replays
 from pytest_rvads.cli import main
 from pytest_rvads.junctions.builtin import path_of
 from pytest_rvads.opendrive.writer import Layout, opendrive
 from pytest_rvads.outcome import Outcome
 from pytest_rvads.report.files import load
 from pytest_rvads.report.session_report import Report
+from pytest_rvads.satellites.campaigns import answering, town_output
 
 SHORT = ("-j", "1", "--grid", "B", "--subject", "none")
 
@@ -191,7 +191,7 @@ def test_a_driver_that_drives_otherwise_every_time_is_flaky(
 def test_of_many_causes_the_first_of_every_junction_are_drawn(
     capsys: pytest.CaptureFixture[str], folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(replays, "MOST", 1)
+    monkeypatch.setattr(town_output, "MOST", 1)
     _, out, _ = ran(capsys, "stop3.xodr", "stop4.xodr", "--autopilot", "lgsvl", *SHORT, "--sample", "4")
     assert "causes have no replay: the first 1 were drawn" in out
     assert len([*(folder / "rvads-town/replays").iterdir()]) == 1

@@ -5,10 +5,10 @@ from itertools import permutations
 import pytest
 from msgspec import structs
 
-from pytest_rvads.campaigns.judged import Judged
-from pytest_rvads.campaigns.town_tally import JunctionTally, cell
 from pytest_rvads.logic.judging.verdicts import Status, Verdict
 from pytest_rvads.outcome import Outcome
+from pytest_rvads.satellites.campaigns.judged import Judged
+from pytest_rvads.satellites.campaigns.town_tally import JunctionTally, cell
 
 
 def result(name: str, *outcomes: Outcome, violated: str = "a left too early", cfg: str = "A") -> Judged:

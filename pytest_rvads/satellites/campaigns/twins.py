@@ -9,9 +9,9 @@ from typing import Any
 
 import msgspec
 
-from pytest_rvads.campaigns.judged import Judged
-from pytest_rvads.campaigns.shapes import Member, Shape, twin
-from pytest_rvads.campaigns.town_plan import Plan, Planned
+from pytest_rvads.satellites.campaigns.judged import Judged
+from pytest_rvads.satellites.campaigns.shapes import Member, Shape, twin
+from pytest_rvads.satellites.campaigns.town_plan import Plan, Planned
 from pytest_rvads.scenarios.case import Case
 
 __all__ = ["Twins"]

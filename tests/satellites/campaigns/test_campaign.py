@@ -18,11 +18,11 @@ import pytest
 from numpy.typing import NDArray
 
 import pytest_rvads as rvads
-from pytest_rvads.campaigns import answering
-from pytest_rvads.campaigns.judged import Judged
 from pytest_rvads.cli import main
 from pytest_rvads.drivers.interface import Observation
 from pytest_rvads.outcome import Outcome
+from pytest_rvads.satellites.campaigns import answering
+from pytest_rvads.satellites.campaigns.judged import Judged
 from pytest_rvads.simulators.patience import Limits
 
 FEW = 6
@@ -186,7 +186,7 @@ class Renamed:
 
 
 def test_a_file_that_is_written_to_is_not_written_to_by_another_campaign(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from pytest_rvads.campaigns import resultsfile
+    from pytest_rvads.satellites.campaigns import resultsfile
 
     monkeypatch.setattr(resultsfile, "_PATIENCE", 0.0)
     path = tmp_path / "results.jsonl"

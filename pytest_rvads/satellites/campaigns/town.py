@@ -12,13 +12,6 @@ from typing import Any
 
 import msgspec
 
-from pytest_rvads.campaigns.judged import Judged
-from pytest_rvads.campaigns.shapes import REACH, Shape, shapes
-from pytest_rvads.campaigns.town_page import Site, TownMap
-from pytest_rvads.campaigns.town_plan import Asked, Plan
-from pytest_rvads.campaigns.town_tally import JunctionTally
-from pytest_rvads.campaigns.twins import Twins
-from pytest_rvads.draw.town_picture import spot, town_picture
 from pytest_rvads.errors import MapError
 from pytest_rvads.junctions.choosing import Choice, Kinds, choose_among
 from pytest_rvads.junctions.finder import load, name_of
@@ -29,6 +22,13 @@ from pytest_rvads.report.record import Record
 from pytest_rvads.report.run_record import by_rule
 from pytest_rvads.report.session_report import Drawn
 from pytest_rvads.runs.measured import Divergence
+from pytest_rvads.satellites.campaigns.judged import Judged
+from pytest_rvads.satellites.campaigns.shapes import REACH, Shape, shapes
+from pytest_rvads.satellites.campaigns.town_page import Site, TownMap
+from pytest_rvads.satellites.campaigns.town_picture import spot, town_picture
+from pytest_rvads.satellites.campaigns.town_plan import Asked, Plan
+from pytest_rvads.satellites.campaigns.town_tally import JunctionTally
+from pytest_rvads.satellites.campaigns.twins import Twins
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.selection import TOO_SHORT, TOO_TIGHT
 from pytest_rvads.wording import first, plural

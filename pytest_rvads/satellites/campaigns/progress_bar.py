@@ -13,6 +13,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from pytest_rvads import executors
+from pytest_rvads.cli.common import warn
 
 __all__ = ["progressing"]
 
@@ -52,4 +53,4 @@ class _Lines:
         tenth = 10 * done // max(total, 1)
         if tenth > self._told and done:
             self._told = tenth
-            print(f"{done}/{total} {self._what}", file=sys.stderr, flush=True)
+            warn(f"{done}/{total} {self._what}")

@@ -7,9 +7,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from urllib.parse import quote
 
-from pytest_rvads.campaigns.town_tally import JunctionTally, TownMark, cell
-from pytest_rvads.draw.town_picture import Spot, TownPicture
 from pytest_rvads.outcome import Outcome
+from pytest_rvads.satellites.campaigns.town_picture import Spot, TownPicture
+from pytest_rvads.satellites.campaigns.town_tally import JunctionTally, TownMark, cell
 from pytest_rvads.webpage import webpage
 from pytest_rvads.wording import markup, quoted
 
@@ -105,7 +105,7 @@ def town_page(  # noqa: PLR0913 - the content of the page
     }
     told = "".join(f'<li class="note">{markup(note)}' for note in notes)
     return webpage(
-        "pytest_rvads.campaigns",
+        "pytest_rvads.satellites.campaigns",
         "town_page",
         title,
         content,

@@ -7,11 +7,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Literal
 
-from pytest_rvads.campaigns.judged import Judged
 from pytest_rvads.outcome import Mark, Outcome
 from pytest_rvads.report.record import Record
 from pytest_rvads.report.run_record import by_rule
 from pytest_rvads.report.triage import Cause, causes, gravity, provoked, unavoidable, unsure
+from pytest_rvads.satellites.campaigns.judged import Judged
 
 __all__ = ["CauseTally", "JunctionTally", "TownMark", "cell"]
 

@@ -9,10 +9,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pytest_rvads.campaigns.campaign import campaign
-from pytest_rvads.campaigns.shapes import Member, Shape, shapes, twin
-from pytest_rvads.campaigns.town_plan import Asked, Plan
-from pytest_rvads.campaigns.twins import Twins
 from pytest_rvads.drivers.lgsvl import LgsvlLike
 from pytest_rvads.errors import ScenarioError
 from pytest_rvads.junctions.builtin import LAYOUTS, path_of
@@ -21,6 +17,10 @@ from pytest_rvads.junctions.junction import Junction, cross
 from pytest_rvads.logic.check import check
 from pytest_rvads.maps.control import Sign
 from pytest_rvads.maps.segment import Segment, Turn
+from pytest_rvads.satellites.campaigns.campaign import campaign
+from pytest_rvads.satellites.campaigns.shapes import Member, Shape, shapes, twin
+from pytest_rvads.satellites.campaigns.town_plan import Asked, Plan
+from pytest_rvads.satellites.campaigns.twins import Twins
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.configurations import configuration
 from pytest_rvads.scenarios.scenario import Scenario

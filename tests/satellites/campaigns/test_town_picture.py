@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pytest_rvads.draw.town_picture import simplified, spot, town_picture
 from pytest_rvads.junctions.builtin import path_of
 from pytest_rvads.junctions.finder import load
+from pytest_rvads.satellites.campaigns.town_picture import simplified, spot, town_picture
 
 coordinates = st.floats(-1000, 1000, allow_nan=False)
 lines = st.lists(st.tuples(coordinates, coordinates), min_size=2, max_size=30).map(np.array)

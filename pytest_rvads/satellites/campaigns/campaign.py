@@ -2,33 +2,41 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sized
 from concurrent.futures import Executor
 from contextlib import closing
+from dataclasses import asdict
 from functools import partial
+from hashlib import sha256
 from itertools import chain
-from typing import Any
+from typing import Any, NamedTuple
 
 import msgspec
 
-from pytest_rvads.campaigns.answering import Job, Question, judge, undecided
-from pytest_rvads.campaigns.head import Head
-from pytest_rvads.campaigns.keys import Keys, bodies
-from pytest_rvads.campaigns.resultsfile import Results
 from pytest_rvads.decoding import encode
 from pytest_rvads.drivers.identity import identity
+from pytest_rvads.drivers.interface import Factory
+from pytest_rvads.drivers.naming import called
+from pytest_rvads.drivers.traffic import policy_name
 from pytest_rvads.errors import FormulaError, RvadsError, ScenarioError, require
 from pytest_rvads.executors import ExecutorGone, Failed, Progress, gathered
 from pytest_rvads.logic.rules.book import SHIPPED, get_rule, is_rulebook, rules_for
 from pytest_rvads.logic.rules.rule import Rule
-from pytest_rvads.scenarios.case import Case
+from pytest_rvads.satellites.campaigns.answering import Job, Question, judge, undecided
+from pytest_rvads.satellites.campaigns.head import Head
+from pytest_rvads.satellites.campaigns.resultsfile import Results
+from pytest_rvads.scenarios.case import Case, Fleet
 from pytest_rvads.simulators.choice import choice
 from pytest_rvads.simulators.simulator import Simulator, meant
 from pytest_rvads.versions import code, versions
 
-__all__ = ["campaign"]
+__all__ = ["Keys", "campaign"]
+
+_MOST = 64
+"""Most drivers that are cached; a campaign often has one driver, and never thousands."""
 
 
 def campaign(  # noqa: PLR0913 - keywords; a campaign has many settings
@@ -194,3 +202,49 @@ def _head(question: Question, keys: Keys, first: Case | None) -> Head:
         made |= {"driver": known.name, "bodies": bodies(first.fleet)}
         drivers[known.name] = known.identity
     return Head(made=made, drivers=drivers, versions=question.versions)
+
+
+class Known(NamedTuple):
+    """Name and identity of a driver."""
+
+    made: Factory
+    """The driver, kept alive so that its id() cannot be reused for another object."""
+    name: str
+    policy: str
+    """Name of the driver in ids if it drives the traffic."""
+    identity: str
+
+
+class Keys:
+    """Computes the hashes of cases; names and identities of drivers are computed once."""
+
+    def __init__(self, simulator: Simulator) -> None:
+        self._simulator = simulator.name, identity(simulator)
+        self._known: dict[int, Known] = {}
+
+    def known(self, driver: Factory) -> Known:
+        """Return name and identity of a driver."""
+        found = self._known.get(id(driver))
+        if found is None:
+            if len(self._known) >= _MOST:
+                self._known.clear()
+            found = Known(driver, called(driver), policy_name(driver), identity(driver))
+            self._known[id(driver)] = found
+        return found
+
+    def of(self, case: Case) -> str:
+        """Return the SHA-256 of everything that decides the run of a case, without the path of its map and names of files."""
+        scenario = case.scenario
+        told = {**scenario.record(), "map": None, "place": scenario.place.digest}
+        drivers = [made and self.known(made)[1:] for made in (case.driver, case.traffic)]
+        whole = [told, drivers, _fleet(case.fleet), self._simulator]
+        return sha256(json.dumps(whole, sort_keys=True).encode("utf-8", "surrogatepass")).hexdigest()
+
+
+def bodies(fleet: Fleet) -> str:
+    """Return a digest of a fleet."""
+    return sha256(json.dumps(_fleet(fleet), sort_keys=True).encode()).hexdigest()[:12]
+
+
+def _fleet(fleet: Fleet) -> list[Any]:
+    return [asdict(fleet.vehicle), {name: asdict(vehicle) for name, vehicle in fleet.others.items()}]

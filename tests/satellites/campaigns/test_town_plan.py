@@ -6,13 +6,13 @@ from typing import Any
 
 import pytest
 
-from pytest_rvads.campaigns.town import Town
-from pytest_rvads.campaigns.town_plan import Asked, Plan
 from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.drivers.traffic import Policy
 from pytest_rvads.junctions.choosing import Choice
 from pytest_rvads.junctions.finder import find
 from pytest_rvads.junctions.junction import Junction
+from pytest_rvads.satellites.campaigns.town import Town
+from pytest_rvads.satellites.campaigns.town_plan import Asked, Plan
 
 ASKED = Asked(Reference)
 

@@ -8,7 +8,6 @@ from functools import lru_cache
 
 import msgspec
 
-from pytest_rvads.campaigns.judged import Judged
 from pytest_rvads.conduct.kpis import kpis
 from pytest_rvads.decoding import encode
 from pytest_rvads.errors import RvadsError
@@ -16,6 +15,7 @@ from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.logic.rules.book import rules_for
 from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.report.run_record import of_run, sentence, unjudged, verdict_by
+from pytest_rvads.satellites.campaigns.judged import Judged
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.ids import run_id
 from pytest_rvads.simulators.choice import Choice, choosing

@@ -14,13 +14,13 @@ from typing import TYPE_CHECKING, Any
 
 from pytest_rvads.cli import executor_options
 from pytest_rvads.cli.common import Subparsers, say, terminable, warn
-from pytest_rvads.cli.town_output import Order, written
 from pytest_rvads.errors import AutopilotError, RvadsError, ScenarioError
 from pytest_rvads.report.session_report import NOTHING_JUDGED
 from pytest_rvads.wording import plural
 
 if TYPE_CHECKING:
-    from pytest_rvads.campaigns.town import Town
+    from pytest_rvads.satellites.campaigns.town import Town
+    from pytest_rvads.satellites.campaigns.town_output import Order
 
 __all__ = ["declare"]
 
@@ -139,13 +139,14 @@ def _driver(options: argparse.Namespace) -> Iterator[Any]:
 
 def _understood(options: argparse.Namespace, driver: Any) -> Order:
     """Return the order that the options describe; errors in the options are raised before anything runs."""
-    from pytest_rvads.campaigns.town import Town
-    from pytest_rvads.campaigns.town_plan import Asked
     from pytest_rvads.drivers.traffic import DEFAULT, Policy
     from pytest_rvads.logic.rules.book import rules_for
     from pytest_rvads.logic.rules.rulefile import load_rules
     from pytest_rvads.maps.control import JunctionControl
     from pytest_rvads.report.files import fitting
+    from pytest_rvads.satellites.campaigns.town import Town
+    from pytest_rvads.satellites.campaigns.town_output import Order
+    from pytest_rvads.satellites.campaigns.town_plan import Asked
     from pytest_rvads.scenarios.configurations import grid
     from pytest_rvads.scenarios.scenario import check_followers
     from pytest_rvads.simulators.simulator import meant, named
@@ -246,9 +247,10 @@ def _nothing(town: Town) -> int:
 
 def _judged(order: Order, options: argparse.Namespace, folder: Path, executor: Executor | int | None) -> int:
     """Simulate and judge the runs, write all results even of an interrupted campaign, and return the exit status."""
-    from pytest_rvads.campaigns.campaign import campaign
-    from pytest_rvads.campaigns.resultsfile import Results
-    from pytest_rvads.cli.progress_bar import progressing
+    from pytest_rvads.satellites.campaigns.campaign import campaign
+    from pytest_rvads.satellites.campaigns.progress_bar import progressing
+    from pytest_rvads.satellites.campaigns.resultsfile import Results
+    from pytest_rvads.satellites.campaigns.town_output import written
 
     town = order.town
     path = None if options.only else folder / f"results-{_digest(order, options)}.jsonl"

@@ -14,8 +14,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import pytest_rvads as rvads
-from pytest_rvads.campaigns.keys import Keys
 from pytest_rvads.drivers.identity import identity, source
+from pytest_rvads.satellites.campaigns.campaign import Keys
 
 STOP = rvads.find("stop4")
 BASE: dict[str, Any] = {"place": STOP, "directions": "1133"}

@@ -19,14 +19,14 @@ from typing import cast
 import msgspec
 import numpy as np
 
-from pytest_rvads.campaigns.head import FORMAT, VERSION, Head
-from pytest_rvads.campaigns.judged import Glance, Judged
 from pytest_rvads.decoding import decode, encode
 from pytest_rvads.errors import RvadsError
 from pytest_rvads.report.anew import Anew
 from pytest_rvads.report.record import Record
 from pytest_rvads.report.run_record import by_rule
 from pytest_rvads.report.session_report import NOTHING_JUDGED, UNFINISHED, Report
+from pytest_rvads.satellites.campaigns.head import FORMAT, VERSION, Head
+from pytest_rvads.satellites.campaigns.judged import Glance, Judged
 from pytest_rvads.storage import open_file
 
 try:
