@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from itertools import groupby
@@ -14,11 +14,10 @@ import msgspec
 
 from pytest_rvads.decoding import encode
 from pytest_rvads.outcome import Tallied, counted
-from pytest_rvads.report.files import FORMATS, fitting
+from pytest_rvads.report.files import FORMATS, fitting, write
 from pytest_rvads.report.markdown import section
 from pytest_rvads.report.matrix import SAME, Entry, Matrix
 from pytest_rvads.report.side_by_side import Ruled, Shared, SideBySide, changed, differing
-from pytest_rvads.storage import write_file
 from pytest_rvads.webpage import webpage
 from pytest_rvads.wording import first, one_line, plural
 
@@ -65,9 +64,7 @@ def save(path: Path, found: SideBySide) -> None:
         OSError: the file can't be written.
     """
     own = _FORMATS.get(fitting(path).suffix)
-    text = own(found) if own else FORMATS[path.suffix](found.later, path.parent)
-    pieces: Iterable[str] = [text] if isinstance(text, str) else text
-    write_file(path, (piece.encode("utf-8", "backslashreplace") for piece in pieces))
+    write(path, own(found) if own else FORMATS[path.suffix](found.later, path.parent))
 
 
 def sections(found: SideBySide, most: int | None = None) -> Iterator[Section]:
