@@ -19,7 +19,7 @@ from pytest_rvads.logic.judging.verdicts import InstanceVerdict, Status, Verdict
 __all__ = ["VERSION", "Output", "line", "measured", "output", "unsure"]
 
 VERSION = 1
-"""Of the lines of ``--jsonl``. The object of ``--json`` has a member per run and no other."""
+"""Version of the object of ``--json`` and of the lines of ``--jsonl``."""
 _KPIS = "(kpis)"
 """Where the indicators of a run stand beside its rules in JSON; no rule can be called so."""
 _LISTED = {Status.FAIL: "violated", Status.OPEN: "open", Status.UNSURE: "unsure"}
@@ -105,15 +105,14 @@ class _Object(Output):
     """One JSON object, written piece by piece: runs are not held until the last is judged."""
 
     def __init__(self) -> None:
-        self._before = "{"
+        self._put(f'{{"version": {VERSION}')
 
     def run(self, label: str, answer: RunAnswer) -> None:
         told = _verdicts(answer) | ({} if answer.kpis is None else {_KPIS: answer.kpis.record()})
-        self._put(f"{self._before}\n{json.dumps(label)}: {json.dumps(told)}")
-        self._before = ","
+        self._put(f",\n{json.dumps(label)}: {json.dumps(told)}")
 
     def close(self) -> None:
-        self._put("{}\n" if self._before == "{" else "\n}\n")
+        self._put("\n}\n")
 
     def _put(self, text: str) -> None:
         sys.stdout.write(text)

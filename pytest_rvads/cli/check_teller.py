@@ -33,7 +33,8 @@ class Teller:
 
     def __init__(self, options: argparse.Namespace, totals: Totals, files: int, reports: Sequence[Path], *, alone: bool) -> None:
         self._totals, self._files, self._alone, self._verbose = totals, files, alone, options.verbose
-        self._labels, self._output = set[str](), output(options, alone, totals)
+        self._labels = {"version"}  # the member of the JSON object that is no run
+        self._output = output(options, alone, totals)
         self._reports, self._records = reports, Spool()
         # A program that reads JSON may read standard error together with it.
         self._bar = sys.stderr.isatty() or not (options.json or options.jsonl)

@@ -5,9 +5,10 @@ from __future__ import annotations
 from pytest_rvads.cli.common import warn
 from pytest_rvads.cli.run_answers import RunAnswer
 from pytest_rvads.logic.judging.verdicts import Status
+from pytest_rvads.outcome import Outcome
 from pytest_rvads.report.at_junctions import AtJunctions
 from pytest_rvads.report.rollup import sums
-from pytest_rvads.report.session_report import NOTHING_JUDGED, UNFINISHED
+from pytest_rvads.report.session_report import NOTHING_JUDGED, exit_status
 from pytest_rvads.wording import plural
 
 __all__ = ["Totals"]
@@ -63,11 +64,8 @@ class Totals:
     @property
     def status(self) -> int:
         """The exit status."""
-        if self.troubles:
-            return UNFINISHED
-        if not self._statuses & {Status.PASS, Status.FAIL, Status.OPEN}:
-            return NOTHING_JUDGED
-        return 1 if self._statuses & {Status.FAIL, Status.OPEN} else 0
+        # A rule that is violated is violated, whether or not somebody could have kept it.
+        return exit_status({Outcome(status.value) for status in self._statuses}, whole=not self.troubles)
 
     def exit_status(self, *, told: bool) -> int:
         """Return the exit status; if a program reads the verdicts (`told`), the statuses 1 and 5 are not used."""

@@ -47,6 +47,10 @@ class _Judgement(msgspec.Struct):
     unavoidable: bool = False
     provoked: bool = False
 
+    @property
+    def outcome(self) -> Outcome:
+        return Outcome.UNAVOIDABLE if self.unavoidable else Outcome.PROVOKED if self.provoked else self.status
+
 
 class Glance(msgspec.Struct):
     """What of a `Judged` is needed to know which ones a file has."""

@@ -21,10 +21,11 @@ import numpy as np
 
 from pytest_rvads.decoding import decode, encode
 from pytest_rvads.errors import RvadsError
+from pytest_rvads.outcome import Outcome
 from pytest_rvads.report.anew import Anew
 from pytest_rvads.report.record import Record
 from pytest_rvads.report.run_record import by_rule
-from pytest_rvads.report.session_report import NOTHING_JUDGED, UNFINISHED, Report
+from pytest_rvads.report.session_report import Report, exit_status
 from pytest_rvads.satellites.campaigns.head import FORMAT, VERSION, Head
 from pytest_rvads.satellites.campaigns.judged import Glance, Judged
 from pytest_rvads.storage import open_file
@@ -67,7 +68,7 @@ class Results:
         self._known: set[bytes] = set()
         self._index = array("q"), array("q"), array("q"), array("q")
         """Per result the number of its case, the beginning of the hash of that, where its line begins, how long it is."""
-        self._bad = self._judged = False
+        self._outcomes: set[Outcome] = set()
         try:
             self.head = self._begun(head)
         except BaseException:
@@ -130,9 +131,7 @@ class Results:
         for column, value in zip(self._index, (seen.number, int.from_bytes(key[:7]), place, len(line)), strict=True):
             column.append(value)
         self.verdicts += len(seen.verdicts)
-        for given in seen.verdicts:
-            self._bad |= given.status.bad and not (given.unavoidable or given.provoked)
-            self._judged |= given.status.judges
+        self._outcomes.update(given.outcome for given in seen.verdicts)
         return True
 
     def add(self, line: bytes) -> None:
@@ -197,9 +196,7 @@ class Results:
     @property
     def exitstatus(self) -> int:
         """As of sessions: 0 if all is well, 1 if something is wrong, 2 if it is not `complete`, 5 if nothing was judged."""
-        if not self.complete:
-            return UNFINISHED
-        return 1 if self._bad else 0 if self._judged else NOTHING_JUDGED
+        return exit_status(self._outcomes, whole=self.complete)
 
     def report(self, again: str = "") -> Report:
         """Return what a session would report of it; its records are those of `records`.

@@ -14,8 +14,9 @@ from pytest_rvads.executors import Failed, Progress, gathered
 from pytest_rvads.failure_page import failure_pages
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.rules.rule import Rule
+from pytest_rvads.outcome import Outcome
 from pytest_rvads.report.files import save
-from pytest_rvads.report.session_report import NOTHING_JUDGED, UNFINISHED
+from pytest_rvads.report.session_report import exit_status
 from pytest_rvads.runs.measured import Divergence
 from pytest_rvads.satellites.campaigns.progress_bar import progressing
 from pytest_rvads.satellites.campaigns.resultsfile import Results
@@ -67,7 +68,8 @@ def written(order: Order, results: Results, folder: Path, executor: Executor | i
         [f"INCOMPLETE: {cut or 'results are missing'}, {missing} runs have no result: run it again to go on"] if missing else []
     )
     notes += [*town.notes(), *replays.notes]
-    status = _status(tallies, missing, flaky=bool(replays.flaky))
+    outcomes = {outcome for tally in tallies.values() for outcome in tally.outcomes}
+    status = exit_status(outcomes | ({Outcome.FLAKY} if replays.flaky else set()), whole=not missing)
     report = replace(
         results.report(again=order.again),
         records=town_records(judged, {key: f"{folder / page}" for key, page in replays.looks.items()}, replays.flaky),
@@ -90,16 +92,6 @@ def written(order: Order, results: Results, folder: Path, executor: Executor | i
         say(note)
     say(f"look: {folder / 'town.html'}")
     return status
-
-
-def _status(tallies: Mapping[str, JunctionTally], missing: int, *, flaky: bool) -> int:
-    """Return the exit status, as of a session."""
-    found = {outcome for tally in tallies.values() for outcome in tally.outcomes}
-    if missing:
-        return UNFINISHED
-    if flaky or any(outcome.bad for outcome in found):
-        return 1
-    return 0 if any(outcome.judges for outcome in found) else NOTHING_JUDGED
 
 
 @dataclass(frozen=True, slots=True)
