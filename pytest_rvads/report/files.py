@@ -24,8 +24,6 @@ from pytest_rvads.storage import read_file, write_file
 
 __all__ = ["FORMATS", "MOST", "append_summary", "fitting", "load", "read", "save", "write"]
 
-Content = str | bytes | Iterable[str | bytes]
-"""The content of a file: a text, bytes, or pieces of a content that may be longer than memory."""
 
 VERSION = 5
 MOST = 2**28
@@ -63,8 +61,8 @@ def save(path: Path, report: Report) -> None:
     write(path, FORMATS[fitting(path).suffix](report, path.parent))
 
 
-def write(path: Path, content: Content) -> None:
-    """Write the content of a report.
+def write(path: Path, content: str | bytes | Iterable[str | bytes]) -> None:
+    """Write the content of a report: a text, bytes, or pieces of a content that may be longer than memory.
 
     Raises:
         OSError: the file can't be written.
@@ -136,7 +134,7 @@ def _added(name: str, report: Report, folder: Path) -> Any:
     return load_entry("reports", name)(report, folder)
 
 
-FORMATS: dict[str, Callable[[Report, Path], Content]] = {
+FORMATS: dict[str, Callable[[Report, Path], Any]] = {
     ".json": lambda report, _: _json(report),
     ".html": page,
     ".md": lambda report, _: markdown(report),
@@ -144,7 +142,7 @@ FORMATS: dict[str, Callable[[Report, Path], Content]] = {
     ".xml": lambda report, _: junit(report),
     **{f".{name}": partial(_added, name) for name in entries("reports")},
 }
-"""Per suffix, a function that returns the content of a report's file, given the folder of the file, from which links lead.
+"""Per suffix, a function that returns the content of a file for `write`, given the report and the folder from which links lead.
 
 Formats of other packages are entry points ``rvads.reports``, named by the suffix.
 """

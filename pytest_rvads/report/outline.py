@@ -22,7 +22,7 @@ from pytest_rvads.report.session_report import Comparison, Report
 from pytest_rvads.report.triage import ByText, Cause, causes, idle, known, provoked, unavoidable, unsure
 from pytest_rvads.wording import plural, quoted
 
-__all__ = ["FAILURES", "Block", "Causes", "Changes", "Figures", "Head", "Notes", "RollUp", "Verdicts", "outline"]
+__all__ = ["FAILURES", "Block", "Causes", "Changes", "Figures", "Head", "Notes", "RollUp", "Section", "Verdicts", "outline"]
 
 FAILURES = "causes of failures"
 """Title of the block that groups failures, which no format folds."""
@@ -135,6 +135,19 @@ class Figures(_Lines):
     """Extreme values, coverage and durations."""
 
     title: str = "coverage"
+
+
+@dataclass(frozen=True, slots=True)
+class Section:
+    """A part of a comparison of two reports: lines, or a table that says the same."""
+
+    title: str
+    lines: tuple[str, ...]
+    columns: tuple[str, ...] = ()
+    rows: tuple[tuple[tuple[str, str], ...], ...] = ()
+    """The cells of the table: texts with the mark ``good``, ``bad`` or an empty mark."""
+    side: bool = False
+    """Whether the part stands beside another one where there is room."""
 
 
 Block = Notes | Head | Changes | RollUp | Verdicts | Causes | Figures

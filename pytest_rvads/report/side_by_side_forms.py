@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from functools import partial
 from itertools import groupby
 from pathlib import Path
@@ -16,28 +16,19 @@ from pytest_rvads.decoding import encode
 from pytest_rvads.outcome import Tallied, counted
 from pytest_rvads.report.files import FORMATS, fitting, write
 from pytest_rvads.report.markdown import section
-from pytest_rvads.report.matrix import SAME, Entry, Matrix
+from pytest_rvads.report.matrix import Entry, Matrix
+from pytest_rvads.report.outline import Section
+from pytest_rvads.report.page import rendered
 from pytest_rvads.report.side_by_side import Ruled, Shared, SideBySide, changed, differing
-from pytest_rvads.webpage import webpage
 from pytest_rvads.wording import first, one_line, plural
 
-__all__ = ["Section", "save", "sections", "text"]
+__all__ = ["save", "sections", "text"]
 
 _TITLE = "rvads: two sessions side by side"
 _MOST = 10
 """Most lines of a section, and most tables, that a terminal shows; the others are counted."""
 _LINE = 2000
 """Most characters of a line on a terminal."""
-
-
-@dataclass(frozen=True, slots=True)
-class Section:
-    """A section: lines, and for a table also its cells, each with the mark ``good``, ``bad`` or an empty mark."""
-
-    title: str
-    lines: tuple[str, ...]
-    columns: tuple[str, ...] = ()
-    rows: tuple[tuple[tuple[str, str], ...], ...] = ()
 
 
 def text(found: SideBySide, width: int) -> str:
@@ -75,7 +66,7 @@ def sections(found: SideBySide, most: int | None = None) -> Iterator[Section]:
         most: most lines of a section, most tables, and most changes of a kind; the others are counted.
     """
     for letter, side in (("A", found.a), ("B", found.b)):
-        yield Section(f"{letter}: {side.name}", (*(f"note: {note}" for note in side.notes), *side.head))
+        yield Section(f"{letter}: {side.name}", (*(f"note: {note}" for note in side.notes), *side.head), side=True)
     if found.comparison.versions:
         yield Section("versions that differ", found.comparison.versions)
     changes = replace(found.comparison, versions=())
@@ -186,15 +177,13 @@ def _cut(lines: list[str], most: int | None) -> list[str]:
 
 
 def _page(found: SideBySide) -> str:
-    parts = [{"title": part.title, "lines": part.lines, "columns": part.columns, "rows": part.rows} for part in sections(found)]
-    return webpage("pytest_rvads.report", "side_by_side_forms", _TITLE, {"same": SAME, "parts": parts})
+    return rendered(_TITLE, sections(found), {})
 
 
 def _markdown(found: SideBySide) -> str:
     lines = [f"# {_TITLE}"]
     for part in sections(found):
-        rows = [[text for text, _ in cells] for cells in part.rows]
-        lines += ["", *section(part.title, part.lines, part.columns, rows)]
+        lines += ["", *section(part)]
     return "\n".join(lines) + "\n"
 
 

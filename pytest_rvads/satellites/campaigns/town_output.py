@@ -16,6 +16,7 @@ from pytest_rvads.logic.check import check
 from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.outcome import Outcome
 from pytest_rvads.report.files import save
+from pytest_rvads.report.outline import Figures, Head, Notes, outline
 from pytest_rvads.report.session_report import exit_status
 from pytest_rvads.runs.measured import Divergence
 from pytest_rvads.satellites.campaigns.progress_bar import progressing
@@ -82,8 +83,9 @@ def written(order: Order, results: Results, folder: Path, executor: Executor | i
         unfit={place.name: found.scenarios for place in town.plan.places if (found := town.plan.left_out(place))},
     )
     title = f"rvads town: {', '.join(map.stem for map in town.maps)}"
-    told = [*notes, *(f"{one.taken:,} of {one.total:,} {one.what} drawn, seed {one.seed}" for one in report.drawn)]
-    page = town_page(title, told, town.pictures(), town.sites(), tallies, replays.looks, order.again)
+    drawn = (f"{one.taken:,} of {one.total:,} {one.what} drawn, seed {one.seed}" for one in report.drawn)
+    blocks = [Notes((*notes, *drawn)), *(block for block in outline(report) if isinstance(block, Head | Figures))]
+    page = town_page(title, blocks, town.pictures(), town.sites(), tallies, replays.looks, order.again)
     write_file(folder / "town.html", page.encode())
     for path in (folder / "town.json", *order.reports):
         save(path, report)

@@ -1,5 +1,5 @@
 const town = JSON.parse(document.getElementById("data").textContent), page = 200;
-const get = id => document.getElementById(id), view = get("view"), root = document.documentElement.dataset;
+const view = get("view");
 const bodies = {good: "M-9 0a9 9 0 1 0 18 0a9 9 0 1 0 -18 0", bad: "M-8.5 -8.5h17v17h-17z", doubt: "M0 -11.5L11.5 0L0 11.5L-11.5 0z",
   error: "M-10 -6L0 -11L10 -6V6L0 11L-10 6z", none: "M-8 0a8 8 0 1 0 16 0a8 8 0 1 0 -16 0"};
 const signs = {good: "M-4 0L-1 3.2L4.2 -3.6", bad: "M-3.8 -3.8L3.8 3.8M3.8 -3.8L-3.8 3.8", doubt: "M0 -5.5V1.5M0 5V5.2", error: "M3.6 -4.6H-3V4.6H3.6M-3 0H2.6", none: "M-3.2 0H3.2"};
@@ -194,8 +194,6 @@ get("more").onclick = () => { shown += page; list(); };
 town.maps.forEach((one, number) => { make("option", get("map"), one.name).value = number; });
 get("map").hidden = town.maps.length < 2;
 town.legend.forEach(([state, text]) => { const line = make("li", get("legend")); icon(line, state); line.append(text); });
-root.theme = matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light";
-get("theme").onclick = () => { root.theme = root.theme === "dark" ? "light" : "dark"; };
 addEventListener("hashchange", choose);
 addEventListener("resize", show);
 list();

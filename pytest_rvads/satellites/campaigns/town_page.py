@@ -8,9 +8,10 @@ from dataclasses import dataclass
 from urllib.parse import quote
 
 from pytest_rvads.outcome import Outcome
+from pytest_rvads.report.outline import Block
+from pytest_rvads.report.page import rendered
 from pytest_rvads.satellites.campaigns.town_picture import Spot, TownPicture
 from pytest_rvads.satellites.campaigns.town_tally import JunctionTally, TownMark, cell
-from pytest_rvads.webpage import webpage
 from pytest_rvads.wording import markup, quoted
 
 __all__ = ["Site", "TownMap", "state", "town_page", "worst_first"]
@@ -76,7 +77,7 @@ def worst_first(sites: Sequence[Site], tallies: Mapping[str, JunctionTally]) -> 
 
 def town_page(  # noqa: PLR0913 - the content of the page
     title: str,
-    notes: Sequence[str],
+    blocks: Sequence[Block],
     maps: Sequence[TownMap],
     sites: Sequence[Site],
     tallies: Mapping[str, JunctionTally],
@@ -87,7 +88,7 @@ def town_page(  # noqa: PLR0913 - the content of the page
 
     Args:
         title: the title of the page.
-        notes: sentences on missing or doubtful results, shown above everything else.
+        blocks: the blocks of the report that the page begins with, and its figures.
         maps: one or more maps.
         sites: all junctions of the maps, also junctions where nothing runs.
         tallies: the results of the junctions with runs, by name.
@@ -103,16 +104,8 @@ def town_page(  # noqa: PLR0913 - the content of the page
         "junctions": found,
         "legend": LEGEND,
     }
-    told = "".join(f'<li class="note">{markup(note)}' for note in notes)
-    return webpage(
-        "pytest_rvads.satellites.campaigns",
-        "town_page",
-        title,
-        content,
-        heading=markup(title),
-        notes=f'<ul class="notes">{told}</ul>' if told else "",
-        said=markup(f"{len(found)} junctions: {said}" if found else "no junctions"),
-    )
+    marked = markup(f"{len(found)} junctions: {said}" if found else "no junctions")
+    return rendered(title, blocks, content, ("pytest_rvads.satellites.campaigns", "town_page"), marked=marked)
 
 
 def _shown(site: Site, tally: JunctionTally, looks: Mapping[tuple[str, str], str], again: str) -> dict[str, object]:

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Literal
 
-from pytest_rvads.outcome import Mark, Outcome
+from pytest_rvads.outcome import Mark, Outcome, counted
 from pytest_rvads.report.record import Record
 from pytest_rvads.report.run_record import by_rule
 from pytest_rvads.report.triage import Cause, causes, gravity, provoked, unavoidable, unsure
@@ -108,9 +108,9 @@ class JunctionTally:
 
     @property
     def told(self) -> str:
-        """The outcomes in one line, worst first."""
+        """The outcomes in one line."""
         found = self.outcomes
-        return ", ".join(f"{found[outcome]} {outcome.word}" for outcome in Outcome.worst_first() if found[outcome])
+        return counted({outcome: found[outcome] for outcome in found})
 
     def grouped(self) -> Iterator[tuple[str, list[CauseTally]]]:
         """Yield the causes of each kind, the gravest first, then the most frequent."""

@@ -1,5 +1,5 @@
 const session = JSON.parse(document.getElementById("data").textContent);
-const get = id => document.getElementById(id), page = 100, worst = 20, few = 10, long = 280;
+const page = 100, worst = 20, few = 10, long = 280;
 const failing = session.items.filter(item => item.failed), others = session.items.filter(item => !item.failed);
 const failures = session.causes.filter(block => block.failed);
 const many = new Set(session.items.map(item => item.driver + "\n" + item.simulator)).size > 1;
@@ -186,7 +186,4 @@ Object.keys(session.statuses).forEach(status => { make("option", get("status"), 
 [...new Set(session.items.map(item => item.rule))].sort().forEach(rule => { make("option", get("rule"), rule).value = rule; });
 get("status").onchange = get("rule").onchange = get("search").oninput = list;
 get("clear").onclick = () => pick(null);
-const root = document.documentElement.dataset;
-root.theme = matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light";
-get("theme").onclick = () => { root.theme = root.theme === "dark" ? "light" : "dark"; };
 list();
