@@ -19,8 +19,8 @@ from pytest_rvads.maps.control import Sign
 from pytest_rvads.maps.segment import Segment, Turn
 from pytest_rvads.satellites.campaigns.campaign import campaign
 from pytest_rvads.satellites.campaigns.shapes import Member, Shape, shapes, twin
+from pytest_rvads.satellites.campaigns.town import Twins
 from pytest_rvads.satellites.campaigns.town_plan import Asked, Plan
-from pytest_rvads.satellites.campaigns.twins import Twins
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.configurations import configuration
 from pytest_rvads.scenarios.scenario import Scenario
