@@ -35,6 +35,9 @@ class Odd(Exception):
     def __init__(self, one: int, two: int) -> None:
         super().__init__(f"{one} and {two}")
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Odd, self.args  # said here too, because Dask teaches exceptions of others to travel
+
 
 def odd(number: int) -> int:
     raise Odd(number, number)
