@@ -87,7 +87,8 @@ _DECLARED = {
         "folder to write every run that failed to as OpenSCENARIO XML (.xosc), its map beside it; needs the extra openscenario"
     ),
     "report": _Option(
-        "also write the verdicts to FILE.json, FILE.html, FILE.md, FILE.csv (by requirement) or FILE.xml (JUnit); repeatable",
+        "also write the verdicts to FILE.json, FILE.html, FILE.md, FILE.csv (by requirement), FILE.xml (JUnit), or in a format "
+        "of another package; repeatable",
         metavar="FILE",
         several=True,
     ),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from base64 import b64encode
+from collections.abc import Sequence
 from hashlib import sha256
 from importlib.resources import files
 from string import Template
@@ -33,29 +34,39 @@ _POLICY = Template(
 )
 
 
-def webpage(package: str, name: str, title: str, data: object, style: str = "", **parts: str) -> str:
+def webpage(sources: Sequence[tuple[str, str]], title: str, data: object, style: str = "", **parts: str) -> str:
     """Return an HTML page.
 
     Args:
-        package: where its sources lie: ``NAME.html``, the body, with a ``$place`` for each part; ``NAME.css``, ``NAME.js``, which
-            begins with what all scripts share (``webpage.js``).
-        name: of the sources.
-        title: of the page.
+        sources: package and name of the sources of the page, then of the part within the page, if there is one. ``NAME.html`` is
+            the body, with a ``$place`` for each part of `parts`, and ``$part`` for the next source; ``NAME.css`` and ``NAME.js``,
+            which need not exist, are its style and script. All scripts follow the common script ``webpage.js``.
+        title: the title of the page.
         data: what the script finds in the element ``data``, as JSON; it has to show texts as texts.
-        style: further style.
+        style: further style, before that of the sources.
         parts: markup, in which what is not ours went through `markup`.
     """
-    body, own, script = (files(package).joinpath(f"{name}.{kind}").read_text(encoding="utf-8") for kind in ("html", "css", "js"))
-    script = files("pytest_rvads").joinpath("webpage.js").read_text(encoding="utf-8") + script
+    body, script = "", _read("pytest_rvads", "webpage.js")
+    for package, name in reversed(sources):
+        body = Template(_read(package, f"{name}.html")).substitute(parts, part=body)
+    for package, name in sources:
+        style += _read(package, f"{name}.css")
+        script += _read(package, f"{name}.js")
     return _FRAME.substitute(
-        policy=_POLICY.substitute(script=_digest(script), style=_digest(style + own)),
+        policy=_POLICY.substitute(script=_digest(script), style=_digest(style)),
         title=markup(title),
-        style=style + own,
-        body=Template(body).substitute(parts),
+        style=style,
+        body=body,
         # "<" could end the script element from inside a string.
         data=json.dumps(_shown(data), separators=(",", ":")).replace("<", "\\u003c"),
         script=script,
     )
+
+
+def _read(package: str, name: str) -> str:
+    """Return a source of a page; empty if there is no such file."""
+    file = files(package).joinpath(name)
+    return file.read_text(encoding="utf-8") if file.is_file() else ""
 
 
 def _shown(value: Any) -> Any:

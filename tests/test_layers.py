@@ -38,7 +38,7 @@ def test_data_flows_one_way() -> None:
         ("pybullet", {"physics/bullet_world.py"}),
         ("mujoco", {"physics/mujoco_world.py"}),
         ("libsumo", {"satellites/sumo/libsumo_server.py"}),
-        ("rich", {"report/terminal.py", "report/columns.py", "cli/progress_bar.py"}),
+        ("rich", {"report/terminal.py", "report/columns.py", "satellites/campaigns/progress_bar.py"}),
         ("hypothesis", {"search/strategies.py", "search/falsify.py"}),
         ("platformdirs", {"physics/cache.py"}),
         ("pytest", {"plugin.py", "hooks.py", "options.py", "collection", "conformance", "fixtures", "session"}),

@@ -18,7 +18,6 @@ from pytest_rvads.cli import (
     replay_command,
     report_commands,
     simulate_commands,
-    town_command,
 )
 from pytest_rvads.cli.common import warn
 from pytest_rvads.entrypoints import entries, load
@@ -100,7 +99,6 @@ def _parser() -> argparse.ArgumentParser:
         init_command,
         map_commands,
         check_commands,
-        town_command,
         simulate_commands,
         report_commands,
         replay_command,

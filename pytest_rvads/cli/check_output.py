@@ -1,4 +1,4 @@
-"""What ``rvads check`` prints, run by run: for people, or as JSON."""
+"""What ``rvads check`` prints, run by run, for people or as JSON, and the reports that it writes at the end."""
 
 from __future__ import annotations
 
@@ -6,24 +6,34 @@ import argparse
 import json
 import math
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from types import TracebackType
 from typing import Any
 
-from pytest_rvads.cli.check_totals import Totals
-from pytest_rvads.cli.common import say
+from msgspec.structs import replace
+
+from pytest_rvads.cli.common import clear, progress, say, warn
 from pytest_rvads.cli.run_answers import NOTABLE, Batch, RunAnswer
 from pytest_rvads.conduct.kpis import describe
 from pytest_rvads.failure_page import when
 from pytest_rvads.logic.judging.verdicts import InstanceVerdict, Status, Verdict
+from pytest_rvads.outcome import Outcome
+from pytest_rvads.report.anew import Spool
+from pytest_rvads.report.at_junctions import AtJunctions
+from pytest_rvads.report.rollup import sums
+from pytest_rvads.report.session_report import NOTHING_JUDGED, UNFINISHED, Report, exit_status
+from pytest_rvads.wording import plural
 
-__all__ = ["VERSION", "Output", "line", "measured", "output", "unsure"]
+__all__ = ["VERSION", "Output", "Teller", "Totals", "line", "measured", "output", "unsure"]
 
 VERSION = 1
-"""Of the lines of ``--jsonl``. The object of ``--json`` has a member per run and no other."""
+"""Version of the object of ``--json`` and of the lines of ``--jsonl``."""
 _KPIS = "(kpis)"
 """Where the indicators of a run stand beside its rules in JSON; no rule can be called so."""
 _LISTED = {Status.FAIL: "violated", Status.OPEN: "open", Status.UNSURE: "unsure"}
 """What instances are listed under in JSON."""
+_MOST_DOUBTS = 20
 
 
 class Output:
@@ -105,15 +115,14 @@ class _Object(Output):
     """One JSON object, written piece by piece: runs are not held until the last is judged."""
 
     def __init__(self) -> None:
-        self._before = "{"
+        self._put(f'{{"version": {VERSION}')
 
     def run(self, label: str, answer: RunAnswer) -> None:
         told = _verdicts(answer) | ({} if answer.kpis is None else {_KPIS: answer.kpis.record()})
-        self._put(f"{self._before}\n{json.dumps(label)}: {json.dumps(told)}")
-        self._before = ","
+        self._put(f",\n{json.dumps(label)}: {json.dumps(told)}")
 
     def close(self) -> None:
-        self._put("{}\n" if self._before == "{" else "\n}\n")
+        self._put("\n}\n")
 
     def _put(self, text: str) -> None:
         sys.stdout.write(text)
@@ -134,3 +143,151 @@ class _Lines(Output):
 
     def _put(self, told: dict[str, Any]) -> None:
         print(json.dumps({"version": VERSION} | told), flush=True)
+
+
+class Totals:
+    """Counts the answers on all runs."""
+
+    def __init__(self) -> None:
+        self._at = AtJunctions({})
+        self._statuses: set[Status] = set()
+        self.troubles: list[str] = []
+        """A sentence per file or run that could not be read or judged."""
+        self.runs = self.vehicles = self.files = self._doubts = 0
+
+    def trouble(self, sentence: str) -> None:
+        """Count and print a file or run that could not be read or judged."""
+        self.troubles.append(sentence)
+        warn(f"rvads: {sentence}")
+
+    def doubt(self, sentence: str, *, every: bool) -> None:
+        """Print a doubt about a run; only the first few doubts are printed, unless `every` doubt is wanted."""
+        self._doubts += 1
+        if every or self._doubts <= _MOST_DOUBTS:
+            warn(f"warning: {sentence}")
+        elif self._doubts == _MOST_DOUBTS + 1:
+            warn("warning: further warnings are not printed, --verbose prints them")
+
+    def add(self, answer: RunAnswer) -> None:
+        """Count the answer on a run."""
+        self.runs += 1
+        self.vehicles += answer.vehicles
+        self._statuses.update(verdict.status for verdict in answer.verdicts)
+        for record in answer.records:
+            self._at.add(record)
+
+    def lines(self) -> list[str]:
+        """Return the numbers of verdicts by rule as a table, and how much was judged."""
+        _, rules, _ = sums(self._at.found)
+        kinds = [kind.value for kind in rules.kinds if kind]
+        table = [("", *kinds), *((row.name, *(str(count or "") for count in row.counts)) for row in rules.rows)]
+        name = max((len(row.name) for row in rules.rows), default=0)
+        lines = [f"{cells[0]:{name}}" + "".join(map(_right, cells[1:], kinds)) for cells in table] if rules.rows else []
+        return [*map(str.rstrip, lines), self._judged]
+
+    @property
+    def _judged(self) -> str:
+        told = f"{plural(self.runs, 'run')}, {plural(self.vehicles, 'vehicle')} judged"
+        return f"{told}; {plural(len(self.troubles), 'thing')} could not be read or judged" if self.troubles else told
+
+    @property
+    def status(self) -> int:
+        """The exit status."""
+        # A rule that is violated is violated, whether or not somebody could have kept it.
+        return exit_status({Outcome(status.value) for status in self._statuses}, whole=not self.troubles)
+
+    def exit_status(self, *, told: bool) -> int:
+        """Return the exit status; if a program reads the verdicts (`told`), the statuses 1 and 5 are not used."""
+        if told and not self.troubles:
+            return 0
+        if self.status == NOTHING_JUDGED:
+            unsure = "every verdict that applies is UNSURE"
+            why = unsure if Status.UNSURE in self._statuses else "no rule applies to any of these runs"
+            warn(f"rvads: nothing was judged: {why}")
+        return self.status
+
+
+def _right(text: str, kind: str) -> str:
+    return f"{text:>{max(8, len(kind) + 2)}}"
+
+
+class Teller:
+    """Takes the answers on parts of files, in order; the reports are written even after an error.
+
+    Args:
+        options: the options of the command.
+        totals: the counts of all answers.
+        files: number of files.
+        reports: paths of the reports to write.
+        alone: whether a single file is checked, so that all its warnings are printed.
+    """
+
+    def __init__(self, options: argparse.Namespace, totals: Totals, files: int, reports: Sequence[Path], *, alone: bool) -> None:
+        self._totals, self._files, self._alone, self._verbose = totals, files, alone, options.verbose
+        self._labels = {"version"}  # the member of the JSON object that is no run
+        self._output = output(options, alone, totals)
+        self._reports, self._records = reports, Spool()
+        # A program that reads JSON may read standard error together with it.
+        self._bar = sys.stderr.isatty() or not (options.json or options.jsonl)
+
+    def __enter__(self) -> Teller:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        try:
+            if kind is None:
+                self._output.close()
+        finally:
+            self._report(whole=kind is None)
+
+    def _report(self, *, whole: bool) -> None:
+        if not self._reports:
+            return
+        from pytest_rvads.report.files import save
+        from pytest_rvads.versions import versions
+
+        notes = () if whole else ("INCOMPLETE: rvads check did not come to its end, so runs are missing",)
+        report = Report(
+            self._records,
+            versions=versions(),
+            exitstatus=self._totals.status if whole else UNFINISHED,
+            notes=(*notes, *self._totals.troubles),
+            complete=whole,
+            again="",
+        )
+        for path in self._reports:
+            save(path, report)
+
+    def tell(self, batch: Batch) -> None:
+        """Print the answers on a part of a file."""
+        clear()
+        if batch.error:
+            self._totals.trouble(batch.error)
+            self._output.unread(batch)
+        for answer in batch.answers:
+            self._run(answer)
+        self._totals.files += batch.last
+        if self._bar and self._files > 1 and batch.last:
+            progress(self._totals.files, self._files, "files")
+        elif self._bar and self._files == 1 < batch.total and any(answer.excerpt for answer in batch.answers):
+            progress(self._totals.runs, batch.total, "busy periods")
+
+    def _run(self, answer: RunAnswer) -> None:
+        label = self._label(answer)
+        for warning in answer.warnings:
+            self._totals.doubt(f"{label}: {warning}", every=self._verbose or (self._alone and not answer.excerpt))
+        for error in answer.errors:
+            self._totals.trouble(f"{label} {error}")
+        self._totals.add(answer)
+        self._output.run(label, answer)
+        for record in answer.records if self._reports else ():
+            self._records.add(replace(record, nodeid=f"{label}-{record.rule}", recording=label))
+
+    def _label(self, answer: RunAnswer) -> str:
+        """Return what a run is called; a label that comes again, in another file or the same, has the file before it."""
+        label, number = answer.label, 1
+        while label in self._labels:
+            label = f"{answer.file}: {answer.label}" + (f" ({number})" if number > 1 else "")
+            number += 1
+        self._labels.add(label)
+        return label

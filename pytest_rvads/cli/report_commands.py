@@ -146,18 +146,19 @@ def _compare(options: argparse.Namespace) -> int:
 
 
 def _make(options: argparse.Namespace) -> int:
-    from pytest_rvads.campaigns.resultsfile import joined
+    from pytest_rvads.entrypoints import load
     from pytest_rvads.report.files import fitting, save
 
     paths = list(map(fitting, options.output))
-    with joined(options.files) as results:
+    with load("results", "campaign")(options.files) as results:
         report = results.report()
         for path in paths:
             save(path, report)
         show(report)
         for note in report.notes:
             warn(f"rvads: {note}")
-        return report.ended
+        ended: int = report.ended
+    return ended
 
 
 def _check(options: argparse.Namespace) -> int:

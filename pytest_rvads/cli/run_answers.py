@@ -6,11 +6,13 @@ or judged, or that kills its process, costs no other verdict.
 
 from __future__ import annotations
 
+import os
 from collections import deque
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from functools import cached_property
+from glob import has_magic
 from pathlib import Path
 from shlex import quote
 
@@ -27,8 +29,9 @@ from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.report.record import Record, planned_record
 from pytest_rvads.report.run_record import by_rule, of_run, sentence, summed, verdict_by
 from pytest_rvads.runs.measured import Kpis
-from pytest_rvads.runs.readers import read_runs
+from pytest_rvads.runs.readers import READERS, read_runs
 from pytest_rvads.runs.run import Run
+from pytest_rvads.runs.run_paths import files_of, matching
 from pytest_rvads.storage import slug, write_file
 
 __all__ = ["NOTABLE", "Batch", "Question", "RunAnswer", "judged"]
@@ -239,3 +242,28 @@ class _Judge:
         except Exception as error:
             pages.append(f"not drawn: {sentence(error)}\n{notes}")
         return tuple(pages)
+
+
+def run_files(names: Sequence[str], lament: Callable[[str], None]) -> list[str]:
+    """Return the files that names denote, each once: in the order of the names, the files of a folder or pattern sorted.
+
+    Args:
+        names: names of files; of folders, which are searched for files of runs at any depth; and patterns, which some shells do
+            not expand.
+        lament: called with a sentence for each folder or pattern without files.
+    """
+    found: dict[str, str] = {}
+    for name in names:
+        files = _meant(name)
+        if not files:
+            kinds = f"expected files of runs ({', '.join(READERS)}) in it"
+            lament(f"{name}: the folder is empty, {kinds}" if os.path.isdir(name) else f"{name}: no file matches this pattern")
+        for file in files:
+            found.setdefault(os.path.abspath(file), file)
+    return list(found.values())
+
+
+def _meant(name: str) -> list[str]:
+    if not os.path.isdir(name) and (os.path.lexists(name) or not has_magic(name)):
+        return [name]  # the reader reports a file that can't be read
+    return list(map(str, files_of(Path(name)) if os.path.isdir(name) else matching(name)))

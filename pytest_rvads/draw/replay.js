@@ -2,7 +2,6 @@ const run = JSON.parse(document.getElementById("data").textContent);
 const last = run.steps - 1, ink = ["#888", "#1fa34a", "#e0a800", "#d11f1f"], letters = "NGYR";
 const places = {"-1": "absent", 0: "approach", 1: "entrance", 2: "junction", 3: "exit", 4: "gone"}, colours = ["none", "green", "yellow", "red"];
 const marks = {PASS: ["good", "\u2713"], FAIL: ["bad", "\u2717"], ERROR: ["bad", "!"], NA: ["none", "\u2013"]}; // others are in doubt
-const get = id => document.getElementById(id);
 const stage = get("stage"), scene = stage.querySelector("svg");
 const bodies = document.querySelectorAll(".vehicle"), trails = document.querySelectorAll(".trail"), ghosts = document.querySelectorAll(".ghost");
 // Bodies that touch by what was measured of them may not have.
@@ -273,9 +272,6 @@ get("scrub").oninput = event => { pause(); show(+event.target.value); };
 get("play").onclick = toggle;
 get("back1").onclick = () => step(-1);
 get("on1").onclick = () => step(1);
-const root = document.documentElement.dataset;
-root.theme = matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light";
-get("theme").onclick = () => { root.theme = root.theme === "dark" ? "light" : "dark"; };
 addEventListener("hashchange", link);
 addEventListener("keydown", event => {
   if (event.target.tagName === "SELECT" || event.ctrlKey || event.metaKey || event.altKey) return;

@@ -128,8 +128,7 @@ def replay(  # noqa: PLR0913 - a run, and what is to be said and shown beside it
         "ghost": ghost_data(run, beside.ghost, beside.ghost_name, _EVERY),
     }
     return webpage(
-        "pytest_rvads.draw",
-        "replay",
+        [("pytest_rvads.draw", "replay")],
         title,
         data,
         style=STYLE,

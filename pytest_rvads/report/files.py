@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import fields, replace
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import msgspec
 
 from pytest_rvads.decoding import decode, encode
+from pytest_rvads.entrypoints import entries
+from pytest_rvads.entrypoints import load as load_entry
 from pytest_rvads.errors import RvadsError
 from pytest_rvads.report.junit import junit
 from pytest_rvads.report.markdown import markdown
@@ -18,7 +22,8 @@ from pytest_rvads.report.session_report import Report
 from pytest_rvads.report.traceability import table
 from pytest_rvads.storage import read_file, write_file
 
-__all__ = ["FORMATS", "MOST", "append_summary", "fitting", "load", "read", "save"]
+__all__ = ["FORMATS", "MOST", "append_summary", "fitting", "load", "read", "save", "write"]
+
 
 VERSION = 5
 MOST = 2**28
@@ -53,9 +58,17 @@ def save(path: Path, report: Report) -> None:
         RvadsError: another ending.
         OSError: the file can't be written.
     """
-    text = FORMATS[fitting(path).suffix](report, path.parent)
-    pieces = [text] if isinstance(text, str) else text
-    write_file(path, (piece.encode("utf-8", "backslashreplace") for piece in pieces))
+    write(path, FORMATS[fitting(path).suffix](report, path.parent))
+
+
+def write(path: Path, content: str | bytes | Iterable[str | bytes]) -> None:
+    """Write the content of a report: a text, bytes, or pieces of a content that may be longer than memory.
+
+    Raises:
+        OSError: the file can't be written.
+    """
+    pieces = [content] if isinstance(content, str | bytes) else content
+    write_file(path, (piece if isinstance(piece, bytes) else piece.encode("utf-8", "backslashreplace") for piece in pieces))
 
 
 def append_summary(path: Path, report: Report) -> None:
@@ -116,12 +129,20 @@ def _json(report: Report) -> Iterator[str]:
     yield f"\n ],{msgspec.json.format(encode(rest), indent=1).decode().removeprefix('{')}"
 
 
-FORMATS: dict[str, Callable[[Report, Path], Iterable[str]]] = {
+def _added(name: str, report: Report, folder: Path) -> Any:
+    """Return a report in the format of the entry point of that name."""
+    return load_entry("reports", name)(report, folder)
+
+
+FORMATS: dict[str, Callable[[Report, Path], Any]] = {
     ".json": lambda report, _: _json(report),
     ".html": page,
     ".md": lambda report, _: markdown(report),
     ".csv": lambda report, _: table(report),
     ".xml": lambda report, _: junit(report),
+    **{f".{name}": partial(_added, name) for name in entries("reports")},
 }
-"""How a report is written, by the ending of its file, as a text or in pieces; what it links to is linked from the folder it will
-lie in."""
+"""Per suffix, a function that returns the content of a file for `write`, given the report and the folder from which links lead.
+
+Formats of other packages are entry points ``rvads.reports``, named by the suffix.
+"""

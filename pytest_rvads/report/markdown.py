@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import groupby
 
-from pytest_rvads.report.outline import FAILURES, Block, Causes, Changes, Figures, Head, Notes, RollUp, Verdicts, outline
+from pytest_rvads.report.outline import FAILURES, Block, Causes, Changes, Figures, Head, Notes, RollUp, Section, Verdicts, outline
 from pytest_rvads.report.rollup import WORST
 from pytest_rvads.report.session_report import Report
 from pytest_rvads.wording import printable, quoted
@@ -52,13 +52,14 @@ def _summary(block: Block) -> str:
     return block.title
 
 
-def section(title: str, lines: Sequence[str], columns: Sequence[str], rows: Sequence[Sequence[str]]) -> Iterator[str]:
+def section(part: Section) -> Iterator[str]:
     """Yield a heading with a table below, or with a list if there are no columns; long tables and lists are folded."""
-    yield from (f"## {_text(title)}", "")
-    if columns:
-        yield from _folded((_row(columns), f"|{'---|' * len(columns)}"), [_row(cells) for cells in rows], "rows")
+    yield from (f"## {_text(part.title)}", "")
+    if part.columns:
+        rows = [_row(text for text, _ in cells) for cells in part.rows]
+        yield from _folded((_row(part.columns), f"|{'---|' * len(part.columns)}"), rows, "rows")
     else:
-        yield from _folded((), [f"- {_text(line)}" for line in lines], "lines", _LINES)
+        yield from _folded((), [f"- {_text(line)}" for line in part.lines], "lines", _LINES)
 
 
 def _render(block: Block) -> Iterator[str]:

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pytest_rvads.errors import RvadsError
 from pytest_rvads.outcome import Outcome
 from pytest_rvads.report.record import Record, SimulatedItem
-from pytest_rvads.report.session_report import Cell, Extent, Report, in_order
+from pytest_rvads.report.session_report import NOTHING_JUDGED, Cell, Extent, Report, exit_status, in_order
 from pytest_rvads.report.steady import steady
 from pytest_rvads.wording import first
 
@@ -152,9 +152,7 @@ def _exitstatus(reports: Sequence[Report], records: Sequence[Record], clashed: b
 
     A shard in which nothing was applicable (5) is no trouble as long as another one judged something.
     """
-    worst = max((r.ended for r in reports if r.ended != 5), default=0)
-    if worst == 0 and (clashed or any(record.failed for record in records)):
-        return 1
-    if worst == 0 and not any(record.status.judges for record in records):
-        return 5
-    return worst
+    # A failure that was expected, or that an option lets pass, does not fail the whole either.
+    outcomes = {Outcome.FAIL if r.failed else Outcome.PASS if r.status.judges else Outcome.NA for r in records}
+    worst = max((report.ended for report in reports if report.ended != NOTHING_JUDGED), default=0)
+    return worst or exit_status(outcomes | ({Outcome.ERROR} if clashed else set()))

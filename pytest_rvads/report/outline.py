@@ -16,13 +16,12 @@ from pytest_rvads.report.coverage import Cells, Requirements, dropped
 from pytest_rvads.report.figures import Extremes, Makers, Timing, Titles, slowest
 from pytest_rvads.report.matrix import Matrices, Matrix
 from pytest_rvads.report.record import Record
-from pytest_rvads.report.refused import refused
 from pytest_rvads.report.rollup import Sums, ranked, sums
 from pytest_rvads.report.session_report import Comparison, Report
 from pytest_rvads.report.triage import ByText, Cause, causes, idle, known, provoked, unavoidable, unsure
-from pytest_rvads.wording import plural, quoted
+from pytest_rvads.wording import first, plural, quoted
 
-__all__ = ["FAILURES", "Block", "Causes", "Changes", "Figures", "Head", "Notes", "RollUp", "Verdicts", "outline"]
+__all__ = ["FAILURES", "Block", "Causes", "Changes", "Figures", "Head", "Notes", "RollUp", "Section", "Verdicts", "outline"]
 
 FAILURES = "causes of failures"
 """Title of the block that groups failures, which no format folds."""
@@ -32,6 +31,8 @@ _LISTED = 10
 """Most lines of a kind in the short form: systems under test and simulators, stacks, samples."""
 _SLOWEST = 10
 """Most slowest runs that are named; three in the short form, and none if all runs took less than a second."""
+_NAMED = 5
+"""Most junctions named per reason."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,6 +136,19 @@ class Figures(_Lines):
     """Extreme values, coverage and durations."""
 
     title: str = "coverage"
+
+
+@dataclass(frozen=True, slots=True)
+class Section:
+    """A part of a comparison of two reports: lines, or a table that says the same."""
+
+    title: str
+    lines: tuple[str, ...]
+    columns: tuple[str, ...] = ()
+    rows: tuple[tuple[tuple[str, str], ...], ...] = ()
+    """The cells of the table: texts with the mark ``good``, ``bad`` or an empty mark."""
+    side: bool = False
+    """Whether the part stands beside another one where there is room."""
 
 
 Block = Notes | Head | Changes | RollUp | Verdicts | Causes | Figures
@@ -250,3 +264,21 @@ def _worst(found: Sequence[AtJunction]) -> Iterator[str]:
     yield from (line for one in ranked(found)[:FEW] for line in one.lines())
     if len(found) > FEW:
         yield f"... and {plural(len(found) - FEW, 'more junction')}, none worse"
+
+
+def refused(report: Report, most: int | None = None) -> list[str]:
+    """Return a line per reason for left-out junctions or movements, the most frequent first, and a line per drawn sample.
+
+    Args:
+        report: the report of a session, or of several sessions merged.
+        most: most reasons that have a line; the junctions of further reasons are counted.
+    """
+    reasons = sorted(report.refused.items(), key=lambda entry: -len(entry[1]))
+    lines = []
+    for reason, names in reasons[:most]:
+        what = plural(len(names), "movement" if " from entrance " in names[0] else "junction")
+        lines.append(f"{what}{'' if reason.startswith('with ') else ' left out:'} {reason}: {first(names, _NAMED)}")
+    others = {name for _, names in reasons[len(lines) :] for name in names}
+    if others:
+        lines.append(f"{plural(len(others), 'junction')} left out for other reasons: reports in files say which")
+    return lines + [f"{one.taken:,} of {one.total:,} {one.what} drawn, seed {one.seed}: {one.test}" for one in report.drawn]

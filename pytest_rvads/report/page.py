@@ -5,23 +5,24 @@ from __future__ import annotations
 import os
 import re
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
+from functools import partial
 from heapq import nsmallest
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from pytest_rvads.outcome import Outcome
 from pytest_rvads.report.folders import option, sessions
-from pytest_rvads.report.matrix import member_of, place_of
-from pytest_rvads.report.outline import FAILURES, Block, Causes, Changes, Figures, Head, Notes, RollUp, Verdicts, outline
+from pytest_rvads.report.matrix import SAME, member_of, place_of
+from pytest_rvads.report.outline import FAILURES, Block, Causes, Changes, Figures, Head, Notes, RollUp, Section, Verdicts, outline
 from pytest_rvads.report.record import Record, SimulatedItem
 from pytest_rvads.report.rollup import Sums
 from pytest_rvads.report.session_report import TOLD, Report
 from pytest_rvads.webpage import webpage
 from pytest_rvads.wording import markup, printable, quoted
 
-__all__ = ["page"]
+__all__ = ["page", "rendered"]
 
 _ITEMS = 5000
 """Items in a page; of more of them those that went wrong first, from all junctions and rules alike."""
@@ -33,7 +34,14 @@ _TERMS = ("began", "driven by", "simulated by", "command:", "", "exit status")
 _UNDRAWN = "not drawn"
 """What stands in place of a replay page begins so, and goes on with the reason."""
 _LINES = 10
-"""Lines of the head, and changes, that are not folded."""
+"""Lines of the head, changes, and lines of a section that are not folded."""
+_ROWS = 50
+"""Rows of a table of a section that are not folded."""
+_LONG = 40
+"""Characters of the longest text that stands on one line of a table."""
+
+Entry = TypeVar("Entry")
+Cells = tuple[tuple[str, str], ...]
 
 
 def page(report: Report, folder: Path) -> str:
@@ -57,9 +65,24 @@ def page(report: Report, folder: Path) -> str:
         "matrices": [_matrix(block) for block in blocks if isinstance(block, Verdicts)],
         "statuses": {outcome: outcome.mark for outcome in Outcome.worst_first() if outcome in seen},
     }
-    figures = "".join(_figures(block) for block in blocks if isinstance(block, Figures))
-    said = "".join(map(_said, blocks))
-    return webpage("pytest_rvads.report", "page", "rvads verdicts", content, said=said, figures=figures)
+    return rendered("rvads verdicts", blocks, content, ("pytest_rvads.report", "items"))
+
+
+def rendered(title: str, blocks: Iterable[Block | Section], content: object, *part: tuple[str, str], **more: str) -> str:
+    """Return a page that begins with blocks.
+
+    Args:
+        title: the title of the page.
+        blocks: the blocks; those that the script of a part shows are left out here.
+        content: what the script finds as data.
+        part: package and name of the sources of the part of the page below the blocks, if there is one; see `webpage`.
+        more: markup that the part has places for.
+    """
+    shown = list(blocks)
+    said = "".join(map(_said, shown))
+    figures = "".join(_figures(block) for block in shown if isinstance(block, Figures))
+    sources = [("pytest_rvads.report", "page"), *part]
+    return webpage(sources, title, content, heading=markup(title), said=said, figures=figures, **more)
 
 
 def _chosen(report: Report) -> list[Record]:
@@ -79,7 +102,7 @@ def _chosen(report: Report) -> list[Record]:
     return [record for *_, record in sorted(kept, key=lambda found: found[2])]
 
 
-def _said(block: Block) -> str:
+def _said(block: Block | Section) -> str:
     """Return a block that the page begins with as HTML; what can be clicked is made on the page."""
     match block:
         case Notes(lines):
@@ -87,12 +110,36 @@ def _said(block: Block) -> str:
         case Head(lines):
             return _head(lines)
         case Changes(comparison):
-            changes = [f"<li>{markup(line)}" for line in comparison.lines()]
-            more = len(changes) - _LINES
-            rest = f"<details><summary>{more} more</summary><ul>{''.join(changes[_LINES:])}</ul></details>" if more > 0 else ""
-            told = f"<ul>{''.join(changes[:_LINES])}</ul>{rest}" if changes else ""
-            return f"<h2>{block.title}</h2><p>{markup(comparison.headline)}</p>{told}"
+            changes = _folded(list(comparison.lines()), _LINES, "", _list)
+            return f"<h2>{block.title}</h2><p>{markup(comparison.headline)}</p>{changes}"
+        case Section(title, lines, columns, rows, side):
+            told = _folded(rows, _ROWS, " rows", partial(_table, columns)) if columns else _folded(lines, _LINES, " lines", _list)
+            return f"<section{' class=side' if side else ''}><h2>{markup(title)}</h2>{told}</section>"
     return ""
+
+
+def _folded(entries: Sequence[Entry], most: int, what: str, show: Callable[[Sequence[Entry]], str]) -> str:
+    """Return entries as HTML; those beyond the first few are folded."""
+    more = entries[most:]
+    rest = f"<details><summary>{len(more)} more{what}</summary>{show(more)}</details>" if more else ""
+    return f"{show(entries[:most])}{rest}" if entries else ""
+
+
+def _list(lines: Sequence[str]) -> str:
+    return f"<ul>{''.join(f'<li>{markup(line)}' for line in lines)}</ul>"
+
+
+def _table(columns: Sequence[str], rows: Sequence[Cells]) -> str:
+    head = "".join(f"<th>{markup(column)}" for column in columns)
+    body = "".join(f"<tr><th>{markup(label)}{''.join(map(_cell, cells))}" for (label, _), *cells in rows)
+    return f"<div class=scroll><table class=matrix><thead><tr>{head}</thead><tbody>{body}</tbody></table></div>"
+
+
+def _cell(cell: tuple[str, str]) -> str:
+    """Return a cell as HTML, marked by what its text says."""
+    text, mark = cell
+    kind = "same" if text == SAME else " ".join([mark, *(["long"] if len(text) > _LONG else [])]).strip()
+    return f'<td class="{kind}">{markup(text)}'
 
 
 def _head(lines: Sequence[str]) -> str:

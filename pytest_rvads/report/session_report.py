@@ -12,6 +12,7 @@ from typing import Annotated
 
 from msgspec import Meta, Struct
 
+from pytest_rvads.outcome import Outcome
 from pytest_rvads.report.record import Record, RecordedItem
 
 __all__ = [
@@ -27,6 +28,7 @@ __all__ = [
     "Report",
     "begun",
     "cell_of",
+    "exit_status",
     "in_order",
 ]
 
@@ -35,6 +37,21 @@ UNFINISHED = 2
 
 NOTHING_JUDGED = 5
 """Exit status where nothing was found out, as of a session that collected nothing."""
+
+
+def exit_status(outcomes: Collection[Outcome], *, whole: bool = True) -> int:
+    """Return the exit status of a report: 0 if all is well, 1 if something is wrong, else `UNFINISHED` or `NOTHING_JUDGED`.
+
+    Args:
+        outcomes: the outcomes that occur in the report, at least once each.
+        whole: whether everything that was planned has an outcome.
+    """
+    if not whole:
+        return UNFINISHED
+    if any(outcome.bad for outcome in outcomes):
+        return 1
+    return 0 if any(outcome.judges for outcome in outcomes) else NOTHING_JUDGED
+
 
 Cell = tuple[str, int | str, str, str, int | None, str | None]
 """Junction, class, configuration, rule, seat of the subject, traffic around it; where a test has no rule axis, its name stands

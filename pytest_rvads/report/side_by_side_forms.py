@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, replace
 from functools import partial
 from itertools import groupby
 from pathlib import Path
@@ -14,31 +14,21 @@ import msgspec
 
 from pytest_rvads.decoding import encode
 from pytest_rvads.outcome import Tallied, counted
-from pytest_rvads.report.files import FORMATS, fitting
+from pytest_rvads.report.files import FORMATS, fitting, write
 from pytest_rvads.report.markdown import section
-from pytest_rvads.report.matrix import SAME, Entry, Matrix
+from pytest_rvads.report.matrix import Entry, Matrix
+from pytest_rvads.report.outline import Section
+from pytest_rvads.report.page import rendered
 from pytest_rvads.report.side_by_side import Ruled, Shared, SideBySide, changed, differing
-from pytest_rvads.storage import write_file
-from pytest_rvads.webpage import webpage
 from pytest_rvads.wording import first, one_line, plural
 
-__all__ = ["Section", "save", "sections", "text"]
+__all__ = ["save", "sections", "text"]
 
 _TITLE = "rvads: two sessions side by side"
 _MOST = 10
 """Most lines of a section, and most tables, that a terminal shows; the others are counted."""
 _LINE = 2000
 """Most characters of a line on a terminal."""
-
-
-@dataclass(frozen=True, slots=True)
-class Section:
-    """A section: lines, and for a table also its cells, each with the mark ``good``, ``bad`` or an empty mark."""
-
-    title: str
-    lines: tuple[str, ...]
-    columns: tuple[str, ...] = ()
-    rows: tuple[tuple[tuple[str, str], ...], ...] = ()
 
 
 def text(found: SideBySide, width: int) -> str:
@@ -65,9 +55,7 @@ def save(path: Path, found: SideBySide) -> None:
         OSError: the file can't be written.
     """
     own = _FORMATS.get(fitting(path).suffix)
-    text = own(found) if own else FORMATS[path.suffix](found.later, path.parent)
-    pieces: Iterable[str] = [text] if isinstance(text, str) else text
-    write_file(path, (piece.encode("utf-8", "backslashreplace") for piece in pieces))
+    write(path, own(found) if own else FORMATS[path.suffix](found.later, path.parent))
 
 
 def sections(found: SideBySide, most: int | None = None) -> Iterator[Section]:
@@ -78,7 +66,7 @@ def sections(found: SideBySide, most: int | None = None) -> Iterator[Section]:
         most: most lines of a section, most tables, and most changes of a kind; the others are counted.
     """
     for letter, side in (("A", found.a), ("B", found.b)):
-        yield Section(f"{letter}: {side.name}", (*(f"note: {note}" for note in side.notes), *side.head))
+        yield Section(f"{letter}: {side.name}", (*(f"note: {note}" for note in side.notes), *side.head), side=True)
     if found.comparison.versions:
         yield Section("versions that differ", found.comparison.versions)
     changes = replace(found.comparison, versions=())
@@ -189,15 +177,13 @@ def _cut(lines: list[str], most: int | None) -> list[str]:
 
 
 def _page(found: SideBySide) -> str:
-    parts = [{"title": part.title, "lines": part.lines, "columns": part.columns, "rows": part.rows} for part in sections(found)]
-    return webpage("pytest_rvads.report", "side_by_side_forms", _TITLE, {"same": SAME, "parts": parts})
+    return rendered(_TITLE, sections(found), {})
 
 
 def _markdown(found: SideBySide) -> str:
     lines = [f"# {_TITLE}"]
     for part in sections(found):
-        rows = [[text for text, _ in cells] for cells in part.rows]
-        lines += ["", *section(part.title, part.lines, part.columns, rows)]
+        lines += ["", *section(part)]
     return "\n".join(lines) + "\n"
 
 

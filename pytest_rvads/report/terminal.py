@@ -6,15 +6,15 @@ rich is imported at the end of a session that has records.
 from __future__ import annotations
 
 import io
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 from rich.console import Console
 from rich.text import Text
 
+from pytest_rvads.outcome import Outcome
 from pytest_rvads.report.columns import Block as Part
 from pytest_rvads.report.columns import Cell, Column, blocks, wrapped
-from pytest_rvads.report.legend import legend
 from pytest_rvads.report.matrix import Matrix
 from pytest_rvads.report.outline import FAILURES, Block, Causes, Changes, Figures, Head, RollUp, Verdicts, outline
 from pytest_rvads.report.rollup import WORST, Sums
@@ -34,6 +34,16 @@ _LENGTH, _BRIEF = 20_000, 1_000
 _NARROWEST = 20
 """Least width of the output on terminals that are narrower [characters]."""
 _CHANGES = {"NEW": "bold red", "FIXED": "green", "ERODED": "yellow", "LOST": "yellow"}
+_MEANINGS = {
+    Outcome.NA: "the rule did not apply",
+    Outcome.UNAVOIDABLE: "nobody could have kept the rule",
+    Outcome.PROVOKED: "broken by the doing of the traffic, not of the vehicle under test",
+    Outcome.OPEN: "still owed at the end of the run",
+    Outcome.UNSURE: "the recording is not exact enough to tell",
+    Outcome.FLAKY: "the same start gave another run, or the same run another verdict",
+    Outcome.NOT_JUDGED: "the test judged nothing",
+}
+"""The explanations of outcomes in tables."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -290,3 +300,27 @@ class _Screen:
 def _fit(text: str, length: int = _LENGTH) -> str:
     """Return a text on one line, without control characters that a terminal would obey."""
     return printable(text.replace("\n", " "), length)
+
+
+def legend(found: Iterable[RollUp | Verdicts]) -> Iterator[str]:
+    """Yield an explanation for each word in the tables that needs one."""
+    kinds: set[Outcome] = set()
+    known = shares = summed = False
+    for block in found:
+        match block:
+            case Verdicts(matrix):
+                entries = {entry for _, row in matrix.rows for entry in row if entry.outcome}
+                kinds |= {entry.outcome for entry in entries if entry.outcome and not entry.known}
+                known = known or any("xfail" in entry.text for entry in entries)
+                shares = shares or any("/" in entry.text for entry in entries)
+            case RollUp(sums):
+                summed = True
+                kinds |= {kind for table in sums for kind in table.kinds if kind}
+                known = known or any(None in table.kinds for table in sums)
+    if summed:
+        yield "wrong: runs with a failure that is not known, wrong at: junctions with one"
+    if shares:
+        yield "1/4: one of four items"
+    yield from (f"{kind.small}: {told}" for kind, told in _MEANINGS.items() if kind in kinds)
+    if known:
+        yield "known, xfail: a failure that the tests expect, by the reason that they give"

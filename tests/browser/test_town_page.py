@@ -6,10 +6,11 @@ from typing import Any
 
 import pytest
 
-from pytest_rvads.campaigns.town_page import Site, TownMap, town_page
-from pytest_rvads.campaigns.town_tally import CauseTally, JunctionTally
-from pytest_rvads.draw.town_picture import Spot, TownPicture
 from pytest_rvads.outcome import Outcome
+from pytest_rvads.report.outline import Notes
+from pytest_rvads.satellites.campaigns.town_page import Site, TownMap, town_page
+from pytest_rvads.satellites.campaigns.town_picture import Spot, TownPicture
+from pytest_rvads.satellites.campaigns.town_tally import CauseTally, JunctionTally
 
 Chrome = Any  # of selenium.webdriver, which not everybody has
 HARM = "<img src=x onerror=alert(1)></script>"
@@ -44,7 +45,9 @@ def town(tmp_path: Path) -> Path:
         "other.1": tally(Outcome.NA),
     }
     maps = [TownMap("town", ROAD), TownMap("other", ROAD)]
-    page = town_page("towns", [HARM], maps, sites, tallies, {("town.2-as1", "r"): "replays/one.html#t=1.00"}, "rvads town --only")
+    page = town_page(
+        "towns", [Notes((HARM,))], maps, sites, tallies, {("town.2-as1", "r"): "replays/one.html#t=1.00"}, "rvads town --only"
+    )
     path = tmp_path / "town.html"
     path.write_text(page, encoding="utf-8")
     return path
@@ -127,7 +130,7 @@ def test_a_link_shows_a_junction_also_on_another_map(opened: Callable[..., Chrom
     assert "other.1: 1 NA" in text(browser, "one")
     assert [mark.get_attribute("data-name") for mark in all_of(browser, "#marks a")] == ["other.1"]
     browser.execute_script("location.hash = '#town.2'")
-    wait(browser, lambda: "town.2: 1 fail, 1 pass" in text(browser, "one"))
+    wait(browser, lambda: "town.2: 1 pass, 1 fail" in text(browser, "one"))
     told = text(browser, "one")
     assert "1/2 fail" in told
     assert 'rvads town --only "town.2-as1-r"' in told

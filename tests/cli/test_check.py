@@ -123,6 +123,7 @@ def test_json_names_who_broke_what_when_and_by_how_much(folder: Path, capsys: Re
     # Both are in the junction from 1.5 s to 2 s.
     both = {"a": "a0", "a'": "a1", "time": 1.5, "margin": 0.5}
     assert json.loads(capsys.readouterr().out) == {
+        "version": 1,
         "d1": {"p1": {"status": "PASS", "violated": [], "unsure": []}, "p4": na},
         "d3": {"p1": {"status": "FAIL", "violated": [both], "unsure": []}, "p4": na},
     }
@@ -133,7 +134,7 @@ def test_what_never_got_done_is_open_in_json(make: Make, tmp_path: Path, capsys:
     own.write_text("[gets_in]\ntext = forall a. F a@j\n", encoding="utf-8")
     save_run(make("stop4", {0: (2, 10, 50, 200), 1: (2, 30, None, None)}, 400), tmp_path / "run.npz")
     main(["check", str(tmp_path / "run.npz"), "--rules", str(own), "--json"])
-    (found,) = json.loads(capsys.readouterr().out).values()
+    _, found = json.loads(capsys.readouterr().out).values()
     (one,) = found["gets_in"].pop("open")
     assert found == {"gets_in": {"status": "OPEN", "violated": [], "unsure": []}}
     assert one["a"] == "a1"
@@ -143,7 +144,7 @@ def test_a_rule_may_be_called_as_the_indicators(folder: Path, tmp_path: Path, ca
     own = tmp_path / "own.rules"
     own.write_text("[kpis]\ntext = forall a. F a@j\n", encoding="utf-8")
     main(["check", str(folder / "d1.npz"), "--rules", str(own), "--json", "--kpis"])
-    (found,) = json.loads(capsys.readouterr().out).values()
+    _, found = json.loads(capsys.readouterr().out).values()
     assert found["kpis"]["status"] == "PASS"
     assert {v["agent"]: v["waiting"] for v in found["(kpis)"]["vehicles"]} == {"a0": 0.4, "a2": 2.4}, "ticks 10 to 50, 10 to 250"
 
@@ -152,7 +153,10 @@ def test_runs_of_one_name_are_told_apart(runs: dict[str, Run], tmp_path: Path, c
     for name in ("one.npz", "two.npz"):
         save_run(runs["good"], tmp_path / name)
     main(["check", str(tmp_path), "--rules", "p1", "--json"])
-    assert list(json.loads(capsys.readouterr().out)) == ["good", f"{tmp_path}/two.npz: good"]
+    assert list(json.loads(capsys.readouterr().out)) == ["version", "good", f"{tmp_path}/two.npz: good"]
+    save_run(replace(runs["good"], label="version"), tmp_path / "one.npz")
+    main(["check", str(tmp_path), "--rules", "p1", "--json"])
+    assert list(json.loads(capsys.readouterr().out)) == ["version", f"{tmp_path}/one.npz: version", "good"]
 
 
 def test_of_many_runs_what_is_wrong_is_printed_and_the_sums(folder: Path, capsys: Read) -> None:

@@ -94,7 +94,7 @@ def test_recorded_runs_are_judged(shared: Path, capsys: pytest.CaptureFixture[st
     published = {run["name"]: run["verdicts"] for run in json.loads(Path(file).read_text(encoding="utf-8"))["runs"]}
     words = {"True": "PASS", "False": "FAIL", "None": "NA"}
     names = {"one-car-in-junction": "p1", "right-of-priority": "p2", "fifo-priority": "p3"}
-    assert len(judged) == len(published)
+    assert set(judged) == {"version", *published}
     for run, verdicts in published.items():
         for name, verdict in (verdicts or {}).items():
             assert judged[run][names[name]]["status"] == words[verdict]
@@ -135,9 +135,9 @@ def kept(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_indicators_are_shown_to_people_and_on_request_to_programs(kept: Path, capsys: pytest.CaptureFixture[str]) -> None:
     wanted = kpis(load_run(kept)).record()
     main(["check", str(kept), "--json", "--rule", "paper"])
-    (plain,) = json.loads(capsys.readouterr().out).values()
+    _, plain = json.loads(capsys.readouterr().out).values()
     main(["check", str(kept), "--json", "--kpis", "--rule", "paper"])
-    (full,) = json.loads(capsys.readouterr().out).values()
+    _, full = json.loads(capsys.readouterr().out).values()
     assert set(plain) == {"p1", "p2", "p3", "p4", "p5", "p6"}
     assert full == {**plain, "(kpis)": wanted}
     main(["check", str(kept)])
@@ -149,7 +149,8 @@ def test_rules_of_a_file_judge_kept_runs(kept: Path, tmp_path: Path, capsys: pyt
     own = tmp_path / "own.rules"
     own.write_text("[gets_in]\ntext = forall a. F a@j\n", encoding="utf-8")
     assert main(["check", str(kept), "--rules", str(own), "--rules", "p1", "--json"]) == 0
-    assert [list(v) for v in json.loads(capsys.readouterr().out).values()] == [["gets_in", "p1"]]
+    _, judged = json.loads(capsys.readouterr().out).values()
+    assert list(judged) == ["gets_in", "p1"]
     assert main(["check", str(kept), "--rules", str(tmp_path / "none.rules")]) == 2
 
 

@@ -59,7 +59,7 @@ def test_two_sessions(pytester: pytest.Pytester, capsys: pytest.CaptureFixture[s
     assert any(line.startswith("  only in B: 1 x p1 (no two vehicles in the junction): ") for line in lines)
     page, markdown, content = (Path(f"out.{ending}").read_text(encoding="utf-8") for ending in ("html", "md", "json"))
     assert "| v2  01 | pass -> FAIL |" in markdown
-    assert "pass -> FAIL" in page
+    assert "pass -&gt; FAIL" in page
     assert json.loads(content)["common"] == 4
 
 

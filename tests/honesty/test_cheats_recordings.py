@@ -198,5 +198,6 @@ def test_a_check_in_which_nothing_applies_is_no_success(drive: Make, tmp_path: P
     assert main(["check", str(tmp_path / "run.npz"), "--rules", "p4", "--rules", "red"]) == 5
     assert "nothing was judged" in capsys.readouterr().err
     assert json.loads((main(["check", str(tmp_path / "run.npz"), "--rules", "red", "--json"]), capsys.readouterr().out)[1]) == {
-        "by-hand": {"red": {"status": "NA", "violated": [], "unsure": []}}
+        "version": 1,
+        "by-hand": {"red": {"status": "NA", "violated": [], "unsure": []}},
     }

@@ -1,4 +1,4 @@
-"""Packages of others add simulators, map formats, formats of tracks and commands by entry points."""
+"""Packages of others add simulators, map formats, formats of tracks and reports, and commands by entry points."""
 
 import os
 import re
@@ -12,6 +12,14 @@ import pytest_rvads
 from pytest_rvads.junctions.builtin import path_of
 
 RVADS = [sys.executable, "-c", "from pytest_rvads.cli import main; raise SystemExit(main())"]
+PYTEST = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider"]
+TESTS = """
+import pytest_rvads as rvads
+
+@rvads.scenario("stop4", classes=1, grid="E", rules=("p1", "p2"), duration=1)
+def test_rules(run, rule, monitor):
+    monitor.verdict(rule)
+"""
 MODULE = """
 from pytest_rvads.opendrive.builder import read_network
 from pytest_rvads.satellites.tracks.csvfile import read_csv
@@ -28,6 +36,12 @@ class Mine:
 mine = Mine()
 beacons = Format(read_csv, (".beacons",))
 
+def words(report, folder):
+    return f"{len(report.records)} items, {folder.name}"
+
+def octets(report, folder):
+    return bytes([0xff, len(report.records)])
+
 def declare(commands):
     commands.add_parser("greet").set_defaults(command=lambda options: print("hello") or 0)
 """
@@ -39,13 +53,16 @@ gone = no_such_module:gone
 own = own_package:read_network
 [rvads.logs]
 beacons = own_package:beacons
+[rvads.reports]
+words = own_package:words
+octets = own_package:octets
 [rvads.commands]
 greet = own_package
 """
 
 
-def run(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
-    """Run ``rvads`` where a package of others is installed."""
+def run(folder: Path, *words: str, program: list[str] = RVADS) -> subprocess.CompletedProcess[str]:
+    """Run ``rvads``, or another program, where a package of others is installed."""
     (folder / "own_package.py").write_text(MODULE, encoding="utf-8")
     info = folder / "own_package-1.0.dist-info"
     info.mkdir(exist_ok=True)
@@ -53,7 +70,7 @@ def run(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
     (info / "entry_points.txt").write_text(ENTRIES, encoding="utf-8")
     places = (str(folder), str(Path(pytest_rvads.__file__).parents[1]))
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(places)}
-    return subprocess.run([*RVADS, *words], cwd=folder, env=environment, capture_output=True, text=True, check=False)
+    return subprocess.run([*program, *words], cwd=folder, env=environment, capture_output=True, text=True, check=False)
 
 
 @pytest.mark.extended
@@ -88,3 +105,20 @@ def test_names_of_another_package_are_known_to_commands(tmp_path: Path, words: t
     done = run(tmp_path, *words)
     assert done.returncode == 2
     assert re.search(message, done.stderr)
+
+
+@pytest.mark.extended
+def test_report_format_of_another_package_is_written_by_sessions_check_town_and_comparisons(tmp_path: Path) -> None:
+    (tmp_path / "test_it.py").write_text(TESTS, encoding="utf-8")
+    (tmp_path / "cross.xodr").write_bytes(path_of("stop4").read_bytes())
+    names = ("out/session.words", "out/session.octets", "out/session.json")
+    run(tmp_path, *(f"--rvads-report={name}" for name in names), "--rvads-keep=kept", program=PYTEST)
+    run(tmp_path, "check", "kept", "--rules", "p1", "--report", "out/check.words")
+    town = ("town", "cross.xodr", "--autopilot", "reference", "--rules", "p1", "--sample", "1")
+    run(tmp_path, *town, "--report", "out/town.words")
+    run(tmp_path, "report", "compare", names[2], names[2], "-o", "out/comparison.words")
+    written = {path.stem: path.read_text(encoding="utf-8") for path in (tmp_path / "out").glob("*.words")}
+    assert written == {"session": "2 items, out", "check": "1 items, out", "town": "1 items, out", "comparison": "2 items, out"}
+    assert (tmp_path / "out/session.octets").read_bytes() == b"\xff\x02"
+    refused = run(tmp_path, "check", "kept", "--report", "check.wirds")
+    assert "a report is a .json, .html, .md, .csv, .xml, .octets, .words file, got 'check.wirds'" in refused.stderr

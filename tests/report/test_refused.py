@@ -7,9 +7,8 @@ import pytest
 
 from pytest_rvads.report.files import FORMATS, load, save
 from pytest_rvads.report.merge import merge
-from pytest_rvads.report.outline import outline
+from pytest_rvads.report.outline import outline, refused
 from pytest_rvads.report.record import planned_record
-from pytest_rvads.report.refused import refused
 from pytest_rvads.report.session_report import Drawn, Report
 
 MANY = {"it has 2 arms": tuple(f"town.{k}" for k in range(12)), "it has no lanes": ("town.90", "town.91"), "it is odd": ("x.1",)}

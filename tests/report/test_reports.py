@@ -26,7 +26,7 @@ from pytest_rvads.report.matrix import Matrices, Matrix
 from pytest_rvads.report.merge import merge
 from pytest_rvads.report.page import page
 from pytest_rvads.report.record import Record, conclude, planned_record, properties
-from pytest_rvads.report.session_report import Comparison, Report, cell_of
+from pytest_rvads.report.session_report import Comparison, Report, cell_of, exit_status
 from pytest_rvads.report.steady import steady
 from pytest_rvads.report.terminal import summary
 from pytest_rvads.report.traceability import table
@@ -446,6 +446,25 @@ def test_every_status_has_a_word() -> None:
         "1 pass, 1 fail, 1 open, 1 unavoidable, 1 provoked by traffic, 1 unsure, 1 NA, 1 error, 1 flaky, 1 not judged, 1 not run"
     )
     assert f"{len(Outcome)} verdicts: {words}" in line
+
+
+@pytest.mark.parametrize(
+    ("outcomes", "whole", "status"),
+    [
+        ({Outcome.PASS, Outcome.NA}, True, 0),
+        ({Outcome.PASS, Outcome.PROVOKED, Outcome.UNSURE}, True, 0),
+        ({Outcome.PASS, Outcome.OPEN}, True, 1),
+        ({Outcome.ERROR}, True, 1),
+        ({Outcome.NA, Outcome.UNSURE, Outcome.UNAVOIDABLE, Outcome.PROVOKED}, True, 5),
+        (set(), True, 5),
+        ({Outcome.PASS}, False, 2),
+        ({Outcome.FAIL}, False, 2),
+    ],
+)
+def test_the_exit_status_is_that_of_an_unfinished_then_a_failed_then_an_idle_session(
+    outcomes: set[Outcome], whole: bool, status: int
+) -> None:
+    assert exit_status(outcomes, whole=whole) == status
 
 
 def test_slow_runs_are_told_where_they_matter() -> None:

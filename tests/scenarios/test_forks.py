@@ -6,7 +6,6 @@ from itertools import product
 import numpy as np
 import pytest
 
-from pytest_rvads.campaigns.town_plan import Asked, Plan
 from pytest_rvads.collection.cells import Unfit, runs_of
 from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.errors import ScenarioError
@@ -16,6 +15,7 @@ from pytest_rvads.maps.segment import Segment
 from pytest_rvads.physics.body import start
 from pytest_rvads.physics.bullet_world import BulletWorld
 from pytest_rvads.runs.vehicle import Vehicle
+from pytest_rvads.satellites.campaigns.town_plan import Asked, Plan
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.configurations import explicit
 from pytest_rvads.scenarios.forks import forks, near

@@ -1,0 +1,133 @@
+"""What came of a junction of a town, summed up result by result: memory grows with junctions, rules and causes, not with runs."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Literal
+
+from pytest_rvads.outcome import Mark, Outcome, counted
+from pytest_rvads.report.record import Record
+from pytest_rvads.report.run_record import by_rule
+from pytest_rvads.report.triage import Cause, causes, gravity, provoked, unavoidable, unsure
+from pytest_rvads.satellites.campaigns.judged import Judged
+
+__all__ = ["CauseTally", "JunctionTally", "TownMark", "cell"]
+
+TownMark = Mark | Literal["error"]
+"""How a map or a cell shows what came of runs; ``error``: the runs have no verdict, which says nothing about the driving."""
+
+_GROUPS = (
+    ("causes of failures", causes),
+    ("provoked by traffic", provoked),
+    ("unavoidable: nobody could have kept the rule", unavoidable),
+    ("unsure", unsure),
+)
+_MOST = 100
+"""Causes kept per junction: messages of others may differ in every run."""
+_MARKS: tuple[TownMark, ...] = ("bad", "error", "doubt", "good")
+
+
+@dataclass(slots=True)
+class CauseTally:
+    """What lies behind verdicts at a junction."""
+
+    title: str
+    """What kind of cause it is."""
+    text: str
+    rules: tuple[str, ...]
+    """Of the first of its runs, by name, so that no order of results matters."""
+    run: str
+    """Name of that run."""
+    rule: str
+    """The rule that tells it there."""
+    hash: str | None
+    """Of that run."""
+    count: int = 0
+    """How many verdicts it explains."""
+
+
+@dataclass(slots=True)
+class JunctionTally:
+    """What came of the cases of a junction."""
+
+    runs: int = 0
+    table: Counter[tuple[str, str, Outcome]] = field(default_factory=Counter)
+    """How many verdicts by rule, configuration and outcome."""
+    causes: dict[tuple[str, str], CauseTally] = field(default_factory=dict)
+    """By title and text."""
+    untold: int = 0
+    """Verdicts whose cause is one too many."""
+    shapes: Counter[str] = field(default_factory=Counter)
+    """How many runs were simulated at which other junction of the same shape."""
+
+    def add(self, judged: Judged) -> None:
+        """Count a result in."""
+        self.runs += 1
+        if judged.shape:
+            self.shapes[judged.shape] += 1
+        self.table.update((verdict.rule, judged.cfg, verdict.outcome) for verdict in judged.verdicts)
+        if all(verdict.outcome in (Outcome.PASS, Outcome.NA) for verdict in judged.verdicts):
+            return
+        told = {record.nodeid: record for record in by_rule(judged)}
+        for title, grouping in _GROUPS:
+            groups = grouping()
+            for record in told.values():
+                groups.add(record)
+            for cause in groups.causes():
+                self._explain(title, cause, judged, told[cause.example])
+
+    def _explain(self, title: str, cause: Cause, judged: Judged, teller: Record) -> None:
+        """Count in what lies behind some verdicts of a run; who did it is told by its replay."""
+        roles = next((f" ({verdict.roles})" for verdict in teller.verdicts if verdict.roles), "")
+        text = cause.text.removesuffix(roles)
+        known = self.causes.get((title, text))
+        if known is None and len(self.causes) >= _MOST:
+            self.untold += cause.count
+            return
+        count = cause.count + (known.count if known else 0)
+        if known is None or judged.nodeid < known.run:
+            known = CauseTally(title, text, cause.rules, judged.nodeid, teller.asks, judged.hash)
+            self.causes[title, text] = known
+        known.count = count
+
+    @property
+    def outcomes(self) -> Counter[Outcome]:
+        """How many verdicts by outcome."""
+        found: Counter[Outcome] = Counter()
+        for (_, _, outcome), count in self.table.items():
+            found[outcome] += count
+        return found
+
+    @property
+    def mark(self) -> TownMark:
+        """How a map shows the junction: bad, error, doubt, good; none where nothing was judged."""
+        found = {_mark(outcome) for outcome in self.outcomes}
+        return next((mark for mark in _MARKS if mark in found), "none")
+
+    @property
+    def told(self) -> str:
+        """The outcomes in one line."""
+        found = self.outcomes
+        return counted({outcome: found[outcome] for outcome in found})
+
+    def grouped(self) -> Iterator[tuple[str, list[CauseTally]]]:
+        """Yield the causes of each kind, the gravest first, then the most frequent."""
+        for title, _ in _GROUPS:
+            found = [cause for cause in self.causes.values() if cause.title == title]
+            if found:
+                yield title, sorted(found, key=lambda cause: (gravity(cause.rules), -cause.count, cause.text))
+
+
+def _mark(outcome: Outcome) -> TownMark:
+    return "error" if outcome is Outcome.ERROR else outcome.mark
+
+
+def cell(counts: Counter[Outcome]) -> tuple[str, TownMark]:
+    """Return what stands where a rule and a configuration meet, and how it is marked: the worst with its share."""
+    total = sum(counts.values())
+    if not total:
+        return "", "none"
+    worst = min(counts, key=lambda outcome: outcome.severity)
+    return (worst.cell if counts[worst] == total else f"{counts[worst]}/{total} {worst.small}"), _mark(worst)

@@ -1,0 +1,253 @@
+"""Hashes of cases: equal where runs have to be, another one where anything that decides a run is."""
+
+import re
+import threading
+from collections import deque
+from dataclasses import fields, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import pytest_rvads as rvads
+from pytest_rvads.drivers.identity import identity, source
+from pytest_rvads.satellites.campaigns.campaign import Keys
+
+STOP = rvads.find("stop4")
+BASE: dict[str, Any] = {"place": STOP, "directions": "1133"}
+CHANGES: dict[str, Any] = {
+    "place": rvads.find("light4"),
+    "directions": "1131",
+    "distance": 19.99,
+    "speed": 0.01,
+    "rotation": 1,
+    "configuration": "mine",
+    "duration": 7.5,
+    "aggression": 2,
+    "wait": 1.25,
+    "order": (1, 0, 2, 3),
+    "senses": rvads.Senses(delay=0.1),
+    "followers": 1,
+}
+
+
+def key(case: rvads.Case, simulator: rvads.Simulator = rvads.bullet) -> str:
+    return Keys(simulator).of(case)
+
+
+def case(driver: Any = rvads.Reference, fleet: rvads.Fleet | None = None, **changes: Any) -> rvads.Case:
+    arguments = {**BASE, **changes}
+    return rvads.Case(rvads.Scenario(**arguments), driver, fleet=fleet or rvads.Fleet())
+
+
+def test_every_change_of_a_scenario_is_another_case() -> None:
+    known = {"place", "directions", "distance", "speed", *(item.name for item in fields(rvads.Scenario)[4:])}
+    assert set(CHANGES) == known - {"subject"}
+    keys = [key(case()), *(key(case(**{name: value})) for name, value in CHANGES.items())]
+    assert len(set(keys)) == len(keys)
+
+
+def test_what_drives_is_part_of_a_case() -> None:
+    around = [rvads.traffic(name) for name in ("reference", "hesitant")]
+    seated = rvads.Scenario(STOP, "1133", subject=0)
+    keys = [
+        key(case()),
+        key(case(partial(rvads.Reference, tie=0.5))),
+        key(case(partial(rvads.Reference, tie=0.25))),
+        key(case(rvads.LgsvlLike)),
+        *(key(rvads.Case(seated, rvads.Reference, traffic=traffic)) for traffic in around),
+        key(rvads.Case(replace_subject(seated, 1), rvads.Reference, traffic=around[0])),
+        key(case(), rvads.mujoco),
+    ]
+    assert len(set(keys)) == len(keys)
+
+
+def replace_subject(scenario: rvads.Scenario, subject: int) -> rvads.Scenario:
+    return scenario.but(subject=subject)
+
+
+def test_bodies_are_part_of_a_case() -> None:
+    usual = rvads.Vehicle()
+    other = [replace(usual, length=4.7), replace(usual, brake_lag=0.1), replace(usual, friction=0.8)]
+    fleets = [
+        rvads.Fleet(usual),
+        *map(rvads.Fleet, other),
+        rvads.Fleet(usual, {"a1": other[0]}),
+        rvads.Fleet(usual, {"a2": other[0]}),
+    ]
+    keys = [key(case(fleet=fleet)) for fleet in fleets]
+    assert len(set(keys)) == len(keys)
+
+
+@given(st.lists(st.floats(0.01, 30), min_size=4, max_size=4), st.floats(0, 5))
+def test_the_same_case_made_twice_has_one_hash(distances: list[float], wait: float) -> None:
+    one, two = (key(case(distance=tuple(distances), wait=wait)) for _ in range(2))
+    assert one == two
+
+
+@given(st.lists(st.tuples(*[st.sampled_from([0.3, 5.0, 5.1, 20.0])] * 4), min_size=2, max_size=6, unique=True))
+def test_no_two_cases_share_a_hash(distances: list[tuple[float, ...]]) -> None:
+    keys = [key(case(distance=distance, configuration="same")) for distance in distances]
+    assert len(set(keys)) == len(distances)
+
+
+def test_the_path_of_a_map_is_no_part_of_a_case() -> None:
+    moved = replace(STOP, map="/elsewhere/town.xodr")
+    assert key(case(place=moved)) == key(case())
+
+
+class Driver(rvads.Follower):
+    """One with settings."""
+
+    def __init__(self, **settings: Any) -> None:
+        super().__init__()
+        self.settings = settings
+
+    def target_speed(self, seen: Any) -> float:
+        return 1.0
+
+
+def made(speed: float) -> Any:
+    def driver() -> Driver:
+        return Driver(speed=speed)
+
+    return driver
+
+
+def test_drivers_are_told_apart() -> None:
+    drivers: list[Any] = [
+        Driver,
+        rvads.Follower,
+        partial(Driver, speed=1.0),
+        partial(Driver, speed=2.0),
+        partial(Driver, weights=(1.0, 2.0)),
+        partial(Driver, weights=(2.0, 1.0)),
+        partial(Driver, table={"a": 1}),
+        partial(Driver, table={"a": 2}),
+        Driver(speed=1.0),
+        Driver(speed=2.0),
+        made(1.0),
+        made(2.0),
+        rvads.Process(["stack"]),
+        rvads.Process(["stack", "--quick"]),
+        rvads.Process(["stack"], rate=10),
+        rvads.Process(["stack"], env={"SPEED": "8"}),
+    ]
+    assert len(set(map(identity, drivers))) == len(drivers)
+
+
+SPEED = 0.0
+
+
+class Slotted:
+    """Its values are in no dictionary."""
+
+    __slots__ = ("speed",)
+
+    def __init__(self, speed: float) -> None:
+        self.speed = speed
+
+
+class Named(dict[str, float]):
+    """A mapping with an attribute."""
+
+    def __init__(self, speed: float) -> None:
+        super().__init__()
+        self.speed = speed
+
+
+class Shared(Driver):
+    """Its speed is that of a name of its module."""
+
+    def target_speed(self, seen: Any) -> float:
+        return SPEED
+
+
+def on_class(speed: float) -> Any:
+    Shared.speed = speed  # type: ignore[attr-defined]
+    return Shared
+
+
+def in_module(speed: float) -> Any:
+    globals()["SPEED"] = speed
+    return Shared
+
+
+def local(speed: float) -> Any:
+    class Local(Driver):
+        def target_speed(self, seen: Any) -> float:
+            return speed
+
+    return Local
+
+
+def choice(speed: float) -> Any:
+    return (lambda: Driver(speed=1)) if speed > 1 else (lambda: Shared(speed=1))
+
+
+def nested(speed: float) -> Any:
+    value: Any = speed
+    for _ in range(50):
+        value = [value]
+    return partial(Driver, within=value)
+
+
+def stated(speed: float) -> Any:
+    def driver() -> Driver:
+        return Driver(speed=1)
+
+    driver.version = f"weights {speed}"  # type: ignore[attr-defined]
+    return driver
+
+
+WAYS = {
+    "an attribute of its class": on_class,
+    "a name of its module": in_module,
+    "a class in a function": local,
+    "a class made by a call": lambda speed: type("Made", (Driver,), {"speed": speed}),
+    "a slot": lambda speed: partial(Driver, of=Slotted(speed)),
+    "an array": lambda speed: partial(Driver, of=np.array([speed])),
+    "a queue": lambda speed: partial(Driver, of=deque([speed])),
+    "an attribute of a mapping": lambda speed: partial(Driver, of=Named(speed)),
+    "a value deep in others": nested,
+    "a default": lambda speed: lambda to=speed: Driver(speed=to),
+    "another body": choice,
+    "a version that its author states": stated,
+}
+
+
+@pytest.mark.parametrize("way", WAYS.values(), ids=WAYS)
+def test_a_driver_is_another_one_whatever_way_its_speed_comes_to_it(way: Any) -> None:
+    slow, again, fast = (identity(way(speed)) for speed in (1.0, 1.0, 2.0))
+    assert slow == again != fast
+
+
+def test_values_that_can_not_be_told_or_hold_themselves_do_no_harm() -> None:
+    around: list[Any] = [threading.Lock(), {"keys": {1, "a", (2, None)}}]
+    around.append(around)
+    assert identity(partial(Driver, of=around)) == identity(partial(Driver, of=around))
+
+
+class Versioned(Driver):
+    """Its weights are in a file that its code does not show."""
+
+    version = "weights\n2.1"
+
+
+def test_reports_name_the_version_of_a_driver_beside_the_digest_of_its_code() -> None:
+    here = Path(__file__).parent
+    plain = source(Driver, here)
+    assert re.fullmatch(r"test_keys\.py [0-9a-f]{8}", plain)
+    for driver in (Versioned, Versioned(), partial(Versioned, speed=1.0)):
+        assert source(driver, here) == f"{plain} version weights 2.1"
+    assert source(partial(Driver, version="argument"), here) == plain
+
+
+def test_a_driver_made_twice_is_the_same() -> None:
+    assert identity(partial(Driver, speed=1.0, of={"b": 1, "a": 2})) == identity(partial(Driver, of={"a": 2, "b": 1}, speed=1.0))
+    assert identity(made(1.0)) == identity(made(1.0))
+    assert identity(rvads.Process("stack --quick")) == identity(rvads.Process(["stack", "--quick"]))
