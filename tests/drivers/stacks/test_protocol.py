@@ -17,7 +17,7 @@ from pytest_rvads.drivers.stacks import frames, messages, place
 from pytest_rvads.drivers.stacks.child import StackError
 from pytest_rvads.drivers.stacks.process import Process
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 sys.path.append(str(ROOT / "clients" / "python"))
 rvads_client = importlib.import_module("rvads_client")
 sys.path.pop()

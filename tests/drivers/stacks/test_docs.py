@@ -10,7 +10,7 @@ from pytest_rvads.drivers.traffic import POLICIES
 from pytest_rvads.options import Options
 from pytest_rvads.scenarios.senses import Senses
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 TEXT = (ROOT / "docs" / "attach-your-stack.md").read_text(encoding="utf-8")
 
 

@@ -139,7 +139,7 @@ def session(pytester: pytest.Pytester, marked: Find) -> Iterator[Session]:
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,
-            env={**os.environ, "PYTHONPATH": str(FAULTY.parents[2])},
+            env={**os.environ, "PYTHONPATH": str(FAULTY.parents[3])},
             start_new_session=True,
             preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # in the background, shells have it ignored
         )

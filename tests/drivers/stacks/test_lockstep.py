@@ -20,7 +20,7 @@ from pytest_rvads.simulators.simulator import simulate
 
 from .conftest import Find
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 SCENARIO = Scenario(find("stop4"), "1133", distance=20, subject=0, duration=12)
 
 ECHO = """

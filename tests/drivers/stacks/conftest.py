@@ -14,7 +14,7 @@ from pytest_rvads.drivers.stacks.process import Process
 
 Find = Callable[[str], list[int]]
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 FAULTY = Path(__file__).with_name("faulty.py")
 CLINGING = Path(__file__).with_name("clinging.py")
 
