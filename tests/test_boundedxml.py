@@ -83,5 +83,5 @@ def test_length_of_tags_is_bounded(tmp_path: Path, name: str, tag: str) -> None:
     ],
 )
 @pytest.mark.parametrize("name", READERS)
-def test_files_that_are_no_xml_are_refused_with_the_place(tmp_path: Path, name: str, content: str, words: str) -> None:
+def test_files_without_xml_are_refused_with_the_place(tmp_path: Path, name: str, content: str, words: str) -> None:
     assert words in refusal(tmp_path / name, content)

@@ -145,7 +145,7 @@ def test_signals_of_blocks_are_those_of_the_whole_run(place: str, size: int) -> 
 
 @pytest.mark.parametrize("word", [owes, obstructs, idles, blocks, may_go], ids=lambda word: word.work.__name__)
 @pytest.mark.parametrize("place", PLACES)
-def test_a_word_works_out_all_signals_that_it_needs_later(place: str, word: Signal[Any]) -> None:
+def test_word_alone_in_blocks_of_one_state_equals_the_whole_run(place: str, word: Signal[Any]) -> None:
     """As in a live monitor of one rule, nothing but the word is asked for, in blocks of one state."""
     run = traffic(place, 1)
     for there, part, block in fed(run, 1, [entered, word]):
@@ -153,7 +153,7 @@ def test_a_word_works_out_all_signals_that_it_needs_later(place: str, word: Sign
         assert np.array_equal(whole, parts), part
 
 
-def test_a_signal_with_a_carry_that_is_asked_for_too_late_is_refused() -> None:
+def test_late_first_request_of_a_signal_with_a_carry_is_refused() -> None:
     run = traffic("stop4", 1)
     stream = Stream(run.junction, run.dt, run.facts)
     stream.recast(run.agents, [None] * len(run.agents))

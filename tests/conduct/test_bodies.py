@@ -90,7 +90,7 @@ def test_what_was_recorded_counts_in_its_state(drive: Make, tick: int, hit: int)
     assert np.flatnonzero(collide(run, 0, 1)).tolist() == [hit], "the last step ends in the last state"
 
 
-def test_who_is_gone_has_no_body(drive: Make) -> None:
+def test_vehicle_out_of_the_run_has_no_body(drive: Make) -> None:
     run = drive("stop4", {0: (2, -30.0, [(0, 0.0)]), 2: (2, -30.0, [(0, 0.0)])}, 10)
     pose = run.need("pose").copy()
     pose[:, 1] = pose[:, 0]

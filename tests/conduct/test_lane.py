@@ -64,7 +64,7 @@ def test_a_vehicle_across_its_lane_is_out_of_it_though_its_front_is_on_the_centr
     assert not off_lane(replace(run, pose=pose), 0).any(), "the direction is no matter of lanes"
 
 
-def test_who_is_gone_is_nowhere(drive: Make) -> None:
+def test_vehicle_out_of_the_run_leaves_no_lane(drive: Make) -> None:
     run = drive("stop4", {0: (2, -30.0, [(0, 0.0)], 2.0)}, 5)
     gone = replace(run, zone=np.full_like(run.zone, Zone.GONE))
     assert off_lane(run, 0).all()
@@ -132,7 +132,7 @@ def test_a_bend_without_a_path_that_keeps_the_lane_makes_keep_lane_unavoidable(t
     assert "through a bend with a radius of 2.5 m, as a0 can't steer below 3.9 m" in verdict.explanation
 
 
-def test_whoever_leaves_the_lane_where_a_path_keeps_it_could_have_kept_it(wider: Junction, drive: Make) -> None:
+def test_leaving_the_lane_is_unavoidable_only_without_a_path_inside_the_lane(wider: Junction, drive: Make) -> None:
     """A radius of 3.25 m is less than the 3.9 m of a car, but lanes of 3.5 m have room for a wider arc; not for one of 12 m."""
     run = drive(wider, {0: (1, 3.0, [(0, 1.0)], 2.1)}, 100)
     verdict = check(run, "keep_lane")
@@ -206,7 +206,7 @@ def test_a_run_and_its_simulation_ask_for_the_rear_axle_as_well(drive: Make, tur
     assert body.strayed == strayed
 
 
-def test_without_a_map_nothing_is_said(drive: Make, topology: Callable[[Junction], Junction]) -> None:
+def test_lane_predicates_require_a_geometry(drive: Make, topology: Callable[[Junction], Junction]) -> None:
     run = drive("stop4", {0: (2, -30.0, [(0, 8.0)])}, 5)
     bare = replace(run, junction=topology(run.junction))
     for predicate in (off_lane, off_route):

@@ -60,7 +60,7 @@ def test_who_stands_first_at_its_green_light_is_due_and_at_red_is_not(drive: Mak
     assert not due(far, 0, 1)[0], "not in its stop place"
 
 
-def test_who_has_passed_is_not_due_any_more(drive: Make) -> None:
+def test_vehicle_past_the_conflict_is_not_due(drive: Make) -> None:
     stretch = common().yours
     for rear, is_due in ((-0.1, True), (0.1, False)):
         run = meeting(drive, at(-50.0, (0, 0.0)), at(stretch.end + 4.6 + rear, (0, 8.0)), 1)
@@ -91,13 +91,13 @@ def test_the_way_is_owed_from_the_entrance_zone_until_the_rear_has_left_the_stre
 
 
 @pytest.mark.parametrize(("turn", "owed"), [(1, True), (2, True), (3, False)])
-def test_it_owes_nothing_to_another_left_turn(drive: Make, turn: int, owed: bool) -> None:
+def test_left_turn_owes_nothing_to_an_opposite_left_turn(drive: Make, turn: int, owed: bool) -> None:
     run = meeting(drive, at(-0.5, (0, 0.0)), at(-10.0, (0, 8.0)), 1, turn=turn)
     assert owes(run, 0, 1)[0] == owed
     assert not owes(run, 1, 0).any(), "who comes straight on owes nothing"
 
 
-def test_a_turn_on_red_owes_the_way_to_whoever_has_green_and_crosses_it(drive: Make) -> None:
+def test_turn_on_red_owes_the_way_to_crossing_vehicles_with_green(drive: Make) -> None:
     vehicles = {1: (1, -0.5, [(0, 0.0)]), 0: (2, -10.0, [(0, 8.0)]), 3: (3, -10.0, [(0, 8.0)])}
     run = drive("light4", vehicles, 1, {**CROSS, 3: [(0, G)]})
     assert owes(run, 0, 1)[0], "from the left, into the same exit"
@@ -135,7 +135,7 @@ def test_under_a_second_behind_is_too_near(drive: Make, gap: float, taken: bool)
         assert owes(run, 0, 1)[takes : hits[0] + 1].all(), "from where the ways meet until the other one is there"
 
 
-def test_letting_it_pass_first_obstructs_nobody(drive: Make) -> None:
+def test_vehicle_behind_the_passing_vehicle_obstructs_nobody(drive: Make) -> None:
     yours = common().yours
     passed = round(100 * (8.0 + yours.end + 4.6) / 8.0)
     run = meeting(drive, at(-0.5, (0, 0.0), (passed, 6.0)), at(-8.0, (0, 8.0)), 1200)
@@ -143,7 +143,7 @@ def test_letting_it_pass_first_obstructs_nobody(drive: Make) -> None:
     assert not obstructs(run, 0, 1).any()
 
 
-def test_waiting_in_the_middle_for_it_obstructs_nobody(drive: Make) -> None:
+def test_vehicle_waiting_inside_the_junction_obstructs_nobody(drive: Make) -> None:
     mine, yours, _ = common()
     inside = round(100 * (0.5 + mine.start - 1.0) / 5.0)
     passed = round(100 * (20.0 + yours.end + 4.6) / 8.0)
@@ -182,7 +182,7 @@ def test_braking_for_ones_own_light_is_nobody_else_s_doing(drive: Make) -> None:
     assert not obstructs(run, 0, 1).any()
 
 
-def test_who_brakes_though_it_would_have_come_late_enough_is_not_obstructed(drive: Make) -> None:
+def test_needless_braking_is_no_obstruction(drive: Make) -> None:
     run = crossing(drive, 3.0)
     speed = run.need("speed").copy()
     speed[150:, 1] = np.maximum(8.0 - 0.05 * np.arange(len(speed) - 150), 1.0)
@@ -215,7 +215,7 @@ def test_touching_counts_whatever_the_times_say(drive: Make) -> None:
     assert np.flatnonzero(obstructs(touching, 0, 1)).tolist() == [taking[5]]
 
 
-def test_where_two_join_the_second_one_has_to_have_room(drive: Make) -> None:
+def test_second_vehicle_of_a_merge_needs_a_gap(drive: Make) -> None:
     """a1 turns right on red into the lane of a0, which has green and comes at 8 m/s."""
     mine, yours, merges = common((1, 2), (0, 2))
     assert merges

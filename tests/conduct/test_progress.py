@@ -116,7 +116,7 @@ def test_who_has_gone_or_arrived_is_left_alone(drive: Make) -> None:
 # Reasons to wait
 
 
-def test_a_light_that_is_not_green_is_a_reason_at_the_line_only(drive: Make) -> None:
+def test_red_light_is_a_reason_to_wait_at_the_line_only(drive: Make) -> None:
     for colours, waits in ((ALL_RED, True), ({0: [(0, Y)]}, True), ({0: [(0, G)]}, False), ({}, False)):
         for station, near in ((-0.5, True), (-14.9, True), (-15.1, False)):
             run = drive("light4", {0: stands(2, station)}, 5, colours)
@@ -181,7 +181,9 @@ def stretches(name: str) -> dict[Any, Any]:
 
 
 @pytest.mark.parametrize(("exits", "rear", "waits"), [((2, 2), 9.0, True), ((2, 1), 9.0, False), ((2, 1), 7.0, True)])
-def test_in_the_junction_only_who_is_in_the_way_is_ahead(drive: Make, exits: tuple[int, int], rear: float, waits: bool) -> None:
+def test_vehicle_inside_the_junction_is_ahead_only_in_the_way(
+    drive: Make, exits: tuple[int, int], rear: float, waits: bool
+) -> None:
     """From one entrance: a0 stands 4 m inside, another one ahead. Right turn and straight way: 2.4 m apart at 8 m, 3.0 at 9."""
     one, two = (
         drive("light4", {0: (exit, station, [(0, 0.0)])}, 3, CROSS)
@@ -200,7 +202,7 @@ def test_an_exit_road_without_room_is_a_reason(drive: Make) -> None:
         assert status(run, "progress") == ("FAIL", ("a1",) if waits else ("a0", "a1")), "a1 has no reason to stand"
 
 
-def test_at_a_stop_sign_who_is_inside_and_who_comes_first_are_reasons(drive: Make) -> None:
+def test_vehicle_inside_and_earlier_arrival_are_reasons_to_wait_at_a_stop_sign(drive: Make) -> None:
     run = drive("stop4", {0: stands(2), 1: (2, 8.0, [(0, 0.0)])}, 1200)
     assert not may_go(run, 0).any()
     assert status(run, "progress") == ("FAIL", ("a1",)), "the one inside stands for nobody"
@@ -243,14 +245,14 @@ def test_vehicle_that_stands_at_its_line_with_the_better_right_is_a_reason(drive
     assert status(circle, "progress") == ("FAIL", ("a0", "a1", "a2", "a3"))
 
 
-def test_circle_that_somebody_leaves_begins_anew(drive: Make) -> None:
+def test_circle_of_waiting_vehicles_begins_anew_after_a_departure(drive: Make) -> None:
     # Four stand at right4. a0 goes after 8 s, and a0+1 comes to the line behind it, and goes after 7 s more.
     first, second = stands(2, -0.5, (800, 8.0)), stands(2, -6.2, (900, 5.0), (1014, 0.0), (1700, 8.0))
     run = drive("right4", {0: first, (0, 1): second, **{e: stands(2) for e in (1, 2, 3)}}, 1800)
     assert status(run, "progress") == ("PASS", ())
 
 
-def test_circle_that_waits_for_others_has_a_reason(drive: Make) -> None:
+def test_circle_of_waiting_vehicles_may_wait_for_passing_traffic(drive: Make) -> None:
     # a1, a2 and a3, which turns left, wait for each other. Six vehicles pass in front of a1 and a3, not of a2.
     passing = {(0, k): (2, -20.0 - 24.0 * k, [(0, 8.0)]) for k in range(6)}
     run = drive("right4", {1: stands(2), 2: stands(2), 3: stands(3), **passing}, 1500)
@@ -304,7 +306,7 @@ def test_turning_on_red_is_no_duty(drive: Make) -> None:
 # Waiting for each other
 
 
-def test_who_waits_for_another_that_stands_there_has_a_reason_and_that_one_has_not(drive: Make) -> None:
+def test_standing_vehicle_in_the_way_is_responsible_for_the_wait(drive: Make) -> None:
     common = find("stop4").stretches
     assert common is not None
     mine, yours, _ = common[(0, 3), (1, 0)]
@@ -314,7 +316,7 @@ def test_who_waits_for_another_that_stands_there_has_a_reason_and_that_one_has_n
     assert status(run, "progress") == ("FAIL", ("a1",))
 
 
-def test_those_that_wait_for_each_other_have_none(drive: Make) -> None:
+def test_two_vehicles_waiting_for_each_other_are_both_responsible(drive: Make) -> None:
     common = find("stop4").stretches
     assert common is not None
     both = common[(0, 2), (1, 3)]
@@ -326,7 +328,7 @@ def test_those_that_wait_for_each_other_have_none(drive: Make) -> None:
     assert status(run, "keep_clear")[0] == "FAIL"
 
 
-def test_who_came_in_on_red_excuses_the_one_with_green(drive: Make) -> None:
+def test_blocked_vehicle_with_green_is_excused_by_the_vehicle_that_entered_on_red(drive: Make) -> None:
     common = find("light4").stretches
     assert common is not None
     both = common[(0, 2), (1, 3)]
@@ -338,7 +340,7 @@ def test_who_came_in_on_red_excuses_the_one_with_green(drive: Make) -> None:
     assert status(run, "progress") == ("FAIL", ("a1",))
 
 
-def test_those_that_all_came_in_on_red_have_no_excuse(drive: Make) -> None:
+def test_blocked_vehicles_that_entered_on_red_are_not_excused(drive: Make) -> None:
     both = stretches("light4")[(0, 2), (1, 3)]
     stop_there = [(0, 5.0), (400, 0.0)]
     run = drive(
@@ -431,7 +433,7 @@ def test_giving_way_blocks_nothing(drive: Make) -> None:
     assert status(run, "keep_clear")[0] == "PASS"
 
 
-def test_second_of_two_that_give_way_blocks_nothing(drive: Make) -> None:
+def test_second_waiting_left_turn_does_not_block_the_junction(drive: Make) -> None:
     mine, yours, _ = stretches("light4")[(0, 3), (2, 3)]
     # Both turn left, and wait for a2, which comes slowly and turns right. The first one stood there when the second one entered.
     second = (3, -0.5, [(0, 5.0), (round(20 * (mine.start - 5.5)), 0.0)])
@@ -440,7 +442,7 @@ def test_second_of_two_that_give_way_blocks_nothing(drive: Make) -> None:
     assert status(run, "keep_clear")[0] == "PASS"
 
 
-def test_behind_a_queue_it_does(drive: Make) -> None:
+def test_entering_behind_a_full_exit_road_blocks_the_junction(drive: Make) -> None:
     """Who enters although the exit road is full stands in the junction by its own doing."""
     ways = find("light4").movements
     run = drive("light4", {0: (2, ways[0, 2].length - 3.0, [(0, 0.0)]), 1: (1, ways[1, 2].length + 6.0, [(0, 0.0)])}, 400, CROSS)

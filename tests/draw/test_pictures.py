@@ -60,7 +60,7 @@ def test_the_picture_shows_every_vehicle_where_it_is(run: Run) -> None:
     assert [name for name, g in drawn.items() if g.find(f"{SVG}rect[@class='broken']") is not None] == ["a1"]
 
 
-def test_who_is_no_car_is_drawn_and_named_as_what_it_is(run: Run) -> None:
+def test_trucks_cyclists_and_pedestrians_are_drawn_by_kind(run: Run) -> None:
     kinds = (Kind.CAR, Kind.TRUCK, Kind.CYCLIST, Kind.PEDESTRIAN)
     mixed = replace(run, agents=tuple(replace(a, kind=kind, size=(2.0, 1.0)) for a, kind in zip(run.agents, kinds, strict=True)))
     page = replay(mixed, "title")
@@ -201,7 +201,7 @@ def test_who_is_gone_needs_no_place(run: Run) -> None:
     assert (np.array(held)[here] == np.array(before)[here]).all()
 
 
-def test_events_are_when_they_happen(run: Run) -> None:
+def test_events_have_the_times_of_the_run(run: Run) -> None:
     found = events(run)
     # a0 needs 2 s for its 10 m at 5 m/s; it is in the junction from the first state past the vertex.
     assert [t for t, text in found if text == "a0 enters the junction"] == [pytest.approx(2.0, abs=0.011)]

@@ -63,7 +63,7 @@ def test_a_misspelt_ability_is_refused(name: str, value: object, ability: str) -
         type("Mine", (rvads.Follower,), {name: value})
 
 
-def test_it_is_found_on_the_object_and_where_no_method_drives() -> None:
+def test_misspelt_ability_is_refused_on_objects_and_on_traffic_systems() -> None:
     class Late:
         def __init__(self) -> None:
             self.periode = 0.05
@@ -90,7 +90,7 @@ def test_no_reasonable_name_is_refused() -> None:
     type("Mine", (rvads.Follower,), names)
 
 
-def test_who_has_an_ability_may_have_a_name_near_it() -> None:
+def test_attribute_close_to_an_ability_is_accepted_if_the_ability_exists() -> None:
     both: dict[str, Any] = {"timing": lambda self: None, "timings": lambda self: None, "period": 0.05, "period_": 0.1}
     crew(AGENTS[:1], driving(**both))
     type("Mine", (rvads.Follower,), both)
@@ -160,7 +160,7 @@ def test_a_base_gives_the_defaults() -> None:
         rvads.Autopilot()  # type: ignore[abstract]
 
 
-def test_the_subject_is_told_by_its_name_and_not_by_its_entrance() -> None:
+def test_subject_is_matched_by_name_and_not_by_entrance() -> None:
     """Two stand at entrance 0, one behind the other."""
     agents = [AGENTS[0], Agent("a0+1", Movement(0, 2, rvads.Turn.STRAIGHT, 10.0, "m")), AGENTS[1]]
     seats = crew(agents, Able, rvads.Reference, "a0+1")

@@ -135,7 +135,9 @@ def standing(speed: float, vehicle: Vehicle | None = None, aggression: int = 1) 
         (8.0, 3.0, -20.0),
     ],
 )
-def test_it_asks_for_four_times_the_speed_error_and_holds_who_hardly_moves(speed: float, target: float, wanted: float) -> None:
+def test_acceleration_is_four_times_the_speed_error_and_slow_vehicles_are_held(
+    speed: float, target: float, wanted: float
+) -> None:
     assert Steady().towards(standing(speed), target) == pytest.approx(wanted)
 
 
@@ -149,7 +151,7 @@ def test_it_brakes_for_a_bend_with_3_at_most() -> None:
 
 
 @pytest.mark.parametrize("target", [-0.1, math.inf, math.nan])
-def test_a_target_that_is_no_speed_is_refused(target: float) -> None:
+def test_target_speed_must_be_finite_and_not_negative(target: float) -> None:
     class Lost(Follower):
         def target_speed(self, seen: Observation) -> float:
             return target
@@ -180,7 +182,7 @@ def test_who_is_held_brakes_with_2_5(brake: tuple[float, float, float], share: f
     assert Steady().drive(standing(0.31, Vehicle(brake=brake)), -math.inf).brake == 1.0, "still moving: all there is"
 
 
-def test_who_stands_leaves_the_wheels_as_they_are() -> None:
+def test_standing_vehicle_keeps_its_steering() -> None:
     aside = standing(0.2)
     aside = aside._replace(me=aside.me._replace(y=aside.me.y + 0.5, x=aside.me.x + 0.5))
     pilot = Steady()

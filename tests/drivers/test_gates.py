@@ -57,13 +57,13 @@ def test_alone_it_goes_on_green(turn: Turn) -> None:
     assert enters(at(0, turn, -20.0, 8.0), lights=ALONG) is False, "and not on red"
 
 
-def test_on_yellow_it_goes_on_where_it_can_not_stop_at_3_2() -> None:
+def test_yellow_is_passed_if_stopping_takes_more_than_3_2() -> None:
     # 8 m/s: 10 m of braking, 0.96 m of the brake's lag, 0.15 m to spare.
     for station, goes in ((-11.0, True), (-11.2, False)):
         assert enters(at(0, STRAIGHT, station, 8.0), lights=(Y, R, Y, R)) is goes
 
 
-def test_on_red_it_turns_right_once_it_has_stood_at_the_line() -> None:
+def test_right_turn_on_red_requires_a_stop_at_the_line() -> None:
     light = Light()
     for station, speed, goes in ((-20.0, 0.0, False), (-0.9, 0.02, False), (-0.4, 0.005, True), (-0.3, 1.0, True)):
         assert light.allows(sees(at(0, RIGHT, station, speed), lights=ALONG)) is goes
@@ -87,7 +87,7 @@ def test_on_red_it_turns_right_once_it_has_stood_at_the_line() -> None:
         (at(0, LEFT, -10.0, 5.0), at(2, STRAIGHT), ACROSS, 16.0 - LIMIT * 6.82),
     ],
 )
-def test_it_goes_before_who_has_priority_where_there_is_time(
+def test_vehicle_enters_before_priority_traffic_if_the_gap_is_long_enough(
     mine: VehicleState, other: VehicleState, lights: tuple[Colour, ...], farthest: float
 ) -> None:
     for before, goes in ((0.2, True), (-0.2, False)):
@@ -110,7 +110,7 @@ def test_it_goes_before_who_has_priority_where_there_is_time(
         (at(0, RIGHT), at(3, STRAIGHT), True),  # on green: it comes from the left and has red
     ],
 )
-def test_who_waits_for_whom_at_the_line(mine: VehicleState, other: VehicleState, goes: bool) -> None:
+def test_waiting_vehicle_at_the_line(mine: VehicleState, other: VehicleState, goes: bool) -> None:
     assert enters(mine, other) is goes
 
 
@@ -134,7 +134,7 @@ def test_who_waits_for_whom_at_the_line(mine: VehicleState, other: VehicleState,
         (at(0, RIGHT, 30.0, 0.0, zone=Zone.EXIT), True),  # another exit
     ],
 )
-def test_straight_on_at_green_it_waits_for_who_is_in_the_way(other: VehicleState, goes: bool) -> None:
+def test_straight_on_at_green_waits_for_vehicles_in_the_way(other: VehicleState, goes: bool) -> None:
     assert enters(at(0, STRAIGHT), other._replace(name="other")) is goes
 
 
@@ -200,9 +200,7 @@ def narrow(tmp_path: Path) -> Junction:
 @pytest.mark.parametrize(
     ("station", "created", "goes"), [(-0.5, 0, True), (-0.5, 1, False), (-0.2, 0, False), (-0.8, 1, True), (-0.2, 1, False)]
 )
-def test_of_two_left_turns_that_cross_the_nearer_one_goes_first(
-    narrow: Junction, station: float, created: int, goes: bool
-) -> None:
+def test_nearer_of_two_crossing_left_turns_goes_first(narrow: Junction, station: float, created: int, goes: bool) -> None:
     """Of two that are equally near it is who was created first."""
     assert (narrow.stretches or {}).get(((0, 3), (2, 1))) is not None
     mine, other = at(0, LEFT), at(2, LEFT, station)
@@ -213,7 +211,7 @@ def test_of_two_left_turns_that_cross_the_nearer_one_goes_first(
         assert enters(mine, other._replace(turn=RIGHT, station=-90.0, zone=Zone.APPROACH), junction=narrow) is True
 
 
-def test_an_indicator_that_leaves_open_which_exit_is_meant_is_taken_for_the_one_that_crosses() -> None:
+def test_ambiguous_indicator_counts_as_the_crossing_movement() -> None:
     """From entrance 2 one may turn left into two exits; only the way to exit 0 crosses the own one."""
     across = replace(LIGHTS.movements[2, 0], turn=LEFT)
     forked = replace(LIGHTS, movements={**LIGHTS.movements, (2, 0): across})
@@ -244,7 +242,7 @@ def test_alone_it_stands_for_half_a_second_at_the_sign() -> None:
     assert at_sign(sign, 1.6, at(0, STRAIGHT, -0.2, 0.8)) is True, "and goes on"
 
 
-def test_away_from_its_entrance_it_has_no_turn() -> None:
+def test_vehicle_away_from_its_entrance_has_no_turn() -> None:
     sign = StopSign()
     assert at_sign(sign, 0.0, at(0, STRAIGHT)) is False
     assert at_sign(sign, 1.0, at(0, STRAIGHT, -1.1)) is False
@@ -262,7 +260,7 @@ def test_away_from_its_entrance_it_has_no_turn() -> None:
         (at(0, STRAIGHT, 30.0 + 7.2 + LENGTH, 0.9, zone=Zone.EXIT), True),
     ],
 )
-def test_at_the_sign_it_waits_for_who_is_in_the_way(other: VehicleState, goes: bool) -> None:
+def test_stop_sign_waits_for_vehicles_in_the_way(other: VehicleState, goes: bool) -> None:
     sign, other = StopSign(), other._replace(name="other")
     assert at_sign(sign, 0.0, at(0, STRAIGHT), other) is False
     assert at_sign(sign, 1.0, at(0, STRAIGHT), other) is goes
@@ -286,7 +284,7 @@ def test_a_light_at_some_entrances_is_obeyed_as_well(colour: Colour, goes: bool)
         ((at(1, STRAIGHT), at(2, STRAIGHT), at(3, STRAIGHT)), 2, 2.9),
     ],
 )
-def test_whose_turn_it_is_where_all_came_at_once(others: tuple[VehicleState, ...], created: int, goes: float | None) -> None:
+def test_order_of_simultaneous_arrivals(others: tuple[VehicleState, ...], created: int, goes: float | None) -> None:
     """Nobody moves; from when on it would go [s]."""
     sign = StopSign()
     told = [at_sign(sign, tick / 10, at(0, STRAIGHT), *others, created=created) for tick in range(100)]
@@ -311,7 +309,7 @@ def test_how_long_a_vehicle_at_a_stop_sign_waits_for_one_with_the_better_right(
     assert waits(StopSign(tie), seen.__getitem__) == (None if goes is None else pytest.approx(goes, abs=0.11))
 
 
-def test_of_two_that_set_off_at_once_at_stop_signs_the_farther_one_goes_on() -> None:
+def test_farther_of_two_simultaneous_starts_goes_on() -> None:
     for station, goes in ((-0.3, True), (-0.1, False)):
         sign, other = StopSign(), at(3, STRAIGHT)
         assert [at_sign(sign, time, at(0, STRAIGHT), other) for time in (0.0, 0.5)] == [False, True]

@@ -74,19 +74,19 @@ def braking(run: Run, name: str) -> float:
     return float((speed[:-10] - speed[10:]).max() / 0.1)
 
 
-def test_on_the_priority_road_it_does_not_brake_for_who_has_to_give_way() -> None:
+def test_priority_road_does_not_brake_for_yielding_traffic() -> None:
     run = drive(signed(*SIGNS["yield"]), "2200", distance=25, speed=8)
     assert entering(run) == ["a0", "a1"]
     assert braking(run, "a0") < 0.5
     assert wrong(run) == []
 
 
-def test_at_a_yield_sign_it_does_not_stop_where_nobody_comes() -> None:
+def test_yield_sign_requires_no_stop_on_an_empty_road() -> None:
     run = drive(signed(*SIGNS["yield"]), "0200", distance=25, speed=8)
     assert float(run.need("speed").min()) > 7.5
 
 
-def test_at_a_stop_sign_it_stops_although_nobody_comes_and_across_from_it_nobody_does() -> None:
+def test_stop_sign_requires_a_stop_on_an_empty_road() -> None:
     place = signed(*SIGNS["stop at the minor road"])
     for code, stands in (("0200", True), ("2000", False)):
         run = drive(place, code, distance=25, speed=8)
@@ -95,7 +95,7 @@ def test_at_a_stop_sign_it_stops_although_nobody_comes_and_across_from_it_nobody
         assert wrong(run) == []
 
 
-def test_right_goes_before_left_and_between_them_nobody_stops_in_the_junction() -> None:
+def test_vehicle_from_the_right_goes_first_without_a_stop_in_the_junction() -> None:
     run = drive(signed(*SIGNS["right before left"]), "2200", distance=25, speed=8)
     assert entering(run) == ["a1", "a0"], "entrance 1 lies to the right of entrance 0"
     assert braking(run, "a1") < 0.5
@@ -103,7 +103,7 @@ def test_right_goes_before_left_and_between_them_nobody_stops_in_the_junction() 
 
 
 @pytest.mark.parametrize("order", [(0, 1, 2, 3), (2, 0, 3, 1)])
-def test_where_everybody_has_somebody_to_the_right_who_was_created_first_goes_first(order: tuple[int, ...]) -> None:
+def test_first_created_vehicle_resolves_a_circle_of_right_before_left(order: tuple[int, ...]) -> None:
     run = drive(signed(*SIGNS["right before left"]), "2222", distance=20, order=order)
     ticks = np.argmax(run.zone >= Zone.JUNCTION, axis=0)
     assert ticks[order[0]] == ticks.min(), "maybe together with who comes the other way, whom it does not meet"
@@ -132,7 +132,7 @@ def test_who_follows_keeps_its_distance_and_stops_at_the_line_itself(base: str) 
         assert check(run, "p1").status != "FAIL"
 
 
-def test_who_has_time_goes_before_who_has_priority_and_else_does_not() -> None:
+def test_minor_road_crosses_before_priority_traffic_only_with_a_gap() -> None:
     """From standing at the line of entrance 1 straight across one that comes on the priority road, by hand."""
     place = signed(*SIGNS["yield"])
     way = Itinerary.through(place, 1, 3)
@@ -167,7 +167,7 @@ def test_gap_for_a_right_turn_covers_the_part_of_the_exit_road_that_is_owed(dist
     assert (float(run.entered[2]) * run.dt < 3.0) is at_once
 
 
-def test_nobody_takes_the_way_of_a_vehicle_first_at_its_line_before_it_waives_its_right() -> None:
+def test_first_vehicle_at_its_line_keeps_its_right_until_the_right_is_waived() -> None:
     """From the priority road one that stands at its line comes past where a right turn from the minor road ends."""
     stands = VehicleState("a0", 0, Turn.STRAIGHT, Zone.ENTRANCE, -0.5, 0, 0, 0, 0.0, 0.0, 4.6, 1.86)
     comes = stands._replace(zone=Zone.APPROACH, station=-60.0)
@@ -187,14 +187,14 @@ def test_a_queue_is_looked_at_beyond_its_first_vehicle_as_long_as_it_rolls() -> 
         assert GiveWay(seen, Track(seen.itinerary, 3.65), TIE).allows(seen) is goes
 
 
-def test_in_a_circle_the_vehicle_that_came_first_goes_first_whoever_was_created_before() -> None:
+def test_earliest_arrival_resolves_a_circle_of_queues() -> None:
     """Everybody waits for the vehicle on its right, with another one behind it: no queue goes before the other ones."""
     run = drive(signed(*SIGNS["right before left"]), "2222", distance=(8, 11, 14, 17), speed=0, followers=1)
     order = entering(run)
     assert set(order[:4]) == {"a0", "a1", "a2", "a3"}, order
 
 
-def test_of_two_that_face_each_other_in_a_circle_one_alone_sets_off() -> None:
+def test_one_of_two_opposite_vehicles_leaves_a_circle_first() -> None:
     """Together they would take the way of a vehicle that may go as soon as the vehicle on its right has entered."""
     run = drive(signed(*SIGNS["right before left"]), "2222", distance=(1, 30, 8, 14.5), speed=(1.7, 8, 3, 6.6))
     ticks = sorted(np.argmax(run.zone >= Zone.JUNCTION, axis=0).tolist())
@@ -202,7 +202,7 @@ def test_of_two_that_face_each_other_in_a_circle_one_alone_sets_off() -> None:
     assert wrong(run) == []
 
 
-def test_nobody_is_first_where_nobody_waits() -> None:
+def test_empty_queue_has_no_first_vehicle() -> None:
     """As after a collision that pushed everybody away from the entrances."""
     place = find("stop4")
     away = VehicleState("a0", 0, Turn.STRAIGHT, Zone.JUNCTION, 2.0, 0, 0, 0, 0.0, 0.0, 4.6, 1.86)
@@ -212,7 +212,7 @@ def test_nobody_is_first_where_nobody_waits() -> None:
     assert queue.first(seen) == ([], 0)
 
 
-def test_of_a_queue_only_the_first_one_counts_at_an_entrance() -> None:
+def test_first_vehicle_of_a_queue_represents_its_entrance() -> None:
     """Where the line is far before the vertex, two stand in the entrance zone."""
     place = find("stop4")
     first = VehicleState("a0", 0, Turn.STRAIGHT, Zone.ENTRANCE, -0.5, 0, 0, 0, 0.0, 0.0, 4.6, 1.86)
@@ -244,7 +244,7 @@ def test_lanes_of_an_arm_go_by_their_own_lights(shared: Path) -> None:
         assert wrong(run) == []
 
 
-def test_at_an_all_way_stop_of_several_lanes_nobody_waits_for_a_vehicle_that_it_never_meets() -> None:
+def test_all_way_stop_with_lanes_ignores_vehicles_without_a_conflict() -> None:
     """Right turns of opposite arms share nothing; the other vehicle came first and never goes."""
     place = signed(*[STOP] * 8, base="lanes4")
     assert (place.by_direction[0, 1].key, place.by_direction[4, 1].key) not in (place.conflicts or ())

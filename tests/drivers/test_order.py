@@ -59,7 +59,7 @@ def test_one_tick_decides() -> None:
     assert who({0: 7, 1: 8}) == ([0], 1)
 
 
-def test_who_is_there_in_state_0_ties_with_who_comes_in_state_1() -> None:
+def test_arrivals_in_states_0_and_1_are_a_tie() -> None:
     # Waiting time is 0 in state 0 whatever the place, and 1 in the first state after a state elsewhere.
     assert who({0: 0, 1: 1}) == ([1], 1)
     assert who({0: 0, 1: 2}) == ([0], 1)
@@ -74,13 +74,13 @@ def test_four_at_once_are_a_cycle_and_three_are_not() -> None:
         assert who(left, me=min(left)) == ([(gone + 3) % 4], 1)
 
 
-def test_everybody_agrees_on_who_goes() -> None:
+def test_all_vehicles_compute_the_same_order() -> None:
     for ticks in product((3, 4), repeat=4):
         answers = [who(dict(enumerate(ticks)), me) for me in range(4)]
         assert all(a == answers[0] for a in answers)
 
 
-def test_of_two_that_face_each_other_the_one_created_first_goes_first() -> None:
+def test_first_created_of_two_opposite_vehicles_goes_first() -> None:
     assert who({0: 7, 2: 7}) == ([0, 2], 2)
     assert who({2: 7, 0: 7}) == ([2, 0], 2)
 
@@ -99,7 +99,7 @@ def test_vehicles_whose_ways_do_not_meet_do_not_take_turns() -> None:
     assert who({0: 7, 1: 100, 2: 200}, tie=0.5) == ([0, 1], 1), "the third one waits for one that waits itself"
 
 
-def test_ties_in_a_chain_end_at_the_vehicle_that_has_nobody_to_the_right() -> None:
+def test_chain_of_ties_ends_at_the_vehicle_without_a_right_neighbour() -> None:
     # 1 ties with 0 and is to its right; 2 ties with 1 and is to its right, and comes the other way than 0.
     assert who({0: 0, 1: 40, 2: 80}, tie=0.5) == ([2, 1], 1)
     assert who({0: 0, 1: 40, 2: 45}, tie=0.5) == ([2, 1], 1)
@@ -158,7 +158,7 @@ def test_movements_that_pass_each_other(one: tuple[int, int], two: tuple[int, in
 
 
 @pytest.mark.parametrize(("one", "two"), MEET)
-def test_movements_that_meet_and_where(one: tuple[int, int], two: tuple[int, int]) -> None:
+def test_stretches_of_conflicting_movements(one: tuple[int, int], two: tuple[int, int]) -> None:
     found = JUNCTION.stretches.get((one, two))
     assert found is not None
     back = JUNCTION.stretches.get((two, one))

@@ -148,7 +148,7 @@ def test_it_goes_on_when_yellow_comes_too_late_and_stops_otherwise() -> None:
     assert early.entry(0) > 40.0, "the next green"
 
 
-def test_it_drives_into_nobody_that_stands_in_its_way() -> None:
+def test_reference_stops_before_broken_down_vehicles() -> None:
     class Breakdown(Reference):
         """Stops for good in the middle of the junction."""
 
@@ -282,9 +282,7 @@ def test_traffic_and_subject_whose_ways_do_not_meet_agree_on_the_order_at_equal_
 
 # Distances at 5 m/s; the vehicle to the right arrives a tenth, or half a second and more, after the other one.
 @pytest.mark.parametrize(("distances", "turns"), [((20.0, 20.8), "right"), ((20.0, 25.0), "first"), ((20.8, 20.0), "both")])
-def test_with_a_tie_window_the_right_one_of_two_that_arrive_together_goes_first(
-    distances: tuple[float, float], turns: str
-) -> None:
+def test_right_vehicle_goes_first_within_the_tie_window(distances: tuple[float, float], turns: str) -> None:
     case = Scenario(find("stop4"), "2200", distance=(*distances, 20.0, 20.0), speed=5)
     strict, loose = (simulate(Case(case, factory)) for factory in (Reference, partial(Reference, tie=0.5)))
     assert [check(strict, rule).status.value == "FAIL" for rule in ("p3", "first_come")] == [False, False]

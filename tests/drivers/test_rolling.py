@@ -20,7 +20,7 @@ def test_it_rolls_over_a_free_line_at_walking_pace() -> None:
     assert check(simulate(Case(Scenario(find("stop4"), "2000", distance=20, speed=10), Reference)), "full_stop").status == "PASS"
 
 
-def test_who_came_first_does_not_matter_to_it() -> None:
+def test_rolling_stop_ignores_the_order_of_arrival() -> None:
     # a0 is held up by a3 and waits; a1, from the right, comes later and goes first.
     case = Scenario(find("stop4"), "2203", distance=[3, 21, 20, 0.3])
     assert check(simulate(Case(case, RollingStop)), "p3").status == "FAIL"
@@ -53,7 +53,7 @@ def test_otherwise_it_obeys_lights(code: str) -> None:
     assert run.provenance["end"] == "left"
 
 
-def test_it_shows_passes_failures_and_rules_that_do_not_apply() -> None:
+def test_rolling_stop_yields_pass_fail_and_na() -> None:
     facing = simulate(Case(Scenario(find("stop4"), "2222", distance=[10, 20, 10, 20]), RollingStop))
     in_turn = simulate(Case(Scenario(find("stop4"), "2222", distance=[10, 11, 12, 13]), RollingStop))
     pairs = simulate(Case(Scenario(find("stop4"), "2222", distance=[0.3, 0.3, 20, 20]), RollingStop))

@@ -145,7 +145,7 @@ def test_who_is_first_where_ways_cross_is_let_through(other: VehicleState, creat
         (0.0, 4.0, math.inf),  # it is there itself
     ],
 )
-def test_who_lets_somebody_through_stops_half_a_metre_before(before: float, speed: float, wanted: float) -> None:
+def test_yielding_vehicle_stops_half_a_metre_before_the_conflict(before: float, speed: float, wanted: float) -> None:
     seen = sees((Zone.JUNCTION, MINE.start - before, speed), crossing(-1.0, 0.0))
     assert clear_of_crossing(seen) == pytest.approx(wanted)
 
@@ -192,7 +192,7 @@ def test_a_body_in_the_way_is_not_driven_into() -> None:
         (-0.6, 0.2, -math.inf),  # in the entrance zone and hardly moving
     ],
 )
-def test_a_stop_that_has_not_begun(station: float, speed: float, wanted: float) -> None:
+def test_deceleration_before_the_start_of_a_stop(station: float, speed: float, wanted: float) -> None:
     zone = Zone.ENTRANCE if station > -1.0 else Zone.APPROACH
     assert Stopping().acceleration(sees((zone, station, speed))) == pytest.approx(wanted)
 
@@ -218,7 +218,7 @@ def test_a_stop_begins_at_a_comfortable_deceleration_and_goes_on_evenly() -> Non
 
 
 @pytest.mark.parametrize(("aggression", "full"), [(1, 4.0), (2, 6.0), (3, 8.0)])
-def test_a_late_stop_brakes_fully_and_one_that_comes_too_late_not_at_all(aggression: int, full: float) -> None:
+def test_late_stop_brakes_fully_and_impossible_stop_does_not_brake(aggression: int, full: float) -> None:
     resistance = 0.012 * 9.81 + 0.35 * 64.0 / 1500.0
     most = full + resistance
     for share, wanted in ((0.81, -full), (0.99, -full), (1.01, math.inf)):
@@ -229,7 +229,7 @@ def test_a_late_stop_brakes_fully_and_one_that_comes_too_late_not_at_all(aggress
     assert wanted == pytest.approx(-min(64.0 / (2.0 * (before - 0.35)), full))
 
 
-def test_it_aims_further_ahead_the_faster_it_is() -> None:
+def test_lookahead_grows_with_speed() -> None:
     assert [lookahead(v) for v in (0.0, 2.0, 10.0)] == pytest.approx([2.5, 2.5, 5.0])
 
 
@@ -246,7 +246,7 @@ def test_pure_pursuit_leads_the_rear_axle_along_a_circle(heading: float) -> None
             assert pursue(me, back, wheelbase, x, y) == pytest.approx(side * math.atan(wheelbase / radius))
 
 
-def test_the_reference_brakes_for_all_of_them() -> None:
+def test_reference_brakes_for_leaders_and_crossing_vehicles() -> None:
     """At 8 m/s 40 m before the junction, and at 4 m/s in it: alone it keeps on."""
     x, y, heading = STRAIGHT.pose(-40.0)
     for aside, brakes in ((body(10.5), True), (body(10.5, left=3.5), False), (body(-20.0), False)):

@@ -73,7 +73,7 @@ def braking(run: Run) -> float:
 
 
 @pytest.mark.parametrize("junction", ["stop4", "light4"])
-def test_the_hesitant_one_waits_when_it_could_go(among: Among, junction: str) -> None:
+def test_hesitant_policy_waits_longer_than_the_reference(among: Among, junction: str) -> None:
     reference, hesitant = among("reference", junction), among("hesitant", junction)
     assert hesitant.entry(1) >= reference.entry(1) + HESITATION
     assert hesitant.speed[:, 1].max() < 8.1, "it drives slowly"
@@ -182,7 +182,7 @@ def test_reference_lets_a_runner_leave_the_junction_first(code: str) -> None:
             assert verdict.provoked or verdict.status in ("PASS", "NA"), f"{run.label}: {verdict.message}"
 
 
-def test_reference_goes_on_green_when_the_one_it_let_in_on_red_never_moves() -> None:
+def test_green_is_not_held_for_a_standing_vehicle_let_in_on_red() -> None:
     """A right turn on red waits for who comes from the left; one that does not use its green is not waited for for ever."""
     run = simulate(Case(Scenario(find("light4"), "2100", subject=1), Reference, traffic=traffic("stopped")))
     assert run.agents[1].turn == "right"
@@ -193,7 +193,7 @@ def test_reference_goes_on_green_when_the_one_it_let_in_on_red_never_moves() -> 
     assert (verdict.status, verdict.provoked) == ("FAIL", True), "the other one could have gone for five seconds"
 
 
-def test_who_brakes_for_its_line_in_order_to_look_is_not_to_blame_for_who_runs_into_it() -> None:
+def test_rear_end_collision_at_a_yield_line_is_the_fault_of_the_follower() -> None:
     """At a yield sign, with nobody due yet: the paper's stack follows too closely."""
     start = Scenario(find("yield4"), "2333", distance=(20, 75, 42, 42), speed=8, subject=0, followers=1)
     run = simulate(Case(start, Reference, traffic=traffic("lgsvl")))

@@ -179,7 +179,7 @@ def test_a_name_may_come_back_as_another_vehicle() -> None:
     assert pass_by() == [Truth.FALSE]
 
 
-def test_wrong_use_of_it_is_told() -> None:
+def test_wrong_use_of_live_monitors_is_refused() -> None:
     junction = find("stop4")
     way = itinerary(junction, *min(junction.movements))
     agent = Agent("a", junction.movements[way.entrance, way.exit], size=(4.6, 1.8))
@@ -203,7 +203,7 @@ def test_wrong_use_of_it_is_told() -> None:
             RuleMonitor(rule, junction).see([here])
 
 
-def test_of_several_rules_one_that_cannot_be_judged_costs_no_other() -> None:
+def test_unjudgeable_rule_leaves_the_other_rules_judged() -> None:
     junction = find("stop4")
     way = itinerary(junction, *min(junction.movements))
     agent = Agent("a", junction.movements[way.entrance, way.exit])

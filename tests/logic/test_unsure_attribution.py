@@ -15,7 +15,7 @@ def doubtful(make: Callable[..., Run], thinned: Callable[..., Run]) -> Run:
     return thinned(make("stop4", {0: (2, 100, 200, 395), 1: (2, 120, 395, 600), 2: (2, 300, 700, 800)}, 900))
 
 
-def test_nobody_is_responsible(doubtful: Run) -> None:
+def test_unsure_verdict_has_no_responsible_vehicle(doubtful: Run) -> None:
     verdict = check(doubtful, "p1")
     assert verdict.status is Status.UNSURE
     assert verdict.responsible == ()
@@ -35,5 +35,5 @@ def test_a_definite_violation_counts_first(make: Callable[..., Run], thinned: Ca
 
 
 @pytest.mark.parametrize(("subject", "status"), [("a1", Status.UNSURE), ("a2", Status.PASS)])
-def test_with_a_subject_only_what_binds_it_is_unsure(doubtful: Run, subject: str, status: Status) -> None:
+def test_verdict_is_unsure_only_for_the_bound_subject(doubtful: Run, subject: str, status: Status) -> None:
     assert check(replace(doubtful, facts=Facts(subject=subject)), "p1").status is status

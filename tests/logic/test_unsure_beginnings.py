@@ -44,7 +44,7 @@ def test_full_stop_of_a_vehicle_that_appears_in_its_stop_place_is_unsure(legs: l
     assert "what it did before it was seen" in verdict.reason
 
 
-def test_full_stop_of_a_vehicle_that_appears_in_its_stop_place_and_stops_there_is_kept() -> None:
+def test_full_stop_after_an_appearance_in_the_stop_place_passes() -> None:
     legs = [(1.0, 2.0), (1.0, 0.0), (6.0, 5.0)]
     assert check(recorded(STOP, track(STOP, "v1", ONE, 0.0, legs, -3.0)), "full_stop").status == "PASS"
 
@@ -66,7 +66,7 @@ def test_order_of_arrival_against_a_vehicle_that_appears_in_its_stop_place_is_un
 YIELD = find("yield4")
 
 
-def test_way_owed_by_a_vehicle_that_vanishes_before_it_is_clear_is_unsure() -> None:
+def test_way_owed_by_a_vanishing_vehicle_is_unsure() -> None:
     """v1 crosses the way of v2 and is lost from the recording while v2, which has priority, is 3 s away."""
     minor, major = YIELD.leads(0, 2).key, YIELD.leads(1, 2).key
     assert YIELD.stretches is not None

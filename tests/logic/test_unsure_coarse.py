@@ -37,7 +37,7 @@ def test_events_between_the_same_two_samples_have_no_order(make: Callable[..., R
     assert check(thinned(run), "p1").status is Status.FAIL  # 0.15 s are a sample in between
 
 
-def test_who_steps_over_the_entrance_zone_was_there(make: Callable[..., Run], thinned: Callable[..., Run]) -> None:
+def test_vehicle_skipping_the_entrance_zone_was_at_the_entrance(make: Callable[..., Run], thinned: Callable[..., Run]) -> None:
     """Whoever drives 12.8 m/s is at the entrance for 0.08 s, and may be so between two samples."""
     run = make("light4", {0: (2, 202, 210, 320)}, 400, {0: [(0, Colour.RED)]})
     coarse = thinned(run, 1)

@@ -51,7 +51,7 @@ THROUGH = LENGTH / SPEED
         (0.30, Status.PASS),
     ],
 )
-def test_p1_hangs_on_who_was_there_first_within_the_spread(after: float, status: Status) -> None:
+def test_p1_is_unsure_if_entries_lie_within_the_spread(after: float, status: Status) -> None:
     """The second one enters when the first one is through, or a little before or after that."""
     verdict = check(run_of(passes("v1", ONE, 10.0, 0.2), passes("v2", TWO, 10.0 + THROUGH + after, 0.2)), "p1")
     assert verdict.status is status
@@ -94,7 +94,7 @@ def test_arrivals_near_the_end_of_the_tie_window_are_unsure(gap: float, status: 
         assert "how far it had come, known to 0.20 m" in verdict.reason
 
 
-def test_who_appears_at_the_entrance_may_have_come_at_any_time() -> None:
+def test_appearance_at_the_entrance_fails_no_order_of_arrival() -> None:
     one, two = passes("v1", ONE, 10.0), passes("v2", TWO, 10.1)
     late = two.times >= 10.0  # half a metre before the vertex: within the entrance zone
     cut = replace(two, times=two.times[late], station=two.station[late], speed=two.speed[late], pose=two.pose[late])

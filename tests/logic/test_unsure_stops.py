@@ -59,7 +59,7 @@ def test_stops_in_noise(runs: list[Run], forward: bool, stated: dict[str, Any]) 
     assert told["UNSURE"] <= 0.15 * 24
 
 
-def test_noise_twice_the_threshold_fails_nobody_who_stopped(runs: list[Run]) -> None:
+def test_noise_of_twice_the_threshold_fails_no_full_stop(runs: list[Run]) -> None:
     """The length of a velocity that is noise is 0.25 m/s on average, and none of these vehicles was that fast."""
     recording = read_tracks(logged(runs[0], 0.2, 0, forward=False), STOP)
     assert Status.FAIL not in verdicts(recording).values()

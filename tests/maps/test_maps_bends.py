@@ -22,7 +22,7 @@ from .conftest import Read
 RIGHT = {(0, 1), (1, 2), (2, 3), (3, 0)}
 
 
-def test_the_usual_car_is_the_one_that_drives() -> None:
+def test_usual_car_equals_the_default_vehicle() -> None:
     assert Vehicle().body == CAR == usual_body(CAR.length, CAR.width)
     assert Vehicle().turning_radius == pytest.approx(LEAST_RADIUS)
 

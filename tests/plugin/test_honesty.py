@@ -61,7 +61,7 @@ def test_a_fixture_that_changes_its_class_between_items(pytester: pytest.Pyteste
 
 
 @pytest.mark.parametrize("speed", ["float('nan')", "-1.0", "float('inf')", "float('nan') if seen.time > 3 else 2.0"])
-def test_a_target_speed_that_is_none_is_an_error(pytester: pytest.Pytester, speed: str) -> None:
+def test_invalid_target_speed_is_an_error(pytester: pytest.Pytester, speed: str) -> None:
     pytester.makepyfile(PILOT.format(speed=speed, low=0, high=99))
     result = pytester.runpytest()
     result.assert_outcomes(errors=1)
@@ -141,7 +141,7 @@ def test_an_assertion_after_a_pass_is_a_failure_in_every_report(pytester: pytest
 @pytest.mark.extended
 @pytest.mark.parametrize("options", [(), ("-n", "1")])
 @pytest.mark.usefixtures("reference")
-def test_a_session_that_judged_nothing_is_not_green(pytester: pytest.Pytester, options: tuple[str, ...]) -> None:
+def test_session_without_verdicts_is_no_success(pytester: pytest.Pytester, options: tuple[str, ...]) -> None:
     pytester.makepyfile(
         """
         import pytest_rvads as rvads
@@ -157,7 +157,7 @@ def test_a_session_that_judged_nothing_is_not_green(pytester: pytest.Pytester, o
     result.stdout.fnmatch_lines(["*nothing was judged*"])
 
 
-def test_a_rulebook_with_nothing_to_say_is_refused(pytester: pytest.Pytester, shared: Path) -> None:
+def test_rulebook_without_applicable_rules_is_refused(pytester: pytest.Pytester, shared: Path) -> None:
     pytester.makepyfile(
         f"""
         import pytest_rvads as rvads
@@ -178,7 +178,7 @@ def test_a_report_that_can_t_be_written_is_no_success(pytester: pytest.Pytester)
 
 
 @pytest.mark.extended
-def test_an_interrupted_session_says_so_and_keeps_what_it_has(pytester: pytest.Pytester) -> None:
+def test_interrupted_session_keeps_its_records(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(
         """
         import pytest_rvads as rvads
@@ -250,7 +250,7 @@ def test_a_picture_that_fails_costs_no_verdict(pytester: pytest.Pytester) -> Non
         ('@rvads.scenario("stop4")\n@rvads.scenario("stop4", aggression=3)', "*two different scenarios have the id*"),
     ],
 )
-def test_marks_that_mean_nothing_are_refused(pytester: pytest.Pytester, mark: str, says: str) -> None:
+def test_invalid_known_marks_are_refused(pytester: pytest.Pytester, mark: str, says: str) -> None:
     pytester.makepyfile(f"import pytest_rvads as rvads\n\n{mark}\ndef test_it(run, rule, monitor): ...\n")
     result = pytester.runpytest()
     assert result.ret == pytest.ExitCode.INTERRUPTED

@@ -84,7 +84,7 @@ def refused(pytester: pytest.Pytester, code: str, line: int, says: str) -> None:
         ('"stop4", requirement=7', "requirement takes identifiers of requirements, one or several, got 7"),
     ],
 )
-def test_wrong_arguments_are_told_where_they_are_written(pytester: pytest.Pytester, arguments: str, says: str) -> None:
+def test_invalid_argument_is_an_error_at_the_line_of_the_mark(pytester: pytest.Pytester, arguments: str, says: str) -> None:
     code = BODY.format(arguments=arguments)
     refused(pytester, code, LINE, says)
     with pytest.raises(ScenarioError, match=re.escape(says)):  # where pytest does not run the file
@@ -115,12 +115,12 @@ def test_wrong_arguments_are_told_where_they_are_written(pytester: pytest.Pytest
         ),
     ],
 )
-def test_what_only_the_session_knows_is_told_there_too(pytester: pytest.Pytester, arguments: str, says: str) -> None:
+def test_session_errors_name_the_line_of_the_mark(pytester: pytest.Pytester, arguments: str, says: str) -> None:
     refused(
         pytester,
         BODY.format(arguments=arguments),
         LINE,
-        f": test_what_only_the_session_knows_is_told_there_too.py::test_it: {says}",
+        f": test_session_errors_name_the_line_of_the_mark.py::test_it: {says}",
     )
 
 
@@ -153,7 +153,7 @@ def test_what_only_the_session_knows_is_told_there_too(pytester: pytest.Pytester
         ('"stop4", rule="p1", subject=0, traffic=3', "traffic takes names of policies or classes of autopilots, got 3"),
     ],
 )
-def test_a_search_is_told_where_it_is_written_too(pytester: pytest.Pytester, arguments: str, says: str) -> None:
+def test_invalid_search_is_an_error_at_its_line(pytester: pytest.Pytester, arguments: str, says: str) -> None:
     refused(pytester, f"import pytest_rvads as rvads\n\n@rvads.falsify({arguments})\ndef test_it(): ...", 3, says)
 
 
@@ -351,14 +351,14 @@ def test_marks_are_told_by_their_own_line_wherever_they_stand(pytester: pytest.P
         ),
     ],
 )
-def test_marks_that_would_do_nothing_end_the_session(pytester: pytest.Pytester, code: str, line: int, says: str) -> None:
+def test_marks_without_effect_end_the_session(pytester: pytest.Pytester, code: str, line: int, says: str) -> None:
     file = pytester.makepyfile(HEAD + code)
     result = pytester.runpytest()
     assert result.ret == pytest.ExitCode.USAGE_ERROR
     result.stderr.fnmatch_lines([f"ERROR: {file.name}:{line}: {file.name}::{says}"])
 
 
-def test_a_mark_in_another_file_is_told_by_that_file(pytester: pytest.Pytester) -> None:
+def test_mark_in_another_file_is_reported_by_that_file(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(marks="import pytest_rvads as rvads\n\nfar = rvads.scenario('stop3', classes=9)\n")
     pytester.makepyfile("from marks import far\n\n@far\ndef test_far(run): ...\n")
     pytester.syspathinsert()
@@ -473,7 +473,7 @@ def test_a_monitor_that_never_judged_is_an_error(pytester: pytest.Pytester) -> N
     result.stdout.fnmatch_lines(["stop4: *1 not judged*"])
 
 
-def test_a_vehicle_that_is_none_is_refused_by_the_name_of_its_fixture(pytester: pytest.Pytester) -> None:
+def test_invalid_vehicle_names_its_fixture(pytester: pytest.Pytester) -> None:
     pytester.makeconftest("import pytest\n\n@pytest.fixture\ndef rvads_vehicle():\n    return 3\n")
     pytester.makepyfile(BODY.format(arguments='"stop4", classes=1, grid="C", rules="p1"'))
     result = pytester.runpytest()

@@ -38,9 +38,7 @@ def test_ids_name_the_seat_and_the_traffic(pytester: pytest.Pytester, brackets: 
     ]
 
 
-def test_grid_of_a_subject_has_both_orders_of_arrival_and_no_more_runs_than_that_of_the_paper(
-    pytester: pytest.Pytester, brackets: Lines
-) -> None:
+def test_grid_of_a_subject_has_both_orders_of_arrival_in_five_runs(pytester: pytest.Pytester, brackets: Lines) -> None:
     pytester.makepyfile(
         """
         import pytest_rvads as rvads
@@ -124,7 +122,9 @@ TRAFFIC = """
 
 
 @pytest.mark.parametrize("options", [(), pytest.param(("-n", "1"), marks=pytest.mark.slow)])
-def test_only_what_the_subject_did_fails(pytester: pytest.Pytester, options: tuple[str, ...]) -> None:
+def test_violations_of_traffic_are_provoked_and_those_of_the_subject_fail(
+    pytester: pytest.Pytester, options: tuple[str, ...]
+) -> None:
     pytester.makepyfile(TRAFFIC)
     result = pytester.runpytest("--rvads-report=out.json", "--rvads-report=out.md", "--junitxml=out.xml", *options)
     outcomes = result.parseoutcomes()
@@ -178,7 +178,7 @@ def test_seats_and_traffic_select(pytester: pytest.Pytester, ids: Lines) -> None
         ('subject="all", cover="rotation", rules="road"', "*would expand to 19,200 items (384 scenarios × 5 points × 10 rules)*"),
     ],
 )
-def test_marks_that_mean_nothing_are_refused(pytester: pytest.Pytester, mark: str, says: str) -> None:
+def test_invalid_subject_and_traffic_are_refused(pytester: pytest.Pytester, mark: str, says: str) -> None:
     pytester.makepyfile(
         f"import pytest_rvads as rvads\n\n@rvads.scenario('stop4', {mark})\ndef test_it(run, rule, monitor): ...\n"
     )
@@ -218,7 +218,7 @@ def test_senses_are_an_axis(pytester: pytest.Pytester, brackets: Lines) -> None:
         ("rvads.Senses(delay=-1)", "*delay must be a number of 0 or more, got -1*"),
     ],
 )
-def test_senses_that_mean_nothing_are_refused(pytester: pytest.Pytester, senses: str, says: str) -> None:
+def test_invalid_senses_are_refused(pytester: pytest.Pytester, senses: str, says: str) -> None:
     pytester.makepyfile(
         f"import pytest_rvads as rvads\n\n@rvads.scenario('stop4', subject=0, senses={senses})\ndef test_it(run): ...\n"
     )

@@ -84,7 +84,7 @@ def test_what_numpy_wrote_comes_back(array: np.ndarray[Any, Any]) -> None:
 
 
 @pytest.mark.parametrize(("content", "message"), REFUSED, ids=range(len(REFUSED)))
-def test_others_are_refused(content: Callable[[], bytes], message: str) -> None:
+def test_hostile_archives_are_refused(content: Callable[[], bytes], message: str) -> None:
     with pytest.raises(ValueError, match=f"(?i){message}") as caught:
         unpack(content())
     assert "\n" not in str(caught.value)

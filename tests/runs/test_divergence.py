@@ -66,13 +66,13 @@ def test_bits_count_as_the_hash_counts_them(run: Run) -> None:
         ({"collisions": (Collision(1.0, ("a0", "a1"), 2.0),)}, "collisions"),
     ],
 )
-def test_what_is_not_a_state(run: Run, change: dict[str, object], what: str) -> None:
+def test_difference_outside_of_the_states_has_no_tick(run: Run, change: dict[str, object], what: str) -> None:
     found = diverge(run, replace(run, **change))  # type: ignore[arg-type]
     assert found is not None
     assert (found.what, found.tick) == (what, None)
 
 
-def test_a_run_that_goes_on(run: Run) -> None:
+def test_longer_run_differs_in_length(run: Run) -> None:
     zone, lights = (np.concatenate([states, states[-1:]]) for states in (run.zone, run.lights))
     longer = replace(run, zone=zone, lights=lights)
     shorter = replace(run, station=None, speed=None, pose=None, controls=None)

@@ -90,7 +90,7 @@ def test_states_cannot_be_written_to(run: Run, name: str) -> None:
 
 
 @pytest.mark.parametrize("name", ["wt", "entered", "facing", "advance"])
-def test_nor_can_what_is_derived_from_them(run: Run, name: str) -> None:
+def test_derived_arrays_are_read_only(run: Run, name: str) -> None:
     with pytest.raises(ValueError, match=r"read-only|output array"):
         getattr(run, name)[0] += 1
 
@@ -107,7 +107,7 @@ def test_a_simulated_run_is_a_value_too() -> None:
     assert check(run, "full_stop").status == "PASS"
 
 
-def test_whoever_made_an_array_may_go_on_writing_to_it(run: Run) -> None:
+def test_run_copies_writable_arrays(run: Run) -> None:
     zone = np.zeros((200, 2), dtype=np.int8)
     shown = zone.view()
     for given, writeable in ((zone, True), (shown, False), (zone, False)):
@@ -170,7 +170,7 @@ def test_tables_of_a_junction_cannot_be_written_to() -> None:
         find("stop4").movements[0, 1] = None  # type: ignore[index]
 
 
-def test_what_is_not_known_is_asked_for_by_name(run: Run) -> None:
+def test_missing_quantity_is_named_in_the_error(run: Run) -> None:
     bare = replace(run, station=None, speed=None, pose=None, agents=tuple(replace(a, size=None) for a in run.agents))
     for name, what in (("station", "positions"), ("pose", "positions"), ("speed", "speeds")):
         with pytest.raises(RunError, match=f"the run holds no {what}"):

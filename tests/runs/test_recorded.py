@@ -70,7 +70,7 @@ def write(tmp_path: Path, data: object) -> Path:
     return path
 
 
-def test_kind_and_size_of_a_vehicle_are_read_where_they_are_told(tmp_path: Path) -> None:
+def test_kind_and_size_of_a_vehicle_are_read(tmp_path: Path) -> None:
     told = document()
     told["runs"][0]["vehicles"]["c1"] |= {"kind": "cyclist", "size": [1.8, 0.6]}
     (run,) = read_recorded(write(tmp_path, told))
@@ -103,7 +103,7 @@ def test_a_run_is_decoded(tmp_path: Path) -> None:
     assert (run.station, run.speed, run.pose) == (None, None, None)
 
 
-def test_what_is_not_recorded_is_not_guessed(tmp_path: Path) -> None:
+def test_unrecorded_quantities_are_unavailable(tmp_path: Path) -> None:
     (run,) = read_recorded(write(tmp_path, document()))
     assert validate(run) == ()
     found = kpis(run)
@@ -323,7 +323,7 @@ def test_whatever_stands_in_a_field_is_read_or_refused(tmp_path: Path, junk: Any
     assert outcomes.count(False) > len(outcomes) / 3
 
 
-def test_a_file_that_is_no_json(tmp_path: Path) -> None:
+def test_file_without_json_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "runs.json"
     for text in ("{", "[" * 100_000):
         path.write_text(text)
@@ -336,7 +336,7 @@ def test_a_file_that_is_no_json(tmp_path: Path) -> None:
         read_recorded(tmp_path / "absent.json")
 
 
-def test_recordings_of_others_are_intact(shared: Path) -> None:
+def test_shared_recordings_are_valid(shared: Path) -> None:
     for path in sorted((shared / "runs").glob("*.json")):
         for run in read_recorded(path):
             assert validate(run) == (), run.label

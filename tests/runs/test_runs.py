@@ -98,7 +98,7 @@ def test_a_kept_run_gets_the_same_verdicts(real: Run, tmp_path: Path) -> None:
         assert check(back, name).explanation == check(real, name).explanation
 
 
-def test_a_recorded_run_is_kept_without_what_it_lacks(tmp_path: Path, topology: Callable[[Junction], Junction]) -> None:
+def test_run_file_keeps_missing_quantities_missing(tmp_path: Path, topology: Callable[[Junction], Junction]) -> None:
     place = topology(find("stop4"))
     run = Run("bare", place, (Agent("c0", place.movements[0, 1]),), np.zeros((3, 1), np.int8), np.zeros((3, 4), np.int8))
     save_run(run, tmp_path / "run.npz")
@@ -207,7 +207,7 @@ def test_a_damaged_file_says_what_is_wrong(
         load_run(path)
 
 
-def test_files_that_are_no_runs(tmp_path: Path) -> None:
+def test_invalid_run_files_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "run.npz"
     with pytest.raises(RunError, match="can't be read"):
         load_run(path)
@@ -334,7 +334,7 @@ def test_an_impact_is_no_braking() -> None:
     assert (at_once.vehicles[0].deceleration, at_once.vehicles[0].jerk) == (None, None), "it never drove"
 
 
-def test_an_impact_that_nobody_recorded_is_no_braking_either() -> None:
+def test_unrecorded_impact_is_no_braking() -> None:
     # Where nobody watched, bodies that touch tell it: a1 stands in the way of a0.
     speeds = [8.0] * 100 + [0.0] * 50
     run = moving({(0, 2): (-9.0, speeds), (1, 3): (-60.0, [0.0] * 150)})
@@ -375,7 +375,7 @@ def test_time_to_collision_of_a_follower_by_hand() -> None:
     assert kpis(apart).pairs[0].ttc is None
 
 
-def test_an_excerpt_tells_the_indicators_of_who_is_judged_in_it() -> None:
+def test_excerpt_has_the_indicators_of_its_judged_vehicles() -> None:
     run = moving({(0, 2): (-60.0, [10.0] * 10), (1, 3): (-60.0, [5.0] * 10), (2, 0): (-60.0, [5.0] * 10)})
     names = [agent.name for agent in run.agents]
     parts = [kpis(replace(run, excerpt=Excerpt(judged=judged))) for judged in (tuple(names[:2]), tuple(names[2:]))]
@@ -400,7 +400,7 @@ def test_post_encroachment_time_by_hand() -> None:
     assert kpis(moving({(0, 2): (-10.0, [8.0] * 900), (2, 0): (-10.0, [8.0] * 900)})).pet is None, "they never meet"
 
 
-def test_who_never_leaves_the_place_of_conflict_is_met_there() -> None:
+def test_post_encroachment_time_of_a_vehicle_that_stays_in_the_conflict() -> None:
     # Both drive to the middle and stand there: the second enters the shared stretch with the first one in it.
     speeds = [8.0] * 340 + [0.0] * 110
     run = moving({(0, 2): (-10.0, speeds), (1, 3): (-16.0, speeds)})
@@ -411,7 +411,7 @@ def test_who_never_leaves_the_place_of_conflict_is_met_there() -> None:
     assert kpis(run).pet == pytest.approx(entered - 4.5, abs=0.011), "at least as long as the run lasted"
 
 
-def test_what_is_not_recorded_is_named(topology: Callable[[Junction], Junction]) -> None:
+def test_unavailable_indicators_are_named(topology: Callable[[Junction], Junction]) -> None:
     run = moving({(0, 2): (-16.5, [8.0] * 50), (1, 3): (-16.5, [8.0] * 50)})
     assert kpis(run).unavailable == ()
     lacking = {

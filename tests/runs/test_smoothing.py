@@ -87,7 +87,7 @@ def test_exact_samples_stay_as_they_are() -> None:
 
 
 @pytest.mark.parametrize("often", [10, 25, 100])
-def test_roughness_is_that_of_the_noise(often: int) -> None:
+def test_roughness_estimates_the_noise(often: int) -> None:
     times, station, _ = drive(often)
     assert roughness(times, station) < 0.005
     for accuracy in (0.05, 0.1, 0.2):
@@ -128,6 +128,6 @@ def test_offsets_are_as_exact_as_told(often: int, accuracy: float) -> None:
     assert told < 0.6 * accuracy
 
 
-def test_offsets_that_are_exact_or_seldom_measured_are_as_they_are() -> None:
+def test_exact_or_rare_offsets_are_not_smoothed() -> None:
     assert beside(0.0, 0.1) == 0.0
     assert beside(0.1, 1.0) == 0.1

@@ -14,7 +14,7 @@ ROOT = Path(__file__).parents[3]
 TEXT = (ROOT / "docs" / "attach-your-stack.md").read_text(encoding="utf-8")
 
 
-def test_the_script_prints_what_stands_behind_it() -> None:
+def test_script_of_the_page_prints_its_comments() -> None:
     (code,) = [block for block in re.findall(r"^```python\n(.*?)^```", TEXT, re.MULTILINE | re.DOTALL) if "print(" in block]
     out = io.StringIO()
     with contextlib.redirect_stdout(out):
@@ -22,7 +22,7 @@ def test_the_script_prints_what_stands_behind_it() -> None:
     assert out.getvalue().splitlines() == re.findall(r"^print\(.*\)  # (.*)$", code, re.MULTILINE)
 
 
-def test_everything_is_named() -> None:
+def test_page_names_policies_senses_and_options() -> None:
     for name in [*POLICIES, *(item.name for item in fields(Senses))]:
         assert f"`{name}`" in TEXT or f'`"{name}"`' in TEXT, name
     for name in ("sut", "sut_rate", "sut_timeout", "sut_startup", "sut_grace"):
@@ -30,7 +30,7 @@ def test_everything_is_named() -> None:
         assert f"--rvads-{name.replace('_', '-')}" in TEXT
 
 
-def test_the_examples_are_as_short_as_it_says() -> None:
+def test_examples_have_the_lengths_on_the_page() -> None:
     lines = len((ROOT / "clients" / "c" / "example.cpp").read_text(encoding="utf-8").splitlines())
     assert f"`example.cpp` ({lines} lines)" in TEXT
     assert lines <= 40

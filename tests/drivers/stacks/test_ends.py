@@ -70,7 +70,7 @@ linux = pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="elsewhe
         "is stopped",
     ],
 )
-def test_nothing_that_a_stack_started_outlives_it(cling: Cling, marked: Find, tag: str, how: str) -> None:
+def test_processes_of_a_stack_end_with_the_stack(cling: Cling, marked: Find, tag: str, how: str) -> None:
     stack = cling(how)
     began = time.monotonic()
     stack.close()
@@ -95,7 +95,7 @@ def test_a_stack_may_end_in_its_own_way(cling: Cling, tag: str) -> None:
 
 @pytest.mark.extended
 @linux
-def test_what_hides_is_said(cling: Cling, marked: Find, tag: str) -> None:
+def test_hidden_process_of_a_stack_is_warned_about(cling: Cling, marked: Find, tag: str) -> None:
     stack = cling("hides")
     with pytest.warns(RuntimeWarning, match="a process that the stack .* started holds its standard output and can't be found"):
         stack.close()
@@ -119,9 +119,7 @@ def test_what_can_t_be_ended_is_said(cling: Cling, monkeypatch: pytest.MonkeyPat
     process.wait()
 
 
-def test_who_does_not_want_to_wait_leaves_nothing_either(
-    cling: Cling, marked: Find, tag: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_interrupted_close_leaves_no_process(cling: Cling, marked: Find, tag: str, monkeypatch: pytest.MonkeyPatch) -> None:
     stack = cling("ignores SIGTERM", grace=600.0)
 
     def interrupted(*_: object) -> None:

@@ -80,7 +80,7 @@ def test_a_fault_ends_the_run_and_says_what_happened(faulty: Make, fault: str) -
         ("unready", "it exited with status 4 before it answered"),
     ],
 )
-def test_a_stack_that_does_not_get_started_is_an_error(faulty: Make, fault: str, says: str) -> None:
+def test_stack_that_does_not_start_is_a_fault(faulty: Make, fault: str, says: str) -> None:
     run = drive(faulty(fault, startup=0.3 if fault == "mute" else 60.0))
     assert run.fault is not None
     assert "faulty.py" in run.fault.reason
@@ -88,7 +88,7 @@ def test_a_stack_that_does_not_get_started_is_an_error(faulty: Make, fault: str,
     assert run.steps == 1
 
 
-def test_a_stack_that_takes_too_long_is_told_from_one_that_fails(faulty: Make) -> None:
+def test_slow_stack_is_a_timeout_and_a_failing_stack_is_not(faulty: Make) -> None:
     agents = Case(SCENARIO, Reference).agents()
     with pytest.raises(StackTimeout, match=r"faulty.py mute 1 3: it did not answer within 0.3 s"):
         faulty("mute", startup=0.3).autopilots(agents)
@@ -104,7 +104,7 @@ def test_a_program_that_can_t_be_started_is_an_error(command: str, says: str) ->
     assert run.fault.reason.startswith(f"stack {command}: it can't be started: {says}")
 
 
-def test_a_program_that_knows_nothing_of_the_protocol_is_told_apart() -> None:
+def test_program_without_the_protocol_is_named_in_the_fault() -> None:
     assert "exited with status 0 before it answered" in drive(Process("true")).fault.reason
     run = drive(Process(["echo", "hello", "world"]))
     assert "it wrote 'hello world' to its standard output, which carries the protocol" in run.fault.reason
@@ -143,7 +143,7 @@ def test_the_same_fault_gives_the_same_run(faulty: Make) -> None:
     assert drive(faulty("garbage")).hash == drive(faulty("garbage")).hash
 
 
-def test_a_second_answer_is_not_taken_for_the_next_one(faulty: Make) -> None:
+def test_repeated_answer_is_a_fault(faulty: Make) -> None:
     run = drive(faulty("twice", decision=3))
     assert run.fault.reason.endswith("at 0.15 s: it answered step 3, expected step 4: answer every observation once")
     # Ten decisions make a run: after the last one, the next scenario notices.
@@ -180,7 +180,7 @@ def test_what_a_program_writes_is_read_within_bounds(script: str, says: str) -> 
     assert len(reason) < 1500
 
 
-def test_a_name_that_steers_terminals_is_shown_as_it_is(faulty: Make) -> None:
+def test_control_characters_in_a_stack_name_are_escaped(faulty: Make) -> None:
     stack = Process(["./no-such-stack", "\x1b[2J" * 1000, "\0"])
     assert stack.label.startswith(r"stack ./no-such-stack '\x1b[2J\x1b[2J")
     assert drive(stack).fault.reason.startswith(f"{stack.label}: it can't be started: ")
@@ -203,7 +203,7 @@ def test_one_process_for_subject_and_traffic_is_refused(faulty: Make) -> None:
         ({"command": "./stack", "startup": float("nan")}, "startup must be a number of seconds above 0, got nan"),
     ],
 )
-def test_arguments_that_mean_nothing_are_refused(arguments: dict[str, object], says: str) -> None:
+def test_invalid_arguments_of_a_process_are_refused(arguments: dict[str, object], says: str) -> None:
     with pytest.raises(AutopilotError, match=says):
         Process(**arguments)  # type: ignore[arg-type]
 

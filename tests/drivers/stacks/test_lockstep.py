@@ -112,7 +112,7 @@ def test_every_vehicle_may_be_a_stack(compiled: Path, marked: Find) -> None:
         assert len(marked(str(compiled))) == 4
 
 
-def test_the_rate_is_the_one_asked_for(compiled: Path) -> None:
+def test_decision_rate_is_the_requested_rate(compiled: Path) -> None:
     for rate, decisions in ((None, 10), (10, 5), (50, 25)):
         with Process([str(compiled)], rate=rate) as stack:
             run = simulate(Case(Scenario(find("stop4"), "2000", duration=0.5), stack))

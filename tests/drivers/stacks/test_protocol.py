@@ -184,7 +184,7 @@ def test_names_longer_than_a_frame_has_room_for_are_cut() -> None:
         assert frame[-frames.NAME - 32 * 4 : -32 * 4].rstrip(b"\0").decode() == shown
 
 
-def test_the_map_has_arms_and_says_what_conflicts() -> None:
+def test_map_message_holds_arms_and_conflicts() -> None:
     content, _ = told(look(duration=0.02))
     there = content["map"]
     assert there["arms"] == [{"entrances": [k], "exits": [k]} for k in range(4)]
@@ -222,7 +222,7 @@ def replace_state(state: rvads.VehicleState, **values: Any) -> rvads.VehicleStat
     return state._replace(**values)
 
 
-def test_frames_have_room_for_queues_and_say_when_they_have_not() -> None:
+def test_binary_frame_refuses_more_vehicles_than_its_room() -> None:
     seen = look()[0]
     talk = frames.Binary()
     content = place.reset(seen, 0.05)

@@ -113,7 +113,7 @@ def test_the_command_line_overrides_the_fixture(pytester: pytest.Pytester) -> No
         (("--rvads-sut", "true", "--rvads-sut-grace", "nan"), "*rvads_sut_grace must be a number from 0 to 3600*"),
     ],
 )
-def test_options_that_mean_nothing_are_refused(pytester: pytest.Pytester, options: tuple[str, ...], says: str) -> None:
+def test_invalid_options_of_stacks_are_usage_errors(pytester: pytest.Pytester, options: tuple[str, ...], says: str) -> None:
     pytester.makepyfile(TESTS)
     result = pytester.runpytest(*options)
     assert result.ret == pytest.ExitCode.USAGE_ERROR

@@ -54,7 +54,7 @@ def judge(lines: Sequence[str], *options: str, status: int) -> tuple[list[dict[s
 
 
 @pytest.mark.extended
-def test_who_stops_and_who_does_not() -> None:
+def test_followed_log_fails_the_reckless_vehicle() -> None:
     told, beside = judge(log({"reckless": 0.0, "careful": 0.0}, 18.0), status=1)
     stops = {answer["binding"]["a"]: answer for answer in told if answer["rule"] == "full_stop"}
     assert {name: answer["status"] for name, answer in stops.items()} == {"reckless": "FAIL", "careful": "PASS"}
@@ -72,7 +72,7 @@ def test_at_half_the_rate_and_at_unequal_times_it_is_the_same() -> None:
     assert {(a["rule"], a["status"]) for a in told} == {("full_stop", "FAIL"), ("full_stop", "PASS"), ("p1", "PASS")}
 
 
-def test_what_is_all_unsure_is_no_success() -> None:
+def test_followed_log_of_unsure_verdicts_is_no_success() -> None:
     # 3 m leave open whether it stood before the line or rolled, and a speed that is worked out from such places is as vague.
     told, beside = judge(log({"careful": 0.0}, 18.0), "--position-accuracy", "3", status=5)
     assert {answer["status"] for answer in told} == {"UNSURE"}
@@ -104,7 +104,7 @@ def test_of_many_bad_lines_the_first_are_told_and_then_their_number() -> None:
     assert "500 lines are left out" in beside
 
 
-def test_where_nothing_is_judged_it_says_so() -> None:
+def test_followed_log_without_verdicts_is_no_success() -> None:
     told, beside = judge(['{"t": 1}', '{"t": 2, "vehicles": [{"id": "x", "x": 900, "y": 900, "heading": 0}]}'], status=5)
     assert told == []
     assert "1 left out, it does not move" in beside
@@ -152,7 +152,7 @@ def test_lights_hold_until_they_change() -> None:
     assert [colours for _, colours in changes] == [[1, 0, 0, 0], [1, 0, 0, 0], [3, 1, 0, 0], [3, 1, 0, 0]]
 
 
-def test_whoever_stands_there_for_ever_keeps_nobody_from_being_judged() -> None:
+def test_standing_vehicle_does_not_delay_verdicts() -> None:
     stream, junction = Stream("log", find("stop4")), find("stop4")
     way = itinerary(junction, *RECKLESS)
     x, y, heading = way.pose(-80.0)
@@ -167,7 +167,7 @@ def test_whoever_stands_there_for_ever_keeps_nobody_from_being_judged() -> None:
     assert max(kept) <= 3 * (LONGEST + GONE_AFTER)
 
 
-def test_nothing_grows_and_nobody_waits_where_somebody_stands_and_nobody_goes_any_more() -> None:
+def test_memory_is_bounded_beside_a_standing_vehicle() -> None:
     stream = Stream("log", find("stop4"))
     x, y, heading = itinerary(find("stop4"), *RECKLESS).pose(-80.0)
     for k in range(int(LONGEST) * 4):
