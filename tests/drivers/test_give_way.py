@@ -111,7 +111,7 @@ def test_first_created_vehicle_resolves_a_circle_of_right_before_left(order: tup
 
 
 @pytest.mark.parametrize("signs", SIGNS.values(), ids=SIGNS)
-@pytest.mark.parametrize("code", ["1111", "2222", "3333", "1322", "2130"])
+@pytest.mark.parametrize("code", ["1322", "2130", *(pytest.param(code * 4, marks=pytest.mark.extended) for code in "123")])
 def test_the_rules_of_the_road_are_kept_at_every_kind_of_sign(signs: tuple[Sign, ...], code: str) -> None:
     assert wrong(drive(signed(*signs), code, distance=25, speed=8)) == []
 

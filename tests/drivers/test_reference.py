@@ -48,18 +48,24 @@ def spread(junction: str) -> list[Scenario]:
     ]
 
 
-# Every class of an X, half of them with stop signs, and half of these on the junctions of the paper; `slow` has all scenarios and
-# configurations of all junctions.
-OF_AN_X = [*spread("stop4")[::4], *spread("paper_stop4")[2::4], *spread("light4")[1::4], *spread("paper_light4")[3::4]]
+# Every class of an X, half of them with stop signs, and half of these on the junctions of the paper, and every class of a T. Two
+# classes of each X and one of each T are quick; `slow` has all scenarios and configurations of all junctions.
+CLASSES = [
+    pytest.param(case, marks=[] if k % 3 == 0 else pytest.mark.extended, id=case.name)
+    for cases in (
+        spread("stop4")[::4],
+        spread("paper_stop4")[2::4],
+        spread("light4")[1::4],
+        spread("paper_light4")[3::4],
+        spread("stop3"),
+        spread("light3"),
+    )
+    for k, case in enumerate(cases)
+]
 
 
-@pytest.mark.parametrize("case", OF_AN_X, ids=lambda s: s.name)
-def test_every_class_of_an_x(case: Scenario, wrongs: Complain) -> None:
-    assert wrongs(simulate(Case(case, Reference))) == []
-
-
-@pytest.mark.parametrize("case", [*spread("stop3"), *spread("light3")], ids=lambda s: s.name)
-def test_every_class_of_a_t(case: Scenario, wrongs: Complain) -> None:
+@pytest.mark.parametrize("case", CLASSES)
+def test_reference_keeps_the_rules_in_every_class(case: Scenario, wrongs: Complain) -> None:
     assert wrongs(simulate(Case(case, Reference))) == []
 
 
