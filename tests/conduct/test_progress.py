@@ -24,6 +24,8 @@ from pytest_rvads.logic.ltl.ltl3 import Truth
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Colour, Zone
 
+from ..coarse import coarse
+
 Make = Callable[..., Run]
 G, Y, R = Colour.GREEN, Colour.YELLOW, Colour.RED
 CROSS = {e: [(0, R if e % 2 else G)] for e in range(4)}
@@ -36,16 +38,13 @@ def stands(direction: int, station: float = -0.5, *then: tuple[int, float]) -> t
 
 def status(run: Run, rule: str) -> tuple[str, tuple[str, ...]]:
     """Judge a run. Of every tenth state, the monitor of single states finds the first violation where the whole shows it."""
-    arrays = {name: run.need(name)[::10] for name in ("station", "speed", "pose")}
-    coarse = replace(run, zone=run.zone[::10], lights=run.lights[::10], **arrays, dt=10 * run.dt)
-    monitor = RuleMonitor(rule, run.junction, run.agents, dt=coarse.dt)
-    truths = (
-        monitor.step(coarse.zone[k], coarse.lights[k], **{name: array[k] for name, array in arrays.items()})
-        for k in range(coarse.steps)
-    )
+    part = coarse(run, 10)
+    monitor = RuleMonitor(rule, part.junction, part.agents, dt=part.dt)
+    motion = [{name: part.need(name)[k] for name in ("station", "speed", "pose")} for k in range(part.steps)]
+    truths = (monitor.step(part.zone[k], part.lights[k], **motion[k]) for k in range(part.steps))
     broken = next((k for k, truth in enumerate(truths) if truth is Truth.FALSE), None)
-    whole = check(coarse, rule)
-    assert broken == (round(whole.time / coarse.dt) if whole.status == "FAIL" and whole.time is not None else None)
+    whole = check(part, rule)
+    assert broken == (round(whole.time / part.dt) if whole.status == "FAIL" and whole.time is not None else None)
     verdict = check(run, rule)
     return str(verdict.status), verdict.responsible
 

@@ -1,7 +1,6 @@
-"""Monitors that no other test has left behind; recordings of known runs: thinned, with noise, smoothed as tracks are."""
+"""Monitors that no other test has left behind; recordings of known runs, with noise, smoothed as tracks are."""
 
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -55,13 +54,3 @@ def measured() -> Measure:
         return Recording(run.label, run.junction, tuple(tracks), lights, run.facts, accuracy, 0.0 if speeds else DERIVED)
 
     return measure
-
-
-@pytest.fixture(scope="session")
-def thinned() -> Callable[..., Run]:
-    """Return a function that makes a run of every tenth state of another one, from a given one on."""
-
-    def thin(run: Run, first: int = 0) -> Run:
-        return replace(run, zone=run.zone[first::10], lights=run.lights[first::10], dt=run.dt * 10)
-
-    return thin

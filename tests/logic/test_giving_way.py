@@ -32,6 +32,8 @@ from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Colour, Zone
 from pytest_rvads.search.remap import mirrored
 
+from ..coarse import coarse
+
 Make = Callable[..., Run]
 N, S, Y, P, L = Sign.NONE, Sign.STOP, Sign.YIELD, Sign.PRIORITY, Sign.LIGHTS
 STAND = (0, 0.0)
@@ -192,12 +194,10 @@ def test_the_explanation_says_why(drive: Make, name: str, because: str, roles: s
 @pytest.mark.parametrize("name", PAIRS)
 def test_state_by_state_the_same_is_said(drive: Make, name: str) -> None:
     place, me, direction, mine, you, yours = PAIRS[name]
-    fine = drive(place, {me: wait(direction, 100), you: comes(2, 0.5, place, mine, yours)}, 480)
-    arrays = {what: fine.need(what)[::5] for what in ("station", "speed", "pose")}
-    run = replace(fine, zone=fine.zone[::5], lights=fine.lights[::5], **arrays, dt=5 * fine.dt)
+    run = coarse(drive(place, {me: wait(direction, 100), you: comes(2, 0.5, place, mine, yours)}, 480), 5)
     for rule in dict.fromkeys((name.split()[0], "yield_sign" if place is YIELD else "right_before_left")):
         monitor = RuleMonitor(rule, place, run.agents, dt=run.dt)
-        motion = [{what: array[k] for what, array in arrays.items()} for k in range(run.steps)]
+        motion = [{what: run.need(what)[k] for what in ("station", "speed", "pose")} for k in range(run.steps)]
         told = [monitor.step(run.zone[k], run.lights[k], **motion[k]) for k in range(run.steps)]
         time = check(run, rule).time
         assert told.count(Truth.FALSE) == (0 if time is None else run.steps - round(time / run.dt))

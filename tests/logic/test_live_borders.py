@@ -65,7 +65,7 @@ def recording(in_turn: bool) -> Recording:
 @pytest.mark.parametrize("in_turn", [True, False])
 def test_a_car_on_the_border_of_its_entrance_zone_is_judged_alike_recorded_and_live(in_turn: bool) -> None:
     (run,) = recording(in_turn)
-    monitor = RuleMonitor(("paper", "road"), PLACE)
+    monitor = RuleMonitor(("paper", "full_stop", "first_come", "right_first"), PLACE)
     live: dict[tuple[object, ...], int] = {}
     station, speed, pose = (run.need(name).tolist() for name in ("station", "speed", "pose"))
     for tick, here in enumerate(run.here.tolist()):

@@ -26,6 +26,8 @@ from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.simulators.simulator import simulate
 from studies.mutants import MUTANTS
 
+from ..coarse import coarse
+
 LIMIT = 8.0
 ELSEWHERE = ("priority", "right_before_left", "on_lane_allowed", "merge")
 """Rules about none of these places."""
@@ -110,8 +112,8 @@ def test_much_goes_wrong_in_these_crowds() -> None:
 @pytest.mark.parametrize("fault", ["blind inside", "jostles", "runs red", "no yield turning left", "dawdles"])
 def test_a_monitor_of_many_rules_says_of_each_what_the_run_says(place: str, fault: str) -> None:
     start = Scenario(find(place), "3123", distance=(8, 14, 10, 0.3), speed=(5, 6, 4, 0), duration=8)
-    run = replace(simulate(Case(start, MUTANTS[fault])), collisions=None)
-    monitor = RuleMonitor(ALL, run.junction, run.agents, speed_limit=run.facts.speed_limit)
+    run = coarse(replace(simulate(Case(start, MUTANTS[fault])), collisions=None), 4)
+    monitor = RuleMonitor(ALL, run.junction, run.agents, dt=run.dt, speed_limit=run.facts.speed_limit)
     broken: dict[str, int] = {}
     for tick in range(run.steps):
         motion = {name: run.need(name)[tick] for name in ("station", "speed", "pose")}

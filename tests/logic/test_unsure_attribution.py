@@ -8,11 +8,13 @@ import pytest
 from pytest_rvads import Run, RunError, Status, check
 from pytest_rvads.runs.run import Facts
 
+from ..coarse import coarse
+
 
 @pytest.fixture
-def doubtful(make: Callable[..., Run], thinned: Callable[..., Run]) -> Run:
+def doubtful(make: Callable[..., Run]) -> Run:
     """Two vehicles of which one leaves between the same samples as the other enters; a third one is in nobody's way."""
-    return thinned(make("stop4", {0: (2, 100, 200, 395), 1: (2, 120, 395, 600), 2: (2, 300, 700, 800)}, 900))
+    return coarse(make("stop4", {0: (2, 100, 200, 395), 1: (2, 120, 395, 600), 2: (2, 300, 700, 800)}, 900), 10)
 
 
 def test_unsure_verdict_has_no_responsible_vehicle(doubtful: Run) -> None:
@@ -27,9 +29,9 @@ def test_unsure_verdict_has_no_responsible_vehicle(doubtful: Run) -> None:
         bool(verdict)
 
 
-def test_a_definite_violation_counts_first(make: Callable[..., Run], thinned: Callable[..., Run]) -> None:
+def test_a_definite_violation_counts_first(make: Callable[..., Run]) -> None:
     run = make("stop4", {0: (2, 100, 200, 395), 1: (2, 120, 395, 600), 2: (2, 300, 500, 800)}, 900)
-    verdict = check(thinned(run), "p1")
+    verdict = check(coarse(run, 10), "p1")
     assert verdict.status is Status.FAIL
     assert verdict.counts == {"fail": 1, "unsure": 1, "pass": 1}
 
