@@ -226,7 +226,7 @@ def test_zones_are_left_for_good() -> None:
     assert told == [], "a reading that falls back over the line is no leaving of the junction"
 
 
-@pytest.mark.parametrize("block", [7, 10])
+@pytest.mark.parametrize("block", [7, pytest.param(10, marks=pytest.mark.extended)])
 @pytest.mark.parametrize("name", PLACES)
 def test_blocks_of_states_tell_what_single_states_tell(name: str, block: int) -> None:
     run = crowd(name, 1, 4, 700)
