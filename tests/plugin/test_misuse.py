@@ -62,6 +62,7 @@ ARGUMENTS = [
     ('"stop4", classes=(1, None)', "classes takes class numbers, one or several, got (1, None)"),
     ('"stop4", classes=[]', "classes is empty: name class numbers, or leave it out"),
     ('"stop4", classes=1, scenarios="1133"', "give classes= or scenarios=, not both: a scenario names its class"),
+    ('"stop4", scenarios=[]', "scenarios is empty: name direction strings"),
     ('"stop4", scenarios=1133', "scenarios takes direction strings such as '1133', one or several, got 1133"),
     ('"stop4", grid=()', "grid is empty: name letters of configurations or names of grids, or leave it out"),
     ('"stop4", grid=4', "grid takes letters of configurations or names of grids, one or several, got 4"),
@@ -262,6 +263,7 @@ mine = rvads.scenario("stop3", grid="C", classes=1)
 
 
 MARKS = [
+    ("@rvads.scenario\ndef test_it(run): ...", 5, "write @rvads.scenario('stop4', ...) with the name of a junction in quotes"),
     ("def test_it(run): ...", 5, "test_it asks for a run, but no @rvads.scenario(...) says which: add the mark"),
     ("@mine\ndef test_it(): ...", 4, "test_it has @rvads.scenario(...) but takes neither run nor monitor: add an argument"),
     (
@@ -337,6 +339,11 @@ def test_invalid_mark_is_an_error_at_its_line(pytester: pytest.Pytester) -> None
             "@rvads.known('I1', cls=4)\ndef test_it(): ...",
             5,
             "test_it: @rvads.known('I1', cls=(4,)) matches no cell of any of its tests",
+        ),
+        (
+            "class TestIt(unittest.TestCase):\n    @mine\n    def test_it(self): ...",
+            4,
+            "TestIt::test_it has @rvads.scenario(...), which works on functions and classes of pytest only",
         ),
         (
             "@mine\nclass TestIt(unittest.TestCase):\n    def test_it(self): ...",
