@@ -14,6 +14,8 @@ from pytest_rvads.junctions.finder import find
 from pytest_rvads.runs.run import Collision, Run
 from pytest_rvads.scenarios.scenario import Scenario
 
+from ..run_builders import gliding
+
 Chrome = Any  # of selenium.webdriver, which not everybody has
 Open = Callable[..., Chrome]
 HARM = "</script><img src=x onerror='window.owned = 1'>"
@@ -22,21 +24,8 @@ IMPACT = 3.5
 
 def driven(speed: float) -> Run:
     """Return a run of 4 s in which a0 drives at some speed and the others at 6 m/s, from 10 m before the junction."""
-    scenario = Scenario(find("stop4"), "2222", distance=10)
-    itineraries, steps = scenario.itineraries(), 401
-    speeds = np.tile([speed, 6.0, 6.0, 6.0], (steps, 1))
-    station = -10.0 + speeds * 0.01 * np.arange(steps)[:, None]
-    return Run(
-        scenario.name,
-        scenario.place,
-        tuple(replace(agent, size=(4.6, 1.86)) for agent in scenario.agents()),
-        np.array([[i.zone(s) for i, s in zip(itineraries, row, strict=True)] for row in station], dtype=np.int8),
-        np.zeros((steps, 4), dtype=np.int8),
-        station=station,
-        speed=speeds,
-        pose=np.array([[i.pose(s) for i, s in zip(itineraries, row, strict=True)] for row in station]),
-        collisions=(),
-    )
+    run = gliding(Scenario(find("stop4"), "2222", distance=10), [speed, 6.0, 6.0, 6.0], 401, collisions=())
+    return replace(run, agents=tuple(replace(agent, size=(4.6, 1.86)) for agent in run.agents))
 
 
 BESIDE = Beside(

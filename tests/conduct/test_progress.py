@@ -24,7 +24,7 @@ from pytest_rvads.logic.ltl.ltl3 import Truth
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Colour, Zone
 
-from ..coarse import coarse
+from ..run_builders import coarse
 
 Make = Callable[..., Run]
 G, Y, R = Colour.GREEN, Colour.YELLOW, Colour.RED

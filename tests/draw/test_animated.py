@@ -14,6 +14,8 @@ from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Zone
 from pytest_rvads.scenarios.scenario import Scenario
 
+from ..run_builders import gliding
+
 SVG = "{http://www.w3.org/2000/svg}"
 SECONDS = 20.0
 
@@ -21,19 +23,7 @@ SECONDS = 20.0
 @pytest.fixture(scope="module")
 def run() -> Run:
     """A run at a junction with lights, at 5 m/s for a0 and 1 m/s more for each further vehicle; they leave before its end."""
-    scenario = Scenario(find("light4"), "1233", distance=10)
-    itineraries, plan, steps = scenario.itineraries(), scenario.signals(), round(SECONDS * 100)
-    station = np.array([[-10 + (5 + k) * 0.01 * t for k in range(4)] for t in range(steps)])
-    return Run(
-        scenario.name,
-        scenario.place,
-        scenario.agents(),
-        np.array([[i.zone(s) for i, s in zip(itineraries, row, strict=True)] for row in station], dtype=np.int8),
-        np.array([plan.colours(t * 0.01, 4) for t in range(steps)], dtype=np.int8),
-        station=station,
-        speed=np.tile([5.0, 6.0, 7.0, 8.0], (steps, 1)),
-        pose=np.array([[i.pose(s) for i, s in zip(itineraries, row, strict=True)] for row in station]),
-    )
+    return gliding(Scenario(find("light4"), "1233", distance=10), [5.0, 6.0, 7.0, 8.0], round(SECONDS * 100))
 
 
 def frames(document: str, name: str) -> list[tuple[float, str]]:

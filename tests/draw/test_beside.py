@@ -19,27 +19,16 @@ from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.runs.run import Collision, Excerpt, Facts, Run
 from pytest_rvads.scenarios.scenario import Scenario
 
+from ..run_builders import gliding
+
 Make = Callable[..., Run]
 
 
 def driven(speed: float = 5.0, **changes: Any) -> Run:
     """Return a run of 6 s through stop4 without a stop: a0 at some speed, a2 at 5 m/s, from 10 m before the junction."""
-    scenario = Scenario(find("stop4"), "2020", distance=10)
-    itineraries, steps = [i for i in scenario.itineraries() if i], 601
-    speeds = np.tile([speed, 5.0], (steps, 1))
-    station = -10.0 + speeds * 0.01 * np.arange(steps)[:, None]
-    run = Run(
-        scenario.name,
-        scenario.place,
-        tuple(replace(agent, size=(4.6, 1.86)) for agent in scenario.agents()),
-        np.array([[i.zone(s) for i, s in zip(itineraries, row, strict=True)] for row in station], dtype=np.int8),
-        np.zeros((steps, 4), dtype=np.int8),
-        station=station,
-        speed=speeds,
-        pose=np.array([[i.pose(s) for i, s in zip(itineraries, row, strict=True)] for row in station]),
-        collisions=(),
-    )
-    return replace(run, **changes)
+    run = gliding(Scenario(find("stop4"), "2020", distance=10), [speed, 5.0], 601, collisions=())
+    sized = replace(run, agents=tuple(replace(agent, size=(4.6, 1.86)) for agent in run.agents))
+    return replace(sized, **changes)
 
 
 def data(page: str) -> dict[str, Any]:

@@ -24,6 +24,8 @@ from pytest_rvads.scenarios.classes import classes, members
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.wording import printable
 
+from ..run_builders import gliding
+
 SVG = "{http://www.w3.org/2000/svg}"
 
 
@@ -31,20 +33,7 @@ SVG = "{http://www.w3.org/2000/svg}"
 def run() -> Run:
     """A run along the centre lines at constant speeds, 5 m/s for a0, 1 m/s more for each further vehicle."""
     scenario = Scenario(find("light4"), "1233", distance=10)
-    itineraries, plan = scenario.itineraries(), scenario.signals()
-    steps = 2000
-    station = np.array([[-10 + (5 + k) * 0.01 * t for k in range(4)] for t in range(steps)])
-    return Run(
-        scenario.name,
-        scenario.place,
-        scenario.agents(),
-        np.array([[i.zone(s) for i, s in zip(itineraries, row, strict=True)] for row in station], dtype=np.int8),
-        np.array([plan.colours(t * 0.01, 4) for t in range(steps)], dtype=np.int8),
-        station=station,
-        speed=np.tile([5.0, 6.0, 7.0, 8.0], (steps, 1)),
-        pose=np.array([[i.pose(s) for i, s in zip(itineraries, row, strict=True)] for row in station]),
-        collisions=(Collision(3.5, ("a0", "a2"), 4.2),),
-    )
+    return gliding(scenario, [5.0, 6.0, 7.0, 8.0], 2000, collisions=(Collision(3.5, ("a0", "a2"), 4.2),))
 
 
 def vehicles(document: str) -> dict[str, ET.Element]:

@@ -32,7 +32,7 @@ from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Colour, Zone
 from pytest_rvads.search.remap import mirrored
 
-from ..coarse import coarse
+from ..run_builders import coarse
 
 Make = Callable[..., Run]
 N, S, Y, P, L = Sign.NONE, Sign.STOP, Sign.YIELD, Sign.PRIORITY, Sign.LIGHTS

@@ -26,7 +26,7 @@ from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.simulators.simulator import simulate
 from studies.mutants import MUTANTS
 
-from ..coarse import coarse
+from ..run_builders import coarse
 
 LIMIT = 8.0
 ELSEWHERE = ("priority", "right_before_left", "on_lane_allowed", "merge")

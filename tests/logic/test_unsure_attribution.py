@@ -8,7 +8,7 @@ import pytest
 from pytest_rvads import Run, RunError, Status, check
 from pytest_rvads.runs.run import Facts
 
-from ..coarse import coarse
+from ..run_builders import coarse
 
 
 @pytest.fixture

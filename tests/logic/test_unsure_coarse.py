@@ -9,7 +9,7 @@ import pytest
 from pytest_rvads import Run, Status, check, read_recorded
 from pytest_rvads.runs.states import Colour, Zone
 
-from ..coarse import coarse
+from ..run_builders import coarse
 
 RULES = ("p1", "p2", "p3", "p4", "p5", "p6")
 KEPT = {Status.PASS, Status.NA}
