@@ -157,6 +157,24 @@ def test_invalid_search_is_an_error_at_its_line(pytester: pytest.Pytester) -> No
     refused(pytester, [(search.format(asked), 3, says) for asked, says in SEARCHES])
 
 
+SUBJECTS = [
+    ('"stop4", subject=7', "subject must be an entrance, 0 to 3, or 'all', got 7"),
+    ('"stop4", traffic="hesitant"', "traffic= drives the vehicles beside a subject"),
+    ('"stop4", subject=0, traffic="polite"', "unknown traffic 'polite', there are reference, hesitant"),
+    ('"stop4", subject=0, traffic=()', "traffic is empty"),
+    ('"stop4", subject=0, traffic=3', "traffic takes names of policies or classes of autopilots, got 3"),
+    ('"stop4", subject=1, scenarios="1033"', "subject must be an occupied entrance of 1033, got 1"),
+    ('"stop4", subject="all", cover="rotation", rules="road"', "would expand to 19,200 items (384 scenarios × 5 points ×"),
+    ("'stop4', subject=0, senses={'dely': 1}", "got 'dely'; did you mean 'delay'"),
+    ("'stop4', subject=0, senses=0.2", "senses takes rvads.Senses(...) or a dict of their fields, one or several, got 0.2"),
+    ("'stop4', subject=0, senses=[]", "senses is empty"),
+]
+
+
+def test_invalid_subject_traffic_and_senses_are_errors_at_the_line_of_the_mark(pytester: pytest.Pytester) -> None:
+    refused(pytester, [(BODY.format(arguments=asked), LINE, says) for asked, says in SUBJECTS])
+
+
 def test_two_searches_of_a_session_do_not_call_different_rules_by_one_name(pytester: pytest.Pytester) -> None:
     code = 'import pytest_rvads as rvads\n\n@rvads.falsify("stop4", rule=rvads.Rule("mine", "{}"))\ndef test_it(): ...'
     pytester.makepyfile(test_a=code.format("forall a. F a@j"))

@@ -166,27 +166,6 @@ def test_seats_and_traffic_select(pytester: pytest.Pytester, ids: Lines) -> None
     assert len(ids(pytester.runpytest("--collect-only", "-q", "-k", "hesitant and s2-cfg"))) == 2
 
 
-@pytest.mark.parametrize(
-    ("mark", "says"),
-    [
-        ("subject=7", "*subject must be an entrance, 0 to 3, or 'all', got 7*"),
-        ('traffic="hesitant"', "*traffic= drives the vehicles beside a subject*"),
-        ('subject=0, traffic="polite"', "*unknown traffic 'polite', there are reference, hesitant*"),
-        ("subject=0, traffic=()", "*traffic is empty*"),
-        ("subject=0, traffic=3", "*traffic takes names of policies or classes of autopilots, got 3*"),
-        ('subject=1, scenarios="1033"', "*subject must be an occupied entrance of 1033, got 1*"),
-        ('subject="all", cover="rotation", rules="road"', "*would expand to 19,200 items (384 scenarios × 5 points × 10 rules)*"),
-    ],
-)
-def test_invalid_subject_and_traffic_are_refused(pytester: pytest.Pytester, mark: str, says: str) -> None:
-    pytester.makepyfile(
-        f"import pytest_rvads as rvads\n\n@rvads.scenario('stop4', {mark})\ndef test_it(run, rule, monitor): ...\n"
-    )
-    result = pytester.runpytest("--continue-on-collection-errors")
-    assert result.ret == pytest.ExitCode.TESTS_FAILED
-    result.stdout.fnmatch_lines([says])
-
-
 def test_senses_are_an_axis(pytester: pytest.Pytester, brackets: Lines) -> None:
     pytester.makepyfile(
         """
@@ -207,22 +186,6 @@ def test_senses_are_an_axis(pytester: pytest.Pytester, brackets: Lines) -> None:
     result.assert_outcomes(passed=2)
     result.stdout.fnmatch_lines(["*#1 = C.delay00.50.range30.00", "*#2 = C.range30.00"])
     assert len(brackets(pytester.runpytest("--collect-only", "-q", "-m", "rvads(cfg='C.range30.00')"))) == 1
-
-
-@pytest.mark.parametrize(
-    ("senses", "says"),
-    [
-        ("{'dely': 1}", "*senses have delay, range, *got 'dely'; did you mean 'delay'*"),
-        ("0.2", "*senses takes rvads.Senses(...) or a dict of their fields, one or several, got 0.2*"),
-        ("[]", "*senses is empty*"),
-        ("rvads.Senses(delay=-1)", "*delay must be a number of 0 or more, got -1*"),
-    ],
-)
-def test_invalid_senses_are_refused(pytester: pytest.Pytester, senses: str, says: str) -> None:
-    pytester.makepyfile(
-        f"import pytest_rvads as rvads\n\n@rvads.scenario('stop4', subject=0, senses={senses})\ndef test_it(run): ...\n"
-    )
-    pytester.runpytest("--continue-on-collection-errors").stdout.fnmatch_lines([says])
 
 
 def test_session_of_runs_cut_off_before_the_crossing_is_not_green(pytester: pytest.Pytester, reference: None) -> None:
