@@ -79,7 +79,7 @@ def test_the_options_in_what_is_printed_exist(pytester: pytest.Pytester) -> None
             assert f"{option}=" in offered, option
 
 
-def test_the_inputs_of_the_action_are_those_of_the_page() -> None:
+def test_inputs_of_the_action_match_the_page() -> None:
     action = yaml((ROOT / "action.yml").read_text("utf-8"))
     rows = dict(re.findall(r"^\| `([\w-]+)` \| .* \| (.*) \|$", PAGE, re.MULTILINE))
     defaults = {name: rows[name].strip("`").replace("nothing", "").replace("none", "") for name in action["inputs"]}
@@ -112,7 +112,7 @@ def test_the_workflow_runs_as_printed(pytester: pytest.Pytester, capsys: pytest.
     assert lacking == ["verdicts.json.journal"], "which is there only where a session did not come to its end"
 
 
-def test_what_died_is_no_baseline(pytester: pytest.Pytester) -> None:
+def test_broken_report_is_no_baseline(pytester: pytest.Pytester) -> None:
     check = commands(template("rules.yml"))[2]
     (pytester.path / "verdicts.json").write_text("{", "utf-8")
     assert run(check, pytester.path).returncode == 2

@@ -64,7 +64,7 @@ def test_a_site_without_dead_links_passes(check: ModuleType, site: Path, monkeyp
         ('<link rel="stylesheet" href="//example.org/x.css">', "below/page.html: loads //example.org/x.css from another host"),
     ],
 )
-def test_what_is_dead_or_foreign_is_told(
+def test_dead_links_and_foreign_loads_are_reported(
     check: ModuleType, site: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], markup: str, told: str
 ) -> None:
     page = site / "below" / "page.html"
@@ -74,7 +74,7 @@ def test_what_is_dead_or_foreign_is_told(
     assert capsys.readouterr().out.splitlines() == [told, "2 pages, 1 dead links or foreign loads"]
 
 
-def test_a_style_that_loads_from_elsewhere_is_told(check: ModuleType, site: Path) -> None:
+def test_style_with_a_foreign_load_is_reported(check: ModuleType, site: Path) -> None:
     (site / "x.css").write_text("@font-face{src:url('https://fonts.example.org/a.woff2')}b{background:url(data:,)}")
     assert check.dead(site) == ["x.css: loads https://fonts.example.org/a.woff2 from another host"]
 
@@ -126,7 +126,7 @@ def test_the_gallery_shows_what_its_tests_do(tmp_path: Path) -> None:
 
 
 @pytest.mark.extended
-def test_a_gallery_that_says_something_else_is_refused(tmp_path: Path) -> None:
+def test_outdated_gallery_is_refused(tmp_path: Path) -> None:
     gallery = tool("make_gallery")
     section = gallery.PAGE.read_text(encoding="utf-8").split("\n## ")[1]
     changed = section.replace("at t=5.21 s", "at t=9.99 s")

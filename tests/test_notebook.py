@@ -87,14 +87,14 @@ def test_a_junction_shows_its_ways_and_who_gives_way(name: str) -> None:
     ]
 
 
-def test_who_gives_way_is_what_the_junction_says() -> None:
+def test_junction_page_lists_the_entrances_that_have_priority() -> None:
     page = shown(find("yield4"))
     assert page.cells[4] == "gives way to"
     assert [page.cells[5 * row + 4] for row in range(1, 5)] == ["1, 2, 3", "3", "0, 1, 3", "1"]
     assert "gives way in a tie to" in shown(find("stop4")).cells
 
 
-def test_a_junction_without_lanes_says_what_it_is_good_for(topology: Callable[[Junction], Junction]) -> None:
+def test_page_of_a_junction_without_lanes_names_its_use(topology: Callable[[Junction], Junction]) -> None:
     page = shown(topology(find("stop4")))
     assert not page.pictures
     assert "only to judge zones of recorded runs" in page.text
@@ -119,7 +119,7 @@ def test_a_scenario_shows_every_vehicle_where_it_starts() -> None:
     assert "class" in page.text
 
 
-def test_a_scenario_that_has_no_room_says_so_and_lists_its_vehicles() -> None:
+def test_page_of_an_impossible_scenario_lists_its_vehicles() -> None:
     page = shown(Scenario(find("stop4"), "1000", distance=500))
     assert not page.pictures
     assert "distance 500 m does not fit" in page.text
@@ -136,7 +136,7 @@ def test_a_run_shows_its_collision(crash: Run) -> None:
     assert page.cells[9] == "never"
 
 
-def test_a_run_tells_what_drove_it_where_it_knows(crash: Run) -> None:
+def test_page_of_a_run_names_driver_and_simulator(crash: Run) -> None:
     assert shown(replace(crash, provenance={"autopilot": "Mine", "traffic": "reference", "simulator": "bullet"})).text.startswith(
         "by-hand: 2 vehicles; 7.99 s; a0 and a1 collide at 6.50 s; driven by Mine among reference; simulated by bullet"
     )
@@ -168,7 +168,7 @@ def test_a_run_without_states_is_shown(make: Callable[..., Run]) -> None:
     assert "no picture: run 'by-hand' has no states" in shown(make("stop4", {0: (1, None, None, None)}, 0)).text
 
 
-def test_who_was_there_when_the_recording_began_came_by_then(drive: Callable[..., Run]) -> None:
+def test_arrival_before_the_recording_is_by_its_start(drive: Callable[..., Run]) -> None:
     found = drive("stop4", {0: (2, 1.0, [(0, 5.0)])}, 100)
     assert shown(replace(found, excerpt=Excerpt(start=40.0))).cells[7:9] == ["by 40.00 s", "by 40.00 s"]
 
@@ -190,7 +190,7 @@ def test_of_many_vehicles_the_first_are_listed(make: Callable[..., Run]) -> None
 
 
 @pytest.mark.parametrize("rule", ["no_collision", "full_stop", "right_on_red"])
-def test_a_verdict_says_all_that_it_is(crash: Run, rule: str) -> None:
+def test_page_of_a_verdict_shows_every_field(crash: Run, rule: str) -> None:
     verdict = rvads.check(crash, rule)
     page = shown(verdict)
     assert verdict.status in page.text
@@ -200,7 +200,7 @@ def test_a_verdict_says_all_that_it_is(crash: Run, rule: str) -> None:
     assert ("<details open>" in verdict._repr_html_()) == (verdict.status is Status.FAIL)
 
 
-def test_a_verdict_that_fails_nobody_does_not_look_like_a_failure() -> None:
+def test_unavoidable_and_provoked_verdicts_are_not_shown_as_fail() -> None:
     verdict = Verdict("p2", Status.FAIL, "p2: in a circle", unavoidable=True)
     assert "! UNAVOIDABLE" in shown(verdict).text
     assert "! PROVOKED" in shown(structs.replace(verdict, unavoidable=False, provoked=True)).text
@@ -221,7 +221,7 @@ def test_white_letters_can_be_read_on_every_mark() -> None:
         assert 1.05 / (light + 0.05) > 5.0
 
 
-def test_nothing_that_comes_from_elsewhere_becomes_markup(crash: Run) -> None:
+def test_pages_of_values_escape_markup(crash: Run) -> None:
     junction = replace(crash.junction, name=HOSTILE, id=HOSTILE, map=HOSTILE)
     agents = tuple(replace(agent, name=HOSTILE) for agent in crash.agents)
     run = replace(
@@ -260,13 +260,13 @@ def test_any_drawing_can_be_shown() -> None:
     assert page.tags == {"img"}
 
 
-def test_whatever_is_wrong_with_a_value_is_a_text(crash: Run) -> None:
+def test_undrawable_value_is_a_text(crash: Run) -> None:
     odd = replace(crash, agents=crash.agents[:1] * 5)
     assert shown(odd).text.startswith("<Run> can't be drawn: IndexError")
     assert Page(html(HOSTILE)).tags == {"p"}
 
 
-def test_nothing_that_judges_or_drives_loads_what_draws() -> None:
+def test_judging_and_driving_import_no_drawing() -> None:
     code = """
 import sys
 import pytest_rvads as rvads

@@ -92,7 +92,7 @@ def spoken(tree: ast.Module) -> Iterator[str]:
             yield node.value
 
 
-def test_every_page_that_is_named_exists_and_messages_name_it_by_its_address() -> None:
+def test_named_pages_exist() -> None:
     """Who has installed the package alone has no folder `docs`."""
     titles = [path.read_text("utf-8").partition("\n")[0].removeprefix("# ") for path in (ROOT / "docs").glob("*.md")]
     named = set()

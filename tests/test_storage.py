@@ -19,7 +19,7 @@ def test_what_was_written_is_read(tmp_path: Path) -> None:
     assert [p.name for p in path.parent.iterdir()] == ["file"]
 
 
-def test_pieces_are_written_as_one_and_not_at_all_where_one_can_not_be_made(tmp_path: Path) -> None:
+def test_pieces_are_written_atomically(tmp_path: Path) -> None:
     def pieces(last: int) -> Iterator[bytes]:
         yield b"one, "
         yield str(10 // last).encode()
@@ -75,12 +75,12 @@ def test_what_can_not_be_written_leaves_the_earlier_file(tmp_path: Path) -> None
     assert len(list(tmp_path.iterdir())) == 1
 
 
-def test_a_device_is_written_to_and_stays_one() -> None:
+def test_device_is_written_in_place() -> None:
     write_file(Path("/dev/null"), b"gone")
     assert Path("/dev/null").is_char_device()
 
 
-def test_a_pipe_that_nobody_reads_is_not_waited_for(tmp_path: Path) -> None:
+def test_unread_pipe_is_an_error(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe")
     with pytest.raises(OSError, match="No such device"):
         write_file(tmp_path / "pipe", b"lost")

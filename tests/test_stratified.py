@@ -39,7 +39,7 @@ def test_a_sample_is_so_many_of_the_things_in_their_order(things: list[Thing], s
 
 
 @given(THINGS, SIZES, SEEDS)
-def test_groups_of_one_group_get_equally_many_or_all_they_have(things: list[Thing], size: int, seed: int) -> None:
+def test_draw_is_balanced_over_groups(things: list[Thing], size: int, seed: int) -> None:
     found = drawn(things, size, seed)
     for level in range(3):
         most, got = (Counter(thing[: level + 1] for thing in some) for some in (things, found))

@@ -71,7 +71,7 @@ def test_a_name_stands_in_quotes_that_every_shell_knows(name: str) -> None:
     "name",
     ["a[$(touch owned)]", "a[`touch owned`]", "a[$HOME]", 'a["; touch owned; "]', "a[b\\]", "a[!x]", "a['$(touch owned)'!]"],
 )
-def test_a_shell_takes_nothing_in_a_name_for_a_command(name: str, tmp_path: Path) -> None:
+def test_quoted_name_is_one_word_of_a_shell(name: str, tmp_path: Path) -> None:
     assert quoted(name).startswith("'"), "double quotes would not keep it; a shell at a prompt takes ! there for an earlier line"
     done = subprocess.run(["sh", "-c", f"printf %s {quoted(name)}"], cwd=tmp_path, capture_output=True, text=True, check=True)
     assert done.stdout == name

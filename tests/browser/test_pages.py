@@ -280,7 +280,7 @@ def test_the_sums_of_a_town_lead_to_the_table_and_the_items_of_a_junction(open_p
     assert by_id(browser, "count").text == "100 of 100 items"
 
 
-def test_a_row_of_recordings_leads_to_all_of_them(open_page: Open) -> None:
+def test_row_of_recordings_links_to_every_recording(open_page: Open) -> None:
     """Its label names three of nine; what is unsure has the mark of a doubt."""
 
     def recorded(name: str, status: str) -> Record:
@@ -346,7 +346,7 @@ def test_a_large_session_keeps_to_ten_screens_of_a_phone(open_page: Open, large:
     assert its < 375 < table
 
 
-def test_a_session_page_begins_with_what_it_was_then_causes_then_failures(open_page: Open, large: Report) -> None:
+def test_session_page_shows_the_session_then_causes_then_failures(open_page: Open, large: Report) -> None:
     browser = open_page(page(large, Path(".rvads")))
     terms = {row.find_element("tag name", "dt").text: row.find_element("tag name", "dd").text for row in heads(browser)}
     assert terms == {
@@ -376,7 +376,7 @@ def heads(browser: Chrome) -> Any:
     return browser.find_elements("css selector", ".head > div")
 
 
-def test_failures_stand_with_their_cause_and_those_without_a_replay_tell_how_to_draw_it(open_page: Open, large: Report) -> None:
+def test_failures_without_a_replay_name_the_command_that_draws_the_replay(open_page: Open, large: Report) -> None:
     browser = open_page(page(large, Path(".rvads")))
     unfold(browser, "#grouped > .group:nth-child(2) > details")
     group = "#grouped > .group:nth-child(2)"

@@ -14,6 +14,8 @@ from pytest_rvads.junctions.finder import find
 from pytest_rvads.runs.run import Collision, Run
 from pytest_rvads.scenarios.scenario import Scenario
 
+from ..run_builders import gliding
+
 Chrome = Any  # of selenium.webdriver, which not everybody has
 Open = Callable[..., Chrome]
 HARM = "</script><img src=x onerror='window.owned = 1'>"
@@ -22,21 +24,8 @@ IMPACT = 3.5
 
 def driven(speed: float) -> Run:
     """Return a run of 4 s in which a0 drives at some speed and the others at 6 m/s, from 10 m before the junction."""
-    scenario = Scenario(find("stop4"), "2222", distance=10)
-    itineraries, steps = scenario.itineraries(), 401
-    speeds = np.tile([speed, 6.0, 6.0, 6.0], (steps, 1))
-    station = -10.0 + speeds * 0.01 * np.arange(steps)[:, None]
-    return Run(
-        scenario.name,
-        scenario.place,
-        tuple(replace(agent, size=(4.6, 1.86)) for agent in scenario.agents()),
-        np.array([[i.zone(s) for i, s in zip(itineraries, row, strict=True)] for row in station], dtype=np.int8),
-        np.zeros((steps, 4), dtype=np.int8),
-        station=station,
-        speed=speeds,
-        pose=np.array([[i.pose(s) for i, s in zip(itineraries, row, strict=True)] for row in station]),
-        collisions=(),
-    )
+    run = gliding(Scenario(find("stop4"), "2222", distance=10), [speed, 6.0, 6.0, 6.0], 401, collisions=())
+    return replace(run, agents=tuple(replace(agent, size=(4.6, 1.86)) for agent in run.agents))
 
 
 BESIDE = Beside(
@@ -226,7 +215,7 @@ def test_an_earlier_run_is_shown_where_it_differs_and_can_be_switched_off(opened
     assert one(browser, "#clock").text == "0.11 s"
 
 
-def test_an_earlier_run_that_is_the_same_is_called_so(opened: Open) -> None:
+def test_earlier_run_with_equal_states_is_called_the_same(opened: Open) -> None:
     browser = opened("same")
     assert "are the same, state for state" in one(browser, "#parted").text
     assert not [ghost for ghost in every(browser, ".ghost") if ghost.is_displayed()]
@@ -269,7 +258,7 @@ def test_a_link_leads_back_and_runs_nothing(opened: Open, pages: Path) -> None:
     browser.get_log("browser")  # the policy says that it refused
 
 
-def test_after_an_impact_the_page_says_that_nothing_is_driven(opened: Open) -> None:
+def test_page_says_after_an_impact_that_no_vehicle_is_driven(opened: Open) -> None:
     browser = opened("impact", "#t=3.4")
     note = one(browser, "#impact")
     assert not note.is_displayed()
@@ -283,7 +272,7 @@ def test_after_an_impact_the_page_says_that_nothing_is_driven(opened: Open) -> N
     assert grey[0] + grey[2] / 2 == pytest.approx(strip[0] + strip[2] / 2, abs=1), "up to the end"
 
 
-def test_bodies_that_touch_in_a_recording_may_have_or_not(opened: Open) -> None:
+def test_touching_bodies_of_a_recording_are_a_possible_impact(opened: Open) -> None:
     browser = opened("touch", "#t=1")
     assert one(browser, "#impact").text == (
         "by their places and sizes, bodies touch at 0.00 s: a0, a1, a2, a3. What follows may be no driving of theirs."
@@ -322,7 +311,7 @@ def test_on_a_phone_the_picture_comes_first_and_two_fingers_zoom(opened: Open) -
     assert browser.execute_script("return scrollY") == 0
 
 
-def test_in_a_frame_all_that_plays_it_is_in_view(opened: Open) -> None:
+def test_player_fits_into_a_frame(opened: Open) -> None:
     browser = opened("frame", "")
     browser.switch_to.frame(one(browser, "iframe"))
     try:

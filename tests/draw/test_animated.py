@@ -14,6 +14,8 @@ from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Zone
 from pytest_rvads.scenarios.scenario import Scenario
 
+from ..run_builders import gliding
+
 SVG = "{http://www.w3.org/2000/svg}"
 SECONDS = 20.0
 
@@ -21,19 +23,7 @@ SECONDS = 20.0
 @pytest.fixture(scope="module")
 def run() -> Run:
     """A run at a junction with lights, at 5 m/s for a0 and 1 m/s more for each further vehicle; they leave before its end."""
-    scenario = Scenario(find("light4"), "1233", distance=10)
-    itineraries, plan, steps = scenario.itineraries(), scenario.signals(), round(SECONDS * 100)
-    station = np.array([[-10 + (5 + k) * 0.01 * t for k in range(4)] for t in range(steps)])
-    return Run(
-        scenario.name,
-        scenario.place,
-        scenario.agents(),
-        np.array([[i.zone(s) for i, s in zip(itineraries, row, strict=True)] for row in station], dtype=np.int8),
-        np.array([plan.colours(t * 0.01, 4) for t in range(steps)], dtype=np.int8),
-        station=station,
-        speed=np.tile([5.0, 6.0, 7.0, 8.0], (steps, 1)),
-        pose=np.array([[i.pose(s) for i, s in zip(itineraries, row, strict=True)] for row in station]),
-    )
+    return gliding(Scenario(find("light4"), "1233", distance=10), [5.0, 6.0, 7.0, 8.0], round(SECONDS * 100))
 
 
 def frames(document: str, name: str) -> list[tuple[float, str]]:
@@ -61,13 +51,13 @@ def test_vehicles_are_where_the_run_says(run: Run) -> None:
     ET.fromstring(document)
 
 
-def test_before_it_happens_only_what_is_near_is_shown(run: Run) -> None:
+def test_animation_begins_when_vehicles_are_near(run: Run) -> None:
     far = replace(run, pose=run.need("pose") + np.where(run.times < 2.0, 500.0, 0.0)[:, None, None] * [1.0, 0.0, 0.0])
     assert length(animated(run, responsible={"a0"}, around=3.0, before=3.0, after=1.0)) == pytest.approx(7.0)
     assert length(animated(far, responsible={"a0"}, around=3.0, before=3.0, after=1.0)) == pytest.approx(5.0)
 
 
-def test_who_leaves_is_not_seen_any_more(run: Run) -> None:
+def test_departed_vehicle_is_hidden(run: Run) -> None:
     gone = int(np.argmax(run.zone[:, 3] == Zone.GONE)) / 100
     document = animated(run, around=gone, before=1.0, after=1.0)
     assert [style for _, style in frames(document, "s3")] == ["visibility:visible"] * 2 + ["visibility:hidden"]
@@ -107,7 +97,7 @@ def test_a_title_is_broken_into_even_lines(run: Run) -> None:
     assert abs(len(shown[0]) - len(shown[1])) < 20
 
 
-def test_it_is_small(run: Run) -> None:
+def test_animation_has_less_than_100_kilobytes(run: Run) -> None:
     assert len(animated(run, title="title", around=4.0)) < 100_000
     assert len(animated(run, title="title")) < 400_000, "all of its 20 s"
     hour = replace(run, dt=1.8)
@@ -127,7 +117,7 @@ def test_any_text_is_shown_as_text(run: Run, text: str) -> None:
     assert not [name for e in root.iter() for name in e.attrib if name.startswith("on")]
 
 
-def test_what_can_not_be_drawn_says_so(run: Run) -> None:
+def test_run_without_positions_or_states_is_refused(run: Run) -> None:
     with pytest.raises(RunError, match="holds no positions"):
         animated(replace(run, pose=None))
     none = {name: getattr(run, name)[:0] for name in ("zone", "lights", "station", "speed", "pose")}

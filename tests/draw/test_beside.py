@@ -19,27 +19,16 @@ from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.runs.run import Collision, Excerpt, Facts, Run
 from pytest_rvads.scenarios.scenario import Scenario
 
+from ..run_builders import gliding
+
 Make = Callable[..., Run]
 
 
 def driven(speed: float = 5.0, **changes: Any) -> Run:
     """Return a run of 6 s through stop4 without a stop: a0 at some speed, a2 at 5 m/s, from 10 m before the junction."""
-    scenario = Scenario(find("stop4"), "2020", distance=10)
-    itineraries, steps = [i for i in scenario.itineraries() if i], 601
-    speeds = np.tile([speed, 5.0], (steps, 1))
-    station = -10.0 + speeds * 0.01 * np.arange(steps)[:, None]
-    run = Run(
-        scenario.name,
-        scenario.place,
-        tuple(replace(agent, size=(4.6, 1.86)) for agent in scenario.agents()),
-        np.array([[i.zone(s) for i, s in zip(itineraries, row, strict=True)] for row in station], dtype=np.int8),
-        np.zeros((steps, 4), dtype=np.int8),
-        station=station,
-        speed=speeds,
-        pose=np.array([[i.pose(s) for i, s in zip(itineraries, row, strict=True)] for row in station]),
-        collisions=(),
-    )
-    return replace(run, **changes)
+    run = gliding(Scenario(find("stop4"), "2020", distance=10), [speed, 5.0], 601, collisions=())
+    sized = replace(run, agents=tuple(replace(agent, size=(4.6, 1.86)) for agent in run.agents))
+    return replace(sized, **changes)
 
 
 def data(page: str) -> dict[str, Any]:
@@ -69,7 +58,7 @@ def test_a_page_tells_what_run_rule_and_notes_say_of_themselves() -> None:
     assert bare["facts"] == [["scenario", run.label], ["rule", "unheard_of"]]
 
 
-def test_what_is_given_stands_in_for_what_is_known() -> None:
+def test_given_facts_replace_the_facts_of_the_run() -> None:
     run = driven(provenance={"autopilot": "mine.Pilot", "simulator": "bullet"})
     given = Beside((("driven by", "mine.Pilot 1.2"), ("map", "town.xodr"), ("simulated by", "")))
     facts = page(run, beside=given)["facts"]
@@ -90,7 +79,7 @@ def test_other_verdicts_come_worst_first() -> None:
     assert found[0][2] == check(run, "full_stop").message
 
 
-def test_a_rule_that_can_not_judge_the_run_is_told_and_ends_nothing() -> None:
+def test_rule_that_cannot_judge_the_run_is_an_error_beside_the_other_verdicts() -> None:
     found = other_verdicts(driven(), ["no_collision", "unheard_of"])
     assert [(rule, status) for rule, status, _ in found] == [("unheard_of", "ERROR"), ("no_collision", "PASS")]
     assert "unheard_of" in found[0][2]
@@ -101,7 +90,7 @@ def test_a_rule_that_can_not_judge_the_run_is_told_and_ends_nothing() -> None:
     assert [status for _, status, _ in broken] == ["ERROR"]
 
 
-def test_what_traffic_provoked_or_nobody_could_help_is_no_failure(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_provoked_and_unavoidable_verdicts_are_no_failures(monkeypatch: pytest.MonkeyPatch) -> None:
     from pytest_rvads.report import run_record
 
     verdicts = {
@@ -135,7 +124,7 @@ def test_numbers_are_told_with_as_many_digits_as_tell_them_apart() -> None:
     assert len(held["times"]) == 1, "nothing of that is to be seen"
 
 
-def test_runs_that_differ_in_something_else_are_told_so() -> None:
+def test_ghost_names_differences_outside_of_the_states() -> None:
     other = replace(driven(), facts=Facts(speed_limit=9.0))
     assert ghost(driven(), other)["said"].startswith("This run and main differ in facts: ")
     assert ghost(driven(), driven())["said"] == "This run and main are the same, state for state."
@@ -150,7 +139,7 @@ def test_an_earlier_run_without_positions_is_told_but_not_drawn() -> None:
     assert held["motion"] == []
 
 
-def test_recorded_traffic_has_what_stands_beside_it_but_no_earlier_run() -> None:
+def test_replay_of_recorded_traffic_has_facts_and_no_ghost() -> None:
     run = driven(excerpt=Excerpt(start=100.0))
     beside = Beside((("map", "town"),), (("p1", "PASS", "p1"),), "index.html", driven(4.0), "main")
     held = page(run, beside=beside)
@@ -172,7 +161,7 @@ def test_an_impact_is_on_the_page_recorded_or_not() -> None:
     assert data(replay(sizeless, ""))["impacts"] == []
 
 
-def test_at_first_the_junction_and_who_is_near_are_in_view() -> None:
+def test_first_view_shows_the_junction_and_near_vehicles() -> None:
     run = driven()
     left, top, right, bottom = data(replay(run, "", marked=[(2.5, "here")], responsible={"a0"}))["home"]
     x, y = run.need("pose")[250, 0, :2]

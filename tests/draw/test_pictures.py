@@ -24,6 +24,8 @@ from pytest_rvads.scenarios.classes import classes, members
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.wording import printable
 
+from ..run_builders import gliding
+
 SVG = "{http://www.w3.org/2000/svg}"
 
 
@@ -31,20 +33,7 @@ SVG = "{http://www.w3.org/2000/svg}"
 def run() -> Run:
     """A run along the centre lines at constant speeds, 5 m/s for a0, 1 m/s more for each further vehicle."""
     scenario = Scenario(find("light4"), "1233", distance=10)
-    itineraries, plan = scenario.itineraries(), scenario.signals()
-    steps = 2000
-    station = np.array([[-10 + (5 + k) * 0.01 * t for k in range(4)] for t in range(steps)])
-    return Run(
-        scenario.name,
-        scenario.place,
-        scenario.agents(),
-        np.array([[i.zone(s) for i, s in zip(itineraries, row, strict=True)] for row in station], dtype=np.int8),
-        np.array([plan.colours(t * 0.01, 4) for t in range(steps)], dtype=np.int8),
-        station=station,
-        speed=np.tile([5.0, 6.0, 7.0, 8.0], (steps, 1)),
-        pose=np.array([[i.pose(s) for i, s in zip(itineraries, row, strict=True)] for row in station]),
-        collisions=(Collision(3.5, ("a0", "a2"), 4.2),),
-    )
+    return gliding(scenario, [5.0, 6.0, 7.0, 8.0], 2000, collisions=(Collision(3.5, ("a0", "a2"), 4.2),))
 
 
 def vehicles(document: str) -> dict[str, ET.Element]:
@@ -60,7 +49,7 @@ def test_the_picture_shows_every_vehicle_where_it_is(run: Run) -> None:
     assert [name for name, g in drawn.items() if g.find(f"{SVG}rect[@class='broken']") is not None] == ["a1"]
 
 
-def test_who_is_no_car_is_drawn_and_named_as_what_it_is(run: Run) -> None:
+def test_trucks_cyclists_and_pedestrians_are_drawn_by_kind(run: Run) -> None:
     kinds = (Kind.CAR, Kind.TRUCK, Kind.CYCLIST, Kind.PEDESTRIAN)
     mixed = replace(run, agents=tuple(replace(a, kind=kind, size=(2.0, 1.0)) for a, kind in zip(run.agents, kinds, strict=True)))
     page = replay(mixed, "title")
@@ -201,7 +190,7 @@ def test_who_is_gone_needs_no_place(run: Run) -> None:
     assert (np.array(held)[here] == np.array(before)[here]).all()
 
 
-def test_events_are_when_they_happen(run: Run) -> None:
+def test_events_have_the_times_of_the_run(run: Run) -> None:
     found = events(run)
     # a0 needs 2 s for its 10 m at 5 m/s; it is in the junction from the first state past the vertex.
     assert [t for t, text in found if text == "a0 enters the junction"] == [pytest.approx(2.0, abs=0.011)]

@@ -134,7 +134,7 @@ def overwritten(draw: st.DrawFn, seed: bytes) -> bytes:
 @pytest.mark.parametrize("form", TALKS)
 @QUICK
 @given(data=st.data())
-def test_what_a_stack_says_is_a_command_or_its_error(form: str, data: st.DataObject) -> None:
+def test_stack_output_is_a_command_or_a_stack_error(form: str, data: st.DataObject) -> None:
     pieces = data.draw(conversations(form))
     try:
         connection = Connection(lambda: Scripted(pieces), 1.0, 1.0)

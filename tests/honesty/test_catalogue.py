@@ -28,7 +28,7 @@ def test_every_entry_is_shown_by_one_test() -> None:
     assert {entry.name for entry in EVERY} ^ SHOWN.keys() == set()
 
 
-def test_an_entry_is_where_it_belongs() -> None:
+def test_catalogue_entries_match_the_modules_of_their_tests() -> None:
     innocent = {name for name, tests in SHOWN.items() if all(".test_innocent_" in test for test in tests)}
     assert innocent == {entry.name for entry in INNOCENTS}
     assert {name for name, tests in SHOWN.items() if all(".test_unwatched." in test for test in tests)} == {
@@ -47,7 +47,7 @@ def test_the_page_of_the_documentation_has_every_row() -> None:
     assert all(f"| {entry.tries} | {entry.told} |" in tool.page() for entry in EVERY)
 
 
-def test_there_are_enough_of_them() -> None:
+def test_catalogue_has_at_least_60_cheats_and_30_innocents() -> None:
     assert len({entry.name for entry in EVERY}) == len(EVERY)
     assert len(CHEATS) >= 60
     assert len(INNOCENTS) >= 30

@@ -83,7 +83,7 @@ TAKES_THE_WAY = {
 
 
 @shows_each(TAKES_THE_WAY)
-def test_who_takes_the_way_of_others_is_blamed(case: Case) -> None:
+def test_taking_the_way_is_blamed(case: Case) -> None:
     assert case.told() == case.tells
 
 
@@ -155,7 +155,7 @@ HIDES = {
 
 
 @shows_each(HIDES)
-def test_who_hides_behind_others_is_blamed(case: Case) -> None:
+def test_subject_hidden_behind_traffic_is_blamed(case: Case) -> None:
     assert case.told() == case.tells
 
 

@@ -122,7 +122,7 @@ RULES = {
 
 
 @shows_each(RULES)
-def test_a_rule_that_says_nothing_is_refused(case: Attempt, session: Session, pytester: pytest.Pytester) -> None:
+def test_empty_rule_is_refused(case: Attempt, session: Session, pytester: pytest.Pytester) -> None:
     case.hold(session, pytester)
 
 
@@ -178,5 +178,5 @@ EMPTY = {
 
 
 @shows_each(EMPTY)
-def test_a_session_that_judged_nothing_is_no_success(case: Attempt, session: Session, pytester: pytest.Pytester) -> None:
+def test_session_without_verdicts_is_no_success(case: Attempt, session: Session, pytester: pytest.Pytester) -> None:
     case.hold(session, pytester)

@@ -25,7 +25,7 @@ def kept(pytester: pytest.Pytester, drive: Make) -> None:
 
 @shows("nothing_but_unsure")
 @pytest.mark.usefixtures("kept", "doubted")
-def test_what_is_too_inexact_to_tell_is_no_success(session: Session, pytester: pytest.Pytester) -> None:
+def test_unsure_recordings_are_no_success(session: Session, pytester: pytest.Pytester) -> None:
     result = session(TESTS.format(files='"drives"', ask="check"), driver=None)
     result.assert_outcomes(skipped=1)
     assert (result.ret, statuses(pytester)) == (NOTHING, ["UNSURE"])
@@ -34,7 +34,7 @@ def test_what_is_too_inexact_to_tell_is_no_success(session: Session, pytester: p
 
 @shows("pass_over_what_is_unsure")
 @pytest.mark.usefixtures("kept", "doubted")
-def test_what_is_unsure_is_no_pass_though_its_test_is(session: Session, pytester: pytest.Pytester) -> None:
+def test_unsure_verdict_of_a_passing_test_is_no_success(session: Session, pytester: pytest.Pytester) -> None:
     result = session(TESTS.format(files='"drives"', ask="verdict"), driver=None)
     assert (result.ret, statuses(pytester)) == (NOTHING, ["UNSURE"])
 
@@ -50,7 +50,7 @@ def test_a_damaged_file_is_not_left_out(session: Session, pytester: pytest.Pytes
 
 
 @shows("no_recordings_at_all")
-def test_recordings_that_are_not_there_are_missed(session: Session) -> None:
+def test_missing_recordings_are_an_error(session: Session) -> None:
     result = session(TESTS.format(files='"drives/*.npz"', ask="check"), driver=None)
     result.assert_outcomes(errors=1)
     result.stdout.fnmatch_lines(["test_it.py:*: no file matches 'drives/[*].npz', looked for in *"])

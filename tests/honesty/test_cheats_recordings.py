@@ -91,7 +91,7 @@ def test_a_crash_struck_out_is_seen_in_the_poses(drive: Make) -> None:
 
 
 @shows("without_positions")
-def test_what_is_not_recorded_is_not_kept(make: Make) -> None:
+def test_rules_about_unrecorded_quantities_are_na(make: Make) -> None:
     run = make("stop4", {0: (2, 10, 100, 400), 1: (2, 10, 100, 400)}, 600)
     for rule in ("full_stop", "no_collision", "no_conflict", "keep_clear", "progress", "keep_lane", "on_route", "speed_limit"):
         verdict = rvads.check(run, rule)
@@ -117,7 +117,7 @@ def test_a_run_with_a_hole_is_an_error(drive: Make) -> None:
 
 
 @shows("subject_that_is_not_there")
-def test_a_subject_that_is_not_there_is_an_error(drive: Make) -> None:
+def test_absent_subject_is_an_error(drive: Make) -> None:
     """Whoever ran the sign was a0, and the recording says that a9 was to be tested."""
     run = drive("stop4", {0: (2, -10.0, [(0, 8.0)])}, 300, subject="a9")
     assert set(verdicts(run).values()) == {"ERROR"}
@@ -133,7 +133,7 @@ def test_two_vehicles_by_one_name_are_an_error(drive: Make) -> None:
 
 
 @shows("straight_on_called_a_right_turn")
-def test_a_turn_is_where_a_vehicle_goes_not_what_is_said(drive: Make) -> None:
+def test_turn_follows_from_the_path_and_not_from_its_label(drive: Make) -> None:
     """a1 stops at red and goes straight on; the recording calls that a right turn, for which it need not wait."""
     run = drive("light4", {1: (2, -0.5, [(0, 0.0), (200, 8.0)])}, 600, CROSS, subject="a1")
     assert verdicts(run)["red"] == "FAIL a1"
@@ -193,7 +193,7 @@ def test_other_sizes_are_another_run(drive: Make, tmp_path: Path) -> None:
 
 
 @shows("nothing_applies")
-def test_a_check_in_which_nothing_applies_is_no_success(drive: Make, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_check_without_an_applicable_rule_is_no_success(drive: Make, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     rvads.save_run(drive("stop4", {0: (2, -10.0, [(0, 8.0)])}, 800), tmp_path / "run.npz")
     assert main(["check", str(tmp_path / "run.npz"), "--rules", "p4", "--rules", "red"]) == 5
     assert "nothing was judged" in capsys.readouterr().err

@@ -63,7 +63,7 @@ def test_a_fixture_in_another_test_file_drives_nothing(session: Session, pyteste
 
 
 @shows("let_the_reference_drive")
-def test_who_drove_is_told(session: Session, pytester: pytest.Pytester) -> None:
+def test_report_names_the_driver(session: Session, pytester: pytest.Pytester) -> None:
     """The fixture names the racer, and an option lets the reference autopilot drive in its place."""
     result = session(rules(duration=20), "--rvads-autopilot=reference")
     result.stdout.fnmatch_lines(["rvads: driven by --rvads-autopilot=reference (pytest-rvads *)"])
@@ -129,7 +129,7 @@ def test_deselecting_does_not_raise_coverage(session: Session) -> None:
 
 
 @shows("no_time_for_anything")
-def test_a_budget_that_leaves_no_time_judges_nothing(session: Session, pytester: pytest.Pytester) -> None:
+def test_empty_time_budget_judges_nothing(session: Session, pytester: pytest.Pytester) -> None:
     result = session(rules(), "--rvads-time-budget=0")
     assert result.ret == NOTHING
     assert [record["status"] for record in records(pytester)] == ["NOT RUN"]
@@ -192,7 +192,7 @@ def test_a_test_that_is_gone_is_lost(session: Session) -> None:
 
 
 @shows("call_it_known")
-def test_a_failure_that_is_called_known_is_told(session: Session) -> None:
+def test_known_failure_is_reported_against_the_baseline(session: Session) -> None:
     """It passed before; a failure that is marked as known fails no session, so the comparison says it."""
     other = "@rvads.known('races', reason='new style')" + rules(duration=20)
     result = compared(session, "reference", "racer", rules(duration=20), later=other)
@@ -218,7 +218,7 @@ def test_another_junction_is_no_repetition(session: Session, pytester: pytest.Py
 
 
 @shows("shard_that_judged_nothing")
-def test_a_shard_that_judged_nothing_does_not_add_to_the_whole(
+def test_shard_without_verdicts_is_no_success(
     session: Session, pytester: pytest.Pytester, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """One shard passes by p1; the other one skips its item for p2, which the gate counts, and is no success by itself."""
@@ -233,7 +233,7 @@ def test_a_shard_that_judged_nothing_does_not_add_to_the_whole(
 
 
 @shows("three_tests_on_one_run")
-def test_failures_of_three_tests_on_one_run_are_all_told(session: Session, pytester: pytest.Pytester) -> None:
+def test_three_failures_on_one_run_are_all_reported(session: Session, pytester: pytest.Pytester) -> None:
     """Three functions, one scenario, one driver: equal runs, and none of the failures is lost in the summary of causes."""
     tests = "".join(rules().replace("test_rules", f"test_{number}") for number in ("one", "two", "three"))
     result = session(tests)

@@ -208,7 +208,7 @@ def test_it(run, rule, monitor):
 
 
 @shows("a_run_of_its_own")
-def test_a_run_of_its_own_is_not_that_of_the_item(session: Session, pytester: pytest.Pytester) -> None:
+def test_fixture_named_run_does_not_replace_the_run_of_the_item(session: Session, pytester: pytest.Pytester) -> None:
     """A fixture called `run` hides the plugin's: the item claims one scenario and driver, and another run is judged."""
     result = session(OWN_RUN)
     assert statuses(pytester)[0] not in ("PASS", "NA")

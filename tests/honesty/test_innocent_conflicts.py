@@ -92,7 +92,7 @@ VICTIMS = {
 
 
 @shows_each(VICTIMS)
-def test_who_is_wronged_is_not_blamed(case: Case) -> None:
+def test_victim_of_a_conflict_is_not_blamed(case: Case) -> None:
     assert case.told() == case.tells
 
 

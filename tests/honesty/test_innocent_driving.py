@@ -77,7 +77,7 @@ DRIVES = {
 
 
 @shows_each(DRIVES)
-def test_who_drives_as_one_may_is_not_blamed(case: Case) -> None:
+def test_lawful_driving_is_not_blamed(case: Case) -> None:
     assert case.told() == case.tells
 
 

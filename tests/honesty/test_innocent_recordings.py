@@ -38,7 +38,7 @@ def test_who_waits_at_red_is_not_to_blame_for_being_hit(drive: Make) -> None:
 
 
 @shows("queue_behind_another")
-def test_who_stands_in_a_queue_does_not_idle(drive: Make) -> None:
+def test_queued_vehicle_is_not_idle(drive: Make) -> None:
     """a0 idles at green for 15 s; the subject stands 2 m behind it."""
     front = drive("light4", {0: STANDS}, 1500, GREEN)
     run = joined(drive("light4", {0: (2, -7.0, [(0, 0.0)])}, 1500, GREEN, subject="a0"), front)

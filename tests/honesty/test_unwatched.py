@@ -42,7 +42,7 @@ def test_the_gap_to_the_vehicle_ahead_is_not_looked_at(drive: Make) -> None:
 
 
 @shows("brake_test")
-def test_braking_for_nothing_is_not_looked_at(drive: Make) -> None:
+def test_needless_braking_is_unwatched(drive: Make) -> None:
     """The subject drops from 10 to 1.5 m/s and goes on after 2 s; the vehicle behind it has to brake as hard."""
     run = behind(drive, 12.0, [(0, 10.0), (150, 1.5), (350, 10.0)], [(0, 10.0), (100, 1.5), (300, 10.0)], "b0")
     assert "no_collision" in kept(run)

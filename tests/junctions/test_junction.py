@@ -101,11 +101,11 @@ def test_where_lights_rule_only_a_turn_across_oncoming_traffic_gives_way() -> No
         ([Sign.STOP, Sign.LIGHTS] * 2, "partial"),
     ],
 )
-def test_the_control_of_a_junction_is_that_of_its_entrances(signs: list[Sign], control: str) -> None:
+def test_control_of_a_junction_follows_from_its_entrances(signs: list[Sign], control: str) -> None:
     assert signed(find("stop4"), *signs).control == control
 
 
-def test_junctions_are_equal_by_what_they_are() -> None:
+def test_junction_equality_ignores_the_map_path() -> None:
     one = find("stop4")
     assert replace(one, map="elsewhere.xodr") == one
     assert hash(replace(one, map="elsewhere.xodr")) == hash(one)
@@ -114,7 +114,7 @@ def test_junctions_are_equal_by_what_they_are() -> None:
     assert signed(one, *[Sign.NONE] * 4) != one
 
 
-def test_what_does_not_fit_together_is_no_junction() -> None:
+def test_inconsistent_parts_of_a_junction_are_refused() -> None:
     junction = two_lanes()
     with pytest.raises(MapError, match=r"numbered from 0, got \[0, 1, 7\]"):
         replace(junction, exits=(Exit(1), Exit(7)), entrances=junction.entrances[:3])

@@ -70,14 +70,14 @@ def test_a_rotated_scenario_has_every_vehicle_on_its_lane() -> None:
     assert [(agent.name, agent.route.key) for agent in there] == [("a2.0", (3, 3)), ("a2.1", (4, 1))]
 
 
-def test_a_survey_takes_only_movements_that_are_there() -> None:
+def test_survey_uses_existing_movements_only() -> None:
     found = survey(wide_x(), (), arrivals=[0.0] * 6)
     assert found.scenarios == (2 + 1) * 3 * (2 + 1) * 3, "one vehicle on each arm, on either of its lanes"
     with pytest.raises(rvads.ScenarioError, match="one time per entrance"):
         survey(wide_x(), (), arrivals=[0.0] * 4)
 
 
-def test_generated_scenarios_take_only_movements_that_are_there() -> None:
+def test_generated_scenarios_use_existing_movements_only() -> None:
     junction = rvads.find("stop4")
     narrow = replace(junction, movements={key: m for key, m in junction.movements.items() if key != (0, 1)})
 

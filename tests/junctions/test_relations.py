@@ -127,7 +127,7 @@ def test_signs_come_before_sides(name: str) -> None:
 
 
 @pytest.mark.parametrize("ways", [5, 6])
-def test_of_many_arms_too_nobody_waits_for_who_waits_for_him(ways: int, tmp_path: Path) -> None:
+def test_no_two_vehicles_yield_to_each_other_at_junctions_of_many_arms(ways: int, tmp_path: Path) -> None:
     path = tmp_path / "many.xodr"
     path.write_text(opendrive(Layout(ways, JunctionControl.NONE, stop=25.0)))
     junction = find("1", path)

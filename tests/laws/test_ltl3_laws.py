@@ -27,7 +27,7 @@ P, Q = f.Atom("p"), f.Atom("q")
 LETTERS: tuple[list[str], ...] = ([], ["p"], ["q"], ["p", "q"])
 STEM, LOOP = 3, 2
 
-LAW = settings(deadline=None, derandomize=True, max_examples=200)
+LAW = settings(deadline=None, derandomize=True, max_examples=100)
 
 
 def unary(inner: st.SearchStrategy[f.Formula]) -> st.SearchStrategy[f.Formula]:

@@ -57,7 +57,7 @@ def test_who_caused_a_collision(drive: Make, name: str) -> None:
     assert f"who is to blame: {' and '.join(agents)} {reason}" in verdict.explanation
 
 
-def test_in_a_cycle_it_is_nobody_s_turn(drive: Make) -> None:
+def test_collision_in_a_cycle_is_the_fault_of_the_second_vehicle(drive: Make) -> None:
     """Four came at once; a0 sets off, as somebody has to, and a1, on its right, drives into the junction after it."""
     run = drive(
         "stop4", {0: wait(2, 100), 1: wait(2, 150), 2: wait(2, 10_000), 3: wait(2, 10_000)}, 400, None, [(200, "a0", "a1")]
@@ -103,7 +103,7 @@ def test_who_has_stood_for_half_a_second_stood(drive: Make, tick: int, reason: s
     assert cause_of(run, run.collisions[0]).reason == reason
 
 
-def test_who_reverses_into_somebody_behind_drove_into_one_that_stood(drive: Make) -> None:
+def test_reversing_vehicle_is_blamed_for_hitting_a_standing_vehicle(drive: Make) -> None:
     # On the same road: a1 stands behind a0, which backs into it. Seen from a1, a0 is ahead.
     run = drive("stop4", {0: (2, -20.0, [(0, -1.0)]), 1: (2, -20.0, [STAND])}, 300, None, [(250, "a0", "a1")])
     pose = run.need("pose").copy()
@@ -113,7 +113,7 @@ def test_who_reverses_into_somebody_behind_drove_into_one_that_stood(drive: Make
     assert (cause.agents, cause.reason) == (("a0",), "drove into a1, which stood")
 
 
-def test_whoever_is_behind_ran_into_who_is_ahead(drive: Make) -> None:
+def test_rear_vehicle_is_blamed_for_a_rear_end_collision(drive: Make) -> None:
     run = drive("stop4", {0: through(2), 2: through(1)}, 300, None, [(250, "a0", "a2")])
     pose = run.need("pose").copy()
     pose[250, :, 0] = 10.0, 16.0
@@ -144,7 +144,7 @@ def subject(entrance: int) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize(("seat", "blamed"), [(0, False), (1, True), (2, False)])
-def test_a_violation_counts_against_the_subject_that_is_to_blame_for_it(drive: Make, seat: int, blamed: bool) -> None:
+def test_violation_by_other_vehicles_is_provoked(drive: Make, seat: int, blamed: bool) -> None:
     vehicles = {0: wait(2, 100), 1: through(2), 2: wait(2, 10_000)}
     run = drive("stop4", vehicles, 600, **subject(seat))
     verdict = check(run, "full_stop")
@@ -172,7 +172,7 @@ def test_an_open_obligation_is_kept_open_by_who_is_waited_for(drive: Make, seat:
     assert (verdict.status, verdict.provoked) == ("OPEN", not blamed)
 
 
-def test_who_is_waited_for_has_time_to_go(drive: Make) -> None:
+def test_first_vehicle_has_five_seconds_to_go(drive: Make) -> None:
     """a1 arrives at 2 s and waits for a0, the subject, which was first."""
     vehicles = {0: wait(2, 10_000), 1: (2, -3.0, [(0, 1.0), (200, 0.0)])}
     # The last state is one tick before `steps`: 2.99 s and 3 s after the arrival.
@@ -193,7 +193,7 @@ def test_a_vehicle_that_has_stood_free_to_go_for_three_seconds_waives_its_turn(
 
 
 @pytest.mark.parametrize(("seat", "blamed"), [(0, True), (1, False)])
-def test_where_nobody_knows_who_could_have_gone_no_turn_is_forfeited(make: Make, seat: int, blamed: bool) -> None:
+def test_run_without_positions_forfeits_no_turn(make: Make, seat: int, blamed: bool) -> None:
     """A run without positions: a1, on the right, stands for 20 s, and still a0 is to blame that it went first."""
     run = make("stop4", {0: (2, 10, 2000, 2100), 1: (2, 10, 2500, 2600)}, 3000)
     verdict = check(replace(run, facts=Facts(subject=f"a{seat}")), "p2")
@@ -211,7 +211,7 @@ def test_without_a_subject_nothing_is_provoked(drive: Make) -> None:
 
 
 @pytest.mark.parametrize(("before", "provoked"), [(0, True), (5, True), (90, True), (120, False)])
-def test_whoever_had_no_time_to_let_the_other_in_is_not_to_blame(drive: Make, before: int, provoked: bool) -> None:
+def test_vehicle_without_time_to_react_is_not_blamed(drive: Make, before: int, provoked: bool) -> None:
     """a1 runs the stop sign; a0, the subject, had stopped and enters some ticks later, for which p1 holds it responsible."""
     run = drive("stop4", {1: through(2, 10.0), 0: wait(2, 95 + before, 10.0)}, 600, **subject(0))
     assert int(run.entered[1] - run.entered[0]) == before
@@ -222,7 +222,7 @@ def test_whoever_had_no_time_to_let_the_other_in_is_not_to_blame(drive: Make, be
 
 @pytest.mark.parametrize("later", [0, 5, 90])
 @pytest.mark.parametrize("seat", [0, 2])
-def test_whoever_owes_the_way_is_to_blame_whoever_enters_last(drive: Make, later: int, seat: int) -> None:
+def test_left_turn_is_blamed_in_any_order_of_entry(drive: Make, later: int, seat: int) -> None:
     """Both drive on green, a0 to the left across the way of a2, which stood first at its line and sets off some ticks later."""
     run = drive("light4", {0: wait(3, 100), 2: wait(2, 100 + later)}, 600, CROSS, **subject(seat))
     broken = [check(run, rule) for rule in ("left_yields", "no_conflict") if check(run, rule).status == "FAIL"]
@@ -240,7 +240,7 @@ def test_the_victim_of_a_turn_on_red_is_not_blamed(drive: Make) -> None:
             assert (verdict.status, verdict.responsible, verdict.provoked) == ("FAIL", ("a1",), provoked), rule
 
 
-def test_passing_by_one_that_waits_in_the_middle_is_no_conflict(drive: Make) -> None:
+def test_passing_a_waiting_left_turn_is_no_conflict(drive: Make) -> None:
     """a0 waits in the junction to turn left, before the way of a2, the subject, which goes straight on at green."""
     vehicles = {0: (3, -0.5, [(0, 5.0), (120, 0.0), (600, 5.0)]), 2: wait(2, 200)}
     run = drive("light4", vehicles, 900, CROSS, **subject(2))
@@ -249,7 +249,7 @@ def test_passing_by_one_that_waits_in_the_middle_is_no_conflict(drive: Make) -> 
     assert check(run, "left_yields").status == "NA", "only traffic was asked"
 
 
-def test_who_waits_at_red_is_not_to_blame_where_somebody_is_stuck(drive: Make) -> None:
+def test_waiting_at_red_beside_a_stuck_vehicle_is_not_blamed(drive: Make) -> None:
     """a1 stands in the junction for good, after a collision say; a2 had no chance to go."""
     vehicles = {1: (2, -10.0, [(0, 5.0), (300, 0.0)]), 3: wait(2, 10_000)}
     run = drive("light4", vehicles, 600, CROSS, **subject(3))
@@ -260,7 +260,7 @@ def test_who_waits_at_red_is_not_to_blame_where_somebody_is_stuck(drive: Make) -
     assert not check(drive("light4", vehicles, 600, CROSS, **subject(3)), "red").provoked
 
 
-def test_a_subject_that_has_to_wait_itself_keeps_others_waiting_with_good_reason(drive: Make) -> None:
+def test_waiting_subject_is_not_blamed_for_vehicles_behind_it(drive: Make) -> None:
     """a2 came last and waits for a0, the subject, which came together with a1, on its right, and waits for it."""
     vehicles = {0: wait(2, 10_000), 1: wait(2, 10_000), 2: (3, -3.0, [(0, 1.0), (200, 0.0)])}
     run = drive("stop4", vehicles, 1500, **subject(0))

@@ -59,7 +59,7 @@ def test_a_book_is_passed_to_whoever_looks_names_up(make: Make) -> None:
             ask()
 
 
-def test_companions_are_those_of_the_book(make: Make) -> None:
+def test_companion_rules_come_from_the_book(make: Make) -> None:
     run = make("stop4", {0: (2, 10, 50, 200), 1: (2, 10, 40, 200)}, 300)
     lonely = Rule("lonely", get_rule("p2").text, bound=("a'",), about=get_rule("p2").about, companions=("other",))
     with pytest.raises(FormulaError, match="unknown rule 'other'"):
@@ -67,7 +67,7 @@ def test_companions_are_those_of_the_book(make: Make) -> None:
     assert check(run, lonely, book=RuleBook().add(Rule("other", get_rule("p3").text))).status == check(run, "p2").status
 
 
-def test_what_is_registered_goes_to_the_book_that_is_open() -> None:
+def test_registration_goes_to_the_open_book() -> None:
     before = current_book()
     with own_desk() as session:
         made = rule("mine", "forall a. F a@j")
@@ -218,7 +218,7 @@ def recursive(depth: int) -> bool:
     return depth == 0 or recursive(depth - 1)
 
 
-def test_functions_are_the_same_where_all_that_they_work_with_is() -> None:
+def test_functions_are_equal_by_code_and_values() -> None:
     owner = Over(3)
     alike = [
         (loaded(3), loaded(3)),
@@ -268,12 +268,12 @@ def test_a_word_tells_where_it_was_made_and_shipped_ones_stay() -> None:
             put(mine)
 
 
-def test_a_rule_of_a_word_that_is_in_no_open_book_tells_how_to_give_it() -> None:
+def test_unknown_predicate_of_a_rule_names_the_remedy() -> None:
     with pytest.raises(FormulaError, match="unknown predicate 'zoom': register it before the rule, or give the rule its Word by"):
         RuleBook().define(Word("zoom", ("agent",), early)).add(Rule("mine", "forall a. G zoom(a)"))
 
 
-def test_a_book_is_frozen_and_nothing_else_is_taken_for_one(make: Make) -> None:
+def test_book_is_frozen_and_book_argument_takes_only_books(make: Make) -> None:
     run = make("stop4", {0: (2, 10, 50, 200)}, 300)
     known = {"mine": Rule("mine", "forall a. F a@j")}
     book = RuleBook(known)
@@ -304,7 +304,7 @@ def test_words_of_a_predicate_name_its_arguments() -> None:
             Word("near", ("agent",), says=says)  # type: ignore[arg-type]
 
 
-def test_what_is_no_name_rule_or_vocabulary_is_refused_where_it_is_passed() -> None:
+def test_arguments_of_wrong_type_are_refused_by_books() -> None:
     wrong: Any = 3
     for ask, told in (
         (lambda: Word(wrong, ("agent",)), "a predicate needs a free identifier as its name, got 3"),

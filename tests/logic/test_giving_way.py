@@ -32,6 +32,8 @@ from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Colour, Zone
 from pytest_rvads.search.remap import mirrored
 
+from ..run_builders import coarse
+
 Make = Callable[..., Run]
 N, S, Y, P, L = Sign.NONE, Sign.STOP, Sign.YIELD, Sign.PRIORITY, Sign.LIGHTS
 STAND = (0, 0.0)
@@ -121,7 +123,7 @@ def test_whoever_takes_the_way_breaks_the_rule_alone(drive: Make, name: str) -> 
 
 
 @pytest.mark.parametrize("name", PAIRS)
-def test_whoever_lets_the_other_one_pass_keeps_it(drive: Make, name: str) -> None:
+def test_vehicle_that_gives_way_keeps_the_rule(drive: Make, name: str) -> None:
     place, me, direction, _, you, _ = PAIRS[name]
     run = drive(place, {me: wait(direction, 700), you: (2, -15.0, [(0, 8.0)])}, 1500)
     assert statuses(run) == {}
@@ -130,7 +132,7 @@ def test_whoever_lets_the_other_one_pass_keeps_it(drive: Make, name: str) -> Non
 
 
 @pytest.mark.parametrize("name", PAIRS)
-def test_the_other_one_owes_it_nothing(drive: Make, name: str) -> None:
+def test_vehicle_with_priority_owes_nothing(drive: Make, name: str) -> None:
     place, me, direction, _, you, _ = PAIRS[name]
     run = drive(place, {me: (direction, -20.0, [(0, 8.0)]), you: wait(2, 100)}, 900)
     assert not owes(run, 1, 0).any()
@@ -192,9 +194,9 @@ def test_the_explanation_says_why(drive: Make, name: str, because: str, roles: s
 @pytest.mark.parametrize("name", PAIRS)
 def test_state_by_state_the_same_is_said(drive: Make, name: str) -> None:
     place, me, direction, mine, you, yours = PAIRS[name]
-    run = drive(place, {me: wait(direction, 100), you: comes(2, 0.5, place, mine, yours)}, 480)
+    run = coarse(drive(place, {me: wait(direction, 100), you: comes(2, 0.5, place, mine, yours)}, 480), 5)
     for rule in dict.fromkeys((name.split()[0], "yield_sign" if place is YIELD else "right_before_left")):
-        monitor = RuleMonitor(rule, place, run.agents)
+        monitor = RuleMonitor(rule, place, run.agents, dt=run.dt)
         motion = [{what: run.need(what)[k] for what in ("station", "speed", "pose")} for k in range(run.steps)]
         told = [monitor.step(run.zone[k], run.lights[k], **motion[k]) for k in range(run.steps)]
         time = check(run, rule).time
@@ -204,7 +206,7 @@ def test_state_by_state_the_same_is_said(drive: Make, name: str) -> None:
 # Who is next at its line
 
 
-def test_of_four_that_hold_each_other_nobody_is_due_by_standing_there(drive: Make) -> None:
+def test_circle_of_four_standing_vehicles_has_no_due_vehicle(drive: Make) -> None:
     stands: dict[Any, Any] = {e: (2, -0.5, [STAND]) for e in range(4)}
     circle = drive(RIGHT, stands, 1200)
     three = drive(RIGHT, {e: stands[e] for e in (0, 1, 2)}, 1200)
@@ -216,14 +218,14 @@ def test_of_four_that_hold_each_other_nobody_is_due_by_standing_there(drive: Mak
     assert (found.status, set(found.responsible)) == ("FAIL", {"a0", "a1", "a2", "a3"}), "somebody has to go"
 
 
-def test_at_a_light_who_faces_red_is_not_due_to_who_comes_past_a_sign(drive: Make) -> None:
+def test_vehicle_facing_red_is_not_due_to_signed_traffic(drive: Make) -> None:
     place = signed(L, Y, L, Y)
     for colour, owed in ((Colour.GREEN, True), (Colour.YELLOW, True), (Colour.RED, False)):
         run = drive(place, {1: wait(2, 600), 0: (2, -15.0, [(0, 8.0)])}, 20, {0: [(0, colour)], 2: [(0, colour)]})
         assert owes(run, 0, 1).all() == owed, colour
 
 
-def test_who_has_to_wait_itself_is_not_impeded_by_who_sets_off(drive: Make) -> None:
+def test_waiting_vehicle_is_not_impeded(drive: Make) -> None:
     # a2 brakes hard for its stop sign while a0 turns left before it; both have one, a1 and a3 have priority.
     place = signed(S, P, S, P)
     vehicles = {0: wait(3, 100), 2: (2, -24.0, [(0, 8.0), (200, 6.0), (220, 4.0), (240, 2.0), (260, 0.0), (560, 8.0)])}
@@ -244,7 +246,7 @@ def test_a_stop_sign_of_the_minor_road_asks_for_a_stop_and_for_giving_way(drive:
     assert check(alone, "full_stop").status == "NA"
 
 
-def test_red_is_asked_where_there_is_a_light(drive: Make) -> None:
+def test_red_applies_at_entrances_with_a_light(drive: Make) -> None:
     place = signed(L, N, L, N)
     run = drive(place, {0: wait(2, 100), 1: wait(2, 600)}, 900, {0: [(0, Colour.RED)], 2: [(0, Colour.RED)]})
     assert statuses(run) == {"red": "FAIL"}
@@ -260,7 +262,7 @@ def test_who_ran_the_stop_sign_of_a_minor_road_is_to_blame(drive: Make) -> None:
 
 
 @pytest.mark.parametrize("rule", ["yield_sign", "right_before_left", "priority"])
-def test_at_an_all_way_stop_and_at_lights_they_are_not_asked(drive: Make, rule: str) -> None:
+def test_sign_rules_do_not_apply_at_all_way_stops_and_lights(drive: Make, rule: str) -> None:
     for name in ("stop4", "light4"):
         verdict = check(drive(name, {0: wait(2, 100), 1: wait(2, 900)}, 10), rule)
         assert verdict.status == "NA"
@@ -277,7 +279,7 @@ def test_without_geometry_nothing_is_guessed(drive: Make, topology: Callable[[Ju
 # Several lanes, and queues
 
 
-def test_lanes_of_one_arm_do_not_wait_for_each_other(drive: Make) -> None:
+def test_lanes_of_an_arm_owe_each_other_nothing(drive: Make) -> None:
     place = lanes(S, S, S, S)
     # The one at the kerb came first and stays; the one beside it goes, and so does a1, which it has to wait for.
     run = drive(place, {0: wait(1, 800), 1: (2, -2.5, [(0, 1.0), (200, 0.0), (400, 8.0)])}, 1500)
@@ -288,7 +290,7 @@ def test_lanes_of_one_arm_do_not_wait_for_each_other(drive: Make) -> None:
     assert extract(run).beside == {(0, 1), (1, 0)}
 
 
-def test_beside_several_lanes_only_those_take_turns_whose_ways_meet(drive: Make) -> None:
+def test_first_come_applies_to_conflicting_lanes_only(drive: Make) -> None:
     """From the kerb lane in the south to the east nobody meets who goes straight on from the east, but who does from the west."""
     late, at_once = (2, -2.5, [(0, 1.0), (200, 0.0), (250, 8.0)]), (2, -0.5, [(0, 0.0), (250, 8.0)])
     place = lanes(S, S, S, S)
@@ -317,7 +319,7 @@ def test_who_is_gone_down_a_short_exit_road_is_in_nobodys_way(drive: Make, signs
     assert [check(one, "no_conflict").status for one in (stays, gone)] == ["FAIL", "PASS"]
 
 
-def test_a_lane_that_does_not_lead_there_is_the_wrong_one(drive: Make) -> None:
+def test_turn_from_a_lane_without_that_movement_is_a_violation(drive: Make) -> None:
     place = lanes(P, Y, P, Y)
     assert [wrong_lanes(place, *key) for key in ((0, 1), (1, 2), (1, 3), (2, 3))] == [(1,), (0,), (0,), ()]
     # In the lane at the kerb, and straight on: 3.5 m to the right of its own. Nobody knows how large it is.
@@ -335,7 +337,7 @@ def test_a_lane_that_does_not_lead_there_is_the_wrong_one(drive: Make) -> None:
     assert check(turns, "on_lane_allowed").status == "PASS"
 
 
-def test_where_every_lane_leads_there_nobody_asks(drive: Make, topology: Callable[[Junction], Junction]) -> None:
+def test_lane_rule_does_not_apply_to_single_lanes(drive: Make, topology: Callable[[Junction], Junction]) -> None:
     place = lanes(P, Y, P, Y)
     alone = drive(place, {2: (2, -10.0, [(0, 5.0)])}, 400)
     assert check(alone, "on_lane_allowed").status == "NA", "its arm has one lane"
@@ -387,7 +389,7 @@ def test_a_queue_behind_who_gives_way_is_not_idle(drive: Make) -> None:
     assert statuses(run) == {}
 
 
-def test_who_brakes_for_the_one_ahead_is_not_impeded_by_who_crosses(drive: Make) -> None:
+def test_vehicle_braking_for_its_leader_is_not_impeded(drive: Make) -> None:
     place = YIELD
     # a0+1 brakes hard because a0 does, which turns right well before the way of a1 and is in nobody's way.
     slow = [(0, 8.0), (240, 3.0)]

@@ -44,7 +44,7 @@ def test_spellings_of_comparisons(one: str, other: str) -> None:
     assert parse(f"forall a. F a.sp {one} 2") == parse(f"forall a. F a.sp {other} 2")
 
 
-def test_a_formula_written_by_hand_equals_the_one_that_is_read() -> None:
+def test_parsed_formula_equals_the_formula_by_hand() -> None:
     """Where a name stands in the text, and whether its letters tell the sort, is for messages and printing only."""
     by_hand = f.Forall((f.Binder("a", Sort.AGENT),), f.Eventually(f.Atom("@", (f.Var("a"), f.Var("j")))))
     assert parse("forall a. F a@j") == parse("forall a: agent. F a@j") == by_hand
@@ -204,7 +204,7 @@ def test_operators_in_words_are_told_their_signs(word: str, sign: str) -> None:
     assert f"unexpected {word!r}; did you mean {sign!r}?" in str(caught.value)
 
 
-def test_errors_show_only_the_line_and_a_window_of_it() -> None:
+def test_errors_show_one_line_and_at_most_100_characters() -> None:
     with pytest.raises(FormulaError, match=r"in line 2\n  F \(a@\)\n {7}\^$"):
         parse("forall a.\nF (a@)\n& a@j")
     with pytest.raises(FormulaError, match=r"in line 3\n  G \(a@\)\n {7}\^$"):
@@ -235,7 +235,7 @@ def test_definitions_that_double_are_refused_with_their_size(grow: str) -> None:
         parse(f"d0(a) := a@j;\n{definitions}forall a. G d39(a)")
 
 
-def test_definitions_that_nobody_uses_cost_nothing() -> None:
+def test_unused_definitions_are_not_expanded() -> None:
     definitions = "".join(f"d{k}(a) := d{k - 1}(a) & N d{k - 1}(a);" for k in range(1, 12))
     assert f.size(parse(f"d0(a) := a@j; {definitions} forall a. G d0(a)")) == 3
 

@@ -109,7 +109,7 @@ def test_much_goes_wrong_in_these_runs(traffic: dict[str, Run], waiting: list[Ru
     assert failed >= {r.name for r in RULES} - elsewhere - {"p2", "right_first", "p5", "p6", "p6g", "on_route"}
 
 
-def test_what_is_violated_is_named(make: Make) -> None:
+def test_live_monitor_names_the_violated_instances(make: Make) -> None:
     run = make("stop4", {0: (2, 10, 50, 200), 1: (2, 10, 150, 300)}, 200)
     monitor = RuleMonitor("p2", run.junction, run.agents)
     told = [str(monitor.step(zone)) for zone in run.zone]
@@ -175,7 +175,7 @@ def test_vehicles_have_the_size_that_is_given(make: Make, size: Any, verdict: st
 
 
 @pytest.mark.parametrize("size", [5.0, (5.0, 2.0, 1.5), [(5.0, 2.0)] * 3, (5.0, 0.0), (5.0, float("nan"))])
-def test_what_is_no_size_is_refused(make: Make, size: Any) -> None:
+def test_invalid_vehicle_size_is_refused(make: Make, size: Any) -> None:
     run = make("stop4", {0: (2, 10, 50, 200), 1: (1, 10, 50, 200)}, 60)
     with pytest.raises(RunError, match=r"vehicle_size must be a length and width \[m\], for all 2 vehicles or for each, got"):
         RuleMonitor("no_collision", run.junction, run.agents, vehicle_size=size)

@@ -138,7 +138,7 @@ def test_a_sign_counts_before_a_lane_that_joins(at: At) -> None:
 
 @pytest.mark.parametrize("turned", [-60.0, 60.0])
 @pytest.mark.parametrize("left_hand", [False, True])
-def test_the_side_is_that_of_the_place(turned: float, left_hand: bool) -> None:
+def test_side_of_a_merge_follows_from_the_position(turned: float, left_hand: bool) -> None:
     """Both drive north, the second 20 m to the left of the first, turned: its direction says nothing of where it is."""
     north = math.pi / 2
     starts = {0: Pose(20.0, 0.0, north), 1: Pose(0.0, 0.0, north + math.radians(turned))}
@@ -181,7 +181,7 @@ def test_who_joins_behind_keeps_the_rule(drive: Make, at: At) -> None:
 
 
 @pytest.mark.parametrize("ahead", [-11.0, 2.0])
-def test_nobody_is_accused_where_nobody_can_say_who_gives_way(drive: Make, at: At, ahead: float) -> None:
+def test_merge_without_a_known_order_is_na(drive: Make, at: At, ahead: float) -> None:
     """The vehicles follow each other closely, the one or the other first."""
     run = together(drive, at(), ahead)
     assert statuses(run) == {}
@@ -190,7 +190,7 @@ def test_nobody_is_accused_where_nobody_can_say_who_gives_way(drive: Make, at: A
     assert not owes(run, 1, 0).any()
 
 
-def test_a_run_file_keeps_who_joins_whom(drive: Make, at: At, tmp_path: Path) -> None:
+def test_run_file_keeps_the_merge_relation(drive: Make, at: At, tmp_path: Path) -> None:
     run = together(drive, at(ramp="onRamp"), 7.0)
     save_run(run, tmp_path / "run.npz")
     back = load_run(tmp_path / "run.npz")

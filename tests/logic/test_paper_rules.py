@@ -67,7 +67,7 @@ def test_stories(make: Make, junction: str, vehicles: dict[int, Any], wanted: di
     assert {name: check(run, name, itinerary=False).status for name in wanted} == wanted, "take as the paper defines it"
 
 
-def test_the_message_is_one_line_and_names_who_when_and_what(make: Make) -> None:
+def test_message_is_one_line_with_vehicle_time_and_event(make: Make) -> None:
     run = make("stop4", {0: (2, 10, 50, 200), 1: (2, 30, 120, 400)}, 800)
     assert check(run, "p1").message == "p1 at t=1.20 s: a0, a1 both in junction"
     run = make("stop4", {0: (2, 10, 50, 200), 1: (2, 10, 250, 300)}, 800)
@@ -94,7 +94,7 @@ def test_the_explanation_shows_who_yields_since_when_and_the_states_around_the_b
     assert text[-1].endswith("<- violated, no continuation can repair it")
 
 
-def test_the_explanation_of_p1_shows_who_entered_when_and_who_acts(make: Make) -> None:
+def test_explanation_of_p1_shows_entries_and_the_acting_vehicle(make: Make) -> None:
     run = make("stop4", {0: (2, 10, 50, 200), 1: (1, 30, 120, 400)}, 800)
     assert check(run, "p1").explanation.splitlines()[1:] == [
         "instance  a=a0, a'=a1   (1 instance: 1 fail)",
@@ -172,7 +172,7 @@ def test_four_at_once_cannot_pass_and_the_text_says_why(make: Make) -> None:
 
 
 @pytest.mark.parametrize("entries", [(50, 250, 450, 650), (50, 50, 450, 250), (50, 400, 50, 200)])
-def test_a_cycle_excuses_the_one_that_breaks_it_and_nobody_else(make: Make, entries: tuple[int, ...]) -> None:
+def test_cycle_excuses_only_the_vehicle_that_breaks_the_cycle(make: Make, entries: tuple[int, ...]) -> None:
     """In turn around the junction the wrong way; two at once; two that face each other at once."""
     run = make("stop4", {e: (2, 10, entry, entry + 100) for e, entry in enumerate(entries)}, 900)
     verdict = check(run, "p2")

@@ -97,7 +97,7 @@ def test_two_in_the_junction_share_a_margin(make: Make) -> None:
     )
 
 
-def test_a_vehicle_that_turned_back_is_told_where_it_is(make: Make) -> None:
+def test_explanation_places_a_vehicle_that_turned_back(make: Make) -> None:
     # a0 leaves its entrance backwards, which no vehicle of ours does, and a recording might.
     run = make("stop4", {0: (2, 10, None, None), 1: (2, 10, 150, 300)}, 400)
     zone = run.zone.copy()
@@ -114,14 +114,14 @@ def test_who_waited_longer_may_stand_on_the_left(make: Make) -> None:
     assert "\npriority  a0 @ entrance 0, straight   arrived 0.10 s, waited 0.41 s   entrance 1 is right of 0\n" in text
 
 
-def test_only_who_waits_is_responsible_for_what_stays_open(make: Make) -> None:
+def test_waiting_vehicle_is_responsible_for_an_open_verdict(make: Make) -> None:
     run = make("stop4", {0: (2, 10, None, None), 1: (2, 10, None, None)}, 400)
     verdict = check(run, "p2")
     assert (verdict.status, verdict.responsible, verdict.time) == ("OPEN", ("a0",), 0.1)
     assert check(make("stop4", {0: (2, 10, 50, 90)}, 400), "p3").time is None
 
 
-def test_what_is_still_owed_is_told_by_roles(make: Make) -> None:
+def test_open_cause_names_roles(make: Make) -> None:
     verdict = check(make("stop4", {0: (2, 10, None, None), 1: (2, 10, None, None)}, 400), "p2")
     assert verdict.cause.startswith("open: a' is at its entrance until a is in the junction (a straight from entrance +0, ")
 
@@ -133,7 +133,7 @@ def test_a_pass_tells_how_many_instances_were_asked(make: Make) -> None:
     assert check(run, "p3").message == "p3 PASS: kept in 1 of 2 instances, the others were not triggered"
 
 
-def test_how_long_it_was_broken_is_told_where_something_had_triggered_it(make: Make) -> None:
+def test_explanation_tells_the_duration_of_a_triggered_violation(make: Make) -> None:
     run = make("stop4", {0: (2, 10, 50, 200)}, 400)
     for text, told in (("G !a@j", ""), ("G(a.wt < 9 -> !a@j)", "; 1.50 s in all")):
         assert f"\nbroken at 0.50 s: a0 is in the junction{told}\n" in check(run, Rule("out", f"forall a. {text}")).explanation

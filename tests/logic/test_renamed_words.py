@@ -71,9 +71,9 @@ def test_runs_in_which_words_have_consequences(runs: dict[str, Run]) -> None:
 def test_live_verdict_by_copied_words(runs: dict[str, Run]) -> None:
     run = runs["light"]
     rules = [rule for rule in RULES if rule.concerns(run.junction)]
-    pair = [RuleMonitor(of, run.junction, run.agents, speed_limit=13.0) for of in (rules, list(map(copied, rules)))]
+    pair = [RuleMonitor(of, run.junction, run.agents, dt=0.1, speed_limit=13.0) for of in (rules, list(map(copied, rules)))]
     motion = {name: run.need(name) for name in ("station", "speed", "pose")}
-    for tick in range(700):
+    for tick in range(0, run.steps, 10):
         for monitor in pair:
             monitor.step(run.zone[tick], run.lights[tick], **{name: array[tick] for name, array in motion.items()})
         assert list(pair[0].verdicts.values()) == list(pair[1].verdicts.values()), tick

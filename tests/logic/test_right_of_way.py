@@ -122,7 +122,7 @@ def slowed(drive: Make, deceleration: float, least: float) -> Run:
 
 
 @pytest.mark.parametrize(("deceleration", "least", "status"), [(1.9, 4.0, "FAIL"), (2.1, 4.0, "FAIL"), (1.9, 6.8, "PASS")])
-def test_oncoming_vehicle_that_loses_a_third_of_its_speed_is_obstructed_however_gently_it_brakes(
+def test_loss_of_a_third_of_the_speed_is_an_obstruction_at_any_deceleration(
     drive: Make, deceleration: float, least: float, status: str
 ) -> None:
     # From 10 m/s, 3.3 m/s are a third.

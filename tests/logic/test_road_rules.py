@@ -47,7 +47,7 @@ BREAKS: dict[str, Broken] = {
 
 
 @pytest.mark.parametrize("name", BREAKS)
-def test_each_rule_has_a_drive_that_breaks_it_alone(drive: Make, name: str) -> None:
+def test_every_rule_is_broken_alone_by_its_example(drive: Make, name: str) -> None:
     junction, vehicles, collisions = BREAKS[name]
     run = drive(junction, vehicles, 2500, CROSS if junction == "light4" else None, collisions)
     statuses = {r.name: str(check(run, r).status) for r in rules_for("road", run.junction)}
@@ -79,7 +79,7 @@ KEEPS: dict[str, tuple[str, dict[int, Any]]] = {
 
 
 @pytest.mark.parametrize("name", KEEPS)
-def test_each_rule_has_a_drive_that_keeps_it(drive: Make, name: str) -> None:
+def test_every_rule_is_kept_by_its_example(drive: Make, name: str) -> None:
     junction, vehicles = KEEPS[name]
     lights = {e: [*phases, (1200, G if e % 2 else R)] for e, phases in CROSS.items()}
     run = drive(junction, vehicles, 2500, lights if junction == "light4" else None)
@@ -124,7 +124,7 @@ def test_the_explanation_of_a_full_stop_speaks_of_one_vehicle(drive: Make) -> No
     ]
 
 
-def test_a_vehicle_that_acts_is_told_with_its_speed(drive: Make) -> None:
+def test_explanation_shows_the_speed_of_the_acting_vehicle(drive: Make) -> None:
     junction, vehicles, _ = BREAKS["speed_limit"]
     text = check(drive(junction, vehicles, 2500, CROSS), "speed_limit").explanation
     assert "\nvehicle   a0 from entrance 0, straight   v = 15.0 m/s   <- acts\n" in text
@@ -163,7 +163,7 @@ def test_the_limit_of_the_run_counts(drive: Make) -> None:
     ("rule", "lacks", "what"),
     [("speed_limit", {"speed_limit": None}, "no speed limit"), ("keep_clear", {"size": None}, "no size of its vehicles")],
 )
-def test_what_a_run_does_not_record_is_not_guessed(drive: Make, rule: str, lacks: dict[str, None], what: str) -> None:
+def test_rules_about_unrecorded_quantities_are_na(drive: Make, rule: str, lacks: dict[str, None], what: str) -> None:
     verdict = check(drive("stop4", {0: (2, -10.0, [(0, 30.0)])}, 10, **lacks), rule)
     assert (verdict.status, verdict.reason) == ("NA", f"not recorded: the run holds {what}")
 

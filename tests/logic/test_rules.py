@@ -260,7 +260,7 @@ def test_what_is_static_folds_away(make: Make) -> None:
 
 
 @pytest.mark.parametrize(("word", "both_ways"), [("meet", False), ("collide", False), ("owes", True), ("obstructs", True)])
-def test_what_is_between_two_vehicles_is_asked_of_no_single_one(make: Make, word: str, both_ways: bool) -> None:
+def test_relation_of_two_vehicles_has_no_instance_of_a_single_vehicle(make: Make, word: str, both_ways: bool) -> None:
     static = extract(make("stop4", {0: (2, 10, 50, 200), 1: (1, 20, None, None)}, 300))
     one, two = (f.Element(Sort.AGENT, k, f"a{k}") for k in range(2))
     pairs = [(one, two), (two, one) if both_ways else (one, two)]
@@ -286,7 +286,7 @@ def test_what_a_vehicle_takes_is_its_itinerary_unless_asked_otherwise(make: Make
     assert future == ["F(a0@j.en0 & a0@j.en0 U a0@j)"]
 
 
-def test_instances_that_say_the_same_of_a_pair_are_one(make: Make) -> None:
+def test_equal_instances_of_a_pair_are_collapsed(make: Make) -> None:
     static = extract(make("stop4", {0: (2, 10, 50, 200), 1: (1, 20, None, None)}, 300))
     # Six atoms, the most for which it is looked for.
     pair = "forall a, a'. G(a != a' & a@j & a'@j -> stopped(a) & stopped(a') | inside(a) & inside(a'))"
@@ -328,7 +328,7 @@ def test_too_many_instances_are_refused_not_left_to_run(make: Make, text: str, m
         unfold(crowd.formula, extract(run))
 
 
-def test_what_is_decided_is_not_unfolded(make: Make, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_decided_subformula_is_not_unfolded(make: Make, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("pytest_rvads.logic.judging.ground.LIMIT", 5_000)
     run = make("stop4", dict.fromkeys(range(4), (2, 10, 50, 200)), 300)
     crowd = Rule("crowd", f"forall a. G (a@j | exists {', '.join(f'a{i}' for i in range(12))}. true)")
@@ -373,7 +373,7 @@ def test_a_predicate_of_ones_own(make: Make) -> None:
         check(run, Rule("bad", "forall a. G wrong(a)"))
 
 
-def test_what_ended_a_run_after_it_broke_a_rule_is_told_as_well(make: Make) -> None:
+def test_verdict_names_both_the_violation_and_the_later_fault(make: Make) -> None:
     """a0 goes before a1, on its right, which came at once; at the end something else fails."""
     run = replace(make("stop4", {0: (2, 10, 50, 200), 1: (2, 10, 150, 300)}, 400), fault=Fault(4.0, "a0", "its motor broke"))
     for subject in (None, "a0"):
@@ -392,7 +392,7 @@ def test_where_a_rule_that_looks_ahead_came_closest_to_being_triggered(make: Mak
     assert (verdict.near.tick, verdict.near.missing, verdict.near.steps) == (0, ("a1 is in the junction",), 299)
 
 
-def test_what_has_no_value_is_told(make: Make) -> None:
+def test_comparison_without_a_value_is_refused(make: Make) -> None:
     values = Values(make("stop4", {0: (2, 10, 50, 200)}, 300))
     with pytest.raises(FormulaError, match=r"a\.wt has no value as long as a is a variable"):
         values[f.Atom("<", (f.Attr(f.Var("a"), "wt"), f.Number(2.0)))]
@@ -400,7 +400,7 @@ def test_what_has_no_value_is_told(make: Make) -> None:
         values[f.Atom("=", (f.Attr(f.Element(Sort.AGENT, 0, "a0"), "wt"), f.Value("red")))]
 
 
-def test_what_a_recording_does_not_hold_is_na(make: Make) -> None:
+def test_missing_quantity_of_a_recording_is_na(make: Make) -> None:
     run = make("stop4", {0: (2, 10, 50, 200), 1: (1, 20, 150, 300)}, 300)
     for name in ("full_stop", "speed_limit", "keep_clear", "no_collision"):
         verdict = check(run, name)

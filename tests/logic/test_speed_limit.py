@@ -67,7 +67,7 @@ def test_the_map_comes_before_the_general_limit(drive: Make) -> None:
     assert check(slowing_at(drive, partly, -51.0, 12.0, speed_limit=11.0), "speed_limit").status == "FAIL"
 
 
-def test_a_limit_that_is_not_known_everywhere_is_told(drive: Make) -> None:
+def test_partly_unknown_speed_limit_is_na(drive: Make) -> None:
     slow = find("light4").limited(8.0)
     assert check(slowing_at(drive, slow, -51.0, 8.0, speed_limit=None), "speed_limit").status == "PASS"
     assert check(slowing_at(drive, slow, -51.0, 9.0, speed_limit=None), "speed_limit").status == "FAIL"

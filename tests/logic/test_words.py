@@ -307,7 +307,7 @@ def test_the_list_of_rules_names_every_rule_with_its_source() -> None:
 
 
 @pytest.mark.parametrize("write", [describe, to_dot, to_hoa])
-def test_a_monitor_that_is_too_large_to_be_written_out_is_told_with_its_size(write: Callable[[Machine], str]) -> None:
+def test_too_large_monitor_is_refused_with_its_size(write: Callable[[Machine], str]) -> None:
     machine = synthesize(parse_ltl(" ^ ".join(f"(p{i} U q{i})" for i in range(5))))
     with pytest.raises(FormulaError, match="63 states and 845 edges over 1024 letters, too many to be written out"):
         write(machine)

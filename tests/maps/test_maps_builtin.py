@@ -36,7 +36,7 @@ DIGESTS = {
 
 
 @pytest.mark.parametrize("name", PLAIN)
-def test_is_what_its_name_says(name: str) -> None:
+def test_built_in_junction_matches_its_name(name: str) -> None:
     junction = find(name)
     assert junction.name == name
     assert junction.ways == int(name[-1])

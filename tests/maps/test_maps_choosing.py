@@ -29,7 +29,7 @@ def ids(choice: Choice) -> list[str]:
     return [junction.id for junction in choice.junctions]
 
 
-def test_one_or_several_by_id_as_they_are_named(town: Path) -> None:
+def test_junctions_are_chosen_by_id_once_each(town: Path) -> None:
     assert ids(choose("7", town)) == ["7"]
     assert ids(choose(["7", "20", "7"], town)) == ["7", "20"], "each once"
     assert choose("7", town).junctions[0] is find("7", town)
@@ -46,14 +46,14 @@ def test_all_of_a_map_in_the_order_of_its_file(town: Path) -> None:
     assert choice.passed_over == 0
 
 
-def test_a_type_is_all_that_fit(town: Path) -> None:
+def test_type_chooses_all_matching_junctions(town: Path) -> None:
     choice = choose("4-way stop", town)
     assert (ids(choice), [one.junction for one in choice.refused]) == (["20", "3", "11", "short"], ["v4"])
     assert ids(choose("4-way stop with 40 m of approach", town)) == ["20", "3", "11"]
     assert ids(choose(["3-way lights", "20"], town)) == ["7", "4", "20"]
 
 
-def test_a_place_is_one(town: Path) -> None:
+def test_nearest_chooses_a_single_junction(town: Path) -> None:
     assert ids(choose("nearest to 810, 3", town)) == ["3"], "junctions stand 400 m apart"
 
 
@@ -109,7 +109,7 @@ def test_what_can_not_be_chosen_is_refused(town: Path, wanted: Any, kinds: dict[
         ("stop", r"kinds of junctions are a dict such as \{'control': 'stop', 'arms': \(3, 4\)\}, got 'stop'"),
     ],
 )
-def test_kinds_that_mean_nothing_are_refused(asked: Any, says: str) -> None:
+def test_invalid_kinds_are_refused(asked: Any, says: str) -> None:
     with pytest.raises(MapError, match=says):
         Kinds.of(asked)
 
@@ -135,7 +135,7 @@ def test_a_limit_is_a_number_of_junctions(town: Path, limit: Any) -> None:
         choose("*", town, limit=limit)
 
 
-def test_without_a_map_there_are_the_built_in_ones() -> None:
+def test_built_in_junctions_are_chosen_without_a_map() -> None:
     every = choose("*").junctions
     assert {junction.name for junction in every} >= {"stop4", "light3", "lanes4", "roundabout4"}
     assert all(junction.map is None for junction in every)

@@ -41,7 +41,7 @@ def test_panels_show_movements_entrances_signs_and_lines(name: str) -> None:
         assert arrows == {"lanes4": 8, "roundabout4": 1}.get(name, 0), "where not every exit can be reached"
 
 
-def test_signs_are_drawn_as_what_they_are() -> None:
+def test_signs_have_the_shape_of_their_kind() -> None:
     shown = ElementTree.fromstring(draw_map(read_map(path_of("stop4"))))
     legend = {path.get("class"): path.get("d") for path in shown.findall(f"{SVG}path") if path.get("class")}
     corners = {kind: re.findall(r"[-\d.]+ ([-\d.]+)", d or "") for kind, d in legend.items()}
@@ -50,7 +50,7 @@ def test_signs_are_drawn_as_what_they_are() -> None:
     assert down[0] == down[1] < down[2], "a yield sign stands on its corner"
 
 
-def test_lanes_have_marks_and_arrows_of_what_they_allow() -> None:
+def test_lanes_have_marks_and_arrows_of_their_movements() -> None:
     (panel,) = ElementTree.fromstring(draw_map(read_map(path_of("lanes4")))).findall(f"{SVG}svg")
     white = [path for path in panel.iter(f"{SVG}path") if path.get("stroke") == "#fff"]
     broken = [path for path in white if path.get("stroke-dasharray")]

@@ -88,7 +88,7 @@ def test_the_suffix_decides(star: Path, tmp_path: Path) -> None:
         read_map(star.rename(tmp_path / "town.xodr"))
 
 
-def test_what_a_network_names_it_has() -> None:
+def test_unknown_ids_of_a_network_are_refused() -> None:
     lane = straight("a", "r", np.array([0.0, 0.0]), np.array([9.0, 0.0]), forward=True)
     with pytest.raises(MapError, match="names the edge 'b' but has none of this id"):
         Network({"a": lane}, nx.DiGraph([("a", "b")]), {})

@@ -126,7 +126,7 @@ def test_both_directions_are_one_arm(read: Read) -> None:
 
 
 @pytest.mark.parametrize(("apart", "arms"), [(20.0, 4), (60.0, 8)])
-def test_one_way_streets_that_lead_apart_are_two_arms(read: Read, apart: float, arms: int) -> None:
+def test_diverging_one_way_streets_are_two_arms(read: Read, apart: float, arms: int) -> None:
     found = lanes(read(cross(apart)))
     assert len(found) == arms
     assert all((one > 0) + (two > 0) == 8 // arms for one, two in found)

@@ -100,7 +100,7 @@ def test_lane_centre_is_offset_plus_half_the_width() -> None:
     assert not warnings
 
 
-def test_records_that_start_at_the_end_of_a_section_do_not_count_there() -> None:
+def test_width_records_at_the_end_of_a_section_are_ignored() -> None:
     """Else lanes of Town04 jump by 7 to 14 m."""
     narrow = Lane(-1, "driving", (Cubic(0, 4.0, 0, 0, 0), Cubic(20.0, 30.0, 0, 0, 0)), (), (), (-1,))
     wide = Lane(-1, "driving", (Cubic(0, 4.0, 0, 0, 0),), (), (-1,), ())

@@ -48,7 +48,7 @@ def test_sentences(read: Read, content: str | bytes, words: str) -> None:
 
 @pytest.mark.parametrize("value", ["nan", "inf", "-inf", "1e400", "1e13", "x", "0x10"])
 @pytest.mark.parametrize("attribute", ["x", "hdg", "length"])
-def test_numbers_that_are_none(read: Read, attribute: str, value: str) -> None:
+def test_text_in_place_of_a_number_is_refused(read: Read, attribute: str, value: str) -> None:
     text = opendrive(Layout())
     at = text.index(f' {attribute}="', text.index("<geometry")) + len(attribute) + 3
     message = refusal(read, text[:at] + value + text[text.index('"', at) :])
@@ -56,7 +56,7 @@ def test_numbers_that_are_none(read: Read, attribute: str, value: str) -> None:
     assert repr(value) in message
 
 
-def test_no_such_file(tmp_path: Path) -> None:
+def test_missing_file_is_refused(tmp_path: Path) -> None:
     with pytest.raises(MapError, match=r"nowhere.xodr does not exist; give the path of an OpenDRIVE file"):
         read_map(tmp_path / "nowhere.xodr")
     with pytest.raises(MapError, match="is not a regular file"):
@@ -128,7 +128,7 @@ def test_more_elements_than_a_town_can_have(read: Read, monkeypatch: pytest.Monk
 
 
 @pytest.mark.parametrize("id", ["x" * 1001, "a\x9bb", "a&#10;b"], ids=["long", "control", "line"])
-def test_ids_that_nobody_can_show(read: Read, id: str) -> None:
+def test_long_ids_and_control_characters_are_refused(read: Read, id: str) -> None:
     text = opendrive(Layout()).replace('<junction id="1"', f'<junction id="{id}"')
     assert "the id of <junction> must have at most 1,000 characters and no control characters, got" in refusal(read, text)
 

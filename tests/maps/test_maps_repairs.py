@@ -72,7 +72,7 @@ def test_missing_links_are_completed(read: Read, tree: Tree, missing: Any, left_
     assert {warning.kind for warning in road_map.warnings} >= {"link"}
 
 
-def test_lanes_that_do_not_meet_are_not_linked(read: Read, tree: Tree) -> None:
+def test_lanes_with_a_gap_are_not_linked(read: Read, tree: Tree) -> None:
     """The first arm lies 0.2 m beside its place: nothing tells that it belongs there."""
     root = tree()
     lane_links(root)
@@ -84,7 +84,7 @@ def test_lanes_that_do_not_meet_are_not_linked(read: Read, tree: Tree) -> None:
     assert report.ways == 3
 
 
-def test_a_junction_that_does_not_exist_is_none(read: Read, tree: Tree) -> None:
+def test_reference_to_a_missing_junction_is_a_warning(read: Read, tree: Tree) -> None:
     root = tree()
     for arm in arms(root):
         arm.set("junction", "0")

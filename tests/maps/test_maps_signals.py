@@ -92,7 +92,7 @@ def test_validity_of_lane_0_is_only_the_pole(read: Read, tree: Tree) -> None:
     assert control(read, root) is JunctionControl.PARTIAL
 
 
-def test_validity_of_other_lanes_is_for_others(read: Read, tree: Tree) -> None:
+def test_sign_for_other_lanes_does_not_control_the_entrance(read: Read, tree: Tree) -> None:
     root = tree()
     set_validity(sign(root, 1), (-1, -1))  # the exit lane
     assert control(read, root) is JunctionControl.PARTIAL
@@ -130,7 +130,7 @@ def test_far_side_masts_use_their_references(read: Read, tree: Tree) -> None:
     assert lit == {0, 1, 2}
 
 
-def test_a_reference_to_nothing_is_a_doubt(read: Read, tree: Tree) -> None:
+def test_reference_to_a_missing_signal_is_a_warning(read: Read, tree: Tree) -> None:
     root = tree()
     SubElement(road(root, "1").find("signals"), "signalReference", {"id": "99", "s": "1", "t": "0", "orientation": "+"})
     road_map = read(root)
@@ -283,7 +283,7 @@ def test_signs_for_no_entrance_are_counted(read: Read, tree: Tree) -> None:
         (lambda element: SubElement(element, "validity", {"fromLane": "x", "toLane": "1"}), "fromLane='x'"),
     ],
 )
-def test_a_broken_signal_costs_that_one_only(read: Read, tree: Tree, change: Callable[[Element], object], words: str) -> None:
+def test_broken_signal_leaves_the_other_signals(read: Read, tree: Tree, change: Callable[[Element], object], words: str) -> None:
     root = tree()
     change(sign(root, 2))
     road_map = read(root)
@@ -320,7 +320,7 @@ def test_priorities_that_the_file_states(read: Read, tree: Tree) -> None:
     assert any("states a priority of road '77', which does not exist" in w.message for w in read(root, "wrong.xodr").warnings)
 
 
-def test_a_second_lane_of_one_id_costs_that_lane_only(read: Read, tree: Tree) -> None:
+def test_duplicate_lane_id_costs_one_lane(read: Read, tree: Tree) -> None:
     root = tree()
     side = road(root, "0").find("lanes/laneSection/left")
     twin = SubElement(side, "lane", {"id": "1", "type": "sidewalk"})

@@ -73,7 +73,7 @@ def test_limits_are_read_in_every_unit(stop: Element, read: Read, speed: dict[st
         {"max": "9" * 5000},
     ],
 )
-def test_a_limit_that_cannot_be_read_is_told_and_ignored(stop: Element, read: Read, speed: dict[str, str]) -> None:
+def test_unreadable_speed_limit_is_a_warning(stop: Element, read: Read, speed: dict[str, str]) -> None:
     state(roads(stop)[0], "0", **speed)
     road_map = read(stop)
     (warning,) = (warning for warning in road_map.warnings if warning.kind == "speed")
@@ -132,7 +132,7 @@ def test_parts_of_a_line_keep_their_limits() -> None:
     assert joined.head(30.0).limits == ((0.0, 8.0),)
 
 
-def test_what_a_junction_states_is_part_of_it() -> None:
+def test_speed_limit_is_part_of_the_junction() -> None:
     place = find("stop4")
     slow = place.limited(8.0)
     assert (place.top_limit, slow.top_limit) == (SPEED_LIMIT, 8.0)
@@ -171,6 +171,6 @@ def test_speeds_are_written_with_units(text: str, speed: float) -> None:
 
 
 @pytest.mark.parametrize("text", ["0", "-5", "5 ells", "mph", "999", "1e9"])
-def test_what_is_no_speed_is_refused(text: str) -> None:
+def test_invalid_speed_is_refused(text: str) -> None:
     with pytest.raises(MapError, match=f"it must be a speed above 0 such as 30mph, .*, got '{text}'"):
         speed_of(text, "it")

@@ -98,7 +98,7 @@ def test_two_lanes_keep_their_order(read: Read, left_hand: bool) -> None:
     assert {turn for one, two, turn in lanes_of(junction) if (two[0] - one[0]) % 4 == far} == {junction.far}
 
 
-def test_one_way_arms_and_lanes_that_shift(read: Read) -> None:
+def test_layout_of_one_way_arms_and_shifted_lanes(read: Read) -> None:
     """Nothing leads out into the south; from the west one comes straight across into another lane of the east, by two arcs."""
     lanes = (((1, 2),), ((1, 2),), (), ((2,),))
     layout = Layout(control=JunctionControl.NONE, lanes=lanes, exits=(0, 1, 1, 1), shift=1.0)
@@ -188,7 +188,7 @@ def test_roundabouts_of_other_numbers_of_arms(read: Read, arms: int) -> None:
         ({"shift": math.nan}, "lengths of a junction must be positive"),
     ],
 )
-def test_what_is_no_junction_is_refused(values: dict[str, object], says: str) -> None:
+def test_invalid_layout_is_refused(values: dict[str, object], says: str) -> None:
     with pytest.raises(MapError, match=says):
         Layout(**values)  # type: ignore[arg-type]
 
@@ -203,6 +203,6 @@ def test_what_is_no_junction_is_refused(values: dict[str, object], says: str) ->
         ({"sector": 0.8}, "leave nothing of the ring"),
     ],
 )
-def test_what_is_no_roundabout_is_refused(values: dict[str, float], says: str) -> None:
+def test_invalid_roundabout_is_refused(values: dict[str, float], says: str) -> None:
     with pytest.raises(MapError, match=says):
         Roundabout(**values)  # type: ignore[arg-type]

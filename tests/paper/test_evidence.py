@@ -30,7 +30,7 @@ def test_half_a_foot_of_zone_changes_no_verdict_of_p1(name: str, sign: int) -> N
 
 
 @pytest.mark.extended
-def test_a_deficiency_that_is_switched_off_flips_the_cells_it_stands_behind(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_switched_off_deficiency_flips_its_cells(monkeypatch: pytest.MonkeyPatch) -> None:
     table = Table("light4", "paper_light4", {3: "1233"}, "G", ("p4", "p6"), 40.0)
     monkeypatch.setattr(evidence, "TABLES", (table,))
     cells = {key: value for key, value in published((3,)).items() if key[2] == "G"}
@@ -51,7 +51,7 @@ def test_the_room_of_the_draw_is_the_time_at_the_entrance(monkeypatch: pytest.Mo
     assert room.down < 0.0 < room.up, "the draw of the tables is not at the edge of its window"
 
 
-def test_a_constant_that_decides_nothing_has_all_the_room(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_irrelevant_constant_has_its_whole_range(monkeypatch: pytest.MonkeyPatch) -> None:
     table = Table("stop4", "paper_stop4", {1: "2111"}, "A", ("p2",), 5.0)
     monkeypatch.setitem(FREE, "wait", Free(lambda by: Setup(wait=1.0 + by), 0.25, 0.25, (table,)))
     base = {key: value for key, value in published((1,)).items() if key[2:] == ("A", "p2")}

@@ -41,7 +41,7 @@ def test_the_mutant_breaks_p3_and_the_original_does_not() -> None:
     assert outcome(simulate(Case(scenario, LgsvlLike)), ("p3",)) == {"p3": "PASS"}
 
 
-def test_there_is_nothing_to_show_of_a_rule_that_holds() -> None:
+def test_snapshot_requires_a_violation() -> None:
     run = simulate(Case(SHOWN["p3"].scenario(), LgsvlLike))
     with pytest.raises(RunError, match="no violation of p3 to show"):
         snapshot(run, "p3", Constants())

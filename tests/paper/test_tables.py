@@ -90,7 +90,7 @@ def test_the_json_has_the_shape_that_was_asked_for() -> None:
     assert list(shape["light4"]["class3"]["row2"]["J"]) == ["p4", "p5", "p6"]
 
 
-def test_the_published_tables_are_those_of_the_recordings(shared: Path) -> None:
+def test_published_tables_match_the_recordings(shared: Path) -> None:
     # An independent copy: the verdicts that the authors stored with their runs.
     names = {"one-car-in-junction": "p1", "right-of-priority": "p2", "fifo-priority": "p3"}
     names |= {"traffic-light": "p4", "right-turn-priority": "p5", "opposite-turn-priority": "p6"}

@@ -28,7 +28,7 @@ def test_vmax_is_safe_and_a_little_more_is_not(distance: float, aggression: int)
 
 @pytest.mark.parametrize("aggression", [1, 2, 3])
 @pytest.mark.parametrize("speed", [2.0, 5.0, 9.0])
-def test_stopping_distance_is_that_of_a_brake_with_a_lag(speed: float, aggression: int) -> None:
+def test_stopping_distance_matches_integration_with_brake_lag(speed: float, aggression: int) -> None:
     # dv/dt = -r - c v^2 - b (1 - exp(-t / lag)), integrated here with small steps.
     v, x, t, h = speed, 0.0, 0.0, 1e-5
     while v > 0.0:
@@ -60,14 +60,14 @@ def test_the_papers_configurations_lie_inside() -> None:
     assert outside(configuration("D", 4), lambda distance: vmax(distance / 4)) == (20.0, 10.0)
 
 
-def test_where_nothing_is_safe_there_is_no_speed() -> None:
+def test_greatest_safe_speed_is_none_without_a_safe_speed() -> None:
     assert greatest_safe(lambda speed: False, 10.0) is None
     assert greatest_safe(lambda speed: speed <= 3.14159, 10.0) == 3.14
     assert greatest_safe(lambda speed: True, 11.176) == 11.176
     assert vmax(0.0) == 0.0
 
 
-def test_an_envelope_that_is_not_monotone_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_envelope_must_be_monotone(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("pytest_rvads.physics.braking._vmax", lambda distance, *_: 10.0 - distance)
     with pytest.raises(RunError, match="not monotone: 9 m/s at 1 m and aggression 1, but 8 m/s at 2 m"):
         envelope((1.0, 2.0))

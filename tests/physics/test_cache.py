@@ -200,7 +200,7 @@ def test_by_default_it_lies_in_the_user_s_cache_folder(monkeypatch: pytest.Monke
     assert cache.folder() is None, "nobody's home"
 
 
-def test_the_envelope_is_kept_by_what_it_depends_on(where: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_envelope_cache_key_holds_distance_aggression_and_vehicle(where: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     car = Vehicle(mass=1501.0)
     braking._vmax.cache_clear()
     first = vmax(3.3, 2, car)

@@ -14,7 +14,7 @@ from pytest_rvads.physics.braking import greatest_safe, vmax
 from pytest_rvads.simulators.closed_loop import closed_vmax
 
 
-def test_under_i1_nothing_is_safe_at_one_centimetre() -> None:
+def test_deficiency_i1_has_no_safe_speed_at_one_centimetre() -> None:
     assert closed_vmax(0.01, LgsvlLike) is None
     without = closed_vmax(0.01, partial(LgsvlLike, i1=False))
     assert without is not None
@@ -53,7 +53,7 @@ def test_every_movement_has_its_own(junction: str, movement: tuple[int, int]) ->
     assert 0.9 * limit <= found <= limit, "entrance 0 has red, too, and who turns right on red has stopped before"
 
 
-def test_whoever_rolls_past_a_stop_sign_reaches_nothing_there() -> None:
+def test_rolling_driver_has_no_closed_loop_speed_at_a_stop_sign() -> None:
     class Rolls(Follower):
         """Never below walking pace."""
 

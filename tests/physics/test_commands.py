@@ -58,7 +58,7 @@ def test_a_target_speed_is_lower_in_bends() -> None:
     assert beside(run) < 0.25
 
 
-def test_an_acceleration_is_what_the_vehicle_does() -> None:
+def test_acceleration_command_is_followed() -> None:
     run = drive(Acceleration(1.5), duration=3)
     # One second is enough for the lag of the drive.
     assert np.diff(run.speed[100:, 0]).mean() / run.dt == pytest.approx(1.5, abs=0.05)
@@ -111,7 +111,7 @@ def test_one_long_trajectory_held_for_the_whole_run_is_kept_to_time() -> None:
     assert run.speed[-1, 0] == 0.0
 
 
-def test_a_trajectory_that_stays_where_it_is_holds_the_vehicle() -> None:
+def test_standing_trajectory_holds_the_vehicle() -> None:
     def stay(seen: Observation) -> Trajectory:
         return Trajectory((Waypoint(seen.time, seen.me.x, seen.me.y), Waypoint(seen.time + 1, seen.me.x, seen.me.y)))
 
@@ -139,7 +139,7 @@ POINT = Waypoint(0.0, 1.0, 1.0)
         (Trajectory(3), "a trajectory of type int, expected a sequence of points"),  # type: ignore[arg-type]
     ],
 )
-def test_commands_that_mean_nothing_are_faults(answer: Any, says: str) -> None:
+def test_invalid_commands_are_faults(answer: Any, says: str) -> None:
     run = simulate(Case(Scenario(find("stop4"), "2000", duration=0.1), answering(answer)))
     assert run.fault is not None
     assert run.fault.reason.endswith(f"driving a0 at 0.00 s returned {says}")

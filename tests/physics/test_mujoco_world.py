@@ -114,7 +114,7 @@ def test_eighty_bodies_in_one_pile_are_pushed_apart_in_no_time() -> None:
 
 
 @pytest.mark.parametrize("wrong", [Vehicle(mass=1e-16), Vehicle(yaw_inertia=1e-20)], ids=["mass", "inertia"])
-def test_what_it_cannot_move_is_said_in_a_sentence(wrong: Vehicle) -> None:
+def test_mujoco_refuses_vehicles_without_mass(wrong: Vehicle) -> None:
     with pytest.raises(
         ScenarioError, match=r"MuJoCo can't move these vehicles: .*mass and inertia.*; give them masses and sizes"
     ):

@@ -69,7 +69,7 @@ def test_numbers_of_any_kind_are_fine(answer: Control) -> None:
     assert ((run.controls[..., :2] >= 0) & (run.controls[..., :2] <= 1)).all()
 
 
-def test_an_exception_becomes_a_fault_that_says_where() -> None:
+def test_driver_exception_becomes_a_fault_with_file_and_time() -> None:
     class Broken:
         def control(self, seen: Observation) -> Control:
             if seen.me.name == "a2" and seen.time > 0.015:
@@ -93,7 +93,7 @@ def test_an_exception_becomes_a_fault_that_says_where() -> None:
         (lambda: pytest.skip("not today"), "abandon raised Skipped: not today"),
     ],
 )
-def test_whatever_an_autopilot_does_when_it_is_abandoned_is_no_more_than_a_text(told: Any, detail: str) -> None:
+def test_errors_of_abandon_become_the_detail_of_the_fault(told: Any, detail: str) -> None:
     class Odd(answering(3)):  # type: ignore[misc]
         def abandon(self) -> Any:
             return told()
@@ -114,7 +114,7 @@ def test_interrupts_pass() -> None:
     assert simulate(Case(SCENARIO, answering(Control()))).fault is None, "the next run is not disturbed"
 
 
-def test_what_can_not_be_made_or_can_not_drive_is_a_fault_at_the_start() -> None:
+def test_driver_without_control_is_a_fault_at_the_start() -> None:
     def broken() -> NoReturn:
         raise OSError("no such model")
 
@@ -167,7 +167,7 @@ def test_a_period_holds_the_last_answer() -> None:
 
 
 @pytest.mark.parametrize("period", [0.0, 0.015, -0.01, math.nan, "0.1", True])
-def test_a_period_that_does_not_fit_is_a_fault(period: Any) -> None:
+def test_period_must_be_a_multiple_of_the_time_step(period: Any) -> None:
     slow = type("Slow", (), {"period": period, "control": lambda self, seen: Control()})
     run = simulate(Case(SCENARIO, slow))
     assert "its period must be a whole multiple of 0.01 s" in run.fault.reason
@@ -199,7 +199,7 @@ def test_a_traffic_system_is_made_once_and_coordinates_all() -> None:
     assert systems[0].asked == systems[0].agents * 2
 
 
-def test_a_traffic_system_that_forgets_somebody_is_a_fault() -> None:
+def test_traffic_system_with_missing_autopilots_is_a_fault() -> None:
     class Forgetful:
         def autopilots(self, agents: Sequence[Agent], /) -> list[Autopilot]:
             return []
@@ -209,7 +209,7 @@ def test_a_traffic_system_that_forgets_somebody_is_a_fault() -> None:
     assert run.fault.agent == "a0"
 
 
-def test_the_subject_gets_the_autopilot_and_the_others_the_traffic() -> None:
+def test_autopilot_drives_the_subject_and_traffic_the_other_vehicles() -> None:
     seats: dict[str, str] = {}
 
     class Mine:

@@ -55,7 +55,7 @@ def test_nothing_changes_by_default() -> None:
 
 
 @pytest.mark.parametrize("delay", [0.01, 0.2, 0.5])
-def test_others_are_seen_as_they_were(delay: float) -> None:
+def test_delay_shows_earlier_states_of_other_vehicles(delay: float) -> None:
     seen, run = watch(Senses(delay=delay))
     late = round(delay / DT)
     assert [o.others[0].station for o in seen[late:]] == list(run.station[: -1 - late, 1])
@@ -138,7 +138,7 @@ def test_of_a_long_vehicle_whatever_part_stands_out_is_seen(front: float) -> Non
 
 
 @pytest.mark.extended
-def test_occlusion_hides_who_is_behind_somebody() -> None:
+def test_occlusion_hides_vehicles_behind_vehicles() -> None:
     """Four vehicles: two drive across between the subject and the one on the other side of the junction."""
     ideal, _ = watch(Senses(), "2222", duration=25)
     seen, _ = watch(Senses(occlusion=True), "2222", duration=25)
@@ -236,12 +236,12 @@ def test_a_grid_of_senses_is_their_product() -> None:
         ({"range": "far"}, "range must be a number of 0 or more, got 'far'"),
     ],
 )
-def test_senses_that_are_none_are_refused(fields: dict[str, object], says: str) -> None:
+def test_invalid_senses_are_refused(fields: dict[str, object], says: str) -> None:
     with pytest.raises(ScenarioError, match=says):
         Senses(**fields)  # type: ignore[arg-type]
 
 
-def test_axes_that_are_none_are_refused() -> None:
+def test_invalid_axes_of_senses_are_refused() -> None:
     with pytest.raises(ScenarioError, match=r"got 'delai'; did you mean 'delay'\?"):
         Senses.grid({"delai": 0.1})
     with pytest.raises(ScenarioError, match="lists of at least one value"):

@@ -86,7 +86,7 @@ def test_the_run_ends_at_its_duration(stander: type[Stander]) -> None:
     assert run.duration == pytest.approx(0.5)
 
 
-def test_who_is_gone_leaves_the_world_and_nobody_sees_it_any_more() -> None:
+def test_departed_vehicle_leaves_the_world_and_observations() -> None:
     seen_by: dict[str, list[list[str]]] = {}
 
     class Witness(Cruiser):

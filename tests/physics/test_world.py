@@ -68,7 +68,7 @@ def test_a_rear_end_hit_is_seen_when_it_happens_and_keeps_momentum(make: WorldMa
     assert one.vx + two.vx == pytest.approx(10.0, rel=1e-6)
 
 
-def test_of_four_bodies_those_that_touch_are_named(make: WorldMaker) -> None:
+def test_contacts_name_touching_bodies(make: WorldMaker) -> None:
     world = make([CAR] * 4, [at(0, 0), at(0, 50), at(0, 100), at(1.0, 51.0)])
     world.step([0.0] * 12)
     touched = world.contacts()

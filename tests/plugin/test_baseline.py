@@ -90,7 +90,7 @@ def test_other_failures_always_count(tests: pytest.Pytester) -> None:
     early.stdout.fnmatch_lines(["against old.json: 1 NEW, 1 NOT RUN, 2 OUTSIDE", "rvads: the session stopped early: 1 item *"])
 
 
-def test_what_vanished_and_what_was_not_selected(tests: pytest.Pytester) -> None:
+def test_lost_items_differ_from_deselected_items(tests: pytest.Pytester) -> None:
     session(tests, "False", "--rvads-report=old.json")
     part = session(tests, "False", "--rvads-baseline=old.json", "-k", "class01")
     part.stdout.fnmatch_lines(["against old.json: 2 UNCHANGED, 2 OUTSIDE"])
@@ -114,7 +114,7 @@ ONE_RUN = """
 """
 
 
-def test_a_run_that_eroded_is_one_change_however_often_it_is_judged(pytester: pytest.Pytester) -> None:
+def test_eroded_run_is_one_change_for_several_items(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(test_it=ONE_RUN)
     session(pytester, "False", "--rvads-report=old.json")
     report = json.loads((pytester.path / "old.json").read_text(encoding="utf-8"))

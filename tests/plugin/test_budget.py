@@ -81,7 +81,7 @@ def test_what_comes_too_late_is_not_run(pytester: pytest.Pytester, workers: tupl
     assert [r["status"] for r in records] == ["NOT RUN"] * 3
 
 
-def test_a_skip_of_the_user_is_no_late_item_whatever_its_reason_says(pytester: pytest.Pytester) -> None:
+def test_user_skip_is_no_late_item(pytester: pytest.Pytester) -> None:
     skipping = "    @pytest.mark.skip('NOT RUN: by hand')\n    @rvads.scenario"
     pytester.makepyfile(test_it=TESTS.replace("    @rvads.scenario", skipping))
     assert pytester.runpytest("--rvads-time-budget=600").parseoutcomes() == {"passed": 1, "skipped": 3}

@@ -107,7 +107,7 @@ def test_a_session_started_from_python_with_paths_is_summed_up(pytester: pytest.
 
 
 @pytest.mark.parametrize("options", [("-vv",), ("--rvads-summary=full",)])
-def test_all_lines_are_there_for_who_asks(pytester: pytest.Pytester, options: tuple[str, ...]) -> None:
+def test_verbose_options_show_every_failure_line(pytester: pytest.Pytester, options: tuple[str, ...]) -> None:
     pytester.makepyfile(RUDE)
     result = pytester.runpytest("--tb=no", *options)
     assert len(named(result)) == result.parseoutcomes()["failed"]
@@ -116,7 +116,7 @@ def test_all_lines_are_there_for_who_asks(pytester: pytest.Pytester, options: tu
 
 
 @pytest.mark.extended
-def test_nothing_is_said_to_be_left_out_where_pytest_has_no_lines(pytester: pytest.Pytester) -> None:
+def test_note_on_left_out_failures_requires_a_short_summary(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(RUDE)
     for options in (("-rN",), ("--no-summary",), ("-q", "-rx")):
         result = pytester.runpytest("--tb=no", *options)
@@ -210,7 +210,7 @@ CRASH = """
 """
 
 
-def test_one_crash_of_a_driver_is_one_cause_over_all_rules_runs_and_times(pytester: pytest.Pytester) -> None:
+def test_driver_crash_is_one_cause_over_rules_runs_and_times(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(CRASH)
     result = pytester.runpytest("--tb=no", "-rE", "-vv")
     messages = {line.partition(" - ")[2] for line in result.outlines if line.startswith("ERROR ")}
@@ -234,7 +234,7 @@ STACK = """
 """
 
 
-def test_a_stack_that_dies_is_one_cause(pytester: pytest.Pytester) -> None:
+def test_dying_stack_is_one_cause(pytester: pytest.Pytester) -> None:
     client = Path(__file__).parents[2] / "clients" / "python"
     pytester.makefile(".py", stack=STACK.format(folder=str(client)))
     pytester.makepyfile(

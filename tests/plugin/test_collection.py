@@ -22,7 +22,7 @@ def collect(pytester: pytest.Pytester, arguments: str, *options: str) -> pytest.
     return pytester.runpytest("--collect-only", "-q", *options)
 
 
-def test_ids_are_these_for_ever(pytester: pytest.Pytester, brackets: Names) -> None:
+def test_ids_of_items_are_stable(pytester: pytest.Pytester, brackets: Names) -> None:
     # Written down by hand after `scenarios/ids.py`: ids key --lf, durations and dashboards, so they never change.
     result = collect(pytester, 'scenarios=("2111", "1233"), cover="rotation", grid="D", rules=("p1", "p3")')
     assert brackets(result) == [

@@ -29,7 +29,7 @@ def test_a_session_without_tests_of_ours_loads_nothing_heavy(tmp_path: Path) -> 
 
 
 @pytest.mark.extended
-def test_hypothesis_is_loaded_only_by_those_who_search(tmp_path: Path) -> None:
+def test_hypothesis_is_imported_by_searches_only(tmp_path: Path) -> None:
     tests = """
         import sys
         import pytest_rvads as rvads

@@ -93,13 +93,13 @@ def test_a_name_that_leads_nowhere_is_an_error(tests: pytest.Pytester, name: str
     result.stderr.fnmatch_lines([says])
 
 
-def test_of_an_option_and_a_command_one_is_too_many(tests: pytest.Pytester) -> None:
+def test_autopilot_option_and_stack_command_exclude_each_other(tests: pytest.Pytester) -> None:
     result = tests.runpytest(*NAMED, "--rvads-sut=./stack")
     assert result.ret == pytest.ExitCode.USAGE_ERROR
     result.stderr.fnmatch_lines(["*rvads_sut and rvads_autopilot both say what drives, got *"])
 
 
-def test_what_nobody_chose_is_not_green(tests: pytest.Pytester) -> None:
+def test_default_driver_is_no_success(tests: pytest.Pytester) -> None:
     tests.makepyfile(test_it=TESTS.replace("duration=5", "duration=40"))
     result = tests.runpytest()
     result.assert_outcomes(passed=1)

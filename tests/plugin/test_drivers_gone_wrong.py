@@ -66,7 +66,7 @@ def test_after_three_runs_that_were_too_late_a_driver_is_not_asked_again(pyteste
         pytest.param("collections.deque(itertools.repeat(0), maxlen=0)", id="in C", marks=pytest.mark.slow),
     ],
 )
-def test_what_nothing_stops_costs_its_worker_and_that_is_accounted_for(pytester: pytest.Pytester, does: str) -> None:
+def test_unstoppable_driver_costs_its_worker_and_its_item(pytester: pytest.Pytester, does: str) -> None:
     odd, one, two = session(pytester, does, "--rvads-decision-limit=0.4", "-n1")
     assert (odd["status"], odd["outcome"]) == ("ERROR", "failed")
     assert "the worker process crashed" in odd["message"]
@@ -98,7 +98,7 @@ def test_pytests_own_timer_is_left_alone(pytester: pytest.Pytester) -> None:
         "return rvads.Control(10**400)",
     ],
 )
-def test_what_a_driver_does_is_an_error_of_its_own_items(pytester: pytest.Pytester, does: str) -> None:
+def test_driver_error_stays_within_its_items(pytester: pytest.Pytester, does: str) -> None:
     odd, one, two = session(pytester, does, "--junitxml=out.xml")
     assert (odd["status"], odd["outcome"]) == ("ERROR", "failed")
     assert "Odd driving a0" in odd["message"]
@@ -213,7 +213,7 @@ def test_a_diagnosis_that_fails_costs_no_more_than_itself(pytester: pytest.Pytes
     result.stdout.fnmatch_lines(["*no more can be told: SystemExit: no diagnosis*"])
 
 
-def test_the_error_of_a_run_is_that_of_all_its_rules_and_simulated_once(pytester: pytest.Pytester) -> None:
+def test_failed_run_is_simulated_once_for_all_rules(pytester: pytest.Pytester) -> None:
     pytester.makepyfile("""
         import pytest
         import pytest_rvads as rvads
@@ -269,7 +269,7 @@ def test_an_item_that_is_over_holds_no_run(pytester: pytest.Pytester) -> None:
 @pytest.mark.extended
 @pytest.mark.parametrize("name", ["label", "__qualname__", "autopilots", "control", "period"])
 @pytest.mark.parametrize("does", ["pytest.skip('not today')", "sys.exit(0)", "time.sleep(600)"])
-def test_what_an_attribute_does_is_an_error_of_the_driver(pytester: pytest.Pytester, name: str, does: str) -> None:
+def test_raising_attribute_is_an_error_of_the_driver(pytester: pytest.Pytester, name: str, does: str) -> None:
     pytester.makepyfile(f"""
         import sys, time
         import pytest
@@ -310,7 +310,7 @@ def test_what_an_attribute_does_is_an_error_of_the_driver(pytester: pytest.Pytes
 
 
 @pytest.mark.extended
-def test_who_is_late_in_one_test_is_asked_in_another(pytester: pytest.Pytester) -> None:
+def test_late_driver_is_asked_again_in_the_next_test(pytester: pytest.Pytester) -> None:
     pytester.makepyfile("""
         import time
         from functools import partial
@@ -344,7 +344,7 @@ def test_who_is_late_in_one_test_is_asked_in_another(pytester: pytest.Pytester) 
 
 
 @pytest.mark.extended
-def test_a_child_that_a_driver_forks_does_not_go_on_with_the_session(pytester: pytest.Pytester) -> None:
+def test_forked_child_of_a_driver_leaves_the_session(pytester: pytest.Pytester) -> None:
     pytester.makepyfile("""
         import os, sys
         import pytest

@@ -71,7 +71,7 @@ def green(passed: Path, pytester: pytest.Pytester) -> pytest.Pytester:
 
 @pytest.mark.extended
 @pytest.mark.parametrize("how", WAYS.values(), ids=WAYS)
-def test_a_process_that_ends_itself_leaves_reports_that_say_so(
+def test_dying_process_leaves_incomplete_reports(
     green: pytest.Pytester, how: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setenv("HOW", how)
@@ -151,7 +151,7 @@ def test_an_incomplete_report_is_no_baseline(green: pytest.Pytester, monkeypatch
 
 
 @pytest.mark.extended
-def test_sessions_that_write_the_same_files_at_once_write_them_whole(tests: pytest.Pytester) -> None:
+def test_concurrent_sessions_write_whole_files(tests: pytest.Pytester) -> None:
     command = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", "--rvads-keep=runs", *REPORTS]
     sessions = [subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) for _ in range(3)]
     for session in sessions:
@@ -215,7 +215,7 @@ def test_a_hook_that_wants_out_ends_no_session(tests: pytest.Pytester, raises: s
     result.stdout.fnmatch_lines(["stop4: *4 verdicts: 4 pass", "rvads: a hook pytest_rvads_verdict raised *"])
 
 
-def test_a_record_that_can_t_be_read_costs_one_item(tests: pytest.Pytester) -> None:
+def test_unreadable_record_costs_one_item(tests: pytest.Pytester) -> None:
     tests.makeconftest("""
         import pytest
 

@@ -100,7 +100,7 @@ def test_shards_merge_into_one_table(tests: pytest.Pytester, capsys: pytest.Capt
     assert "rvads: coverage is below 75 %: 4/8" in capsys.readouterr().err
 
 
-def test_merging_what_is_no_report(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_merge_refuses_files_without_a_report(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     other = tmp_path / "other.json"
     other.write_text(
         '{"format": "rvads-report", "version": 5, "records": [{"type": "simulated", "nodeid": 7}]}', encoding="utf-8"
@@ -115,7 +115,7 @@ def test_merging_what_is_no_report(tmp_path: Path, capsys: pytest.CaptureFixture
 
 
 @pytest.mark.extended
-def test_a_worker_that_dies_loses_one_item_and_says_so(pytester: pytest.Pytester) -> None:
+def test_dying_worker_loses_one_item(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(
         """
         import os

@@ -148,7 +148,7 @@ def tests(pytester: pytest.Pytester) -> None:
         (signal.SIGTERM, ("-n", "2")),
     ],
 )
-def test_who_is_asked_to_end_tells_what_is_known(start: Start, number: int, workers: tuple[str, ...]) -> None:
+def test_terminated_session_reports_its_records(start: Start, number: int, workers: tuple[str, ...]) -> None:
     session = start(*workers)
     processes = stuck(session, workers)
     session.send_signal(number)
@@ -189,7 +189,7 @@ def test_ctrl_c_again_does_not_keep_reports_from_being_written(
 @pytest.mark.extended
 @pytest.mark.usefixtures("tests")
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere workers are given some seconds to notice")
-def test_workers_end_with_the_main_process_whatever_they_are_at(start: Start) -> None:
+def test_workers_end_with_the_main_process(start: Start) -> None:
     workers = ("-n", "2")
     session = start(*workers, STUBBORN="workers")
     processes = stuck(session, workers)
@@ -231,7 +231,7 @@ def test_a_child_of_a_test_ends_by_sigterm_as_ever(pytester: pytest.Pytester) ->
 
 @pytest.mark.extended
 @pytest.mark.parametrize("workers", [(), pytest.param(("-n", "1"), marks=pytest.mark.slow)])
-def test_what_is_interrupted_while_it_collects_says_so(pytester: pytest.Pytester, workers: tuple[str, ...]) -> None:
+def test_interruption_of_the_collection_is_reported(pytester: pytest.Pytester, workers: tuple[str, ...]) -> None:
     pytester.makepyfile(test_it=TESTS, test_late="raise KeyboardInterrupt")
     result = pytester.runpytest_subprocess("--rvads-report=out.json", *workers, timeout=LONG)
     assert result.ret == pytest.ExitCode.INTERRUPTED
@@ -270,7 +270,7 @@ def test_artefacts_that_can_t_be_written_cost_no_verdict(pytester: pytest.Pytest
     assert result.ret == pytest.ExitCode.TESTS_FAILED
 
 
-def test_what_should_be_kept_and_is_not_is_no_success(pytester: pytest.Pytester) -> None:
+def test_failed_write_of_a_kept_run_is_no_success(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(test_it=TESTS)
     pytester.path.joinpath("file").write_text("in the way", encoding="utf-8")
     result = pytester.runpytest("-k", "class01", "--rvads-keep=file", "--rvads-autopilot=reference")
@@ -278,7 +278,7 @@ def test_what_should_be_kept_and_is_not_is_no_success(pytester: pytest.Pytester)
     assert result.ret == pytest.ExitCode.TESTS_FAILED
 
 
-def test_a_baseline_does_not_excuse_what_is_missing(pytester: pytest.Pytester) -> None:
+def test_baseline_does_not_excuse_missing_runs(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(test_it=TESTS)
     pytester.path.joinpath("file").write_text("in the way", encoding="utf-8")
     pytester.runpytest("-k", "class01", "--rvads-report=old.json")

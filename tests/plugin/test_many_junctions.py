@@ -96,12 +96,12 @@ def test_items_of_one_junction_are_selected_as_ever(collect: Collect) -> None:
         ('distances=20, cover="pairs", rules="no_collision"', ["20", "7", "5"]),  # 3 has 15 m
     ],
 )
-def test_a_junction_that_lacks_what_is_asked_for_is_left_out(collect: Collect, arguments: str, found: list[str]) -> None:
+def test_junction_without_the_requested_approach_is_left_out(collect: Collect, arguments: str, found: list[str]) -> None:
     assert junctions(collect(f'"*", map="town.xodr", {arguments}')) == [f"town.{id}" for id in found]
 
 
 @pytest.mark.extended
-def test_the_one_junction_that_is_named_raises_and_so_does_nothing_left(pytester: pytest.Pytester) -> None:
+def test_named_junction_and_empty_choice_are_errors(pytester: pytest.Pytester) -> None:
     for mark, says in (
         ('"7", map="town.xodr", classes=20', "a 3-way junction has classes 1..4, got 20"),
         ('"v3", map="town.xodr"', "junction 'v3' of map file * cannot be used: it is of type *"),
@@ -114,7 +114,7 @@ def test_the_one_junction_that_is_named_raises_and_so_does_nothing_left(pytester
         result.stdout.fnmatch_lines([f"test_*.py:3: test_*: {says}", "no tests collected, 1 error in *"])
 
 
-def test_a_limit_counts_junctions_that_have_what_is_asked_for(collect: Collect) -> None:
+def test_limit_counts_usable_junctions(collect: Collect) -> None:
     """Of the three with 20 m of approach one is drawn from each kind."""
     mark = '"*", map="town.xodr", distances=20, cover="pairs", rules="no_collision", limit={}'
     assert junctions(collect(mark.format(3))) == ["town.20", "town.7", "town.5"]
@@ -184,7 +184,7 @@ def test_a_sample_and_its_seed_are_whole_numbers(pytester: pytest.Pytester, opti
 
 
 @pytest.mark.parametrize("workers", [(), pytest.param(("-n", "2"), marks=pytest.mark.slow)])
-def test_what_did_not_run_is_told_and_counted(pytester: pytest.Pytester, workers: tuple[str, ...]) -> None:
+def test_undrawn_runs_and_refused_junctions_are_reported(pytester: pytest.Pytester, workers: tuple[str, ...]) -> None:
     pytester.makepyfile(
         TEST.format(
             arguments='"*", map="town.xodr", scenarios=("1133", "1111"), distances=13, rules=("progress", "no_collision")'
@@ -202,19 +202,19 @@ def test_what_did_not_run_is_told_and_counted(pytester: pytest.Pytester, workers
     told = [
         "1 junction left out: scenario '1133' names 4 entrances, the junction has 3: town.7",
         "1 junction left out: scenario '1133' names 4 entrances, the junction has 5: town.5",
-        "1 of 4 runs drawn, seed 4: test_what_did_not_run_is_told_and_counted.py::test_rules",
+        "1 of 4 runs drawn, seed 4: test_undrawn_runs_and_refused_junctions_are_reported.py::test_rules",
     ]
     result.stdout.fnmatch_lines(["1 junction left out: it is of type*town.v3", *told])
     report = json.loads((pytester.path / "r.json").read_text())
     assert [names for _, names in report["refused"].items()] == [["town.v3"], ["town.7"], ["town.5"]]
-    assert report["drawn"] == [["test_what_did_not_run_is_told_and_counted.py::test_rules", "runs", 1, 4, 4]]
+    assert report["drawn"] == [["test_undrawn_runs_and_refused_junctions_are_reported.py::test_rules", "runs", 1, 4, 4]]
     assert all(line in (pytester.path / "r.md").read_text().replace("\\", "") for line in told)
     assert [record["control"] for record in report["records"]] == ["stop", "stop"]
     assert {cell[0] for cell in report["planned"]} == {report["records"][0]["junction"]}, "what was not drawn is not planned"
 
 
 @pytest.mark.extended
-def test_what_is_not_drawn_is_not_lost_and_may_be_what_is_known(pytester: pytest.Pytester) -> None:
+def test_undrawn_item_is_outside_of_the_baseline(pytester: pytest.Pytester) -> None:
     known = """
     import pytest_rvads as rvads
 
@@ -249,7 +249,7 @@ def test_workers_send_what_did_not_run() -> None:
 
 
 @pytest.mark.extended
-def test_a_failure_of_a_sample_is_run_again_by_the_line_that_it_prints(pytester: pytest.Pytester) -> None:
+def test_rerun_line_of_a_sampled_failure_reproduces_the_failure(pytester: pytest.Pytester) -> None:
     alone = 'scenarios=("1000", "2000", "3000"), subject=0, distances=20, speeds=8, rules="full_stop"'
     pytester.makepyfile(TEST.format(arguments=f'["20", "3"], map="town.xodr", {alone}'))
     options = ("--rvads-autopilot=rolling_stop", "--rvads-sample=2", "--rvads-seed=5")
@@ -264,7 +264,7 @@ def test_a_failure_of_a_sample_is_run_again_by_the_line_that_it_prints(pytester:
 
 
 @pytest.mark.extended
-def test_the_line_below_a_cause_runs_an_item_that_was_drawn_from_more_than_a_test_may_have(pytester: pytest.Pytester) -> None:
+def test_rerun_line_below_a_cause_runs_a_drawn_item(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(TEST.format(arguments='"4-way stop", map="town.xodr", grid="BC", rules="p2"'))
     options = ("--rvads-max-items=20", "--rvads-sample=3", "--rvads-autopilot=lgsvl", "--rvads-seed=3", "-n0")
     failed = pytester.runpytest(*options)

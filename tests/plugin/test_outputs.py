@@ -88,6 +88,7 @@ def test_xdist_gives_the_same_verdicts_ids_and_hashes(folder: Path, on_workers: 
         result.stdout.fnmatch_lines(["nearest: time to collision 0.00 s (a? and a? in test_rules[[]stop4-class0*[]])*"])
 
 
+@pytest.mark.extended  # two workers; without workers: test_every_run_and_rule_is_an_item
 def test_junit_carries_the_cell_and_its_verdict(folder: Path, on_workers: pytest.RunResult) -> None:
     cases = list(ET.parse(folder / "two.xml").iter("testcase"))
     assert len(cases) == ITEMS

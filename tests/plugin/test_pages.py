@@ -179,9 +179,7 @@ def test_a_folder_elsewhere_is_named_by_the_command(
     assert not racing.exists()
 
 
-def test_runs_that_take_too_much_are_not_kept_and_that_is_told(
-    pytester: pytest.Pytester, racing: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_runs_beyond_the_room_are_not_kept(pytester: pytest.Pytester, racing: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(artefacts, "_MOST", 1)
     monkeypatch.setattr(artefacts, "_ROOM", 1)
     result = pytester.runpytest()
@@ -196,7 +194,7 @@ def test_a_run_that_can_t_be_kept_is_drawn(pytester: pytest.Pytester, racing: Pa
     assert (pytester.path / look.partition("#")[0]).exists()
 
 
-def test_a_session_that_is_killed_leaves_what_it_had(
+def test_killed_session_leaves_pages_and_runs(
     pytester: pytest.Pytester, racing: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     pytester.makepyfile(test_it=RACING + "\ndef test_end():\n    import os\n    os._exit(9)\n")
@@ -236,7 +234,7 @@ def test_how_many_stay_is_a_number_from_one(pytester: pytest.Pytester, count: st
     ],
     ids=["not ours", "collected only", "none", "deselected", "worker"],
 )
-def test_where_there_is_nothing_to_leave_there_is_no_folder(
+def test_session_without_failures_of_ours_leaves_no_folder(
     pytester: pytest.Pytester, content: str, options: tuple[str, ...]
 ) -> None:
     pytester.makepyfile(content)
@@ -249,7 +247,7 @@ def test_a_green_session_leaves_its_report(pytester: pytest.Pytester, racing: Pa
     assert {path.name for path in (racing / "1").iterdir()} == {"index.html", "report.json", ".session"}
 
 
-def test_hostile_ids_are_one_plain_file_and_one_word_of_the_shell(
+def test_hostile_ids_become_plain_file_names_and_quoted_words(
     pytester: pytest.Pytester, racing: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     names = [
@@ -332,7 +330,7 @@ def test_the_run_of_the_baseline_is_a_ghost(pytester: pytest.Pytester, racing: P
 
 
 @pytest.mark.slow  # a worker starts
-def test_a_worker_finds_it_too(pytester: pytest.Pytester, racing: Path) -> None:
+def test_worker_finds_the_run_of_the_baseline(pytester: pytest.Pytester, racing: Path) -> None:
     pytester.makeconftest("""
         from pathlib import Path
         from pytest_rvads import failure_page
@@ -352,7 +350,9 @@ def test_a_worker_finds_it_too(pytester: pytest.Pytester, racing: Path) -> None:
 
 
 @pytest.mark.parametrize("lost", ["not kept", "another run", "damaged", "the same", "elsewhere"])
-def test_without_that_run_there_is_none(pytester: pytest.Pytester, racing: Path, shown: list[Beside], lost: str) -> None:
+def test_ghost_requires_a_readable_run_of_the_baseline(
+    pytester: pytest.Pytester, racing: Path, shown: list[Beside], lost: str
+) -> None:
     chosen = ("-k", "class07 and full_stop")
     pytester.runpytest(*chosen, "--rvads-report=main.json", *([] if lost == "not kept" else ["--rvads-keep=kept"]))
     kept = next((pytester.path / "kept").iterdir()) if lost != "not kept" else None

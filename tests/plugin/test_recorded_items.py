@@ -150,7 +150,7 @@ def test_a_folder_holds_the_runs_below_it(pytester: pytest.Pytester, stops: rvad
     assert brackets(pytester.runpytest("--collect-only", "-q")) == ["own-p1"], "beside the test file counts first"
 
 
-def test_of_a_rulebook_what_the_junction_is_about_is_collected(
+def test_recordings_collect_the_applicable_rules_of_a_rulebook(
     pytester: pytest.Pytester, files: Path, drive: Make, brackets: Lines
 ) -> None:
     rvads.save_run(drive("light4", {0: (2, -10.0, [(0, 8.0)])}, 100), files / "wed.npz")
@@ -233,7 +233,7 @@ def test_a_file_that_can_t_be_read_is_an_error_of_its_own(pytester: pytest.Pytes
     result.stdout.no_fnmatch_line("*Traceback*")
 
 
-def test_traffic_that_never_came_near_is_an_error_that_says_so(
+def test_recording_without_near_traffic_is_an_error(
     pytester: pytest.Pytester, files: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(readers.READERS, ".jam", lambda _: jam("jam", ()))
@@ -244,7 +244,7 @@ def test_traffic_that_never_came_near_is_an_error_that_says_so(
     result.stdout.fnmatch_lines(["*quiet.jam: holds no run, so there is nothing to judge: nobody came near the junction*"])
 
 
-def test_busy_periods_are_judged_one_by_one(pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_busy_periods_are_separate_runs(pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch) -> None:
     """Four vehicles drive past the stop sign at 10 m/s, two and two: each pair breaks `full_stop` in a run of its own."""
     opened = []
 

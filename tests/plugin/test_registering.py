@@ -34,7 +34,7 @@ def test_what_a_test_file_registers_is_unknown_in_another(pytester: pytest.Pytes
         result.stdout.fnmatch_lines([f"*; *test_a.py:5 {told}"])
 
 
-def test_what_a_conftest_or_a_helper_registers_is_known_in_all(pytester: pytest.Pytester) -> None:
+def test_registrations_of_conftest_and_helpers_reach_every_file(pytester: pytest.Pytester) -> None:
     """A helper is imported once, by whichever file comes first."""
     helper = "rvads.rule('helped', 'forall a. F a@j')\n"
     importing = "import helper\n" + asks("['mine', 'helped']")
@@ -111,7 +111,7 @@ class TestAfter:
 """
 
 
-def test_what_a_test_registers_ends_with_it(pytester: pytest.Pytester) -> None:
+def test_registrations_of_a_test_end_with_the_test(pytester: pytest.Pytester) -> None:
     """What fixtures of its file register stays in the file, and what it imports for all."""
     after = "def test_elsewhere():\n    assert known() == ['everywhere', 'imported']\n"
     write(pytester, conftest=CONFTEST, lazy="rvads.rule('imported', 'forall a. F a@j')", test_a=BODIES, test_b=after)
@@ -125,7 +125,7 @@ def test_a_file_that_is_collected_for_its_examples_as_well_keeps_its_rules(pytes
     pytester.runpytest("-q", "--doctest-modules").assert_outcomes(passed=3)
 
 
-def test_a_file_knows_what_is_registered_for_all_after_it_was_collected(pytester: pytest.Pytester) -> None:
+def test_later_global_registrations_reach_collected_files(pytester: pytest.Pytester) -> None:
     helper = "rvads.rule('helped', 'forall a. F a@j')\n"
     test = "def test_knows():\n    assert known() == ['helped']\n"
     write(pytester, helper=helper, test_a=test, test_b=f"import helper\n{test}")
@@ -144,7 +144,7 @@ def test_asked(monitor):
 
 
 @pytest.mark.parametrize("made", ["rvads.rule", "rvads.Rule"])
-def test_what_tests_are_judged_by_has_one_meaning_per_name(pytester: pytest.Pytester, made: str) -> None:
+def test_rule_name_has_one_meaning_per_session(pytester: pytest.Pytester, made: str) -> None:
     """Reports would take both for one; what a test registers and nobody is judged by is its own affair."""
     test = f"""
 @pytest.mark.parametrize("text", ["F a@j", "F a@j", "G a@j"])
@@ -188,7 +188,7 @@ def test_what_a_fixture_registers_lives_as_long_as_its_scope(pytester: pytest.Py
     pytester.runpytest("-q").assert_outcomes(passed=6)
 
 
-def test_a_session_in_a_test_knows_nothing_of_the_test_and_its_file(pytester: pytest.Pytester) -> None:
+def test_inner_session_does_not_see_registrations_of_its_test(pytester: pytest.Pytester) -> None:
     inner = "def test_knows_nothing(pytester):\n    assert known() == ['mine']\n" + (
         "    pytester.makepyfile('from pytest_rvads.logic.rules.book import current_book\\n'\n"
         "        'def test_inner():\\n    assert current_book().own == ()')\n"
@@ -217,7 +217,7 @@ register()
 """
 
 
-def test_a_module_that_a_test_imports_registers_for_all_wherever_it_does(pytester: pytest.Pytester) -> None:
+def test_module_imported_in_a_test_registers_globally(pytester: pytest.Pytester) -> None:
     test = "def test_{}():\n    import lazy\n    assert known() == ['in_class', 'in_function']\n"
     write(pytester, lazy=LAZY, test_a=test.format("imports") + test.format("again"))
     pytester.runpytest("-q").assert_outcomes(passed=2)

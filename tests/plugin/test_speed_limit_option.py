@@ -61,7 +61,7 @@ def test_a_search_goes_by_the_limit_of_the_session(pytester: pytest.Pytester, ar
         result.stdout.fnmatch_lines(["E*RuleViolation: speed_limit at t=*"])
 
 
-def test_what_is_no_speed_is_refused_with_an_example(pytester: pytest.Pytester) -> None:
+def test_invalid_speed_limit_is_refused_with_an_example(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(TEST)
     result = pytester.runpytest("--rvads-speed-limit=fast")
     message = "rvads_speed_limit must be a speed above 0 such as 30mph, 50km/h or, in m/s, 13.9, got 'fast'"

@@ -22,7 +22,7 @@ EDITED = {
     "a rule": ["pytest_rvads/logic/rules/rulebooks.py", "tests/logic/test_road_rules.py", "docs/rules.md"],
     "a word": [
         "pytest_rvads/conduct/",
-        "tests/semantics/test_blocks.py",
+        "tests/conduct/test_blocks.py",
         "pytest_rvads/logic/rules/lexicon.py",
         "docs/rules.md",
     ],

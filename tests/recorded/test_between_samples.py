@@ -39,7 +39,7 @@ def sampled(lowest: float, at: float, hertz: int) -> Run:
 
 @pytest.mark.parametrize("hertz", [10, 25])
 @pytest.mark.parametrize("lowest", [-0.4, -0.05, 0.0, 0.05, 0.5, 2.0])
-def test_who_brakes_and_sets_off_between_two_samples_was_as_slow_as_it_was(lowest: float, hertz: int) -> None:
+def test_least_speed_between_samples_is_reconstructed(lowest: float, hertz: int) -> None:
     for shift in np.linspace(0.0, 0.1, 7):
         at = 5.0 + float(shift)
         run = sampled(lowest, at, hertz)

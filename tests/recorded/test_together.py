@@ -83,7 +83,7 @@ def test_excerpts_say_what_the_whole_recording_says(choices: Choices, later: int
 @pytest.mark.extended
 @LAW
 @given(traffic(), st.integers(50, 900))
-def test_nothing_is_lost_by_asking_only_who_is_near_together(choices: Choices, later: int) -> None:
+def test_vehicles_near_together_yield_every_violation(choices: Choices, later: int) -> None:
     runs = [driven(*choice) for choice in choices]
     starts = [later * number for number in range(len(runs))]
     few, all_present = strung(runs, starts), strung(runs, starts)
@@ -120,7 +120,7 @@ def vanishing(run: Run, **last: int) -> Run:
 
 
 @pytest.mark.parametrize("rule", ["p3", "first_come"])
-def test_who_vanishes_is_owed_nothing_any_more(make: Make, rule: str) -> None:
+def test_vanished_vehicle_is_owed_nothing(make: Make, rule: str) -> None:
     """a0 was there first; a1 enters after the recording of a0 has ended, or vanishes itself before it may go."""
     both = make("stop4", {0: (2, 0, None, None), 1: (2, 100, 300, 400)}, 500)
     assert check(both, rule).status is Status.FAIL
@@ -131,7 +131,7 @@ def test_who_vanishes_is_owed_nothing_any_more(make: Make, rule: str) -> None:
     assert check(vanishing(both, a0=350), rule).status is Status.FAIL  # it was there when a1 entered
 
 
-def test_who_vanishes_at_a_red_light_has_not_run_it(make: Make) -> None:
+def test_vanishing_at_a_red_light_is_no_violation(make: Make) -> None:
     red = {entrance: [(0, Colour.RED)] for entrance in range(4)}
     run = make("light4", {0: (2, 10, 100, 200)}, 300, red)
     assert check(run, "red").status is Status.FAIL
@@ -146,7 +146,7 @@ def test_timelines_stop_where_somebody_vanishes(make: Make) -> None:
     assert words == [["watching", "due"]]
 
 
-def test_who_appears_at_rest_behind_the_sign_has_not_stopped_there() -> None:
+def test_appearance_at_rest_is_no_full_stop() -> None:
     """As in a run that begins so: it may stand in a queue; it has stopped once it has driven and stands again."""
     run = driven("stop4", "2000", "reference", (8.0,) * 4)
     late = strung([run, run], [0, run.steps + 50])
@@ -164,7 +164,7 @@ def test_bodies_without_positions_are_not_judged(make: Make) -> None:
 
 
 @pytest.mark.parametrize(("dt", "status"), [(0.1, Status.FAIL), (0.01, Status.NA)])
-def test_who_jumps_over_the_entrance_zone_was_there(make: Make, dt: float, status: Status) -> None:
+def test_coarse_recording_over_the_entrance_zone_is_judged(make: Make, dt: float, status: Status) -> None:
     """In a tenth of a second a fast car passes the zone of 1 m; in a hundredth none does, and such a recording is damaged."""
     red = {entrance: [(0, Colour.RED)] for entrance in range(4)}
     run = replace(make("light4", {0: (2, 50, 50, 80)}, 100, red), dt=dt)
@@ -191,7 +191,7 @@ def test_coarse_sampling_is_told_once_for_all() -> None:
     assert ", as do 3 others: in 0.2 s that is more than the entrance zone of 1 m" in told
 
 
-def test_runs_of_one_junction_share_it(tmp_path: Path) -> None:
+def test_recorded_runs_share_their_junction(tmp_path: Path) -> None:
     """What is found out about a junction, where ways meet above all, is found out once for thousands of files."""
     run = driven("stop4", "1133", "racer", (8.0, 12.0, 16.0, 9.0))
     other = driven("light4", "2323", "racer", (8.0, 12.0, 16.0, 9.0))

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
@@ -62,7 +62,7 @@ def test_what_the_session_lets_pass_is_a_warning() -> None:
     assert understood(line)[0] == "warning"
 
 
-def test_nothing_is_said_where_nothing_failed() -> None:
+def test_passing_session_has_no_annotations() -> None:
     passed = replace(failed("one", "p1", "x"), outcome="passed")
     assert told(passed, ended=1) == []
 
@@ -70,7 +70,7 @@ def test_nothing_is_said_where_nothing_failed() -> None:
 @pytest.mark.parametrize(
     ("count", "last"), [(10, "cause 9"), (11, "2 more causes, of 2 items"), (25, "16 more causes, of 16 items")]
 )
-def test_there_are_ten_at_most_and_the_last_one_counts_the_rest(count: int, last: str) -> None:
+def test_at_most_ten_annotations_and_a_count_of_the_rest(count: int, last: str) -> None:
     lines = told(*(failed(f"run{n:02}", f"rule{n:02}", f"cause {n}") for n in range(count)))
     assert len(lines) == 10
     assert last in lines[-1]
@@ -84,6 +84,7 @@ def test_what_lies_outside_of_the_repository_has_no_file(file: str, workspace: s
     assert understood(line)[1] == {"title": "p1, 1 item"}
 
 
+@settings(max_examples=40)
 @given(HOSTILE, HOSTILE, HOSTILE)
 def test_no_text_ends_its_value_or_its_line(cause: str, rule: str, file: str) -> None:
     """Each line is one command with the properties that were meant; what was said comes out again, on its lines."""
@@ -117,20 +118,20 @@ def test_rules(run, rule, monitor):
 """
 
 
-@pytest.mark.parametrize("options", [(), ("-q",), ("--color=yes",)])
+@pytest.mark.parametrize("options", [(), ("-q", "--color=yes")])
 def test_a_session_prints_them_in_a_job_of_github(
     pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch, options: tuple[str, ...]
 ) -> None:
     monkeypatch.setenv("GITHUB_ACTIONS", "true")
     monkeypatch.setenv("GITHUB_WORKSPACE", str(pytester.path.parent))
     pytester.makepyfile(FAILING)
-    result = pytester.runpytest(*options)
+    result = pytester.runpytest("--rvads-artefacts=none", *options)
     (line,) = [line for line in result.outlines if line.startswith("::")]
     place = f"{pytester.path.name}/test_a_session_prints_them_in_a_job_of_github.py"
     assert understood(line)[1] == {"file": place, "line": "8", "title": "p3 (first come, first served), 1 item"}
 
 
-def test_nobody_else_sees_them(pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_annotations_require_github_actions(pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("GITHUB_ACTIONS", raising=False)
     pytester.makepyfile(FAILING)
-    assert not [line for line in pytester.runpytest().outlines if "::error" in line]
+    assert not [line for line in pytester.runpytest("--rvads-artefacts=none").outlines if "::error" in line]

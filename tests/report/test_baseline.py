@@ -152,11 +152,11 @@ def test_the_terminal_colours_what_changed(before: Any, now: Any, kind: str, sty
     assert f"\x1b[{style}m  {kind}" in summary(report, colour=True, width=100, unicode=True)
 
 
-def test_where_there_is_nothing_to_compare_it_says_so() -> None:
+def test_empty_comparison_says_nothing_to_compare() -> None:
     assert changes([], []).headline == "against old.json: nothing to compare"
 
 
-def test_what_the_session_has_no_record_of() -> None:
+def test_items_without_a_record_are_lost_or_outside() -> None:
     old = [record("a", "PASS"), record("b", "NA")]
     assert changes(old, []).count("OUTSIDE") == 2
     lost = changes(old, [], gone=True)

@@ -45,19 +45,19 @@ def report(*records: Record, planned: Any = PLANNED, **more: Any) -> Report:
     return Report(tuple(records), {4: (24, 81)}, planned, more.pop("versions", {"numpy": "2.0"}), **more)
 
 
-def test_a_cell_is_exercised_when_something_was_judged_in_it() -> None:
+def test_judged_verdict_exercises_its_cell() -> None:
     found = measure(report(record(1, "p1", "PASS"), record(1, "p2", "FAIL"), record(2, "p1", "NA"), record(2, "p2", "OPEN")))
     assert (found.planned, found.exercised, found.idle) == (4, 3, {"NA": 1})
     assert str(found) == "3/4 cells exercised (75.0 %): 1 NA"
 
 
-def test_what_exercises_nothing_is_said_why() -> None:
+def test_unexercised_cells_have_a_reason() -> None:
     found = measure(report(record(1, "p1", "ERROR"), record(1, "p2", "NOT RUN"), record(2, "p1", "NA")))
     assert found.exercised == 0
     assert found.idle == {"error": 1, "NA": 1, "not run": 1, "not selected": 1}
 
 
-def test_what_is_unsure_exercises_nothing_and_is_no_success() -> None:
+def test_unsure_verdict_exercises_no_cell() -> None:
     unsure = report(record(1, "p1", "UNSURE"), planned=())
     assert str(measure(unsure)) == "0/1 cells exercised (0.0 %): 1 unsure"
     assert merge([("one", unsure), ("two", unsure)]).exitstatus == 5, "nothing was judged"
@@ -89,7 +89,7 @@ def test_one_row_of_a_class_exercises_its_cell() -> None:
     assert measure(report(record(1, "p1", "NA"), record(1, "p1", "PASS", row=1), planned=PLANNED[:1])).percent == 100
 
 
-def test_what_only_the_traffic_was_asked_exercises_nothing() -> None:
+def test_provoked_verdict_exercises_no_cell() -> None:
     def among(traffic: str, seat: int, status: str, asked: bool) -> Record:
         made = record(1, "p1", "PASS")
         verdicts = [Verdict("", Status(status), "", provoked=status == "FAIL", asked=asked)]
@@ -149,7 +149,7 @@ STRANGERS = {
 
 
 @pytest.mark.parametrize(("one", "other", "here", "there", "says"), STRANGERS.values(), ids=STRANGERS)
-def test_reports_that_are_no_parts_of_one_session_are_not_merged(one: Any, other: Any, here: Any, there: Any, says: str) -> None:
+def test_reports_of_different_sessions_are_not_merged(one: Any, other: Any, here: Any, there: Any, says: str) -> None:
     first, second = structs.replace(record(1, "p1", "PASS"), **one), structs.replace(record(2, "p1", "PASS"), **other)
     with pytest.raises(RvadsError, match=f"^a and b are no parts of one session: {says}"):
         merge([("a", report(first, **here)), ("b", report(second, **there))])
@@ -166,7 +166,7 @@ def test_report_without_items_is_not_merged() -> None:
         merge([("a", report(record(1, "p1", "PASS"))), ("b", report())])
 
 
-def test_versions_that_differ_are_said() -> None:
+def test_merge_notes_different_versions() -> None:
     made = record(1, "p1", "PASS")
     one, other = (report(made, versions={"numpy": version, "python": "3.11"}) for version in ("2.0", "2.1"))
     whole = merge([("a", one), ("b", other)])
@@ -174,7 +174,7 @@ def test_versions_that_differ_are_said() -> None:
     assert whole.versions == {"numpy": "2.0, 2.1", "python": "3.11"}
 
 
-def test_the_merged_exit_status_is_that_of_one_session() -> None:
+def test_merged_exit_status_equals_that_of_one_session() -> None:
     good, bad, nothing = report(record(1, "p1", "PASS")), report(record(1, "p2", "FAIL")), report(record(2, "p1", "NA"))
     assert merge([("a", good)]).exitstatus == 0
     assert merge([("a", good), ("b", bad)]).exitstatus == 1
@@ -226,7 +226,7 @@ def test_partial_classes_are_cells_of_their_own() -> None:
     assert measure(runs).planned == 2
 
 
-def test_what_did_not_fit_is_told_like_what_could_not_stop() -> None:
+def test_left_out_points_and_scenarios_are_reported() -> None:
     lines = dropped(report(unfit={"t.py::a": 1}, left_out={"t.py::b": 2}))
     assert lines == [
         "2 points beyond v(d)max left out: 2 of t.py::b",
@@ -234,7 +234,7 @@ def test_what_did_not_fit_is_told_like_what_could_not_stop() -> None:
     ]
 
 
-def test_merged_sessions_tell_what_any_of_them_asked_for() -> None:
+def test_merge_joins_extents_and_left_out_points() -> None:
     lanes = Extent(turns=2, classes={"lanes": (3, 4, 4)})
     made = record(1, "p1", "PASS")
     whole = merge([("a", report(made, extents={"x": EXTENT}, unfit={"t": 1})), ("b", report(made, extents={"x": lanes}))])

@@ -22,7 +22,7 @@ def failed(**more: Any) -> Record:
     return conclude(record, [Verdict("full_stop", Status.FAIL, "", title="full stop", subject="a0")], "call", "failed")
 
 
-def test_what_is_known_is_told_in_order() -> None:
+def test_facts_of_a_failure_are_ordered() -> None:
     assert facts(failed(source="a.py 3fa29c01"), "from here", "pytest x") == (
         ("scenario", "from here"),
         ("driven by", "a.Racer (a.py 3fa29c01)"),

@@ -62,7 +62,7 @@ def test_ten_comes_after_nine(tmp_path: Path) -> None:
     assert names(tmp_path) == ["9", "10", "11"]
 
 
-def test_what_users_have_there_stays(tmp_path: Path) -> None:
+def test_files_of_users_stay_in_the_folder(tmp_path: Path) -> None:
     outside = tmp_path / "outside"
     outside.mkdir()
     (outside / "index.html").write_text("mine")
@@ -122,7 +122,7 @@ def test_without_links_there_are_numbers(tmp_path: Path, monkeypatch: pytest.Mon
     assert {path.name for path in tmp_path.iterdir()} == {"1", ".gitignore"}
 
 
-def test_what_may_be_running_is_not_removed_and_what_died_is(tmp_path: Path) -> None:
+def test_dead_sessions_are_removed_and_running_sessions_are_kept(tmp_path: Path) -> None:
     died = claimed(tmp_path, "a", KEEP)
     run_file(died, "0" * 64).parent.mkdir()
     ended(tmp_path, "b", keep=1)
@@ -157,7 +157,7 @@ def test_processes_race_too(tmp_path: Path) -> None:
     assert sorted(set(found)) == ["1", "2"]
 
 
-def test_who_died_while_making_one_is_not_waited_for_for_ever(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_dead_claim_of_a_folder_ends_the_wait(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(folders, "_PAUSE", 0.0)
     (tmp_path / ".a").mkdir()
     with pytest.raises(OSError, match="another process of this session began to make a folder there and did not end"):
@@ -171,7 +171,7 @@ def test_a_folder_that_can_t_be_made_is_told(tmp_path: Path) -> None:
         claimed(tmp_path / "file", "a", KEEP)
 
 
-def test_the_option_of_a_session_names_that_one_alone() -> None:
+def test_session_option_is_quoted_and_unique() -> None:
     assert option(Path(".rvads/12")) == "--session 12"
     assert option(Path("out/of the way/1")) == '--session "out/of the way/1"'
     assert option(Path(".rvads/latest")) == '--session ".rvads/latest"'

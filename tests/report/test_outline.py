@@ -305,7 +305,7 @@ def test_the_tables_have_a_row_with_all_columns_for_every_record() -> None:
         ]
 
 
-def test_a_known_failure_without_a_rule_is_a_failure_and_not_something_that_did_not_run() -> None:
+def test_known_failure_without_a_rule_is_a_failure() -> None:
     start = record(1, Outcome.NOT_RUN)
     assert conclude(start, [], "call", "skipped", known="I7: too slow", text="assert 3 < 1").status is Outcome.FAIL
     assert conclude(start, [], "call", "skipped", text="no camera here").status is Outcome.NOT_RUN
@@ -361,7 +361,7 @@ def test_a_damaged_report_names_the_place(tmp_path: Path, place: tuple[Any, ...]
     assert "\n" not in str(refused.value)
 
 
-def test_a_csv_is_one_table_whose_last_rows_are_about_the_session() -> None:
+def test_csv_is_one_table_with_session_rows_last() -> None:
     report = everything()
     header, *rows = csv.reader(written(".csv", report).splitlines())
     assert {len(row) for row in rows} == {len(header)}
@@ -399,7 +399,7 @@ def test_a_record_crosses_processes_as_builtins() -> None:
         assert content.keys() & {"unkept", "flaky", "look", "change"} == set(), "what there is none of is left out"
 
 
-def test_an_outcome_is_all_in_one_place() -> None:
+def test_every_outcome_has_severity_title_and_section() -> None:
     severities = [outcome.severity for outcome in Outcome.worst_first()]
     assert severities == sorted(set(severities))
     assert [outcome for outcome in Outcome if outcome.judges] == ["PASS", "FAIL", "OPEN"]

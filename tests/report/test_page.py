@@ -67,7 +67,7 @@ def contrast(one: str, other: str) -> float:
     return (light + 0.05) / (dark + 0.05)
 
 
-def test_contrast_is_that_of_the_guideline() -> None:
+def test_contrast_matches_the_wcag_formula() -> None:
     assert contrast("#000", "#ffffff") == pytest.approx(21)
     assert contrast("#767676", "#fff") == pytest.approx(4.54, abs=0.01), "the least grey that passes on white"
 
@@ -142,7 +142,7 @@ def test_the_page_of_a_session_names_it_in_commands(tmp_path: Path, monkeypatch:
         ("", "ERROR", "", False),
     ],
 )
-def test_what_has_a_run_and_no_replay_tells_how_to_draw_it(look: str, status: str, kept: str, command: bool) -> None:
+def test_item_without_a_replay_names_the_drawing_command(look: str, status: str, kept: str, command: bool) -> None:
     one = replace(record(1, "p1", status), look=look)
     (item,) = content(session(one, kept=kept))["items"]
     assert item["draw"] == (f'rvads replay "{one.nodeid}"' if command else "")
@@ -154,7 +154,7 @@ def test_what_has_a_run_and_no_replay_tells_how_to_draw_it(look: str, status: st
 
 
 @pytest.mark.parametrize("name", ["t.py::test[$(touch owned)]", "t.py::test[`id`]", 't.py::test["; id; "]', "t.py::test[a b!\\]"])
-def test_a_command_that_is_pasted_runs_nothing_of_a_name(name: str) -> None:
+def test_pasted_command_quotes_hostile_names(name: str) -> None:
     report = session(replace(record(1, "p1", "FAIL"), nodeid=name), comparison=Comparison("main.json", (Change("NEW", name),)))
     found = content(report)
     (item,), ((cause,), *_) = found["items"], [block["causes"] for block in found["causes"]]

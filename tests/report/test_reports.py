@@ -100,7 +100,7 @@ def texts(matrix: Matrix) -> tuple[Any, ...]:
     return tuple((label, tuple(entry.text for entry in entries)) for label, entries in matrix.rows)
 
 
-def test_a_matrix_that_nobody_could_read_is_none() -> None:
+def test_huge_matrix_becomes_sums() -> None:
     """Six thousand classes, each with a configuration of its own, would be 36 million entries."""
     records = tuple(record(number, f"c{number}", "p1", "PASS") for number in range(6000))
     (matrix,) = matrices(records)
@@ -206,7 +206,7 @@ def recorded(name: str, rule: str, status: str) -> Record:
     return replace(planned_record(f"t.py::test[{name}-{rule}]", 3, "test", keys, 4), status=Outcome(status), outcome="passed")
 
 
-def test_of_what_was_recorded_no_scenario_is_told() -> None:
+def test_properties_of_a_recording_name_no_scenario() -> None:
     told = {"junction": "stop4", "recording": "drive17-t0312.4", "rule": "p1", "verdict": "PASS"}
     assert dict(properties(recorded("drive17-t0312.4", "p1", "PASS"))) == told
 
@@ -221,7 +221,7 @@ def test_recordings_with_the_same_verdicts_are_a_row() -> None:
     assert matrix.shortened(1).members == (("d3",),), "what went wrong first"
 
 
-def test_what_is_unsure_is_listed_with_what_it_hangs_on() -> None:
+def test_unsure_causes_name_their_reasons() -> None:
     def unsure(name: str, *hangs: str, reason: str = "") -> Record:
         instances = tuple(InstanceVerdict((("a", f"v{n}"),), Status.UNSURE, hangs=text) for n, text in enumerate(hangs))
         verdict = Verdict("", Status.UNSURE, "", instances=instances, reason=reason)
@@ -285,7 +285,7 @@ HOSTILE = {
 
 
 @pytest.mark.parametrize("text", HOSTILE)
-def test_markdown_shows_texts_as_they_are_and_takes_nothing_from_them(text: str) -> None:
+def test_markdown_escapes_texts(text: str) -> None:
     (line,) = (line for line in markdown(Report((), versions={text: "1"})).splitlines() if line.startswith("- versions: "))
     assert line == f"- versions: {HOSTILE[text]} 1"
     (rendered,) = (token for token in MarkdownIt().parse(line) if token.type == "inline")
@@ -300,7 +300,7 @@ def test_a_line_that_would_begin_a_block_does_not() -> None:
     assert [line for line in text.splitlines() if line[:3] in ("- #", "- [", "- -", "- >")] == []
 
 
-def test_spans_of_code_hold_what_they_can() -> None:
+def test_code_spans_are_quoted() -> None:
     def examples(nodeid: str) -> list[str]:
         one = replace(record(1, "C", "p1", "FAIL"), nodeid=nodeid)
         rows = (row.split(" | ") for row in markdown(Report((one,), TOTALS)).splitlines() if row.startswith("| 1 "))
@@ -476,7 +476,7 @@ def test_slow_runs_are_told_where_they_matter() -> None:
     assert quick == slow, "how fast a machine is, is no difference between reports"
 
 
-def test_rules_of_one_start_on_two_runs_are_flaky_and_others_are_not() -> None:
+def test_rules_of_one_start_on_two_runs_are_flaky() -> None:
     start = [replace(record(1, "C", rule, "PASS"), run="start") for rule in ("p1", "p2", "p3")]
     other, error = replace(start[1], hash="another"), replace(start[2], hash="another", status=Outcome.ERROR, outcome="failed")
     assert [found.status for found in steady(start)] == ["PASS"] * 3

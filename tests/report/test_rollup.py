@@ -149,7 +149,7 @@ def test_causes_say_at_how_many_junctions_where_sums_stand_for_tables() -> None:
         assert [block.causes[0].line for block in blocks if isinstance(block, Causes)] == [line]
 
 
-def test_lines_of_junctions_are_those_of_the_worst() -> None:
+def test_roll_up_lists_the_worst_junctions() -> None:
     figures = outline(Report(tuple(town(9, wrong=[(7, 1), (3, 2)]))))[-1]
     assert isinstance(figures, Figures)
     lines = [line.partition(":")[0] for line in figures.lines if re.match(r"J\d|\.\.\.", line)]
@@ -168,7 +168,7 @@ def test_of_few_junctions_no_line_is_left_out_where_runs_were_recorded_there_too
     assert sum(bool(re.match(r"J\d", line)) for line in figures.lines) == 8
 
 
-def test_a_run_that_ended_in_an_error_is_one_whatever_rules_would_have_judged_it() -> None:
+def test_failed_run_of_several_rules_counts_once() -> None:
     broken = [
         replace(record("J9", 1, rule, "FAIL"), hash=None, status=Outcome.ERROR, message="ValueError: no gap")
         for rule in ("p1", "p2")
@@ -179,7 +179,7 @@ def test_a_run_that_ended_in_an_error_is_one_whatever_rules_would_have_judged_it
     assert [(cause.count, cause.runs) for block in blocks if isinstance(block, Causes) for cause in block.causes] == [(2, 1)]
 
 
-def test_verdicts_that_are_too_many_for_tables_are_told_in_sums(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_too_many_verdicts_become_sums(monkeypatch: pytest.MonkeyPatch) -> None:
     records = tuple(town(1, 6))
     monkeypatch.setattr(matrix, "_MOST", 12)
     assert Verdicts in map(type, outline(Report(records)))
@@ -249,7 +249,7 @@ def test_a_summary_keeps_to_a_screen_or_two_whatever_grows(what: str, width: int
 
 
 @pytest.mark.parametrize("what", GROWN)
-def test_what_markdown_does_not_fold_keeps_to_some_screens_whatever_grows(what: str) -> None:
+def test_unfolded_markdown_has_less_than_130_lines(what: str) -> None:
     unfolded, folds = markdown(GROWN[what]), 1
     while folds:  # some are within others
         unfolded, folds = re.subn(r"<details>(?:(?!<details>).)*?</details>", "", unfolded, flags=re.DOTALL)
@@ -287,7 +287,7 @@ def test_records_without_a_test_have_a_junction_for_a_title() -> None:
 
 
 @pytest.mark.parametrize("form", [".md", ".html", ".json", ".csv", "terminal"])
-def test_the_command_that_runs_an_item_again_is_that_of_the_report(form: str) -> None:
+def test_rerun_command_is_that_of_the_report(form: str) -> None:
     report = Report(tuple(town(2, wrong=[(1, 1)])), again="rvads town T.xodr --only")
     text = told(report) if form == "terminal" else written(form, report)
     assert "rvads town T.xodr --only" in text
@@ -299,7 +299,7 @@ def content(report: Report) -> Any:
     return json.loads(data)
 
 
-def test_a_page_has_what_went_wrong_of_more_items_than_it_can_hold(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_full_page_holds_failures_first(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("pytest_rvads.report.page._ITEMS", 500)
     wrong = [(j, run) for j in range(1, 31) for run in (1, 2)]
     known = [record("J1", run, "p1", "FAIL", known="I3: order") for run in range(6, 506)]
@@ -355,7 +355,7 @@ def test_an_outline_takes_one_pass() -> None:
 
 
 @pytest.mark.parametrize("form", [*FORMATS, "terminal"])
-def test_records_that_come_one_by_one_say_what_a_tuple_says(form: str) -> None:
+def test_streamed_records_render_like_a_tuple(form: str) -> None:
     lazy, whole = Report(Stream(200)), Report(tuple(Stream(200)))
     if form == "terminal":
         assert told(lazy) == told(whole)
@@ -435,7 +435,7 @@ def test_a_cause_counts_all_and_keeps_the_ids_of_the_first_thousand() -> None:
     assert (cause.count, cause.runs, len(cause.nodeids), cause.nodeids[0]) == (1200, 1200, 1000, cause.example)
 
 
-def test_reasons_beyond_a_thousand_are_told_as_one() -> None:
+def test_reasons_beyond_a_thousand_share_a_cause() -> None:
     records = [replace(record("J1", run, "p1", "NA"), message=f"nobody within {run} m") for run in range(1100)]
     causes = found_by(triage.idle(), records)
     assert (len(causes), causes[0].text, causes[0].count) == (1001, "something else than the 1,000 causes told apart", 100)
@@ -462,7 +462,7 @@ def test_causes_and_coverage_do_not_depend_on_what_comes_between_the_records_of_
     assert str(measure(Report(tuple(records)))) == "12/12 cells exercised (100.0 %)"
 
 
-def test_a_stack_that_drives_several_vehicles_made_one_run() -> None:
+def test_stack_with_several_vehicles_counts_one_run() -> None:
     took = Computing(stack="stack ./mine", decisions=50, compute=0.5, longest=0.02)
     report = Report((replace(record("J1", 1, "p1", "PASS"), timing={"a0": took, "a1": took}),))
     assert "stack ./mine: 100 decisions in 1 run, 10 ms each, 20 ms the longest" in told(report, 120)

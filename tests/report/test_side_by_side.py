@@ -48,7 +48,7 @@ def told(found: SideBySide, most: int | None = None) -> dict[str, tuple[str, ...
     return {section.title: section.lines for section in sections(found, most)}
 
 
-def test_cells_that_differ_are_told_and_nothing_else() -> None:
+def test_side_by_side_shows_differing_cells_only() -> None:
     a = report(*(record(cls, "PASS", cfg=cfg) for cls in (1, 2, 3) for cfg in "CE"), record(1, "NA", rule="p2"))
     b = report(
         *(record(cls, "FAIL" if cls > 1 else "PASS", cfg=cfg) for cls in (1, 2, 3) for cfg in "CE"), record(1, "NA", rule="p2")
@@ -125,7 +125,7 @@ def test_versions_have_rows_of_their_own() -> None:
     assert told(beside(a, b))["stop4   t.py::test: 2 of 4 cells differ"] == ("v2, class 01-02, p1: pass -> OPEN (C)",)
 
 
-def test_causes_are_matched_by_what_they_say() -> None:
+def test_side_by_side_matches_causes_by_text() -> None:
     a = report(record(1, "FAIL"), record(2, "FAIL", cause="gone"), record(3, "FAIL", cause="late by 3.5 s"))
     b = report(record(1, "FAIL"), record(2, "FAIL", cause="here"), record(3, "FAIL", cause="late by 7 s"), record(4, "FAIL"))
     said = told(beside(a, b))["causes of failures"]
@@ -145,7 +145,7 @@ def test_sessions_of_other_tests_can_not_be_compared() -> None:
         beside(report(), report())
 
 
-def test_what_is_too_much_for_tables_is_listed() -> None:
+def test_too_many_differences_become_a_list() -> None:
     many = [record(cls, "PASS", cfg=f"c{cls}") for cls in range(1, 300)]
     found = beside(report(*many), report(*many[1:], record(1, "FAIL", cfg="c1")))
     assert told(found)["verdicts"] == ("too many for tables: the changes name the items",)
@@ -158,7 +158,7 @@ def hostile() -> SideBySide:
     return side_by_side((HOSTILE, a), (HOSTILE, report(made, versions={HOSTILE: "2"})), 0.5)
 
 
-def test_nothing_in_a_page_or_a_table_is_taken_for_markup(tmp_path: Path) -> None:
+def test_pages_and_tables_escape_markup(tmp_path: Path) -> None:
     for ending in ("html", "md", "json"):
         save(tmp_path / f"out.{ending}", hostile())
     page, markdown, content = ((tmp_path / f"out.{ending}").read_text(encoding="utf-8") for ending in ("html", "md", "json"))
@@ -210,7 +210,7 @@ def test_json_is_for_programs(tmp_path: Path) -> None:
     assert [(cause["where"], cause["a"], cause["b"]) for cause in found["causes"]] == [("only in B", 0, 1)]
 
 
-def test_a_file_has_an_ending_that_is_known(tmp_path: Path) -> None:
+def test_unknown_ending_of_a_comparison_is_refused(tmp_path: Path) -> None:
     with pytest.raises(RvadsError, match=r"a report is a \.json, .*, \.xml file, got '.*out\.txt'"):
         save(tmp_path / "out.txt", hostile())
 

@@ -156,7 +156,7 @@ def test_labels_of_any_length_are_whole_in_every_block() -> None:
         assert not words(labels) - words(said)
 
 
-def test_causes_come_last_and_first_items_are_named_for_who_folds_others() -> None:
+def test_causes_come_last_with_their_first_items() -> None:
     report = Report((record(1, "p1", "FAIL"), record(2, "p1", "FAIL"), record(3, "p2", "OPEN"), record(4, "p2", "PASS")))
     found = told(report)
     assert found.examples == ("t.py::test[class01-p1]", "t.py::test[class03-p2]")
@@ -166,7 +166,7 @@ def test_causes_come_last_and_first_items_are_named_for_who_folds_others() -> No
     assert whole.endswith(found.causes)
 
 
-def test_what_provoked_or_could_not_be_avoided_has_a_command_to_paste_too() -> None:
+def test_provoked_and_unavoidable_causes_have_a_command() -> None:
     records = record(1, "p1", "FAIL", provoked=True), record(2, "p1", "FAIL", unavoidable=True)
     text = told(Report(records, again="pytest --rvads-map=a.xodr"), 40).causes
     assert [line for line in text.splitlines() if "first: " in line] == [
@@ -193,7 +193,7 @@ def test_the_head_tells_what_drove_and_totals_once() -> None:
     assert whole == ["began 2026-01-01T12:00:00+00:00", "command: pytest -q", "1 verdict on 1 run: 1 pass", "exit status 1"]
 
 
-def test_words_of_tables_that_need_it_are_explained_once() -> None:
+def test_legend_explains_words_of_tables_once() -> None:
     text = told(Report((record(1, "p1", "PASS"),))).verdicts
     assert "did not apply" not in text
     text = told(Report((record(1, "p1", "PASS"), record(2, "p1", "NA"), record(3, "p1", "NA", "other")))).verdicts
@@ -224,6 +224,6 @@ def test_a_cause_names_the_rule_in_words() -> None:
     assert "1 x arrives (everybody gets in): still owed at the end of the run: everybody" in told(Report((owed,)), 200).causes
 
 
-def test_nothing_is_said_to_be_one_things() -> None:
+def test_counts_of_one_are_singular() -> None:
     text = summary(Report((record(1, "p1", "FAIL"),), {4: (24, 81)}), colour=False, width=80, unicode=False, full=True)
     assert not re.findall(r"\b1 (?:\w+ )?(?:runs|verdicts|items|classes|junctions|failures|tables|rows|columns)\b", text)

@@ -155,7 +155,7 @@ def test_a_crash_explains_the_obligations_of_bystanders_that_the_end_of_the_run_
     assert cause.rules == ("no_collision", "red", "left_yields")
 
 
-def test_one_fault_of_two_vehicles_in_one_run_is_one_cause() -> None:
+def test_fault_of_two_vehicles_in_a_run_is_one_cause() -> None:
     (cause,) = causes(
         [failed("one", rule, "not stopped", time, **by("a0", "a2")) for rule, time in (("full_stop", 3.0), ("p1", 4.0))]
     )
@@ -213,7 +213,7 @@ def test_many_rules_are_counted() -> None:
     assert cause.rule == "p0, p1, p2 and 2 more"
 
 
-def test_one_fault_is_one_cause_whatever_rules_would_have_judged_it() -> None:
+def test_fault_of_a_run_is_one_cause_over_rules() -> None:
     found = []
     for run, rule in (("one", "p1"), ("one", "p2"), ("two", "p3")):
         record = failed(run, rule, "", None)
@@ -231,7 +231,7 @@ def test_messages_are_alike_up_to_their_numbers() -> None:
     assert [(c.text, c.count) for c in found] == [("a2 raised at t=1.25 s", 2), ("no sensor", 1)]
 
 
-def test_one_crash_is_one_cause_wherever_its_message_differs_by_run() -> None:
+def test_crash_is_one_cause_over_runs() -> None:
     def crash(run: str, rule: str, text: str) -> Record:
         return replace(conclude(failed(run, rule, "", None), (), "call", "failed", text=text, error=Outcome.ERROR), hash=None)
 
@@ -251,7 +251,7 @@ def test_chance_is_one_cause_over_all_rules() -> None:
     assert (cause.rule, cause.text) == ("p1, p2", "not deterministic: the same start gave another run")
 
 
-def test_a_cause_says_in_words_what_is_owed_and_which_rule_it_is() -> None:
+def test_cause_names_obligation_and_rule() -> None:
     open_ = {"status": Status.OPEN, "title": "everybody gets into the junction"}
     (cause,) = causes([replace_status(failed("one", "arrives", "open: everybody gets into the junction", 1.0, **open_))])
     assert cause.text == "still owed at the end of the run: everybody gets into the junction"
@@ -260,7 +260,7 @@ def test_a_cause_says_in_words_what_is_owed_and_which_rule_it_is() -> None:
     assert first.rule == "p2 (two), p1", "the title is that of what broke first"
 
 
-def test_an_obligation_that_is_open_is_told_in_words() -> None:
+def test_open_obligation_is_named_in_words() -> None:
     place = rvads.find("stop4")
     run = rvads.simulate(rvads.Case(rvads.Scenario(place, "1133", distance=20.0, duration=0.5), rvads.Reference))
     text = "forall a. F a@j"
@@ -295,7 +295,7 @@ def passed(variant: str, test: str = "t.py::test") -> Record:
     ],
     ids=["some", "counted", "all", "some classes of all", "a test without variants", "none", "many"],
 )
-def test_a_cause_says_which_variants_it_concerns_where_not_all(broken: Sequence[str], kept: Sequence[str], told: str) -> None:
+def test_cause_names_its_variants(broken: Sequence[str], kept: Sequence[str], told: str) -> None:
     (cause,) = causes([*map(in_variant, broken), *map(passed, kept)])
     assert cause.line == f"both in{f', in {len(broken)} runs' if len(broken) > 1 else ''}{told}"
 
@@ -311,7 +311,7 @@ def test_variants_that_drive_alike_are_all_told() -> None:
     assert (cause.runs, cause.variants) == (1, ("v1", "v2"))
 
 
-def test_what_is_no_failure_says_its_variants_too() -> None:
+def test_known_cause_names_its_variants() -> None:
     found = triage.known()
     for record in (replace(in_variant("v1"), known="I3"), passed("v2")):
         found.add(record)

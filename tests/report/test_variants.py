@@ -52,7 +52,7 @@ def test_every_verdict_can_be_read_back(verdicts: dict[tuple[str, int, str, str]
     assert len({(variant, entries) for variant, (_, entries) in zip(seen, found.rows, strict=True)}) == len(found.rows)
 
 
-def test_versions_are_counted_and_only_rows_of_one_are_merged() -> None:
+def test_rows_of_one_version_are_merged() -> None:
     found = matrix(record(variant, cls) for variant in ("v10", "v9") for cls in (1, 2, 4))
     assert [label for label, _ in found.rows] == ["v9  01-02, 04", "v10  01-02, 04"]
     assert found.members == (("v9 1", "v9 2", "v9 4"), ("v10 1", "v10 2", "v10 4"))
@@ -98,11 +98,11 @@ def test_a_page_finds_the_items_of_a_row() -> None:
     assert content.count('"v1 1"') == content.count('"v2 1"') == 2, "an item and a row"
 
 
-def test_coverage_is_of_what_was_driven_through_whoever_drove() -> None:
+def test_coverage_cell_is_independent_of_the_variant() -> None:
     """Like two tests of one situation, two versions exercise one cell."""
     assert cell_of(record("v1", 1)) == cell_of(record("v2", 1))
 
 
-def test_properties_tell_a_variant_where_there_is_one() -> None:
+def test_properties_name_the_variant() -> None:
     assert ("variant", "v1") in properties(record("v1", 1))
     assert "variant" not in dict(properties(record("", 1)))

@@ -65,7 +65,7 @@ def test_traffic_needs_a_subject() -> None:
         Scenario("stop4", "1133")  # type: ignore[arg-type]
 
 
-def test_every_agent_has_the_body_that_the_fleet_gives_it(tmp_path: Path) -> None:
+def test_vehicles_have_the_bodies_of_the_fleet(tmp_path: Path) -> None:
     case = Case(Scenario(find("stop4"), "2020", distance=15.0), Reference, fleet=Fleet(others={"a2": TRUCK}))
     run = simulate(case)
     assert [(agent.kind, agent.size) for agent in run.agents] == [("car", (4.6, 1.86)), ("truck", (12.0, 2.5))]
@@ -117,13 +117,13 @@ MISTAKES: dict[str, tuple[Callable[[Any], object], str]] = {
 
 
 @pytest.mark.parametrize("mistake", MISTAKES)
-def test_what_is_of_another_kind_is_refused_where_it_is_passed(mistake: str) -> None:
+def test_arguments_of_wrong_type_are_refused(mistake: str) -> None:
     wrong, says = MISTAKES[mistake]
     with pytest.raises(rvads.RvadsError, match=says):
         wrong(rvads)
 
 
-def test_a_rule_that_is_none_is_refused() -> None:
+def test_rule_argument_must_be_a_rule() -> None:
     run = simulate(Case(Scenario(find("stop4"), "1000", duration=0.1), Reference))
     with pytest.raises(rvads.FormulaError, match="a rule is a Rule or the name of one, such as 'p1', got 3"):
         rvads.check(run, 3)  # type: ignore[arg-type]

@@ -102,7 +102,7 @@ def test_wrong_directions_say_what_is_expected(directions: Any, says: str) -> No
         ("1a11", "direction 10 is none of entrance 1 of junction 'stop4'"),
     ],
 )
-def test_what_a_junction_does_not_have_is_told_with_what_it_has(directions: str, says: str) -> None:
+def test_missing_movements_are_refused_with_the_existing_movements(directions: str, says: str) -> None:
     with pytest.raises(ScenarioError, match=says):
         Scenario(find("stop4"), directions)
 

@@ -138,7 +138,7 @@ def test_starts_on_approaches_that_converge_are_refused_where_bodies_touch_in_an
     assert 5 < sum(refused) < len(refused) - 5
 
 
-def test_followers_on_approaches_that_converge_are_refused_where_they_touch() -> None:
+def test_followers_on_converging_approaches_must_not_overlap() -> None:
     apart = scenario(10.0, 15.0, place=MERGE)
     assert refusal(apart) == ""
     assert refusal(apart.but(followers=1)).startswith(

@@ -9,7 +9,7 @@ from pytest_rvads.maps.control import JunctionControl
 from pytest_rvads.scenarios.configurations import configuration, explicit, grid, outside, probe
 
 
-def test_the_letters_are_those_of_the_papers_tables() -> None:
+def test_letters_of_configurations_match_the_paper() -> None:
     # Column heads of the two tables of the paper (distance; speed).
     heads = {
         "A": ((0.01,) * 4, 0), "B": ((0.3,) * 4, 0), "C": ((20,) * 4, 0), "D": ((20,) * 4, 10), "E": ((0.3, 0.3, 20, 20), 0),
@@ -77,7 +77,7 @@ def test_unknown_configuration_and_empty_grid() -> None:
         grid((), 4, JunctionControl.STOP)
 
 
-def test_probes_say_what_they_probe() -> None:
+def test_probe_names_vehicle_speed_and_limit() -> None:
     (fast,) = explicit((20.0, 1.0, 20.0, 20.0), 4.0, 4)
     assert probe(fast, lambda distance: 2.0 * distance) == (
         "a deliberate probe: at 4 m/s nobody stops within 1 m, v(d)max is 2.00 m/s"

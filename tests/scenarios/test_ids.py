@@ -44,7 +44,7 @@ def test_letters_are_the_configurations_of_the_paper() -> None:
     assert from_id("stop4-class07-as1133-cfgE").distances == (0.3, 0.3, 20.0, 20.0)
 
 
-def test_junctions_of_files_are_found_by_what_ids_call_them(tmp_path: Path) -> None:
+def test_id_finds_the_junction_of_a_file(tmp_path: Path) -> None:
     path = tmp_path / "my town.xodr"
     path.write_text(opendrive(Layout()), encoding="utf-8")
     scenario = rvads.Scenario(rvads.find("1", path), "1133")
@@ -70,7 +70,7 @@ def test_junctions_of_files_are_found_by_what_ids_call_them(tmp_path: Path) -> N
         ("nowhere4-class07-as1133-cfgD", "unknown junction 'nowhere4'"),
     ],
 )
-def test_what_is_no_id_is_told(id: str, message: str) -> None:
+def test_invalid_id_is_refused(id: str, message: str) -> None:
     with pytest.raises(RvadsError, match=message):
         from_id(id)
 
@@ -83,7 +83,7 @@ def test_what_is_no_id_is_told(id: str, message: str) -> None:
         ({"aggression": 7}, "here: aggression must be 1, 2 or 3"),
     ],
 )
-def test_what_is_no_record_is_told(change: dict[str, object], message: str) -> None:
+def test_invalid_record_is_refused(change: dict[str, object], message: str) -> None:
     record = rvads.Scenario(PLACE, "1133").record()
     with pytest.raises(ScenarioError, match=message):
         recalled(record | change, PLACE, "here")

@@ -13,7 +13,7 @@ from pytest_rvads.runs.states import Colour
 from pytest_rvads.scenarios.scenario import Scenario
 
 
-def test_the_name_is_the_one_of_the_architecture() -> None:
+def test_name_has_junction_class_directions_and_configuration() -> None:
     # `stop4-class07-as3113-cfgD.r1` stands in `scenarios/ids.py` as row 1 of class 7.
     made = Scenario(find("stop4"), "1133", distance=20, speed=10, configuration="D", rotation=1)
     assert made.name == "stop4-class07-as3113-cfgD.r1"

@@ -41,7 +41,9 @@ def test_81_classes_in_an_x_and_8_in_a_t() -> None:
 @pytest.mark.parametrize("subject", [0, 2, "all"])
 @pytest.mark.parametrize("cover", ["class", "scenario", "rotation"])
 @pytest.mark.parametrize("numbers", [None, (1, 7, 8)])
-def test_count_is_what_is_listed(subject: int | str, cover: str, numbers: tuple[int, ...] | None) -> None:
+def test_count_of_seats_equals_the_length_of_the_selection(
+    subject: int | str, cover: str, numbers: tuple[int, ...] | None
+) -> None:
     selection = Selection(PLACES[4], C[4], classes=numbers, cover=cover, subject=subject)
     listed = list(selection)
     assert selection.count() == len(listed) == len(set(listed))
@@ -71,6 +73,6 @@ def test_a_named_scenario_stays_as_named() -> None:
         ({"classes": (24, 25)}, "a 4-way junction has classes 1..24, got 25"),
     ],
 )
-def test_what_the_junction_does_not_have_is_refused(asked: dict[str, Any], says: str) -> None:
+def test_missing_entrances_and_classes_are_refused(asked: dict[str, Any], says: str) -> None:
     with pytest.raises(ScenarioError, match=says):
         Selection(PLACES[4], C[4], **asked)

@@ -28,7 +28,7 @@ def staggered(place: Junction, *names: str, **asked: Any) -> list[Scenario]:
 
 
 @pytest.mark.parametrize("name", OFFSETS)
-def test_subject_starts_at_one_distance_and_the_others_at_several(name: str) -> None:
+def test_staggered_grid_varies_the_starts_of_traffic_only(name: str) -> None:
     own, others = OFFSETS[name]
     place, count = rvads.find(name), len(rvads.find(name).entrances)
     scenarios = staggered(place, cover="rotation")
@@ -76,7 +76,7 @@ def test_short_approaches_take_the_nearest_start_that_fits() -> None:
     assert point.around(1, [14.2, 200.0, 4.0]).distances == (14.0, 20.0, 10.0)  # 4 m are too short for everybody
 
 
-def test_others_start_nearer_by_as_much_as_the_subject_does() -> None:
+def test_traffic_keeps_its_offsets_if_the_subject_starts_nearer() -> None:
     early, late = grid(("S21", "S46"), 4, rvads.find("stop4").control)
     assert early.around(2, [90.0, 90.0, 31.5, 90.0]).distances == (16.0, 16.0, 31.0, 16.0)
     assert late.around(2, [90.0, 90.0, 31.5, 90.0]).distances == (41.0, 41.0, 31.0, 41.0)

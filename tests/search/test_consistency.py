@@ -126,7 +126,7 @@ def test_a_whole_rulebook_is_decided() -> None:
     assert decide(model("stop4", (2, 2, 2, 2), (0, 0, 0, 60)), road).possible
 
 
-def test_what_suits_every_rule_in_one_way_changes_no_answer(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_settled_predicates_change_no_answer(monkeypatch: pytest.MonkeyPatch) -> None:
     suits = [get_rule(name) for name in ("full_stop", "right_first", "first_come", "keep_lane", "speed_limit")]
     never = Rule("never", "forall a. G !stopped(a)")
     cases = [
@@ -152,7 +152,7 @@ def test_members_of_a_class_are_alike_without_using_it() -> None:
             assert decide(model("stop4", code, times), rules).possible is ((code, times) not in known)
 
 
-def test_rules_without_a_way_through_are_found_whatever_they_speak_of() -> None:
+def test_rules_without_a_way_through_form_the_core() -> None:
     two = model("stop4", "2200", (0.0, 60.0))
     stay = Rule("stay", "forall a. G !a@j")
     assert not decide(two, [stay]).possible
@@ -206,7 +206,7 @@ def test_command_line_misused(arguments: list[str], says: str, capsys: pytest.Ca
     assert not out
 
 
-def test_whoever_has_to_stop_is_still_there_when_the_next_one_comes() -> None:
+def test_stopping_vehicle_is_present_at_the_next_arrival() -> None:
     """Four that come within half a second: only who could get in before the others came would not have to wait for anybody."""
     place, agents = rvads.find("stop4"), rvads.Scenario(rvads.find("stop4"), "2222").agents()
     rules = rules_for("road", place.control)

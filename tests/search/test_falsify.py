@@ -45,7 +45,7 @@ def test_the_reference_survives() -> None:
     assert look_for("stop4", rvads.Reference, "p1", budget=12, partial=False) is None
 
 
-def test_what_nobody_could_have_avoided_is_no_counterexample() -> None:
+def test_unavoidable_violation_is_no_counterexample() -> None:
     four = rvads.simulate(rvads.Case(rvads.Scenario(rvads.find("stop4"), "1111"), rvads.Reference))
     assert rvads.check(four, "p2").status is rvads.Status.FAIL
     assert not avoidable(four, get_rule("p2"))
@@ -124,7 +124,7 @@ def database(tmp_path: Path) -> Iterator[Path]:
 
 
 @pytest.mark.extended
-def test_a_failure_prints_like_any_other_and_what_it_prints_reproduces_it(pytester: pytest.Pytester, database: Path) -> None:
+def test_printed_counterexample_reproduces_the_failure(pytester: pytest.Pytester, database: Path) -> None:
     pytester.makepyfile(test_faulty=FAULTY)
     result = pytester.runpytest("-p", "no:cacheprovider")
     result.assert_outcomes(passed=1, failed=1)
@@ -141,7 +141,7 @@ def test_a_failure_prints_like_any_other_and_what_it_prints_reproduces_it(pytest
 
 
 @pytest.mark.extended
-def test_what_an_option_names_is_searched_whatever_the_fixture_says(pytester: pytest.Pytester, database: Path) -> None:
+def test_autopilot_option_overrides_the_fixture_in_a_search(pytester: pytest.Pytester, database: Path) -> None:
     pytester.makepyfile(test_faulty=FAULTY.replace("p2", "p1").replace("60", "2"))
     result = pytester.runpytest("-p", "no:cacheprovider", "--rvads-autopilot=stopped", "-k", "test_ties")
     result.assert_outcomes(failed=1)
@@ -154,7 +154,7 @@ def test_falsification_works_on_two_workers(pytester: pytest.Pytester) -> None:
     pytester.runpytest_subprocess("-p", "no:cacheprovider", "-n", "2").assert_outcomes(passed=1, failed=1)
 
 
-def test_a_method_searches_too_and_what_goes_wrong_in_a_search_is_told_by_its_line(pytester: pytest.Pytester) -> None:
+def test_search_in_a_method_reports_errors_by_line(pytester: pytest.Pytester) -> None:
     file = pytester.makepyfile("""
         import pytest_rvads as rvads
 
@@ -184,7 +184,7 @@ def test_a_method_searches_too_and_what_goes_wrong_in_a_search_is_told_by_its_li
         ("rvads_vehicle", "ScenarioError: *.py:7: a fleet, as the fixture rvads_vehicle, needs a rvads.Vehicle(...), got None"),
     ],
 )
-def test_a_fixture_that_returns_nothing_is_told_by_the_line_of_the_search(
+def test_empty_autopilot_fixture_is_reported_at_the_line_of_the_search(
     pytester: pytest.Pytester, fixture: str, says: str
 ) -> None:
     pytester.makepyfile(f"""
@@ -302,6 +302,6 @@ def test_searches_side_by_side_answer_as_one_after_the_other(pytestconfig: pytes
 
 
 @pytest.mark.parametrize("searches", [0, 11, 1.5])
-def test_there_are_no_more_searches_than_simulations(searches: int) -> None:
+def test_searches_must_not_exceed_the_budget(searches: int) -> None:
     with pytest.raises(rvads.ScenarioError, match="from 1 to the budget of 10 simulations"):
         look_for("stop4", Heedless, "no_collision", budget=10, searches=searches)

@@ -25,13 +25,13 @@ def test_the_reference_is_rational_and_determinate() -> None:
     rvads.determinate(rvads.Case(rvads.Scenario(rvads.find("stop4"), "1300", distance=(20, 12, 20, 20)), rvads.Reference), at=2.0)
 
 
-def test_who_tires_on_the_way_is_not_rational() -> None:
+def test_tiring_driver_is_not_rational() -> None:
     with pytest.raises(rvads.MetamorphicViolation, match="20 m farther away: turns p1 from PASS into FAIL") as caught:
         rvads.rational(rvads.Case(rvads.Scenario(rvads.find("stop4"), "2020", distance=1), Tired), "p1", farther=(20,))
     assert "20 m farther away" in caught.value.__notes__[0]
 
 
-def test_who_counts_from_the_start_is_not_determinate() -> None:
+def test_driver_counting_from_the_start_is_not_determinate() -> None:
     with pytest.raises(rvads.MetamorphicViolation, match="restarted at 4 s"):
         rvads.determinate(rvads.Case(rvads.Scenario(rvads.find("stop4"), "2020"), Tired), "p1", at=4.0)
 
@@ -79,7 +79,7 @@ def never(waits: Sequence[float]) -> list[rvads.Status]:
     return [rvads.Status.NA for _ in waits]
 
 
-def test_a_range_of_one_draw() -> None:
+def test_interval_of_a_single_draw() -> None:
     assert intervals(never, 1.5, 1.5) == (Interval(1.5, 1.5, rvads.Status.NA),)
 
 

@@ -102,7 +102,7 @@ def test_sketch_with_a_stand_in_for_the_server_passes_all_checks_but_those_of_bo
     assert bool(faults(check, bench)) == (check in unsupported(bench.simulator))
 
 
-def test_nothing_is_left_on_the_server_when_a_run_has_ended() -> None:
+def test_server_has_no_actors_after_a_run() -> None:
     servers = []
 
     def connect() -> Any:

@@ -499,7 +499,7 @@ WRONG: list[tuple[str, Any, str, str]] = [
 
 @pytest.mark.extended
 @pytest.mark.parametrize(("simulator", "check", "message"), [pytest.param(*row[1:], id=row[0]) for row in WRONG])
-def test_fault_of_a_simulator_is_found_by_the_check_for_it(simulator: Any, check: str, message: str) -> None:
+def test_conformance_check_finds_its_fault(simulator: Any, check: str, message: str) -> None:
     sentences = faults(check, bench(simulator, longest=2.0 if check == "hanging" else 60.0))
     assert re.search(message, "\n".join(sentences))
     assert len(sentences) <= 3

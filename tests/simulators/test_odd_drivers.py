@@ -49,7 +49,7 @@ ESCAPES: list[BaseException | type[BaseException]] = [
 
 @pytest.mark.parametrize("error", ESCAPES, ids=lambda error: getattr(error, "__name__", type(error).__name__))
 @pytest.mark.parametrize("where", ["factory", "__init__", "autopilots", "control", "period"])
-def test_nothing_that_a_driver_raises_gets_out_of_its_run(error: Any, where: str) -> None:
+def test_driver_exception_stays_within_the_run(error: Any, where: str) -> None:
     def escape(*_: Any) -> NoReturn:
         raise error
 
@@ -72,7 +72,7 @@ class Untold(Exception):
 
 
 @pytest.mark.parametrize("error", [Untold(), ValueError("\x1b[2J\u202e\ud800 bell\a"), ValueError("x" * 80_000_000)])
-def test_what_an_exception_says_is_cleaned_and_bounded(error: Exception) -> None:
+def test_exception_text_is_printable_and_bounded(error: Exception) -> None:
     class Raises:
         def control(self, seen: Observation) -> Control:
             raise error
@@ -143,7 +143,7 @@ def endless() -> Any:
     ],
     ids=itertools.count(),
 )
-def test_whatever_is_answered_is_an_error_with_all_names(answer: Any, words: str) -> None:
+def test_invalid_answer_names_driver_vehicle_and_time(answer: Any, words: str) -> None:
     fault = simulate(Case(SCENARIO, answering(answer))).fault
     assert fault is not None
     assert (fault.agent, fault.time) == ("a1", pytest.approx(0.04))

@@ -77,7 +77,7 @@ def catches_everything_a_few_times() -> None:
 @pytest.mark.parametrize(
     "wait", [loops, sleeps, deadlocks, waits_for_a_thread, catches_everything, catches_everything_a_few_times]
 )
-def test_what_never_answers_ends_its_run_by_a_fault_that_says_who_when_and_where(wait: Any) -> None:
+def test_hanging_driver_is_a_fault_with_vehicle_time_and_line(wait: Any) -> None:
     found = run(hanging(wait))
     assert found.fault is not None
     assert (found.fault.agent, found.fault.time, found.provenance["end"]) == ("a1", pytest.approx(0.04), "late")
@@ -88,7 +88,7 @@ def test_what_never_answers_ends_its_run_by_a_fault_that_says_who_when_and_where
     assert found.steps == 5, "what was sampled is kept"
 
 
-def test_the_line_is_that_of_the_driver_and_not_of_the_library_it_waits_in() -> None:
+def test_fault_names_the_line_of_the_driver_and_not_of_a_library() -> None:
     line = waits_for_a_thread.__code__.co_firstlineno + 1
     fault = run(hanging(waits_for_a_thread)).fault
     assert fault is not None
@@ -111,13 +111,13 @@ def test_every_other_call_into_a_driver_has_the_same_limit(driver: Any, doing: s
     assert fault.reason.startswith(f"{doing}: no answer within 0.2 s of real time")
 
 
-def test_a_driver_that_hangs_when_it_is_asked_how_long_it_took_loses_no_more_than_that() -> None:
+def test_hanging_timing_loses_only_the_timing() -> None:
     found = run(pilot(timing=sleeps))
     assert found.fault is None
     assert "timing" not in found.provenance
 
 
-def test_a_driver_that_hangs_when_it_is_to_let_go_is_left() -> None:
+def test_hanging_abandon_does_not_delay_the_fault() -> None:
     fault = run(pilot(control=lambda _: None, abandon=sleeps)).fault
     assert fault is not None
     assert "returned an object of type NoneType" in fault.reason
@@ -131,16 +131,16 @@ def test_a_run_has_a_limit_too_however_quick_its_decisions_are() -> None:
     assert found.provenance["end"] == "late"
 
 
-def test_no_limit_is_none() -> None:
+def test_limit_of_zero_is_no_limit() -> None:
     found = run(hanging(lambda: time.sleep(0.1)), 0.0, 0.0)
     assert found.fault is None
 
 
-def test_a_decision_that_is_slow_but_in_time_changes_nothing() -> None:
+def test_slow_decision_within_the_limit_changes_no_run() -> None:
     assert run(hanging(lambda: time.sleep(0.1)), 2.0).hash == run(pilot(), 0.0).hash
 
 
-def test_limits_hold_in_their_context_and_say_what_they_take() -> None:
+def test_limits_hold_in_their_context() -> None:
     before = choice().limits
     with rvads.limits(decision=60.0):
         assert choice().limits[:2] == (60.0, 300.0)
@@ -150,7 +150,7 @@ def test_limits_hold_in_their_context_and_say_what_they_take() -> None:
             pass
 
 
-def test_a_simulator_of_ones_own_that_hangs_is_an_error() -> None:
+def test_hanging_simulator_is_an_error() -> None:
     class Stuck:
         name = "stuck"
 
@@ -165,7 +165,7 @@ def test_a_simulator_of_ones_own_that_hangs_is_an_error() -> None:
         simulate(rvads.Case(SCENARIO, pilot()), Stuck())
 
 
-def test_a_driver_that_simulates_is_interrupted_by_its_own_limit_not_by_that_of_what_it_simulates() -> None:
+def test_simulating_driver_is_interrupted_by_its_own_limit() -> None:
     def dreams() -> None:
         with rvads.limits(0.0, 0.0):
             simulate(rvads.Case(SCENARIO, hanging(sleeps)))
@@ -175,7 +175,7 @@ def test_a_driver_that_simulates_is_interrupted_by_its_own_limit_not_by_that_of_
     assert "driving a1 at 0.04 s: no answer within 0.2 s" in found.fault.reason
 
 
-def test_a_thread_that_is_not_the_main_one_has_limits_too() -> None:
+def test_limits_hold_in_other_threads() -> None:
     found: list[rvads.Run] = []
     thread = threading.Thread(target=lambda: found.append(run(hanging(loops))))
     thread.start()

@@ -60,7 +60,7 @@ def test_a_run_that_ends_before_its_first_state_is_empty() -> None:
     assert run.lights.shape == (0, 4)
 
 
-def test_states_by_the_thousand_are_nothing_for_the_garbage_collector() -> None:
+def test_recorded_states_are_untracked_by_the_garbage_collector() -> None:
     recorder = Recorder(AGENTS)
     before = len(gc.get_objects())
     for tick in range(2000):

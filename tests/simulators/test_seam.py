@@ -160,7 +160,7 @@ def test_a_simulator_is_found_by_name() -> None:
         ("def (:\n", r"raised SyntaxError: invalid syntax \(own_broken.py, line 1\)$"),
     ],
 )
-def test_a_module_that_raises_is_told_with_its_line(
+def test_raising_simulator_module_is_named_with_its_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, code: str, says: str
 ) -> None:
     (tmp_path / "own_broken.py").write_text(code, encoding="utf-8")
@@ -209,7 +209,7 @@ def test_what_is_no_simulator_is_refused_as_option_fixture_and_argument(pytester
 
 
 @pytest.mark.parametrize("speed", ["x", float("nan"), float("inf"), -1.0, True])
-def test_a_limit_that_is_no_speed_is_an_error_that_names_the_simulator(speed: Any) -> None:
+def test_invalid_vmax_names_the_simulator(speed: Any) -> None:
     class Wrong(Counting):
         def vmax(self, distance: float, aggression: int = 1, vehicle: rvads.Vehicle | None = None) -> float | None:
             answer: float = speed
@@ -225,7 +225,7 @@ def test_a_limit_that_is_no_speed_is_an_error_that_names_the_simulator(speed: An
             ask()
 
 
-def test_the_option_chooses_what_simulates_and_how_fast_one_may_come(pytester: pytest.Pytester) -> None:
+def test_simulator_option_selects_simulator_and_vmax(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(own=OWN)
     pytester.makepyfile("""
         import pytest_rvads as rvads
@@ -247,7 +247,7 @@ def test_the_option_chooses_what_simulates_and_how_fast_one_may_come(pytester: p
 
 
 @pytest.mark.extended
-def test_a_failure_is_told_by_the_envelope_of_what_made_its_run(pytester: pytest.Pytester) -> None:
+def test_probe_line_uses_the_vmax_of_the_simulator_of_the_run(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(own=OWN)
     pytester.makeconftest("""
         import pytest
@@ -297,7 +297,7 @@ def test_a_simulator_that_returns_no_run_is_an_error_of_the_item(pytester: pytes
         ),
     ],
 )
-def test_whoever_asks_for_a_run_is_told_of_an_answer_that_is_another_one(answer: Any, wrong: str) -> None:
+def test_run_of_another_case_is_refused(answer: Any, wrong: str) -> None:
     class Wrong(Counting):
         def __call__(self, case: rvads.Case) -> rvads.Run:
             found: rvads.Run = answer(case)
@@ -389,7 +389,7 @@ def test_a_run_that_is_cut_without_a_reason_is_an_error_of_its_items(pytester: p
 
 
 @pytest.mark.extended
-def test_whoever_names_no_simulator_gets_that_of_the_session(pytester: pytest.Pytester) -> None:
+def test_default_simulator_is_that_of_the_session(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(own=OWN)
     pytester.makepyfile("""
         import pytest

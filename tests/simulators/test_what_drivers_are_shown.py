@@ -54,7 +54,7 @@ def parts(value: Any, path: str = "seen") -> Iterator[tuple[str, Any]]:
 PLAIN = (str, int, float, bool, type(None), Enum, tuple, frozenset, MappingProxyType)
 
 
-def test_everything_that_is_shown_is_read_only() -> None:
+def test_observations_are_read_only() -> None:
     kinds = set()
     for path, value in parts(looked()):
         kinds.add(type(value).__name__)
@@ -77,7 +77,7 @@ def test_everything_that_is_shown_is_read_only() -> None:
         pytest.param(lambda seen: setattr(seen.vehicle, "mass", 1.0), id="a lighter vehicle"),
     ],
 )
-def test_who_tries_ends_the_own_run_and_no_other_one(change: Callable[[rvads.Observation], object]) -> None:
+def test_writing_to_an_observation_is_a_fault_of_that_run(change: Callable[[rvads.Observation], object]) -> None:
     class Changes(rvads.Reference):
         def control(self, seen: rvads.Observation) -> rvads.Control:
             change(seen)

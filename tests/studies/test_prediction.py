@@ -199,7 +199,7 @@ def test_the_command_answers_line_by_line(monkeypatch: pytest.MonkeyPatch, capsy
     assert found[3]["verdicts"]["p1"] == "PASS"
 
 
-def test_a_request_is_simulated_by_what_is_named() -> None:
+def test_request_is_simulated_by_the_named_simulator() -> None:
     class Unwilling(Planar):
         def __call__(self, case: Case) -> Run:
             raise ScenarioError("not today")

@@ -110,7 +110,7 @@ def run(times: dict[str, tuple[float | None, float | None]]) -> Compared:
         ((None, 1.0), (3.0, None), False),
     ],
 )
-def test_what_the_same_order_is(one: tuple[float | None, ...], two: tuple[float | None, ...], same: bool) -> None:
+def test_same_order_of_entries(one: tuple[float | None, ...], two: tuple[float | None, ...], same: bool) -> None:
     assert run({"c0": (one[0], two[0]), "c1": (one[1], two[1])}).same_order is same
 
 
@@ -150,7 +150,7 @@ def other_names() -> dict[str, Any]:
         ({}, "the field 'graph' is missing"),
     ],
 )
-def test_what_cannot_be_compared_is_told_in_one_line(
+def test_invalid_recorded_file_is_refused_in_one_line(
     data: dict[str, Any], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = tmp_path / "bad.json"

@@ -80,7 +80,7 @@ def test_where_signs_and_lanes_decide() -> None:
 
 
 @pytest.mark.extended
-def test_in_what_kills_a_mutant() -> None:
+def test_agreement_in_what_kills_a_mutant() -> None:
     assert told([Mutant("ignores stop")]) == []
 
 
@@ -110,7 +110,7 @@ def test_in_a_collision(name: str) -> None:
         ("cyclist", 88, 92),
     ],
 )
-def test_contact_cases_are_what_they_are_called(name: str, least: float, most: float) -> None:
+def test_contact_cases_match_their_names(name: str, least: float, most: float) -> None:
     """By the angle between the headings when they touch [degrees], and by who stands."""
     run = bullet(contact_cases()[name])
     collision = run.collisions[0]
@@ -123,7 +123,7 @@ def test_contact_cases_are_what_they_are_called(name: str, least: float, most: f
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", SETS)
-def test_in_all_of_a_set(name: str) -> None:
+def test_agreement_in_a_whole_set(name: str) -> None:
     assert told(every(name, 1)) == []
 
 
@@ -178,7 +178,7 @@ def with_deaf(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.usefixtures("with_deaf")
-def test_what_differs_is_told() -> None:
+def test_difference_between_simulators_is_reported() -> None:
     case = contact_cases()["crossing"]
     (found,) = agree(("bullet", "deaf"), [Trial(case, ("no_collision",))], executor=1)
     assert not found.same
@@ -192,7 +192,7 @@ def test_what_differs_is_told() -> None:
     assert table[3:] == ["", *(f"- {line}" for line in lines)]
 
 
-def test_a_case_that_a_simulator_refuses_is_told_as_a_difference(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_refusal_by_one_simulator_is_a_difference(monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(case: Case, by: simulator.Simulator) -> Run:
         if by.name == "mujoco":
             raise ScenarioError("no place for a0")
@@ -204,7 +204,7 @@ def test_a_case_that_a_simulator_refuses_is_told_as_a_difference(monkeypatch: py
     assert any(line.endswith("simulating is nothing by bullet, refused (no place for a0) by mujoco") for line in lines)
 
 
-def test_a_case_that_neither_can_simulate_is_told_and_counts_as_no_verdict() -> None:
+def test_refusal_by_both_simulators_is_no_verdict() -> None:
     case = contact_cases()["crossing"].but(distance=1000.0)
     (found,) = agree(ENGINES, [Trial(case, ("no_collision",))], executor=1)
     (line,) = differences(found, ENGINES)

@@ -70,7 +70,7 @@ def test_a_case_at_a_junction_of_a_file_needs_its_map(maps: Path, tmp_path: Path
         (["none.npz", "--scenario", "--rules", "p1"], "--rules judges a run, and a scenario is none: leave --rules out"),
     ],
 )
-def test_misuse_is_told_in_one_line(
+def test_misuse_of_export_is_one_line(
     arguments: list[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -82,7 +82,7 @@ def test_misuse_is_told_in_one_line(
     assert not Path("out.xosc").exists()
 
 
-def test_what_is_no_single_simulated_run_is_told(maps: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_export_requires_a_single_simulated_run(maps: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     rvads.export_run(FAILURES[3].run(maps), tmp_path / "run.xosc")
     out = str(tmp_path / "out.xosc")
     assert main(["export", str(tmp_path / "run.xosc"), "--scenario", "--xosc", out]) == 2

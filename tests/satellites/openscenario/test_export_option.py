@@ -31,7 +31,7 @@ def _alone(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.extended
 @pytest.mark.parametrize("workers", ["-n0", "-n1"])
-def test_every_run_that_failed_is_written_once_with_one_map(pytester: pytest.Pytester, workers: str) -> None:
+def test_every_failed_run_is_written_once_with_one_map(pytester: pytest.Pytester, workers: str) -> None:
     pytester.makepyfile(FAILING)
     result = pytester.runpytest(workers, "-p", "no:cacheprovider", "--rvads-export=out", "--rvads-summary=full")
     failed = re.findall(r"FAILED \S+\[(\S+)-(p4|red)\]", result.stdout.str())
@@ -46,7 +46,7 @@ def test_every_run_that_failed_is_written_once_with_one_map(pytester: pytest.Pyt
     assert {pytester.path / name for name in told} == set(folder.glob("*.xosc"))
 
 
-def test_what_passes_is_not_written(pytester: pytest.Pytester) -> None:
+def test_passing_runs_are_not_exported(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(FAILING)
     pytester.runpytest("-p", "no:cacheprovider", "-k", "no_collision", "--rvads-export=out").assert_outcomes(passed=2)
     assert not (pytester.path / "out").exists()

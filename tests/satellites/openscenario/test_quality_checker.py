@@ -59,7 +59,7 @@ def test_every_check_is_passed_by_runs_and_scenarios(maps: Path, tmp_path: Path)
         assert set(said["states"]) == {"COMPLETED"}, path
 
 
-def test_it_would_tell_what_is_wrong(maps: Path, tmp_path: Path) -> None:
+def test_quality_checker_reports_a_damaged_file(maps: Path, tmp_path: Path) -> None:
     path = tmp_path / "run.xosc"
     rvads.export_run(FAILURES[3].run(maps), path)
     path.write_text(path.read_text("utf-8").replace("<LogicFile", "<LogicalFile"), encoding="utf-8")

@@ -40,7 +40,7 @@ def again(run: rvads.Run, folder: Path) -> rvads.Run:
 
 @pytest.mark.extended
 @pytest.mark.parametrize("failure", FAILURES, ids=str)
-def test_a_failure_is_read_back_with_the_verdict_that_it_failed_with(failure: Failure, maps: Path, tmp_path: Path) -> None:
+def test_exported_failure_is_read_back_with_its_verdict(failure: Failure, maps: Path, tmp_path: Path) -> None:
     run = failure.run(maps)
     assert rvads.check(run, failure.rule).status in (Status.FAIL, Status.OPEN)
     found = again(run, tmp_path)
@@ -54,7 +54,7 @@ def test_a_failure_is_read_back_with_the_verdict_that_it_failed_with(failure: Fa
     assert judged(found) == judged(run)
 
 
-def test_there_are_as_many_failures_as_are_promised() -> None:
+def test_at_least_20_failures_at_8_junctions() -> None:
     assert len(FAILURES) >= 20
     assert len({failure.junction for failure in FAILURES}) >= 8
 
@@ -157,7 +157,7 @@ def test_another_map_of_the_same_name_keeps_its_own(maps: Path, tmp_path: Path) 
     assert len([*tmp_path.glob("left-*.xodr")]) == 1
 
 
-def test_a_map_that_has_changed_is_refused_not_judged_on(maps: Path, tmp_path: Path) -> None:
+def test_changed_map_of_an_export_is_refused(maps: Path, tmp_path: Path) -> None:
     rvads.export_run(FAILURES[17].run(maps), tmp_path / "run.xosc")
     (tmp_path / "left.xodr").write_bytes((maps / "five.xodr").read_bytes())
     with pytest.raises(RunError, match=r"run\.xosc: junction 'left\.1' of map file .* is not as it was when"):
@@ -167,7 +167,7 @@ def test_a_map_that_has_changed_is_refused_not_judged_on(maps: Path, tmp_path: P
         rvads.read_runs(tmp_path / "run.xosc")
 
 
-def test_the_map_of_a_kept_run_is_where_it_was_or_where_one_says(maps: Path, tmp_path: Path) -> None:
+def test_map_of_a_kept_run_is_found_or_given(maps: Path, tmp_path: Path) -> None:
     run = FAILURES[17].run(maps)
     rvads.save_run(run, tmp_path / "kept.npz")
     kept = rvads.load_run(tmp_path / "kept.npz")
@@ -215,7 +215,7 @@ def test_an_excerpt_of_a_recording_is_read_as_recorded_traffic(rolling: rvads.Ru
     assert [rvads.check(run, "full_stop").status for run in found] == [Status.FAIL]
 
 
-def test_nobody_in_an_excerpt_gets_a_size_that_was_not_recorded(rolling: rvads.Run, tmp_path: Path) -> None:
+def test_exported_excerpt_has_recorded_sizes_only(rolling: rvads.Run, tmp_path: Path) -> None:
     rvads.export_run(rolling, tmp_path / "run.xosc")
     recorded = rvads.read_tracks(tmp_path / "run.xosc")[0]
     first, second = recorded.agents
@@ -240,7 +240,7 @@ def test_who_comes_and_goes_is_added_and_deleted(rolling: rvads.Run, tmp_path: P
     assert tracks["a2"].times[-1] == pytest.approx(9.99)
 
 
-def test_others_who_use_the_library_keep_their_version(maps: Path, tmp_path: Path) -> None:
+def test_export_restores_the_version_of_the_library(maps: Path, tmp_path: Path) -> None:
     xosc = pytest.importorskip("scenariogeneration.xosc")
     before = xosc.VersionBase.version_minor
     rvads.export_run(FAILURES[3].run(maps), tmp_path / "run.xosc")
@@ -264,7 +264,7 @@ def named(run: rvads.Run, name: str) -> rvads.Run:
         (lambda run: replace(run, zone=run.zone[:0], lights=run.lights[:0], pose=run.pose[:0]), RunError, "it has no states"),
     ],
 )
-def test_what_can_not_be_exported_is_told(
+def test_unexportable_runs_are_refused(
     change: Callable[[rvads.Run], Any], error: type[RvadsError], message: str, maps: Path, tmp_path: Path
 ) -> None:
     with pytest.raises(error, match=message):
@@ -280,7 +280,7 @@ def test_the_map_beside_is_not_written_over(maps: Path, tmp_path: Path) -> None:
     assert (tmp_path / "left.xodr").read_bytes() == (maps / "left.xodr").read_bytes()
 
 
-def test_a_verdict_is_one(maps: Path, tmp_path: Path) -> None:
+def test_verdict_argument_must_be_a_verdict(maps: Path, tmp_path: Path) -> None:
     with pytest.raises(RunError, match=r"verdict= must be what rvads\.check\(run, rule\) returns, got 'p1'"):
         rvads.export_run(FAILURES[3].run(maps), tmp_path / "run.xosc", verdict=cast(Any, "p1"))
 
@@ -304,14 +304,14 @@ def test_what_no_run_can_hold_is_refused(old: str, new: str, message: str, maps:
         rvads.read_runs(path)
 
 
-def test_a_missing_library_is_told_with_what_to_install(maps: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_library_names_the_package_to_install(maps: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(__import__("sys").modules, "scenariogeneration.xosc", None)
     with pytest.raises(RvadsError, match="pip install 'pytest-rvads\\[openscenario\\]'"):
         rvads.export_run(FAILURES[3].run(maps), tmp_path / "new" / "run.xosc")
     assert not (tmp_path / "new").exists()
 
 
-def test_a_place_that_can_not_be_written_is_told(maps: Path, tmp_path: Path) -> None:
+def test_unwritable_path_of_an_export_is_refused(maps: Path, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("", encoding="utf-8")
     with pytest.raises(RvadsError, match=r"can't be (copied|written)"):
         rvads.export_run(FAILURES[3].run(maps), tmp_path / "file" / "run.xosc")

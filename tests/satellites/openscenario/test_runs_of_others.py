@@ -103,7 +103,7 @@ def test_check_and_import_take_it(rolls: Path, tmp_path: Path, capsys: pytest.Ca
         assert main(["import", str(tmp_path / name), "-o", str(tmp_path / "kept.npz"), *format]) == 0
 
 
-def test_headings_that_are_not_told_are_those_of_the_way(tmp_path: Path) -> None:
+def test_missing_headings_are_those_of_the_way(tmp_path: Path) -> None:
     path = put(tmp_path, document(vehicle("v"), follows("v", trajectory(STOP, (0, 2), heading=False))))
     (track,) = rvads.read_tracks(path).tracks
     assert np.interp(0.0, track.station, track.times) == pytest.approx(5.0, abs=0.01)
@@ -116,7 +116,7 @@ def test_headings_that_are_not_told_are_those_of_the_way(tmp_path: Path) -> None
         ('<Timing domainAbsoluteRelative="relative" scale="1" offset="0"/>', 3.0, 8.0),
     ],
 )
-def test_times_are_those_of_the_simulation(timing: str, begins: float, crosses: float, tmp_path: Path) -> None:
+def test_times_of_trajectories_are_simulation_times(timing: str, begins: float, crosses: float, tmp_path: Path) -> None:
     path = put(tmp_path, document(vehicle("v"), follows("v", trajectory(STOP, (0, 2)), timing, begins)))
     (track,) = rvads.read_tracks(path).tracks
     assert np.interp(0.0, track.station, track.times) == pytest.approx(crosses, abs=1e-3)
@@ -169,7 +169,7 @@ def test_expression_of_openscenario(expression: str, value: str) -> None:
         ("${1" + " + 1" * 250 + "}", "at most 1,000 characters"),
     ],
 )
-def test_what_is_no_expression_is_told(expression: str, told: str) -> None:
+def test_invalid_expression_is_refused(expression: str, told: str) -> None:
     with pytest.raises(ValueError, match=re.escape(told)):
         valued(expression, {})
 
@@ -201,7 +201,7 @@ def test_lights_are_words_or_lamps_and_begin_again(tmp_path: Path) -> None:
     assert sorted(found) == [0, 1]
 
 
-def test_who_has_no_times_or_no_trajectory_is_left_out_with_the_reason(tmp_path: Path) -> None:
+def test_vehicle_without_times_or_trajectory_is_left_out(tmp_path: Path) -> None:
     entities = "".join(map(vehicle, ("v", "timeless", "idle", "curved")))
     timeless = re.sub(r' time="[^"]*"', "", trajectory(STOP, (1, 3)))
     curved = follows("curved", "").replace("<Polyline></Polyline>", '<Clothoid length="3"/>')
@@ -246,7 +246,7 @@ GOOD = document(vehicle("v"), follows("v", trajectory(STOP, (0, 2))))
         ),
     ],
 )
-def test_what_can_not_be_read_is_told_in_one_sentence(text: str, message: str, tmp_path: Path) -> None:
+def test_unreadable_file_is_refused_in_one_sentence(text: str, message: str, tmp_path: Path) -> None:
     path = put(tmp_path, text)
     with pytest.raises(RunError, match=message) as refused:
         rvads.read_runs(path)
@@ -271,14 +271,14 @@ def test_a_tag_without_an_end_is_not_read_for_ever(name: str, tmp_path: Path) ->
         rvads.read_tracks(path, "stop4")
 
 
-def test_a_map_that_is_not_beside_it_is_told(rolls: Path) -> None:
+def test_missing_map_of_a_run_is_refused(rolls: Path) -> None:
     rolls.with_name("stop4.xodr").unlink()
     with pytest.raises(MapError, match=r"stop4\.xodr does not exist"):
         rvads.read_runs(rolls)
     assert rvads.read_tracks(rolls, "1", map=path_of("stop4")).tracks
 
 
-def test_nobody_at_the_junction_is_told(tmp_path: Path) -> None:
+def test_run_away_from_the_junction_is_refused(tmp_path: Path) -> None:
     moved = re.sub(r'<WorldPosition x="([^"]*)"', lambda found: f'<WorldPosition x="{float(found[1]) + 500}"', GOOD)
     with pytest.raises(RunError, match=r"nobody in drive\.xosc passes junction 'stop4\.1'.*--offset"):
         rvads.read_tracks(put(tmp_path, moved))

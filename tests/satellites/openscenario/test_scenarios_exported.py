@@ -67,7 +67,7 @@ def test_any_scenario_comes_back(maps: Path, tmp_path: Path, data: st.DataObject
 
 @given(data=st.data())
 @QUICK
-def test_what_anybody_can_see_of_it_comes_back_from_a_file_of_others(maps: Path, tmp_path: Path, data: st.DataObject) -> None:
+def test_scenario_comes_back_from_a_foreign_file(maps: Path, tmp_path: Path, data: st.DataObject) -> None:
     scenario = data.draw(scenarios(maps))
     path = tmp_path / "scenario.xosc"
     rvads.save_scenario(scenario, path)
@@ -122,7 +122,7 @@ def test_a_position_to_acquire_does_for_a_route(tmp_path: Path) -> None:
     assert rvads.load_scenario(path).placed == scenario.placed
 
 
-def test_headings_that_are_not_told_are_those_of_lanes(tmp_path: Path) -> None:
+def test_missing_headings_are_those_of_lanes(tmp_path: Path) -> None:
     scenario = rvads.Scenario(rvads.find("stop4"), "1200", distance=(3, 4, 0, 0))
     rvads.save_scenario(scenario, tmp_path / "s.xosc")
     path = foreign(tmp_path / "s.xosc")
@@ -181,7 +181,7 @@ def renamed(old: str, new: str, count: int = -1) -> Callable[[str], str]:
         (renamed('x="1.7', 'x="7.7', 1), r"'a0' must start on an approach and have a route down an exit road"),
     ],
 )
-def test_what_is_outside_of_the_subset_is_refused_by_name(change: Callable[[str], str], message: str, tmp_path: Path) -> None:
+def test_unsupported_elements_are_refused_by_name(change: Callable[[str], str], message: str, tmp_path: Path) -> None:
     path = tmp_path / "s.xosc"
     rvads.save_scenario(rvads.Scenario(rvads.find("stop4"), "2000"), path)
     path.write_text(change(foreign(path).read_text("utf-8")), encoding="utf-8")

@@ -124,7 +124,7 @@ def test_a_junction_becomes_a_node_of_its_kind(place: rvads.Junction, kind: str)
     ],
     ids=["two kinds of signs", "some lights", "stated right of way"],
 )
-def test_what_sumo_does_not_have_is_refused(place: rvads.Junction, why: str) -> None:
+def test_junctions_beyond_sumo_are_refused(place: rvads.Junction, why: str) -> None:
     with pytest.raises(ScenarioError, match=rf"^junction 'signed' can't be simulated in SUMO, {why}.*choose another simulator"):
         network(place, plan(place))
 
@@ -164,7 +164,7 @@ def test_traffic_that_keeps_left_does_so_in_sumo(shared: Path) -> None:
             assert min(abs(way.project(x, y, station, 30.0)[1]) for station in range(0, int(way.length), 20)) < 0.05
 
 
-def test_without_netconvert_one_sentence_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_netconvert_names_the_package_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(converting, "find_spec", lambda _name: None)
     monkeypatch.setenv("SUMO_HOME", "")
     monkeypatch.setenv("PATH", "")
@@ -172,6 +172,6 @@ def test_without_netconvert_one_sentence_says_what_to_install(monkeypatch: pytes
         converting.program_and_home.__wrapped__()
 
 
-def test_a_netconvert_that_fails_is_named_with_what_it_says() -> None:
+def test_failing_netconvert_is_named_with_its_output() -> None:
     with pytest.raises(RunError, match=r"^SUMO's netconvert \(.*\) made no network: .*Error"):
         converting.netconvert({"node-files": ET.Element("nothing")}, left_hand=False)

@@ -39,12 +39,12 @@ def holds(tables: ModuleType, place: str) -> None:
 
 
 @pytest.mark.extended
-def test_the_tables_of_the_t_are_what_sumo_does(tables: ModuleType) -> None:
+def test_tables_of_the_t_junction_match_sumo(tables: ModuleType) -> None:
     holds(tables, "stop3")
 
 
 @pytest.mark.slow
-def test_all_tables_are_what_sumo_does(tables: ModuleType) -> None:
+def test_all_tables_match_sumo(tables: ModuleType) -> None:
     for place in tables.PLACES:
         holds(tables, place)
     assert tables.written(PAGE, tables.VARIANTS, tables.variants()) == PAGE
@@ -64,7 +64,7 @@ def test_sessions_print_what_the_page_says(pytester: pytest.Pytester, monkeypatc
 
 
 @pytest.mark.extended
-def test_the_limits_are_those_of_our_dynamics_as_the_page_says(capsys: pytest.CaptureFixture[str]) -> None:
+def test_braking_limits_of_sumo_equal_those_of_the_package(capsys: pytest.CaptureFixture[str]) -> None:
     assert "`rvads braking --simulator sumo` prints what `rvads braking`" in " ".join(PAGE.split())
     printed = []
     for options in ([], ["--simulator", "sumo"]):

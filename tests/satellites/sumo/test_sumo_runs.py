@@ -70,7 +70,7 @@ def test_the_first_state_is_the_start_of_the_case(place: str) -> None:
     assert run.need("speed")[0] == pytest.approx(0.5, abs=1e-9)
 
 
-def test_who_starts_faster_than_sumo_allows_is_refused_unless_it_is_ours() -> None:
+def test_too_fast_start_of_a_sumo_driver_is_refused() -> None:
     with pytest.raises(
         rvads.RunError, match=r"^SUMO lets a0 depart at \(1.75, -75.00\) with 11.18 m/s, expected .* with 15.00 m/s"
     ):
@@ -98,7 +98,7 @@ def test_lights_are_obeyed() -> None:
 
 
 @pytest.mark.extended
-def test_a_case_has_one_run_in_any_order_and_process() -> None:
+def test_sumo_run_is_equal_in_any_order_and_process() -> None:
     first = simulated("stop4", "1133").hash
     simulated("light4", "3020")
     assert simulated("stop4", "1133").hash == first
@@ -109,7 +109,7 @@ def test_a_case_has_one_run_in_any_order_and_process() -> None:
 
 
 @pytest.mark.extended
-def test_a_process_that_is_forked_has_a_sumo_of_its_own() -> None:
+def test_forked_process_has_its_own_sumo() -> None:
     first = simulated("stop4", "1133").hash
     with ProcessPoolExecutor(1, mp_context=get_context("fork")) as pool:
         assert pool.submit(_hash).result() == first
@@ -128,7 +128,7 @@ def test_how_many_steps_are_taken_at_once_changes_nothing(monkeypatch: pytest.Mo
     assert simulated("right4", "1233").hash == first
 
 
-def test_the_seed_of_the_senses_is_that_of_sumo_and_sigma_what_it_is_drawn_for() -> None:
+def test_seed_of_the_senses_seeds_sumo() -> None:
     runs = [simulated("stop4", "1133", senses=rvads.Senses(seed=seed)) for seed in (0, 1)]
     assert runs[0].hash != runs[1].hash
     assert [run.provenance["sumo"]["seed"] for run in runs] == [23423, 23424]
@@ -164,7 +164,7 @@ def test_sumo_waits_for_who_stands_in_the_junction() -> None:
     assert theirs < rvads.find("stop4").stretches[(1, 3), (0, 2)].mine.start
 
 
-def test_bodies_that_touch_end_the_run_and_are_those_whose_boxes_overlap() -> None:
+def test_collision_in_sumo_ends_the_run_at_the_overlap_of_boxes() -> None:
     """SUMO's vehicle stops at the line, and who follows drives into it."""
     run = among("2000", rvads.SumoDriver, Rammer, followers=1, speed=5.0)
     assert run.provenance["end"] == "collision"
@@ -182,7 +182,7 @@ def test_sumos_driver_drives_nowhere_else() -> None:
     assert rvads.check(run, "no_collision").status == "ERROR"
 
 
-def test_where_sumo_drives_nobody_it_is_not_needed() -> None:
+def test_sumo_without_a_sumo_driver_is_not_started() -> None:
     scenario = rvads.Scenario(rvads.find("stop4"), "2000")
     case = rvads.Case(scenario, rvads.Reference)
     ours, other = rvads.simulate(case, rvads.sumo), rvads.simulate(case)
@@ -197,7 +197,7 @@ def test_senses_that_are_not_ideal_are_refused_for_sumos_driver_only() -> None:
     assert among("2020", rvads.Reference, rvads.SumoDriver, senses=blurred).fault is None
 
 
-def test_without_libsumo_one_sentence_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_libsumo_names_the_package_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sumo_simulator, "find_spec", lambda _name: None)
     says = r"^simulator 'sumo' needs the package libsumo, which is not installed: pip install 'pytest-rvads\[sumo\]'$"
     for asked in (lambda: simulated("stop4", "2000"), lambda: rvads.sumo.vmax(1.0)):
@@ -224,12 +224,12 @@ def test_the_limit_of_brakes_without_a_lag_is_that_of_sumo(aggression: int, dece
 
 
 @pytest.mark.parametrize("distance", [0.3, 5.0, 12.0])
-def test_with_a_lag_the_limit_is_that_of_the_vehicles_that_have_one(distance: float) -> None:
+def test_vmax_with_a_brake_lag_equals_the_default_simulator(distance: float) -> None:
     assert rvads.vmax(distance, simulator=rvads.sumo) == rvads.vmax(distance, simulator=usual())
 
 
 @pytest.mark.extended
-def test_brakes_that_never_stop_a_vehicle_make_no_speed_safe_that_needs_them() -> None:
+def test_vmax_of_feeble_brakes_follows_from_the_deceleration() -> None:
     feeble = rvads.Vehicle(brake=(0.01, 0.01, 0.01))
     found = rvads.vmax(50.0, 1, feeble, simulator=rvads.sumo)
     assert found == pytest.approx((2 * 0.01 * 50.0) ** 0.5, abs=0.02), "v squared over twice the deceleration"
@@ -264,7 +264,7 @@ def signalling(processes: list[SumoProcess], number: int) -> Callable[[], rvads.
 
 
 @pytest.mark.parametrize("times", [1, 2])
-def test_a_sumo_that_is_killed_ends_the_run_by_a_fault_that_names_it(processes: list[SumoProcess], times: int) -> None:
+def test_killed_sumo_is_a_fault(processes: list[SumoProcess], times: int) -> None:
     for _ in range(times):
         run = among("2020", signalling(processes, signal.SIGKILL), rvads.SumoDriver)
         assert run.fault.time == pytest.approx(1.0)
@@ -275,7 +275,7 @@ def test_a_sumo_that_is_killed_ends_the_run_by_a_fault_that_names_it(processes: 
 
 
 @pytest.mark.extended
-def test_a_sumo_that_hangs_ends_the_run_by_a_fault_that_names_it(processes: list[SumoProcess]) -> None:
+def test_hanging_sumo_is_a_fault(processes: list[SumoProcess]) -> None:
     with rvads.limits(decision=0.5):
         run = among("2020", signalling(processes, signal.SIGSTOP), rvads.SumoDriver)
     assert "SUMO (libsumo): " in run.fault.reason
@@ -294,7 +294,7 @@ def test_a_sumo_that_was_killed_between_runs_is_replaced(processes: list[SumoPro
     assert processes[-1] is not processes[0]
 
 
-def test_a_sumo_whose_folder_somebody_removed_is_named_and_replaced(processes: list[SumoProcess]) -> None:
+def test_sumo_with_a_removed_folder_is_replaced(processes: list[SumoProcess]) -> None:
     first = simulated("stop4", "2000").hash
     shutil.rmtree(processes[-1]._folder)
     with pytest.raises(rvads.RunError, match=r"^SUMO \(libsumo\): its files can't be written to .*: No such file or directory$"):
@@ -335,7 +335,7 @@ def test_every_seed_of_the_senses_is_one_of_sumo() -> None:
     assert run.provenance["sumo"]["seed"] == 5
 
 
-def test_what_sumo_refuses_is_told_in_its_words() -> None:
+def test_refusal_of_sumo_is_quoted() -> None:
     with pytest.raises(rvads.RunError, match=r"^SUMO \(libsumo\): .*"):
         simulated("stop4", "2000", rvads.Sumo(carFollowModel="none such"))
     assert not [process for process in sumo_process._FREE if not process.usable]

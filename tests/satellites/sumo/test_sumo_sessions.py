@@ -52,7 +52,7 @@ def test_sumo_is_the_traffic_around_a_driver_of_ours_and_ids_name_it(pytester: p
     result.stdout.fnmatch_lines(["*test_among?stop4-class00-as2200-s0-cfgC-sumo-full_stop? PASSED*"])
 
 
-def test_a_session_says_of_each_run_what_simulated_it(pytester: pytest.Pytester) -> None:
+def test_records_name_the_simulator(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(AMONG)
     result = pytester.runpytest(SUMO, "--rvads-autopilot=reference", "--rvads-report=report.json")
     result.stdout.fnmatch_lines([f"simulated by {usual().name} (*): 1 run", "simulated by sumo (libsumo *): 1 run"])
@@ -76,7 +76,7 @@ def test_where_no_run_was_made_nothing_simulated(pytester: pytest.Pytester, monk
     result.stdout.no_fnmatch_line("*simulated by*")
 
 
-def test_sumos_driver_in_another_simulator_is_an_error_that_says_what_to_add(pytester: pytest.Pytester) -> None:
+def test_sumo_driver_in_another_simulator_is_an_error(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(AMONG)
     result = pytester.runpytest("--rvads-autopilot=reference", "-k", "cfgC-sumo")
     assert result.ret == 1

@@ -178,7 +178,9 @@ def test_ros(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("name", "extra"), [("t.mcap", "osi"), ("t.db3", "rosbag")])
-def test_an_extra_that_is_missing_is_told(tmp_path: Path, name: str, extra: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_extra_names_the_package_to_install(
+    tmp_path: Path, name: str, extra: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     for module in ("betterosi", "rosbags", "rosbags.highlevel"):
         monkeypatch.setitem(__import__("sys").modules, module, None)
     with pytest.raises(RunError, match=rf"install pytest-rvads\[{extra}\]"):

@@ -41,7 +41,7 @@ def test_every_movement_is_found(tmp_path: Path, name: str, noise: float) -> Non
 
 @pytest.mark.extended
 @pytest.mark.parametrize("dt", [0.04, 0.1, 0.2])
-def test_it_crosses_the_vertex_when_it_did(tmp_path: Path, dt: float) -> None:
+def test_matched_track_crosses_the_vertex_at_the_recorded_time(tmp_path: Path, dt: float) -> None:
     drives = [
         drive(STOP, key, f"v{k}", start=1.0 + 3 * k, speed=6.0 + k / 3, dt=dt) for k, key in enumerate(sorted(STOP.movements))
     ]
@@ -52,7 +52,7 @@ def test_it_crosses_the_vertex_when_it_did(tmp_path: Path, dt: float) -> None:
             assert run.start + run.entry(column) == pytest.approx(one.crosses, abs=0.011)  # a tick
 
 
-def test_the_point_that_is_meant_decides_where_the_front_is(tmp_path: Path) -> None:
+def test_reference_point_shifts_the_front(tmp_path: Path) -> None:
     one = drive(STOP, (0, 2))
     shares: dict[Point, float] = {"front": 0.0, "center": LENGTH / 2, "rear_axle": 0.8 * LENGTH}
     for point, back in shares.items():
@@ -75,7 +75,7 @@ def test_noise_is_estimated_to_a_quarter(tmp_path: Path) -> None:
     assert read_tracks(write_csv(tmp_path / "t.csv", drives), STOP, position_accuracy=0.1).position_accuracy == 0.1
 
 
-def test_one_name_that_passes_twice_is_two_vehicles(tmp_path: Path) -> None:
+def test_second_passage_of_a_name_is_a_second_vehicle(tmp_path: Path) -> None:
     first, second = drive(STOP, (0, 2), "bus"), drive(STOP, (1, 3), "bus", start=60.0)
     times, points, heading, speed = (
         np.concatenate((getattr(first, name), getattr(second, name))) for name in ("times", "points", "heading", "speed")

@@ -136,7 +136,9 @@ def test_damaged_files_of_lights_are_told(log: Path, tmp_path: Path, text: str, 
 
 
 @pytest.mark.extended
-def test_the_command_says_what_came_in(log: Path, lights: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_import_command_counts_tracks_and_lights(
+    log: Path, lights: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     out = tmp_path / "out.npz"
     command = ["import", str(log), "--junction", "light4", "--lights", str(lights), "-o", str(out)]
     assert main(command) == 0

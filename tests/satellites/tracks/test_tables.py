@@ -161,7 +161,7 @@ def test_unclosed_quote_costs_its_row(tmp_path: Path, capsys: pytest.CaptureFixt
         ("time,id,x,y", "it has no vehicles"),
     ],
 )
-def test_what_is_no_table_of_tracks_is_told(tmp_path: Path, text: str, told: str) -> None:
+def test_invalid_table_is_refused(tmp_path: Path, text: str, told: str) -> None:
     path = tmp_path / "t.csv"
     path.write_text(text, encoding="utf-8")
     with pytest.raises(RunError, match=told):
@@ -211,7 +211,7 @@ def test_headings_that_lead_elsewhere_than_the_vehicles_are_told(wrong: str) -> 
         assert len(read_tracks(table, STOP, columns=right).tracks) == 6
 
 
-def test_who_changes_lanes_in_one_step_is_one_vehicle() -> None:
+def test_lane_change_in_one_step_is_one_vehicle() -> None:
     """A simulator that knows lanes only has a vehicle on one in a step, and on the next one in the step after."""
     table = columns(ONE)
     across = np.array([-math.sin(ONE.heading[0]), math.cos(ONE.heading[0])]) * 3.2
