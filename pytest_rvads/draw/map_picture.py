@@ -14,9 +14,9 @@ from pytest_rvads.draw.symbols import arrow, marks, sign
 from pytest_rvads.junctions.analysis import JunctionReport
 from pytest_rvads.junctions.conflicts import Key
 from pytest_rvads.junctions.junction import Junction
+from pytest_rvads.junctions.paths import walk
 from pytest_rvads.junctions.road_map import RoadMap
 from pytest_rvads.junctions.turn_words import UTURN, turn_word
-from pytest_rvads.junctions.paths import walk
 from pytest_rvads.junctions.yielding import Reason
 from pytest_rvads.maps.control import JunctionControl, Sign
 from pytest_rvads.maps.network import Edge

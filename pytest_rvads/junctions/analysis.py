@@ -11,8 +11,8 @@ from itertools import permutations
 from pytest_rvads.junctions.arms import RoadArm, arms_of, sort_arms, turns_in_order
 from pytest_rvads.junctions.conflicts import Key
 from pytest_rvads.junctions.graph import MetricGraph
-from pytest_rvads.junctions.usability import MOST, unusable, widest_gap
 from pytest_rvads.junctions.paths import Path, Route, paths_of, walk
+from pytest_rvads.junctions.usability import MOST, unusable, widest_gap
 from pytest_rvads.maps.control import (
     JunctionControl,
     MapObject,

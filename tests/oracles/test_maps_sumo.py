@@ -18,8 +18,8 @@ import pytest
 from numpy.typing import NDArray
 
 from pytest_rvads.junctions.analysis import JunctionReport
-from pytest_rvads.junctions.road_map import RoadMap, read_map
 from pytest_rvads.junctions.paths import Route
+from pytest_rvads.junctions.road_map import RoadMap, read_map
 from pytest_rvads.maps.segment import Turn
 from pytest_rvads.opendrive.draft import Chain
 
