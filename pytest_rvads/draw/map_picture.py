@@ -140,7 +140,7 @@ def _giving_way(report: JunctionReport, junction: Junction) -> Iterator[str]:
 
 def _yields(junction: Junction) -> dict[tuple[Key, Key], Reason]:
     """Return who gives way to whom, without those whose lights are never green together."""
-    phases = [entrance.phase for entrance in junction.entrances]
+    phases = [start.phase for start in junction.starts]
     pairs = (junction.yields or {}).items()
     return {(a, b): why for (a, b), why in pairs if len({phases[a[0]], phases[b[0]]} - {None}) < 2}
 

@@ -92,6 +92,8 @@ class Word:
     """Whether the truth follows from zones alone."""
     present: bool = False
     """Whether the predicate is false for absent vehicles."""
+    any_way: bool = False
+    """Whether the predicate is about agents on any way; variables of other predicates stand for agents on movements only."""
     debt: bool = False
     """Whether the predicate is about the way that the first argument owes to the second argument."""
     cause: Callable[[Run, int, int, int], Cause | None] | None = None
@@ -137,7 +139,7 @@ class Word:
 
     def _told(self) -> tuple[object, ...]:
         told = self.name, self.sorts, self.says, self.denies, self.static, self.apart, self.symmetric
-        return *told, self.turns_on, self.from_zones, self.present, self.debt, self.bends
+        return *told, self.turns_on, self.from_zones, self.present, self.any_way, self.debt, self.bends
 
     def _functions(self) -> tuple[object, ...]:
         return self.holds, self.follow, self.decide, self.means, self.cause, self.pending, self.beyond

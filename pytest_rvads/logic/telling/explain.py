@@ -188,5 +188,5 @@ def _roles(story: Story, worst: Judgement | None) -> str:
         arm, lane = junction.entrances[entrance].arm, junction.entrances[entrance].lane
         return f"+{(arm - first) % junction.ways}" + (f".{lane}" if len(junction.arms[arm].entrances) > 1 else "")
 
-    roles = ", ".join(f"{name} {turn_word(junction, a.route)} from entrance {seat(a.entrance)}" for name, a in agents)
+    roles = ", ".join(f"{name} {turn_word(junction, a.way)} from entrance {seat(a.entrance)}" for name, a in agents)
     return "; ".join(filter(None, (roles, why(run, worst.template.atoms, seat))))

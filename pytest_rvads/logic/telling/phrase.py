@@ -125,15 +125,15 @@ def why(run: Run, atoms: Iterable[f.Atom], seat: Callable[[int], str] = str) -> 
     me, you = (run.agents[column] for column in columns)
     here, there = (f"entrance {seat(agent.entrance)}" for agent in (me, you))
     signs = [junction.entrances[agent.entrance].sign for agent in (me, you)]
-    match ground_of(junction, me.route.key, you.route.key):
-        case Ground.PRIORITY if (me.route.key, you.route.key) in junction.stated:
+    match ground_of(junction, me.way.key, you.way.key):
+        case Ground.PRIORITY if (me.way.key, you.way.key) in junction.stated:
             return f"by the map the way from {there} has priority over the one from {here}"
         case Ground.SIGN | Ground.PRIORITY:
             return f"{here} has {_SIGNS[signs[0]]}, {there} {_SIGNS[signs[1]]}"
         case Ground.SIDE:
             return f"{there} is on the {junction.near} of {here}, and neither has priority by a sign"
         case Ground.TURN:
-            word = turn_word(junction, me.route)
+            word = turn_word(junction, me.way)
             turn = f"makes a {word}" if word == UTURN else f"turns {word}"
             return f"who comes from {here} {turn} across the way from {there}"
         case Ground.MERGE:
