@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from pytest_rvads.maps.segment import Segment, Turn
 
-__all__ = ["CONFLICT_WIDTH", "JunctionKind", "Key", "Shared", "Stretch", "Way", "stretches"]
+__all__ = ["CONFLICT_WIDTH", "JunctionKind", "Key", "Line", "Shared", "Stretch", "Way", "stretches"]
 
 CONFLICT_WIDTH = 2.6
 """Width of a movement: distance of centre lines below which two movements are in conflict [m].
@@ -91,17 +91,27 @@ class Shared(NamedTuple):
     """Whether both ways lead into the same exit, where two vehicles have room behind each other."""
 
 
-def stretches(ways: Mapping[Key, tuple[Segment, float]]) -> dict[tuple[Key, Key], Shared]:
+class Line(NamedTuple):
+    """A centre line along which an agent moves on a way."""
+
+    path: Segment
+    width: float
+    """Width of the way [m]."""
+    origin: float = 0.0
+    """Distance from the beginning of the line to the start of the way [m]."""
+
+
+def stretches(ways: Mapping[Key, Line]) -> dict[tuple[Key, Key], Shared]:
     """Return the stretches that pairs of ways share, in both orders: where they are nearer than half the sum of their widths.
 
     Pairs of ways from the same start are left out, because vehicles of an entrance follow each other.
 
     Args:
-        ways: the centre line and the width of every way.
+        ways: the line of every way.
     """
     keys = list(ways)
-    lines = [_sample(path) for path, _ in ways.values()]
-    widths = np.array([width for _, width in ways.values()])
+    lines = [_sample(line) for line in ways.values()]
+    widths = np.array([line.width for line in ways.values()])
     boxes = np.array([(*points.min(axis=0), *points.max(axis=0)) for _, points in lines]).reshape(-1, 4)
     found = {}
     for i, (one, (along, first)) in enumerate(zip(keys, lines, strict=True)):
@@ -124,7 +134,10 @@ def stretches(ways: Mapping[Key, tuple[Segment, float]]) -> dict[tuple[Key, Key]
     return found
 
 
-def _sample(segment: Segment) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _sample(line: Line) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return stations, shape ``(k,)``, and points, shape ``(k, 2)``, along a centre line [m]."""
+    segment = line.path
     stations = np.append(np.arange(0.0, segment.length, _SPACING), segment.length)
-    return stations, np.column_stack([np.interp(stations, segment.stations, segment.points[:, axis]) for axis in (0, 1)])
+    return stations - line.origin, np.column_stack(
+        [np.interp(stations, segment.stations, segment.points[:, axis]) for axis in (0, 1)]
+    )

@@ -23,7 +23,7 @@ from typing import Any, NamedTuple
 
 from pytest_rvads.displayed import shown
 from pytest_rvads.errors import MapError, ScenarioError
-from pytest_rvads.junctions.conflicts import CONFLICT_WIDTH, JunctionKind, Key, Shared, Way, stretches
+from pytest_rvads.junctions.conflicts import CONFLICT_WIDTH, JunctionKind, Key, Line, Shared, Way, stretches
 from pytest_rvads.junctions.sweep import BEFORE, CAR, Course, no_way, through
 from pytest_rvads.junctions.yielding import Precedence, Reason
 from pytest_rvads.maps.control import JunctionControl, Sign, control_of
@@ -265,9 +265,22 @@ class Junction:
 
     @cached_property
     def stretches(self) -> Mapping[tuple[Key, Key], Shared] | None:
-        """Shared stretches of pairs of ways from different starts, in both orders; None without centre lines."""
-        ways = {key: (way.path, way.width) for key, way in self.every_way.items() if way.path is not None}
-        return MappingProxyType(stretches(ways)) if len(ways) == len(self.every_way) else None
+        """Shared stretches of pairs of ways from different starts, in both orders; None without centre lines.
+
+        A movement meets further ways on its approach and its exit road, too; a station before the entrance vertex is negative.
+        """
+        ways = {key: Line(way.path, way.width) for key, way in self.every_way.items() if way.path is not None}
+        if len(ways) < len(self.every_way):
+            return None
+        if not self.further:
+            return MappingProxyType(stretches(ways))
+        courses = {
+            key: Line(course.path, CONFLICT_WIDTH, course.origin) for key in self.movements if (course := self._course(key))
+        }
+        between = stretches({key: ways[key] for key in self.movements})
+        return MappingProxyType(
+            between | {pair: s for pair, s in stretches(ways | courses).items() if not self.movements.keys() >= {*pair}}
+        )
 
     @cached_property
     def conflicts(self) -> frozenset[tuple[Key, Key]] | None:

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable
 from math import ceil, log10
 
 from pytest_rvads.conduct.grounds import Ground, ground_of
+from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.junctions.turn_words import UTURN, turn_word
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.rules.lexicon import ATTRIBUTES, word_of
@@ -14,7 +15,7 @@ from pytest_rvads.maps.control import JunctionControl, Sign
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Agent, Colour, Zone
 
-__all__ = ["Naming", "clock", "colour_at", "element_name", "literal", "place", "position", "say", "why", "zone"]
+__all__ = ["Naming", "clock", "colour_at", "element_name", "literal", "origin", "place", "position", "say", "why", "zone"]
 
 Naming = Callable[[f.Element], str]
 """Returns the name of an element: the element's own name, or the name of a variable."""
@@ -155,6 +156,13 @@ def position(run: Run, agent: int, tick: int) -> str:
     if run.station is not None:
         return f"{run.station[tick, agent]:+.2f} m"
     return zone(run.agents[agent], Zone(int(run.zone[tick, agent])))
+
+
+def origin(junction: Junction, agent: Agent) -> str:
+    """Return where an agent comes from, and its turn or the kind of its way, in words."""
+    if agent.way.key in junction.movements:
+        return f"from entrance {agent.entrance}, {turn_word(junction, agent.way)}"
+    return f"on a {agent.way.kind} of arm {junction.starts[agent.entrance].arm}"
 
 
 def zone(agent: Agent, where: Zone) -> str:
