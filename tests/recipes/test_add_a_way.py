@@ -23,6 +23,7 @@ from pytest_rvads.junctions.conflicts import Key, Way
 from pytest_rvads.junctions.finder import find
 from pytest_rvads.junctions.junction import Entrance, Exit, Further, Junction
 from pytest_rvads.junctions.yielding import Reason
+from pytest_rvads.logic.ltl.ltl3 import Truth
 from pytest_rvads.logic.rules.book import rules_for
 from pytest_rvads.maps.segment import Segment, Turn
 from pytest_rvads.runs.itineraries import itinerary
@@ -72,7 +73,7 @@ def crossed(y: float, *, priority: bool = False) -> Junction:
 
 
 def scene(drive: Make, y: float, x: float, speed: float = 5.0, start: float = -10.0) -> Run:
-    """Return a run of 5 s in which a car drives straight on from entrance 0, at a station at first, and p0 walks from x to the west.
+    """Return a run of 5 s in which a car drives straight on from entrance 0, and p0 walks to the west.
 
     Args:
         drive: the fixture.
@@ -86,13 +87,13 @@ def scene(drive: Make, y: float, x: float, speed: float = 5.0, start: float = -1
     way = itinerary(place, *place.further[0].way.key)
     front = x - PACE * DT * np.arange(run.steps)
     station = HALF - front
-    columns = {
+    columns: dict[str, Any] = {
         "zone": np.array([way.zone(along) for along in station], dtype=np.int8),
         "station": station,
         "speed": np.full(run.steps, PACE),
         "pose": np.column_stack((front, np.full(run.steps, y), np.full(run.steps, np.pi))),
     }
-    both = {name: np.stack((getattr(run, name)[:, 0], column), axis=1) for name, column in columns.items()}
+    both: dict[str, Any] = {name: np.stack((getattr(run, name)[:, 0], column), axis=1) for name, column in columns.items()}
     walker = Agent("p0", place.further[0].way, Kind.PEDESTRIAN, (BODY, BODY))
     return replace(run, agents=(*run.agents, walker), collisions=None, **both)
 
@@ -138,7 +139,8 @@ def test_drivers_see_where_their_way_meets_the_crossing(priority: bool) -> None:
 
 
 def test_collision_with_the_walker_fails_when_the_bodies_touch(drive: Make) -> None:
-    # The front of the car comes to the side of p0 at y = -13.3, 11.7 m from y = -25, in 2.34 s. The middle of p0 is at x = 1.75 then.
+    # The front of the car drives the 11.7 m from y = -25 to the side of p0 at y = -13.3 in 2.34 s.
+    # At that time the middle of p0 is at x = 1.75.
     run = scene(drive, -13.0, LANE - BODY / 2 + PACE * 2.34)
     assert validate(run) == ()
     verdict = rvads.check(run, "no_collision")
@@ -189,20 +191,24 @@ def test_rules_about_vehicles_have_no_instance_about_the_walker(drive: Make) -> 
 
 def test_live_monitors_find_the_same_violation(drive: Make) -> None:
     run = scene(drive, -13.0, LANE - CAR / 2 - BODY + PACE * 2.24)
-    monitor = rvads.RuleMonitor(run.junction, ["no_collision", "no_conflict"], dt=run.dt)
+    monitor = rvads.RuleMonitor(["no_collision", "no_conflict"], run.junction, dt=run.dt)
     found = []
     for tick in range(run.steps):
         seen = [
-            rvads.Seen(agent, float(run.station[tick, k]), float(run.speed[tick, k]), *map(float, run.pose[tick, k]))  # type: ignore[index]
+            rvads.Seen(agent, float(run.station[tick, k]), float(run.speed[tick, k]), *map(float, run.pose[tick, k]))
             for k, agent in enumerate(run.agents)
         ]
-        found += [(one.rule, one.time) for one in monitor.see(seen, run.lights[tick]) if one.status == "FAIL"]
-    assert found[:1] == [("no_conflict", rvads.check(run, "no_conflict").time)]
+        found += [(one.rule, one.time) for one in monitor.see(seen, run.lights[tick]) if one.verdict is Truth.FALSE]
+    failed = rvads.check(run, "no_conflict").time
+    assert found
+    assert {rule for rule, _ in found} == {"no_conflict"}
+    assert min(time for _, time in found) == pytest.approx(failed, abs=1e-9)
 
 
 def test_pictures_show_the_crossing_and_the_walker(drive: Make) -> None:
     run = scene(drive, -13.0, HALF + 0.5)
-    stripes = '<polyline class="further" style="fill:none;stroke:#fff;stroke-dasharray:.5;stroke-width:0.6" points="5.25,13.00 -5.25,13.00"/>'
+    style = "fill:none;stroke:#fff;stroke-dasharray:.5;stroke-width:0.6"
+    stripes = f'<polyline class="further" style="{style}" points="5.25,13.00 -5.25,13.00"/>'
     for document in (picture(run, 100, "title"), replay(run, "title"), animated(run)):
         assert document.count(stripes) == 1
         assert document.count('data-agent="p0"') == 1
