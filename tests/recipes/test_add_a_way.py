@@ -176,6 +176,24 @@ def test_walker_long_after_the_car_breaks_nothing(drive: Make) -> None:
         assert rvads.check(run, rule).status == "PASS"
 
 
+def test_car_that_waits_for_the_walker_could_not_go(drive: Make) -> None:
+    # The front of the car stops 1.8 m before y = -13, short of the stretch, which begins 1.6 m before.
+    # p0 stands in the lane of the car.
+    moves = {0: (2, -10.0, [(0, 5.0), (204, 0.0)])}
+    run: Run = drive(crossed(-13.0), moves, 3000)
+    station = np.full(run.steps, HALF - LANE)
+    columns: dict[str, Any] = {
+        "zone": np.full(run.steps, Zone.JUNCTION, dtype=np.int8),
+        "station": station,
+        "speed": np.zeros(run.steps),
+        "pose": np.column_stack((HALF - station, np.full(run.steps, -13.0), np.full(run.steps, np.pi))),
+    }
+    both: dict[str, Any] = {name: np.stack((getattr(run, name)[:, 0], column), axis=1) for name, column in columns.items()}
+    walker = Agent("p0", run.junction.further[0].way, Kind.PEDESTRIAN, (BODY, BODY))
+    assert rvads.check(run, "progress").status == "FAIL"
+    assert rvads.check(replace(run, agents=(*run.agents, walker), collisions=None, **both), "progress").status == "PASS"
+
+
 def test_rules_about_vehicles_have_no_instance_about_the_walker(drive: Make) -> None:
     run = scene(drive, -13.0, LANE + CAR / 2 + 2.0 + PACE * 4.0)
     alone: Run = drive(STOP, {0: (2, -10.0, [(0, 5.0)])}, 500)
