@@ -259,7 +259,7 @@ def _instance(verdict: Verdict, instance: InstanceVerdict) -> tuple[str, ...]:
 
 
 def _way(junction: Junction, agent: Agent) -> str:
-    return f"{label(junction, agent.entrance)} to {junction.exits[agent.exit].arm}, {turn_word(junction, agent.route)}"
+    return f"{label(junction, agent.entrance)} to {junction.exits[agent.exit].arm}, {turn_word(junction, agent.way)}"
 
 
 def _block(*parts: str) -> str:

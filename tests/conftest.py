@@ -203,7 +203,7 @@ def drive() -> Make:
             pose = np.array([itinerary.pose(float(s)) for s in station])
             pose[:, :2] += sum(beside) * np.stack((-np.sin(pose[:, 2]), np.cos(pose[:, 2])), axis=-1)
             columns.append((zone.astype(np.int8), station, speed, pose))
-        colours = np.zeros((steps, len(place.entrances)), dtype=np.int8)
+        colours = np.zeros((steps, len(place.starts)), dtype=np.int8)
         for entrance in lights or {}:
             for tick, colour in (lights or {})[entrance]:
                 colours[tick:, entrance] = colour

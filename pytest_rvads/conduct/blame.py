@@ -187,7 +187,7 @@ def _on_red(run: Run, agent: int, _other: int, tick: int) -> bool:
 
 def _past_the_sign(run: Run, agent: int, _other: int, tick: int) -> bool:
     entered = _entered(run, agent, tick)
-    sign = run.junction.entrances[run.agents[agent].entrance].sign
+    sign = run.junction.starts[run.agents[agent].entrance].sign
     return sign is Sign.STOP and entered is not None and not _had_stopped(run, agent, entered)
 
 

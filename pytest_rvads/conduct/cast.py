@@ -69,8 +69,8 @@ class Cast:
         self.junction, self.agents, self.facts = junction, tuple(agents), facts
         self.entrance = np.array([agent.entrance for agent in self.agents], dtype=np.int64)
         self.exit = np.array([agent.exit for agent in self.agents], dtype=np.int64)
-        self.way = np.array([agent.route.length for agent in self.agents], dtype=np.float64)
-        """Lengths of the movements [m]."""
+        self.way = np.array([agent.way.length for agent in self.agents], dtype=np.float64)
+        """Lengths of the ways through the junction [m]."""
         self.length, self.width = np.array([agent.size or (np.nan, np.nan) for agent in self.agents]).reshape(-1, 2).T
         """Of the bodies [m]; NaN where they are not known."""
         self._static: dict[object, Any] = {}

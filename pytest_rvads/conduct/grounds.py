@@ -37,12 +37,12 @@ class Ground(StrEnum):
 
 
 def lit(junction: Junction, entrance: int) -> bool:
-    """Return whether an entrance has a light."""
-    return junction.entrances[entrance].sign is Sign.LIGHTS
+    """Return whether an entrance, or the start of another way, has a light."""
+    return junction.starts[entrance].sign is Sign.LIGHTS
 
 
 def ground_of(junction: Junction, one: Key, other: Key) -> Ground | None:
-    """Return the ground on which a vehicle on movement `one` has to give way to a vehicle on movement `other`, or None.
+    """Return the ground on which an agent on way `one` has to give way to an agent on way `other`, or None.
 
     Raises:
         RunError: the places of the lanes are unknown, and the ground depends on them.
@@ -74,7 +74,7 @@ def in_turn(junction: Junction, one: Key, other: Key) -> bool:
     The order binds movements from different arms that share a stretch (California Vehicle Code 21800(a) protects a vehicle that
     has entered). If the places of the lanes are unknown, the order binds all movements from different arms.
     """
-    if junction.entrances[one[0]].arm == junction.entrances[other[0]].arm:
+    if not junction.movements.keys() >= {one, other} or junction.entrances[one[0]].arm == junction.entrances[other[0]].arm:
         return False
     return junction.conflicts is None or (one, other) in junction.conflicts
 
@@ -89,9 +89,9 @@ def may_owe(run: Run | Cast, agent: int, other: int) -> bool:
     if agent == other or junction.control is JunctionControl.STOP:
         return False
     if not lit(junction, me.entrance):
-        return ground_of(junction, me.route.key, you.route.key) is not None
+        return ground_of(junction, me.way.key, you.way.key) is not None
     if me.turn is junction.near:
         return True
     if not lit(junction, you.entrance):
-        return ground_of(junction, me.route.key, you.route.key) is not None
+        return ground_of(junction, me.way.key, you.way.key) is not None
     return me.turn is junction.far and you.turn is not junction.far and (me.entrance, you.entrance) in junction.opposite

@@ -144,10 +144,10 @@ def _delay(run: Run, column: int) -> float | None:
     left = np.flatnonzero(run.zone[:, column] >= Zone.EXIT)
     if run.facts.speed_limit is None or not len(left):
         return None
-    begin, route = int(run.spans[column, 0]), run.agents[column].route
-    limits, start = limits_of(run.junction, route.key, run.facts), float(run.need("station")[begin, column])
+    begin, way = int(run.spans[column, 0]), run.agents[column].way
+    limits, start = limits_of(run.junction, way.key, run.facts), float(run.need("station")[begin, column])
     starts = [start, *(max(station, start) for station, _ in limits[1:])]
-    ends = (min(station, route.length) for station in (*starts[1:], route.length))
+    ends = (min(station, way.length) for station in (*starts[1:], way.length))
     fastest = math.fsum((b - min(a, b)) / limit for a, b, (_, limit) in zip(starts, ends, limits, strict=True))
     return _rounded(float(left[0] - begin) * run.dt - fastest)
 

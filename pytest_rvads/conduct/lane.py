@@ -109,7 +109,7 @@ _FAR = 1e6
 def _ways(cast: Cast) -> Ways:
     if not cast.junction.drivable:
         raise RunError("the run holds no geometry of its junction")
-    return Ways([itinerary(cast.junction, *agent.route.key) for agent in cast.agents])
+    return Ways([itinerary(cast.junction, *agent.way.key) for agent in cast.agents])
 
 
 def _placed(block: Block, columns: Sequence[int]) -> None:
@@ -203,7 +203,7 @@ def too_tight(run: Run, agent: int) -> tuple[Narrow, float] | None:
     body = usual_body(*who.size)
     body = body._replace(radius=dict(run.facts.turning).get(who.name) or body.radius)
     start = float(run.need("station")[window(run, (agent,))[0], agent])
-    narrow = no_way(itinerary(run.junction, *who.route.key).course(run.junction.lane_width, start), body)
+    narrow = no_way(itinerary(run.junction, *who.way.key).course(run.junction.lane_width, start), body)
     return None if narrow is None else (narrow, body.radius)
 
 
@@ -224,7 +224,7 @@ def beyond_steering(run: Run, agent: int) -> bool:
 @lru_cache(maxsize=1024)
 def wrong_lanes(junction: Junction, entrance: int, exit: int) -> tuple[int, ...]:
     """Return the entrances beside `entrance` from which no movement leads to the arm of `exit`."""
-    here, there = junction.entrances[entrance].arm, junction.exits[exit].arm
+    here, there = junction.starts[entrance].arm, junction.ends[exit].arm
     leading = {one for one, other in junction.movements if junction.exits[other].arm == there}
     return tuple(lane for lane in junction.arms[here].entrances if lane not in leading)
 
@@ -253,5 +253,5 @@ def lane_allows(run: Run, agent: int) -> NDArray[np.bool_]:
     apart = [np.abs(ways.offset(number, points, ways.nearest(number, points, along))) for number in numbers]
     lane = np.array(list(lanes))[np.argmin(apart, axis=0)]
     found = np.ones(run.steps, dtype=np.bool_)
-    found[there] = ~np.isin(lane, wrong_lanes(junction, *who.route.key))
+    found[there] = ~np.isin(lane, wrong_lanes(junction, *who.way.key))
     return found

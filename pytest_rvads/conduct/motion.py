@@ -32,7 +32,7 @@ def entered(block: Block, before: NDArray[np.int64]) -> tuple[NDArray[np.int64],
 
 @signal(start=(0,))
 def facing(block: Block, before: NDArray[np.int8]) -> tuple[NDArray[np.int8], ...]:
-    """The colour of the light at the entrance of every vehicle; from its entry on, as it was then."""
+    """The colour of the light at the start of the way of every agent; from its entry on, as it was then."""
     colours, entry = block.lights[:, block.cast.entrance], entered(block)
     row = np.minimum(entry[-1] - block.tick, len(colours) - 1)
     at_entry = np.where(row >= 0, colours[np.maximum(row, 0), np.arange(len(row))], before)

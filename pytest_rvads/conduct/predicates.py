@@ -49,7 +49,7 @@ class Static:
     """Entrances with a stop sign."""
     agents: tuple[Agent, ...]
     conflicts: frozenset[tuple[tuple[int, int], tuple[int, int]]] | None = None
-    """Pairs of conflicting movements; None if the geometry is unknown."""
+    """Pairs of conflicting ways; None if the geometry is unknown."""
     near: Turn = Turn.RIGHT
     """The turn that crosses no other way."""
     far: Turn = Turn.LEFT
@@ -69,6 +69,8 @@ class Static:
     """Pairs of agents, in both orders, that instances may be about because the two were present together; None: all pairs."""
     judged: frozenset[int] | None = None
     """Agents whose instances are judged in this run, see `Excerpt.judged`; None: all agents."""
+    further: frozenset[int] = frozenset()
+    """Agents, by column, on ways that are no movements."""
     _hash: int = field(init=False, repr=False, compare=False)
     """The hash, computed once: the model is a key of caches that every rule looks up."""
 
@@ -122,9 +124,10 @@ def _extract(run: Run) -> Static:
         grounds,
         _owing(run) if grounds is not None and junction.control not in _BY_STATE else None,
         _by_arrival(run) if junction.control is JunctionControl.STOP else None,
-        frozenset(k for k, who in enumerate(run.agents) if wrong_lanes(junction, *who.route.key)),
+        frozenset(k for k, who in enumerate(run.agents) if wrong_lanes(junction, *who.way.key)),
         together(run),
         judged(run),
+        frozenset(k for k, who in enumerate(run.agents) if who.way.key not in junction.movements),
     )
 
 
@@ -137,19 +140,19 @@ def _grounds(run: Run) -> frozenset[tuple[int, int, Ground]] | None:
         return frozenset()
     if run.junction.yields is None:
         return None
-    ways = [agent.route.key for agent in run.agents]
+    ways = [agent.way.key for agent in run.agents]
     pairs = ((one, two, ground_of(run.junction, ways[one], ways[two])) for one, two in permutations(range(len(ways)), 2))
     return frozenset((one, two, ground) for one, two, ground in pairs if ground is not None)
 
 
 def _owing(run: Run) -> frozenset[tuple[int, int]]:
-    conflicts, ways = run.junction.conflicts or (), [agent.route.key for agent in run.agents]
+    conflicts, ways = run.junction.conflicts or (), [agent.way.key for agent in run.agents]
     pairs = permutations(range(len(ways)), 2)
     return frozenset((one, two) for one, two in pairs if (ways[one], ways[two]) in conflicts and may_owe(run, one, two))
 
 
 def _by_arrival(run: Run) -> frozenset[tuple[int, int]]:
-    ways, there = [agent.route.key for agent in run.agents], together(run)
+    ways, there = [agent.way.key for agent in run.agents], together(run)
     pairs = permutations(range(len(ways)), 2) if there is None else there
     return frozenset((one, two) for one, two in pairs if in_turn(run.junction, ways[one], ways[two]))
 

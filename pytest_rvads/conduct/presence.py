@@ -71,7 +71,7 @@ def near(run: Run) -> NDArray[np.int64]:
         station = run.need("station")[begin:end, column]
         speed = np.zeros_like(station) if run.speed is None else run.speed[begin:end, column]
         reach = np.maximum(NEAR, NEAR_TIME * np.maximum(speed, 0.0))
-        left = agent.route.length + max(LEAVE, agent.size[0] if agent.size else 0.0)
+        left = agent.way.length + max(LEAVE, agent.size[0] if agent.size else 0.0)
         there = (station >= -run.junction.setbacks[agent.entrance] - reach) & (station <= left) & run.here[begin:end, column]
         ticks = np.flatnonzero(there)
         if len(ticks):
@@ -119,7 +119,7 @@ def cut_off(run: Run) -> bool:
         return False
     if run.station is None or agent.size is None:
         return not (zones == Zone.EXIT).any()
-    return bool(run.station[:, column].max() - agent.size[0] <= agent.route.length)
+    return bool(run.station[:, column].max() - agent.size[0] <= agent.way.length)
 
 
 def crossed(run: Run) -> bool:

@@ -71,7 +71,7 @@ SHARE = 1 / 3
 
 
 def _stop_signs(cast: Cast) -> NDArray[np.bool_]:
-    return np.array([cast.junction.entrances[agent.entrance].sign is Sign.STOP for agent in cast.agents], dtype=np.bool_)
+    return np.array([cast.junction.starts[agent.entrance].sign is Sign.STOP for agent in cast.agents], dtype=np.bool_)
 
 
 @signal
@@ -272,7 +272,7 @@ class Encounter:
 
     def __init__(self, agent: Agent, other: Agent, common: Shared, dt: float) -> None:
         self.common, self._dt = common, dt
-        self._lengths = agent.route.length, other.route.length
+        self._lengths = agent.way.length, other.way.length
         self._passed = common.yours.end + (other.size[0] if other.size else 0.0)
         self._straight = other.turn is Turn.STRAIGHT
         self._tick = 0

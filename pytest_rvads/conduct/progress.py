@@ -45,7 +45,7 @@ def _known(block: Block, _columns: Sequence[int]) -> None:
 
 def _before_lights(cast: Cast) -> NDArray[np.float64]:
     """Return where the front of every vehicle may wait at a light [m]: from before its line up to its first shared stretch."""
-    ends = [first_stretch(cast.junction, agent.route.key) for agent in cast.agents]
+    ends = [first_stretch(cast.junction, agent.way.key) for agent in cast.agents]
     return np.array([cast.static(lines) - QUEUE_GAP, ends])
 
 

@@ -100,7 +100,7 @@ def _always(cast: Cast) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     for one, two in cast.static(owing).column:
         me, you = cast.agents[one], cast.agents[two]
         near, free = me.turn is junction.near, not lit(junction, you.entrance)
-        ground = near and free and ground_of(junction, me.route.key, you.route.key) is not None
+        ground = near and free and ground_of(junction, me.way.key, you.way.key) is not None
         rows.append((not lit(junction, me.entrance) or ground, near))
     always, near_side = np.array(rows, dtype=np.bool_).reshape(-1, 2).T
     return always, near_side
@@ -174,7 +174,7 @@ def held(block: Block) -> NDArray[np.bool_]:
 
 def in_turns(cast: Cast) -> Pairs:
     """Return the pairs of vehicles that go by the order of arrival, see `grounds.in_turn`."""
-    return pairs(cast, lambda one, two: in_turn(cast.junction, cast.agents[one].route.key, cast.agents[two].route.key))
+    return pairs(cast, lambda one, two: in_turn(cast.junction, cast.agents[one].way.key, cast.agents[two].way.key))
 
 
 @signal(pairs=in_turns)

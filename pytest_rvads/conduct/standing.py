@@ -65,7 +65,7 @@ def stop_place(junction: Junction, entrance: int) -> tuple[float, float]:
     The stop place begins `STOP_PLACE` before the stopping line, or before a stop sign farther upstream. It ends `LINE_TOLERANCE`
     after the stopping line, or after the entrance vertex if no line is marked.
     """
-    place = junction.entrances[entrance]
+    place = junction.starts[entrance]
     return -max(place.setback, place.sign_setback or 0.0) - STOP_PLACE, LINE_TOLERANCE - place.setback
 
 
@@ -182,7 +182,7 @@ def drives(run: Run, agent: int) -> bool:
 
 def _limited(block: Block, columns: Sequence[int]) -> None:
     for column in columns:
-        limits_of(block.junction, block.cast.agents[column].route.key, block.cast.facts)
+        limits_of(block.junction, block.cast.agents[column].way.key, block.cast.facts)
 
 
 @signal(needs=_limited)
@@ -202,7 +202,7 @@ def _limits(cast: Cast) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     rows = []
     for agent in cast.agents:
         with suppress(RunError):
-            rows.append(limits_of(cast.junction, agent.route.key, cast.facts))
+            rows.append(limits_of(cast.junction, agent.way.key, cast.facts))
             continue
         rows.append(((0.0, math.nan),))
     most = max(map(len, rows), default=1)

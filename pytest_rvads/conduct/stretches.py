@@ -1,4 +1,4 @@
-"""Where two vehicles are on the stretch that their movements share."""
+"""Where two agents are on the stretch that their ways share."""
 
 from __future__ import annotations
 
@@ -33,11 +33,11 @@ __all__ = [
 ]
 
 _SPACING = 0.5
-"""Movements are compared at stations so far apart [m]."""
+"""Ways are compared at stations so far apart [m]."""
 
 
 def shared(run: Run | Cast, one: int, two: int) -> Shared | None:
-    """Return what the movements of two agents, given by column, share; None where they don't meet.
+    """Return what the ways of two agents, given by column, share; None where they don't meet.
 
     Raises:
         RunError: the run holds no geometry of its junction.
@@ -45,7 +45,7 @@ def shared(run: Run | Cast, one: int, two: int) -> Shared | None:
     found = run.junction.stretches
     if found is None:
         raise RunError("the run holds no geometry of its junction")
-    return found.get((run.agents[one].route.key, run.agents[two].route.key))
+    return found.get((run.agents[one].way.key, run.agents[two].way.key))
 
 
 def contested(run: Run | Cast, one: int, two: int) -> Shared | None:
@@ -59,21 +59,21 @@ def contested(run: Run | Cast, one: int, two: int) -> Shared | None:
     common = shared(run, one, two)
     if common is None or not common.merges:
         return common
-    ends = (run.agents[k].route.length + LEAVE for k in (one, two))
+    ends = (run.agents[k].way.length + LEAVE for k in (one, two))
     mine, yours = (Stretch(part.start, end) for part, end in zip((common.mine, common.yours), ends, strict=True))
     return Shared(mine, yours, merges=True)
 
 
 @lru_cache(maxsize=4096)
 def parting(junction: Junction, one: Key, two: Key) -> float:
-    """Return the station up to which two movements from one entrance have no room beside each other [m].
+    """Return the station up to which two ways from one start have no room beside each other [m].
 
-    The station is infinite for movements into the same exit.
+    The station is infinite for ways to the same end.
 
     Raises:
         RunError: the run holds no geometry of its junction.
     """
-    paths = junction.movements[one].path, junction.movements[two].path
+    paths = junction.every_way[one].path, junction.every_way[two].path
     if paths[0] is None or paths[1] is None:
         raise RunError("the run holds no geometry of its junction")
     if one[1] == two[1]:
@@ -86,12 +86,12 @@ def parting(junction: Junction, one: Key, two: Key) -> float:
 
 @lru_cache(maxsize=4096)
 def first_stretch(junction: Junction, way: Key) -> float:
-    """Return the station at which a movement first shares a stretch with a movement from another entrance [m], else infinity."""
+    """Return the station at which a way first shares a stretch with a way from another start [m], else infinity."""
     return min((common.mine.start for (one, _), common in (junction.stretches or {}).items() if one == way), default=math.inf)
 
 
 def meeting(cast: Cast) -> Pairs:
-    """Return the pairs of vehicles whose movements share a stretch.
+    """Return the pairs of agents whose ways share a stretch.
 
     Raises:
         RunError: the run holds no geometry of its junction.
@@ -127,7 +127,7 @@ def _meeting_places(cast: Cast) -> Places:
 
 @signal(pairs=meeting, needs=sized)
 def meet(block: Block) -> NDArray[np.bool_]:
-    """Which two vehicles are both on the stretch that their movements share.
+    """Which two agents are both on the stretch that their ways share.
 
     Vehicles with movements into the same exit meet while they are side by side, not while one vehicle follows the other.
     """
@@ -182,10 +182,10 @@ def roads(cast: Cast) -> _Roads:
     commons = [shared(cast, one, two) for one, two in both.column]
     entrance, exit = cast.entrance[both.one] == cast.entrance[both.two], cast.exit[both.one] == cast.exit[both.two]
     partings = [
-        parting(cast.junction, agents[one].route.key, agents[two].route.key) if same else 0.0
+        parting(cast.junction, agents[one].way.key, agents[two].way.key) if same else 0.0
         for (one, two), same in zip(both.column, entrance.tolist(), strict=True)
     ]
-    joins = [c.yours.start if c else agents[two].route.length for (_, two), c in zip(both.column, commons, strict=True)]
+    joins = [c.yours.start if c else agents[two].way.length for (_, two), c in zip(both.column, commons, strict=True)]
     return _Roads(entrance, exit, np.array(partings), np.array(joins), cast.way[both.two] - cast.way[both.one])
 
 

@@ -92,7 +92,7 @@ def _arrays(run: Run) -> Iterator[Finding]:
     shape = (run.steps, len(run.agents))
     shapes: list[tuple[str, NDArray[Any] | None, tuple[int, ...]]] = [
         ("zone", run.zone, shape),
-        ("lights", run.lights, (run.steps, len(run.junction.entrances))),
+        ("lights", run.lights, (run.steps, len(run.junction.starts))),
         ("station", run.station, shape),
         ("speed", run.speed, shape),
         ("pose", run.pose, (*shape, 3)),
@@ -130,7 +130,7 @@ def _agents(run: Run) -> Iterator[Finding]:
             what = "facts" if named not in collided else "collisions"
             yield Finding("values", 0.0, f"the {what} name {named!r}, which is none of the vehicles {', '.join(names)}")
     for agent in run.agents:
-        way = run.junction.movements.get((agent.entrance, agent.exit))
+        way = run.junction.every_way.get(agent.way.key)
         where = f"{agent.name} goes from entrance {agent.entrance} to exit {agent.exit}"
         if way is None:
             yield Finding("values", 0.0, f"{where}, where junction {run.junction.name!r} has no movement")
@@ -144,8 +144,8 @@ def _zones(run: Run, column: int, agent: Agent) -> Iterator[Finding]:
     """Check the order of the zones of an itinerary: the vehicle skips no zone, and does not drive backwards through zones."""
     zone = run.zone[:, column].astype(np.int64)
     known = (zone != Zone.ABSENT)[1:] & (zone != Zone.ABSENT)[:-1]
-    road, step = run.junction.exits[agent.exit].road, np.diff(zone)
-    lengths = {Zone.JUNCTION: agent.route.length, Zone.EXIT: np.inf if road is None else road.length}
+    road, step = run.junction.ends[agent.exit].road, np.diff(zone)
+    lengths = {Zone.JUNCTION: agent.way.length, Zone.EXIT: np.inf if road is None else road.length}
     passed = (step == 2) & np.isin(zone[:-1] + 1, [part for part, length in lengths.items() if length < _SHORT])
     jumps = np.flatnonzero(((step < 0) | (step > 1)) & ~passed & known) + 1
     if len(jumps):
@@ -160,7 +160,7 @@ def _zones(run: Run, column: int, agent: Agent) -> Iterator[Finding]:
     if run.station is None:
         return
     station, line = run.station[:, column], -run.junction.setbacks[agent.entrance]
-    length = run.junction.movements[agent.entrance, agent.exit].length
+    length = run.junction.every_way[agent.way.key].length
     spread = 0.0 if run.spread is None else run.spread[:, column]
     first, last = (
         np.select([at < line - ENTRANCE_ZONE, at <= 0.0, at < length], [Zone.APPROACH, Zone.ENTRANCE, Zone.JUNCTION], Zone.EXIT)
@@ -237,7 +237,7 @@ def _itinerary(run: Run, column: int, agent: Agent) -> Iterator[Finding]:
     if run.pose is None or run.station is None or not run.junction.drivable:
         return
     try:
-        way = itinerary(run.junction, agent.entrance, agent.exit)
+        way = itinerary(run.junction, *agent.way.key)
     except MapError as error:
         yield Finding("itinerary", 0.0, f"{agent.name} has no itinerary: {error}")
         return

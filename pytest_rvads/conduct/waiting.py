@@ -69,13 +69,13 @@ def _first_turns(cast: Cast) -> NDArray[np.float64]:
 
 
 def _first_turn(cast: Cast, one: int, two: int) -> float:
-    return _first_turn_onto(cast.junction, cast.agents[one].route.key, cast.agents[two].entrance)
+    return _first_turn_onto(cast.junction, cast.agents[one].way.key, cast.agents[two].entrance)
 
 
 @lru_cache(maxsize=4096)
 def _first_turn_onto(junction: Junction, way: Key, entrance: int) -> float:
     """Return where a vehicle from an entrance first gets onto a way, on movements to which that way gives way by its sign [m]."""
-    if junction.stretches is None or junction.entrances[way[0]].sign not in (Sign.STOP, Sign.YIELD):
+    if junction.stretches is None or junction.starts[way[0]].sign not in (Sign.STOP, Sign.YIELD):
         return math.inf
     turns = [key for key in junction.movements if key[0] == entrance and ground_of(junction, way, key) is not None]
     return min((junction.stretches[way, key].yours.start for key in turns), default=math.inf)

@@ -245,7 +245,7 @@ def lights(bench: Bench) -> Iterator[str]:
 def _colours(bench: Bench, case: Case) -> Iterator[str]:
     shown: list[Observation] = []
     run = bench.run(Case(case.scenario, partial(Witness, shown)))
-    plan, entrances = case.scenario.signals(), len(run.junction.entrances)
+    plan, entrances = case.scenario.signals(), len(run.junction.starts)
     for tick in range(run.steps):
         wanted = plan.colours(tick * DT, entrances)
         if tuple(run.lights[tick]) != wanted:

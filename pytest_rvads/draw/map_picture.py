@@ -14,9 +14,9 @@ from pytest_rvads.draw.symbols import arrow, marks, sign
 from pytest_rvads.junctions.analysis import JunctionReport
 from pytest_rvads.junctions.conflicts import Key
 from pytest_rvads.junctions.junction import Junction
+from pytest_rvads.junctions.paths import walk
 from pytest_rvads.junctions.road_map import RoadMap
 from pytest_rvads.junctions.turn_words import UTURN, turn_word
-from pytest_rvads.junctions.ways import walk
 from pytest_rvads.junctions.yielding import Reason
 from pytest_rvads.maps.control import JunctionControl, Sign
 from pytest_rvads.maps.network import Edge
@@ -140,7 +140,7 @@ def _giving_way(report: JunctionReport, junction: Junction) -> Iterator[str]:
 
 def _yields(junction: Junction) -> dict[tuple[Key, Key], Reason]:
     """Return who gives way to whom, without those whose lights are never green together."""
-    phases = [entrance.phase for entrance in junction.entrances]
+    phases = [start.phase for start in junction.starts]
     pairs = (junction.yields or {}).items()
     return {(a, b): why for (a, b), why in pairs if len({phases[a[0]], phases[b[0]]} - {None}) < 2}
 

@@ -179,13 +179,15 @@ def events(run: Run) -> list[tuple[float, str]]:
     found: list[tuple[float, str]] = []
     first = run.start
     junction = run.junction
-    out = [f"{lane.arm}.{lane.lane}" if len(junction.arms[lane.arm].exits) > 1 else f"{lane.arm}" for lane in junction.exits]
-    words = {Zone.ENTRANCE: "at entrance {0}", Zone.JUNCTION: "enters the junction", Zone.EXIT: "leaves by exit {1}"}
+    out = [f"{lane.arm}.{lane.lane}" if len(junction.arms[lane.arm].exits) > 1 else f"{lane.arm}" for lane in junction.ends]
     for column, agent in enumerate(run.agents):
+        words = {Zone.ENTRANCE: "at entrance {0}", Zone.JUNCTION: "enters the junction", Zone.EXIT: "leaves by exit {1}"}
+        if agent.way.key not in junction.movements:
+            words = {Zone.ENTRANCE: "comes to the {2}", Zone.JUNCTION: "enters the {2}", Zone.EXIT: "leaves the {2}"}
         found += [
             (
                 round(first + tick * run.dt, 6),
-                f"{agent.name} {words[Zone(zone)].format(label(junction, agent.entrance), out[agent.exit])}",
+                f"{agent.name} {words[Zone(zone)].format(label(junction, agent.entrance), out[agent.exit], agent.way.kind)}",
             )
             for tick, zone in _changes(run.zone[:, column])
             if zone in words and not (run.excerpt and _found_there(run, tick, column))

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from pytest_rvads.draw.symbols import arrow, marks, sign
 from pytest_rvads.errors import MapError
+from pytest_rvads.junctions.conflicts import Way
 from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Agent, Colour, Kind
@@ -67,7 +68,7 @@ class Scene:
         return points.min(axis=0), points.max(axis=0)
 
     def road(self) -> str:
-        """Return lanes with their marks and arrows, movements, stopping lines, numbers of arms and signs."""
+        """Return lanes with their marks and arrows, movements, further ways, stopping lines, numbers of arms and signs."""
         junction, width = self.junction, self.junction.lane_width
         ways = [junction.way_through(*key) for key in junction.movements]
         lanes = [*map(junction.way_in, range(len(junction.entrances))), *map(junction.way_out, range(len(junction.exits))), *ways]
@@ -78,6 +79,7 @@ class Scene:
                 for line, broken in marks(side, width, left_hand=junction.left_hand, centre=centre):
                     parts.append(f'<polyline class="{"mark broken" if broken else "mark"}" points="{path(line)}"/>')
         parts += [f'<polyline class="way" points="{path(s.points)}"/>' for s in ways]
+        parts += (_stripes(way) for way, _, _ in junction.further)
         parts += map(self._entrance, range(len(junction.entrances)))
         return "".join(parts)
 
@@ -126,13 +128,19 @@ class Scene:
         return "".join(parts)
 
 
+def _stripes(way: Way) -> str:
+    """Return a way that is no movement as stripes across it, as wide as the way; nothing if its centre line is not known."""
+    style = f"fill:none;stroke:#fff;stroke-dasharray:.5;stroke-width:{way.width:g}"
+    return "" if way.path is None else f'<polyline class="further" style="{style}" points="{path(way.path.points)}"/>'
+
+
 def label(junction: Junction, entrance: int) -> str:
     """Return what an entrance is called: by the number of its arm, and of its lane where the arm has several."""
     return junction.vehicle_at(entrance).removeprefix("a")
 
 
 def inks(agents: Sequence[Agent]) -> list[str]:
-    """Return the colours of vehicles: a colour per entrance, or a colour per vehicle if several vehicles share an entrance."""
+    """Return the colours of agents: a colour per start of a way, or a colour per agent if several agents share a start."""
     several = max(Counter(agent.entrance for agent in agents).values(), default=0) > 1
     numbers = range(len(agents)) if several else [agent.entrance for agent in agents]
     return [_shade(number) for number in numbers]

@@ -1,4 +1,4 @@
-"""Which movements of a junction get in each other's way, and where."""
+"""Which ways of a junction get in each other's way, and where."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ def _settled(junction: Junction) -> Set[tuple[Key, Key]]:
 
 @lru_cache(maxsize=4096)
 def _bend_speed(junction: Junction, key: Key) -> float:
-    return track(itinerary(junction, *key), 0.0).slowest(junction.movements[key].length)
+    return track(itinerary(junction, *key), 0.0).slowest(junction.every_way[key].length)
 
 
 def ahead_in_lane(seen: Observation) -> VehicleState | None:
@@ -116,7 +116,7 @@ def may_meet(junction: Junction, one: tuple[int, Turn], other: tuple[int, Turn])
 
     The answer is True if the geometry of the junction is unknown.
     """
-    if junction.entrances[one[0]].arm == junction.entrances[other[0]].arm:
+    if junction.starts[one[0]].arm == junction.starts[other[0]].arm:
         return False
     known, ways = junction.conflicts, junction.by_turn
     return known is None or any((mine.key, yours.key) in known for mine in ways[one] for yours in ways[other])

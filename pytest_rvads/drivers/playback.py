@@ -61,7 +61,7 @@ class Replay(TrafficSystem):
         left = list(enumerate(self.run.agents))
         chosen = []
         for agent in agents:
-            alike = [one for one in left if one[1].route.key == agent.route.key]
+            alike = [one for one in left if one[1].way.key == agent.way.key]
             if not alike:
                 raise ScenarioError(
                     f"run {self.run.label!r} has no vehicle from entrance {agent.entrance} to exit {agent.exit} "

@@ -11,8 +11,8 @@ from itertools import permutations
 from pytest_rvads.junctions.arms import RoadArm, arms_of, sort_arms, turns_in_order
 from pytest_rvads.junctions.conflicts import Key
 from pytest_rvads.junctions.graph import MetricGraph
+from pytest_rvads.junctions.paths import Path, Route, paths_of, walk
 from pytest_rvads.junctions.usability import MOST, unusable, widest_gap
-from pytest_rvads.junctions.ways import Path, Way, paths_of, walk
 from pytest_rvads.maps.control import (
     JunctionControl,
     MapObject,
@@ -55,7 +55,7 @@ class JunctionReport:
     """Entrances arm by arm, on each arm from the kerb; the number of an entrance is its index."""
     exits: tuple[LaneEnd, ...]
     """Exits arm by arm, on each arm from the kerb; the number of an exit is its index."""
-    movements: tuple[Way, ...]
+    movements: tuple[Route, ...]
     """Movements, sorted by entrance and exit."""
     signs: tuple[Sign, ...]
     """Sign or light of every entrance."""
@@ -187,7 +187,7 @@ def analyse(
     exits = _lanes([arm.exits for arm in arms])
     numbers = {end.edge: k for k, end in enumerate(entrances)}, {end.edge: k for k, end in enumerate(exits)}
     ways = [
-        Way(numbers[0][path.entrance], numbers[1][path.exit], Turn.of(path.turning), path.length, path.turning, path)
+        Route(numbers[0][path.entrance], numbers[1][path.exit], Turn.of(path.turning), path.length, path.turning, path)
         for path in paths
     ]
     ways.sort(key=lambda way: (way.entrance, way.exit, way.length, way.path.edges))
@@ -237,7 +237,7 @@ def lifted(pairs: Pairs, entrances: Sequence[LaneEnd]) -> Pairs:
 
 
 def turns_of_arms(
-    arms: Sequence[RoadArm], entrances: Sequence[LaneEnd], exits: Sequence[LaneEnd], ways: Sequence[Way]
+    arms: Sequence[RoadArm], entrances: Sequence[LaneEnd], exits: Sequence[LaneEnd], ways: Sequence[Route]
 ) -> dict[tuple[int, int], Turn]:
     """Return the turn from every arm to every other arm: the turn of its first movement, else from the directions of the arms."""
     found: dict[tuple[int, int], Turn] = {}
@@ -306,7 +306,7 @@ def _phases(
     return tuple(frozenset(lit[k] for k in group) for group in groups)
 
 
-def _arrows_across(ways: Sequence[Way], here: Sequence[Sequence[MapObject]], *, left_hand: bool) -> frozenset[int]:
+def _arrows_across(ways: Sequence[Route], here: Sequence[Sequence[MapObject]], *, left_hand: bool) -> frozenset[int]:
     """Return the entrances whose lights are arrows for the turn across oncoming traffic, and that allow no other movement."""
     across = {Turn.RIGHT if left_hand else Turn.LEFT}
     found = set()
@@ -317,7 +317,7 @@ def _arrows_across(ways: Sequence[Way], here: Sequence[Sequence[MapObject]], *, 
     return frozenset(found)
 
 
-def _stated(network: Network, id: str, ways: Sequence[Way], graph: MetricGraph) -> frozenset[tuple[Key, Key]]:
+def _stated(network: Network, id: str, ways: Sequence[Route], graph: MetricGraph) -> frozenset[tuple[Key, Key]]:
     """Return the pairs of movements of which, by the priorities of roads in the file, the first gives way to the second."""
     found = set()
     for high, low in network.junctions[id].priorities:
@@ -331,14 +331,14 @@ def _stated(network: Network, id: str, ways: Sequence[Way], graph: MetricGraph) 
     return frozenset(found - {(two, one) for one, two in found})
 
 
-def _joining(ways: Sequence[Way], graph: MetricGraph) -> frozenset[tuple[Key, Key]]:
+def _joining(ways: Sequence[Route], graph: MetricGraph) -> frozenset[tuple[Key, Key]]:
     """Return the pairs of movements into one exit of which the first joins the second.
 
     The first movement comes from a ramp, an entry or exit lane or a lane that ends, and the second does not; or the second
     movement comes along a motorway, and the first does not.
     """
 
-    def rank(way: Way) -> tuple[bool, bool]:
+    def rank(way: Route) -> tuple[bool, bool]:
         edges = [graph.edges[edge] for edge in (way.path.entrance, *way.path.edges)]
         return not any(edge.joins for edge in edges), edges[0].road in graph.network.motorways
 
@@ -348,7 +348,7 @@ def _joining(ways: Sequence[Way], graph: MetricGraph) -> frozenset[tuple[Key, Ke
 
 def _doubts(
     id: str,
-    ways: Sequence[Way],
+    ways: Sequence[Route],
     entrances: Sequence[LaneEnd],
     exits: Sequence[LaneEnd],
     signs: Sequence[Sign],

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pytest_rvads.junctions.graph import MetricGraph
-from pytest_rvads.junctions.ways import walk
+from pytest_rvads.junctions.paths import walk
 from pytest_rvads.maps.network import Edge, facing
 
 __all__ = ["FIRST", "RoadArm", "arms_of", "sort_arms", "turns_in_order"]

@@ -20,7 +20,7 @@ def clustered(graph: MetricGraph) -> MetricGraph:
     """Return a metric graph in which each cluster of `FEWEST` to `MOST` arms is one junction.
 
     Raises:
-        MapError: the lanes of a junction branch too often, see `pytest_rvads.junctions.ways.paths_of`.
+        MapError: the lanes of a junction branch too often, see `pytest_rvads.junctions.paths.paths_of`.
     """
     names = _names(graph.network)
     if not names:

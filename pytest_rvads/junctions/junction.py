@@ -1,4 +1,4 @@
-"""Junctions as rules and scenarios use them: arms with their lanes, movements, and the geometry to drive on.
+"""Junctions as rules and scenarios use them: arms with their lanes, movements and further ways, and the geometry to drive on.
 
 Arms are numbered counter-clockwise. Entrances and exits are lanes, numbered arm by arm and on each arm from the kerb. So with one
 lane per arm an entrance, and the exit beside it, have the number of their arm. Direction ``d_j`` leads from arm ``i`` to arm
@@ -6,6 +6,8 @@ lane per arm an entrance, and the exit beside it, have the number of their arm. 
 
 Arms, lanes and agents are different things. A pair of entrance and exit need not have a movement, and several agents may come to
 one entrance. So no code takes the number of an arm, a lane or an agent for the number of another thing.
+
+Ways begin at starts and end at ends. Starts are numbered: first the entrances, then the starts of further ways; ends likewise.
 """
 
 from __future__ import annotations
@@ -21,13 +23,13 @@ from typing import Any, NamedTuple
 
 from pytest_rvads.displayed import shown
 from pytest_rvads.errors import MapError, ScenarioError
-from pytest_rvads.junctions.conflicts import JunctionKind, Key, Shared, stretches
+from pytest_rvads.junctions.conflicts import CONFLICT_WIDTH, JunctionKind, Key, Line, Shared, Way, stretches
 from pytest_rvads.junctions.sweep import BEFORE, CAR, Course, no_way, through
 from pytest_rvads.junctions.yielding import Precedence, Reason
 from pytest_rvads.maps.control import JunctionControl, Sign, control_of
 from pytest_rvads.maps.segment import SPEED_LIMIT, Limits, Segment, Turn
 
-__all__ = ["Arm", "Entrance", "Exit", "Junction", "Movement", "cross"]
+__all__ = ["Arm", "Entrance", "Exit", "Further", "Junction", "Movement", "cross"]
 
 
 # Autopilots receive the tables of a junction, so the tables are read-only. A run must be picklable nevertheless.
@@ -76,7 +78,7 @@ class Arm(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Movement:
-    """A way through a junction: an edge of the metric graph, or several consecutive edges."""
+    """The way of vehicles from a lane to a lane: an edge of the metric graph, or several consecutive edges."""
 
     entrance: int
     """Number of the entrance."""
@@ -95,6 +97,25 @@ class Movement:
         """Numbers of entrance and exit."""
         return self.entrance, self.exit
 
+    @property
+    def kind(self) -> str:
+        """The kind of way: a movement."""
+        return "movement"
+
+    @property
+    def width(self) -> float:
+        """Width that vehicles on the movement take up [m]."""
+        return CONFLICT_WIDTH
+
+
+class Further(NamedTuple):
+    """A way that is no movement, with the places where it starts and ends: kerbs of an arm, for example."""
+
+    way: Way
+    start: Entrance
+    """The place where the way starts, with its arm, and with its sign or light, if any."""
+    end: Exit
+
 
 @dataclass(frozen=True, eq=False)
 class Junction:
@@ -103,8 +124,8 @@ class Junction:
     A recorded run may know only the topology of its junction. Segments are then None, and the junction can't be simulated.
 
     Raises:
-        MapError: a movement uses a lane that does not exist, the junction has fewer than two arms, or the numbers of the arms
-            have gaps.
+        MapError: a movement uses a lane that does not exist, a further way has the number of another start or end, the junction
+            has fewer than two arms, or the numbers of the arms have gaps.
     """
 
     name: str
@@ -126,12 +147,14 @@ class Junction:
     map: str | None = None
     """The map file; None for a built-in junction or a junction without a map. Comparisons ignore the file."""
     stated: frozenset[tuple[Key, Key]] = frozenset()
-    """Pairs of movements of which, according to the map, the first gives way to the second."""
+    """Pairs of ways of which, according to the map, the first gives way to the second."""
     joining: frozenset[tuple[Key, Key]] = frozenset()
     """Pairs of movements into one exit of which, according to the map, the first joins the second.
 
     The first movement comes from a ramp, an entry or exit lane or a lane that ends, or leads onto a motorway.
     """
+    further: tuple[Further, ...] = ()
+    """Ways that are no movements. Way k has the key ``(entrances + k, exits + k)``, so no lane has the number of its start."""
 
     def __post_init__(self) -> None:
         arms = {entrance.arm for entrance in self.entrances} | {exit.arm for exit in self.exits}
@@ -142,6 +165,12 @@ class Junction:
                 raise MapError(
                     f"junction {self.name!r} has {len(self.entrances)} entrances and {len(self.exits)} exits, and no room for a "
                     f"movement from {movement.entrance} to {movement.exit} under {key}"
+                )
+        for number, (way, _, _) in enumerate(self.further):
+            if way.key != (len(self.entrances) + number, len(self.exits) + number):
+                raise MapError(
+                    f"junction {self.name!r} has {len(self.entrances)} entrances and {len(self.exits)} exits, so its further way "
+                    f"{number} needs the key {(len(self.entrances) + number, len(self.exits) + number)}, got {way.key}"
                 )
         object.__setattr__(self, "movements", MappingProxyType(dict(self.movements)))
 
@@ -171,6 +200,21 @@ class Junction:
         )
 
     @cached_property
+    def every_way(self) -> Mapping[Key, Way]:
+        """The movements and the further ways, by their keys."""
+        return MappingProxyType({**self.movements, **{further.way.key: further.way for further in self.further}})
+
+    @cached_property
+    def starts(self) -> tuple[Entrance, ...]:
+        """The places where ways start: the entrances, then the starts of further ways."""
+        return (*self.entrances, *(further.start for further in self.further))
+
+    @cached_property
+    def ends(self) -> tuple[Exit, ...]:
+        """The places where ways end: the exits, then the ends of further ways."""
+        return (*self.exits, *(further.end for further in self.further))
+
+    @cached_property
     def lanes(self) -> tuple[int, ...]:
         """Number of entrances of every arm."""
         return tuple(len(arm.entrances) for arm in self.arms)
@@ -193,8 +237,8 @@ class Junction:
 
     @cached_property
     def setbacks(self) -> tuple[float, ...]:
-        """Per entrance, distance of the stopping line before the entrance vertex [m]."""
-        return tuple(entrance.setback for entrance in self.entrances)
+        """Per start of a way, distance of the stopping line before the start [m]."""
+        return tuple(start.setback for start in self.starts)
 
     @cached_property
     def drivable(self) -> bool:
@@ -221,13 +265,26 @@ class Junction:
 
     @cached_property
     def stretches(self) -> Mapping[tuple[Key, Key], Shared] | None:
-        """Shared stretches of pairs of movements from different entrances, in both orders; None without centre lines."""
-        paths = {key: m.path for key, m in self.movements.items() if m.path is not None}
-        return MappingProxyType(stretches(paths)) if len(paths) == len(self.movements) else None
+        """Shared stretches of pairs of ways from different starts, in both orders; None without centre lines.
+
+        A movement meets further ways on its approach and its exit road, too; a station before the entrance vertex is negative.
+        """
+        ways = {key: Line(way.path, way.width) for key, way in self.every_way.items() if way.path is not None}
+        if len(ways) < len(self.every_way):
+            return None
+        if not self.further:
+            return MappingProxyType(stretches(ways))
+        courses = {
+            key: Line(course.path, CONFLICT_WIDTH, course.origin) for key in self.movements if (course := self._course(key))
+        }
+        between = stretches({key: ways[key] for key in self.movements})
+        return MappingProxyType(
+            between | {pair: s for pair, s in stretches(ways | courses).items() if not self.movements.keys() >= {*pair}}
+        )
 
     @cached_property
     def conflicts(self) -> frozenset[tuple[Key, Key]] | None:
-        """Pairs of movements, in both orders, that two vehicles can't make at the same time; None without centre lines."""
+        """Pairs of ways, in both orders, that two agents can't take at the same time; None without centre lines."""
         return None if self.stretches is None else frozenset(self.stretches)
 
     @cached_property
@@ -235,10 +292,10 @@ class Junction:
         """The kind of the junction by the meetings of its movements; None without centre lines."""
         if self.stretches is None:
             return None
-        if not self.stretches:
+        meetings = [shared for pair, shared in self.stretches.items() if self.movements.keys() >= {*pair}]
+        if not meetings:
             return JunctionKind.CONFLICT_FREE
-        merge = all(shared.merges for shared in self.stretches.values())
-        return JunctionKind.MERGING if merge else JunctionKind.CROSSING
+        return JunctionKind.MERGING if all(shared.merges for shared in meetings) else JunctionKind.CROSSING
 
     @cached_property
     def tight(self) -> Mapping[Key, float]:
@@ -257,11 +314,11 @@ class Junction:
 
     @cached_property
     def yields(self) -> Mapping[tuple[Key, Key], Reason] | None:
-        """Pairs (one, other) of conflicting movements of which the first gives way to the second, with the reason.
+        """Pairs (one, other) of conflicting ways of which the first gives way to the second, with the reason.
 
-        Two movements with lights that never have green together are no pair, because the light decides. If it can't be decided
-        which of two movements gives way, both orders of the two are pairs, with the reason ``undecided``. None without centre
-        lines. See `pytest_rvads.junctions.yielding`.
+        Two ways with lights that never have green together are no pair, because the light decides. If it can't be decided which
+        of two movements gives way, both orders of the two are pairs, with the reason ``undecided``. None without centre lines.
+        See `pytest_rvads.junctions.yielding`.
         """
         if self.conflicts is None:
             return None
@@ -276,7 +333,7 @@ class Junction:
             self.joining,
             self.left_hand,
         )
-        phases = [entrance.phase if entrance.sign is Sign.LIGHTS else None for entrance in self.entrances]
+        phases = [start.phase if start.sign is Sign.LIGHTS else None for start in self.starts]
         at_once = (
             (one, other)
             for one, other in sorted(self.conflicts)
@@ -306,11 +363,11 @@ class Junction:
         return frozenset((entrance, exit) for arm in self.arms for entrance in arm.entrances for exit in arm.exits)
 
     @cached_property
-    def by_turn(self) -> Mapping[tuple[int, Turn], tuple[Movement, ...]]:
-        """Per entrance and turn, the movements that a vehicle with this indicator may make."""
-        keys = [(entrance, turn) for entrance in range(len(self.entrances)) for turn in Turn]
-        ways = self.movements.values()
-        return MappingProxyType({key: tuple(m for m in ways if (m.entrance, m.turn) == key) for key in keys})
+    def by_turn(self) -> Mapping[tuple[int, Turn], tuple[Way, ...]]:
+        """Per start and turn, the ways that an agent with this indicator may take."""
+        keys = [(start, turn) for start in range(len(self.starts)) for turn in Turn]
+        ways = self.every_way.values()
+        return MappingProxyType({key: tuple(way for way in ways if (way.entrance, way.turn) == key) for key in keys})
 
     @cached_property
     def digest(self) -> str:
@@ -324,12 +381,21 @@ class Junction:
         signs = [e.sign_setback for e in self.entrances] if any(e.sign_setback is not None for e in self.entrances) else None
         joining = self.joining and {"joining": sorted(self.joining)}
         limits = [line.limits for line in self._lines]
-        rare = [item for item in (signs, sorted(self.stated), joining, limits if any(limits) else None) if item]
+        further = self.further and {
+            "further": [
+                (way.kind, way.turn, way.width, way.length, start.arm, start.sign, start.phase, start.setback, end.arm)
+                for way, start, end in self.further
+            ]
+        }
+        rare = [item for item in (signs, sorted(self.stated), joining, limits if any(limits) else None, further) if item]
         found.update(json.dumps([entrances, exits, ways, relations, self.left_hand, self.drivable, *rare]).encode())
         if self.drivable:
             found.update(json.dumps([self.lane_width, [len(line.points) for line in self._lines]]).encode())
             for line in self._lines:
                 found.update(line.points.tobytes())
+            for way, start, end in self.further:
+                for beside in (start.approach, way.path, end.road):
+                    found.update(b"-" if beside is None else beside.points.tobytes())
         return found.hexdigest()
 
     def leads(self, entrance: int, direction: int) -> Movement:
@@ -379,7 +445,7 @@ class Junction:
 
     def vehicle_at(self, entrance: int) -> str:
         """Return the name of the first vehicle at an entrance: ``a0``; ``a0.1`` on lane 1 of an arm with several entrances."""
-        lane = self.entrances[entrance]
+        lane = self.starts[entrance]
         return f"a{lane.arm}" if len(self.arms[lane.arm].entrances) == 1 else f"a{lane.arm}.{lane.lane}"
 
     def approach(self, entrance: int) -> float:
@@ -388,20 +454,20 @@ class Junction:
         return lane.approach.length - lane.setback if lane.approach else 0.0
 
     def way_in(self, entrance: int) -> Segment:
-        """Return the lane that leads to `entrance`; see `Entrance.approach`.
+        """Return the lane that leads to `entrance`, or the path to the start of a further way; see `Entrance.approach`.
 
         Raises:
             MapError: the place of the lane is not known.
         """
-        return self._known(self.entrances[entrance].approach)
+        return self._known(self.starts[entrance].approach)
 
     def way_through(self, entrance: int, exit: int) -> Segment:
-        """Return the centre line of a movement; see `way_in` for errors."""
-        return self._known(self.movements[entrance, exit].path)
+        """Return the centre line of a way; see `way_in` for errors."""
+        return self._known(self.every_way[entrance, exit].path)
 
     def way_out(self, exit: int) -> Segment:
-        """Return the lane that leads away from `exit`; see `way_in` for errors."""
-        return self._known(self.exits[exit].road)
+        """Return the lane that leads away from `exit`, or the path from the end of a further way; see `way_in` for errors."""
+        return self._known(self.ends[exit].road)
 
     def _known(self, line: Segment | None) -> Segment:
         if line is None:

@@ -18,9 +18,9 @@ from pytest_rvads.junctions.conflicts import Key
 from pytest_rvads.junctions.formats import read_file
 from pytest_rvads.junctions.graph import MetricGraph
 from pytest_rvads.junctions.junction import Entrance, Exit, Junction, Movement
+from pytest_rvads.junctions.paths import walk
 from pytest_rvads.junctions.projection import Locator, Track
 from pytest_rvads.junctions.turn_words import turn_word
-from pytest_rvads.junctions.ways import walk
 from pytest_rvads.junctions.yielding import Reason
 from pytest_rvads.maps.control import MapObject, sign_of_arm
 from pytest_rvads.maps.doubts import Doubt, MapWarning
@@ -48,7 +48,7 @@ class RoadMap:
     """Ids of junctions that only join two roads; approaches and exit roads continue through them."""
 
     def walk(self, start: str, *, upstream: bool) -> list[str]:
-        """Return the edges from edge `start` to the next junction or the end of the road, see `pytest_rvads.junctions.ways`."""
+        """Return the edges from edge `start` to the next junction or the end of the road, see `pytest_rvads.junctions.paths`."""
         return walk(self.graph, start, upstream=upstream, joints=self.joints)
 
     @cached_property

@@ -7,14 +7,15 @@ and driver that asks for a left turn.
 from __future__ import annotations
 
 from pytest_rvads.junctions.analysis import JunctionReport
-from pytest_rvads.junctions.junction import Junction, Movement
-from pytest_rvads.junctions.ways import Way
+from pytest_rvads.junctions.conflicts import Way
+from pytest_rvads.junctions.junction import Junction
+from pytest_rvads.junctions.paths import Route
 
 __all__ = ["UTURN", "turn_word"]
 
 UTURN = "U-turn"
 
 
-def turn_word(place: Junction | JunctionReport, way: Movement | Way) -> str:
+def turn_word(place: Junction | JunctionReport, way: Way | Route) -> str:
     """Return ``left``, ``straight`` or ``right``, or ``U-turn`` for a movement that leaves by the arm of its entrance."""
     return UTURN if place.entrances[way.entrance].arm == place.exits[way.exit].arm else way.turn.value

@@ -8,7 +8,7 @@ from itertools import pairwise
 
 from pytest_rvads.junctions.arms import RoadArm
 from pytest_rvads.junctions.graph import MetricGraph
-from pytest_rvads.junctions.ways import Path, Way
+from pytest_rvads.junctions.paths import Path, Route
 from pytest_rvads.maps.segment import GAP_LIMIT
 
 __all__ = ["FEWEST", "MOST", "unusable", "widest_gap"]
@@ -18,7 +18,7 @@ FEWEST, MOST = 3, 8
 
 
 def unusable(
-    graph: MetricGraph, id: str, arms: Sequence[RoadArm], ways: Sequence[Way], pairs: Sequence[tuple[str, str]]
+    graph: MetricGraph, id: str, arms: Sequence[RoadArm], ways: Sequence[Route], pairs: Sequence[tuple[str, str]]
 ) -> str | None:
     """Return the first reason why junction `id` cannot be used; None for a usable junction.
 
@@ -58,7 +58,7 @@ def widest_gap(graph: MetricGraph, path: Path) -> tuple[float, tuple[str, str]]:
     return max(gaps)
 
 
-def _of_gaps(graph: MetricGraph, ways: Sequence[Way]) -> str | None:
+def _of_gaps(graph: MetricGraph, ways: Sequence[Route]) -> str | None:
     gap, (one, two) = max(widest_gap(graph, way.path) for way in ways)
     if gap <= GAP_LIMIT:
         return None

@@ -75,14 +75,15 @@ class Precedence:
     left_hand: bool
 
     def why(self, one: Key, other: Key) -> Reason | None:
-        """Return the reason why a vehicle on movement `one` gives way to a vehicle on movement `other`, or None.
+        """Return the reason why an agent on way `one` gives way to an agent on way `other`, or None.
 
-        Movements from two lanes of one arm never give way to each other here: the vehicle ahead goes first.
+        Movements from two lanes of one arm never give way to each other here: the vehicle ahead goes first. Between a movement
+        and a further way the map decides alone.
         """
         if (one, other) in self.stated:
             return Reason.STATED
         mine, yours = one[0], other[0]
-        if (other, one) in self.stated or self.arms[mine] == self.arms[yours]:
+        if (other, one) in self.stated or max(mine, yours) >= len(self.arms) or self.arms[mine] == self.arms[yours]:
             return None
         ranks = _RANK[self.signs[mine]], _RANK[self.signs[yours]]
         if ranks[0] != ranks[1]:

@@ -61,7 +61,7 @@ def of_run(run: Run) -> dict[str, Any]:
 def took_part(run: Run) -> tuple[AgentRecord, ...]:
     """Return who took part in a run."""
     junction = run.junction
-    entrances, exits = ([(lane.arm, lane.lane) for lane in lanes] for lanes in (junction.entrances, junction.exits))
+    entrances, exits = ([(lane.arm, lane.lane) for lane in lanes] for lanes in (junction.starts, junction.ends))
     return tuple(
         AgentRecord(name=agent.name, kind=agent.kind.value, entrance=entrances[agent.entrance], exit=exits[agent.exit])
         for agent in run.agents

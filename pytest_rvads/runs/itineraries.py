@@ -1,4 +1,4 @@
-"""Itineraries: the way of one vehicle along an approach, through the junction, down an exit road.
+"""Itineraries: the path of one agent along an approach, through the junction on a way, down an exit road.
 
 An itinerary neither begins nor ends in a junction (paper, section 4.2). Its stations are measured from the
 entrance vertex: negative before it, 0..length on the movement, more on the exit road.
@@ -61,7 +61,7 @@ class Itinerary:
 
     @classmethod
     def through(cls, junction: Junction, entrance: int, exit: int) -> Itinerary:
-        """Build the itinerary from `entrance` to `exit` of `junction`.
+        """Build the itinerary of the way from `entrance` to `exit` of `junction`, which are the numbers of its start and its end.
 
         Raises:
             MapError: the junction has no geometry, or its pieces do not meet.
@@ -73,7 +73,7 @@ class Itinerary:
         return cls(
             entrance,
             exit,
-            junction.movements[entrance, exit].turn,
+            junction.every_way[entrance, exit].turn,
             path,
             approach.length,
             movement.length,

@@ -11,6 +11,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from pytest_rvads.errors import RunError
 from pytest_rvads.junctions.junction import Entrance, Exit, Junction, Movement
 from pytest_rvads.maps.control import Sign
 from pytest_rvads.maps.segment import NO_LIMIT, Segment, Turn
@@ -91,7 +92,14 @@ class JunctionRecord(msgspec.Struct, frozen=True, omit_defaults=True):
 
 
 def put_junction(junction: Junction, lines: list[Segment]) -> JunctionRecord:
-    """Return a junction as JSON, and add its centre lines to `lines`: those to be kept beside it."""
+    """Return a junction as JSON, and add its centre lines to `lines`: those to be kept beside it.
+
+    Raises:
+        RunError: the junction has a way that is no movement.
+    """
+    if junction.further:
+        kinds = ", ".join(sorted({way.kind for way, _, _ in junction.further}))
+        raise RunError(f"junction {junction.name!r} has ways of the kind {kinds}, and files hold movements only: save it without")
 
     def put(line: Segment | None) -> _Line | None:
         if line is None:

@@ -119,7 +119,7 @@ class Recording(Sequence[Run]):
         return busy_periods(spans, [way.line for way in ways], [way.leave for way in ways])
 
     def _itinerary(self, track: Track) -> Itinerary:
-        return itinerary(self.junction, *track.agent.route.key)
+        return itinerary(self.junction, *track.agent.way.key)
 
     def _run(self, period: Period) -> Run:
         """Return a busy period as a run: everything sampled with one clock, by interpolation."""
@@ -141,7 +141,7 @@ class Recording(Sequence[Run]):
             pose[here, column] = np.stack([np.interp(at, track.times, values) for values in turned.T], axis=1)
             spread[here, column] = 0.0 if track.spread is None else np.interp(at, track.times, track.spread)
             zone[here, column] = zones(self._itinerary(track).borders, station[here, column], spread[here, column])
-        lights = np.zeros((steps, len(self.junction.entrances)), dtype=np.int8)
+        lights = np.zeros((steps, len(self.junction.starts)), dtype=np.int8)
         for entrance, changes in self.lights.items():
             known = np.concatenate(([Colour.NONE], changes.colours)).astype(np.int8)
             lights[:, entrance] = known[np.searchsorted(changes.times, ticks, side="right")]

@@ -94,7 +94,7 @@ def save_recording(recording: Recording, path: str | Path) -> None:
         recording.label,
         recording.dt,
         [
-            _Track(t.agent.name, t.agent.route.key, t.agent.kind, t.agent.size, len(t.times), t.spread is not None, t.offset)
+            _Track(t.agent.name, t.agent.way.key, t.agent.kind, t.agent.size, len(t.times), t.spread is not None, t.offset)
             for t in tracks
         ],
         put_junction(recording.junction, lines),
@@ -153,7 +153,7 @@ def _recording(header: _Header, arrays: Mapping[str, NDArray[Any]]) -> Recording
     tracks = []
     for k, record in enumerate(header.tracks):
         _check_times(record.name, cut["times"][k])
-        agent = Agent(record.name, _movement(junction.movements, record), record.kind, record.size)
+        agent = Agent(record.name, _way(junction.every_way, record), record.kind, record.size)
         own = [cut[name][k] for name in ("times", "station", "speed", "pose")]
         tracks.append(Track(agent, own[0], own[1], own[2], own[3], next(spreads) if record.spread else None, record.offset))
     for key in {track.route for track in header.tracks}:
@@ -181,11 +181,11 @@ def _recording(header: _Header, arrays: Mapping[str, NDArray[Any]]) -> Recording
     )
 
 
-def _movement(movements: Mapping[Key, T], record: _Track) -> T:
-    if record.route not in movements:
+def _way(ways: Mapping[Key, T], record: _Track) -> T:
+    if record.route not in ways:
         entrance, exit = record.route
         raise ValueError(f"{record.name} goes from entrance {entrance} to exit {exit}, where no movement leads")
-    return movements[record.route]
+    return ways[record.route]
 
 
 def _parts(array: NDArray[Any], lengths: list[int]) -> list[NDArray[Any]]:

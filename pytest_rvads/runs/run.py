@@ -140,7 +140,7 @@ class Run:
     zone: NDArray[np.int8]
     """`Zone` of every agent, shape ``(steps, agents)``."""
     lights: NDArray[np.int8]
-    """`Colour` at every entrance, shape ``(steps, entrances)``."""
+    """`Colour` at every start of a way, see `Junction.starts`, shape ``(steps, starts)``."""
     dt: float = DT
     """Time between two states [s]."""
     station: NDArray[np.float64] | None = None
@@ -253,7 +253,7 @@ class Run:
     def hash(self) -> str:
         """SHA-256 over states, collisions, fault, agents, facts and junction: equal hashes mean runs that are judged alike."""
         found = hashlib.sha256()
-        agents = [[a.name, a.route.key, a.kind, a.size] for a in self.agents]
+        agents = [[a.name, a.way.key, a.kind, a.size] for a in self.agents]
         # Hashes of usual cars stay what they were before facts told how vehicles steer.
         facts = astuple(self.facts) if self.facts.turning else astuple(self.facts)[:-1]
         head = [self.label, self.dt, agents, facts, self.junction.digest]

@@ -78,7 +78,7 @@ def save_run(run: Run, path: str | Path) -> None:
         VERSION,
         run.label,
         run.dt,
-        [_Agent(a.name, a.route.key, a.kind, a.size) for a in run.agents],
+        [_Agent(a.name, a.way.key, a.kind, a.size) for a in run.agents],
         put_junction(run.junction, lines),
         None if run.collisions is None else list(run.collisions),
         run.fault and replace(run.fault, detail=""),
@@ -115,13 +115,13 @@ def _run(header: _Header, arrays: Mapping[str, NDArray[Any]], path: Path) -> Run
     junction = get_junction(header.junction, arrays)
     agents = []
     for agent in header.agents:
-        if agent.route not in junction.movements:
+        if agent.route not in junction.every_way:
             raise ValueError(
                 f"{agent.name} goes from entrance {agent.route[0]} to exit {agent.route[1]}, where no movement leads"
             )
         if junction.drivable:
             itinerary(junction, *agent.route)  # refuses lanes that do not meet
-        agents.append(Agent(agent.name, junction.movements[agent.route], agent.kind, agent.size))
+        agents.append(Agent(agent.name, junction.every_way[agent.route], agent.kind, agent.size))
     if len(set(names)) < len(names):
         raise ValueError(f"every vehicle must have a name of its own, got {reprlib.repr(names)}")
     if header.facts.subject not in (None, *names):

@@ -6,11 +6,12 @@ times as much to build.
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass
 from enum import IntEnum, StrEnum
 from typing import NamedTuple
 
-from pytest_rvads.junctions.junction import Movement
+from pytest_rvads.junctions.conflicts import Way
 from pytest_rvads.maps.segment import Turn
 
 __all__ = [
@@ -34,7 +35,7 @@ AXLE = 0.8
 
 
 class Zone(IntEnum):
-    """Which part of its itinerary the reference point of a vehicle is on; the parts touch, none overlap."""
+    """Which part of its itinerary the reference point of an agent is on; the parts touch, none overlap."""
 
     APPROACH = 0
     """On the road, before the entrance zone."""
@@ -78,26 +79,32 @@ class Agent:
 
     name: str
     """``a0`` is the first at the entrance of arm 0, ``a0.1`` on its lane 1 where it has several, ``a0+1`` the next behind."""
-    route: Movement
-    """Its way through the junction."""
+    way: Way
+    """Its way through the junction: a `Movement`, for a vehicle."""
     kind: Kind = Kind.CAR
     size: tuple[float, float] | None = None
     """Length and width [m]; None where nobody recorded them."""
 
     @property
     def entrance(self) -> int:
-        """Number of the entrance that it comes to."""
-        return self.route.entrance
+        """Number of the entrance that it comes to, or of the start of its way, see `Junction.starts`."""
+        return self.way.entrance
 
     @property
     def exit(self) -> int:
-        """Number of the exit that it leaves by."""
-        return self.route.exit
+        """Number of the exit that it leaves by, or of the end of its way, see `Junction.ends`."""
+        return self.way.exit
 
     @property
     def turn(self) -> Turn:
-        """Turn type of its route."""
-        return self.route.turn
+        """Turn type of its way."""
+        return self.way.turn
+
+    @property
+    def route(self) -> Way:
+        """The former name of `way`."""
+        warnings.warn("Agent.route is called Agent.way", DeprecationWarning, stacklevel=2)
+        return self.way
 
 
 class VehicleState(NamedTuple):

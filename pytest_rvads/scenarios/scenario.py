@@ -311,7 +311,7 @@ class Scenario:
 
     def itineraries(self) -> tuple[Itinerary, ...]:
         """Return the itineraries of `agents`, in the same order."""
-        return tuple(itinerary(self.place, *a.route.key) for a in self.agents())
+        return tuple(itinerary(self.place, *a.way.key) for a in self.agents())
 
     def signals(self) -> SignalPlan:
         """Return the signal plan, see `first_green`."""

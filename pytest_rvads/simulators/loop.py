@@ -179,7 +179,7 @@ class Loop:
             self._active.remove(column)
             self.world.remove(column)
         if self._step % _STEADY == 0:
-            self._lights = self._signals.colours(self._step * DT, len(self.junction.entrances))
+            self._lights = self._signals.colours(self._step * DT, len(self.junction.starts))
         self.recorder.state([body.state for body in bodies], self._lights)
 
     def _decide(self) -> list[Control]:

@@ -68,7 +68,7 @@ class Recorder:
             junction=junction,
             agents=self._agents,
             zone=np.frombuffer(bytes(self._zones), dtype=np.int8).reshape(steps, count),
-            lights=np.frombuffer(b"".join(map(bytes, self._lights)), dtype=np.int8).reshape(steps, len(junction.entrances)),
+            lights=np.frombuffer(b"".join(map(bytes, self._lights)), dtype=np.int8).reshape(steps, len(junction.starts)),
             station=motion[:, :, 0],
             speed=motion[:, :, 4],
             pose=motion[:, :, 1:4],

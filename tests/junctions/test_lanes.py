@@ -67,7 +67,7 @@ def test_a_rotated_scenario_has_every_vehicle_on_its_lane() -> None:
     assert isinstance(second, Variant)
     assert second.image == (3, 4, 5, 0, 1, 2)
     there = second.case.scenario.agents()
-    assert [(agent.name, agent.route.key) for agent in there] == [("a2.0", (3, 3)), ("a2.1", (4, 1))]
+    assert [(agent.name, agent.way.key) for agent in there] == [("a2.0", (3, 3)), ("a2.1", (4, 1))]
 
 
 def test_survey_uses_existing_movements_only() -> None:

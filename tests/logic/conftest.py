@@ -35,7 +35,7 @@ def measured() -> Measure:
         for column, agent in enumerate(run.agents):
             here = np.flatnonzero(run.here[:, column])[::every]
             pose = run.need("pose")[here, column] + rng.normal(0, accuracy, (len(here), 3)) * (1, 1, 0)
-            way = itinerary(run.junction, *agent.route.key)
+            way = itinerary(run.junction, *agent.way.key)
             around = run.need("station")[here, column]
             station, lateral = np.array([way.project(x, y, near) for (x, y, _), near in zip(pose, around, strict=True)]).T
             fast = run.need("speed")[here, column] if speeds else None

@@ -18,7 +18,7 @@ def crossing(drive: Drive, behind: float) -> Run:
     """Return a run of a0 that ends with its rear so far behind the junction [m]."""
     run = drive("stop4", {0: (2, -2.0, [(0, 1.0), (150, 0.0), (250, 5.0)])}, 2000)
     station = run.need("station")[:, 0]
-    steps = int((station - LENGTH - run.agents[0].route.length < behind).sum())
+    steps = int((station - LENGTH - run.agents[0].way.length < behind).sum())
     return part(run, steps)
 
 

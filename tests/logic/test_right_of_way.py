@@ -235,7 +235,7 @@ def test_vehicle_that_stands_at_a_yellow_light_loses_no_time(drive: Make) -> Non
 def test_stretch_of_vehicles_that_merge_reaches_fifteen_metres_down_the_exit_road() -> None:
     place = find("stop4")
     one, two = place.leads(1, 1), place.leads(0, 2)
-    agents = [type("A", (), {"route": way}) for way in (one, two)]
+    agents = [type("A", (), {"way": way}) for way in (one, two)]
     run: Any = type("R", (), {"junction": place, "agents": agents})
     found = contested(run, 0, 1)
     assert found is not None

@@ -81,6 +81,6 @@ def test_the_delay_counts_from_the_time_that_the_limits_allow(drive: Make) -> No
 
     run = drive(FALLS, {0: (2, -60.0, [(0, 4.0)])}, 2600)
     (vehicle,) = kpis(run).vehicles
-    length = run.agents[0].route.length
+    length = run.agents[0].way.length
     allowed = 10.0 / 20.0 + (50.0 + length) / 8.0
     assert vehicle.delay == pytest.approx((60.0 + length) / 4.0 - allowed, abs=0.011), "up to one step"

@@ -18,8 +18,8 @@ import pytest
 from numpy.typing import NDArray
 
 from pytest_rvads.junctions.analysis import JunctionReport
+from pytest_rvads.junctions.paths import Route
 from pytest_rvads.junctions.road_map import RoadMap, read_map
-from pytest_rvads.junctions.ways import Way
 from pytest_rvads.maps.segment import Turn
 from pytest_rvads.opendrive.draft import Chain
 
@@ -109,7 +109,7 @@ def compare(path: Path, out: Path) -> tuple[int, Counter[str]]:
     return compared, other
 
 
-def ends(road_map: RoadMap, way: Way) -> Lanes:
+def ends(road_map: RoadMap, way: Route) -> Lanes:
     """Return the lanes where a movement begins and ends."""
     one, two = (road_map.graph.edges[edge] for edge in (way.path.entrance, way.path.exit))
     assert isinstance(one, Chain)
@@ -123,7 +123,7 @@ def left_out(road_map: RoadMap, junction: str) -> int:
     return sum(int(match[1]) for match in said if match)
 
 
-def reason(report: JunctionReport, way: Way, theirs: Connection) -> str:
+def reason(report: JunctionReport, way: Route, theirs: Connection) -> str:
     """Return why a movement is straight to the paper, and a turn to SUMO."""
     assert way.turn is Turn.STRAIGHT
     arm, bend = report.entrances[way.entrance].arm, abs(way.turning)

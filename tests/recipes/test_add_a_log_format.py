@@ -60,7 +60,7 @@ def test_import_matches_what_the_new_reader_reads(
     assert main(["import", str(file), "--junction", "stop4", "-o", str(tmp_path / "out.npz")]) == 0
     assert "1 vehicle at stop4" in capsys.readouterr().out
     recording = read_tracks(file, "stop4")
-    assert [track.agent.route.key for track in recording.tracks] == [(0, 2)]
+    assert [track.agent.way.key for track in recording.tracks] == [(0, 2)]
     assert recording.left_out == (("lost", "own.beacons: row 81, column x: 'here' or another number is none"),)
 
 

@@ -1,4 +1,4 @@
-"""The recipes of CONTRIBUTING.md: eight, each of one to five steps that begin with a file that is there, each with its test."""
+"""The recipes of CONTRIBUTING.md: nine, each of one to five steps that begin with a file that is there, each with its test."""
 
 import re
 from pathlib import Path
@@ -14,6 +14,7 @@ TRIED = {
     "a simulator": "tests/recipes/test_add_a_simulator.py",
     "a report format": "tests/recipes/test_add_a_report_format.py",
     "a kind of agent": "tests/recipes/test_add_a_kind_of_agent.py",
+    "a way": "tests/recipes/test_add_a_way.py",
     "a map format": "tests/maps/test_maps_formats.py",
     "a log format": "tests/recipes/test_add_a_log_format.py",
     "a driver or traffic policy": "tests/recipes/test_add_a_driver.py",
@@ -37,6 +38,13 @@ EDITED = {
         "clients/c/rvads.h",
         "docs/attach-your-stack.md",
         "pytest_rvads/satellites/openscenario/writing.py",
+        "pytest_rvads/draw/scene.py",
+    ],
+    "a way": [
+        "pytest_rvads/junctions/NAME.py",
+        "pytest_rvads/junctions/road_map.py",
+        "pytest_rvads/runs/junctionfile.py",
+        "pytest_rvads/logic/rules/lexicon.py",
         "pytest_rvads/draw/scene.py",
     ],
     "a map format": ["pytest_rvads/satellites/NAME/", "pyproject.toml", "docs/maps.md"],
@@ -90,6 +98,8 @@ def test_every_path_it_names_is_there() -> None:
         ("satellites/tracks/samples.py", ["Gather", "Log"]),
         ("satellites/tracks/source.py", ["opened"]),
         ("runs/states.py", ["Kind"]),
+        ("junctions/conflicts.py", ["Way"]),
+        ("junctions/junction.py", ["Further", "Junction"]),
         ("drivers/traffic.py", ["POLICIES"]),
         ("drivers/reference.py", ["make_gate"]),
         ("drivers/follower.py", ["target_speed"]),

@@ -61,7 +61,8 @@ def _path(itinerary: Itinerary) -> tuple[tuple[float, float, float, float], ...]
 def _map(junction: Junction) -> dict[str, Any]:
     """Return a junction as builtins: its arms, lanes, signs and lights, the yields between movements, and the centre lines."""
     index = {key: number for number, key in enumerate(junction.movements)}
-    reasons = {(index[one], index[other]): reason.value for (one, other), reason in (junction.yields or {}).items()}
+    between = {pair for pair in junction.conflicts or () if junction.movements.keys() >= {*pair}}
+    reasons = {(index[a], index[b]): why.value for (a, b), why in (junction.yields or {}).items() if (a, b) in between}
     return {
         "junction": junction.name,
         "control": junction.control.value,
@@ -86,7 +87,7 @@ def _map(junction: Junction) -> dict[str, Any]:
             {"entrance": m.entrance, "exit": m.exit, "turn": m.turn.value, "length": m.length, "path": _points(m.path)}
             for m in junction.movements.values()
         ],
-        "conflicts": sorted((index[one], index[other]) for one, other in junction.conflicts or ()),
+        "conflicts": sorted((index[one], index[other]) for one, other in between),
         "yields": sorted(reasons),
         "reasons": [reasons[pair] for pair in sorted(reasons)],
     }

@@ -138,7 +138,7 @@ def _reach(run: Run, agent: int, zone: Zone) -> tuple[NDArray[np.bool_], NDArray
     if run.spread is None or run.station is None:
         return None
     who = run.agents[agent]
-    way = itinerary(run.junction, who.entrance, who.exit)
+    way = itinerary(run.junction, *who.way.key)
     border = {
         Zone.ENTRANCE: way.line - ENTRANCE_ZONE,
         Zone.JUNCTION: float(np.nextafter(0.0, 1.0)),

@@ -90,12 +90,26 @@ def domain(sort: str, static: Static) -> tuple[f.Element, ...]:
             return tuple(f.Element(sort, i, f"r{i}") for i in range(static.entrances + static.exits))
 
 
-def _beside(elements: Iterable[f.Element], bound: Iterable[f.Element], static: Static) -> Iterable[f.Element]:
-    """Leave out the agents that were never near the junction together with the agents of the bound variables."""
+def _choices(variable: f.Binder, body: f.Formula, bound: Iterable[f.Element], static: Static) -> Iterable[f.Element]:
+    """Return the elements that a variable of a formula stands for.
+
+    An agent on a way that is no movement is left out, unless every word about the variable is about agents on any way. Agents
+    that were never near the junction together with the agents of the bound variables are left out.
+    """
+    elements: Iterable[f.Element] = domain(variable.sort, static)
+    if static.further and variable.sort == Sort.AGENT and not _of_any_way(f.Var(variable.name), body):
+        elements = [e for e in elements if e.index not in static.further]
     if static.together is None:
         return elements
     there = _columns(bound)
     return [e for e in elements if e.sort != Sort.AGENT or all(k == e.index or (k, e.index) in static.together for k in there)]
+
+
+def _of_any_way(variable: f.Var, body: f.Formula) -> bool:
+    """Return whether every word about a variable is about agents on any way; comparisons of agents are no words."""
+    about = (a for a in f.atoms(body) if any(variable in (t, t.of if isinstance(t, f.Attr) else t) for t in a.terms))
+    words = ((word_of(atom), atom.terms) for atom in about)
+    return all(variable in terms if word is None else word.any_way for word, terms in words)
 
 
 def _columns(elements: Iterable[f.Element]) -> tuple[int, ...]:
@@ -118,7 +132,7 @@ def _unfold(formula: f.Formula, static: Static, binding: Binding, budget: Budget
     if isinstance(formula, f.Forall):
         first, rest = formula.variables[0], formula.variables[1:]
         body = f.Forall(rest, formula.body) if rest else formula.body
-        chosen = _beside(domain(first.sort, static), [e for _, e in binding], static)
+        chosen = _choices(first, body, [e for _, e in binding], static)
         return [i for e in chosen for i in _unfold(body, static, (*binding, (first.name, e)), budget)]
     if not static.judges(_columns(e for _, e in binding)):
         return []
@@ -164,7 +178,7 @@ def _ground(formula: f.Formula, static: Static, itinerary: bool, binding: Bindin
     first, rest = formula.variables[0], formula.variables[1:]
     body: f.Formula = f.Forall(rest, formula.body) if rest else formula.body
     collapsed = 0
-    for element in _beside(domain(first.sort, static), [e for _, e in binding], static):
+    for element in _choices(first, body, [e for _, e in binding], static):
         if not rest and not static.judges(_columns((*(e for _, e in binding), element))):
             continue
         # Inner variables may have the same name; `_reduce` handles them.
@@ -218,7 +232,7 @@ def _reduce(
                 first, rest = variables[0], variables[1:]
                 kind = type(node)
                 inner_body = kind(rest, body) if rest else body
-                chosen = _beside(domain(first.sort, static), env.values(), static)
+                chosen = _choices(first, inner_body, env.values(), static)
                 each = (go(inner_body, {**env, first.name: e}, False) for e in chosen)
                 if decide:
                     return conj(each) if kind is f.Forall else disj(each)

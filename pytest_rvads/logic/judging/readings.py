@@ -211,7 +211,7 @@ def _patterns(run: Run) -> Iterator[NDArray[np.float64]]:
     entrance ahead and the agents of the second entrance behind.
     """
     entrances = np.array([agent.entrance for agent in run.agents])
-    for bit in range(max(ceil(log2(max(len(run.junction.entrances), 2))), 1)):
+    for bit in range(max(ceil(log2(max(len(run.junction.starts), 2))), 1)):
         signs = np.where(entrances >> bit & 1, 1.0, -1.0)
         yield signs
         yield -signs
@@ -223,7 +223,7 @@ def _moved(run: Run, signs: NDArray[np.float64]) -> Run:
     station, zone = run.need("station") + by, run.zone.copy()
     for column, (begin, end) in enumerate(run.spans.tolist()):
         who = run.agents[column]
-        zone[begin:end, column] = zones(itinerary(run.junction, who.entrance, who.exit).borders, station[begin:end, column])
+        zone[begin:end, column] = zones(itinerary(run.junction, *who.way.key).borders, station[begin:end, column])
     return replace(run, zone=zone, station=station, pose=None if run.pose is None else _shifted(run, by, 0.0), spread=None)
 
 

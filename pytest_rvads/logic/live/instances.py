@@ -60,7 +60,7 @@ class Instances:
         return found
 
     def _static(self, ways: tuple[Key, ...]) -> Static:
-        agents = tuple(Agent(f"v{number}", self._junction.movements[way]) for number, way in enumerate(ways))
+        agents = tuple(Agent(f"v{number}", self._junction.every_way[way]) for number, way in enumerate(ways))
         zone = np.zeros((1, len(agents)), dtype=np.int8)
         return extract(Run("live", self._junction, agents, zone, np.array([self._lights], dtype=np.int8)))
 

@@ -93,7 +93,7 @@ class Instant:
         self.signals: list[Signal[Any]] = [wt, entered, facing, arrivals]
         """Signals that are worked out in every state, because later states depend on them."""
         self._cast: list[Mover] = []
-        lights = np.zeros((1, len(junction.entrances)), dtype=np.int8)
+        lights = np.zeros((1, len(junction.starts)), dtype=np.int8)
         self.block = Block(self._stream.cast, np.empty((1, 0), dtype=np.int8), lights)
         self.row = 0
         """Which state of the block is now."""

@@ -247,9 +247,9 @@ class RuleMonitor:
             self._board.read()
             if number == 0 and instances is not None:
                 for place, mover in enumerate(new):
-                    self._watch(instances.of(mover.agent.route.key), (mover,))
+                    self._watch(instances.of(mover.agent.way.key), (mover,))
                     for other in (*old, *new[:place]):
-                        self._watch(instances.of(other.agent.route.key, mover.agent.route.key), (other, mover))
+                        self._watch(instances.of(other.agent.way.key, mover.agent.way.key), (other, mover))
             decided += self._run_monitors()
             if number == 0:
                 decided += self._leave(gone)
@@ -261,8 +261,8 @@ class RuleMonitor:
         if not all(map(math.isfinite, vehicle[1:])):
             raise RunError(f"vehicle {vehicle.agent.name!r}: what is seen must be finite numbers, got {tuple(vehicle[1:])!r:.80}")
         known = self._there.get(vehicle.agent.name)
-        if known is None and vehicle.agent.route.key not in self._junction.movements:
-            raise RunError(f"vehicle {vehicle.agent.name!r}: the junction has no way {vehicle.agent.route.key}")
+        if known is None and vehicle.agent.way.key not in self._junction.every_way:
+            raise RunError(f"vehicle {vehicle.agent.name!r}: the junction has no way {vehicle.agent.way.key}")
 
     def _enter(self, agent: Agent) -> Mover:
         """Return a new vehicle, in the column that has been free for the longest time."""
@@ -281,7 +281,7 @@ class RuleMonitor:
             return [], [], [], []
         there = [seen.get(mover.agent.name) if self._there.get(mover.agent.name) is mover else None for mover in slots]
         stations, speeds, *pose, spreads = zip(*(_NOWHERE if vehicle is None else vehicle[1:] for vehicle in there), strict=True)
-        borders = np.array([itinerary(self._junction, *mover.agent.route.key).borders for mover in slots])
+        borders = np.array([itinerary(self._junction, *mover.agent.way.key).borders for mover in slots])
         before = Before(*(np.array(values) for values in zip(*((m.zone, m.station, m.spread) for m in slots), strict=True)))
         zone = zones(borders, np.array([stations]), np.array([spreads]), before)[0].tolist()
         zone = [int(ABSENT) if vehicle is None else z for vehicle, z in zip(there, zone, strict=True)]
@@ -377,8 +377,8 @@ class RuleMonitor:
         return tuple(decided)
 
     def _colours(self, lights: ArrayLike | None) -> list[int]:
-        entrances = len(self._junction.entrances)
-        return [0] * entrances if lights is None else list(map(int, row_of("lights", lights, (entrances,))))
+        starts = len(self._junction.starts)
+        return [0] * starts if lights is None else list(map(int, row_of("lights", lights, (starts,))))
 
 
 _SPARE = 4

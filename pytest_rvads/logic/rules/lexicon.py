@@ -82,8 +82,7 @@ def _take(agent: f.Term, entrance: f.Term, direction: f.Term, itinerary: bool) -
 
 def _conflict(static: Static, one: f.Element, two: f.Element) -> bool | None:
     first, second = static.agents[one.index], static.agents[two.index]
-    ways = (first.entrance, first.exit), (second.entrance, second.exit)
-    return None if static.conflicts is None else ways in static.conflicts
+    return None if static.conflicts is None else (first.way.key, second.way.key) in static.conflicts
 
 
 def _yields(ground: Ground, static: Static, one: f.Element, two: f.Element) -> bool | None:
@@ -156,6 +155,7 @@ BUILT_IN = Vocabulary.of(
         "{0} and {1} are not on conflicting movements",
         decide=_conflict,
         static="agent",
+        any_way=True,
     ),
     _word(
         "meet",
@@ -168,6 +168,7 @@ BUILT_IN = Vocabulary.of(
         turns_on=(Measured.ALONG,),
         present=True,
         cause=_blame,
+        any_way=True,
     ),
     _word(
         "collide",
@@ -181,6 +182,7 @@ BUILT_IN = Vocabulary.of(
         present=True,
         cause=_cause,
         bends=True,
+        any_way=True,
     ),
     _word(
         "owes",
@@ -260,6 +262,7 @@ BUILT_IN = Vocabulary.of(
         "{0} is out of the junction",
         turns_on=(Measured.ALONG,),
         present=True,
+        any_way=True,
     ),
     _word("blocks", _ONE, blocks, "{0} blocks the junction", "{0} does not block the junction", turns_on=_MOVES),
     _word("may_go", _ONE, may_go, "{0} could go", "{0} could not go", turns_on=_MOVES),

@@ -102,6 +102,8 @@ class Word:
     """Whether no driver could have kept the predicate false; takes the run and the column of the vehicle."""
     bends: bool = False
     """Whether a bend without a path that keeps a vehicle in its lane may make the predicate true."""
+    any_way: bool = False
+    """Whether the predicate is about agents on any way; variables of other predicates stand for agents on movements only."""
     place: str = ""
     """File and line of the registration; by default the line that makes the word."""
 
@@ -137,7 +139,7 @@ class Word:
 
     def _told(self) -> tuple[object, ...]:
         told = self.name, self.sorts, self.says, self.denies, self.static, self.apart, self.symmetric
-        return *told, self.turns_on, self.from_zones, self.present, self.debt, self.bends
+        return *told, self.turns_on, self.from_zones, self.present, self.debt, self.bends, self.any_way
 
     def _functions(self) -> tuple[object, ...]:
         return self.holds, self.follow, self.decide, self.means, self.cause, self.pending, self.beyond

@@ -18,7 +18,7 @@ from pytest_rvads.logic.ltl.boolean import evaluate
 from pytest_rvads.logic.rules.shape import Kind, agents_of
 from pytest_rvads.logic.rules.sorts import Sort
 from pytest_rvads.logic.telling.doubt import hangs
-from pytest_rvads.logic.telling.phrase import clock, colour_at, place, position, say, why, zone
+from pytest_rvads.logic.telling.phrase import clock, colour_at, origin, place, position, say, why, zone
 from pytest_rvads.logic.telling.story import Story, bound_names, happened
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Zone
@@ -67,9 +67,8 @@ def _roles(story: Story, j: Judgement) -> list[str]:
             entered = f"   entered {clock(run, int(inside[0]))} s" if len(inside) else ""
             agent = run.agents[e.index]
             fast = f"   v = {run.speed[tick, e.index]:.1f} m/s" if run.speed is not None else ""
-            turn = turn_word(run.junction, agent.route)
             blame = "   <- acts" if e in responsible(j, run) else ""
-            lines.append(f"vehicle   {e.name} from entrance {agent.entrance}, {turn}{entered}{fast}{blame}")
+            lines.append(f"vehicle   {e.name} {origin(run.junction, agent)}{entered}{fast}{blame}")
         if reason := why(run, j.template.atoms):
             lines.append(f"because   {reason}")
         if j.failed is None:
@@ -102,7 +101,7 @@ def _arrival(run: Run, e: f.Element, tick: int) -> str:
     """Return an agent with its entrance, turn, arrival and waiting time up to `tick`."""
     agent = run.agents[e.index]
     here = np.flatnonzero(run.zone[: tick + 1, e.index] == Zone.ENTRANCE)
-    text = f"{e.name} @ entrance {agent.entrance}, {turn_word(run.junction, agent.route)}"
+    text = f"{e.name} @ entrance {agent.entrance}, {turn_word(run.junction, agent.way)}"
     if len(here):
         last = int(here[-1])
         away = np.flatnonzero(run.zone[:last, e.index] != Zone.ENTRANCE)

@@ -19,6 +19,7 @@ from pytest_rvads.logic.telling.doubt import hangs, since
 from pytest_rvads.logic.telling.phrase import clock, element_name, literal, say, why
 from pytest_rvads.logic.telling.story import Story, bound_names, happened
 from pytest_rvads.runs.run import Run
+from pytest_rvads.runs.states import Agent
 
 __all__ = ["tell"]
 
@@ -182,11 +183,16 @@ def _roles(story: Story, worst: Judgement | None) -> str:
         return ""
     run, junction = story.run, story.run.junction
     agents = [(name, run.agents[e.index]) for name, e in worst.template.binding if e.sort == Sort.AGENT]
-    first = junction.entrances[agents[0][1].entrance].arm if agents else 0
+    first = junction.starts[agents[0][1].entrance].arm if agents else 0
 
     def seat(entrance: int) -> str:
-        arm, lane = junction.entrances[entrance].arm, junction.entrances[entrance].lane
+        arm, lane = junction.starts[entrance].arm, junction.starts[entrance].lane
         return f"+{(arm - first) % junction.ways}" + (f".{lane}" if len(junction.arms[arm].entrances) > 1 else "")
 
-    roles = ", ".join(f"{name} {turn_word(junction, a.route)} from entrance {seat(a.entrance)}" for name, a in agents)
+    def role(agent: Agent) -> str:
+        if agent.way.key in junction.movements:
+            return f"{turn_word(junction, agent.way)} from entrance {seat(agent.entrance)}"
+        return f"on a {agent.way.kind} of arm {seat(agent.entrance)}"
+
+    roles = ", ".join(f"{name} {role(agent)}" for name, agent in agents)
     return "; ".join(filter(None, (roles, why(run, worst.template.atoms, seat))))

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable
 from math import ceil, log10
 
 from pytest_rvads.conduct.grounds import Ground, ground_of
+from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.junctions.turn_words import UTURN, turn_word
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.rules.lexicon import ATTRIBUTES, word_of
@@ -14,7 +15,7 @@ from pytest_rvads.maps.control import JunctionControl, Sign
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Agent, Colour, Zone
 
-__all__ = ["Naming", "clock", "colour_at", "element_name", "literal", "place", "position", "say", "why", "zone"]
+__all__ = ["Naming", "clock", "colour_at", "element_name", "literal", "origin", "place", "position", "say", "why", "zone"]
 
 Naming = Callable[[f.Element], str]
 """Returns the name of an element: the element's own name, or the name of a variable."""
@@ -125,15 +126,15 @@ def why(run: Run, atoms: Iterable[f.Atom], seat: Callable[[int], str] = str) -> 
     me, you = (run.agents[column] for column in columns)
     here, there = (f"entrance {seat(agent.entrance)}" for agent in (me, you))
     signs = [junction.entrances[agent.entrance].sign for agent in (me, you)]
-    match ground_of(junction, me.route.key, you.route.key):
-        case Ground.PRIORITY if (me.route.key, you.route.key) in junction.stated:
+    match ground_of(junction, me.way.key, you.way.key):
+        case Ground.PRIORITY if (me.way.key, you.way.key) in junction.stated:
             return f"by the map the way from {there} has priority over the one from {here}"
         case Ground.SIGN | Ground.PRIORITY:
             return f"{here} has {_SIGNS[signs[0]]}, {there} {_SIGNS[signs[1]]}"
         case Ground.SIDE:
             return f"{there} is on the {junction.near} of {here}, and neither has priority by a sign"
         case Ground.TURN:
-            word = turn_word(junction, me.route)
+            word = turn_word(junction, me.way)
             turn = f"makes a {word}" if word == UTURN else f"turns {word}"
             return f"who comes from {here} {turn} across the way from {there}"
         case Ground.MERGE:
@@ -155,6 +156,13 @@ def position(run: Run, agent: int, tick: int) -> str:
     if run.station is not None:
         return f"{run.station[tick, agent]:+.2f} m"
     return zone(run.agents[agent], Zone(int(run.zone[tick, agent])))
+
+
+def origin(junction: Junction, agent: Agent) -> str:
+    """Return where an agent comes from, and its turn or the kind of its way, in words."""
+    if agent.way.key in junction.movements:
+        return f"from entrance {agent.entrance}, {turn_word(junction, agent.way)}"
+    return f"on a {agent.way.kind} of arm {junction.starts[agent.entrance].arm}"
 
 
 def zone(agent: Agent, where: Zone) -> str:

@@ -101,7 +101,7 @@ class Note(msgspec.Struct, frozen=True):
             run.dt,
             run.steps,
             Site(run.junction.name, run.junction.id, run.junction.digest),
-            [_Way(a.name, a.route.key, _encoded(run.zone[:, k]), a.size is not None) for k, a in enumerate(run.agents)],
+            [_Way(a.name, a.way.key, _encoded(run.zone[:, k]), a.size is not None) for k, a in enumerate(run.agents)],
             run.facts,
             None if run.collisions is None else list(run.collisions),
             run.fault and replace(run.fault, detail=""),

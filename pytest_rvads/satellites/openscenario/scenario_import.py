@@ -77,7 +77,7 @@ def _check_alike(scenario: Scenario, found: Mapping[str, Intention], root: Node,
     for agent, start in zip(agents, starts, strict=True):
         drive = matched(found[agent.name], scenario.place)
         told = None if drive is None else (drive.distance, drive.speed)
-        if drive is None or drive.key != agent.route.key or not np.allclose(told or (), start, rtol=0.0, atol=_NEAR):
+        if drive is None or drive.key != agent.way.key or not np.allclose(told or (), start, rtol=0.0, atol=_NEAR):
             raise _contradiction(where, f"the start or route of {agent.name}")
     duration = _duration(root)
     if duration is None or abs(duration - scenario.duration) > _NEAR:

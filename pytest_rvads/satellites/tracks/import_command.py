@@ -127,7 +127,7 @@ def _watch() -> Any:
 def _told(path: Path, recording: Recording, *, stated: bool) -> dict[str, Any]:
     """Return what came in, as JSON has it."""
     junction, tracks = recording.junction, recording.tracks
-    ways = Counter(track.agent.route.key for track in tracks)
+    ways = Counter(track.agent.way.key for track in tracks)
     arms = {key: (junction.vehicle_at(key[0]).removeprefix("a"), f"{junction.exits[key[1]].arm}") for key in ways}
     worst = max(tracks, key=lambda track: track.offset)
     begin, end = min(track.times[0] for track in tracks), max(track.times[-1] for track in tracks)

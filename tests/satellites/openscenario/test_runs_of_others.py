@@ -79,7 +79,7 @@ def test_a_log_that_names_its_map_needs_no_junction(rolls: Path) -> None:
     recording = rvads.read_tracks(rolls)
     assert recording.junction.digest == STOP.digest
     (track,) = recording.tracks
-    assert (track.agent.name, track.agent.size, track.agent.route.key) == ("car 1", (LENGTH, 1.8), (0, 2))
+    assert (track.agent.name, track.agent.size, track.agent.way.key) == ("car 1", (LENGTH, 1.8), (0, 2))
     assert np.interp(0.0, track.station, track.times) == pytest.approx(5.0, abs=1e-3)  # 40 m at 8 m/s
     assert [rvads.check(run, "full_stop").status.value for run in recording] == ["FAIL"]
     assert [run.hash for run in rvads.read_runs(rolls)] == [run.hash for run in recording]

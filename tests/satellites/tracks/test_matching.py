@@ -33,7 +33,7 @@ def test_every_movement_is_found(tmp_path: Path, name: str, noise: float) -> Non
     place = find(name)
     drives = [drive(place, key, f"{key[0]}-{key[1]}", start=20.0 * k) for k, key in enumerate(sorted(place.movements))]
     recording = read_tracks(write_csv(tmp_path / "t.csv", drives, noise=noise), place)
-    assert {track.agent.name: track.agent.route.key for track in recording.tracks} == {
+    assert {track.agent.name: track.agent.way.key for track in recording.tracks} == {
         f"{i}-{k}": (i, k) for i, k in place.movements
     }
     assert max(track.offset for track in recording.tracks) == pytest.approx(noise, abs=0.05 + noise / 3)
@@ -82,7 +82,7 @@ def test_second_passage_of_a_name_is_a_second_vehicle(tmp_path: Path) -> None:
     )
     both = Drive("bus", times, points, heading, speed, first.crosses)
     recording = read_tracks(write_csv(tmp_path / "t.csv", [both]), STOP)
-    assert [(track.agent.name, track.agent.route.key) for track in recording.tracks] == [("bus", (0, 2)), ("bus#2", (1, 3))]
+    assert [(track.agent.name, track.agent.way.key) for track in recording.tracks] == [("bus", (0, 2)), ("bus#2", (1, 3))]
 
 
 def test_standing_in_noise_is_neither_driving_nor_coming_again(tmp_path: Path) -> None:
@@ -92,7 +92,7 @@ def test_standing_in_noise_is_neither_driving_nor_coming_again(tmp_path: Path) -
     rows = np.concatenate(parts)
     waits = Drive("v", 0.1 * np.arange(len(rows)), one.points[rows], one.heading[rows], one.speed[rows], 0.0)
     recording = read_tracks(write_csv(tmp_path / "t.csv", [waits], noise=0.1), STOP)
-    assert [track.agent.route.key for track in recording.tracks] == [(0, 3)]
+    assert [track.agent.way.key for track in recording.tracks] == [(0, 3)]
     assert len(recording.tracks[0].times) == len(rows)
 
 
@@ -177,7 +177,7 @@ def test_on_maps_of_other_people_every_vehicle_is_where_it_was(shared: Path, tmp
     log = write_csv(tmp_path / "t.csv", [*drives.values()], noise=0.1)
     for place in places:
         recording = read_tracks(log, place)
-        found = {track.agent.name: track.agent.route.key for track in recording.tracks}
+        found = {track.agent.name: track.agent.way.key for track in recording.tracks}
         wrong = {name: key for name, key in found.items() if name != f"{place.id} {key[0]} {key[1]}"}
         missing = [name for name in drives if name.startswith(f"{place.id} ") and name not in found]
         assert (wrong, missing) == ({}, [])

@@ -1,4 +1,4 @@
-"""Ways on the line graph of a metric graph: through a junction, and along the roads before and after it."""
+"""Paths on the line graph of a metric graph: through a junction, and along the roads before and after it."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from pytest_rvads.junctions.graph import MetricGraph
 from pytest_rvads.maps.network import Edge
 from pytest_rvads.maps.segment import GAP_LIMIT, Turn
 
-__all__ = ["Path", "Way", "paths_of", "walk"]
+__all__ = ["Path", "Route", "paths_of", "walk"]
 
 _MOST_STEPS = 300_000
 
@@ -33,8 +33,8 @@ class Path(NamedTuple):
     """Total unwrapped change of heading [rad]."""
 
 
-class Way(NamedTuple):
-    """A way through a junction, from a lane to a lane."""
+class Route(NamedTuple):
+    """A route through a junction of a map, from a lane to a lane."""
 
     entrance: int
     """Number of the entrance."""
