@@ -78,11 +78,13 @@ def _classes(options: argparse.Namespace) -> int:
 
 
 def _map(options: argparse.Namespace) -> int:
+    from pytest_rvads.conduct.room import narrow_lines
     from pytest_rvads.draw.map_picture import draw_map
     from pytest_rvads.junctions.road_map import describe, read_map
 
     road_map = read_map(options.file, uturns=options.uturns, clusters=options.clusters)
     found = describe(road_map)
+    found["warnings"] += [warning.record() for warning in narrow_lines(road_map)]
     if options.svg:
         write_file(Path(options.svg), draw_map(road_map).encode())
     if options.json:

@@ -33,7 +33,9 @@ A vehicle beyond both offsets is off its route. The front alone swings out by 2 
 NEAR = 0.75
 """Half the range of stations around its own in which the front of a vehicle is projected on its itinerary [m]."""
 _AROUND = 5.0
-"""Half the range of stations in which the rear axle is projected, around its place on a straight way [m]."""
+"""Half the range of stations in which a rear axle or a corner is located, around its place on a straight way [m]."""
+_FINE = 0.1
+"""Distance between two points of a way whose distances from a corner are computed [m]; they are too long by less than 1 mm."""
 _SURE = 0.05
 """Distance from a border below which the corners of a body are located exactly [m]."""
 
@@ -101,6 +103,18 @@ class Ways:
             station = station + ((points - place) * ahead).sum(axis=1)
         return station
 
+    def near(
+        self, way: NDArray[np.int64], points: NDArray[np.float64], station: NDArray[np.float64], reach: float
+    ) -> NDArray[np.bool_]:
+        """Return whether a point of the way within `_AROUND` of the station is at most `reach` [m] away, shape ``(places,)``.
+
+        Where a lane steps aside, `nearest` may return the station of a piece that is not the nearest piece.
+        """
+        beside = np.arange(-_AROUND, _AROUND + _FINE, _FINE)
+        place, _ = self.centre(np.repeat(way, len(beside)), (station[:, None] + beside).ravel())
+        apart = points[:, None] - place.reshape(len(points), len(beside), 2)
+        return (np.hypot(apart[..., 0], apart[..., 1]) <= reach).any(axis=1)
+
 
 _FAR = 1e6
 """Offset of the stations of each way against the stations of the way before it in a shared sorted table [m]."""
@@ -159,6 +173,8 @@ def off_lane(block: Block) -> NDArray[np.bool_]:
     place = ways.nearest(four, corners, around)
     over = (place <= 0.0) | (place >= ways.length[four])
     over &= np.abs(ways.offset(four, corners, place)) > half
+    out = np.flatnonzero(over)
+    over[out] = ~ways.near(four[out], corners[out], around[out], half)
     strayed = (block.zone[rows, columns] == JUNCTION) & (np.abs(ways.offset(columns, pose[:, :2], station)) > half)
     found[rows, columns] = strayed | over.reshape(4, -1).any(axis=0)
     return found

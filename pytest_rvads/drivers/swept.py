@@ -9,17 +9,21 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pytest_rvads.junctions.sweep import STEP, plan, with_roads
+from pytest_rvads.junctions.sweep import STEP, Course, Plan, plan, with_roads
 from pytest_rvads.maps.segment import Pose, Segment
 from pytest_rvads.runs.itineraries import Itinerary
 from pytest_rvads.runs.vehicle import Vehicle
 
-__all__ = ["AxlePath", "axle_path"]
+__all__ = ["AxlePath", "approach_pace", "axle_path"]
 
 QUICK = 0.7
 """Share of the steering rate that the path may take."""
 CALM = 0.7
 """Lateral acceleration on the path [m/s^2]: at 2.5 m/s^2 the tyres slip so much that the rear axle errs by 4 cm."""
+
+
+Pace = tuple[tuple[float, float], ...]
+"""Stations of the rear axle on the itinerary [m], and how fast a path can be followed there [m/s]."""
 
 
 class AxlePath(NamedTuple):
@@ -30,8 +34,7 @@ class AxlePath(NamedTuple):
     """At every point of the path, without jumps [rad]."""
     bends: tuple[float, ...]
     """Curvature at every point [1/m]."""
-    pace: tuple[tuple[float, float], ...]
-    """Stations of the rear axle on the itinerary [m], and how fast the path can be followed there [m/s]."""
+    pace: Pace
     poses: tuple[Pose, ...]
     """Of the rear axle at these stations."""
 
@@ -60,13 +63,29 @@ def axle_path(itinerary: Itinerary, vehicle: Vehicle, lane_width: float, start: 
     planned = plan(course, vehicle.body)
     if planned is None:
         return None
-    change = np.abs(np.diff(planned.bend, append=0.0)) / STEP
-    turning = QUICK * vehicle.steering_rate / (vehicle.wheelbase * np.maximum(change, 1e-3))
-    pace = np.minimum(turning, np.sqrt(CALM / np.maximum(np.abs(planned.bend), 1e-3)))
     path = Segment(f"{course.path.id} rear axle", planned.points, course.path.turn)
     along = np.gradient(path.points, axis=0)
     headings = np.unwrap(np.arctan2(along[:, 1], along[:, 0]))
     bends = np.gradient(headings, path.stations)
-    pairs = zip(planned.stations.tolist(), pace.tolist(), strict=True)
     poses = tuple(path.pose(along) for along in path.stations.tolist())
-    return AxlePath(path, tuple(headings.tolist()), tuple(bends.tolist()), tuple(pairs), poses)
+    return AxlePath(path, tuple(headings.tolist()), tuple(bends.tolist()), _pace(planned, vehicle), poses)
+
+
+def approach_pace(line: Segment, start: float, vehicle: Vehicle, lane_width: float) -> Pace:
+    """Return how fast the path of the rear axle on an approach can be followed; empty where it can follow the centre line.
+
+    Args:
+        line: the approach.
+        start: station of the front from which on the path is planned [m], 0 at the end of the approach.
+        vehicle: whose body is to stay in the lane.
+        lane_width: [m].
+    """
+    planned = plan(Course(line, line.length, 0.0, start, lane_width, 0.0), vehicle.body)
+    return _pace(planned, vehicle) if planned else ()
+
+
+def _pace(planned: Plan, vehicle: Vehicle) -> Pace:
+    change = np.abs(np.diff(planned.bend, append=0.0)) / STEP
+    turning = QUICK * vehicle.steering_rate / (vehicle.wheelbase * np.maximum(change, 1e-3))
+    pace = np.minimum(turning, np.sqrt(CALM / np.maximum(np.abs(planned.bend), 1e-3)))
+    return tuple(zip(planned.stations.tolist(), pace.tolist(), strict=True))

@@ -6,9 +6,10 @@ import math
 from collections.abc import Sequence
 from functools import lru_cache
 
-from pytest_rvads.drivers.swept import AxlePath
+from pytest_rvads.drivers.swept import AxlePath, approach_pace
 from pytest_rvads.maps.segment import SPEED_LIMIT, Pose, Segment
 from pytest_rvads.runs.itineraries import Itinerary
+from pytest_rvads.runs.vehicle import Vehicle
 
 __all__ = ["EASE", "Track", "fastest", "track"]
 
@@ -86,19 +87,25 @@ def _bends(poses: Sequence[Pose], axle: float) -> list[float]:
 
 
 @lru_cache(maxsize=1024)  # many scenarios start at the same places
-def fastest(line: Segment, first: float, last: float, axle: float) -> float:
+def fastest(line: Segment, first: float, last: float, vehicle: Vehicle, lane_width: float) -> float:
     """Return the highest speed [m/s] that vehicles anywhere between two stations of a line can take its bends ahead from.
+
+    Where a vehicle on the centre line would leave its lane, the speed of the path that is planned there counts as well.
 
     Args:
         line: the centre line. What comes behind its end is not looked at.
         first: station of the last vehicle [m].
         last: station of the first vehicle [m].
-        axle: reference point to rear axle [m].
+        vehicle: each of the vehicles.
+        lane_width: [m].
     """
+    axle = vehicle.rear_axle_offset
     trail = math.ceil(axle)
     poses = [line.pose(first + k) for k in range(-trail - 3, math.ceil(line.length - first) + 4)]
-    bends = _bends(poses, axle)[trail:]
-    return min(math.sqrt(speed**2 + 2.0 * EASE * max(first + k - last, 0.0)) for k, speed in enumerate(bends))
+    speeds = [*enumerate(_bends(poses, axle)[trail:])]
+    for station, speed in approach_pace(line, first - line.length, vehicle, lane_width):
+        speeds.append((max(int(station + axle + line.length - first), 0), speed))
+    return min(math.sqrt(speed**2 + 2.0 * EASE * max(first + k - last, 0.0)) for k, speed in speeds)
 
 
 @lru_cache(maxsize=256)  # the same ways are driven again and again

@@ -152,7 +152,8 @@ class Sweep:
         blurred = (spread.reshape(count, -1, 2) * weights[:, None]).sum(axis=1) / weights.sum()
         self.centre, _ = path.centre(self.stations + origin)
         self.free = np.ones(count, dtype=np.bool_)
-        self.free[:2] = self.free[-3:] = False
+        self.free[:2] = False
+        self.free[-3:] = last == path.length - origin  # beyond the end of its way no vehicle pursues the centre line
         self._base = np.where(self.free[:, None], blurred, self.centre)
         # A vehicle starts with its front on the centre line, pointing away from the place of its rear axle there.
         front, _ = path.centre(np.array([course.start + origin]))

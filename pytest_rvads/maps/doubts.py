@@ -33,6 +33,8 @@ class Doubt(StrEnum):
     """The movements of an entrance do not follow the cyclic order of the exits."""
     BEND = "bend"
     """No path of its rear axle keeps a usual car in its lane on a movement: the car cuts the corner or swings out."""
+    ROOM = "room"
+    """A car that stands at its line leaves no room for the body of a car on another movement."""
     SIDE = "side"
     """A road does not say on which side traffic keeps, or says the wrong one; what the lanes need was taken."""
     SPEED = "speed"

@@ -381,7 +381,7 @@ def _fastest(place: Junction, entrance: int, distance: float, queue: float) -> f
     first = max(start - queue, 0.0)
     limits = approach.tail(approach.length - first).limits
     limit = min((limit or SPEED_LIMIT for _, limit in limits), default=SPEED_LIMIT)
-    return min(limit, fastest(approach, first, start, Vehicle().rear_axle_offset))
+    return min(limit, fastest(approach, first, start, Vehicle(), place.lane_width))
 
 
 def _within(value: object, count: int) -> bool:

@@ -13,8 +13,10 @@ import math
 from collections.abc import Collection, Mapping
 from dataclasses import asdict
 
+from pytest_rvads.conduct.room import room
 from pytest_rvads.drivers.interface import Control, Observation
 from pytest_rvads.drivers.naming import name_of
+from pytest_rvads.drivers.reference import by_zones
 from pytest_rvads.errors import ScenarioError
 from pytest_rvads.maps.segment import SPEED_LIMIT
 from pytest_rvads.physics.body import Body, start
@@ -78,6 +80,8 @@ class Loop:
             station = itinerary.start(distance)
             self._bodies.append(Body(agent, itinerary, station, vehicle, scenario.aggression))
             starts.append(start(itinerary, station, speed, vehicle))
+        if not by_zones(self.junction):
+            room(self.junction)  # the reference needs it, and its first answer would take seconds
         self.recorder = Recorder(self._agents)
         created = scenario.creation.index  # sorting keeps followers behind the first one of their entrance
         self._active = sorted(range(len(self._agents)), key=lambda column: created(self._agents[column].entrance))

@@ -2,26 +2,34 @@
 
 import math
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from pytest_rvads.conduct.lane import off_lane, off_route
+from pytest_rvads.conduct.room import leaves_room, room, stand_back
+from pytest_rvads.drivers import reference
 from pytest_rvads.drivers.interface import Autopilot, Control, Observation
 from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.drivers.swept import AxlePath, axle_path
 from pytest_rvads.drivers.way_ahead import track
 from pytest_rvads.junctions.builtin import CROSSINGS
 from pytest_rvads.junctions.finder import find, names
+from pytest_rvads.junctions.junction import Junction
+from pytest_rvads.junctions.sweep import CAR, plan, with_roads
+from pytest_rvads.logic.check import check
+from pytest_rvads.maps.control import Sign
 from pytest_rvads.maps.segment import Pose, Segment
 from pytest_rvads.opendrive.writer import Layout, opendrive
 from pytest_rvads.runs.itineraries import itinerary
 from pytest_rvads.runs.states import Zone
 from pytest_rvads.runs.vehicle import Vehicle
 from pytest_rvads.scenarios.case import Case
+from pytest_rvads.scenarios.configurations import configuration
 from pytest_rvads.scenarios.ids import from_id
-from pytest_rvads.scenarios.scenario import Scenario
+from pytest_rvads.scenarios.scenario import Scenario, started
 from pytest_rvads.simulators.simulator import simulate
 
 
@@ -104,14 +112,68 @@ class Parked(Autopilot):
         return Control(0.0, 1.0, 0.0)
 
 
-def test_a_sweeping_body_stops_before_it_touches_a_standing_vehicle(tmp_path: Path) -> None:
-    """The left turn ends beside a vehicle that stands across it at its line, outside the corridor of the front."""
+@pytest.fixture
+def small(tmp_path: Path) -> Junction:
+    """Left turns end beside a vehicle that stands across them at its line, outside the corridor of the front."""
     path = tmp_path / "small.xodr"
     path.write_text(opendrive(Layout(stop=2.5, lane_width=3.0, lane_offset=1.5)), encoding="utf-8")
-    run = simulate(Case(Scenario(find("1", path), "3020", distance=0.3, subject=0, duration=20), Reference, traffic=Parked))
+    place = find("1", path)
+    signs = (Sign.PRIORITY, Sign.PRIORITY, Sign.YIELD, Sign.PRIORITY)
+    lanes = tuple(replace(lane, sign=sign) for lane, sign in zip(place.entrances, signs, strict=True))
+    return replace(place, entrances=lanes)
+
+
+def test_a_sweeping_body_stops_before_it_touches_a_standing_vehicle(small: Junction, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(reference, "no_room", lambda *_: False)  # it enters without a look at the vehicle
+    run = simulate(Case(Scenario(small, "3020", distance=0.3, subject=0, duration=20), Reference, traffic=Parked))
     assert run.collisions == ()
     assert run.speed[-1, 0] == 0.0
     assert run.zone[-1, 0] == Zone.JUNCTION
+
+
+def test_no_entry_while_a_vehicle_at_its_line_leaves_no_room(small: Junction) -> None:
+    run = simulate(Case(Scenario(small, "3020", distance=0.3, subject=0, duration=20), Reference, traffic=Parked))
+    assert run.speed[-1, 0] == 0.0
+    assert run.zone[-1, 0] <= Zone.ENTRANCE
+
+
+@pytest.mark.parametrize("name", names())
+def test_every_line_of_a_builtin_junction_leaves_room(name: str) -> None:
+    assert not room(find(name))
+
+
+def test_a_place_farther_from_the_line_leaves_room(small: Junction) -> None:
+    """The left turn comes within 2.5 m of the line, where the standing body begins; 5 m before the line no body sweeps."""
+    assert {pair for pair in room(small) if pair[0] == 2} >= {(2, (0, 3))}
+    assert 0.0 < stand_back(small, 2) < 5.0
+    assert leaves_room(small, 2, (0, 3)) <= stand_back(small, 2)
+
+
+def test_a_vehicle_that_gives_way_stops_where_others_have_room(small: Junction) -> None:
+    scenario = Scenario(small, "3020", distance=[12.0, 20.0, 12.0, 20.0], speed=4.0, duration=40)
+    run = simulate(Case(scenario, partial(Reference, tie=0.5)))
+    assert run.provenance["end"] == "left"
+    assert run.collisions == ()
+    assert check(run, "keep_clear").status == "PASS"
+
+
+def test_a_start_in_a_bend_is_as_slow_as_the_planned_path_needs(shared: Path) -> None:
+    """Faster, the wheels can't turn as the path demands, and the front swings out."""
+    place = find("j_21657502", shared / "maps" / "durlacher-tor.xodr")
+    slowed = started(configuration("S31", 3), place, 0, 1, 0)["speed"][1]
+    code = tuple(2 if entrance == 1 else 0 for entrance in range(3))
+    for speed, kept in ((slowed, True), (3.2, False)):
+        run = simulate(Case(Scenario(place, code, distance=20.0, speed=speed), Reference))
+        assert off_lane(run, 0).any() != kept
+
+
+def test_a_path_keeps_the_lane_up_to_the_end_of_a_road_that_ends_in_a_bend(shared: Path) -> None:
+    """Beyond the end no vehicle follows the centre line, so the path need not come back to it."""
+    place = find("j_21657502", shared / "maps" / "durlacher-tor.xodr")
+    course = with_roads(itinerary(place, 0, 1).course(place.lane_width, -10.0), -10.0, CAR)
+    path = plan(course, CAR)
+    assert path is not None
+    assert not len(path.amiss)
 
 
 def test_a_path_begins_where_the_axles_of_a_starting_vehicle_are(shared: Path) -> None:
