@@ -57,7 +57,7 @@ def resolve(ask: Ask, test: pytest.Function, options: Options, added: Extensions
     found = ask.resolve(test.path.parent, options, added, watch, takes_rule)
     if options.sample is None:
         _refuse_many(found.resolved, options)
-    from pytest_rvads.scenarios.extents import extended
+    from pytest_rvads.scenarios.selection import extended
     from pytest_rvads.scenarios.selection import TOO_SHORT, TOO_TIGHT
 
     known: dict[str, Extent] = stash.setdefault(EXTENTS, {})
