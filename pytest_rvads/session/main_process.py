@@ -172,7 +172,7 @@ class Session:
 
     def _concerned(self) -> bool:
         """Return whether anything of ours was planned, or asked for; most sessions of an environment are none of our business."""
-        asked = self.baseline, self.options.reports, self.options.cov_fail_under is not None
+        asked = self.baseline, self.options.report, self.options.cov_fail_under is not None
         return bool(self.planner.plan().cells or any(asked))
 
     def _complete(self) -> int:

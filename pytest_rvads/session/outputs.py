@@ -59,7 +59,7 @@ class Outputs:
     def __init__(self, config: pytest.Config) -> None:
         options, self._config = config.stash[OPTIONS], config
         self._artefacts = options.artefacts
-        self._reports = () if _runs_nothing(config.option) else options.reports
+        self._reports = () if _runs_nothing(config.option) else options.report
         self._announced = False
         """Whether the reports say what is to run."""
         self.index = ""
