@@ -191,7 +191,7 @@ def test_a_diagnosis_that_fails_costs_no_more_than_itself(pytester: pytest.Pytes
         raise SystemExit("no diagnosis")
 
     monkeypatch.setattr(items, "_explanation", broken)
-    monkeypatch.setattr(items, "_repeated", broken)
+    monkeypatch.setattr(items, "_with_repetition", broken)
     pytester.makepyfile("""
         import pytest
         import pytest_rvads as rvads

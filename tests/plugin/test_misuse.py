@@ -274,7 +274,7 @@ mine = rvads.scenario("stop3", grid="C", classes=1)
         (
             "@pytest.fixture\ndef run(): ...\n@rvads.scenario('stop3')\ndef test_it(run): ...",
             7,
-            "test_it has @rvads.scenario(...) but its `run` is a fixture of yours: call that otherwise",
+            "test_it has @rvads.scenario(...) but its `run` is a fixture of yours: rename your fixture",
         ),
         (
             "@mine\n@pytest.mark.parametrize('x, run', [(1, 1)])\ndef test_it(x, run, monitor): ...",
