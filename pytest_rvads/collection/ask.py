@@ -163,7 +163,7 @@ class Ask:
                     errors[place] = error
         if not drawn:
             first, many = next(iter(errors.values())), len(places)
-            raise first if many == 1 else ScenarioError(f"none of {many} junctions has what is asked for, the first: {first}")
+            raise first if many == 1 else ScenarioError(f"none of {many} junctions fits the mark, the first: {first}")
         left_out = [(refused.name, refused.reason) for refused in choice.refused]
         left_out += [(place.name, _reason(error, place)) for place, error in errors.items()]
         return Selected(tuple(resolved[place] for place in drawn), tuple(left_out), len(usable) - len(drawn))
@@ -286,7 +286,7 @@ def _refuse(arguments: Mapping[str, Any]) -> None:
     """Raise a `ScenarioError` for a wrong value, or for arguments that exclude each other."""
     junction = arguments["junction"]
     if junction is None and arguments["junctions"] is None:
-        raise ScenarioError(f"name a junction, several, or {EVERY!r} for all of a map, or say by junctions= of which kinds")
+        raise ScenarioError(f"name a junction, several junctions, or {EVERY!r} for all junctions of a map, or give junctions=")
     if not isinstance(junction, str | Iterable | None):
         raise ScenarioError(f"write @rvads.scenario('stop4', ...) with the name of a junction in quotes, got {junction!r}")
     for name, (fits, expected) in _SINGLE.items():

@@ -93,7 +93,7 @@ def _merged(hook: str, results: Sequence[Any], taken: Sequence[str]) -> dict[str
     merged: dict[str, Any] = {}
     for names in results:
         if not isinstance(names, Mapping):
-            raise ScenarioError(f"{hook} must give names and what they stand for, as a dict, got {names!r}")
+            raise ScenarioError(f"{hook} must give a dict with names as keys, got {names!r}")
         for name, value in names.items():
             if name in taken or name in merged:
                 raise ScenarioError(f"{hook} gives {name!r}, which is taken already: choose another name")

@@ -124,7 +124,7 @@ def attach(item: pytest.Item, call: pytest.CallInfo[None], report: pytest.TestRe
             except KeyboardInterrupt:
                 raise
             except BaseException as error:  # an error in a diagnosis costs no verdict
-                report.sections.append(("rvads", f"no more can be told: {named_error(error)}"))
+                report.sections.append(("rvads", f"the explanation is incomplete, because of {named_error(error)}"))
         _publish(item, _with_earlier_execution(item, record), report)
 
 
@@ -250,7 +250,7 @@ def _with_explanation(item: pytest.Item, record: Record, report: pytest.TestRepo
     except KeyboardInterrupt:
         raise
     except BaseException as error:
-        text = f"{verdict.explanation}\n(no more can be told: {named_error(error)})"
+        text = f"{verdict.explanation}\n(the explanation is incomplete, because of {named_error(error)})"
     report.sections.append((f"rvads {verdict.rule}", text))
     return replace(record, look=page)
 

@@ -70,9 +70,9 @@ def _ended(ending: Ending) -> Reason | None:
     missing = f"{plural(ending.missing, 'item')} did not run"
     incomplete = bool(ending.missing or ending.unplanned) or not ending.collected
     if not ending.collected:
-        missing = "it was not yet known what is to run"
+        missing = "the items to run were not yet known"
     elif ending.unplanned:
-        missing = f"none of {plural(ending.unplanned, 'item')} ended, and no worker came to say which of them ask for a run"
+        missing = f"none of {plural(ending.unplanned, 'item')} ended, and no worker reported which of them belong to pytest-rvads"
     if ending.exitstatus not in (pytest.ExitCode.OK, _FAILED, _NOTHING):
         text = f"the session did not end by itself (exit status {ending.exitstatus}): {missing}"
         return Reason(text, cut=incomplete)
@@ -99,7 +99,7 @@ def _unjudged(ending: Ending) -> Reason | None:
     judged = (record.status.judges or record.status is Outcome.FLAKY for record in ending.records.values())
     if not ending.records or any(judged):
         return None
-    text = "nothing was judged: no rule asked anything of what was to be tested, or no item ran"
+    text = "nothing was judged: no rule required an action of the system under test, or no item ran"
     return Reason(text, _NOTHING, cut=False)
 
 
@@ -110,7 +110,7 @@ def _hushed(ending: Ending) -> Reason | None:
     hushed = sorted(hidden | {name for name in ending.turned if ending.records[name].status is not Outcome.FLAKY})
     if not hushed:
         return None
-    return Reason(f"{plural(len(hushed), 'item')} passed though not kept: something catches failures, first {hushed[0]}")
+    return Reason(f"{plural(len(hushed), 'item')} passed in spite of a failure: a plugin catches failures, first {hushed[0]}")
 
 
 def _flaky(ending: Ending) -> Reason | None:

@@ -210,7 +210,7 @@ def test_a_diagnosis_that_fails_costs_no_more_than_itself(pytester: pytest.Pytes
     """)
     result = pytester.runpytest("-p", "no:cacheprovider")
     result.assert_outcomes(failed=2)
-    result.stdout.fnmatch_lines(["*no more can be told: SystemExit: no diagnosis*"])
+    result.stdout.fnmatch_lines(["*the explanation is incomplete, because of SystemExit: no diagnosis*"])
 
 
 def test_the_error_of_a_run_is_that_of_all_its_rules_and_simulated_once(pytester: pytest.Pytester) -> None:

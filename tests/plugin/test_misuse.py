@@ -41,7 +41,7 @@ def refused(pytester: pytest.Pytester, code: str, line: int, says: str) -> None:
     ("arguments", "says"),
     [
         ("3", "write @rvads.scenario('stop4', ...) with the name of a junction in quotes, got 3"),
-        ("", "name a junction, several, or '*' for all of a map, or say by junctions= of which kinds"),
+        ("", "name a junction, several junctions, or '*' for all junctions of a map"),
         ('["stop4", 3]', "junction takes names, ids or types of junctions, one or several, got ['stop4', 3]"),
         ("[]", "junction is empty: name names, ids or types of junctions, or leave it out"),
         ('"*", limit=0', "limit must be a whole number of junctions, 1 or more, got 0"),
