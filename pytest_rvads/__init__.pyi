@@ -11,7 +11,7 @@ from pytest_rvads.drivers.playback import Replay as Replay
 from pytest_rvads.drivers.traffic import traffic as traffic
 from pytest_rvads.satellites.campaigns.campaign import campaign as campaign
 from pytest_rvads.satellites.campaigns.resultsfile import Results as Results
-from pytest_rvads.collection import known as known, recorded as recorded, scenario as scenario
+from pytest_rvads.collection.marks import known as known, recorded as recorded, scenario as scenario
 from pytest_rvads.collection.searching import falsify as falsify
 from pytest_rvads.errors import (
     AutopilotError as AutopilotError,

@@ -1,4 +1,4 @@
-"""XML from elsewhere, read element by element within bounds; nothing of the file is kept.
+"""XML files, read element by element within bounds on depth and tag length.
 
 A document type declaration is refused when it begins, so a file can declare no entity and refer to nothing outside.
 """
@@ -17,7 +17,7 @@ __all__ = ["DEEPEST", "LONGEST_TAG", "XmlError", "read_xml"]
 DEEPEST = 60
 """Deepest nesting that is read: a trajectory of OpenSCENARIO lies 16 levels deep, a lane of OpenDRIVE 10."""
 LONGEST_TAG = 2**23
-"""Longest tag or comment that is read [bytes]: the whole of it is in memory."""
+"""Longest tag or comment that is read [bytes]; a tag is held in memory as a whole."""
 
 
 class XmlError(RvadsError):
@@ -78,5 +78,5 @@ def read_xml(
     except expat.ExpatError as error:
         what = one_line(expat.errors.messages.get(error.code, str(error))) + ", the file is cut off" * complete
         raise XmlError(f"row {error.lineno}, column {error.offset}: not XML: {what}; expected {expected}") from error
-    except (ValueError, LookupError) as error:  # the encoding that the file declares is none
+    except (ValueError, LookupError) as error:  # the file declares an unknown encoding
         raise XmlError(f"not XML: {one_line(str(error))}; expected {expected}") from error

@@ -1,7 +1,6 @@
-"""JSON from elsewhere: msgspec holds it against a type, and what does not fit is refused in one sentence. And JSON of ours.
+"""Typed JSON: msgspec checks JSON from files and stacks against a type, and an error names the field in one sentence.
 
-The import of msgspec takes some 20 ms, with the first run, record or file. It replaces hand-made validators of facts, run files,
-recordings, messages of stacks, records and reports.
+The import of msgspec takes some 20 ms, with the first run, record or file.
 """
 
 from __future__ import annotations
@@ -45,23 +44,23 @@ def decode(text: bytes, kind: type[T], where: str, error: type[RvadsError]) -> T
     """Return a JSON text as a value of `kind`; see `typed`.
 
     Raises:
-        RvadsError: an `error`, also where the text is no JSON.
+        RvadsError: an `error`; the text is no JSON, or does not fit `kind`.
     """
     try:
         return msgspec.json.decode(text, type=kind)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
         pass
     try:
-        value = json.loads(text)  # tells the line of a mistake, and reads the NaN that JSON does not know: its field gets named
-        found = typed(value, kind, where, error)
-        json.dumps(value, allow_nan=False, ensure_ascii=False).encode()  # else it stands where any value may
+        value = json.loads(text)  # names the line of an error, and accepts NaN, so that `typed` names its field
+        decoded = typed(value, kind, where, error)
+        json.dumps(value, allow_nan=False, ensure_ascii=False).encode()  # refuses NaN in a field of any type
     except (ValueError, RecursionError) as refused:
         raise error(f"{where}: not JSON: {refused}") from refused
-    return found
+    return decoded
 
 
 def encode(value: object) -> bytes:
-    """Return a value as JSON; of texts that UTF-8 can't hold, such as file names in another encoding, the rest is kept."""
+    """Return a value as JSON; a character that UTF-8 can't hold, as in a file name in another encoding, becomes ``?``."""
     try:
         return msgspec.json.encode(value)
     except UnicodeEncodeError:
@@ -78,16 +77,16 @@ def _encodable(value: Any) -> Any:
 
 
 def typed(value: object, kind: type[T], where: str, error: type[RvadsError]) -> T:
-    """Return a value that was read from JSON as a value of `kind`.
+    """Return a value of builtins, as read from JSON, as a value of `kind`.
 
     Args:
-        value: of builtins.
-        kind: what msgspec knows, with constraints.
-        where: begins the message.
-        error: what to raise.
+        value: the value of builtins.
+        kind: a type of msgspec, perhaps with constraints.
+        where: beginning of the message.
+        error: class of the error.
 
     Raises:
-        RvadsError: an `error` that names the field, what it must be, and what was got.
+        RvadsError: an `error` that names the field, the expected value and the value that was got.
     """
     try:
         return msgspec.convert(value, kind, str_keys=True)
@@ -96,7 +95,7 @@ def typed(value: object, kind: type[T], where: str, error: type[RvadsError]) -> 
 
 
 def _sentence(message: str, value: Any, info: Type) -> str:
-    """Return msgspec's message in our words; what was got, and which choices there were, is looked up along its path."""
+    """Return a message of msgspec in plain words, with the value and the choices at the path that the message names."""
     what, _, place = message.partition(" - at `")
     of_keys, _, steps = place.partition("$")  # "key` in `$.totals`"
     path = ""
@@ -105,7 +104,7 @@ def _sentence(message: str, value: Any, info: Type) -> str:
         if isinstance(value, list | tuple):
             value, path = value[int(step)], f"{path}[{step}]"
         else:
-            key = step if step in value else _culprit(value, info)
+            key = step if step in value else _wrong_key(value, info)
             value, path = value[key], f"{path}.{key}".lstrip(".")
     missing = re.fullmatch("Object missing required field `(.*)`", what)
     if missing:
@@ -139,18 +138,18 @@ def _inside(info: Type, step: str, value: Any) -> Type:
     return info.value_type if isinstance(info, DictType) else info
 
 
-def _culprit(values: dict[str, Any], info: Type) -> str:
-    """Return the key under which a value is not of its type, for msgspec names no keys."""
+def _wrong_key(values: dict[str, Any], info: Type) -> str:
+    """Return the key of the first value of a wrong type, because msgspec names no keys of dictionaries."""
     for key, value in values.items():
         try:
-            msgspec.convert(value, _plain(info))
+            msgspec.convert(value, _checkable(info))
         except msgspec.ValidationError:
             return key
     return next(iter(values))
 
 
-def _plain(info: Type) -> Any:
-    """Return a type to hold a value of a dictionary against."""
+def _checkable(info: Type) -> Any:
+    """Return a type against which a value of a dictionary is checked."""
     if isinstance(info, TupleType):
-        return tuple[tuple(map(_plain, info.item_types))]  # type: ignore[misc]
+        return tuple[tuple(map(_checkable, info.item_types))]  # type: ignore[misc]
     return info.cls if isinstance(info, StructType) else _PLAIN.get(type(info), Any)

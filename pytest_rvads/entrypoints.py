@@ -1,4 +1,4 @@
-"""What satellites and other packages add to the package, found by entry points in groups of the name ``rvads.GROUP``."""
+"""Objects that satellites and other packages add to this package by entry points in groups ``rvads.GROUP``."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def entries(group: str) -> Mapping[str, EntryPoint]:
     """Return the entry points of a group by name, in alphabetical order.
 
     Args:
-        group: without its prefix, such as ``simulators``.
+        group: name of the group without its prefix, such as ``simulators``.
     """
     return {entry.name: entry for entry in sorted(entry_points(group=f"rvads.{group}"), key=lambda entry: entry.name)}
 
@@ -27,8 +27,8 @@ def load(group: str, name: str) -> Any:
     """Return the object that an entry point names.
 
     Args:
-        group: without its prefix.
-        name: of an entry point of the group.
+        group: name of the group without its prefix.
+        name: name of an entry point of the group.
 
     Raises:
         RvadsError: the object can't be imported; the message names the entry point and the package that declares it.
@@ -36,7 +36,7 @@ def load(group: str, name: str) -> Any:
     entry = entries(group)[name]
     try:
         return entry.load()
-    except Exception as error:  # the module may be the code of others
+    except Exception as error:  # the module of another package may raise any exception
         package = f" of {entry.dist.name}" if entry.dist else ""
         raise RvadsError(
             f"the entry point {name} = {entry.value} in the group rvads.{group}{package} can't be loaded: {one_line(str(error))}"

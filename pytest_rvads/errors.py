@@ -1,4 +1,4 @@
-"""The errors of the library: one tree, each class with its cause and its remedy.
+"""The errors of the library: a tree of classes, each with cause and remedy.
 
 A message is one sentence with the value that was got, the expected value, the place, and the remedy. The plugin turns
 every error of this module into a ``pytest.UsageError`` or an error of the item, never into a traceback.
@@ -25,7 +25,7 @@ __all__ = [
 
 
 class RvadsError(Exception):
-    """Base of every error raised on purpose by this library."""
+    """Base of the errors of this library, except violations of rules."""
 
 
 class MapError(RvadsError):
@@ -47,13 +47,13 @@ class ScenarioError(RvadsError):
 class FormulaError(RvadsError):
     """A formula or rule can't be understood, or is too large to build a monitor for.
 
-    Cause: a syntax error, an unknown predicate, an unbound variable, a sort mismatch, a size limit.
-    Remedy: the message shows the place and the nearest valid word.
+    Cause: a syntax error, an unknown predicate, an unbound variable, an argument of the wrong sort, a size limit.
+    Remedy: correct the text; the message shows the place and the nearest valid word.
     """
 
 
 class AutopilotError(RvadsError):
-    """The autopilot under test raised, or answered with something that is not a control.
+    """The autopilot under test raised an exception, or its answer is no control.
 
     Cause: an exception in ``control``, NaN, a wrong type, a value out of range.
     Remedy: fix the autopilot; the message names vehicle, class and simulated time.
@@ -63,13 +63,13 @@ class AutopilotError(RvadsError):
 class RunError(RvadsError):
     """A run can't be judged.
 
-    Cause: it is empty, breaks the semantic model, or ended by a fault of plant or autopilot.
-    Remedy: the message names the fault; the verdict of such a run is ERROR, never PASS or FAIL.
+    Cause: the run is empty, breaks the semantic model, or ended by a fault of simulator or autopilot.
+    Remedy: remove the fault that the message names; the verdict of such a run is ERROR, never PASS or FAIL.
     """
 
 
 class RuleViolation(AssertionError):
-    """The run violates the rule, whatever would have followed (status FAIL)."""
+    """The run violates the rule, whatever the continuation of the run (status FAIL)."""
 
 
 class OpenObligation(RuleViolation):
@@ -77,25 +77,25 @@ class OpenObligation(RuleViolation):
 
 
 class MetamorphicViolation(RuleViolation):
-    """Runs that have to be judged alike are not; the note of the exception shows them side by side."""
+    """Two runs with a metamorphic relation got different verdicts; the note of the exception shows the runs side by side."""
 
 
 for _public in (RuleViolation, OpenObligation, MetamorphicViolation):
-    _public.__module__ = "pytest_rvads"  # where users find them, and what pytest shows
+    _public.__module__ = "pytest_rvads"  # the module from which users import them
 
 
-def require(value: object, kind: type | UnionType, wanted: str, error: type[RvadsError]) -> None:
-    """Raise an `error` where `value` is not of `kind`; `wanted` begins its sentence and says what to write."""
+def require(value: object, kind: type | UnionType, expectation: str, error: type[RvadsError]) -> None:
+    """Raise an `error` if `value` is not of `kind`; `expectation`, which says what to write, begins the message."""
     if not isinstance(value, kind):
-        raise error(f"{wanted}, got {value!r:.60}")
+        raise error(f"{expectation}, got {value!r:.60}")
 
 
 def suggest(word: str, choices: Iterable[str]) -> str:
     """Return ``"; did you mean 'x'?"`` for the choice nearest to `word`, or an empty string."""
-    near = difflib.get_close_matches(word, list(choices), n=1, cutoff=0.5)
-    return f"; did you mean {near[0]!r}?" if near else ""
+    nearest = difflib.get_close_matches(word, list(choices), n=1, cutoff=0.5)
+    return f"; did you mean {nearest[0]!r}?" if nearest else ""
 
 
 def needs(what: str, library: str, extra: str) -> str:
-    """Return the sentence for `what` when the package `library`, which an extra installs, is missing."""
+    """Return the message that `what` needs the missing package `library`, which an extra installs."""
     return f"{what} needs the package {library}, which is not installed: pip install 'pytest-rvads[{extra}]'"

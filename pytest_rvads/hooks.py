@@ -16,9 +16,9 @@ __all__ = ["pytest_rvads_grids", "pytest_rvads_junctions", "pytest_rvads_rules",
 
 @pytest.hookspec
 def pytest_rvads_junctions(config: pytest.Config) -> Mapping[str, tuple[str | Path, str]]:  # type: ignore[empty-body]
-    """Return junctions of your own: a name for ``@rvads.scenario`` to an OpenDRIVE file and an id or type in it.
+    """Return your junctions: a name for ``@rvads.scenario`` to an OpenDRIVE file and the id or type of a junction in this file.
 
-    A file that is not absolute is looked for in pytest's root folder. Called once per process, at collection. Since 0.1.
+    A relative path starts at pytest's root folder. The hook is called once per process, at collection. Since 0.1.
 
     Example:
         >>> def pytest_rvads_junctions(config):
@@ -28,9 +28,9 @@ def pytest_rvads_junctions(config: pytest.Config) -> Mapping[str, tuple[str | Pa
 
 @pytest.hookspec
 def pytest_rvads_rules(config: pytest.Config) -> Iterable[Rule | str | Path]:  # type: ignore[empty-body]
-    """Return rules of your own, made by ``rvads.rule``, or files of rules, to be named in ``rules=``.
+    """Return your rules, made by ``rvads.rule``, or files of rules; ``rules=`` of a mark may then name these rules.
 
-    A file that is not absolute is looked for in pytest's root folder. Called once per process, at collection. Since 0.1.
+    A relative path starts at pytest's root folder. The hook is called once per process, at collection. Since 0.1.
 
     Example:
         >>> def pytest_rvads_rules(config):
@@ -40,9 +40,9 @@ def pytest_rvads_rules(config: pytest.Config) -> Iterable[Rule | str | Path]:  #
 
 @pytest.hookspec
 def pytest_rvads_grids(config: pytest.Config) -> Mapping[str, tuple[Any, Any]]:  # type: ignore[empty-body]
-    """Return grids of your own: a name for ``grid=`` or ``--rvads-grid`` to ``distances=`` and ``speeds=`` of the mark.
+    """Return your grids: a name for ``grid=`` or ``--rvads-grid`` to ``distances=`` [m] and ``speeds=`` [m/s] of the mark.
 
-    Points beyond the braking envelope are left out, as they are of a mark. Called once per process, at collection. Since 0.1.
+    Points beyond the braking envelope are left out. The hook is called once per process, at collection. Since 0.1.
 
     Example:
         >>> def pytest_rvads_grids(config):
@@ -52,7 +52,7 @@ def pytest_rvads_grids(config: pytest.Config) -> Mapping[str, tuple[Any, Any]]: 
 
 @pytest.hookspec
 def pytest_rvads_verdict(record: dict[str, Any], config: pytest.Config) -> None:
-    """Learn the verdict of an item as soon as it is known.
+    """Receive the record of an item when the item ends.
 
     The record has the fields of a record in the JSON report (see docs/sessions.md), as builtins; hooks must not change it.
     The hook is called in the main process, also under xdist, and not for items that never ran. A repeated item calls the hook

@@ -1,8 +1,8 @@
-"""The pytest plugin: hooks only, each delegating in a few lines.
+"""The pytest plugin: the hooks, each in a few lines that call other modules.
 
-It is imported by every pytest run of the environment, so it imports nothing heavy at top level.
+Every pytest run of an environment imports this module, so it imports no heavy module at top level.
 
-Only the modules of the plugin and the tests of simulators import pytest. Everything else works from a script or a notebook.
+Only the modules of the plugin and the tests of simulators import pytest. All other modules work in scripts and notebooks.
 """
 
 from __future__ import annotations
@@ -16,23 +16,22 @@ import pytest
 
 from pytest_rvads import hooks
 from pytest_rvads.collection.books import open_book, open_session, outliving
+from pytest_rvads.collection.expansion import expand, expand_recorded, idle, is_recorded, unused
+from pytest_rvads.collection.marks import register_marks
 from pytest_rvads.drivers.chosen import chosen
 from pytest_rvads.errors import RvadsError
 from pytest_rvads.fixtures.monitoring import monitor, rule, settle
 from pytest_rvads.fixtures.running import run, rvads_cell, rvads_recorded, rvads_run, rvads_runs
 from pytest_rvads.fixtures.systems import rvads_autopilot, rvads_map, rvads_simulator, rvads_sut, rvads_vehicle
 from pytest_rvads.options import OPTIONS, Options, declare
+from pytest_rvads.session.artefacts import check_library
 from pytest_rvads.session.bundled import offer
+from pytest_rvads.session.chosen_driver import code_of_driver, code_of_simulator
 from pytest_rvads.session.closing import Causes, Verdicts
-from pytest_rvads.session.code import code_of_driver, code_of_simulator
-from pytest_rvads.session.comparing import explain
-from pytest_rvads.session.exports import check_library
-from pytest_rvads.session.folder import FOLDER, SessionFolder
-from pytest_rvads.session.interrupts import end_with_parent, heed
+from pytest_rvads.session.interrupts import end_with_parent, heed, limits
 from pytest_rvads.session.items import RECORD, attach, letter, prepare
-from pytest_rvads.session.limits import limits
 from pytest_rvads.session.main_process import Session
-from pytest_rvads.session.outputs import claim
+from pytest_rvads.session.outputs import FOLDER, SessionFolder, claim
 from pytest_rvads.session.plan import Planner, in_part
 from pytest_rvads.session.time_budget import BUDGET, Budget
 from pytest_rvads.simulators.choice import Choice, choice, choosing
@@ -53,30 +52,29 @@ __all__ = [
     "rvads_vehicle",
 ]
 
+
 _T = TypeVar("_T")
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """Declare ``--rvads-*`` and their ini twins."""
+    """Declare the options ``--rvads-*`` and the ini settings ``rvads_*``."""
     declare(parser)
 
 
 def pytest_addhooks(pluginmanager: pytest.PytestPluginManager) -> None:
-    """Offer the hooks of users."""
+    """Register the hooks that users may implement."""
     pluginmanager.add_hookspecs(hooks)
 
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_load_initial_conftests(early_config: pytest.Config) -> None:
-    """Open the session's own book of rules, and tell an earlier report that this session is to replace it."""
+    """Open the rulebook of the session, and mark an earlier report as replaced."""
     claim(early_config)
     _opened(early_config, open_session(early_config))
 
 
 def pytest_configure(config: pytest.Config) -> None:
     """Read the options once and register the marks."""
-    from pytest_rvads.collection import register_marks
-
     try:
         options = config.stash[OPTIONS] = Options.read(config)
         if options.export:
@@ -115,26 +113,23 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_report_header(config: pytest.Config) -> list[str]:
-    """Return header lines with driver and simulator, if options name the two, with the file and the digest of the driver's code.
+    """Return header lines on driver and simulator, each if an option names it, with file and digest of the code.
 
     A further line names the limits that the simulator states for its results.
     """
     options = config.stash[OPTIONS]
-    driven = [f"rvads: driven by {options.driver}{code_of_driver(config)}"] if options.driver else []
+    lines = [f"rvads: driven by {options.driver}{code_of_driver(config)}"] if options.driver else []
     if not options.simulator:
-        return driven
+        return lines
     caveat = getattr(choice().simulator, "caveat", "")
-    said = [f"rvads: {one_line(caveat)}"] if isinstance(caveat, str) and caveat else []
-    made = f"rvads: simulated by --rvads-simulator={options.simulator}{code_of_simulator(config, choice().simulator)}"
-    return [*driven, made, *said]
+    lines.append(f"rvads: simulated by --rvads-simulator={options.simulator}{code_of_simulator(config, choice().simulator)}")
+    return [*lines, f"rvads: {one_line(caveat)}"] if isinstance(caveat, str) and caveat else lines
 
 
 def pytest_report_collectionfinish(config: pytest.Config, items: list[pytest.Item]) -> str | None:
-    """Return a line which says that fixtures choose the driver, if no option names a driver."""
-    from pytest_rvads.collection import is_recorded
-
-    ours = (item for item in items if "rvads_cell" in getattr(item, "fixturenames", ()))
-    if config.stash[OPTIONS].driver or all(map(is_recorded, ours)):
+    """Return a line which says that a fixture chooses the driver, if no option names a driver."""
+    items_of_plugin = (item for item in items if "rvads_cell" in getattr(item, "fixturenames", ()))
+    if config.stash[OPTIONS].driver or all(map(is_recorded, items_of_plugin)):
         return None
     return "rvads: driven by what the fixture rvads_autopilot returns"
 
@@ -149,53 +144,45 @@ def pytest_make_collect_report(
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
-    """Expand ``@rvads.scenario``; the plugin `Recorded` has expanded the other mark."""
+    """Expand ``@rvads.scenario``; the plugin `Recorded` expands ``@rvads.recorded``."""
     test = metafunc.definition
     if test.get_closest_marker("rvads_recorded"):
         return
     if "rvads_cell" in metafunc.fixturenames or test.get_closest_marker("rvads_scenario"):
-        from pytest_rvads.collection import expand
-
         expand(metafunc, metafunc.config.stash[OPTIONS])
 
 
 class Recorded:
-    """Expands ``@rvads.recorded`` before pytest expands parametrized fixtures, because its tests ignore fixtures of drivers."""
+    """Expands ``@rvads.recorded`` before pytest expands parametrized fixtures, because recorded runs use no driver."""
 
     @pytest.hookimpl(tryfirst=True)
     def pytest_generate_tests(self, metafunc: pytest.Metafunc) -> None:
         """Expand the mark."""
         if metafunc.definition.get_closest_marker("rvads_recorded"):
-            from pytest_rvads.collection import expand_recorded
-
             expand_recorded(metafunc, metafunc.config.stash[OPTIONS])
 
     def pytest_itemcollected(self, item: pytest.Item) -> None:
-        """Let ``-k`` select by junction, which ids of recorded runs don't name."""
+        """Let ``-k`` select recorded runs by junction, because their ids do not name the junction."""
         if item.get_closest_marker("rvads_recorded"):
             item.extra_keyword_matches |= {str(mark.kwargs.get("junction", "")) for mark in item.iter_markers("rvads")}
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Refuse a mark on what can't be parametrized, so that it is not silently a plain test, and one that nothing matches."""
+    """Refuse a mark on an item that can't be parametrized, and a mark ``@rvads.known`` that matches no cell."""
     for item in items:
         if "rvads_cell" in getattr(item, "fixturenames", ()):
-            encode_all(sys.stdout, sys.stderr)  # what a driver prints is no reason to end its run
+            encode_all(sys.stdout, sys.stderr)  # characters that a driver prints never end its run
             continue
         for name in ("scenario", "recorded"):
             if mark := item.get_closest_marker(f"rvads_{name}"):
-                said = f"has @rvads.{name}(...), which works on functions and classes of pytest only"
-                raise pytest.UsageError(f"{mark.args[0].place}: {item.nodeid} {said}")
+                reason = f"has @rvads.{name}(...), which works on functions and classes of pytest only"
+                raise pytest.UsageError(f"{mark.args[0].place}: {item.nodeid} {reason}")
         if item.get_closest_marker("rvads_known"):
-            from pytest_rvads.collection import idle
-
             idle(item)
     if in_part(config):
         return
-    from pytest_rvads.collection import unused
-
-    if wrong := unused(config):
-        raise pytest.UsageError("; ".join(wrong))
+    if unmatched := unused(config):
+        raise pytest.UsageError("; ".join(unmatched))
 
 
 @pytest.hookimpl(wrapper=True)
@@ -207,9 +194,9 @@ def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, object, object
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_runtest_setup(item: pytest.Item) -> None:
-    """Give every item of ours a record, and keep those from starting that a time budget has no room for."""
+    """Begin the record of an item of this plugin, and skip the item after the deadline of the time budget."""
     if prepare(item) and (budget := item.config.stash[BUDGET]):
-        budget.spend()
+        budget.check_deadline()
 
 
 @pytest.hookimpl(wrapper=True)
@@ -221,7 +208,7 @@ def pytest_fixture_setup(fixturedef: pytest.FixtureDef[object]) -> Generator[Non
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_call(item: pytest.Item) -> Generator[None, None, None]:
-    """Let no item of ours pass that judged nothing, or went on after a violation as if nothing had been."""
+    """Fail an item of this plugin that judged nothing, or whose test continued after a violation."""
     __tracebackhide__ = True
     if RECORD not in item.stash:
         return (yield)
@@ -238,24 +225,48 @@ def pytest_runtest_call(item: pytest.Item) -> Generator[None, None, None]:
 def pytest_runtest_makereport(
     item: pytest.Item, call: pytest.CallInfo[None]
 ) -> Generator[None, pytest.TestReport, pytest.TestReport]:
-    """Attach the record of the item to its report: explanation, properties, the place of an NA."""
+    """Attach record, explanation and properties of the item to its report."""
     report = yield
     attach(item, call, report)
     return report
 
 
 def pytest_assertrepr_compare(op: str, left: object, right: object) -> list[str] | None:
-    """Say where two runs part and what two verdicts say."""
-    return explain(op, left, right)
+    """Return the lines that explain a false comparison of two runs or two verdicts; None for other values."""
+    if op not in ("==", "!="):
+        return None
+    return _compared_runs(op, left, right) or _compared_verdicts(op, left, right)
 
 
 def pytest_report_teststatus(report: pytest.CollectReport | pytest.TestReport) -> tuple[str, str, str] | None:
-    """Show NA and what came too late by letters of their own."""
+    """Return the letters of NA, UNSURE and NOT RUN."""
     return letter(report)
 
 
+def _compared_runs(op: str, left: object, right: object) -> list[str] | None:
+    if "pytest_rvads.runs.run" not in sys.modules:  # neither value is a run, and numpy need not be imported
+        return None
+    from pytest_rvads.runs.divergence import diverge
+    from pytest_rvads.runs.run import Run
+
+    if not (isinstance(left, Run) and isinstance(right, Run)):
+        return None
+    divergence = diverge(left, right)
+    return [f"{left!r} {op} {right!r}", str(divergence) if divergence else f"the same bit for bit, hash {left.hash[:12]}"]
+
+
+def _compared_verdicts(op: str, left: object, right: object) -> list[str] | None:
+    if "pytest_rvads.logic.judging.verdicts" not in sys.modules:
+        return None
+    from pytest_rvads.logic.judging.verdicts import Verdict
+
+    if not (isinstance(left, Verdict) and isinstance(right, Verdict)):
+        return None
+    return [f"{left.rule} {left.status} {op} {right.rule} {right.status}", left.message, right.message]
+
+
 def _opened(config: pytest.Config, context: AbstractContextManager[_T]) -> _T:
-    """Enter a context, and leave the context when the session ends."""
+    """Enter a context, which is left when the session ends."""
     stack = ExitStack()
     config.add_cleanup(stack.close)
     return stack.enter_context(context)

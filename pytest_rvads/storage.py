@@ -1,4 +1,4 @@
-"""Files: read only where they are regular and of bounded size, written whole or not at all."""
+"""Files: only regular files of bounded size are read, and files are written atomically."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ __all__ = ["open_file", "read_file", "slug", "write_file"]
 _LONGEST = 190
 """Longest name of a file without its ending [bytes]; file systems take 255."""
 _PLAIN = re.compile(r"(?:\w+/)*\w+\.py(?:::\w+)*(?:\[[\w.-]*[\w.]\])?", re.ASCII)
-"""Ids of items that can still be told apart when brackets and slashes have become hyphens."""
+"""Ids of items that stay distinct when brackets and slashes become hyphens."""
 
 
 def open_file(path: Path) -> BinaryIO:
-    """Open a regular file to read; a pipe or device, which may never end, is refused and not waited for.
+    """Open a regular file for reading; a pipe or device, which may never end, is refused without waiting.
 
     Raises:
-        OSError: it can't be read or is no regular file; ``strerror`` says which.
+        OSError: the file can't be read or is not regular; ``strerror`` states the reason.
     """
     try:
-        # Without waiting for somebody to write, as opening a pipe would.
+        # Without O_NONBLOCK, the opening of a pipe waits for a writer.
         number = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
     except ValueError as error:
         raise OSError(errno.EINVAL, f"no file has such a name: {error}", ascii(str(path))) from error
@@ -44,11 +44,11 @@ def read_file(path: Path, most: int) -> bytes:
     """Return the content of a regular file.
 
     Args:
-        path: of the file, see `open_file`.
-        most: how much is read at all [bytes].
+        path: path of the file, see `open_file`.
+        most: greatest accepted size [bytes].
 
     Raises:
-        OSError: it can't be read, is no regular file, or holds more; ``strerror`` says which.
+        OSError: the file can't be read, is not regular, or is too large; ``strerror`` states the reason.
     """
     with open_file(path) as file:
         size = os.fstat(file.fileno()).st_size
@@ -80,7 +80,7 @@ def write_file(path: Path, content: bytes | Iterable[bytes]) -> None:
             file.writelines(pieces)
         return
     path.parent.mkdir(parents=True, exist_ok=True)
-    # The name is as long as any: that of the file may leave no room for more.
+    # The temporary name does not contain the name of the file, which may have the greatest length.
     part = path.with_name(f".{uuid4().hex}.part")
     try:
         with part.open("wb") as file:
@@ -91,7 +91,7 @@ def write_file(path: Path, content: bytes | Iterable[bytes]) -> None:
 
 
 def slug(text: str) -> str:
-    """Return a file name for the id of an item, or any text, without an ending, short enough everywhere; no two share one."""
+    """Return a file name without ending for the id of an item or another text; different texts get different names."""
     name = re.sub(r"[^A-Za-z0-9_.-]+", "-", text.replace(".py::", ".")).strip("-")
     if _PLAIN.fullmatch(text) and len(name) <= _LONGEST:
         return name

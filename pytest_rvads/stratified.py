@@ -1,6 +1,7 @@
-"""Samples: some of many things, spread evenly over the groups they belong to, and the same ones in every process.
+"""Stratified samples: a sample is spread evenly over groups, and is the same in every process.
 
-A draw depends on names and seed alone. Runs that are not drawn are not planned, and reports say how many they are.
+A sample depends only on the names of the things and the seed. Runs outside of a sample are not planned, and reports state their
+number.
 """
 
 from __future__ import annotations
@@ -20,22 +21,22 @@ _Path = tuple[str, ...]
 
 
 def draw(things: Iterable[T], size: int, seed: int, stratum: Callable[[T], tuple[str, ...]], name: Callable[[T], str]) -> list[T]:
-    """Return `size` of the things, all where there are no more, in their order.
+    """Return a sample of `size` things in their order, or all things if there are no more than `size`.
 
-    The size is shared over the groups named first in the strata, each share over the groups within, and so on: groups of one
-    group get equally many, give or take one, but those that have fewer. Who gets one more, and who is drawn, is decided by the
-    SHA-256 of seed and name, so that it hangs neither on the order of the things nor on the process. What is in memory grows
-    with the strata and the size, not with the things.
+    The size is divided over the outermost groups, the share of a group over the groups within it, and so on. Groups within the
+    same group get equal shares, up to a difference of one; a smaller group is taken as a whole. The SHA-256 of seed and name
+    decides which group gets one more and which things are drawn, so the sample does not depend on the order of the things or on
+    the process. Memory grows with the number of strata and the size, not with the number of things.
 
     Args:
-        things: what there is; gone through twice.
-        size: how many, 1 or more.
-        seed: other seeds draw others.
-        stratum: gives the names of the groups of a thing, the outermost first; equally many of each thing.
-        name: gives the name of a thing, which no other one has.
+        things: the things to draw from, which are iterated twice.
+        size: size of the sample, 1 or more.
+        seed: seed of the sample.
+        stratum: returns the names of the groups of a thing, the outermost group first; the same number of names for each thing.
+        name: returns the name of a thing, which no other thing has.
 
     Raises:
-        RvadsError: a size below 1, or things that can be gone through only once.
+        RvadsError: the size is below 1, or `things` is an iterator.
     """
     if size < 1:
         raise RvadsError(f"a sample has a size of 1 or more, got {size!r}")
@@ -46,22 +47,19 @@ def draw(things: Iterable[T], size: int, seed: int, stratum: Callable[[T], tuple
         return list(things)
     shares: dict[_Path, int] = {}
     _share(counts, (), size, seed, shares)
-    # Per stratum a heap of those drawn so far, the one to go next at its top; ranks are negative for that.
+    # Per stratum, a heap of the things drawn so far. Ranks are negative, so the next thing to drop is at the top of the heap.
     drawn: dict[_Path, list[tuple[int, int, T]]] = {}
     for place, thing in enumerate(things):
         path = stratum(thing)
         if share := shares.get(path):
-            kept = drawn.setdefault(path, [])
-            (heappush if len(kept) < share else heappushpop)(kept, (-_rank(seed, name(thing)), place, thing))
-    return [thing for _, thing in sorted(((place, thing) for kept in drawn.values() for _, place, thing in kept), key=_place)]
-
-
-def _place(found: tuple[int, object]) -> int:
-    return found[0]
+            heap = drawn.setdefault(path, [])
+            (heappush if len(heap) < share else heappushpop)(heap, (-_rank(seed, name(thing)), place, thing))
+    sample = {place: thing for heap in drawn.values() for _, place, thing in heap}
+    return [sample[place] for place in sorted(sample)]
 
 
 def _share(counts: Mapping[_Path, int], group: _Path, size: int, seed: int, shares: dict[_Path, int]) -> None:
-    """Share `size` over what is in a group, and put the shares of its strata into `shares`."""
+    """Divide `size` over the groups within a group, and put the shares of its strata into `shares`."""
     if group in counts:
         shares[group] = size
         return
@@ -75,18 +73,18 @@ def _share(counts: Mapping[_Path, int], group: _Path, size: int, seed: int, shar
 
 
 def _even(most: Mapping[_Path, int], size: int, order: Sequence[_Path]) -> dict[_Path, int]:
-    """Return how many each group gets, where none can get more than it has; the first in order get what remains."""
-    given: dict[_Path, int] = {}
-    rest = list(order)
-    while rest:
-        each, over = divmod(size, len(rest))
-        scarce = {group for group in rest if most[group] <= each}
-        if not scarce:
-            return given | {group: each + (k < over) for k, group in enumerate(rest)}
-        given |= {group: most[group] for group in scarce}
-        size -= sum(most[group] for group in scarce)
-        rest = [group for group in rest if group not in scarce]
-    return given
+    """Return the share of each group, at most its size; the first groups of `order` get one more if the size is not divisible."""
+    shares: dict[_Path, int] = {}
+    groups = list(order)
+    while groups:
+        each, remainder = divmod(size, len(groups))
+        small = {group for group in groups if most[group] <= each}
+        if not small:
+            return shares | {group: each + (k < remainder) for k, group in enumerate(groups)}
+        shares |= {group: most[group] for group in small}
+        size -= sum(most[group] for group in small)
+        groups = [group for group in groups if group not in small]
+    return shares
 
 
 def _rank(seed: int, name: str) -> int:

@@ -1,4 +1,4 @@
-"""The versions that verdicts depend on."""
+"""The versions of the software that verdicts depend on."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ ENGINES = ("pybullet", "mujoco", "libsumo")
 
 
 def versions(*libraries: str) -> dict[str, str]:
-    """Return the versions of this package and of what its runs depend on, by name.
+    """Return the versions of this package, of numpy, of Python and of further libraries, by name.
 
     Args:
-        libraries: packages that made them; what is not installed is left out.
+        libraries: names of packages; packages that are not installed are left out.
     """
-    found = {"pytest-rvads": __version__}
+    by_name = {"pytest-rvads": __version__}
     for library in libraries:
         try:
-            found[library] = _version(library)
+            by_name[library] = _version(library)
         except PackageNotFoundError:
             continue
-    return found | {"numpy": _version("numpy"), "python": platform.python_version()}
+    return by_name | {"numpy": _version("numpy"), "python": platform.python_version()}
 
 
 @lru_cache(maxsize=1)
@@ -41,6 +41,6 @@ def code() -> str:
     return digest.hexdigest()
 
 
-@lru_cache(maxsize=64)  # every run tells them, and finding one reads a file of thousands of lines
+@lru_cache(maxsize=64)  # every run needs the versions, and a search for a version reads a large file
 def _version(library: str) -> str:
     return version(library)

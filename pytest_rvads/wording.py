@@ -1,4 +1,4 @@
-"""Text from elsewhere, made fit to be shown: names, messages and answers of drivers, stacks, files."""
+"""Text for users: texts of drivers, stacks and files are made printable; numbers, lists and ids become parts of sentences."""
 
 from __future__ import annotations
 
@@ -9,37 +9,45 @@ from collections.abc import Sequence
 from html import escape
 from typing import TextIO
 
-__all__ = ["encode_all", "first", "markup", "one_line", "page", "plural", "printable", "quoted"]
+__all__ = ["encode_all", "first", "markup", "named_error", "one_line", "page", "plural", "printable", "quoted"]
 
 SITE = "https://pytest-rvads.github.io/pytest-rvads/"
-"""Where the pages of ``docs/`` can be read by somebody who has only installed the package."""
+"""Address of the pages of ``docs/``."""
 
 _UNFIT = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u2028-\u202e\u2066-\u2069\ud800-\udfff\ufffe\uffff]")
-"""What steers a terminal, turns the direction of writing, or can't be encoded; line ends and tabs are fit."""
+"""Characters that control a terminal, change the direction of writing, or can't be encoded; not line ends and tabs."""
 
 _EXPANDED = re.compile(r"[\"$`\\!]")
-"""What a shell takes for its own inside of double quotes."""
+"""Characters that a shell interprets between double quotes."""
 
 
 def printable(text: str, most: int = 4096) -> str:
-    r"""Return a text of at most about `most` characters in which what can't be shown is escaped, as in ``\x1b``."""
+    r"""Return a text of at most about `most` characters, with unprintable characters escaped, as in ``\x1b``."""
     cut = f"{text[:most]}... ({len(text):,} characters)" if len(text) > most else text
-    return _UNFIT.sub(lambda found: found[0].encode("unicode_escape", "surrogatepass").decode("ascii"), cut)
+    return _UNFIT.sub(lambda match: match[0].encode("unicode_escape", "surrogatepass").decode("ascii"), cut)
 
 
 def one_line(text: str, most: int = 400) -> str:
-    """Return a text as `printable` does, on one line."""
+    """Return a text on one line, printable as by `printable`."""
     return printable(" ".join(text[: 4 * most].split()) + text[4 * most :], most)
 
 
+def named_error(error: BaseException) -> str:
+    """Return the class and the message of an error on one line; the class alone if the message can't be computed."""
+    try:
+        return f"{type(error).__name__}: {one_line(str(error))}"
+    except Exception:  # __str__ of an exception class of a user
+        return type(error).__name__
+
+
 def first(names: Sequence[str], most: int | None) -> str:
-    """Return at most so many names as a list in a sentence, and how many more there are."""
+    """Return the first `most` names as a list in a sentence, with the number of further names."""
     more = 0 if most is None else len(names) - most
     return ", ".join(names[:most]) + (f" and {more} more" if more > 0 else "")
 
 
 def markup(text: str) -> str:
-    """Return a text as HTML, SVG and other XML hold it, between tags and in quotes."""
+    """Return a text escaped for HTML, SVG and other XML, between tags and in quotes."""
     return escape(printable(text, len(text)))
 
 
@@ -51,7 +59,7 @@ def encode_all(*streams: TextIO | None) -> None:
 
 
 def plural(count: int, thing: str, several: str = "") -> str:
-    """Return so many things in words: ``1 run``, ``1,200 runs``; `several` where its plural has no s."""
+    """Return a number of things in words: ``1 run``, ``1,200 runs``; `several` is the plural if it is not formed by an s."""
     return f"{count:,} {thing if count == 1 else several or f'{thing}s'}"
 
 
@@ -65,5 +73,5 @@ def quoted(name: str) -> str:
 
 
 def page(name: str = "") -> str:
-    """Return the address of a page of the documentation, by the name of its file in ``docs/`` without ending, or the first."""
+    """Return the address of the page of a file in ``docs/``, given by name without ending; the home page without a name."""
     return f"{SITE}{name}.html" if name else SITE

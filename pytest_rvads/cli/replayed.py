@@ -26,7 +26,7 @@ from pytest_rvads.report.session_report import Report
 from pytest_rvads.runs.readers import read_runs
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.runfile import load_run
-from pytest_rvads.scenarios.recalling import recalled
+from pytest_rvads.scenarios.ids import recalled
 from pytest_rvads.wording import quoted
 
 __all__ = ["Replayed", "failed_run", "run_of_file"]

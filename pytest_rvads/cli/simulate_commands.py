@@ -69,7 +69,7 @@ def _braking(options: argparse.Namespace) -> int:
     curves = envelope(_DISTANCES, limit=limit)
     title = "v(d)max of the plant, full service brake"
     if options.autopilot is not None:
-        from pytest_rvads.simulators.stopping import closed_envelope
+        from pytest_rvads.simulators.closed_loop import closed_envelope
 
         curves = closed_envelope(options.autopilot, _DISTANCES, simulator=options.simulator, progress=_bar(options))
         title = f"v(d)max that the autopilot {options.autopilot} reaches, red light ahead"
@@ -92,7 +92,7 @@ def _braking(options: argparse.Namespace) -> int:
 def _by_movement(options: argparse.Namespace) -> int:
     """Print the v(d)max that an autopilot reaches, a row per movement."""
     from pytest_rvads.junctions.finder import find
-    from pytest_rvads.simulators.stopping import closed_by_movement
+    from pytest_rvads.simulators.closed_loop import closed_by_movement
 
     if not (options.junction and options.autopilot) or options.svg:
         raise ScenarioError(

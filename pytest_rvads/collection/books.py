@@ -1,7 +1,7 @@
-"""The book of rules of a session, those of its test files, and those of tests: what one registers is known there alone.
+"""The rulebooks of a session, of its test files and of its tests: a rule that a test file registers is known in that file only.
 
-A session has a desk and drops it at its end. Each test file has a desk of its own while it is collected or run, and each test has
-another desk on top.
+The session has a desk until it ends. Each test file has a desk while the file is collected or run, and each test has a further
+desk on top.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ from pytest_rvads.logic.rules.current import PROCESS, Desk, desk, own_desk
 __all__ = ["open_book", "open_session", "outliving"]
 
 _SESSION: pytest.StashKey[Desk] = pytest.StashKey()
-"""Where the rules and predicates are that all test files know."""
+"""The desk with the rules and predicates that all test files know."""
 _FILES: pytest.StashKey[dict[str, Any]] = pytest.StashKey()
-"""By test file its book, with what all knew when it was last closed. A file may be collected twice and is imported once."""
+"""Test file to its rulebook when the file was last closed. Python imports a file once, even if it is collected twice."""
 
 
 @contextmanager
@@ -34,27 +34,27 @@ def open_session(config: pytest.Config) -> Iterator[None]:
 
 @contextmanager
 def open_book(node: pytest.Item | pytest.Collector) -> Iterator[None]:
-    """Open the book of the test file that a node stands in, with what all know by now, and that of a test on top."""
-    own = node.config.stash.get(_SESSION, desk())  # the process's, where a conftest loads the plugin after the session began
+    """Open the rulebook of a node's test file, joined with the rules of the session; for a test, open a further book on top."""
+    outer = node.config.stash.get(_SESSION, desk())  # of the process, if a conftest.py loads the plugin
     with ExitStack() as opened:
         files, file = node.config.stash.setdefault(_FILES, {}), _test_file(node)
         if file:
-            book = files.get(file) or own.book
-            if book is not own.book and own.book is not None:
-                from pytest_rvads.logic.rules.book import joined  # only where somebody registers
+            book = files.get(file) or outer.book
+            if book is not outer.book and outer.book is not None:
+                from pytest_rvads.logic.rules.book import joined  # imported only if a file registers rules
 
-                book = joined(own.book, book)
-            own = opened.enter_context(own_desk(Desk(book, file, own.index or Desk(book))))
+                book = joined(outer.book, book)
+            outer = opened.enter_context(own_desk(Desk(book, file, outer.index or Desk(book))))
         if isinstance(node, pytest.Item):
-            opened.enter_context(own_desk(Desk(own.book, str(node.path), own.index, test=True)))
+            opened.enter_context(own_desk(Desk(outer.book, str(node.path), outer.index, test=True)))
         yield
         if file:
-            files[file] = own.book
+            files[file] = outer.book
 
 
 @contextmanager
 def outliving(fixture: pytest.FixtureDef[Any]) -> Iterator[None]:
-    """Let what a fixture registers while it is set up end with the test only where the fixture does."""
+    """Keep the rules that a fixture registers during its setup until the scope of the fixture ends."""
     opened = desk()
     before, opened.outlived = opened.outlived, opened.test and fixture.scope != "function"
     try:
@@ -64,9 +64,10 @@ def outliving(fixture: pytest.FixtureDef[Any]) -> Iterator[None]:
 
 
 def _test_file(node: pytest.Item | pytest.Collector) -> str:
-    """Return the test file that a node stands in; a module that is collected for its examples alone is none."""
+    """Return the path of the test file of a node; empty for a module collected only for its doctests."""
     module = node.getparent(pytest.Module)
     if module is None:
         return ""
-    tests = type(module) is pytest.Module or any(module.path.match(pattern) for pattern in node.config.getini("python_files"))
-    return str(module.path) if tests else ""
+    patterns: list[str] = node.config.getini("python_files")
+    is_test_file = type(module) is pytest.Module or any(map(module.path.match, patterns))
+    return str(module.path) if is_test_file else ""

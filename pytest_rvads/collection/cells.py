@@ -1,4 +1,4 @@
-"""Cells: one cell is the run and the rule of one pytest item, with the keys that select the item and its known deficiencies."""
+"""Cells: a cell is the run and the rule of one item of pytest, with the keys by which ``-m`` and known deficiencies select it."""
 
 from __future__ import annotations
 
@@ -37,27 +37,27 @@ def run_name(nodeid: str, cell: Cell | RecordedCell) -> str:
 
 
 def _digest(rule: Rule | None) -> str:
-    """Return what tells the formula of a rule, its tie window and who is bound by it from others; empty without a rule."""
+    """Return a digest of the formula of a rule, its tie window and the agents that it binds; empty without a rule."""
     return sha256(repr((rule.text, rule.tie, rule.bound)).encode()).hexdigest()[:8] if rule else ""
 
 
 @dataclass(frozen=True, slots=True)
 class Cell:
-    """What one item runs and judges."""
+    """The run and the rule of one item with a simulated run."""
 
     scenario: Scenario
     rule: Rule | None
-    """None where the test does not ask for the rule axis."""
+    """None if the test does not run over rules."""
     traffic: Policy | None
-    """Drives the others where the scenario has a subject."""
+    """Policy of the traffic in a scenario with a subject, else None."""
     id: str = field(compare=False)
     """The part in brackets of the item's id."""
     run: str = field(compare=False)
-    """The id without the rule: what cells of the same run share."""
+    """The id without the rule, which all cells of a run share."""
     keys: dict[str, str | int] = field(compare=False)
-    """What the cell is selected by; every value a str or an int."""
+    """Keys and values that select the cell."""
     requirements: tuple[str, ...] = field(compare=False)
-    """What scenario and rule trace to."""
+    """Identifiers of the requirements that scenario and rule trace to."""
 
     @property
     def ways(self) -> int:
@@ -66,62 +66,62 @@ class Cell:
 
     @property
     def start(self) -> dict[str, str | int]:
-        """What its record begins with."""
+        """The first fields of the record of the item."""
         place = self.scenario.place
         return {**self.keys, "orbit": self.scenario.orbit, "control": place.control.value, "formula": _digest(self.rule)}
 
 
 @dataclass(frozen=True, slots=True)
 class RecordedCell:
-    """What one item judges: a run of a file."""
+    """The run and the rule of one item with a recorded run."""
 
     path: str
     index: int
-    """Of the run among those of its file."""
+    """Index of the run in its file."""
     rule: Rule | None
-    """None where the test does not ask for the rule axis."""
+    """None if the test does not run over rules."""
     trouble: str = field(compare=False)
-    """Why the file can't be read, or nothing."""
+    """Reason why the file can't be read; empty for a readable file."""
     ways: int = field(compare=False)
     """Number of arms of the junction."""
     control: str = field(compare=False)
-    """What regulates the junction, empty where the file can't be read."""
+    """Control of the junction; empty if the file can't be read."""
     id: str = field(compare=False)
     """The part in brackets of the item's id."""
     run: str = field(compare=False)
-    """The id without the rule: what cells of the same run share."""
+    """The id without the rule, which all cells of a run share."""
     keys: dict[str, str | int] = field(compare=False)
-    """What the cell is selected by."""
+    """Keys and values that select the cell."""
     requirements: tuple[str, ...] = field(compare=False)
-    """What mark and rule trace to."""
+    """Identifiers of the requirements that mark and rule trace to."""
 
     @property
     def start(self) -> dict[str, str | int]:
-        """What its record begins with."""
+        """The first fields of the record of the item."""
         return {**self.keys, "control": self.control, "formula": _digest(self.rule)}
 
 
 @dataclass(slots=True)
 class Unfit:
-    """Scenarios that are left out since a vehicle has no room where it would start."""
+    """Counts the scenarios that are left out because a vehicle has no room at its start."""
 
     count: int = 0
     first: ScenarioError | None = None
-    """Why the first of them is."""
+    """Reason for the first scenario that was left out."""
 
     def add(self, error: ScenarioError) -> None:
-        """Count one more."""
+        """Count a scenario."""
         self.count += 1
         self.first = self.first or error
 
 
 def runs_of(selection: Selection, policies: Sequence[Policy | None], unfit: Unfit) -> Iterator[tuple[Scenario, Policy | None]]:
-    """Yield the runs of a selection: scenario, and what drives the traffic.
+    """Yield the runs of a selection: each scenario with each policy of the traffic.
 
     Args:
         selection: the scenarios.
-        policies: what drives the traffic, one after the other.
-        unfit: takes the scenarios that are left out.
+        policies: policies of the traffic; only None without traffic.
+        unfit: counts the scenarios that are left out.
     """
     for scenario in selection.fitting(unfit.add):
         yield from ((scenario, policy) for policy in policies)
@@ -152,21 +152,21 @@ def cells_of(scenario: Scenario, policy: Policy | None, axis: Sequence[tuple[Rul
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Known:
-    """Cells of a known deficiency, as ``@rvads.known`` asks for them."""
+    """The arguments of ``@rvads.known``: the cells of a known deficiency."""
 
     place: str
     """File and line of the mark."""
     name: str
     reason: str
     where: Mapping[str, tuple[str | int, ...]]
-    """The values that match, by key of cells."""
+    """Key of cells to the values that match."""
 
     @classmethod
     def of(cls, place: str, name: str, reason: str, where: Mapping[str, Any]) -> Known:
-        """Check arguments.
+        """Check the arguments of a mark.
 
         Raises:
-            ScenarioError: another key, or something else than words and numbers.
+            ScenarioError: a key is unknown, or a value is neither a word nor a number.
         """
         for argument, text in (("name", name), ("reason", reason)):
             if not isinstance(text, str):
@@ -182,5 +182,5 @@ class Known:
         return f"@rvads.known({self.name!r}{''.join(f', {key}={values!r}' for key, values in self.where.items())})"
 
     def matches(self, cell: Cell | RecordedCell) -> bool:
-        """Tell whether a cell has the deficiency."""
+        """Return whether a cell has the deficiency."""
         return all(cell.keys.get(key) in values for key, values in self.where.items())

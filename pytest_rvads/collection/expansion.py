@@ -1,11 +1,11 @@
 """The expansion of marks into test items at collection.
 
-One item per verdict: abstract scenario x configuration x rule, the rule innermost, so that the items of one
-run follow each other.
+An item is one verdict: abstract scenario x configuration x rule. The rule is the innermost axis, so that the items of one run
+follow each other.
 
-Parameters of items are small keys (`Cell`), and a map is read once per process; simulations wait for the item. The map must be
-known at collection, so it comes from ``map=``, ``--rvads-map``, RVADS_MAP or the ini setting ``rvads_map``, in this order. The
-fixture ``rvads_map`` only tells which map it is.
+A parameter of an item is a `Cell`; the run is simulated when the item runs. A map is read once per process. The map must be known
+at collection, so it comes from ``map=``, ``--rvads-map``, RVADS_MAP or the ini setting ``rvads_map``, in this order. The fixture
+``rvads_map`` returns only the path.
 """
 
 from __future__ import annotations
@@ -17,9 +17,8 @@ import pytest
 
 from pytest_rvads.collection.cells import Cell, Known, RecordedCell
 from pytest_rvads.collection.extensions import extensions
-from pytest_rvads.collection.meter import watched
 from pytest_rvads.collection.misuse import told_at
-from pytest_rvads.collection.planned import DRAWN, planned_runs, resolve
+from pytest_rvads.collection.planned import DRAWN, planned_runs, resolve, watched
 from pytest_rvads.errors import OpenObligation, RuleViolation, ScenarioError
 
 if TYPE_CHECKING:
@@ -33,28 +32,28 @@ __all__ = ["FILES", "expand", "expand_recorded", "idle", "is_recorded", "unused"
 T = TypeVar("T")
 C = TypeVar("C", Cell, RecordedCell)
 _CELLS, _FILES = 5000, 100
-"""From how many cells or files on a terminal shows how far the collection is."""
+"""Least numbers of cells and of files for which a terminal shows the progress of the collection."""
 FILES: pytest.StashKey[OpenFiles] = pytest.StashKey()
-"""The files of recorded runs that were read last."""
+"""The files of recorded runs that were read last, for the whole session."""
 _DRIVING = ("rvads_sut", "rvads_autopilot", "rvads_vehicle", "rvads_simulator")
-"""Fixtures that only a simulated run needs; in items of recorded runs these fixtures are None."""
+"""Fixtures of simulated runs; in items of recorded runs they are None."""
 _KNOWN: pytest.StashKey[dict[Known, tuple[str, bool]]] = pytest.StashKey()
-"""Known deficiencies: the node id they stand at, and whether they match a cell."""
+"""Known deficiency to the id of the node with its mark, and to whether the deficiency matches a cell."""
 
 
 def expand(metafunc: pytest.Metafunc, options: Options) -> None:
     """Parametrize a test over the cells of its marks.
 
-    The nearest marks count: those on the function, else on the class, else on the module.
+    Only the nearest marks count: the marks of the function, else of the class, else of the module.
 
     Raises:
-        Misuse: a mark that can't be expanded, in one sentence.
+        Misuse: a mark can't be expanded.
     """
     from pytest_rvads.collection.ask import Ask
 
     test = metafunc.definition
     asks, known = _nearest(test, "scenario", Ask), _marks(test, "known", Known)
-    with told_at(_takes(metafunc, asks)):
+    with told_at(_checked_id(metafunc, asks)):
         added = extensions(metafunc.config, options.rules)
     resolved: list[Resolved] = []
     for ask in asks:
@@ -65,16 +64,16 @@ def expand(metafunc: pytest.Metafunc, options: Options) -> None:
         with told_at(f"{run.resolved.mark}: {test.nodeid}"):
             for cell in run.cells():
                 _add(cell, cells)
-    _note(known, metafunc, cells.values())
+    _note_known(known, metafunc, cells.values())
     items = watched(metafunc.config, f"items of {metafunc.function.__name__}", list(cells.values()), _CELLS)
     metafunc.parametrize("rvads_cell", list(_params(items, [k for _, k in known])), indirect=True)
 
 
 def expand_recorded(metafunc: pytest.Metafunc, options: Options) -> None:
-    """Parametrize a test over the recorded runs of its marks; what would drive and simulate is not set up for it.
+    """Parametrize a test over the recorded runs of its marks; the fixtures of driver and simulator are not set up.
 
     Raises:
-        Misuse: a mark that can't be expanded, in one sentence.
+        Misuse: a mark can't be expanded.
     """
     from pytest_rvads.collection.recordings import OpenFiles, Recordings
 
@@ -83,28 +82,28 @@ def expand_recorded(metafunc: pytest.Metafunc, options: Options) -> None:
     if next(test.iter_markers("rvads_scenario"), None):
         why = "has @rvads.recorded(...) and @rvads.scenario(...), but a run is one or the other: make two tests of it"
         raise pytest.Collector.CollectError(f"{asks[0].place}: {test.nodeid} {why}")
-    _takes_run(metafunc, asks[0].place, "recorded")
+    _check_takes_run(metafunc, asks[0].place, "recorded")
     with told_at(test.nodeid):
-        extensions(metafunc.config, options.rules)  # rules of users have names, too
+        extensions(metafunc.config, options.rules)  # the rules of users must be known by name
     opened = metafunc.config.stash.setdefault(FILES, OpenFiles(options.speed_limit))
     cells: dict[str, RecordedCell] = {}
     for ask in asks:
         with told_at(f"{ask.place}: {test.nodeid}"):
             for cell in _recorded_cells(ask, metafunc, options, opened):
                 _add(cell, cells)
-    _note(known, metafunc, cells.values())
+    _note_known(known, metafunc, cells.values())
     unused = [name for name in _DRIVING if name in metafunc.fixturenames]
     params = _params(cells.values(), [k for _, k in known], [None] * len(unused))
     metafunc.parametrize(("rvads_cell", *unused), list(params), indirect=["rvads_cell"])
 
 
 def is_recorded(item: pytest.Item) -> bool:
-    """Return whether an item judges what was recorded; no other one is driven by anybody."""
+    """Return whether an item judges a recorded run."""
     return item.get_closest_marker("rvads_recorded") is not None
 
 
 def idle(item: pytest.Item) -> None:
-    """Note the known deficiencies of a test without cells, which none of them match."""
+    """Note the known deficiencies of a test without cells, which therefore match no cell."""
     noted = item.config.stash.setdefault(_KNOWN, {})
     for node, mark in item.iter_markers_with_node("rvads_known"):
         for deficiency in mark.args:
@@ -119,22 +118,22 @@ def unused(config: pytest.Config) -> list[str]:
 
 
 def _marks(test: pytest.Function, name: str, kind: type[T]) -> list[tuple[Any, T]]:
-    """Return what the marks of a test ask for, the nearest first, each with the node it stands at."""
-    found = list(test.iter_markers_with_node(f"rvads_{name}"))
-    if not all(len(mark.args) == 1 and isinstance(mark.args[0], kind) for _, mark in found):
+    """Return the arguments of the marks of a test, the nearest mark first, each with the node of the mark."""
+    marks = list(test.iter_markers_with_node(f"rvads_{name}"))
+    if not all(len(mark.args) == 1 and isinstance(mark.args[0], kind) for _, mark in marks):
         why = f"write @rvads.{name}(...) instead of pytest.mark.rvads_{name}(...)"
         raise pytest.Collector.CollectError(f"{_line(test)}: {test.nodeid}: {why}")
-    return [(node, mark.args[0]) for node, mark in found]
+    return [(node, mark.args[0]) for node, mark in marks]
 
 
 def _nearest(test: pytest.Function, name: str, kind: type[T]) -> list[T]:
-    """Return what those marks of a test ask for that stand at the nearest node."""
+    """Return the arguments of the marks at the nearest node with marks."""
     marks = _marks(test, name, kind)
-    return [asked for node, asked in marks if node is marks[0][0]]
+    return [arguments for node, arguments in marks if node is marks[0][0]]
 
 
-def _takes(metafunc: pytest.Metafunc, asks: Sequence[Ask]) -> str:
-    """Refuse a test that lacks the mark or an argument; else return its id."""
+def _checked_id(metafunc: pytest.Metafunc, asks: Sequence[Ask]) -> str:
+    """Return the id of a test; raise a `CollectError` if the test lacks the mark or an argument."""
     test = metafunc.definition
     if not asks:
         which = "no @rvads.scenario(...) says which: add the mark"
@@ -144,37 +143,38 @@ def _takes(metafunc: pytest.Metafunc, asks: Sequence[Ask]) -> str:
     if "rvads_recorded" in metafunc.fixturenames:
         why = "has @rvads.scenario(...) but takes rvads_recorded, a run that nobody simulated: take run instead"
         raise pytest.Collector.CollectError(f"{asks[0].place}: {test.nodeid} {why}")
-    _takes_run(metafunc, asks[0].place, "scenario")
+    _check_takes_run(metafunc, asks[0].place, "scenario")
     return test.nodeid
 
 
-def _takes_run(metafunc: pytest.Metafunc, place: str, mark: str) -> None:
-    """Refuse a test that has a mark of ours and does not get its run by it."""
+def _check_takes_run(metafunc: pytest.Metafunc, place: str, mark: str) -> None:
+    """Raise a `CollectError` for a test that has a mark and does not get its run by the mark."""
     test = metafunc.definition
     if "rvads_run" not in metafunc.fixturenames:
-        own = "run" in metafunc.fixturenames
-        why = "its `run` is a fixture of yours: call that otherwise" if own else "takes neither run nor monitor: add an argument"
+        why = "takes neither run nor monitor: add an argument"
+        if "run" in metafunc.fixturenames:
+            why = "its `run` is a fixture of yours: rename your fixture"
         raise pytest.Collector.CollectError(f"{place}: {test.nodeid} has @rvads.{mark}(...) but {why}")
-    if "run" in _parametrized(test):
+    if "run" in _parametrized_names(test):
         why = f"has @rvads.{mark}(...), which gives it its `run`: parametrize another argument"
         raise pytest.Collector.CollectError(f"{place}: {test.nodeid} {why}")
 
 
-def _parametrized(test: pytest.Function) -> Iterator[str]:
-    """Yield the arguments that marks of pytest's give a test."""
+def _parametrized_names(test: pytest.Function) -> Iterator[str]:
+    """Yield the names of the arguments that ``pytest.mark.parametrize`` gives a test."""
     for mark in test.iter_markers("parametrize"):
         names = mark.args[0] if mark.args else mark.kwargs["argnames"]
         yield from (name.strip() for name in (names.split(",") if isinstance(names, str) else names))
 
 
 def _line(test: pytest.Function) -> str:
-    """Return file and line of a test that no mark of ours stands on."""
+    """Return file and line of a test without a mark."""
     file, line, _ = test.location
     return f"{file}:{(line or 0) + 1}"
 
 
 def _recorded_cells(ask: Recordings, metafunc: pytest.Metafunc, options: Options, opened: OpenFiles) -> Iterator[RecordedCell]:
-    """Yield the cells of one mark."""
+    """Yield the cells of one mark ``@rvads.recorded``."""
     takes_rule = _takes_rule(metafunc, ask.rules)
     files = ask.files(metafunc.definition.path.parent)
     watch = watched(metafunc.config, f"files of {metafunc.function.__name__}", list(files.items()), _FILES)
@@ -188,7 +188,7 @@ def _recorded_cells(ask: Recordings, metafunc: pytest.Metafunc, options: Options
 
 
 def _takes_rule(metafunc: pytest.Metafunc, rules: object) -> bool:
-    """Return whether a test runs over rules; refuse one that names some and does not."""
+    """Return whether a test runs over rules; raise a `ScenarioError` if it has ``rules=`` and no argument ``rule``."""
     takes_rule = "rule" in metafunc.fixturenames
     if rules and not takes_rule:
         raise ScenarioError("rules= is what the argument `rule` of a test runs over: add that argument, or leave rules= out")
@@ -196,13 +196,13 @@ def _takes_rule(metafunc: pytest.Metafunc, rules: object) -> bool:
 
 
 def _add(cell: C, cells: dict[str, C]) -> None:
-    """Add a cell once; refuse one that differs from another only in what is not part of their id."""
-    known = cells.setdefault(cell.id, cell)
-    if known is cell or known == cell:
+    """Add a cell unless it is there; raise a `ScenarioError` if a different cell has the same id."""
+    first = cells.setdefault(cell.id, cell)
+    if first is cell or first == cell:
         return
-    if isinstance(cell, RecordedCell) and isinstance(known, RecordedCell):
+    if isinstance(cell, RecordedCell) and isinstance(first, RecordedCell):
         raise ScenarioError(
-            f"{known.path} and {cell.path} would both be called {cell.run!r} in ids: rename one of them, or make two tests"
+            f"{first.path} and {cell.path} would both be called {cell.run!r} in ids: rename one of them, or make two tests"
         )
     raise ScenarioError(
         f"two different scenarios have the id {cell.id!r}: they differ in duration, aggression, wait or map, which ids "
@@ -210,17 +210,17 @@ def _add(cell: C, cells: dict[str, C]) -> None:
     )
 
 
-def _note(
+def _note_known(
     known: Sequence[tuple[Any, Known]], metafunc: pytest.Metafunc, cells: Collection[Cell] | Collection[RecordedCell]
 ) -> None:
-    """Note the known deficiencies of a test, and refuse a deficiency that stands at the test and matches none of its cells.
+    """Note the known deficiencies of a test, and refuse a deficiency of the test itself that matches none of its cells.
 
-    Where only a sample of the cells runs, no deficiency is refused: its cells may be among those that the sample leaves out.
+    If only a sample of the cells runs, no deficiency is refused, because the sample may leave its cells out.
     """
     noted = metafunc.config.stash.setdefault(_KNOWN, {})
-    some = any(drawn.test == metafunc.definition.nodeid for drawn in metafunc.config.stash.get(DRAWN, {}))
+    sampled = any(drawn.test == metafunc.definition.nodeid for drawn in metafunc.config.stash.get(DRAWN, {}))
     for node, deficiency in known:
-        used = some or any(map(deficiency.matches, cells))
+        used = sampled or any(map(deficiency.matches, cells))
         if not used and node is metafunc.definition:
             with told_at(f"{deficiency.place}: {node.nodeid}"):
                 raise ScenarioError(f"{deficiency} matches none of the {len(cells)} cells of this test")
@@ -228,11 +228,11 @@ def _note(
 
 
 def _params(cells: Iterable[Cell | RecordedCell], known: Sequence[Known], more: Sequence[None] = ()) -> Iterator[Any]:
-    """Yield a parameter per cell, with one mark to select it by and the xfail of every known deficiency it has.
+    """Yield a parameter per cell, with a mark to select the cell and an xfail for every known deficiency of the cell.
 
     Args:
-        cells: of a test.
-        known: its known deficiencies.
+        cells: cells of a test.
+        known: known deficiencies of the test.
         more: values of further arguments.
     """
     select = pytest.mark.rvads

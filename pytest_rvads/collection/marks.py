@@ -1,4 +1,4 @@
-"""The marks ``@rvads.scenario``, ``@rvads.recorded`` and ``@rvads.known``: what is asked for, to be expanded at collection."""
+"""The marks ``@rvads.scenario``, ``@rvads.recorded`` and ``@rvads.known``, which are expanded at collection."""
 
 from __future__ import annotations
 
@@ -48,60 +48,61 @@ def scenario(  # noqa: PLR0913 - keywords, each an axis of its own
     requirement: str | Iterable[str] | None = None,
     **misspelt: Never,
 ) -> pytest.MarkDecorator:
-    """Run a test over the scenarios of a junction, or of many.
+    """Run a test over the scenarios of a junction, or of several junctions.
 
-    Where several junctions are asked for, those that can't be used, or don't have what else is asked for, are left out, and the
-    summary and the reports say how many and why. A junction that is named, and nothing left at all, are refused.
+    If several junctions are selected, junctions that can't be used, or that do not fit the other arguments, are left out. The
+    summary and the reports state their number and the reasons. A single junction that does not fit is an error, and so is a
+    mark for which no junction fits.
 
     Args:
-        junction: built-in name (``stop4``), id of a junction in `map`, a type such as ``"4-way stop"`` for all of `map` that fit,
-            ``"*"`` for all of `map`, a place in `map` such as ``"nearest to 52, 149"``, or several of these. Without a map a
-            type is the first built-in junction that fits, and ``"*"`` all of these.
-        map: OpenDRIVE file, looked for beside the test file, then in the working directory; by default the
-            one of ``rvads_map``, if any.
-        junctions: take only those of some kinds, ``{"control": ["stop", "lights"], "arms": (3, 4), "approach": 40}``: what
-            regulates them, how many arms they have, how long every approach is at least [m]; of all where `junction` names none.
-        limit: most junctions; more are drawn, as evenly as possible from every kind (control and number of arms), by
-            ``rvads_seed``.
+        junction: built-in name (``stop4``), id of a junction in `map`, a type such as ``"4-way stop"`` for all junctions of this
+            type in `map`, ``"*"`` for all junctions in `map`, a place in `map` such as ``"nearest to 52, 149"``, or several of
+            these. Without a map a type stands for the first built-in junction of this type, and ``"*"`` for all built-in ones.
+        map: OpenDRIVE file, relative to the folder of the test file, else to the working directory; by default the file of
+            ``rvads_map``.
+        junctions: kinds of junctions to select, ``{"control": ["stop", "lights"], "arms": (3, 4), "approach": 40}``: control,
+            number of arms, and least length of every approach [m]. Without `junction`, all junctions are selected from.
+        limit: greatest number of junctions; if more fit, a sample is drawn by ``rvads_seed``, spread evenly over the kinds
+            (control and number of arms).
         classes: numbers of structural equivalence classes; all by default.
         scenarios: direction strings such as ``"1133"``, or ``"13_2_0_31"`` where arms have several lanes, that stand at row 0 of
             their class, instead of `classes`.
         cover: ``"class"`` runs one scenario per class, ``"scenario"`` every distinct member, ``"rotation"`` all rows.
-            ``"partial"`` runs one per class of scenarios that may leave entrances empty, full ones included: 69 at four ways.
-            ``"pairs"`` runs as few scenarios as are easily found in which every pair of movements from different entrances
-            happens; ``"conflicts"`` likewise those that cross or merge.
-        occupancy: what a full scenario is: ``"arms"``, one vehicle on every arm, on any of its lanes; or ``"lanes"``, one on
-            every lane. The same with one lane per arm.
-        followers: how many vehicles queue behind each, 0 to 9, or several numbers to run one after the other.
+            ``"partial"`` runs one scenario per class, where scenarios may leave entrances empty: 69 classes at four ways.
+            ``"pairs"`` runs few scenarios that together contain every pair of movements from different entrances;
+            ``"conflicts"`` runs few scenarios that contain every pair of movements that cross or merge.
+        occupancy: the vehicles of a full scenario: ``"arms"``, one vehicle on every arm, on any of its lanes; or ``"lanes"``, one
+            vehicle on every lane. With one lane per arm the two are equal.
+        followers: number of vehicles that queue behind each vehicle, 0 to 9, or several numbers.
         grid: ``"paper"``, or letters of the paper's configurations such as ``"CD"``. A test with a subject may also take
             ``"staggered"``: the subject and the traffic arrive one after the other. A single staggered configuration is named
             ``"S21"``: the traffic starts 21 m before its stopping lines. ``"arrivals"`` is an equal start and some staggered
             starts. Default: ``"arrivals"`` with a subject, ``"paper"`` without a subject.
         distances: distances to the stopping line [m], instead of `grid`: a number for all vehicles, a tuple with a number
-            per entrance, or a list or array of numbers or tuples, which run one after the other.
+            per entrance, or a list or array of numbers or tuples.
         speeds: initial speeds [m/s], with `distances` and in the same forms; 0 by default.
-        probe: keep points of the grid beyond the braking envelope v(d)max; by default they are left out.
-        rules: a rulebook, rules, or both; of a rulebook only the rules about this kind of junction run. By default
+        probe: whether to keep points of the grid beyond the braking envelope v(d)max; by default these points are left out.
+        rules: a rulebook, rules, or both; from a rulebook only the rules about the control of the junction run. By default
             ``"paper"``, and ``"road"`` with a subject.
-        subject: entrance of the vehicle under test, or ``"all"`` for every seat in turn; the others are traffic, and only
-            what the subject is to blame for fails the test. By default all vehicles are under test. ``cover="class"`` then
+        subject: entrance of the vehicle under test, or ``"all"`` for every seat in turn. The other vehicles are traffic, and only
+            violations by the subject fail the test. By default all vehicles are under test. With a subject, ``cover="class"``
             runs every class of (scenario, seat): as many as there are scenarios, 81 at four ways and 8 at three.
-        traffic: with a subject, what drives the others: a policy by name (``"reference"`` by default, ``"hesitant"``,
+        traffic: with a subject, the driver of the other vehicles: a policy by name (``"reference"`` by default, ``"hesitant"``,
             ``"rolling_stop"``, ``"late_yielder"``, ``"red_light_runner"``, ``"stopped"``, ``"lgsvl"``), an autopilot or
-            traffic system of your own, or several of these to run one after the other.
-        senses: how imperfectly the vehicle under test sees and acts: `Senses`, several of them to run one after the other,
-            or a dict of its fields, ``{"delay": [0, 0.1, 0.2], "range": 40}``; lists are multiplied out. Ideal by default.
-        duration: longest run [s]; 60 by default, or a cycle of the lights and 30 s where they have more than two phases.
+            traffic system of yours, or several of these.
+        senses: imperfections of the vehicle under test: `Senses`, several `Senses`, or a dict of their fields such as
+            ``{"delay": [0, 0.1, 0.2], "range": 40}``, whose lists are multiplied out. Ideal senses by default.
+        duration: longest run [s]; 60 by default, or a cycle of the lights and 30 s for lights with more than two phases.
         aggression: braking level 1, 2 or 3.
-        wait: the random draw of autopilots that have one [s].
+        wait: random draw for autopilots that use a draw [s].
         requirement: identifier of the requirement that the scenario traces to, or several; see `--rvads-report=FILE.csv`.
-        misspelt: no other keyword is taken.
+        misspelt: any other keyword, which is refused.
 
     Raises:
-        ScenarioError: an argument that means nothing; pytest shows it with the line of the mark and without a traceback.
+        ScenarioError: an argument is wrong; pytest shows the message with the line of the mark and without a traceback.
     """
     place = caller()
-    from pytest_rvads.collection.ask import Ask  # reads rules, maps and drivers, which a session without marks does not need
+    from pytest_rvads.collection.ask import Ask  # imports rules, maps and drivers, which a session without marks does not need
 
     arguments = {
         "junction": junction,
@@ -143,14 +144,16 @@ def recorded(
     The items of a file that can't be read are errors; the items of all other files run.
 
     Args:
-        patterns: files, folders with files of runs in them or in their folders, or patterns such as ``"drives/**/*.npz"``;
-            looked for beside the test file, then in the working directory. One that matches nothing is refused.
-        rules: a rulebook, rules, or both; of a rulebook only the rules about the junction of a file run. By default ``"road"``.
+        patterns: files, folders that are searched with their subfolders for files of runs, or patterns such as
+            ``"drives/**/*.npz"``; relative to the folder of the test file, else to the working directory. A pattern without a
+            match is refused.
+        rules: a rulebook, rules, or both; from a rulebook only the rules about the control of the junction run. By default
+            ``"road"``.
         requirement: identifier of the requirement that the recordings trace to, or several; see `--rvads-report=FILE.csv`.
-        misspelt: no other keyword is taken.
+        misspelt: any other keyword, which is refused.
 
     Raises:
-        ScenarioError: an argument that means nothing; pytest shows it with the line of the mark and without a traceback.
+        ScenarioError: an argument is wrong; pytest shows the message with the line of the mark and without a traceback.
 
     Example:
         >>> @recorded("drives/*.npz", rules="road")
@@ -158,7 +161,7 @@ def recorded(
         ...     monitor.check(rule)
     """
     place = caller()
-    from pytest_rvads.collection.recordings import Recordings  # reads rules, which a session without marks does not need
+    from pytest_rvads.collection.recordings import Recordings  # imports rules, which a session without marks does not need
 
     with told_at(place):
         mark: pytest.MarkDecorator = pytest.mark.rvads_recorded(Recordings.of(place, patterns, rules, requirement, misspelt))
@@ -166,15 +169,16 @@ def recorded(
 
 
 def known(name: str, *, reason: str = "", **where: str | int | Iterable[str | int]) -> pytest.MarkDecorator:
-    """Mark the cells of a known deficiency: they must fail (a strict xfail), and a pass is reported.
+    """Mark the cells of a known deficiency, which must fail (a strict xfail): a pass of such a cell fails the session.
 
     Args:
-        name: of the deficiency, as it shall appear in reports.
-        reason: what goes wrong.
-        where: values, or several of them, for any of junction, cls, scenario, cfg, rotation, seat, traffic, recording, rule.
+        name: name of the deficiency in reports.
+        reason: the deficiency in words.
+        where: keys of cells, each with a value or several values: junction, cls, scenario, cfg, rotation, seat, traffic,
+            recording, rule.
 
     Raises:
-        ScenarioError: another keyword.
+        ScenarioError: a key is unknown.
     """
     place = caller()
     with told_at(place):
@@ -183,10 +187,10 @@ def known(name: str, *, reason: str = "", **where: str | int | Iterable[str | in
 
 
 def register_marks(config: pytest.Config) -> None:
-    """Tell pytest about the marks.
+    """Register the marks with pytest.
 
     Raises:
-        ScenarioError: the expression of ``-m`` selects by a key that no item has, which pytest takes for one that never matches.
+        ScenarioError: the expression of ``-m`` selects by an unknown key, which pytest alone would silently match to no item.
     """
     unquoted = re.sub(r"""'[^']*'|"[^"]*\"""", "", config.option.markexpr)
     for key in re.findall(r"(\w+)\s*=", " ".join(re.findall(r"\brvads\s*\(([^)]*)", unquoted))):

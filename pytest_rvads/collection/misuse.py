@@ -1,4 +1,4 @@
-"""Wrong use of marks, told at the line that the user wrote."""
+"""Errors in the use of marks, reported with the file and line of the mark."""
 
 from __future__ import annotations
 
@@ -17,25 +17,25 @@ __all__ = ["Misuse", "caller", "several", "told_at"]
 
 
 class Misuse(ScenarioError, pytest.Collector.CollectError):
-    """A mark asks for what does not exist, or for nothing.
+    """A mark has wrong arguments, or selects no run.
 
-    Cause: a wrong argument, or one that does not fit the junction, the session or the test.
-    Remedy: the message begins with file and line of the mark; pytest shows it without a traceback.
+    Cause: a wrong argument, or an argument that does not fit the junction, the session or the test.
+    Remedy: correct the mark; the message begins with its file and line, and pytest shows the message without a traceback.
     """
 
 
 def caller() -> str:
-    """Return file and line of the code that called the function that asks; the file as seen from the working directory."""
+    """Return file and line of the caller of the calling function; the file is relative to the working directory."""
     frame = sys._getframe(2)
     return f"{frame.f_code.co_filename.removeprefix(os.getcwd() + os.sep)}:{frame.f_lineno}"
 
 
 @contextmanager
 def told_at(place: str) -> Iterator[None]:
-    """Let the errors of the library begin with `place`.
+    """Put `place` in front of the message of every `RvadsError` that the context raises.
 
     Raises:
-        Misuse: instead of them.
+        Misuse: in place of the `RvadsError`.
     """
     try:
         yield
@@ -47,12 +47,12 @@ def several(name: str, value: Any, kind: type | tuple[type, ...], what: str) -> 
     """Return the values of an argument as a tuple, or None for None; whole numbers of numpy become numbers of Python.
 
     Raises:
-        ScenarioError: values of another type, or none at all.
+        ScenarioError: a value has another type, or there are no values.
     """
     if value is None:
         return None
-    alone = isinstance(value, (str, kind)) or not isinstance(value, Iterable)
-    values = (value,) if alone else tuple(value)
+    single = isinstance(value, (str, kind)) or not isinstance(value, Iterable)
+    values = (value,) if single else tuple(value)
     if not values:
         raise ScenarioError(f"{name} is empty: name {what}, or leave it out")
     if not all(isinstance(v, kind) and not isinstance(v, bool) for v in values):

@@ -1,18 +1,18 @@
-"""From the marks of a test to its runs, with what is left out noted for the summary and the reports.
+"""From the marks of a test to its runs; everything left out is noted for the summary and the reports.
 
-What does not fit at one of many junctions costs that junction alone, and every output counts it with the reason. A junction that
-the mark names by its id, and a mark of which nothing is left, are refused.
+A junction of many at which a mark has no scenario is left out, and every output counts it with the reason. A single junction
+without a scenario, and a mark without any scenario, are refused.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence, Sized
+from contextlib import nullcontext
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import pytest
 
-from pytest_rvads.collection.meter import watched
 from pytest_rvads.collection.misuse import told_at
 from pytest_rvads.collection.resolved import PlannedRun, Resolved, Runs
 from pytest_rvads.errors import ScenarioError
@@ -23,66 +23,66 @@ if TYPE_CHECKING:
     from pytest_rvads.options import Options
     from pytest_rvads.report.session_report import Drawn, Extent
 
-__all__ = ["DRAWN", "EXTENTS", "LEFT_OUT", "REFUSED", "UNFIT", "planned_runs", "resolve"]
+__all__ = ["DRAWN", "EXTENTS", "LEFT_OUT", "REFUSED", "UNFIT", "planned_runs", "resolve", "watched"]
 
+T = TypeVar("T")
 _POINTS, _RUNS = 10, 5000
-"""From how many points, or runs that some are drawn from, on a terminal shows how far the collection is."""
+"""Least number of points of a grid, and of runs to draw from, for which a terminal shows the progress of the collection."""
 LEFT_OUT: pytest.StashKey[dict[str, int]] = pytest.StashKey()
-"""Node id of a test to how many points of its grid are beyond v(d)max and were left out."""
+"""Node id of a test to the number of points of its grid that were left out, because they are beyond v(d)max."""
 UNFIT: pytest.StashKey[dict[str, int]] = pytest.StashKey()
-"""Likewise to how many scenarios were left out because a vehicle has no room where it would start."""
+"""Node id of a test to the number of scenarios that were left out, because a vehicle has no room at its start."""
 REFUSED: pytest.StashKey[dict[str, dict[str, None]]] = pytest.StashKey()
-"""Why junctions are left out, or run otherwise than asked for, to their names."""
+"""Reason for which junctions are left out, or run with other starts than requested, to the names of the junctions."""
 DRAWN: pytest.StashKey[dict[Drawn, None]] = pytest.StashKey()
 """Tests that run only a sample of their runs, with the size of the sample."""
 EXTENTS: pytest.StashKey[dict[str, Extent]] = pytest.StashKey()
-"""Junction to how much there is to cover, where its number of ways does not tell."""
+"""Junction to its numbers of classes and pairs, if its number of ways does not determine them."""
 
 
 def resolve(ask: Ask, test: pytest.Function, options: Options, added: Extensions, takes_rule: bool) -> tuple[Resolved, ...]:
-    """Return what one mark of a test comes to, and note what it leaves out.
+    """Return what one mark of a test selects at each junction, and note what is left out.
 
     Args:
-        ask: the mark.
+        ask: the arguments of the mark.
         test: the test function.
-        options: of the session.
-        added: what users add by hooks.
+        options: options of the session.
+        added: junctions and grids that users add by hooks.
         takes_rule: whether the test runs over rules.
 
     Raises:
-        RvadsError: no such junction, none that has what is asked for, or more items than a test may have.
+        RvadsError: a junction does not exist, no junction fits the mark, or the test would have too many items.
     """
     stash = test.config.stash
     watch = partial(watched, test.config, "v(d)max of point", least=_POINTS)
-    found = ask.resolve(test.path.parent, options, added, watch, takes_rule)
+    selected = ask.resolve(test.path.parent, options, added, watch, takes_rule)
     if options.sample is None:
-        _refuse_many(found.resolved, options)
-    from pytest_rvads.scenarios.extents import extended
-    from pytest_rvads.scenarios.selection import TOO_SHORT, TOO_TIGHT
+        _refuse_many(selected.resolved, options)
+    from pytest_rvads.scenarios.selection import TOO_SHORT, TOO_TIGHT, extended
 
-    known: dict[str, Extent] = stash.setdefault(EXTENTS, {})
-    for resolved in found.resolved:
-        _count(stash, LEFT_OUT, test.nodeid, resolved.selection.left_out)
-        known = extended(known, resolved.selection)
-    stash[EXTENTS] = known
-    bends = [(name, TOO_TIGHT) for resolved in found.resolved for name in resolved.selection.too_tight]
-    short = [(one.selection.place.name, TOO_SHORT) for one in found.resolved if one.selection.too_short]
-    for name, reason in (*found.left_out, *bends, *short):
+    extents_by_junction: dict[str, Extent] = stash.setdefault(EXTENTS, {})
+    for resolved in selected.resolved:
+        _note_left_out(stash, LEFT_OUT, test.nodeid, resolved.selection.left_out)
+        extents_by_junction = extended(extents_by_junction, resolved.selection)
+    stash[EXTENTS] = extents_by_junction
+    bends = [(name, TOO_TIGHT) for resolved in selected.resolved for name in resolved.selection.too_tight]
+    too_short = [(resolved.selection.place.name, TOO_SHORT) for resolved in selected.resolved if resolved.selection.too_short]
+    for name, reason in (*selected.left_out, *bends, *too_short):
         stash.setdefault(REFUSED, {}).setdefault(reason, {})[name] = None
-    if found.passed_over:
-        taken = len(found.resolved)
-        _draw(stash, test.nodeid, "junctions", taken, taken + found.passed_over, options.seed)
-    return found.resolved
+    if selected.passed_over:
+        count = len(selected.resolved)
+        _note_sample(stash, test.nodeid, "junctions", count, count + selected.passed_over, options.seed)
+    return selected.resolved
 
 
 def planned_runs(resolved: Sequence[Resolved], test: pytest.Function, options: Options) -> Iterator[PlannedRun]:
-    """Yield the runs of a test, or those of them that are drawn, and note how many are left out.
+    """Yield the runs of a test, or a sample of them, and note how many runs and scenarios are left out.
 
     Raises:
-        Misuse: more items than a test may have.
+        Misuse: the test would have too many items.
     """
     stash = test.config.stash
-    most = sum(one.runs for one in resolved) if options.sample else 0
+    most = sum(at_junction.runs for at_junction in resolved) if options.sample else 0
     watch = partial(watched, test.config, f"runs of {test.originalname} to draw from", least=_RUNS, most=most)
     runs = Runs(resolved, test.nodeid, watch)
     if options.sample is None:
@@ -97,35 +97,56 @@ def planned_runs(resolved: Sequence[Resolved], test: pytest.Function, options: O
                     "raise --rvads-max-items"
                 )
         if len(drawn) < runs.total:
-            _draw(stash, test.nodeid, "runs", len(drawn), runs.total, options.seed)
+            _note_sample(stash, test.nodeid, "runs", len(drawn), runs.total, options.seed)
         yield from drawn
-    _count(stash, UNFIT, test.nodeid, runs.unfit)
+    _note_left_out(stash, UNFIT, test.nodeid, runs.unfit)
 
 
-def _refuse_many(found: Sequence[Resolved], options: Options) -> None:
-    """Refuse a mark that asks for more items than a test may have."""
-    total = sum(resolved.runs * len(resolved.rules) for resolved in found)
+def _refuse_many(marks: Sequence[Resolved], options: Options) -> None:
+    """Raise a `ScenarioError` for a mark that would give more items than a test may have."""
+    total = sum(resolved.runs * len(resolved.rules) for resolved in marks)
     if total <= options.max_items:
         return
-    first = found[0]
+    first = marks[0]
     rows, points = first.selection.count(), first.selection.points
     among = f" × {len(first.traffic)} kinds of traffic" if len(first.traffic) > 1 else ""
-    told = f"({rows:,} scenarios × {points} points{among} × {len(first.rules)} rules)"
+    factors = f"({rows:,} scenarios × {points} points{among} × {len(first.rules)} rules)"
     raise ScenarioError(
-        f"would expand to {total:,} items {told if len(found) == 1 else f'at {len(found):,} junctions'}: "
+        f"would expand to {total:,} items {factors if len(marks) == 1 else f'at {len(marks):,} junctions'}: "
         "narrow the grid, use --rvads-cover=class, run some of them by --rvads-sample, or raise --rvads-max-items"
     )
 
 
-def _count(stash: pytest.Stash, key: pytest.StashKey[dict[str, int]], test: str, count: int) -> None:
-    """Note that a test leaves out so many more."""
+def _note_left_out(stash: pytest.Stash, key: pytest.StashKey[dict[str, int]], test: str, count: int) -> None:
+    """Add to the number of points or scenarios that a test leaves out."""
     if count:
         dropped = stash.setdefault(key, {})
         dropped[test] = dropped.get(test, 0) + count
 
 
-def _draw(stash: pytest.Stash, test: str, what: str, taken: int, total: int, seed: int) -> None:
-    """Note that so many of all that a test asks for were drawn."""
+def _note_sample(stash: pytest.Stash, test: str, what: str, taken: int, total: int, seed: int) -> None:
+    """Note that a test runs a sample: `taken` of `total` junctions or runs."""
     from pytest_rvads.report.session_report import Drawn
 
     stash.setdefault(DRAWN, {})[Drawn(test, what, taken, total, seed)] = None
+
+
+def watched(config: pytest.Config, what: str, things: Iterable[T], least: int, most: int = 0) -> Iterator[T]:
+    """Yield things; on a terminal, show the number of things done in a line that is overwritten.
+
+    Args:
+        config: configuration of the session; workers, pipes and ``-q`` show nothing.
+        what: the things in words.
+        things: the things to yield.
+        least: least number of things for which the line is shown.
+        most: number of things, if they have no length.
+    """
+    reporter: Any = config.pluginmanager.get_plugin("terminalreporter")
+    capture: Any = config.pluginmanager.get_plugin("capturemanager")
+    shown = reporter is not None and reporter.isatty and reporter.verbosity >= 0 and not hasattr(config, "workerinput")
+    total = len(things) if isinstance(things, Sized) else most
+    for done, thing in enumerate(things):
+        if shown and total >= least and done % max(1, total // 100) == 0:
+            with capture.global_and_fixture_disabled() if capture else nullcontext():
+                reporter.rewrite(f"rvads: {what} {done:,}/{total:,}", erase=True)
+        yield thing

@@ -1,8 +1,8 @@
-"""What a test asks for by ``@rvads.recorded``: files of recorded runs, found and looked into at collection.
+"""The arguments of ``@rvads.recorded``: files of recorded runs, which are opened at collection.
 
-A recorded run is an item like any other, and nothing drives in it: the arguments that drive and simulate get values at
-collection, so that their fixtures are not set up. Its records have a name in place of class, scenario and configuration, because
-what was not chosen is no axis. Collection opens a file only as far as ids and rules need.
+A recorded run has no driver and no simulator: the arguments of these names get values at collection, so that their fixtures are
+not set up. The record of such an item has the name of the recording in place of class, scenario and configuration. Collection
+reads of a file only the parts that ids and rules need.
 """
 
 from __future__ import annotations
@@ -12,13 +12,13 @@ import os
 import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from itertools import chain, count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pytest_rvads.collection.ask import judged_at
 from pytest_rvads.collection.cells import RecordedCell
-from pytest_rvads.collection.lately import Lately
 from pytest_rvads.collection.misuse import several
 from pytest_rvads.errors import RvadsError, ScenarioError, suggest
 from pytest_rvads.logic.rules.rule import Rule
@@ -39,23 +39,24 @@ _UNKNOWN = "unknown"
 
 
 class OpenFiles:
-    """Keeps the runs of the files that were read last, because the items of one file are collected and judged in succession.
+    """The runs of the two files that were read last; the items of one file are collected and judged in succession.
 
     Args:
-        limit: a speed limit in place of those that the files hold [m/s].
+        limit: speed limit in place of the speed limits in the files [m/s]; None to keep these.
     """
 
     def __init__(self, limit: float | None = None) -> None:
-        self._files: Lately[Sequence[Run]] = Lately(2)
         self._limit = limit
+        self._read = lru_cache(2)(lambda path: self._limited(read_runs(path)))
 
     def runs(self, path: str) -> Sequence[Run]:
-        """Return the runs of a file, which may be made only when they are asked for.
+        """Return the runs of a file; the sequence may make a run when the run is accessed.
 
         Raises:
-            RvadsError: it can't be read.
+            RvadsError: the file can't be read.
         """
-        return self._files.get(path, lambda: self._limited(read_runs(path)))
+        runs: Sequence[Run] = self._read(path)
+        return runs
 
     def _limited(self, runs: Any) -> Any:
         limit = self._limit
@@ -68,7 +69,7 @@ class OpenFiles:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Recordings:
-    """What ``@rvads.recorded`` asks for, see there."""
+    """The arguments of ``@rvads.recorded``, see `pytest_rvads.recorded`."""
 
     place: str
     """File and line of the mark."""
@@ -78,21 +79,23 @@ class Recordings:
 
     @classmethod
     def of(cls, place: str, patterns: Sequence[Any], rules: Any, requirement: Any, misspelt: Iterable[str]) -> Recordings:
-        """Check the arguments of a mark as far as possible without looking for files.
+        """Check the arguments of a mark as far as possible without access to files.
 
         Args:
             place: file and line of the mark.
             patterns: files, folders or patterns.
-            rules: rules or names of rules or rulebooks, one or several; None for ``"road"``.
-            requirement: identifiers of requirements, one or several, or None.
-            misspelt: further keywords, which are refused.
+            rules: a rule, a name of a rule or rulebook, or several of these; None for ``"road"``.
+            requirement: identifier of a requirement, several identifiers, or None.
+            misspelt: unknown keywords, which are refused.
 
         Raises:
             ScenarioError: an argument of a wrong type, or no pattern.
         """
-        for wrong in misspelt:
-            taken = ("rules", "requirement")
-            raise ScenarioError(f"@rvads.recorded takes patterns, {', '.join(taken)}, got {wrong!r}{suggest(wrong, taken)}")
+        keywords = ("rules", "requirement")
+        for keyword in misspelt:
+            raise ScenarioError(
+                f"@rvads.recorded takes patterns, {', '.join(keywords)}, got {keyword!r}{suggest(keyword, keywords)}"
+            )
         if not patterns:
             raise ScenarioError("@rvads.recorded needs files to judge: give it one or several, such as 'drives/*.npz'")
         for pattern in patterns:
@@ -108,32 +111,32 @@ class Recordings:
         )
 
     def files(self, folder: Path) -> dict[Path, str]:
-        """Return the files of a test in `folder`, each with what it is called in ids.
+        """Return the files of a test in `folder`, each with its name in ids.
 
         Raises:
             ScenarioError: a pattern matches nothing.
         """
-        found: dict[Path, str] = {}
+        names: dict[Path, str] = {}
         for pattern in self.patterns:
-            here = _matches(pattern, folder) or _matches(pattern, Path.cwd())
-            if not here:
+            matches = _matches(pattern, folder) or _matches(pattern, Path.cwd())
+            if not matches:
                 raise ScenarioError(
                     f"no file matches {pattern!r}, looked for in {folder} and in the working directory: expected files of runs "
                     f"({', '.join(READERS)}), a folder of them, or a pattern such as 'drives/*.npz'"
                 )
-            for path, name in here.items():
-                found.setdefault(path, name)
-        return found
+            for path, name in matches.items():
+                names.setdefault(path, name)
+        return names
 
     def cells(self, files: Iterable[tuple[Path, str]], opened: OpenFiles, takes_rule: bool) -> Iterator[RecordedCell]:
-        """Yield the cells of files, the rule innermost; a file that can't be read has one, for the item that tells so.
+        """Yield the cells of files, with the rule as the innermost axis; an unreadable file has one cell, whose item is an error.
 
         Raises:
-            RvadsError: no such rule, or none about the junction of a file.
+            RvadsError: a rule is unknown, or no rule is about the control of the junction of a file.
         """
         for path, name in files:
             try:
-                place, runs = _look(path, opened)
+                place, runs = _junction_and_labels(path, opened)
             except RvadsError as error:
                 yield self._cell(path, 0, None, None, name, str(error))
                 continue
@@ -154,8 +157,8 @@ class Recordings:
         return RecordedCell(str(path), index, rule, trouble, ways, control, f"{run}-{rule.name}", run, keys, traced)
 
 
-def _look(path: Path, opened: OpenFiles) -> tuple[Junction, Sequence[str]]:
-    """Return the junction of a file and what its runs are called in ids, nothing where there is one only.
+def _junction_and_labels(path: Path, opened: OpenFiles) -> tuple[Junction, Sequence[str]]:
+    """Return the junction of a file and the labels of its runs in ids; the label of a single run is empty.
 
     Raises:
         RvadsError: the file can't be read, or holds no run.
@@ -168,22 +171,22 @@ def _look(path: Path, opened: OpenFiles) -> tuple[Junction, Sequence[str]]:
         raise RvadsError(f"{path}: holds no run, so there is nothing to judge: nobody came near the junction")
     if len(runs) == 1:
         return (runs.junction if isinstance(runs, Recording) else runs[0].junction), ("",)
-    if isinstance(runs, Recording):  # whose runs need not be made for this
-        return runs.junction, _apart(f"t{period.busy:06.1f}" for period in runs.periods)
-    return runs[0].junction, _apart(_plain(run.label) for run in runs)
+    if isinstance(runs, Recording):  # its runs are not made here
+        return runs.junction, _distinct(f"t{period.busy:06.1f}" for period in runs.periods)
+    return runs[0].junction, _distinct(_id_text(run.label) for run in runs)
 
 
-def _apart(names: Iterable[str]) -> list[str]:
-    """Return names, those that come again with the first number behind that makes them another."""
-    told: dict[str, None] = {}
+def _distinct(names: Iterable[str]) -> list[str]:
+    """Return the names; a repeated name gets the first suffix ``.2``, ``.3``, ... that makes it distinct."""
+    distinct: dict[str, None] = {}
     for name in names:
         numbered = (f"{name}.{number}" for number in count(2))
-        told[next(one for one in chain((name,), numbered) if one not in told)] = None
-    return list(told)
+        distinct[next(candidate for candidate in chain((name,), numbered) if candidate not in distinct)] = None
+    return list(distinct)
 
 
-def _plain(text: str) -> str:
-    """Return a text as it may stand in ids."""
+def _id_text(text: str) -> str:
+    """Return a text with ``_`` in place of the characters that ids can't contain."""
     return re.sub(r"[^A-Za-z0-9_.-]+", "_", one_line(text))
 
 
@@ -195,11 +198,11 @@ def _matches(pattern: str, folder: Path) -> dict[Path, str]:
     """
     literal = folder / pattern
     if os.path.exists(literal):
-        base, found = literal if literal.is_dir() else literal.parent, files_of(literal)
+        base, paths = literal if literal.is_dir() else literal.parent, files_of(literal)
     else:
         parts = Path(pattern).parts
-        plain = next((k for k, part in enumerate(parts) if glob.has_magic(part)), len(parts))
-        base = folder.joinpath(*parts[:plain])
-        found = matching(pattern, folder)
-    files = {path.resolve(): path for path in found}
-    return {real: ".".join(map(_plain, path.relative_to(base).with_suffix("").parts)) for real, path in files.items()}
+        fixed = next((k for k, part in enumerate(parts) if glob.has_magic(part)), len(parts))
+        base = folder.joinpath(*parts[:fixed])
+        paths = matching(pattern, folder)
+    files = {path.resolve(): path for path in paths}
+    return {real: ".".join(map(_id_text, path.relative_to(base).with_suffix("").parts)) for real, path in files.items()}

@@ -1,4 +1,4 @@
-"""The marks of a test resolved: the junctions, the runs at each junction, and the sample of runs that is drawn."""
+"""What the marks of a test select: junctions, the runs at each junction, and a sample of the runs."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from pytest_rvads.scenarios.scenario import Scenario
     from pytest_rvads.scenarios.selection import Selection
 
-__all__ = ["Found", "NoRoom", "PlannedRun", "Resolved", "Runs"]
+__all__ = ["NoRoom", "PlannedRun", "Resolved", "Runs", "Selected"]
 
 
 class NoRoom(ScenarioError):
@@ -31,34 +31,34 @@ class NoRoom(ScenarioError):
 
 @dataclass(frozen=True)
 class Resolved:
-    """What one mark asks for at one junction."""
+    """What one mark selects at one junction."""
 
     mark: str
-    """File and line."""
+    """File and line of the mark."""
     selection: Selection
     traffic: tuple[Policy | None, ...]
-    """One after the other; None alone without a subject."""
+    """Policies of the traffic; only None without a subject."""
     rules: tuple[Rule | None, ...]
-    """To judge by; None alone where the test does not run over rules."""
+    """Rules of the items; only None if the test does not run over rules."""
     requirement: tuple[str, ...]
 
     @cached_property
     def axis(self) -> list[tuple[Rule | None, Traced]]:
         """The rules, with the requirements that each rule traces to in this test."""
-        mine = self.requirement
-        return [(rule, (*mine, rule.requirement) if rule and rule.requirement else mine) for rule in self.rules]
+        of_mark = self.requirement
+        return [(rule, (*of_mark, rule.requirement) if rule and rule.requirement else of_mark) for rule in self.rules]
 
     @property
     def runs(self) -> int:
-        """Number of runs, those included that have no room."""
+        """Number of runs, including runs without room for their vehicles."""
         return self.selection.count() * self.selection.points * len(self.traffic)
 
     def check(self) -> None:
-        """See that every scenario that is named exists, and that some scenario has room for its vehicles.
+        """Check that every named scenario exists, and that at least one scenario has room for its vehicles.
 
         Raises:
-            ScenarioError: one does not.
-            NoRoom: none has.
+            ScenarioError: a named scenario does not exist.
+            NoRoom: no scenario has room.
         """
         if self.selection.scenarios is not None:
             for _ in replace(self.selection, configurations=self.selection.configurations[:1]):
@@ -69,31 +69,31 @@ class Resolved:
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
-    """What a mark comes to."""
+class Selected:
+    """What a mark selects."""
 
     resolved: tuple[Resolved, ...]
-    """At the junctions that have what is asked for."""
+    """What the mark selects at each junction that fits the mark."""
     left_out: tuple[tuple[str, str], ...]
     """Junctions that the mark names and that can't be used, with the reason for each junction."""
     passed_over: int
-    """How many junctions more would do, but for a limit."""
+    """Number of further junctions that fit the mark and exceed its limit."""
 
 
 class PlannedRun(NamedTuple):
-    """A run that a test asks for."""
+    """A planned run of a test."""
 
     resolved: Resolved
     scenario: Scenario
     policy: Policy | None
 
     def cells(self) -> Iterator[Cell]:
-        """Yield its cells, one per rule."""
+        """Yield the cells of the run, one per rule."""
         return cells_of(self.scenario, self.policy, self.resolved.axis)
 
     @property
     def name(self) -> str:
-        """Its id, as in ids of items."""
+        """The id of the run within ids of items."""
         from pytest_rvads.scenarios.ids import run_id
 
         return run_id(self.scenario, None if self.policy is None else self.policy.name)
@@ -106,12 +106,12 @@ class PlannedRun(NamedTuple):
 
 
 class Runs:
-    """The runs that the marks of a test ask for, made anew whenever they are gone through: there may be more than fit in memory.
+    """The runs that the marks of a test select, made at each iteration, because they may not fit into memory.
 
     Args:
-        resolved: what the marks come to, in their order.
-        test: node id.
-        watch: yields what it is given and tells how much of it is done, whenever they are gone through.
+        resolved: what the marks select, in the order of the marks.
+        test: node id of the test.
+        watch: yields the runs and shows the progress, at each iteration.
     """
 
     def __init__(
@@ -120,26 +120,26 @@ class Runs:
         self._resolved = resolved
         self._test = test
         self._watch = watch
-        self._twice = len({one.selection.place.name for one in resolved}) < len(resolved)
-        """Whether marks may ask for the same run."""
+        self._repeats = len({at_junction.selection.place.name for at_junction in resolved}) < len(resolved)
+        """Whether several marks may select the same run."""
         self.total = 0
-        """How many there are, once they were gone through."""
+        """Number of runs at the last iteration."""
         self.unfit = 0
-        """How many scenarios have no room for their vehicles, likewise."""
+        """Number of scenarios without room for their vehicles at the last iteration."""
 
     def __iter__(self) -> Iterator[PlannedRun]:
         """Yield each run once per distinct mark that asks for the run."""
-        return self._watch(self._made())
+        return self._watch(self._distinct())
 
-    def _made(self) -> Iterator[PlannedRun]:
+    def _distinct(self) -> Iterator[PlannedRun]:
         self.total, self.unfit = 0, 0
-        known: dict[str, PlannedRun] = {}
+        runs: dict[str, PlannedRun] = {}
         for resolved in self._resolved:
             unfit = Unfit()
             with told_at(f"{resolved.mark}: {self._test}"):
                 for scenario, policy in runs_of(resolved.selection, resolved.traffic, unfit):
                     run = PlannedRun(resolved, scenario, policy)
-                    if self._twice and (first := known.setdefault(run.name, run)) is not run and first[1:] == run[1:]:
+                    if self._repeats and (first := runs.setdefault(run.name, run)) is not run and first[1:] == run[1:]:
                         continue
                     self.total += 1
                     yield run

@@ -41,28 +41,28 @@ def falsify(  # noqa: PLR0913 - keywords; a search has many settings
     executor: Executor | int | None = None,
     **space: Unpack[Space],
 ) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Make a test that looks for a scenario in which a rule is broken, and fails with the simplest one it finds.
+    """Make a test that searches for a scenario in which a rule is violated, and that fails with the simplest such scenario.
 
-    The body of the test runs after the search, and only if the search found no violation; its arguments are fixtures. A found
-    scenario is kept in Hypothesis' example database and tried first in the next session. A rule that was never triggered was not
-    tested, which is an error.
+    The body of the test runs after the search, and only if the search found no violation; its arguments are fixtures. Hypothesis
+    stores the scenario in its example database and tries it first in the next session. If no run of the search required an action
+    by the rule, the test is an error.
 
     Args:
-        junction: built-in name, or id of a junction in ``map``; or the junction itself.
-        rule: the rule to break.
-        autopilot: the system under test; by default what an option names, else that of the fixture ``rvads_autopilot``.
-        traffic: with ``subject``, what drives the others: a policy by name, or an autopilot of yours; the reference by default.
-        budget: most simulations before a counterexample, and most for making it simpler.
-        seed: other seeds look elsewhere.
-        searches: how many go on side by side, with the seeds from `seed` on and equal parts of the budget; what the first of them
-            finds, by its seed, is told.
-        executor: what several searches go on, as for `campaign`; what drives has to travel there.
-        space: where to look, see `strategies.scenarios`: ``map``, ``subject``, ``partial``, ``near``, ``far``, ``pace``,
-            ``wait``, ``aggression``, ``duration``.
+        junction: a junction, a built-in name, or the id of a junction in ``map``.
+        rule: the rule to violate.
+        autopilot: the system under test; by default the driver of an option, else of the fixture ``rvads_autopilot``.
+        traffic: with ``subject``, the driver of the other vehicles: a policy by name, or an autopilot of yours; the reference by
+            default.
+        budget: greatest number of simulations before a counterexample, and again for its simplification.
+        seed: seed of the search.
+        searches: number of parallel searches, with the seeds from `seed` on and equal parts of the budget; the test reports the
+            counterexample of the search with the lowest seed.
+        executor: executor of several searches, as for `campaign`; driver and traffic must be picklable.
+        space: the scenarios to search, see `strategies.scenarios`: ``map``, ``subject``, ``partial``, ``near``, ``far``,
+            ``pace``, ``wait``, ``aggression``, ``duration``.
 
     Raises:
-        RvadsError: an argument that means nothing, or a class instead of a function; pytest shows it with the line and without
-            a traceback.
+        RvadsError: an argument is wrong, or a class is decorated; pytest shows the message with the line and without a traceback.
 
     Example:
         >>> @falsify("stop4", rule="p1", budget=50)
@@ -86,7 +86,7 @@ def falsify(  # noqa: PLR0913 - keywords; a search has many settings
                     f"@rvads.falsify calls the body of a test, got {test.__qualname__}, whose body a call would not run: write "
                     "it as a plain def without yield"
                 )
-        wanted = inspect.signature(test)
+        signature = inspect.signature(test)
         needed = ["pytestconfig", "rvads_vehicle", "rvads_simulator"]
         if autopilot is None:
             needed += ["rvads_sut", "rvads_autopilot"]
@@ -101,19 +101,20 @@ def falsify(  # noqa: PLR0913 - keywords; a search has many settings
                 check_factory(driver)
                 simulator = usable(fixtures["rvads_simulator"])
                 limit = fixtures["pytestconfig"].stash[OPTIONS].speed_limit
-                there = replace(search, place=search.place.limited(limit)) if limit else search
-                found = there.begin(driver, Fleet(fixtures["rvads_vehicle"]), simulator, name, searches, executor)
+                limited = replace(search, place=search.place.limited(limit)) if limit else search
+                counterexample = limited.begin(driver, Fleet(fixtures["rvads_vehicle"]), simulator, name, searches, executor)
             except RvadsError as error:
+                # An error class of a user may have another constructor, so the error itself gets the place in its message.
                 error.args = (f"{place}: {error}",)
                 raise error.with_traceback(None) from None
-            if found is not None:
-                raise violation(found)
-            test(*instance, **{key: value for key, value in fixtures.items() if key in wanted.parameters})
+            if counterexample is not None:
+                raise violation(counterexample)
+            test(*instance, **{key: value for key, value in fixtures.items() if key in signature.parameters})
 
         keyword = inspect.Parameter.KEYWORD_ONLY
-        parameters = [p.replace(kind=keyword) for p in wanted.parameters.values()]
-        parameters += [inspect.Parameter(name, keyword) for name in needed if name not in wanted.parameters]
-        wrapper.__signature__ = wanted.replace(parameters=parameters)  # type: ignore[attr-defined]
+        parameters = [p.replace(kind=keyword) for p in signature.parameters.values()]
+        parameters += [inspect.Parameter(name, keyword) for name in needed if name not in signature.parameters]
+        wrapper.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
         return wrapper
 
     return decorate

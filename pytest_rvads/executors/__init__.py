@@ -44,15 +44,15 @@ def spread(
     Raises:
         RvadsError: a job can't be pickled, a job killed its process, or the executor was shut down.
     """
-    known: dict[int, _Result | Failed] = {}
+    results: dict[int, _Result | Failed] = {}
     due = 0
     with closing(gathered(work, jobs, executor, batch)) as answers:
         for done, (number, answer) in enumerate(answers, start=1):
             if progress is not None:
                 progress(done, len(jobs))
-            known[number] = answer
-            while due in known:
-                result = known.pop(due)
+            results[number] = answer
+            while due in results:
+                result = results.pop(due)
                 if isinstance(result, Failed):
                     raise result.error
                 due += 1
@@ -62,29 +62,29 @@ def spread(
 def gathered(
     work: Callable[[_Job], _Result], jobs: Iterable[_Job], executor: Executor | int | None = None, batch: int = 4
 ) -> Generator[tuple[int, _Result | Failed], None, None]:
-    """Yield the number of every job and its result, as they come; close it to end early.
+    """Yield the number and the result of every job in the order of completion; closing the generator ends the work.
 
-    Jobs are asked for when there is somebody to do them, and nothing is kept of those that are done.
+    A job is part_jobs from `jobs` when a worker is free, and is not kept after its result.
 
     Args:
-        work: as for `spread`.
-        jobs: plain values, any number of them. An iterator that has ended is asked again after every result, so a result may
+        work: the function that runs a job, see `spread`.
+        jobs: the jobs, as values that can be pickled. An exhausted iterator is asked again after every result, so a result may
             lead to further jobs.
-        executor: as for `spread`.
-        batch: jobs that a process gets at a time.
+        executor: number of processes or an executor, see `spread`.
+        batch: number of jobs that a process gets at a time.
 
     Raises:
-        RvadsError: a job can't travel, or the executor is gone.
+        RvadsError: a job can't be pickled, or the executor was shut down.
     """
     if not isinstance(executor, Executor):
-        executor = _processes(executor, jobs)
+        executor = _number_of_processes(executor, jobs)
     if executor == 1:
         for number, job in enumerate(jobs):
             yield number, tried(work, job)
         return
     team: Team = Foreign(work, executor) if isinstance(executor, Executor) else Own(work, executor)
     try:
-        for part, answers in _flown(team, _Parts(jobs, batch)):
+        for part, answers in _completed(team, _Parts(jobs, batch)):
             yield from enumerate(answers, start=part.begin)
     except BaseException:
         team.stop()
@@ -93,31 +93,31 @@ def gathered(
 
 
 class _Parts(Iterator[Part]):
-    """Jobs in parts of some size; unlike a generator it goes on when there are jobs again."""
+    """Groups jobs into parts; unlike a generator, the iterator continues if an exhausted `jobs` yields further jobs."""
 
     def __init__(self, jobs: Iterable[Any], size: int) -> None:
-        self._begin, self._rest, self._size = 0, iter(jobs), size
+        self._begin, self._jobs, self._size = 0, iter(jobs), size
 
     def __next__(self) -> Part:
-        taken = tuple(islice(self._rest, self._size))
-        if not taken:
+        part_jobs = tuple(islice(self._jobs, self._size))
+        if not part_jobs:
             raise StopIteration
-        self._begin += len(taken)
-        return Part(self._begin - len(taken), taken)
+        self._begin += len(part_jobs)
+        return Part(self._begin - len(part_jobs), part_jobs)
 
 
-def _flown(team: Team, parts: Iterator[Part]) -> Iterator[tuple[Part, list[Any]]]:
+def _completed(team: Team, parts: Iterator[Part]) -> Iterator[tuple[Part, list[Any]]]:
     """Yield parts with their answers in the order of completion; the parts of dead processes are submitted again."""
     flying: dict[Future[Any], Part] = {}
-    back: SimpleQueue[Future[Any]] = SimpleQueue()
-    sent = count(1)
+    done: SimpleQueue[Future[Any]] = SimpleQueue()
+    numbers = count(1)
 
     def launch(part: Part) -> None:
-        part = part._replace(sent=next(sent))
+        part = part._replace(sent=next(numbers))
         future = team.submit(part)
         if flying.setdefault(future, part) is not part:
             raise RvadsError("submit of the executor returned one future for two calls, expected one for each")
-        future.add_done_callback(back.put)
+        future.add_done_callback(done.put)
 
     try:
         while True:
@@ -125,13 +125,13 @@ def _flown(team: Team, parts: Iterator[Part]) -> Iterator[tuple[Part, list[Any]]
                 launch(part)
             if not flying:
                 return
-            future = back.get()
+            future = done.get()
             part = flying.pop(future)
             try:
                 answers = team.answers(part, future)
             except (Exception, CancelledError) as error:
                 part = part._replace(losses=part.losses + 1)
-                if team.again(part, error):
+                if team.submits_again(part, error):
                     launch(part)
                     continue
                 answers = list(map(team.alone, part.jobs))
@@ -141,8 +141,10 @@ def _flown(team: Team, parts: Iterator[Part]) -> Iterator[tuple[Part, list[Any]]
             future.cancel()
 
 
-def _processes(wanted: int | None, jobs: object) -> int:
-    if wanted is not None and (type(wanted) is not int or wanted < 1):
-        raise RvadsError(f"executor= takes a number of processes from 1 on, or a concurrent.futures.Executor, got {wanted!r:.60}")
-    found = wanted or os.cpu_count() or 1
-    return max(1, min(found, len(jobs))) if isinstance(jobs, Sized) else found
+def _number_of_processes(processes: int | None, jobs: object) -> int:
+    if processes is not None and (type(processes) is not int or processes < 1):
+        raise RvadsError(
+            f"executor= takes a number of processes from 1 on, or a concurrent.futures.Executor, got {processes!r:.60}"
+        )
+    count = processes or os.cpu_count() or 1
+    return max(1, min(count, len(jobs))) if isinstance(jobs, Sized) else count

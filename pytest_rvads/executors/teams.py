@@ -16,7 +16,13 @@ from typing import Any, Generic, NamedTuple, TypeAlias, TypeVar
 from pytest_rvads.errors import RvadsError
 from pytest_rvads.wording import one_line
 
-__all__ = ["ExecutorGone", "Failed", "Foreign", "Own", "Part", "Team", "tried"]
+__all__ = ["AHEAD", "Crew", "ExecutorGone", "Failed", "Foreign", "Own", "Part", "Team", "tried"]
+
+AHEAD = 4
+"""Jobs per process that are submitted before the oldest is done; more jobs would pile up behind a slow job."""
+_Job = TypeVar("_Job")
+_Result = TypeVar("_Result")
+
 
 _UNKNOWN = 512
 """Parts submitted ahead to an executor that does not state its number of workers."""
@@ -142,14 +148,14 @@ class Own:
         """Submit a part."""
         return self._crew.submit(_packed(part.jobs))
 
-    def again(self, part: Part, error: BaseException) -> bool:
+    def submits_again(self, part: Part, error: BaseException) -> bool:
         """Return whether a part lost by `error` is submitted again; otherwise each of its jobs is done alone.
 
         Raises:
             RvadsError: `error` is no death of a process, so a job or its result can't be sent between processes.
         """
         if not isinstance(error, BrokenProcessPool):
-            raise RvadsError(f"a job or its result does not travel between processes: {_told(error)}") from error
+            raise RvadsError(f"a job or its result can't be sent between processes: {_text_of(error)}") from error
         return part.losses < 2
 
     def answers(self, _: Part, future: Future[list[Any]]) -> list[Any]:
@@ -196,14 +202,14 @@ class Foreign:
         Raises:
             RvadsError: the executor returns another object.
         """
-        found = future.result()
-        if not (isinstance(found, Done) and found.sent == part.sent):
+        result = future.result()
+        if not (isinstance(result, Done) and result.sent == part.sent):
             raise RvadsError(
-                f"{self._name} answered {found!r:.60}, expected what the function given to its submit returns for these jobs"
+                f"{self._name} answered {result!r:.60}, expected what the function given to its submit returns for these jobs"
             )
-        return found.answers
+        return result.answers
 
-    def again(self, part: Part, error: BaseException) -> bool:
+    def submits_again(self, part: Part, error: BaseException) -> bool:
         """Return whether a part lost by `error` is submitted again; otherwise each of its jobs is done alone.
 
         Raises:
@@ -222,8 +228,8 @@ class Foreign:
             raise self._gone(error) from error
         cause = error.__cause__ if isinstance(error.__cause__, ImportError) else error
         raise RvadsError(
-            f"{self._name} can't work on this, perhaps because a job does not travel or who is to open it lacks a module: "
-            f"{_told(cause)}"
+            f"{self._name} can't work on this, perhaps because a job can't be pickled or the worker lacks a module: "
+            f"{_text_of(cause)}"
         ) from error
 
     def alone(self, job: Any) -> Any:
@@ -233,7 +239,7 @@ class Foreign:
             try:
                 return self.answers(part, self.submit(part))[0]
             except (Exception, CancelledError) as error:
-                if not self.again(part, error):
+                if not self.submits_again(part, error):
                     break
         return _dead()
 
@@ -255,34 +261,103 @@ class Foreign:
         return f"the executor {type(self._executor).__name__}"
 
     def _gone(self, error: BaseException) -> ExecutorGone:
-        return ExecutorGone(f"{self._name} takes no more work, its workers or scheduler are gone: {_told(error)}")
+        return ExecutorGone(f"{self._name} takes no more work, its workers or scheduler are gone: {_text_of(error)}")
 
 
 Team: TypeAlias = Own | Foreign
 """Both have `ahead`, the number of parts that may be in flight."""
 
 
+class Crew(Generic[_Job, _Result]):
+    """Worker processes, which end with this process however it ends, and which leave interrupts to this process.
+
+    Args:
+        begin: called in each worker process; returns the function that does the jobs.
+        processes: number of processes.
+    """
+
+    def __init__(self, begin: Callable[[], Callable[[_Job], _Result]], processes: int) -> None:
+        self._begin, self._processes = begin, processes
+        self._foreign_children = set(multiprocessing.active_children())
+        self._pool = self._hire(processes)
+
+    def _hire(self, processes: int) -> ProcessPoolExecutor:
+        return ProcessPoolExecutor(processes, initializer=_enter, initargs=(self._begin,))
+
+    def submit(self, job: _Job) -> Future[_Result]:
+        """Submit a job; if a process died, new processes are started first."""
+        try:
+            return self._pool.submit(_do, job)
+        except BrokenProcessPool:
+            self._pool.shutdown()
+            self._pool = self._hire(self._processes)
+            return self._pool.submit(_do, job)
+
+    def alone(self, job: _Job) -> _Result:
+        """Return the result of a job in a separate process, so that only this job can kill the process.
+
+        Raises:
+            BrokenProcessPool: the job killed the process.
+        """
+        with self._hire(1) as pool:
+            result: _Result = pool.submit(_do, job).result()
+            return result
+
+    def close(self) -> None:
+        """End the processes after all jobs are done."""
+        self._pool.shutdown()
+
+    def stop(self) -> None:
+        """End all processes at once."""
+        for process in set(multiprocessing.active_children()) - self._foreign_children:
+            process.terminate()
+        self._pool.shutdown(cancel_futures=True)
+
+
+_doer: list[Callable[[Any], Any]] = []
+"""The function that does the jobs, in a worker process."""
+
+
+def _enter(begin: Callable[[], Callable[[Any], Any]]) -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the terminal interrupts all processes; the parent decides when workers end
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)  # the parent ends a worker by this signal
+    threading.Thread(target=_watch, daemon=True).start()
+    _doer[:] = [begin()]
+
+
+def _watch() -> None:
+    """End this worker when its parent process ends, even if the parent was killed."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
+
+
+def _do(job: Any) -> Any:
+    return _doer[0](job)
+
+
 def _opener(work: bytes) -> Callable[[bytes], list[Any]]:
-    """Return the function that unpacks jobs and does them."""
-    done = pickle.loads(work)
-    return lambda packed: _all(done, pickle.loads(packed))
+    """Return the function that unpacks jobs and does the jobs."""
+    function = pickle.loads(work)
+    return lambda packed: _answers(function, pickle.loads(packed))
 
 
-def _all(work: Callable[[Any], Any], jobs: Sequence[Any]) -> list[Any]:
-    return [_fit(tried(work, job)) for job in jobs]
+def _answers(work: Callable[[Any], Any], jobs: Sequence[Any]) -> list[Any]:
+    return [_picklable(tried(work, job)) for job in jobs]
 
 
 def _done(work: Callable[[Any], Any], jobs: Sequence[Any], sent: int) -> Done:
-    return Done(sent, _all(work, jobs))
+    return Done(sent, _answers(work, jobs))
 
 
-def _fit(answer: Any) -> Any:
+def _picklable(answer: Any) -> Any:
     """Return an answer that can be pickled: some exceptions can't be made again from their pickled state."""
     if isinstance(answer, Failed):
         try:
             pickle.loads(pickle.dumps(answer))
         except Exception:
-            return Failed(RvadsError(_told(answer.error)))
+            return Failed(RvadsError(_text_of(answer.error)))
     return answer
 
 
@@ -299,8 +374,8 @@ def _packed(value: object) -> bytes:
         return pickle.dumps(value, pickle.HIGHEST_PROTOCOL)
     except Exception as error:  # the code of users may raise any exception
         raise RvadsError(
-            f"this can't travel to another process ({_told(error)}): name functions and classes of modules, no lambdas and none "
-            "of functions, or say executor=1 (-j 1 of a command)"
+            f"this can't travel to another process ({_text_of(error)}): use functions and classes at the top level of a module, "
+            "no lambdas and no inner functions, or say executor=1 (-j 1 of a command)"
         ) from error
 
 
@@ -308,5 +383,5 @@ def _dead() -> Failed:
     return Failed(RvadsError("the process that worked on it died, perhaps for lack of memory"), lost=True)
 
 
-def _told(error: BaseException) -> str:
+def _text_of(error: BaseException) -> str:
     return one_line(": ".join(filter(None, (type(error).__name__, str(error)))), 300)

@@ -1,4 +1,4 @@
-"""Bodies: a vehicle of a run, between the world that moves it and the semantic model that describes it."""
+"""Bodies: a body turns the motion of a vehicle in the world into a state of the semantic model."""
 
 from __future__ import annotations
 
@@ -15,26 +15,26 @@ from pytest_rvads.runs.vehicle import Vehicle
 __all__ = ["Body", "start"]
 
 MAX_SPEED = 70.0
-"""No vehicle here gets this fast by itself; one that does was thrown away [m/s]."""
+"""A vehicle at least this fast was thrown away by an error of the engine; no vehicle drives this fast [m/s]."""
 _WINDOW = 0.75
-"""How far around the last station the next one is looked for [m]: more than MAX_SPEED times the step."""
+"""Greatest change of the station in a step [m]: more than MAX_SPEED times the step."""
 _ROLLING_BACK = 0.01
-"""A vehicle faster than this backwards really moves backwards, as after a collision [m/s]."""
+"""Backward speed above which a vehicle counts as moving backwards, for example after a collision [m/s]."""
 
 
 class Body:
-    """One simulated vehicle: its place on the itinerary, and its dynamics.
+    """One simulated vehicle: its station on the itinerary, and its dynamics.
 
     Args:
-        agent: whose body it is.
-        itinerary: its way.
-        station: where its reference point starts [m].
-        vehicle: its parameters.
-        aggression: of the scenario.
+        agent: the agent of the body.
+        itinerary: itinerary of the agent.
+        station: station of the reference point at the start [m].
+        vehicle: parameters of the vehicle.
+        aggression: braking level 1, 2 or 3 of the scenario.
     """
 
     state: VehicleState
-    """The last one sampled."""
+    """The last sampled state."""
 
     def __init__(self, agent: Agent, itinerary: Itinerary, station: float, vehicle: Vehicle, aggression: int) -> None:
         self.agent = agent
@@ -43,7 +43,7 @@ class Body:
         self.cos = 1.0
         self.sin = 0.0
         self.strayed = False
-        """Whether it has left its route."""
+        """Whether the vehicle has left its route."""
         self._path, self._origin = itinerary.path, itinerary.origin
         self._along = station + itinerary.origin
         self._ahead = vehicle.gravity_offset
@@ -52,14 +52,14 @@ class Body:
         self._motion: Motion | None = None
 
     def sample(self, motion: Motion) -> VehicleState:
-        """Return what the semantic model says of `motion`, the next state after the last one sampled.
+        """Return the next state of the semantic model, for the motion of the vehicle one step after the last sample.
 
         Raises:
-            Halt: it is not finite, or the vehicle was thrown away.
+            Halt: the motion is not finite, or the vehicle was thrown away.
         """
         before, self._motion = self._motion, motion
         if motion == before:
-            # At rest, as vehicles that wait are most of the time.
+            # The vehicle is at rest, as waiting vehicles are most of the time.
             if self.state.acceleration:
                 self.state = self.state._replace(acceleration=0.0)
             return self.state
@@ -72,9 +72,9 @@ class Body:
         speed = vx * cos + vy * sin
         # Comparisons with NaN are false, so this also catches a motion that is not finite.
         if not vx * vx + vy * vy < MAX_SPEED * MAX_SPEED or not -MAX_OFFSET <= offset <= MAX_OFFSET:
-            self._check(motion)
+            self._check_plausible(motion)
         if along < self._along and speed > -_ROLLING_BACK:
-            # Where lanes overlap at a joint, the nearest point may jump back; a vehicle that moves on does not.
+            # At a joint of overlapping lanes, the nearest point may jump back although the vehicle moves forward.
             along = self._along
         self._along = along
         station = along - self._origin
@@ -97,8 +97,8 @@ class Body:
         )
         return self.state
 
-    def _check(self, motion: Motion) -> None:
-        """Say what is wrong with a motion, if anything is."""
+    def _check_plausible(self, motion: Motion) -> None:
+        """Raise a `Halt` for a motion that is not finite or too fast."""
         name = self.agent.name
         if not all(map(math.isfinite, motion)):
             raise Halt(name, f"the motion of {name} is no longer finite: {tuple(motion)}")

@@ -1,8 +1,8 @@
-"""The braking envelope v(d)max: how fast a vehicle may be, d metres before a line, and still stop in front of it.
+"""The braking envelope v(d)max: the greatest speed, d metres before a line, from which a vehicle stops before the line.
 
-It is found by iterated testing on the plant that drives in the simulations (paper, section 5.3): full service brake from
-the first step on, released never. The grids of scenarios keep to it, so a controller that brakes late is a finding.
-What was found once is kept on disk (`pytest_rvads.physics.cache`).
+v(d)max is found by repeated tests with the vehicle dynamics of the simulations (paper, section 5.3), with the full service brake
+from the first step on. The grids of scenarios stay within v(d)max, so a controller that does not stop in time brakes too late.
+Values are cached on disk (`pytest_rvads.physics.cache`).
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ from pytest_rvads.runs.vehicle import Vehicle
 __all__ = ["FASTEST", "RESOLUTION", "STANDING", "check_start", "envelope", "greatest_safe", "stopping_distance", "vmax"]
 
 FASTEST = 30.0
-"""Speeds are tested up to this: most roads with junctions allow no more than 65 mph [m/s]."""
+"""Greatest tested speed [m/s]; most roads with junctions allow at most 65 mph."""
 RESOLUTION = 0.01
-"""Speeds are tested to this resolution [m/s]."""
+"""Resolution of the tested speeds [m/s]."""
 STANDING = 0.001
 """A vehicle slower than this has stopped [m/s]."""
 _LONGEST = 60.0
-"""A vehicle that has not stopped by then never will [s]."""
+"""Longest test; a vehicle that drives on after this time counts as never stopping [s]."""
 
 
 def vmax(
@@ -41,17 +41,17 @@ def vmax(
 
     Args:
         distance: reference point to stopping line [m].
-        aggression: 1, 2 or 3, the scenario's; selects the service brake.
-        vehicle: the parameters; a passenger car by default.
-        engine: what moves it; the usual one by default.
-        limit: the speed limit, at most `FASTEST` counts [m/s].
+        aggression: braking level 1, 2 or 3, which selects the service brake.
+        vehicle: the vehicle; a passenger car by default.
+        engine: the physics engine; the usual engine by default.
+        limit: the speed limit, of which at most `FASTEST` counts [m/s].
 
     Returns:
-        The speed, at most the speed limit [m/s]; None where not even a standing vehicle is safe.
+        The speed, at most the speed limit [m/s]; None if not even a standing vehicle is safe.
 
     Raises:
-        ScenarioError: a distance that is negative or not finite, or an unknown aggression.
-        RunError: the plant breaks monotonicity, so no bisection can be trusted.
+        ScenarioError: the distance is negative or not finite, or the aggression is unknown.
+        RunError: the stopping distance is not monotone in the speed, so that bisection gives no valid result.
     """
     check_start(distance, aggression)
     return _vmax(float(distance), aggression, vehicle or Vehicle(), engine or usual(), min(limit, FASTEST))
@@ -75,23 +75,23 @@ def envelope(
 
     Args:
         distances: reference point to stopping line [m].
-        vehicle: the parameters; a passenger car by default.
-        aggressions: of 1, 2 and 3.
-        limit: `vmax` of another plant than this one.
+        vehicle: the vehicle; a passenger car by default.
+        aggressions: braking levels, some of 1, 2 and 3.
+        limit: v(d)max of another simulator; `vmax` by default.
 
     Raises:
-        ScenarioError: as for `vmax`.
-        RunError: the envelope falls with the distance, or with the aggression.
+        ScenarioError: a distance is negative or not finite, or an aggression is unknown.
+        RunError: v(d)max decreases with the distance, or with the aggression.
     """
     limit = limit or vmax
     table = {level: tuple(limit(d, level, vehicle) for d in distances) for level in aggressions}
     points = [(level, d, -1.0 if v is None else v) for level, row in table.items() for d, v in zip(distances, row, strict=True)]
     for level, d, v in points:
-        for other, farther, greater in points:
-            if other >= level and farther >= d and greater < v:
+        for harder, farther, speed in points:
+            if harder >= level and farther >= d and speed < v:
                 raise RunError(
-                    f"v(d)max is not monotone: {v:g} m/s at {d:g} m and aggression {level}, but {greater:g} m/s at {farther:g} m "
-                    f"and aggression {other}"
+                    f"v(d)max is not monotone: {v:g} m/s at {d:g} m and aggression {level}, but {speed:g} m/s at {farther:g} m "
+                    f"and aggression {harder}"
                 )
     return table
 
@@ -100,12 +100,13 @@ def greatest_safe(safe: Callable[[float], bool], limit: float, probes: int = 1) 
     """Return the greatest speed up to `limit` [m/s] that is safe, to `RESOLUTION`.
 
     Args:
-        safe: the test. Where a greater speed may be safe although a lower one is not, more `probes` find that out.
-        limit: returned where every speed tried is safe.
-        probes: speeds tried up to `limit`, evenly spaced; the answer lies below the first unsafe one.
+        safe: tests a speed [m/s].
+        limit: greatest speed; returned if all tested speeds are safe [m/s].
+        probes: number of evenly spaced speeds up to `limit` that are tested first. More probes find an unsafe speed below a safe
+            speed. The result is below the first unsafe probe.
 
     Returns:
-        None where 0 m/s is not safe.
+        The speed [m/s]; None if 0 m/s is not safe.
     """
     low, high = 0, math.ceil(limit / RESOLUTION)
     for k in range(1, probes):
@@ -134,13 +135,13 @@ def _speed(steps: int) -> float:
 
 @lru_cache(maxsize=4096)
 def stopping_distance(speed: float, aggression: int, vehicle: Vehicle, engine: Engine | None = None) -> float:
-    """Return how far a vehicle gets from `speed` [m/s] under full service brake on a straight [m]; inf if it never stops.
+    """Return the stopping distance of a vehicle under full service brake on a straight road [m]; inf if it never stops.
 
     Args:
-        speed: at the start.
-        aggression: 1, 2 or 3; selects the service brake.
-        vehicle: the parameters.
-        engine: what moves it; the usual one by default.
+        speed: speed at the start [m/s].
+        aggression: braking level 1, 2 or 3, which selects the service brake.
+        vehicle: the vehicle.
+        engine: the physics engine; the usual engine by default.
     """
     dynamics = Dynamics(vehicle, aggression)
     world = (engine or usual()).world([vehicle], [Motion(0.0, 0.0, 0.0, speed, 0.0, 0.0)])
@@ -160,25 +161,25 @@ def stopping_distance(speed: float, aggression: int, vehicle: Vehicle, engine: E
 @lru_cache(maxsize=4096)
 def _vmax(distance: float, aggression: int, vehicle: Vehicle, engine: Engine, limit: float) -> float | None:
     key = {"what": "plant", "distance": distance, "aggression": aggression, "vehicle": asdict(vehicle)}
-    if limit != SPEED_LIMIT:  # what is kept of the usual one stays valid
+    if limit != SPEED_LIMIT:  # cached values for the usual limit stay valid
         key["limit"] = limit
-    return cached(key, lambda: _test(distance, aggression, vehicle, engine, limit), engine.library)
+    return cached(key, lambda: _bisected(distance, aggression, vehicle, engine, limit), engine.library)
 
 
-def _test(distance: float, aggression: int, vehicle: Vehicle, engine: Engine, limit: float) -> float | None:
-    tried: dict[float, float] = {}
+def _bisected(distance: float, aggression: int, vehicle: Vehicle, engine: Engine, limit: float) -> float | None:
+    stops: dict[float, float] = {}
 
     def safe(speed: float) -> bool:
-        # The plant does not know where it is: one test of a speed answers for every distance.
-        tried[speed] = stopping_distance(speed, aggression, vehicle, engine)
-        return tried[speed] <= distance
+        # The stopping distance does not depend on the place, so one test of a speed serves all distances.
+        stops[speed] = stopping_distance(speed, aggression, vehicle, engine)
+        return stops[speed] <= distance
 
-    found = greatest_safe(safe, limit)
-    speeds = sorted(tried)
+    greatest = greatest_safe(safe, limit)
+    speeds = sorted(stops)
     for slow, fast in pairwise(speeds):
-        if tried[slow] > tried[fast]:
+        if stops[slow] > stops[fast]:
             raise RunError(
-                f"v(d)max can't be bisected at aggression {aggression}: the vehicle needs {tried[slow]:.3f} m to stop from "
-                f"{slow:g} m/s, but {tried[fast]:.3f} m from {fast:g} m/s"
+                f"v(d)max can't be bisected at aggression {aggression}: the vehicle needs {stops[slow]:.3f} m to stop from "
+                f"{slow:g} m/s, but {stops[fast]:.3f} m from {fast:g} m/s"
             )
-    return found
+    return greatest

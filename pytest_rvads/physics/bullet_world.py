@@ -1,7 +1,7 @@
 """A world in pybullet, which also detects and resolves collisions.
 
-Vehicles are links of multibodies on fixed bases, each on three joints of its own (x, y, yaw). The joints carry nothing,
-so every body moves as a free body in the plane, and two calls per step read and drive all that share a multibody.
+A vehicle is a link of a multibody with a fixed base, on three joints (x, y, yaw). No force acts in the joints, so every body
+moves freely in the plane. Two calls per step read and drive all vehicles of a multibody.
 
 pybullet is imported with the first simulation.
 """
@@ -23,13 +23,13 @@ __all__ = ["BulletWorld"]
 _HELPER_MASS = 1e-6
 """Mass of the two links that carry the x and the y joint [kg]; a billionth of a vehicle."""
 _MOST = 40
-"""Vehicles in one multibody: the engine keeps 128 numbers for where it is, 7 of them for its base, and a vehicle needs 3."""
+"""Greatest number of vehicles in a multibody: the engine stores 128 coordinates, 7 for the base and 3 per vehicle."""
 
 
 class BulletWorld:
     """A `World` in pybullet.
 
-    The engine's state is built anew for every world, so that a run does not depend on the runs before it.
+    The state of the engine is built anew for every world, so that a run does not depend on earlier runs.
 
     Args:
         vehicles: mass, inertia and body of every vehicle.
@@ -41,19 +41,19 @@ class BulletWorld:
         self._open = True
         bullet, client = self._bullet, self._client
         bullet.resetSimulation(physicsClientId=client)
-        # A reset also resets the solver, so its settings are given again.
+        # A reset also resets the settings of the solver.
         bullet.setPhysicsEngineParameter(fixedTimeStep=DT, numSubSteps=0, deterministicOverlappingPairs=1, physicsClientId=client)
         bullet.setGravity(0, 0, 0, physicsClientId=client)
         firsts = range(0, len(vehicles), _MOST)
         self._groups = [(*self._build(vehicles[k : k + _MOST]), slice(3 * k, 3 * (k + _MOST))) for k in firsts]
-        """Per multibody its number, its joints, and which forces are theirs; it holds the next `_MOST` vehicles."""
+        """Per multibody of `_MOST` vehicles: its number, its joints, and the slice of its forces."""
         self._first = {group: first for (group, _, _), first in zip(self._groups, firsts, strict=True)}
         """First vehicle of each multibody."""
         for body, start in enumerate(starts):
             group, link = self._link(body)
             for joint, (place, velocity) in enumerate(zip(start[:3], start[3:], strict=True), start=link):
                 bullet.resetJointState(group, joint, place, velocity, physicsClientId=client)
-        # Contacts are looked up before the first step too: two vehicles may stand inside each other.
+        # Two vehicles may start inside each other, so contacts are detected before the first step, too.
         bullet.performCollisionDetection(physicsClientId=client)
 
     def _link(self, body: int) -> tuple[int, int]:
@@ -84,18 +84,18 @@ class BulletWorld:
             flags=bullet.URDF_USE_SELF_COLLISION,
             physicsClientId=client,
         )
-        # Calls of their own: damping in the same call as other settings redirects those to the base.
+        # Separate calls: in one call with damping, other settings would apply to the base.
         for link in range(-1, links):
             bullet.changeDynamics(body, link, linearDamping=0, angularDamping=0, jointDamping=0, physicsClientId=client)
         for link, vehicle in zip(range(2, links, 3), vehicles, strict=True):
             inertia = [vehicle.yaw_inertia] * 3
             bullet.changeDynamics(body, link, localInertiaDiagonal=inertia, restitution=0, physicsClientId=client)
-        # Joints are born with a motor that holds them; without force it is gone.
+        # A new joint has a motor that holds it; a force of 0 disables the motor.
         bullet.setJointMotorControlArray(body, joints, bullet.VELOCITY_CONTROL, forces=[0.0] * links, physicsClientId=client)
         return body, joints
 
     def _box(self, vehicle: Vehicle) -> int:
-        """Return a shape: the body reaches from the front bumper backwards, its link sits in the centre of gravity."""
+        """Return the shape of a vehicle, a box behind the front bumper; the link is at the centre of gravity."""
         shape: int = self._bullet.createCollisionShape(
             self._bullet.GEOM_BOX,
             halfExtents=[vehicle.length / 2, vehicle.width / 2, vehicle.height / 2],
@@ -105,31 +105,31 @@ class BulletWorld:
         return shape
 
     def motions(self) -> list[Motion]:
-        """Return the motion of every body, in the order in which they were given."""
-        self._check()
+        """Return the motion of every body, in the order of the vehicles."""
+        self._check_open()
         states = self._bullet.getJointStates
-        found = [states(group, joints, physicsClientId=self._client) for group, joints, _ in self._groups]
+        groups = [states(group, joints, physicsClientId=self._client) for group, joints, _ in self._groups]
         return [
             Motion(x, y, yaw, vx, vy, rate)
-            for joints in found
+            for joints in groups
             for (x, vx, _, _), (y, vy, _, _), (yaw, rate, _, _) in zip(*[iter(joints)] * 3, strict=True)
         ]
 
     def step(self, forces: Sequence[float]) -> None:
         """Advance by one step under `forces` (x [N], y [N], moment [N m] of every body, flat)."""
-        self._check()
+        self._check_open()
         drive, kind = self._bullet.setJointMotorControlArray, self._bullet.TORQUE_CONTROL
-        for group, joints, theirs in self._groups:
-            drive(group, joints, kind, forces=forces[theirs], physicsClientId=self._client)
+        for group, joints, part in self._groups:
+            drive(group, joints, kind, forces=forces[part], physicsClientId=self._client)
         self._bullet.stepSimulation(physicsClientId=self._client)
 
     def contacts(self) -> list[tuple[int, int]]:
         """Return the pairs (lower index first) of bodies that touched at the start of the last step.
 
-        The engine detects contacts at the start of a step and resolves them within it. Two bodies count as touching
-        when they overlap there, or when the step pushed them apart although a sliver of air was left between them.
+        The engine detects contacts at the start of a step and resolves them within the step. Two bodies touch if they overlap, or
+        if the engine pushed them apart across a small gap.
         """
-        self._check()
+        self._check_open()
         points = self._bullet.getContactPoints(physicsClientId=self._client)
         if not points:
             return []
@@ -143,7 +143,7 @@ class BulletWorld:
 
     def remove(self, body: int) -> None:
         """Take `body` out of the world: it stands still and touches nothing any more."""
-        self._check()
+        self._check_open()
         group, link = self._link(body)
         self._bullet.setCollisionFilterGroupMask(group, link + 2, 0, 0, physicsClientId=self._client)
         for joint in range(link, link + 3):
@@ -151,18 +151,18 @@ class BulletWorld:
             self._bullet.resetJointState(group, joint, place, 0.0, physicsClientId=self._client)
 
     def close(self) -> None:
-        """Give the engine back for the next world."""
+        """Release the engine for the next world."""
         if self._open:
             self._open = False
             _free.append((os.getpid(), self._client))
 
-    def _check(self) -> None:
+    def _check_open(self) -> None:
         if not self._open:
             raise RunError("this world is closed: build a new one for every run")
 
 
 _free: list[tuple[int, int]] = []
-"""Connected engines without a world, by the process that connected them: connecting takes 20 ms, resetting 0.3 ms."""
+"""Connected engines without a world, each with its process id; a connection takes 20 ms, a reset 0.3 ms."""
 
 
 def _acquire() -> tuple[ModuleType, int]:
@@ -172,7 +172,7 @@ def _acquire() -> tuple[ModuleType, int]:
     # An engine connected before a fork belongs to the parent, and a driver may have disconnected one.
     _free[:] = [entry for entry in _free if entry[0] == pid and bullet.isConnected(entry[1])]
     client = _free.pop()[1] if _free else bullet.connect(bullet.DIRECT)
-    if client == 0:  # a driver that uses pybullet and names no engine works on this one: it stays idle
+    if client == 0:  # engine 0 is left to drivers that use pybullet without naming an engine
         client = bullet.connect(bullet.DIRECT)
     if client < 0:
         raise RunError("pybullet has no engine left for another world: close worlds that are no longer used")
@@ -180,7 +180,7 @@ def _acquire() -> tuple[ModuleType, int]:
 
 
 def _load() -> ModuleType:
-    """Import pybullet without the line that it prints on standard error."""
+    """Import pybullet, and suppress the line that the import prints on standard error."""
     try:
         with _silent_stderr():
             import pybullet
@@ -192,7 +192,7 @@ def _load() -> ModuleType:
 
 @contextlib.contextmanager
 def _silent_stderr() -> Iterator[None]:
-    # The line comes from C code, so the file descriptor is redirected; a process may also have none.
+    # C code prints the line, so the file descriptor is redirected. A process may have no standard error.
     try:
         saved = os.dup(2)
     except OSError:

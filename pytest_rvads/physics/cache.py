@@ -1,8 +1,8 @@
-"""A cache on disk for speeds that are found by testing; it saves time and never decides anything.
+"""A cache on disk for speeds that are found by tests. The cache saves time and changes no result.
 
-An entry's key holds all that its value depends on: the parameters, the code of this package, the versions of what computes.
-So no entry ever becomes wrong, only unused. Every entry is a file of its own, which processes may write at the same
-time; one that is damaged, no regular file, or can't be read or written counts as absent.
+The key of an entry contains everything that its value depends on: the parameters, the code of this package, and the versions of
+the libraries. So an entry never becomes wrong. Every entry is a file, which several processes may write at the same time. A file
+that is damaged, not regular, or can't be read or written counts as absent.
 
 The import of platformdirs takes some 10 ms, and happens only if ``RVADS_CACHE`` names no folder. Tests switch the cache off.
 """
@@ -25,54 +25,54 @@ from pytest_rvads.versions import code, versions
 __all__ = ["VARIABLE", "cached", "folder"]
 
 VARIABLE = "RVADS_CACHE"
-"""Environment variable that names the folder of the cache; empty, it switches the cache off."""
+"""Environment variable with the folder of the cache; an empty value switches the cache off."""
 _MOST_BYTES = 2**16
-"""Of an entry; they take some 2,000."""
+"""Greatest size of an entry; usual entries have some 2,000 bytes [bytes]."""
 
 
 def cached(key: Mapping[str, Any], compute: Callable[[], float | None], *libraries: str) -> float | None:
-    """Return the number kept under `key`, or compute and keep it.
+    """Return the cached number of a key; compute and cache the number if it is absent.
 
     Args:
-        key: everything that the number depends on but code and versions, which are added; values that JSON knows.
-        compute: called where nothing is kept; what it raises is not kept.
-        libraries: packages that compute; their versions are part of the key.
+        key: all values that the number depends on, as JSON values; code and versions are added.
+        compute: computes the number; an exception is not cached.
+        libraries: packages that the computation uses; their versions are part of the key.
     """
     where = folder()
     if where is None:
         return compute()
     name = json.dumps([dict(key), code(), versions(*libraries), platform.platform()], sort_keys=True)
     path = where / f"{sha256(name.encode()).hexdigest()}.json"
-    kept = _read(path, name)
-    if kept is not None:
-        return kept[0]
+    entry = _read(path, name)
+    if entry is not None:
+        return entry[0]
     value = compute()
     _write(path, _entry(name, value))
     return value
 
 
 def folder() -> Path | None:
-    """Return the folder of the cache, the user's unless the environment names one; None where it is switched off."""
+    """Return the folder of the cache: that of the environment variable, else that of the user; None if the cache is off."""
     chosen = os.environ.get(VARIABLE)
     if chosen is not None:
         return Path(chosen) if chosen else None
-    from platformdirs import user_cache_path  # where the cache is switched off, as in tests, nothing needs it
+    from platformdirs import user_cache_path  # not imported if the cache is off, as in tests
 
     try:
         path = user_cache_path("pytest-rvads", appauthor=False, opinion=False)
-    except RuntimeError:  # nobody's home, which older versions of platformdirs tell by a relative path
+    except RuntimeError:  # the user has no home folder; older versions of platformdirs return a relative path
         return None
     return path if path.is_absolute() else None
 
 
 def _entry(name: str, value: float | None) -> str:
-    """Return the text of an entry: a checksum, then key and value."""
+    """Return the text of an entry: a checksum, and a line with key and value."""
     body = json.dumps({"key": name, "value": value})
     return f"{sha256(body.encode()).hexdigest()}\n{body}"
 
 
 def _read(path: Path, name: str) -> tuple[float | None] | None:
-    """Return the value of an entry as a tuple of one, or None where there is no whole entry of this key."""
+    """Return the value of an entry as a tuple with one element; None without an undamaged entry of this key."""
     try:
         text = read_file(path, _MOST_BYTES).decode()
         value = json.loads(text.split("\n", 1)[1])["value"]
@@ -83,8 +83,8 @@ def _read(path: Path, name: str) -> tuple[float | None] | None:
 
 
 def _write(path: Path, text: str) -> None:
-    """Put an entry into place; a cache that can't be written is no reason to fail."""
+    """Write an entry; a folder that can't be written to is no error."""
     with contextlib.suppress(OSError):
         if path.is_symlink() or not path.is_file():
-            path.unlink(missing_ok=True)  # a link or pipe would be written through
+            path.unlink(missing_ok=True)  # a link or pipe would lead the text elsewhere
         write_file(path, text.encode())

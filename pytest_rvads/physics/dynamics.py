@@ -1,8 +1,8 @@
 """Vehicle dynamics: actuators and tyre forces of a dynamic single-track model.
 
-Both wheels of an axle are one (Rajamani, Vehicle Dynamics and Control, 2nd ed., section 2.3). Every axle has a linear
-cornering stiffness inside a friction circle whose radius follows the quasi-static load transfer. Two caps replace a
-special model for low speeds: no force may undo more motion in one step than there is, so a standing vehicle stands.
+The model has one wheel per axle (Rajamani, Vehicle Dynamics and Control, 2nd ed., section 2.3). Every axle has a linear cornering
+stiffness inside a friction circle, whose radius follows the quasi-static load transfer. Two caps replace a special model for low
+speeds: no force reverses a motion within one step, so a standing vehicle stays at rest.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ _REST = 1e-9
 
 
 class Dynamics:
-    """Actuators and tyres of one vehicle; state are the actuators and the last acceleration.
+    """Actuators and tyres of one vehicle. The state consists of the actuators and the last acceleration.
 
     Args:
-        vehicle: the parameters.
-        aggression: 1, 2 or 3, selects the deceleration at full service brake.
+        vehicle: parameters of the vehicle.
+        aggression: braking level 1, 2 or 3, which selects the deceleration at full service brake.
     """
 
     def __init__(self, vehicle: Vehicle, aggression: int = 1) -> None:
@@ -54,10 +54,10 @@ class Dynamics:
         """Angle of the front wheels [rad]."""
         self._pull = 0.0
 
-    def forces(  # noqa: PLR0913 - plain numbers: it is called in every step
+    def forces(  # noqa: PLR0913 - plain numbers, because every step calls it
         self, cos: float, sin: float, vx: float, vy: float, yaw_rate: float, throttle: float, brake: float, steering: float
     ) -> tuple[float, float, float]:
-        """Move the actuators on by one step and return the forces on the body during it.
+        """Advance the actuators by one step and return the forces on the body during this step.
 
         Args:
             cos: of the heading.
@@ -75,8 +75,8 @@ class Dynamics:
         self.drive += self._push_share * (throttle * self._push - self.drive)
         self.brake += self._hold_share * (brake * self._hold - self.brake)
         limit, rate = self._steering_limit, self._steering_step
-        wanted = limit if steering > limit else -limit if steering < -limit else steering
-        change = wanted - self.steering
+        target = limit if steering > limit else -limit if steering < -limit else steering
+        change = target - self.steering
         self.steering += rate if change > rate else -rate if change < -rate else change
 
         forward = vx * cos + vy * sin
@@ -85,11 +85,11 @@ class Dynamics:
         push = self._mass * self.drive
         resistance = self._mass * self.brake + self._rolling
         if push <= resistance and -_REST < forward < _REST and -_REST < left < _REST and -_REST < yaw_rate < _REST:
-            # At rest the tyres stick; what rounding has left of the motion is taken away.
+            # At rest the tyres stick: the forces stop the motion that rounding errors have left.
             self._pull = 0.0
             return -self._stop * vx, -self._stop * vy, -self._turn_stop * yaw_rate
 
-        # Along the vehicle: brake and rolling resistance may stop the vehicle within the step, not turn it round.
+        # Along the vehicle: brake and rolling resistance may stop the vehicle within the step, but not reverse it.
         free = forward + push / self._stop
         enough = self._stop * (free if free > 0.0 else -free)
         resistance = resistance if resistance < enough else enough
@@ -139,8 +139,8 @@ def _cornering(slip: float, along: float, stiffness: float, cap: float) -> float
     """Return the lateral force of an axle [N] that moves at `slip` sideways and `along` its wheels [m/s]."""
     if slip == 0.0:
         return 0.0
-    aside = slip if slip > 0.0 else -slip
-    force = stiffness * math.atan2(aside, along if along > 0.0 else -along)
-    most = cap * aside
-    force = force if force < most else most
+    speed = slip if slip > 0.0 else -slip
+    force = stiffness * math.atan2(speed, along if along > 0.0 else -along)
+    cap_force = cap * speed
+    force = force if force < cap_force else cap_force
     return -force if slip > 0.0 else force

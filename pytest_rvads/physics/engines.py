@@ -1,4 +1,4 @@
-"""The physics engines that worlds are made in, and which of them is the usual one."""
+"""The physics engines, and the choice of the usual engine."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ __all__ = ["BULLET", "MUJOCO", "Engine", "usual"]
 
 @dataclass(frozen=True, slots=True)
 class Engine:
-    """What moves bodies in the plane."""
+    """A physics engine that moves bodies in the plane."""
 
     name: str
-    """What simulators that use it are called."""
+    """Name of the engine and of the simulators that use it."""
     library: str
-    """Its package; it is imported with the first world."""
+    """Package of the engine, imported with the first world."""
     world: WorldMaker
 
 

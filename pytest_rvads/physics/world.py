@@ -1,4 +1,4 @@
-"""The world: rigid bodies in the plane, which an engine moves and keeps from passing through each other."""
+"""The protocol of worlds: rigid bodies in the plane, moved by an engine that detects and resolves collisions."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ class Motion(NamedTuple):
 
 
 class World(Protocol):
-    """Rigid bodies in the plane; the only thing the simulation asks of a physics engine."""
+    """Rigid bodies in the plane: the part of a physics engine that a simulation uses."""
 
     def motions(self) -> list[Motion]:
-        """Return the motion of every body, in the order in which they were given."""
+        """Return the motion of every body, in the order of the vehicles given to the `WorldMaker`."""
 
     def step(self, forces: Sequence[float]) -> None:
         """Advance by one step of `DT`.
@@ -41,15 +41,17 @@ class World(Protocol):
         """
 
     def contacts(self) -> list[tuple[int, int]]:
-        """Return the pairs (lower index first) of bodies that touched at the start of the last step, before it was resolved."""
+        """Return the pairs (lower index first) of bodies that touched at the start of the last step."""
 
     def remove(self, body: int) -> None:
         """Take `body` out of the world: it stands still and touches nothing any more."""
 
     def close(self) -> None:
-        """Free the world; it can't be used afterwards."""
+        """Free the resources of the world, which can't be used afterwards."""
 
 
 WorldMaker = Callable[[Sequence[Vehicle], Sequence[Motion]], World]
-"""Makes a world of bodies: mass, inertia and body of every vehicle, and their initial motions in the same order. The state of the
-engine is built anew for every world, so that a run does not depend on the runs before it."""
+"""Makes a world from vehicles (mass, inertia, body) and their initial motions, in the same order.
+
+The state of the engine is built anew for every world, so that a run does not depend on earlier runs.
+"""

@@ -99,8 +99,5 @@ class Case:
 
     def agents(self) -> tuple[Agent, ...]:
         """Return the agents with their kinds and sizes, by entrance."""
-        found = []
-        for agent in self.scenario.agents():
-            vehicle = self.fleet.of(agent.name)
-            found.append(replace(agent, kind=vehicle.kind, size=(vehicle.length, vehicle.width)))
-        return tuple(found)
+        bodies = [(agent, self.fleet.of(agent.name)) for agent in self.scenario.agents()]
+        return tuple(replace(agent, kind=v.kind, size=(v.length, v.width)) for agent, v in bodies)

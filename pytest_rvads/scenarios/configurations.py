@@ -109,12 +109,12 @@ def configuration(label: str, entrances: int, control: JunctionControl = Junctio
     """
     if not _STAGGERED_LABEL.fullmatch(label):
         return _of_paper(label, entrances)
-    own, _ = _AT_STOPS if control is JunctionControl.STOP else _ELSEWHERE
-    others = [float(number) for number in label[1:].split("_")]
-    others *= entrances - 1 if len(others) == 1 else 1
-    if len(others) != entrances - 1:
-        raise ScenarioError(f"configuration {label!r} is for {len(others) + 1} entrances, the junction has {entrances}")
-    return Configuration(label, (float(own), *others), (_STAGGERED_SPEED,) * entrances, staggered=True)
+    of_subject, _ = _AT_STOPS if control is JunctionControl.STOP else _ELSEWHERE
+    of_traffic = [float(number) for number in label[1:].split("_")]
+    of_traffic *= entrances - 1 if len(of_traffic) == 1 else 1
+    if len(of_traffic) != entrances - 1:
+        raise ScenarioError(f"configuration {label!r} is for {len(of_traffic) + 1} entrances, the junction has {entrances}")
+    return Configuration(label, (float(of_subject), *of_traffic), (_STAGGERED_SPEED,) * entrances, staggered=True)
 
 
 def _of_paper(letter: str, entrances: int) -> Configuration:
@@ -209,7 +209,7 @@ def probe(point: Configuration, envelope: Envelope) -> str:
         limit = envelope(distance) or 0.0
         return f"a deliberate probe: at {speed:g} m/s nobody stops within {distance:g} m, v(d)max is {limit:.2f} m/s"
     if min(point.distances) <= _NEAR:
-        return f"a deliberate probe: {_NEAR:g} m before the line nobody stays who drives off before looking"
+        return f"a deliberate probe: {_NEAR:g} m before the line a vehicle that drives off before looking crosses the line"
     return ""
 
 

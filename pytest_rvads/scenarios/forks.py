@@ -45,15 +45,15 @@ class Fork(NamedTuple):
 def forks(place: Junction) -> tuple[Fork, ...]:
     """Return the pairs of entrances whose approaches are one lane upstream; entrances without a known approach are skipped."""
     lines = {e: _sample(lane.approach) for e, lane in enumerate(place.entrances) if lane.approach}
-    found = []
-    for one, two in combinations(lines, 2):
-        parted = _parting(lines[one], lines[two])
-        if parted is None and (turned := _parting(lines[two], lines[one])) is not None:
-            parted = turned[1], turned[0]
-        if parted is not None:
-            first, second = (left - place.setbacks[e] for e, left in zip((one, two), parted, strict=True))
-            found.append(Fork((one, two), (first, second)))
-    return tuple(found)
+    pairs = []
+    for first, second in combinations(lines, 2):
+        distances = _parting(lines[first], lines[second])
+        if distances is None and (swapped := _parting(lines[second], lines[first])) is not None:
+            distances = swapped[1], swapped[0]
+        if distances is not None:
+            of_first, of_second = distances[0] - place.setbacks[first], distances[1] - place.setbacks[second]
+            pairs.append(Fork((first, second), (of_first, of_second)))
+    return tuple(pairs)
 
 
 @lru_cache(maxsize=256)
@@ -64,26 +64,26 @@ def near(place: Junction) -> frozenset[tuple[int, int]]:
     """
     lines = {e: _sample(lane.approach)[::-2] for e, lane in enumerate(place.entrances) if lane.approach}
     pairs = combinations(lines, 2)
-    return frozenset((a, b) for a, b in pairs if min(_apart(p, lines[b]).min() for p in lines[a]) < _NEAR)
+    return frozenset((a, b) for a, b in pairs if min(_gaps(p, lines[b]).min() for p in lines[a]) < _NEAR)
 
 
-def _parting(one: NDArray[np.float64], two: NDArray[np.float64]) -> tuple[float, float] | None:
+def _parting(first: NDArray[np.float64], second: NDArray[np.float64]) -> tuple[float, float] | None:
     """Return the distances before their ends at which two lines part [m]; None if the first does not begin on the second."""
-    if _apart(one[0], two).min() >= _BESIDE:
+    if _gaps(first[0], second).min() >= _BESIDE:
         return None
-    mine = yours = 0
-    for k, point in enumerate(one):
-        apart = _apart(point, two)
-        if apart.min() >= _BESIDE:
+    last = nearest = 0
+    for k, point in enumerate(first):
+        gaps = _gaps(point, second)
+        if gaps.min() >= _BESIDE:
             break
-        mine, yours = k, int(apart.argmin())
-    return (len(one) - 1 - mine) * _SPACING, (len(two) - 1 - yours) * _SPACING
+        last, nearest = k, int(gaps.argmin())
+    return (len(first) - 1 - last) * _SPACING, (len(second) - 1 - nearest) * _SPACING
 
 
-def _apart(point: NDArray[np.float64], line: NDArray[np.float64]) -> NDArray[np.float64]:
+def _gaps(point: NDArray[np.float64], line: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the distances of the points of a line from one point [m]."""
-    apart: NDArray[np.float64] = np.hypot(*(line - point).T)
-    return apart
+    gaps: NDArray[np.float64] = np.hypot(*(line - point).T)
+    return gaps
 
 
 def _sample(line: Segment) -> NDArray[np.float64]:

@@ -27,25 +27,32 @@ is odd. An item of a recording has another id, ``drive17-t0312.4-p1``: the file 
 between folders; the time at which the junction becomes busy, or the label of the run, if the file has several runs; and the rule.
 Agents are named by arm: ``a0`` is the first vehicle at arm 0, ``a0.1`` the first on lane 1 of that arm, and ``a0+1`` the next
 vehicle behind.
+
+`recalled` reads a scenario from the record of a scenario in a run file or an export.
 """
 
 from __future__ import annotations
 
 import os
 import re
+from collections.abc import Mapping
 from dataclasses import fields
-from typing import Any
+from typing import Annotated, Any
 
+import msgspec
+
+from pytest_rvads.decoding import typed
 from pytest_rvads.drivers.traffic import DEFAULT
 from pytest_rvads.errors import ScenarioError, suggest
 from pytest_rvads.junctions.finder import called, find
+from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.scenarios.classes import parse
 from pytest_rvads.scenarios.configurations import configuration
 from pytest_rvads.scenarios.orbits import rotate
 from pytest_rvads.scenarios.scenario import Scenario, started
 from pytest_rvads.scenarios.senses import Senses
 
-__all__ = ["from_id", "run_id"]
+__all__ = ["from_id", "recalled", "run_id"]
 
 _ID = re.compile(
     r"(?P<place>[A-Za-z0-9_.]+)-(?P<cls>[A-Za-z0-9_.]+)-as(?P<code>[0-9a-z_]+)(-s(?P<seat>\d+))?-cfg(?P<point>[A-Za-z0-9_.]+)(?P<rest>-.*)?"
@@ -54,7 +61,7 @@ _POINT = re.compile(
     r"(?P<cfg>[A-J]|S[\d_]*\d|d(?P<d>[\d._]*\d)v(?P<v>[\d._]*\d))(\.f(?P<followers>\d))?(?P<senses>(\.[a-z_]+(\d+\.\d+|\d+)?)*?)"
     r"(\.r(?P<rotation>\d+))?(\.o(?P<order>(?=[a-z]*\d)[0-9a-z]+))?"
 )
-"""An order has digits, unlike a sense that begins with o."""
+"""The parts of a configuration in ids; the digits of an order tell it from a sense that begins with ``o``."""
 _SENSE = re.compile(r"\.([a-z_]+)(\d+\.\d+|\d+)?")
 
 
@@ -74,21 +81,21 @@ def from_id(id: str, map: str | os.PathLike[str] | None = None) -> Scenario:
         ScenarioError: the text is no id, or does not fit the junction; the message says what is expected.
         MapError: no junction has this name.
     """
-    said = _ID.fullmatch(id)
-    point = said and _POINT.fullmatch(said["point"])
-    if not (said and point):
+    parts = _ID.fullmatch(id)
+    point = parts and _POINT.fullmatch(parts["point"])
+    if not (parts and point):
         raise ScenarioError(
             f"{id!r:.200} is no id of a scenario, expected such as 'stop4-class07-as1133-cfgD', with the configuration A to J, "
             "a staggered one such as S21, or its distances and speeds, such as cfgd20.00v10.00"
         )
-    place = find(said["place"]) if map is None else called(said["place"], map)
+    place = find(parts["place"]) if map is None else called(parts["place"], map)
     rotation = int(point["rotation"] or 0)
-    code = parse(said["code"])
+    code = parse(parts["code"])
     if len(code) != len(place.entrances):
         raise ScenarioError(
-            f"{id!r:.200}: {said['code']!r} is for {len(code)} entrances, {place.name!r} has {len(place.entrances)}"
+            f"{id!r:.200}: {parts['code']!r} is for {len(code)} entrances, {place.name!r} has {len(place.entrances)}"
         )
-    seat, followers = None if said["seat"] is None else int(said["seat"]), int(point["followers"] or 0)
+    seat, followers = None if parts["seat"] is None else int(parts["seat"]), int(point["followers"] or 0)
     start: dict[str, Any] = {"distance": _numbers(point["d"]), "speed": _numbers(point["v"])}
     if point["d"] is None:
         start = started(configuration(point["cfg"], len(code), place.control), place, rotation, seat, followers)
@@ -103,7 +110,7 @@ def from_id(id: str, map: str | os.PathLike[str] | None = None) -> Scenario:
         followers=followers,
     )
     if not f"{id}-".startswith(f"{scenario.name}-"):
-        raise ScenarioError(f"{id!r:.200} is not what the scenario is called that it describes{suggest(id, [scenario.name])}")
+        raise ScenarioError(f"{id!r:.200} is not the id of the scenario that it describes{suggest(id, [scenario.name])}")
     return scenario
 
 
@@ -117,11 +124,63 @@ def _numbers(text: str | None) -> float | tuple[float, ...]:
 
 
 def _senses(text: str) -> Senses:
-    known: dict[str, Any] = {item.name: item.default for item in fields(Senses)}
+    defaults: dict[str, Any] = {item.name: item.default for item in fields(Senses)}
     values: dict[str, Any] = {}
     for name, number in _SENSE.findall(text):
-        if name not in known:
-            raise ScenarioError(f"senses have {', '.join(known)}, got {name!r}{suggest(name, known)}")
-        kind = type(known[name])
+        if name not in defaults:
+            raise ScenarioError(f"senses have {', '.join(defaults)}, got {name!r}{suggest(name, defaults)}")
+        kind = type(defaults[name])
         values[name] = True if kind is bool else kind(float(number or 0))
     return Senses(**values)
+
+
+_Lanes = Annotated[list[int], msgspec.Meta(max_length=100)]
+
+
+class _Record(msgspec.Struct, frozen=True):
+    directions: _Lanes
+    distances: list[float]
+    speeds: list[float]
+    rotation: int
+    configuration: str
+    duration: float
+    aggression: int
+    wait: float
+    subject: int | None
+    order: _Lanes
+    senses: dict[str, float | int | bool]
+    followers: int = 0
+
+
+def recalled(record: Mapping[str, Any], place: Junction, where: str) -> Scenario:
+    """Return the scenario of a record.
+
+    Args:
+        record: a record of `Scenario.record`; its fields about the junction are ignored.
+        place: the junction of the scenario.
+        where: the beginning of the error message.
+
+    Raises:
+        ScenarioError: a field is missing or impossible.
+    """
+    start = typed(dict(record), _Record, where, ScenarioError)
+    try:
+        return Scenario(
+            place,
+            start.directions,
+            distance=start.distances,
+            speed=start.speeds,
+            rotation=start.rotation,
+            configuration=start.configuration,
+            duration=start.duration,
+            aggression=start.aggression,
+            wait=start.wait,
+            subject=start.subject,
+            order=start.order,
+            senses=Senses(**start.senses),  # type: ignore[arg-type]
+            followers=start.followers,
+        )
+    except TypeError as error:
+        raise ScenarioError(f"{where}: the field 'senses' has a field that senses do not have: {error}") from error
+    except ScenarioError as error:
+        raise ScenarioError(f"{where}: {error}") from error

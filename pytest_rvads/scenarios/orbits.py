@@ -177,8 +177,8 @@ class Orbits:
         for _ in range(length - 1):
             powers.append(_times(powers[-1], step))
         traces = [sum(power[k][k] for k in range(length)) for power in powers]
-        rest = sum(traces[gcd(r, length) - 1] for r in range(1, length + 1)) // length
-        return self.count - rest + 1
+        not_smaller = sum(traces[gcd(r, length) - 1] for r in range(1, length + 1)) // length
+        return self.count - not_smaller + 1
 
     def label(self, number: int) -> str:
         """Return ``class07``: the number padded to the width of the count of classes, at least two digits."""
@@ -197,9 +197,9 @@ class Orbits:
         """Return the share of words of any period that have a vehicle at `entrance`."""
         first = 0
         for letters in self.slots:
-            here, first = entrance - first, first + len(letters[0])
+            lane, first = entrance - first, first + len(letters[0])
             if entrance < first:
-                return Fraction(sum(letter[here] > 0 for letter in letters), len(letters))
+                return Fraction(sum(letter[lane] > 0 for letter in letters), len(letters))
         raise ScenarioError(f"entrances are numbered from 0 to {self.size - 1}, got {entrance!r}")
 
     @cached_property
@@ -225,7 +225,7 @@ class Orbits:
             for letters in self.slots[each - 1 :: -1]:
                 letter, rank = divmod(letter, len(letters))
                 chosen.append(letters[rank])
-            code += [direction for one in reversed(chosen) for direction in one]
+            code += [direction for letter_of_slot in reversed(chosen) for direction in letter_of_slot]
         return tuple(code)
 
 
@@ -249,8 +249,8 @@ def _at(place: Junction, occupancy: str, partial: bool) -> Orbits:
 def _letters(lanes: Sequence[Directions], partial: bool) -> tuple[Directions, ...]:
     """Return the letters of a slot: the directions of all its lanes with one vehicle on one lane, in ascending order."""
     nobody = (0,) * len(lanes)
-    found = [(*nobody[:k], direction, *nobody[k + 1 :]) for k, lane in enumerate(lanes) for direction in lane]
-    return tuple(sorted(found if found and not partial else [nobody, *found]))
+    occupied = [(*nobody[:k], direction, *nobody[k + 1 :]) for k, lane in enumerate(lanes) for direction in lane]
+    return tuple(sorted(occupied if occupied and not partial else [nobody, *occupied]))
 
 
 def _border(word: Sequence[int]) -> int:
@@ -258,6 +258,6 @@ def _border(word: Sequence[int]) -> int:
     return next(k for k in range(len(word) - 1, -1, -1) if word[:k] == word[len(word) - k :])
 
 
-def _times(one: list[list[int]], other: list[list[int]]) -> list[list[int]]:
-    columns = list(zip(*other, strict=True))
-    return [[sum(a * b for a, b in zip(row, column, strict=True)) for column in columns] for row in one]
+def _times(matrix: list[list[int]], factor: list[list[int]]) -> list[list[int]]:
+    columns = list(zip(*factor, strict=True))
+    return [[sum(a * b for a, b in zip(row, column, strict=True)) for column in columns] for row in matrix]

@@ -34,8 +34,8 @@ def pairs_at(place: Junction, *, conflicting: bool = False) -> tuple[Pair, ...]:
     """
     if conflicting and place.conflicts is None:
         raise ScenarioError(f"the conflicts of junction {place.name!r} are not known, since it is not known where its lanes lie")
-    found = combinations(sorted(place.movements), 2)
-    return tuple(pair for pair in found if pair[0][0] != pair[1][0] and (not conflicting or pair in (place.conflicts or ())))
+    pairs = combinations(sorted(place.movements), 2)
+    return tuple(pair for pair in pairs if pair[0][0] != pair[1][0] and (not conflicting or pair in (place.conflicts or ())))
 
 
 def pairs_in(place: Junction, code: Directions) -> Iterator[Pair]:
@@ -59,42 +59,42 @@ def covering(place: Junction, orbits: Orbits, seat: int | None = None, *, confli
     Raises:
         ScenarioError: no such pair is possible, or conflicting pairs are requested and the conflicts are unknown.
     """
-    wanted = frozenset(pairs_at(place, conflicting=conflicting))
+    required = frozenset(pairs_at(place, conflicting=conflicting))
     slots = _placed(place, orbits, seat)
     moves = [[_movement(place, first, letter) for letter in letters] for first, letters in slots]
-    missing = dict.fromkeys(pair for pair in _choices(moves) if _between(moves, *pair) in wanted)
+    missing = dict.fromkeys(pair for pair in _choices(moves) if _pair_of(moves, *pair) in required)
     if not missing:
-        what = "conflicting movements" if conflicting else "movements"
+        kind = "conflicting movements" if conflicting else "movements"
         but = f" without the {len(place.tight)} on which no car can keep its lane" if place.tight else ""
-        raise ScenarioError(f"no two {what} of junction {place.name!r} happen in one scenario{but}: choose another cover")
-    found = []
+        raise ScenarioError(f"no two {kind} of junction {place.name!r} happen in one scenario{but}: choose another cover")
+    rows = []
     while missing:
         row = _row(list(map(len, moves)), missing)
         for pair in combinations(enumerate(row), 2):
             missing.pop(pair, None)
         chosen = [letters[rank] for (_, letters), rank in zip(slots, row, strict=True)]
-        found.append(tuple(direction for letter in chosen for direction in letter))
-    return tuple(found)
+        rows.append(tuple(direction for letter in chosen for direction in letter))
+    return tuple(rows)
 
 
 def _placed(place: Junction, orbits: Orbits, seat: int | None) -> list[tuple[int, Sequence[Directions]]]:
     """Return, per slot, its first entrance and its letters without tight movements; at the seat, only letters with a vehicle."""
-    found: list[tuple[int, Sequence[Directions]]] = []
+    slots: list[tuple[int, Sequence[Directions]]] = []
     first = 0
     for every in orbits.slots:
         # A slot without remaining movements has no vehicle.
         letters = [c for c in every if _movement(place, first, c) not in place.tight] or [(0,) * len(every[0])]
-        here = None if seat is None else seat - first
-        inside = here is not None and 0 <= here < len(letters[0])
-        kept = [letter for letter in letters if letter[here or 0]] if inside else letters
-        if not kept:
+        lane = None if seat is None else seat - first
+        inside = lane is not None and 0 <= lane < len(letters[0])
+        with_vehicle = [letter for letter in letters if letter[lane or 0]] if inside else letters
+        if not with_vehicle:
             raise ScenarioError(
                 f"no movement on which a car can keep its lane leads from entrance {seat}, so no vehicle under test can stand "
                 "there: choose another one"
             )
-        found.append((first, kept))
+        slots.append((first, with_vehicle))
         first += len(letters[0])
-    return found
+    return slots
 
 
 def _movement(place: Junction, first: int, letter: Directions) -> Key | None:
@@ -107,10 +107,10 @@ def _choices(moves: Sequence[Sequence[object]]) -> Iterator[tuple[_Choice, _Choi
         yield from product(((i, rank) for rank in range(len(moves[i]))), [(j, rank) for rank in range(len(moves[j]))])
 
 
-def _between(moves: Sequence[Sequence[Key | None]], one: _Choice, other: _Choice) -> Pair | None:
+def _pair_of(moves: Sequence[Sequence[Key | None]], choice: _Choice, later: _Choice) -> Pair | None:
     """Return the movements of two letters of different slots, in the order of the slots and so of the entrances."""
-    mine, yours = moves[one[0]][one[1]], moves[other[0]][other[1]]
-    return None if mine is None or yours is None else (mine, yours)
+    first, second = moves[choice[0]][choice[1]], moves[later[0]][later[1]]
+    return None if first is None or second is None else (first, second)
 
 
 def _row(sizes: Sequence[int], missing: Collection[tuple[_Choice, _Choice]]) -> list[int]:
@@ -124,12 +124,12 @@ def _row(sizes: Sequence[int], missing: Collection[tuple[_Choice, _Choice]]) -> 
     while len(row) < len(sizes):
         best = max(
             ((slot, rank) for slot, size in enumerate(sizes) if slot not in row for rank in range(size)),
-            key=lambda choice: (_new(choice, row.items(), missing), -choice[0], -choice[1]),
+            key=lambda choice: (_new_pairs(choice, row.items(), missing), -choice[0], -choice[1]),
         )
         row[best[0]] = best[1]
     return [row[slot] for slot in range(len(sizes))]
 
 
-def _new(choice: _Choice, chosen: Iterable[_Choice], missing: Collection[tuple[_Choice, _Choice]]) -> int:
+def _new_pairs(choice: _Choice, chosen: Iterable[_Choice], missing: Collection[tuple[_Choice, _Choice]]) -> int:
     """Return the number of missing pairs that a choice adds to the chosen letters."""
-    return sum(((choice, other) if choice < other else (other, choice)) in missing for other in chosen)
+    return sum(((choice, letter) if choice < letter else (letter, choice)) in missing for letter in chosen)

@@ -1,4 +1,4 @@
-"""Concrete scenarios: an abstract scenario with distances, speeds and all else that a run depends on."""
+"""Concrete scenarios: an abstract scenario with distances, speeds and all other parameters of a run."""
 
 from __future__ import annotations
 
@@ -42,13 +42,13 @@ __all__ = [
 ]
 
 MOST_FOLLOWERS = 9
-"""Most vehicles that queue behind each."""
+"""Greatest number of vehicles that queue behind each vehicle."""
 QUEUE_GAP = 2.0
-"""Between two vehicles of a queue, beside what they keep for their speed [m]."""
+"""Gap between two vehicles of a standing queue [m]."""
 QUEUE_TIME = 1.0
-"""Headway that followers start with [s]."""
+"""Time gap of followers at the start, in addition to `QUEUE_GAP` [s]."""
 _ROUNDING = 1e-9
-"""Distances that are sums of the same numbers may differ by so much [m]."""
+"""Greatest rounding error of a distance [m]."""
 _IN_IDS = re.compile(r"[A-Za-z0-9_.-]+")
 
 
@@ -68,8 +68,8 @@ class _Start(NamedTuple):
 class Scenario:
     """One vehicle per occupied entrance of a junction, each with a direction, a distance and a speed.
 
-    Everything is given per entrance as it stands before rotation; row `rotation` of the class moves directions,
-    distances, speeds and creation order on by that many entrances and takes the light phase along, see `signals`.
+    All values are per entrance before rotation. Row `rotation` of the class moves directions, distances, speeds and the order of
+    creation on by `rotation` entrances, and changes the light phase, see `signals`.
 
     Example:
         >>> Scenario(find("stop4"), "1133", distance=20, speed=10).name
@@ -98,11 +98,11 @@ class Scenario:
     order: tuple[int, ...]
     """Entrances before rotation, in the order in which their vehicles are created."""
     senses: Senses
-    """How imperfectly the vehicle under test, or all of them, see and act."""
+    """Senses of the vehicle under test, or of all vehicles."""
     followers: int
-    """How many vehicles queue behind each, on the same way."""
+    """Number of vehicles that queue behind each vehicle, on the same itinerary."""
 
-    def __init__(  # noqa: PLR0913 - what a scenario consists of, by keyword
+    def __init__(  # noqa: PLR0913 - the parameters of a scenario, by keyword
         self,
         place: Junction,
         directions: str | Sequence[int],
@@ -119,11 +119,11 @@ class Scenario:
         senses: Senses = IDEAL,
         followers: int = 0,
     ) -> None:
-        """Describe a scenario; numbers may be given once for all entrances, and the longest run is `usual_duration` by default.
+        """Describe a scenario; a single number applies to all entrances, and the duration is `usual_duration` by default.
 
         Raises:
-            ScenarioError: a direction that the junction does not have there, a number or length that does not fit, or a junction
-                that is none.
+            ScenarioError: the junction lacks a direction at an entrance, a number is out of range, a sequence has a wrong length,
+                or `place` is no junction.
         """
         require(place, Junction, "a scenario needs a junction, such as rvads.find('stop4')", ScenarioError)
         code = parse(directions)
@@ -143,7 +143,7 @@ class Scenario:
             raise ScenarioError(
                 f"subject must be an occupied entrance of {label(rotate(code, rotation), place.lanes)}, got {subject!r}"
             )
-        made = tuple(range(count)) if order is None else _order(order, count)
+        creation = tuple(range(count)) if order is None else _order(order, count)
         if configuration is None:
             configuration = explicit_label(distances, speeds)
         elif not (isinstance(configuration, str) and _IN_IDS.fullmatch(configuration)):
@@ -151,7 +151,7 @@ class Scenario:
         require(senses, Senses, "senses must be rvads.Senses(...)", ScenarioError)
         values = (
             *(place, code, distances, speeds, rotation, configuration),
-            *(float(duration), aggression, float(wait), subject, made, senses, followers),
+            *(float(duration), aggression, float(wait), subject, creation, senses, followers),
         )
         for name, value in zip(self.__slots__, values, strict=True):
             object.__setattr__(self, name, value)
@@ -179,12 +179,12 @@ class Scenario:
 
     @property
     def label(self) -> str:
-        """The directions as they stand on the map, as a string: arms parted by ``_`` where one has several entrances."""
+        """The directions on the map as a string; if an arm has several entrances, ``_`` separates the arms."""
         return label(self.placed, self.place.lanes)
 
     @property
     def number(self) -> int:
-        """Number of the structural equivalence class, 0 for a partial scenario: one that is full in no sense of `OCCUPANCIES`."""
+        """Number of the structural equivalence class; 0 for a partial scenario, which is full by none of `OCCUPANCIES`."""
         return _orbit(self.place, self.directions)[1]
 
     @property
@@ -217,7 +217,7 @@ class Scenario:
 
     @property
     def point(self) -> str:
-        """Label of the point of the grid: the configuration, how many follow, and what is not ideal in the senses."""
+        """Label of the point of the grid: the configuration, the number of followers, and the senses that are not ideal."""
         queue = f"f{self.followers}" if self.followers else ""
         return ".".join(filter(None, (self.configuration, queue, self.senses.label)))
 
@@ -234,18 +234,18 @@ class Scenario:
     def starts(self, body: Callable[[str], Vehicle] | None = None) -> tuple[tuple[float, float], ...]:
         """Return per agent its distance to the stopping line [m] and its speed [m/s], in the order of `agents`.
 
-        Whoever follows starts as fast as the one ahead, `QUEUE_GAP` and `QUEUE_TIME` behind its body. Where the lanes of two
-        entrances are still one, whoever is behind in it has to keep as much: distances stay what they were asked to be. Where
-        two approaches converge, bodies on them must not touch.
+        A follower starts at the speed of the vehicle ahead, `QUEUE_GAP` and `QUEUE_TIME` behind its body. Two vehicles from
+        different entrances in a common lane need the same gap, or the scenario is refused. Vehicles on converging approaches
+        must not touch.
 
         Args:
-            body: the vehicle of the agent of a name; passenger cars by default.
+            body: returns the vehicle of an agent, given by name; passenger cars by default.
 
         Raises:
-            ScenarioError: a vehicle would start before its approach begins, two in one lane too close to each other, or two
-                inside each other.
+            ScenarioError: a vehicle would start before the beginning of its approach, two vehicles in one lane would start too
+                close to each other, or two vehicles would start inside each other.
         """
-        found: list[tuple[float, float]] = []
+        starts: list[tuple[float, float]] = []
         before: Agent | None = None
         agents = self.agents()
         bodies = {agent.name: body(agent.name) if body else Vehicle() for agent in agents}
@@ -261,46 +261,48 @@ class Scenario:
                     f"distance {distance:g} m does not fit on entrance {agent.entrance} of junction {self.place.name!r}, where "
                     f"{agent.name} starts: its approach is {room:.1f} m long, choose {cure} or another junction"
                 )
-            found.append((distance, speed))
+            starts.append((distance, speed))
             before = agent
         if near(self.place):
-            starts = [_Start(a.name, a.entrance, bodies[a.name], *at) for a, at in zip(agents, found, strict=True)]
-            self._check_forks(starts)
-            self._check_bodies(starts)
-        return tuple(found)
+            vehicles = [_Start(a.name, a.entrance, bodies[a.name], *start) for a, start in zip(agents, starts, strict=True)]
+            self._check_forks(vehicles)
+            self._check_bodies(vehicles)
+        return tuple(starts)
 
     def _check_bodies(self, starts: Sequence[_Start]) -> None:
-        """Check that no bodies on approaches that converge touch."""
+        """Check that vehicles on converging approaches do not touch."""
         bodies = [
             (np.array([way.placed(way.start(s.distance), s.body.rear_axle_offset)]), (s.body.length, s.body.width))
             for way, s in zip(self.itineraries(), starts, strict=True)
         ]
-        for (one, mine), (two, yours) in combinations(zip(starts, bodies, strict=True), 2):
-            if (one.entrance, two.entrance) in near(self.place) and touch([mine, yours]):
+        for (first, body), (second, other_body) in combinations(zip(starts, bodies, strict=True), 2):
+            if (first.entrance, second.entrance) in near(self.place) and touch([body, other_body]):
                 raise ScenarioError(
-                    f"{one.name} and {two.name} would start inside each other, where the approaches of entrances {one.entrance} "
-                    f"and {two.entrance} of junction {self.place.name!r} converge: choose other distances, or fewer vehicles"
+                    f"{first.name} and {second.name} would start inside each other, where the approaches of entrances "
+                    f"{first.entrance} and {second.entrance} of junction {self.place.name!r} converge: choose other distances, "
+                    "or fewer vehicles"
                 )
 
     def _check_forks(self, starts: Sequence[_Start]) -> None:
         """Check that vehicles from entrances with a common lane start behind each other on that lane."""
-        for (one, two), (here, there) in forks(self.place):
-            # Measured from where the lanes part, upstream; whoever has left the common lane stands in nobody's way.
-            lane = [(s.distance - here, s) for s in starts if s.entrance == one] + [
-                (s.distance - there, s) for s in starts if s.entrance == two
+        for (first, second), (parting, second_parting) in forks(self.place):
+            # Distances upstream of the place where the lanes part; a vehicle beyond this place is not in the common lane.
+            lane = [(s.distance - parting, s) for s in starts if s.entrance == first] + [
+                (s.distance - second_parting, s) for s in starts if s.entrance == second
             ]
-            queue = sorted((at, s) for at, s in lane if at + s.body.length > 0.0)
-            for (front, ahead), (at, behind) in pairwise(queue):
-                gap, least = at - front - ahead.body.length, QUEUE_GAP + QUEUE_TIME * behind.speed
-                if ahead.entrance != behind.entrance and gap < least - _ROUNDING:
+            queue = sorted((distance, s) for distance, s in lane if distance + s.body.length > 0.0)
+            for (front, ahead), (distance, behind) in pairwise(queue):
+                gap, needed = distance - front - ahead.body.length, QUEUE_GAP + QUEUE_TIME * behind.speed
+                if ahead.entrance != behind.entrance and gap < needed - _ROUNDING:
                     raise ScenarioError(
-                        f"{behind.name} would start {max(gap, 0.0):.1f} m behind {ahead.name}, where {least:.1f} m are needed: "
-                        f"entrances {one} and {two} of junction {self.place.name!r} are one lane from {max(here, 0.0):.1f} and "
-                        f"{max(there, 0.0):.1f} m before their lines on, choose smaller or different distances, or fewer vehicles"
+                        f"{behind.name} would start {max(gap, 0.0):.1f} m behind {ahead.name}, where {needed:.1f} m are needed: "
+                        f"entrances {first} and {second} of junction {self.place.name!r} are one lane from "
+                        f"{max(parting, 0.0):.1f} and {max(second_parting, 0.0):.1f} m before their lines on, choose smaller or "
+                        "different distances, or fewer vehicles"
                     )
 
     def agents(self) -> tuple[Agent, ...]:
-        """Return the agents, by entrance; followers right behind the first one there."""
+        """Return the agents by entrance, each first vehicle before its followers."""
         place = self.place
         return tuple(
             Agent(place.vehicle_at(e) + (f"+{k}" if k else ""), place.leads(e, d))
@@ -318,7 +320,7 @@ class Scenario:
         return SignalPlan(self.place.phase_groups, first_green(self.place, self.rotation))
 
     def describe(self) -> str:
-        """Return the start in one line: name, movements, distances, speeds of the first at each entrance, how many follow."""
+        """Return the start in one line: name, movements, distances and speeds of the first vehicles, number of followers."""
         occupied = [(entrance, direction) for entrance, direction in enumerate(self.placed) if direction]
         starts = [self.start(entrance) for entrance, _ in occupied]
         movements = " ".join(f"{e}->{self.place.leads(e, d).exit}" for e, d in occupied)
@@ -328,7 +330,7 @@ class Scenario:
         return f"{self.name} ({movements})  d=({distances}) m  v=({speeds}) m/s{queue}"
 
     def record(self) -> dict[str, Any]:
-        """Return the fields as builtins, for records and run files; of the junction its name and the file it is from."""
+        """Return the fields as builtins, for records and run files; the junction is given by its name and its map file."""
         values = {item.name: getattr(self, item.name) for item in fields(self)[1:]}
         if not self.followers:
             del values["followers"]
@@ -390,7 +392,7 @@ def _within(value: object, count: int) -> bool:
 
 
 def _check_rotation(place: Junction, rotation: int) -> None:
-    """Check that a row moves the junction onto itself: lanes, movements and signs."""
+    """Check that a rotation keeps lanes, movements and signs of the junction."""
     count, rows = len(place.entrances), Orbits.at(place).rows
     if not _within(rotation, count):
         raise ScenarioError(f"rotation must be one of 0..{count - 1} for {count} entrances, got {rotation!r}")
@@ -402,7 +404,7 @@ def _check_rotation(place: Junction, rotation: int) -> None:
 
 
 def _check_directions(place: Junction, placed: Directions) -> None:
-    """Check that there is a movement for everybody."""
+    """Check that every vehicle has a movement."""
     for entrance, direction in enumerate(placed):
         if direction and (entrance, direction) not in place.by_direction:
             try:
@@ -413,7 +415,7 @@ def _check_directions(place: Junction, placed: Directions) -> None:
 
 @lru_cache(maxsize=4096)
 def _orbit(place: Junction, code: Directions) -> tuple[Orbits, int]:
-    """Return the full scenarios that `code` is one of, and the number of its class; partial ones and 0 where it is none."""
+    """Return the set of full scenarios that contains `code`, with the number of its class; else partial scenarios and 0."""
     for orbits in (Orbits.at(place, occupancy) for occupancy in OCCUPANCIES):
         if number := orbits.number(code):
             return orbits, number
@@ -421,9 +423,9 @@ def _orbit(place: Junction, code: Directions) -> tuple[Orbits, int]:
 
 
 def first_green(place: Junction, rotation: int) -> int:
-    """Return the number of the phase group that has green at t = 0: that of entrance 0, or whichever the rotation takes it to.
+    """Return the number of the phase group with green at t = 0: the group of the entrance to which the rotation moves entrance 0.
 
-    With one lane per arm the groups change places for odd rotations, as in the paper, whether they do so on the map or not.
+    With one lane per arm, an odd rotation swaps the groups, as in the paper, even if the groups on the map are different.
     """
     groups, count = place.phase_groups, len(place.entrances)
     if place.one_lane_each:
@@ -433,9 +435,9 @@ def first_green(place: Junction, rotation: int) -> int:
 
 
 def usual_duration(place: Junction) -> float:
-    """Return how long runs may take where nothing else is said [s]: 60, or more where lights need it.
+    """Return the default duration of runs at a junction [s]: 60, or a cycle of the lights and 30 s with more than two groups.
 
-    A cycle of more than two groups takes longer; everybody is to have had green once, and then half a minute to leave.
+    So every vehicle has green once, and then half a minute to leave.
     """
     groups = len(place.phase_groups)
     return 60.0 if groups <= 2 else groups * (GREEN + YELLOW + CLEARANCE) + 30.0
@@ -448,16 +450,13 @@ def _order(order: object, count: int) -> tuple[int, ...]:
 
 
 def check_followers(followers: int) -> None:
-    """Check how many vehicles queue behind each, and raise a `ScenarioError` where that is no such number."""
+    """Raise a `ScenarioError` for a number of followers that is not 0 to `MOST_FOLLOWERS`."""
     if not _within(followers, MOST_FOLLOWERS + 1):
         raise ScenarioError(f"followers must be a whole number from 0 to {MOST_FOLLOWERS}, got {followers!r}")
 
 
 def check_numbers(duration: float | None, aggression: int, wait: float) -> None:
-    """Check what does not depend on the junction, and raise a `ScenarioError` for what is out of range.
-
-    A duration of None is the usual one.
-    """
+    """Raise a `ScenarioError` for a duration [s], an aggression or a wait [s] out of range; a duration of None is the default."""
     duration = 60.0 if duration is None else duration
     if not (_within(aggression, 4) and aggression):
         raise ScenarioError(f"aggression must be 1, 2 or 3, got {aggression!r}")

@@ -1,23 +1,29 @@
-"""Turns the request of a test into scenarios: classes, members, rows or pairs of movements, and configurations."""
+"""Turns the request of a test into scenarios: classes, members, rows or pairs of movements, and configurations.
+
+The function `extended` gives the numbers of classes and pairs at junctions whose number of ways does not determine these numbers.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
 from zlib import crc32
 
+from msgspec.structs import replace
+
 from pytest_rvads.errors import ScenarioError
 from pytest_rvads.junctions.junction import Junction
+from pytest_rvads.report.session_report import Extent, Move
 from pytest_rvads.scenarios.configurations import Configuration
 from pytest_rvads.scenarios.forks import near
-from pytest_rvads.scenarios.orbits import Directions, Orbits, rotate
-from pytest_rvads.scenarios.pairs import PAIRED, covering
+from pytest_rvads.scenarios.orbits import WAYS, Directions, Orbits, rotate
+from pytest_rvads.scenarios.pairs import PAIRED, covering, pairs_at
 from pytest_rvads.scenarios.scenario import Scenario, started
 from pytest_rvads.scenarios.senses import IDEAL, Senses
 
-__all__ = ["CHOOSING", "COVERS", "TOO_SHORT", "TOO_TIGHT", "Selection", "alone"]
+__all__ = ["CHOOSING", "COVERS", "TOO_SHORT", "TOO_TIGHT", "Selection", "alone", "extended"]
 
 CHOOSING = ("partial", *PAIRED)
 """Covers that choose scenarios themselves.
@@ -70,8 +76,8 @@ class Selection:
         entrances, total = self.entrances, self.orbits.count
         for number in self.classes or ():
             if not 1 <= number <= total:
-                many = "" if self.place.one_lane_each else f" of occupancy={self.occupancy!r}"
-                raise ScenarioError(f"a {self.place.ways}-way junction has classes 1..{total}{many}, got {number!r}")
+                occupancy = "" if self.place.one_lane_each else f" of occupancy={self.occupancy!r}"
+                raise ScenarioError(f"a {self.place.ways}-way junction has classes 1..{total}{occupancy}, got {number!r}")
         if (self.classes is not None or self.scenarios is not None) and self.cover in CHOOSING:
             raise ScenarioError(f"cover={self.cover!r} chooses scenarios itself: leave classes= and scenarios= out, or the cover")
         if self.subject not in (None, "all", *range(entrances)):
@@ -96,8 +102,8 @@ class Selection:
     @property
     def too_short(self) -> bool:
         """Whether an approach is shorter than a staggered configuration requires, so that a vehicle starts nearer to its line."""
-        asked = [max(point.distances) for point in self.configurations if point.staggered]
-        return max(asked, default=0.0) > self._reach
+        distances = [max(point.distances) for point in self.configurations if point.staggered]
+        return max(distances, default=0.0) > self._reach
 
     @property
     def _reach(self) -> float:
@@ -175,11 +181,11 @@ class Selection:
         if self.cover in PAIRED:
             yield from self._paired
             return
-        wanted = None if self.classes is None else frozenset(self.classes)
+        numbers = None if self.classes is None else frozenset(self.classes)
         for number, code in enumerate(self.orbits, start=1):
-            if wanted is None or number in wanted:
+            if numbers is None or number in numbers:
                 yield code
-            if wanted is not None and number >= max(wanted):
+            if numbers is not None and number >= max(numbers):
                 return
 
     @cached_property
@@ -221,3 +227,29 @@ def alone(place: Junction) -> tuple[Directions, ...]:
         for direction in place.directions(occupied)
         if place.leads(occupied, direction).key not in place.tight
     )
+
+
+def extended(extents: Mapping[str, Extent], selection: Selection) -> dict[str, Extent]:
+    """Return extents with the extent of a selection added; junctions as in the paper, with whole classes, need no extent."""
+    place = selection.place
+    full, usual = Orbits.at(place, selection.occupancy), Orbits.at(place)
+    occupancy = "arms" if full == usual else selection.occupancy
+    if selection.cover in ("class", "scenario", "rotation") and place.ways in WAYS and full == Orbits.plain(place.ways):
+        return dict(extents)
+    before = extents.get(place.name, Extent(turns=full.blocks))
+    partial = {occupancy: selection.orbits.count} if selection.cover == "partial" else {}
+    seated = sum(map(full.seated, range(full.size))) // full.blocks
+    classes = before.classes | {occupancy: (full.count, full.scenarios, seated)}
+    after = replace(before, classes=classes, partial=before.partial | partial)
+    if selection.cover in PAIRED or not place.one_lane_each:
+        conflicts = () if place.conflicts is None else _moves(place, conflicting=True)
+        after = replace(after, pairs=_moves(place, conflicting=False), conflicts=conflicts)
+    return {**extents, place.name: after}
+
+
+def _moves(place: Junction, *, conflicting: bool) -> tuple[tuple[Move, Move], ...]:
+    def move(key: tuple[int, int]) -> Move:
+        entrance, exit = place.entrances[key[0]], place.exits[key[1]]
+        return (entrance.arm, entrance.lane), (exit.arm, exit.lane)
+
+    return tuple((move(first), move(second)) for first, second in pairs_at(place, conflicting=conflicting))

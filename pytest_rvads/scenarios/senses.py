@@ -64,10 +64,10 @@ class Senses:
         Raises:
             ScenarioError: a field is unknown, a list is empty, or a value is out of range.
         """
-        known = [item.name for item in fields(cls)]
+        names = [item.name for item in fields(cls)]
         for name in axes:
-            if name not in known:
-                raise ScenarioError(f"senses have {', '.join(known)}, got {name!r}{suggest(str(name), known)}")
+            if name not in names:
+                raise ScenarioError(f"senses have {', '.join(names)}, got {name!r}{suggest(str(name), names)}")
         lists = [value if isinstance(value, list | tuple) else [value] for value in axes.values()]
         if not all(lists):
             raise ScenarioError(f"senses are given by values or lists of at least one value, got {dict(axes)!r}")

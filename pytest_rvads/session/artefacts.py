@@ -1,7 +1,7 @@
-"""What a session leaves of its failures: the runs, and of the first ones pictures and replay pages.
+"""What a session leaves of its failures: runs, replay pages, pictures, and exports as OpenSCENARIO XML.
 
-The run of a failure is kept once, by its hash, and drawn on request: a session in which everything fails would draw for minutes.
-``rvads replay`` needs the folder alone: the run, and the report for rule, messages and facts.
+The run of a failure is saved under its hash, so several failures of one run share a file. Drawing thousands of pages would take
+minutes, so a process draws the first failures only; ``rvads replay`` draws any other failure from the folder of the session.
 """
 
 from __future__ import annotations
@@ -15,80 +15,91 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from pytest_rvads.entrypoints import load
 from pytest_rvads.errors import RvadsError
-from pytest_rvads.session.folder import FOLDER
-from pytest_rvads.storage import slug, write_file
-from pytest_rvads.wording import one_line, quoted
+from pytest_rvads.options import Options
+from pytest_rvads.session.outputs import FOLDER
+from pytest_rvads.storage import open_file, slug, write_file
+from pytest_rvads.wording import named_error, one_line, quoted
 
 if TYPE_CHECKING:
     from pytest_rvads.draw.replay import Beside
     from pytest_rvads.logic.judging.verdicts import Verdict
     from pytest_rvads.logic.rules.rule import Rule
+    from pytest_rvads.report.record import Record
+    from pytest_rvads.report.session_report import Report
     from pytest_rvads.runs.run import Run
 
-__all__ = ["Shown", "look", "show"]
+__all__ = ["Shown", "beside", "check_library", "export", "look", "show"]
 
-_MOST = 20
-"""A process draws the first failures, and the first of every rule; whoever wants to see another one asks `rvads replay`."""
-_ROOM = 200 * 2**20
-"""What the runs of a session may take on disk; one of four vehicles and 30 s takes a quarter of a megabyte [bytes]."""
+_MOST_PAGES = 20
+"""Number of failures that a process draws, beside the first failure of every rule."""
+_MOST_BYTES = 200 * 2**20
+"""Disk space for the runs of a session; a run of four vehicles and 30 s takes 0.25 MB [bytes]."""
+_MOST_EXPORTS = 100
+"""Number of failed runs that a process exports."""
+_HEAD = 2**16
+"""An exported file states the hash of its run within its first bytes [bytes]."""
 _DRAWN: pytest.StashKey[Counter[str]] = pytest.StashKey()
-"""Rule to how many of its failures this process has drawn."""
+"""Number of failures that this process has drawn, by rule."""
+_EXPORTED = pytest.StashKey[int]()
+"""Number of runs that this process has exported."""
+_BASELINE: pytest.StashKey[Report | None] = pytest.StashKey()
+"""The baseline, which a process reads when its first failure is shown."""
 
 
 @dataclass(frozen=True, slots=True)
 class Shown:
     """Where a failure can be looked at."""
 
-    told: str
-    """The page with the time of the violation, else the command that draws it, or why there is neither."""
+    text: str
+    """The replay page with the time of the violation, or the command that draws the page, or the reason why neither exists."""
     page: str = ""
-    """The page again, empty if there is none."""
+    """The replay page with the time of the violation; empty without a page."""
     image: str = ""
     """SVG text of the picture; empty if no picture was drawn."""
 
 
 def look(item: pytest.Item, run: Run, verdict: Verdict, rule: str | Rule, notes: str, around: Callable[[], Beside]) -> Shown:
-    """Keep the run of a failure, and write its replay page and picture where it is among the first.
+    """Save the run of a failure, and draw its replay page and picture if the failure is among the first of the process.
 
-    What can't be written is said in its place: a picture never costs a verdict.
+    An error while saving or drawing becomes the text of the result, because a picture never costs a verdict.
 
     Args:
-        item: whose it is.
-        run: what to show.
-        verdict: what went wrong.
-        rule: that was broken, to show its monitors.
-        notes: what the page says beside the picture.
-        around: gives what else it says and shows; asked only for a page that is drawn.
+        item: the failed item.
+        run: the run to show.
+        verdict: the verdict on the run.
+        rule: the violated rule; the page shows its monitors.
+        notes: text of the page beside the picture.
+        around: returns the contents of the page beside the replay; called only if a page is drawn.
     """
     from pytest_rvads.report.folders import option
 
     drawn = item.config.stash.setdefault(_DRAWN, Counter())
     session = item.config.stash[FOLDER]
     try:
-        folder = session.made()
-        unkept = _keep(folder, run)
+        folder = session.make()
+        unsaved = _save(folder, run)
     except Exception as error:
-        return Shown(f"not drawn: {_said(error)}")
-    if drawn.total() >= _MOST and drawn[verdict.rule]:
-        which = option(Path(session.told(folder)))
-        return Shown(f"not drawn, and {unkept}" if unkept else f"rvads replay {which} {quoted(item.nodeid)}")
+        return Shown(f"not drawn: {named_error(error)}")
+    if drawn.total() >= _MOST_PAGES and drawn[verdict.rule]:
+        folder_option = option(Path(session.relative(folder)))
+        return Shown(f"not drawn, and {unsaved}" if unsaved else f"rvads replay {folder_option} {quoted(item.nodeid)}")
     try:
-        found = _draw(folder, item, run, verdict, rule, notes, around())
+        page, image = _draw(folder, item, run, verdict, rule, notes, around())
     except Exception as error:
-        return Shown(f"not drawn: {_said(error)}")
+        return Shown(f"not drawn: {named_error(error)}")
     drawn[verdict.rule] += 1
     from pytest_rvads.failure_page import moment
 
-    page, image = found
-    told = f"{session.told(page)}#t={moment(run, verdict):.2f}"
-    return Shown(told, told, image)
+    address = f"{session.relative(page)}#t={moment(run, verdict):.2f}"
+    return Shown(address, address, image)
 
 
 def show(item: pytest.Item, report: pytest.TestReport, image: str) -> None:
     """Attach a picture (SVG) to the report of an item for pytest-html, where that is installed.
 
-    It is encoded, because the self-contained mode of pytest-html takes pictures in no other form.
+    The picture is encoded in base64, the only form of pictures in the self-contained mode of pytest-html.
     """
     if item.config.pluginmanager.hasplugin("html"):
         content = b64encode(image.encode()).decode()
@@ -96,37 +107,135 @@ def show(item: pytest.Item, report: pytest.TestReport, image: str) -> None:
         report.extras = [*getattr(report, "extras", []), extra]  # type: ignore[attr-defined]
 
 
-def _said(error: Exception) -> str:
-    return f"{type(error).__name__}: {one_line(str(error))}"
-
-
-def _keep(folder: Path, run: Run) -> str:
-    """Keep a run, unless another failure of it has; return why it is not, or nothing."""
+def _save(folder: Path, run: Run) -> str:
+    """Save a run unless its file exists; return the reason why the run can't be saved, or an empty text."""
     from pytest_rvads.report.folders import run_file, used
     from pytest_rvads.runs.runfile import save_run
 
     path = run_file(folder, run.hash)
     if path.exists():
         return ""
-    if used(folder) >= _ROOM:
-        return f"its run is not kept, those of this session take {_ROOM // 2**20} MB already: run it again alone"
+    if used(folder) >= _MOST_BYTES:
+        return f"its run is not kept, those of this session take {_MOST_BYTES // 2**20} MB already: run it again alone"
     try:
         save_run(run, path)
-    except RvadsError as error:  # a full disk, or a provenance that no file holds
+    except RvadsError as error:  # the disk is full, or the provenance can't be written as JSON
         return f"its run is not kept: {one_line(str(error))}"
     return ""
 
 
-def _draw(  # noqa: PLR0913 - a failure, and what is said of it
+def _draw(  # noqa: PLR0913 - a failure and its texts
     folder: Path, item: pytest.Item, run: Run, verdict: Verdict, rule: str | Rule, notes: str, beside: Beside
 ) -> tuple[Path, str]:
-    """Write page and picture, and return where the page is, and the picture."""
+    """Write the replay page and the picture of a failure; return the path of the page and the picture."""
     from pytest_rvads.failure_page import failure_pages, failure_picture
     from pytest_rvads.report.folders import shown
 
-    target = shown(folder, slug(item.nodeid))
+    path = shown(folder, slug(item.nodeid))
     page = next(failure_pages(run, verdict, rule, notes, beside))
-    write_file(target, page.html.encode())
+    write_file(path, page.html.encode())
     image = failure_picture(run, verdict)
-    write_file(target.with_suffix(".svg"), image.encode())
-    return target, image
+    write_file(path.with_suffix(".svg"), image.encode())
+    return path, image
+
+
+def beside(item: pytest.Item, options: Options, record: Record, run: Run, start: str, rerun: str) -> Beside:
+    """Return what a page shows beside the replay of a failure: facts, the other verdicts, the run of the baseline.
+
+    A rule that can't judge the run has the status ERROR among the other verdicts.
+
+    Args:
+        item: the failed item.
+        options: options of the session.
+        record: record of the item.
+        run: run of the item.
+        start: the start of the run, or the file that the run was recorded in.
+        rerun: the command that runs the item once more.
+    """
+    from pytest_rvads.draw.replay import Beside
+    from pytest_rvads.failure_page import other_verdicts
+    from pytest_rvads.report.facts import facts
+    from pytest_rvads.report.folders import INDEX
+
+    verdicts = other_verdicts(run, _rules(item, run), record.verdicts[-1].rule)
+    ghost = _ghost(item, options, run)
+    name = options.baseline.name if ghost is not None and options.baseline else ""
+    return Beside(facts(record, start, rerun), verdicts, INDEX, ghost, name)
+
+
+def _rules(item: pytest.Item, run: Run) -> tuple[Rule, ...]:
+    """Return the rules that the marks of a test name for its runs, whether selected or not; without names the usual rules."""
+    from pytest_rvads.failure_page import usual_rules
+    from pytest_rvads.logic.rules.book import rules_for
+
+    marks = [pair for name in ("scenario", "recorded") for pair in item.iter_markers_with_node(f"rvads_{name}")]
+    named = [rule for node, mark in marks if node is marks[0][0] for rule in mark.args[0].rules or ()]
+    return rules_for(named, run.junction) if named else usual_rules(run)
+
+
+def _ghost(item: pytest.Item, options: Options, run: Run) -> Run | None:
+    """Return the run of the item in the session of the baseline; None without that run."""
+    if options.baseline is None or run.excerpt is not None:
+        return None
+    from pytest_rvads.report.earlier import earlier_run
+
+    report = _baseline(item, options.baseline)
+    if report is None:
+        return None
+    return earlier_run(report, options.baseline.parent, item.config.invocation_params.dir, item.nodeid, run)
+
+
+def _baseline(item: pytest.Item, path: Path) -> Report | None:
+    stash = item.config.stash
+    if _BASELINE not in stash:
+        from pytest_rvads.report import files
+
+        try:
+            stash[_BASELINE] = files.load(path)
+        except RvadsError:  # the file was replaced after the main process had read it
+            stash[_BASELINE] = None
+    return stash[_BASELINE]
+
+
+def check_library() -> None:
+    """Check that the library for exports is installed.
+
+    Raises:
+        RvadsError: the library is missing; the message says how to install it.
+    """
+    load("exports", "xosc").library()
+
+
+def export(item: pytest.Item, folder: Path, name: str, run: Run, verdict: Verdict, map: str | None) -> str:
+    """Export the run of a failed item, unless its file exists, and return the path of the file, or the reason why there is none.
+
+    Args:
+        item: the failed item.
+        folder: folder of the file.
+        name: name of the run, from which the name of the file is made.
+        run: the run to export.
+        verdict: the verdict on the run.
+        map: map file of the session, for a run that names no map.
+    """
+    path, start = folder / f"{slug(name)}.xosc", item.config.invocation_params.dir
+    shown = path.relative_to(start) if path.is_relative_to(start) else path
+    if _is_export_of(path, run):
+        return shown.as_posix()
+    count = item.config.stash.get(_EXPORTED, 0)
+    if count >= _MOST_EXPORTS:
+        return f"not written: {_MOST_EXPORTS} failures of this process are written already"
+    try:
+        load("exports", "xosc").export_run(run, path, map=map, verdict=verdict)
+    except (RvadsError, OSError) as error:  # an export never costs a verdict
+        return f"not written: {one_line(str(error))}"
+    item.config.stash[_EXPORTED] = count + 1
+    return shown.as_posix()
+
+
+def _is_export_of(path: Path, run: Run) -> bool:
+    """Return whether a file is the export of this run; an earlier session may have left the export of another run."""
+    try:
+        with open_file(path) as file:
+            return run.hash.encode() in file.read(_HEAD)
+    except OSError:
+        return False

@@ -1,4 +1,4 @@
-"""Where a fixture for what drives was defined in vain."""
+"""Which code drives and simulates in a session: for the header of the session, and for a session without a driver."""
 
 from __future__ import annotations
 
@@ -8,33 +8,66 @@ from typing import Any
 
 import pytest
 
-__all__ = ["where_else"]
+from pytest_rvads.drivers.chosen import chosen
+from pytest_rvads.options import OPTIONS
+
+__all__ = ["code_of_driver", "code_of_simulator", "where_else"]
 
 _NAME = "rvads_autopilot"
 _ALIKE = 0.8
-"""How alike a misspelt name is to the right one, see `difflib`."""
+"""Least similarity of a misspelt name to the name of the fixture, see `difflib`."""
 _ELSEWHERE: pytest.StashKey[str] = pytest.StashKey()
 
 
+def code_of_driver(config: pytest.Config) -> str:
+    """Return file and digest (or version) of the driver that an option names, such as `` (pilots.py 3fa29c01)``.
+
+    The text is empty if no option names a driver.
+    """
+    options = config.stash[OPTIONS]
+    if options.autopilot is not None:
+        return _code(chosen(options.autopilot, config.invocation_params.dir), config)
+    if options.sut is not None:
+        from pytest_rvads.drivers.stacks.process import Process
+
+        return _code(Process(options.sut), config)  # the process starts only when a run asks for a decision
+    return ""
+
+
+def code_of_simulator(config: pytest.Config, simulator: Any) -> str:
+    """Return file and digest (or version) of a simulator, in the form of `code_of_driver`."""
+    return _code(simulator, config)
+
+
+def _code(factory: Any, config: pytest.Config) -> str:
+    from pytest_rvads.drivers.identity import source
+
+    code = source(factory, config.invocation_params.dir)
+    return f" ({code})" if code else ""
+
+
 def where_else(session: pytest.Session) -> str:
-    """Return where something that looks like the missing fixture is defined, as a sentence, or nothing; looked for once."""
+    """Return a sentence on a definition that was probably meant as the fixture of the driver, or an empty text.
+
+    The modules of the tests and of the plugins are searched once per session.
+    """
     stash = session.config.stash
     if _ELSEWHERE not in stash:
-        stash[_ELSEWHERE] = _alike(session)
+        stash[_ELSEWHERE] = _misplaced(session)
     return stash[_ELSEWHERE]
 
 
-def _alike(session: pytest.Session) -> str:
+def _misplaced(session: pytest.Session) -> str:
     plugins = session.config.pluginmanager.get_plugins()
     modules = {m.__file__: m for m in (*(getattr(i, "module", None) for i in session.items), *plugins) if _from_file(m)}
-    ours = __name__.partition(".")[0]
+    package = __name__.partition(".")[0]
     for file, module in sorted(modules.items()):
-        if module.__name__.partition(".")[0] == ours:
+        if module.__name__.partition(".")[0] == package:
             continue
-        for near in difflib.get_close_matches(_NAME, vars(module), cutoff=_ALIKE):
-            if near == _NAME:
+        for name in difflib.get_close_matches(_NAME, vars(module), cutoff=_ALIKE):
+            if name == _NAME:
                 return f"{file} has one that is not visible there: move it into a conftest.py of a folder that holds both"
-            return f"{file} defines {near!r}: is it misspelt?"
+            return f"{file} defines {name!r}: is it misspelt?"
     return ""
 
 

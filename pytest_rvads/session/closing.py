@@ -1,10 +1,9 @@
-"""The end of a session in the terminal: verdicts before pytest's own short summary, and last of all the causes.
+"""The end of a session in the terminal: the verdicts, pytest's short summary, and the causes of failures.
 
-Pytest prints a line per failure in between. Those of one cause are folded into the first of them, where the cause tells the rest.
+Pytest's short summary has a line per failure. Here it gets a line per cause, because the causes list the other failures.
 
-Two wrappers around pytest's own summary fold the failures. The inner wrapper prints the verdicts and takes the folded failures
-out of pytest's list; the outer wrapper puts the failures back and prints the causes. So other plugins find the list unchanged
-before and after.
+Two wrappers surround pytest's summary. The inner wrapper prints the verdicts and removes failures from pytest's list. The outer
+wrapper puts these failures back and prints the causes. So the list is unchanged for other plugins before and after.
 """
 
 from __future__ import annotations
@@ -16,9 +15,8 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from pytest_rvads.session.main_process import Session, ran
-from pytest_rvads.session.outputs import told
-from pytest_rvads.wording import encode_all, plural, printable
+from pytest_rvads.session.main_process import Session, has_run
+from pytest_rvads.wording import encode_all, named_error, plural, printable
 
 if TYPE_CHECKING:
     from pytest_rvads.report.terminal import Summary
@@ -26,28 +24,28 @@ if TYPE_CHECKING:
 __all__ = ["Causes", "Verdicts"]
 
 _FOLDED = {"failed": "f", "error": "E"}
-"""Kinds of reports of pytest that have a line each in its short summary, and the letter of ``-r`` that asks for them."""
+"""Kinds of reports with lines in pytest's short summary, to the letter of ``-r`` that requests these lines."""
 
 
 class Verdicts:
-    """Prints the verdicts before pytest's short summary, which it folds: as a wrapper within that of pytest.
+    """Prints the verdicts before pytest's short summary, and leaves one failure per cause in that summary.
 
     Args:
-        session: whose report is told.
+        session: the session whose report is printed.
     """
 
     def __init__(self, session: Session) -> None:
         self._session = session
         self.summary: Summary | None = None
-        """The printed summary; None in a session without items of this plugin, and where the terminal can't show the summary."""
+        """The printed summary; None in a session without items of this plugin, or after an error while the summary was made."""
         self.whole: dict[str, list[Any]] = {}
-        """The terminal's reports before folding, by kind."""
+        """The reports of pytest's terminal reporter before failures were removed, by kind."""
         self.lines = 0
-        """How many lines of pytest were folded."""
+        """Number of removed failures."""
 
-    def _made(self, reporter: pytest.TerminalReporter) -> Summary | None:
+    def _summarised(self, reporter: pytest.TerminalReporter) -> Summary | None:
         report = self._session.report
-        if not report or not ran(report):
+        if not report or not has_run(report):
             return None
         from pytest_rvads.report.terminal import summarise
 
@@ -62,14 +60,14 @@ class Verdicts:
                 head=False,
             )
         except Exception as error:
-            self._session.troubles.append(f"the summary could not be shown: {told(error)}")
+            self._session.troubles.append(f"the summary could not be shown: {named_error(error)}")
             return None
 
     @pytest.hookimpl(wrapper=True, trylast=True)
     def pytest_terminal_summary(self, terminalreporter: pytest.TerminalReporter) -> Generator[None, object, object]:
-        """Print the verdicts, and leave pytest a failure per cause."""
+        """Print the verdicts, and remove failures so that one per cause is left."""
         encode_all(sys.stdout)
-        self.summary = self._made(terminalreporter)
+        self.summary = self._summarised(terminalreporter)
         if self.summary:
             terminalreporter.section("rvads verdicts")
             terminalreporter.write(self.summary.verdicts)
@@ -80,33 +78,33 @@ class Verdicts:
                 self._fold(terminalreporter, {*self.summary.examples})
 
     def _lines_of(self, reporter: pytest.TerminalReporter) -> set[str]:
-        """Return which kinds of reports have lines in pytest's short summary."""
+        """Return the kinds of reports with lines in pytest's short summary."""
         if self._session.config.getoption("no_summary", False):
             return set()
         return {kind for kind, letter in _FOLDED.items() if letter in getattr(reporter, "reportchars", "")}
 
-    def _fold(self, reporter: pytest.TerminalReporter, kept: set[str]) -> None:
-        """Leave out, until `Causes` puts them back, reports of items that a cause counts and that are not its first."""
+    def _fold(self, reporter: pytest.TerminalReporter, examples: set[str]) -> None:
+        """Remove the reports of items that a cause counts, except its examples; `Causes` puts the reports back."""
         for kind in self._lines_of(reporter):
             reports = reporter.stats.get(kind, [])
-            left = [report for report in reports if not self._counted(report) or report.nodeid in kept]
-            if len(left) < len(reports):
+            remaining = [report for report in reports if not self._counted(report) or report.nodeid in examples]
+            if len(remaining) < len(reports):
                 self.whole[kind] = reports
-                reporter.stats[kind] = left
-                self.lines += len(reports) - len(left)
+                reporter.stats[kind] = remaining
+                self.lines += len(reports) - len(remaining)
 
     def _counted(self, report: Any) -> bool:
-        """Tell whether a report is that of a failure that a cause counts; what breaks while clearing up is none."""
+        """Return whether a cause counts the failure of a report; no cause counts an error at teardown."""
         record = self._session.records.get(report.nodeid)
         return record is not None and record.failed and hasattr(report, "rvads")
 
 
 class Causes:
-    """Prints what comes last: the causes, where the page is, and what else keeps the session from being green.
+    """Prints the end of the summary: the causes, the path of the page, and the reasons why the session is not green.
 
     Args:
-        verdicts: what was printed before.
-        session: whose report is told.
+        verdicts: the wrapper that printed the verdicts.
+        session: the session whose report is printed.
     """
 
     def __init__(self, verdicts: Verdicts, session: Session) -> None:
@@ -114,7 +112,7 @@ class Causes:
 
     @pytest.hookimpl(wrapper=True, tryfirst=True)
     def pytest_terminal_summary(self, terminalreporter: pytest.TerminalReporter) -> Generator[None, object, object]:
-        """Print after pytest's own short summary, as the outermost wrapper."""
+        """Put the removed failures back, and print after pytest's short summary."""
         try:
             return (yield)
         finally:
@@ -128,7 +126,7 @@ class Causes:
             reporter.write(summary.causes)
         if self._verdicts.lines:
             folded = plural(self._verdicts.lines, "failure")
-            reporter.write_line(f"{folded} left out above, where the first item of every cause stands: -vv shows all")
+            reporter.write_line(f"{folded} left out above, where the short summary has one line per cause: -vv shows all")
         if self._session.outputs.index:
             reporter.write_line(f"look: {self._session.outputs.index}")
         for trouble in self._session.troubles:

@@ -1,4 +1,4 @@
-"""What ends a session from outside: signals, and for a worker the end of the main process."""
+"""What ends a session or a run early: signals, the end of the main process, and limits of real time."""
 
 from __future__ import annotations
 
@@ -7,21 +7,25 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from functools import cache, partial
 from types import FrameType
 from typing import Any
 
 import pytest
 
-__all__ = ["end_with_parent", "heed", "leave_in_time", "put_off"]
+from pytest_rvads.options import OPTIONS
+from pytest_rvads.simulators.patience import Limits
+
+__all__ = ["end_with_parent", "heed", "leave_in_time", "limits", "put_off"]
+
 
 _POLITE = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
-"""Who sends these means what Ctrl-C means."""
+"""Signals that end a session as Ctrl-C does."""
 _PR_SET_PDEATHSIG = 1
 _PATIENCE = 15.0
-"""How long a process may take to exit once its session is over and its main thread has come to its end [s]."""
+"""Longest time between the end of the main thread and the exit of the process [s]."""
 _statuses: list[int] = []
 """Exit statuses of the sessions that this process has finished."""
 
@@ -32,20 +36,20 @@ _Handler = Callable[[int, FrameType | None], None]
 def heed(config: pytest.Config) -> None:
     """Have SIGTERM and SIGHUP end a session as Ctrl-C does, unless the process ignores (``nohup``) or handles these signals."""
     session = os.getpid()
-    _lose_none_in_forks()
+    _block_signals_in_forks()
 
     def interrupt(number: int, _: FrameType | None) -> None:
         if os.getpid() == session:
             raise KeyboardInterrupt(signal.Signals(number).name)
-        signal.signal(number, signal.SIG_DFL)  # a child that a test has forked, which nobody asked to behave otherwise
+        signal.signal(number, signal.SIG_DFL)  # a forked child of a test ends by the signal as usual
         os.kill(os.getpid(), number)
 
     _handle(config, [number for number in _POLITE if signal.getsignal(number) is signal.SIG_DFL], interrupt)
 
 
 @cache
-def _lose_none_in_forks() -> None:
-    """Hold such signals back while the process forks, for Python forgets those that reach a child that early."""
+def _block_signals_in_forks() -> None:
+    """Block the signals of `_POLITE` while the process forks, because Python loses signals that reach a new child."""
     if hasattr(os, "register_at_fork"):
         masks: list[set[int]] = []
 
@@ -60,7 +64,7 @@ def _lose_none_in_forks() -> None:
 
 
 def put_off(config: pytest.Config) -> None:
-    """Let the first signal that comes from now on wait for the end of the session, which writes its reports; not the second."""
+    """Ignore the next signal, so that the session writes its reports; a second signal interrupts the session."""
     first = True
 
     def wait(*_: object) -> None:
@@ -74,7 +78,7 @@ def put_off(config: pytest.Config) -> None:
 
 
 def leave_in_time(status: int) -> None:
-    """Have the process exit with the status of its last session, also where a thread or exit handler of a driver keeps it."""
+    """Exit with the status of the last session of the process, even if a thread or exit handler of a driver hangs."""
     _statuses.append(status)
     if len(_statuses) == 1:
         with suppress(RuntimeError):  # no thread can be started
@@ -104,6 +108,37 @@ def _handle(config: pytest.Config, numbers: list[int], handler: _Handler) -> Non
 
 def _restore(number: int, handler: Any) -> None:
     signal.signal(number, handler)
+
+
+@contextmanager
+def limits(config: pytest.Config) -> Iterator[Limits]:
+    """Yield the limits of real time of the session's options.
+
+    The timer of faulthandler exists once per process. If pytest uses this timer (``faulthandler_timeout``), the limits of the
+    session end no process.
+    """
+    options = config.stash[OPTIONS]
+    dump = None if _timer_in_use(config) else _standard_error()
+    try:
+        yield Limits(options.decision_limit, options.run_limit, dump)
+    finally:
+        if dump is not None:
+            os.close(dump)
+
+
+def _timer_in_use(config: pytest.Config) -> bool:
+    try:
+        return float(config.getini("faulthandler_timeout") or 0) > 0
+    except ValueError:  # the faulthandler plugin of pytest is switched off
+        return False
+
+
+def _standard_error() -> int | None:
+    """Return a duplicate of the descriptor of standard error, because pytest redirects the original while items run."""
+    try:
+        return os.dup(2)
+    except OSError:
+        return None
 
 
 def end_with_parent() -> None:

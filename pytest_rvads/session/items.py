@@ -1,6 +1,8 @@
-"""What an item knows of its cell and verdicts, and how it reaches the report.
+"""The record of an item: begun before the fixtures, completed after the test, and put on pytest's report of the item.
 
-It crosses xdist on the report as builtins, and lands in JUnit and report logs.
+The record is an attribute of the report, as builtins. Pytest serialises all attributes of a report and makes
+a `TestReport` of them by keyword, so the record reaches the main process under xdist, and report logs. The other place,
+``user_properties``, appears in JUnit files.
 """
 
 from __future__ import annotations
@@ -15,16 +17,14 @@ from pytest_rvads.collection.cells import RecordedCell, run_name
 from pytest_rvads.drivers.naming import stand_in
 from pytest_rvads.options import OPTIONS
 from pytest_rvads.outcome import Outcome
-from pytest_rvads.session.artefacts import look, show
-from pytest_rvads.session.beside import beside
+from pytest_rvads.session.artefacts import beside, export, look, show
 from pytest_rvads.session.chosen_driver import where_else
-from pytest_rvads.session.exports import export
 from pytest_rvads.session.plan import start
 from pytest_rvads.session.time_budget import OutOfTime
-from pytest_rvads.wording import one_line, printable, quoted
+from pytest_rvads.wording import named_error, printable, quoted
 
 if TYPE_CHECKING:
-    from pytest_rvads.collection import Cell
+    from pytest_rvads.collection.cells import Cell
     from pytest_rvads.logic.judging.verdicts import Verdict
     from pytest_rvads.report.record import Record, SimulatedItem
     from pytest_rvads.runs.measured import Divergence
@@ -51,37 +51,37 @@ VERDICTS: pytest.StashKey[list[Verdict]] = pytest.StashKey()
 
 
 _LONGEST = 20_000
-"""Of a message [characters]."""
+"""Longest message of a record [characters]."""
 _SKIPPED = (Outcome.NA, Outcome.UNSURE)
-"""What skips a test by itself: its reason is told at the test."""
+"""Statuses that skip a test; the reason of the skip names the line of the test."""
 
 
 class NoVerdict(pytest.fail.Exception):  # type: ignore[name-defined,misc]
-    """The run of an item can't be judged, or not by this item: an error, whatever the test expects."""
+    """The run of an item can't be judged, or a rule is not the rule of the item; an error even in a test with an xfail."""
 
 
 class NotJudged(NoVerdict):
-    """A test that was to judge its run did not."""
+    """A test took ``rule`` or ``monitor`` and judged nothing."""
 
 
 class Unsure(NoVerdict):
-    """A verdict that another reading of the recording would change, where that is to fail."""
+    """The verdict is UNSURE, and the option ``--rvads-unsure=fail`` makes that a failure."""
 
 
-for _shown in (NoVerdict, NotJudged, Unsure):
-    _shown.__module__ = "builtins"  # as pytest's own: it is shown, and nobody is to import it
+for _exception in (NoVerdict, NotJudged, Unsure):
+    _exception.__module__ = "builtins"  # as for pytest's own exceptions, so that tracebacks show no module
 
 RUN: pytest.StashKey[Run] = pytest.StashKey()
 SIMULATOR: pytest.StashKey[Simulator] = pytest.StashKey()
-"""What made the run of an item."""
+"""The simulator that made the run of an item."""
 EARLIER: pytest.StashKey[tuple[Outcome, str | None]] = pytest.StashKey()
-"""Status and hash of the run of an item when it ran before, which stays for as long as the item may be repeated."""
+"""Status and hash of the run of an item at its last execution; kept, because a plugin may repeat the item."""
 REPEAT: pytest.StashKey[Callable[[], Divergence | None]] = pytest.StashKey()
-"""Simulates the run of an item once more and tells where the two part."""
+"""Simulates the run of an item once more; returns the first difference, or None."""
 
 
 def prepare(item: pytest.Item) -> bool:
-    """Give an item of ours its record, before any fixture runs; tell whether it is one."""
+    """Begin the record of an item before any fixture runs; return whether the item belongs to this plugin."""
     record = start(item)
     if record is not None:
         item.stash[RECORD] = record
@@ -90,7 +90,7 @@ def prepare(item: pytest.Item) -> bool:
 
 
 def letter(report: pytest.CollectReport | pytest.TestReport) -> tuple[str, str, str] | None:
-    """Return how to show NA and UNSURE, counted with the skips, and what a time budget had no room for, counted apart."""
+    """Return category, letter and word of a report with status NA or UNSURE, or of an item beyond the time budget; else None."""
     record = getattr(report, "rvads", None)
     if not record:
         return None
@@ -105,9 +105,9 @@ def letter(report: pytest.CollectReport | pytest.TestReport) -> tuple[str, str, 
 def attach(item: pytest.Item, call: pytest.CallInfo[None], report: pytest.TestReport) -> None:
     """Put the record, the explanation and the properties of an item on its report.
 
-    The record goes out once per item: with the call, or with the phase that kept it from being called.
+    One report per item has the record: the report of the call, or of a setup that did not pass.
     """
-    if report.when == "call" and _undriven(item):
+    if report.when == "call" and _has_no_driver(item):
         report.rvads_undriven = where_else(item.session)  # type: ignore[attr-defined]
     if RECORD not in item.stash:
         return
@@ -115,58 +115,55 @@ def attach(item: pytest.Item, call: pytest.CallInfo[None], report: pytest.TestRe
         _release(item)
     elif report.when == "call" or not report.passed:
         try:
-            record = _concluded(item, call.excinfo.value if call.excinfo else None, report)
+            record = _completed_record(item, call.excinfo.value if call.excinfo else None, report)
         except Exception as error:
-            record = _unrecorded(item, error, report)
-        for step in (_repeated, _explained):
+            record = _fallback_record(item, error, report)
+        for step in (_with_repetition, _with_explanation):
             try:
                 record = step(item, record, report)
             except KeyboardInterrupt:
                 raise
-            except BaseException as error:  # no diagnosis is worth a verdict
-                report.sections.append(("rvads", f"no more can be told: {_named(error)}"))
-        _publish(item, _steadied(item, record), report)
+            except BaseException as error:  # an error in a diagnosis costs no verdict
+                report.sections.append(("rvads", f"the explanation is incomplete, because of {named_error(error)}"))
+        _publish(item, _with_earlier_execution(item, record), report)
 
 
-def _unrecorded(item: pytest.Item, error: Exception, report: pytest.TestReport) -> Record:
-    """Return the record of an item of which nothing else can be recorded."""
+def _fallback_record(item: pytest.Item, error: Exception, report: pytest.TestReport) -> Record:
+    """Return a record with status ERROR for an item whose record can't be completed."""
     from msgspec.structs import replace
 
     report.outcome = "failed"
-    report.longrepr = f"this item can't be recorded: {_named(error)}"
+    report.longrepr = f"this item can't be recorded: {named_error(error)}"
     return replace(item.stash[RECORD], status=Outcome.ERROR, outcome="failed", message=report.longrepr)
 
 
-def _named(error: BaseException) -> str:
-    try:
-        return f"{type(error).__name__}: {one_line(str(error))}"
-    except Exception:  # of somebody else's making
-        return type(error).__name__
-
-
-def _concluded(item: pytest.Item, raised: BaseException | None, report: pytest.TestReport) -> Record:
-    """Return the record of an item that is over."""
+def _completed_record(item: pytest.Item, raised: BaseException | None, report: pytest.TestReport) -> Record:
+    """Return the record of an item after its last phase."""
     from pytest_rvads.report.record import conclude
 
     text = str(raised) if raised else report.longrepr if isinstance(report.longrepr, str) else ""
-    known = _known(report, raised, text)
+    xfail = _xfail_reason(report, raised, text)
+    verdicts: list[Verdict] = item.stash[VERDICTS]
     error = None if raised is None or isinstance(raised, AssertionError) else Outcome.ERROR
-    given: list[Verdict] = item.stash[VERDICTS]
-    told = Outcome.NOT_JUDGED if isinstance(raised, NotJudged) else Outcome.UNSURE if isinstance(raised, Unsure) else error
+    if isinstance(raised, NotJudged | Unsure):
+        error = Outcome.NOT_JUDGED if isinstance(raised, NotJudged) else Outcome.UNSURE
     return conclude(
         item.stash[RECORD],
-        given,
+        verdicts,
         report.when or "",
         report.outcome,
-        known=known,
+        known=xfail,
         text=printable(text, _LONGEST),
-        error=told,
+        error=error,
         late=isinstance(raised, OutOfTime),
     )
 
 
-def _known(report: pytest.TestReport, raised: BaseException | None, text: str) -> str | None:
-    """Return the reason of the xfail that a violation met; what meets one otherwise fails: an error is no known failure."""
+def _xfail_reason(report: pytest.TestReport, raised: BaseException | None, text: str) -> str | None:
+    """Return the reason of the xfail that a violation met, or None.
+
+    An xfail stands for a violation. If an xfail meets another exception, the item fails.
+    """
     if not (report.skipped and hasattr(report, "wasxfail")):
         return None
     if isinstance(raised, AssertionError):
@@ -179,69 +176,69 @@ def _known(report: pytest.TestReport, raised: BaseException | None, text: str) -
 
 
 def _publish(item: pytest.Item, record: Record, report: pytest.TestReport) -> None:
-    """Put a record on a report, with its properties and, of what skipped its test, the place."""
+    """Put a record and its properties on a report; a skip by the verdict gets the line of the test."""
     from pytest_rvads.report.record import properties, sent
 
     item.stash[RECORD] = record
     report.rvads = sent(record)  # type: ignore[attr-defined]
     # A repeated item replaces its properties.
-    mine = properties(record)
-    names = {name for name, _ in mine}
-    item.user_properties[:] = [p for p in item.user_properties if p[0] not in names] + mine
+    of_record = properties(record)
+    names = {name for name, _ in of_record}
+    item.user_properties[:] = [p for p in item.user_properties if p[0] not in names] + of_record
     report.user_properties = list(item.user_properties)
     if report.skipped and record.status in _SKIPPED:
         path, line, _ = item.location
         report.longrepr = (str(path), (line or 0) + 1, record.message)
 
 
-def _undriven(item: pytest.Item) -> bool:
-    """Tell whether an item asked for an autopilot and nobody had named one."""
+def _has_no_driver(item: pytest.Item) -> bool:
+    """Return whether an item used the fixture of the driver, and neither a fixture nor an option names a driver."""
     options = item.config.stash[OPTIONS]
-    found = getattr(item, "funcargs", {}).get("rvads_autopilot")
-    return found is not None and found is stand_in() and not options.driver
+    driver = getattr(item, "funcargs", {}).get("rvads_autopilot")
+    return driver is not None and driver is stand_in() and not options.driver
 
 
 def _release(item: pytest.Item) -> None:
-    """Let go of run and verdicts: a session of thousands of items can't hold on to all of them."""
-    kept: tuple[pytest.StashKey[Any], ...] = (RECORD, VERDICTS, RUN, SIMULATOR, REPEAT)
-    for key in kept:
+    """Delete run, record and verdicts of an item, because memory does not hold those of thousands of items."""
+    keys: tuple[pytest.StashKey[Any], ...] = (RECORD, VERDICTS, RUN, SIMULATOR, REPEAT)
+    for key in keys:
         if key in item.stash:
             del item.stash[key]
 
 
-def _repeated(item: pytest.Item, record: Record, report: pytest.TestReport) -> Record:
-    """Simulate the run of a failed item once more; where that gives another run, the item is FLAKY, and stays failed."""
-    asked = report.failed and item.config.stash[OPTIONS].repeat == "failed"
-    again = item.stash.get(REPEAT, None) if asked else None
-    divergence = again() if again else None
+def _with_repetition(item: pytest.Item, record: Record, report: pytest.TestReport) -> Record:
+    """Simulate the run of a failed item once more; return the record as FLAKY if the second run differs."""
+    repeats = report.failed and item.config.stash[OPTIONS].repeat == "failed"
+    simulate_again = item.stash.get(REPEAT, None) if repeats else None
+    divergence = simulate_again() if simulate_again else None
     if divergence is None:
         return record
     from msgspec.structs import replace
 
-    said = "The run was simulated once more from the same start and came out differently, so its verdict means little.\n"
+    finding = "The run was simulated once more from the same start and came out differently, so its verdict means little.\n"
     cure = "\nAn autopilot has to be deterministic: no clock, no unseeded random numbers, no state kept between runs."
-    report.sections.append(("rvads not deterministic", f"{said}First difference: {divergence}.{cure}"))
+    report.sections.append(("rvads not deterministic", f"{finding}First difference: {divergence}.{cure}"))
     return replace(record, status=Outcome.FLAKY, flaky=divergence)
 
 
-def _steadied(item: pytest.Item, record: Record) -> Record:
-    """Return the record as FLAKY where a plugin repeats the item and its verdict or its run is another one than before."""
+def _with_earlier_execution(item: pytest.Item, record: Record) -> Record:
+    """Return the record as FLAKY if a plugin repeated the item, and status or run differ from the last execution."""
     from msgspec.structs import replace
 
     from pytest_rvads.runs.measured import Divergence
 
     status, run = item.stash.get(EARLIER, (record.status, record.hash))
     if (status, run) != (record.status, record.hash):
-        what = "status" if run == record.hash else "hash"
-        told = "the same run" if what == "status" else "another run"
-        text = f"the item was repeated: {status} at first, {record.status} afterwards, of {told}"
-        record = replace(record, status=Outcome.FLAKY, flaky=Divergence(what, text=text), known=None)
+        field = "status" if run == record.hash else "hash"
+        which_run = "the same run" if field == "status" else "another run"
+        text = f"the item was repeated: {status} at first, {record.status} afterwards, of {which_run}"
+        record = replace(record, status=Outcome.FLAKY, flaky=Divergence(field, text=text), known=None)
     item.stash[EARLIER] = record.status, record.hash
     return record
 
 
-def _explained(item: pytest.Item, record: Record, report: pytest.TestReport) -> Record:
-    """Print what there is to say of a violation, or of one that may be, and return the record with the page that shows it."""
+def _with_explanation(item: pytest.Item, record: Record, report: pytest.TestReport) -> Record:
+    """Add the explanation of a FAIL, OPEN or UNSURE to the report, and return the record with the address of its page."""
     verdicts = item.stash[VERDICTS]
     if not (report.failed and verdicts and verdicts[-1].status in ("FAIL", "OPEN", "UNSURE")):
         return record
@@ -249,44 +246,44 @@ def _explained(item: pytest.Item, record: Record, report: pytest.TestReport) -> 
 
     verdict, page = verdicts[-1], ""
     try:
-        told, page = _explanation(item, verdict, record, report)
+        text, page = _explanation(item, verdict, record, report)
     except KeyboardInterrupt:
         raise
     except BaseException as error:
-        told = f"{verdict.explanation}\n(no more can be told: {_named(error)})"
-    report.sections.append((f"rvads {verdict.rule}", told))
+        text = f"{verdict.explanation}\n(the explanation is incomplete, because of {named_error(error)})"
+    report.sections.append((f"rvads {verdict.rule}", text))
     return replace(record, look=page)
 
 
-def _made(item: pytest.Item, scenario: Scenario, record: SimulatedItem) -> list[str]:
-    """Return who drove, what simulated, from which start, and whether that was beyond the braking envelope, a line each."""
+def _origin(item: pytest.Item, scenario: Scenario, record: SimulatedItem) -> list[str]:
+    """Return a line each on driver, simulator and start of a run, and on a start beyond the braking envelope."""
     from pytest_rvads.scenarios.configurations import Configuration, probe
     from pytest_rvads.simulators.simulator import vmax
 
-    made = [f"driven by {record.driver}", f"simulated by {record.simulator}", f"start     {scenario.describe()}"]
+    lines = [f"driven by {record.driver}", f"simulated by {record.simulator}", f"start     {scenario.describe()}"]
     point = Configuration(scenario.configuration, scenario.distances, scenario.speeds)
     vehicle = item.funcargs.get("rvads_vehicle")  # type: ignore[attr-defined]
     probed = probe(point, lambda d: vmax(d, scenario.aggression, vehicle, item.stash[SIMULATOR], scenario.place.top_limit))
-    return [*made, f"probe     {probed}"] if probed else made
+    return [*lines, f"probe     {probed}"] if probed else lines
 
 
 def _explanation(item: pytest.Item, verdict: Verdict, record: Record, report: pytest.TestReport) -> tuple[str, str]:
-    """Return what to print of a failure, and its page or nothing; its picture is put on the report."""
+    """Return the printed text of a failure and the address of its page, or an empty address; attach the picture to the report."""
     cell: Cell | RecordedCell = item.callspec.params["rvads_cell"]  # type: ignore[attr-defined]
     if isinstance(cell, RecordedCell):
-        made = [f"recorded  {cell.path}"]
+        origin = [f"recorded  {cell.path}"]
     else:
-        made = _made(item, cell.scenario, cast("SimulatedItem", record))
-    lines = [verdict.explanation, *made]
+        origin = _origin(item, cell.scenario, cast("SimulatedItem", record))
+    lines = [verdict.explanation, *origin]
     options, run = item.config.stash[OPTIONS], item.stash.get(RUN, None)
-    again, page = f"{options.again} {quoted(item.nodeid)}", ""
-    rerun = f"rerun     {again}"
+    command, page = f"{options.again} {quoted(item.nodeid)}", ""
+    rerun = f"rerun     {command}"
     if options.artefacts and run is not None:
         rule = cell.rule if cell.rule and cell.rule.name == verdict.rule else verdict.rule
         start = cell.path if isinstance(cell, RecordedCell) else cell.scenario.describe()
-        around = partial(beside, item, options, record, run, start, again)
+        around = partial(beside, item, options, record, run, start, command)
         shown = look(item, run, verdict, rule, "\n".join((*lines, rerun)), around)
-        lines.append(f"look      {shown.told}")
+        lines.append(f"look      {shown.text}")
         page = shown.page
         if shown.image:
             show(item, report, shown.image)

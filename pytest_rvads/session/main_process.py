@@ -1,4 +1,4 @@
-"""The records of a whole session: gathered where its reports arrive, summed up and written at the end."""
+"""The main process of a session: it collects the records of all items, and makes the report and the exit status at the end."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ from pytest_rvads.errors import RvadsError
 from pytest_rvads.options import OPTIONS
 from pytest_rvads.outcome import Outcome
 from pytest_rvads.session.interrupts import leave_in_time, put_off
-from pytest_rvads.session.outputs import Outputs, told, totals
+from pytest_rvads.session.outputs import Outputs, totals
 from pytest_rvads.session.plan import Planner
 from pytest_rvads.session.reasons import Ending, reasons
 from pytest_rvads.session.time_budget import BUDGET
-from pytest_rvads.wording import plural, printable
+from pytest_rvads.wording import named_error, plural, printable
 
 if TYPE_CHECKING:
     from pytest_rvads.report.record import Record
     from pytest_rvads.report.session_report import Report
 
-__all__ = ["Session", "ran"]
+__all__ = ["Session", "has_run"]
 
 
 class Session:
-    """Lives in the main process, also under xdist, where the reports come from the workers."""
+    """The session in the main process; under xdist the workers send the reports."""
 
     def __init__(self, config: pytest.Config, planner: Planner) -> None:
         self.config = config
@@ -40,114 +40,114 @@ class Session:
         self.baseline = _load(self.options.baseline)
         self.outputs = Outputs(config)
         self.records: dict[str, Record] = {}
-        """By node id, once the session is over; until then they are in the journal. Of a repeated item the last one counts."""
+        """Records by node id, read from the journal at the end of the session; the last record of a repeated item."""
         self.seconds: dict[str, float] = {}
-        """Node id to how long its phases took [s]."""
+        """Node id to the time that the phases of the item took [s]."""
         self.lost: dict[str, str] = {}
-        """Node ids of items that ran and left no record, and why."""
+        """Node ids of items that ran without leaving a record, to the reason."""
         self.turned: set[str] = set()
         """Node ids of items that failed until somebody changed their reports."""
-        self.others: set[str] = set()
-        """Failures that no verdict accounts for: of other tests, of collection, of clearing up."""
+        self.failures_without_verdict: set[str] = set()
+        """Node ids of failures without a verdict: other tests, collection, teardown, hooks of users."""
         self.undriven: dict[str, str] = {}
-        """Node ids of items that nothing was named to drive in, and where what was meant may be."""
+        """Node ids of items without a named driver, to the sentence of `where_else`."""
         self.troubles: list[str] = []
         self.report: Report | None = None
-        """Of the whole session, once it is over."""
+        """The report of the session; None before the end."""
         self.began = datetime.now().astimezone().isoformat(timespec="seconds")
         self.collected = False
-        """Whether collecting came to its end; under xdist this process collects nothing."""
+        """Whether the collection was completed; True under xdist too, where workers collect."""
 
     @pytest.hookimpl(tryfirst=True)
     def pytest_sessionstart(self) -> None:
-        """Take the place of an earlier session, before anything of this one runs."""
+        """Replace the reports of an earlier session before any item runs."""
         self.outputs.begin()
 
     @pytest.hookimpl(wrapper=True)
     def pytest_collection(self) -> Generator[None, object, object]:
-        """Announce what is to run."""
-        found = yield
+        """Write the plan into the reports after the collection."""
+        collection = yield
         self.collected = True
         self.outputs.announce(self.planner)
-        return found
+        return collection
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
-        """Keep the record of an item."""
-        self.outputs.announce(self.planner)  # under xdist what is to run comes with the first report
+        """Store the record, the duration and the failure of a report."""
+        self.outputs.announce(self.planner)  # under xdist the plan comes with the first report
         content = getattr(report, "rvads", None)
         self.seconds[report.nodeid] = self.seconds.get(report.nodeid, 0.0) + report.duration
         if content is not None:
-            self._keep(content, report)
+            self._store(content, report)
         elif report.when not in ("setup", "call", "teardown"):
             self.lost[report.nodeid] = "the worker process crashed while it ran this item"
         if hasattr(report, "rvads_undriven"):
             self.undriven[report.nodeid] = report.rvads_undriven
         if report.failed and (content is None or report.when == "teardown"):
-            self.others.add(report.nodeid)
+            self.failures_without_verdict.add(report.nodeid)
 
-    def _keep(self, content: dict[str, Any], report: pytest.TestReport) -> None:
-        """Keep a record and tell users' hooks of it; one that fails costs no other verdict."""
+    def _store(self, content: dict[str, Any], report: pytest.TestReport) -> None:
+        """Add a record to the journal and call the hooks of users; an error in a hook costs no verdict."""
         from pytest_rvads.report.record import received
 
         try:
             record = received(content)
             self.outputs.journal.add(record)
         except Exception as error:
-            self.lost[report.nodeid] = f"the record of this item can't be read: {told(error)}"
-            self.others.add(report.nodeid)
+            self.lost[report.nodeid] = f"the record of this item can't be read: {named_error(error)}"
+            self.failures_without_verdict.add(report.nodeid)
             return
         if record.outcome == "failed" and not report.failed:
             self.turned.add(report.nodeid)
         try:
             self.config.hook.pytest_rvads_verdict(record=content, config=self.config)
         except (Exception, SystemExit, pytest.skip.Exception, pytest.fail.Exception) as error:
-            said = f"a hook pytest_rvads_verdict raised {told(error)}"
-            self.troubles += [] if said in self.troubles else [said]
-            self.others.add("pytest_rvads_verdict")
+            trouble = f"a hook pytest_rvads_verdict raised {named_error(error)}"
+            self.troubles += [] if trouble in self.troubles else [trouble]
+            self.failures_without_verdict.add("pytest_rvads_verdict")
 
     def pytest_collectreport(self, report: pytest.CollectReport) -> None:
-        """Remember what could not be collected."""
+        """Note a failed collection."""
         if report.failed:
-            self.others.add(report.nodeid)
+            self.failures_without_verdict.add(report.nodeid)
 
     @pytest.hookimpl(wrapper=True, trylast=True)
     def pytest_sessionfinish(self, session: pytest.Session, exitstatus: int) -> Generator[None, None, None]:
         """Write the reports and set the exit status, even after an interruption or when another plugin's hook raises an error."""
-        if self.config.option.collectonly or not self._concerned():
+        if self.config.option.collectonly or not self._has_part():
             return (yield)
         put_off(self.config)
-        ended = int(exitstatus)
+        status = int(exitstatus)
         try:
             return (yield)
         except KeyboardInterrupt:
-            ended = ended or pytest.ExitCode.INTERRUPTED
+            status = status or pytest.ExitCode.INTERRUPTED
             raise
         except BaseException:
-            ended = ended or pytest.ExitCode.TESTS_FAILED
+            status = status or pytest.ExitCode.TESTS_FAILED
             raise
         finally:
             try:
-                self._finish(session, ended)
+                self._finish(session, status)
             except Exception as error:
-                self.troubles.append(f"the session could not be summed up: {told(error)}")
+                self.troubles.append(f"the session could not be summed up: {named_error(error)}")
                 session.exitstatus = exitstatus or pytest.ExitCode.INTERNAL_ERROR
             leave_in_time(int(session.exitstatus))
 
     def _finish(self, session: pytest.Session, exitstatus: int) -> None:
-        """Write what was asked for, and keep the exit status honest."""
+        """Make the report, write the files and set the exit status."""
         from pytest_rvads.report.steady import steady
 
         self.records = self.outputs.journal.records()
         budget = self.config.stash[BUDGET]
         missing = self._complete()
         self.records = {record.nodeid: record for record in steady(self.records.values())}
-        found = reasons(
+        causes = reasons(
             Ending(
                 exitstatus,
                 self.collected,
                 self.records,
                 missing,
-                self.planner.unsaid(),
+                self.planner.unplanned(),
                 len(self.planner.plan().vanished),
                 self.undriven,
                 self.turned,
@@ -155,28 +155,28 @@ class Session:
                 self.options.open != "fail",
             )
         )
-        self.troubles += [reason.text for reason in found]
-        ended = next(filter(None, (exitstatus % 256, *(reason.exitstatus for reason in found))), 0)
+        self.troubles += [reason.text for reason in causes]
+        status = next(filter(None, (exitstatus % 256, *(reason.exitstatus for reason in causes))), 0)
         if budget:
             budget.remember(self.records.values())
-        if self.lost or "pytest_rvads_verdict" in self.others:
-            ended = ended or pytest.ExitCode.TESTS_FAILED
-        self.report = self._report(ended, cut=bool(session.shouldfail) or any(reason.cut for reason in found))
-        ended = self.report.exitstatus
-        wrong, whole = self.outputs.end(self.report, ran(self.report))
-        self.troubles += wrong
-        if not whole:
-            ended = ended or pytest.ExitCode.TESTS_FAILED
-        if session.exitstatus in (0, exitstatus):  # somebody else's is worse
-            session.exitstatus = ended
+        if self.lost or "pytest_rvads_verdict" in self.failures_without_verdict:
+            status = status or pytest.ExitCode.TESTS_FAILED
+        self.report = self._report(status, cut=bool(session.shouldfail) or any(reason.cut for reason in causes))
+        status = self.report.exitstatus
+        troubles, complete = self.outputs.end(self.report, has_run(self.report))
+        self.troubles += troubles
+        if not complete:
+            status = status or pytest.ExitCode.TESTS_FAILED
+        if session.exitstatus in (0, exitstatus):  # another plugin may have set a worse status
+            session.exitstatus = status
 
-    def _concerned(self) -> bool:
-        """Return whether anything of ours was planned, or asked for; most sessions of an environment are none of our business."""
-        asked = self.baseline, self.options.reports, self.options.cov_fail_under is not None
-        return bool(self.planner.plan().cells or any(asked))
+    def _has_part(self) -> bool:
+        """Return whether the session plans items of this plugin, or an option requests a report or a comparison."""
+        requests = self.baseline, self.options.report, self.options.cov_fail_under is not None
+        return bool(self.planner.plan().cells or any(requests))
 
     def _complete(self) -> int:
-        """Add a record for every item that was selected and gave none; return how many never ran."""
+        """Add a record for every selected item without a record; return the number of items that never ran."""
         from msgspec import structs
 
         from pytest_rvads.report.record import conclude
@@ -193,8 +193,13 @@ class Session:
                 missing += 1
         return missing
 
-    def _report(self, ended: int, cut: bool) -> Report:
-        """Return the report of the session, with the exit status that its gates make of it."""
+    def _report(self, exitstatus: int, cut: bool) -> Report:
+        """Return the report of the session; its exit status includes the comparison with the baseline and the least coverage.
+
+        Args:
+            exitstatus: exit status so far.
+            cut: whether items are missing, so that the comparison excuses no failure.
+        """
         from pytest_rvads.report.coverage import shortfall
         from pytest_rvads.report.session_report import Report, in_order
         from pytest_rvads.versions import ENGINES, versions
@@ -216,75 +221,77 @@ class Session:
             began=self.began,
             command=printable(shlex.join(["pytest", *map(os.fspath, self.config.invocation_params.args)])),
             project=self._project(),
-            kept=self._kept(),
+            kept=self._kept_folder(),
         )
         if self.baseline:
             report = self._compare(report, self.baseline)
-            if ended in (pytest.ExitCode.OK, pytest.ExitCode.TESTS_FAILED):
-                ended = self._judge_changes(report, ended, cut)
-        least = self.options.cov_fail_under
-        short = "" if least is None else shortfall(report, least)
-        if short:
-            self.troubles.append(short)
-            ended = ended or pytest.ExitCode.TESTS_FAILED
-        return replace(report, notes=tuple(self.troubles), exitstatus=ended)
+            if exitstatus in (pytest.ExitCode.OK, pytest.ExitCode.TESTS_FAILED):
+                exitstatus = self._judge_changes(report, exitstatus, cut)
+        least_coverage = self.options.cov_fail_under
+        shortfall_text = "" if least_coverage is None else shortfall(report, least_coverage)
+        if shortfall_text:
+            self.troubles.append(shortfall_text)
+            exitstatus = exitstatus or pytest.ExitCode.TESTS_FAILED
+        return replace(report, notes=tuple(self.troubles), exitstatus=exitstatus)
 
     def _project(self) -> str:
-        """Return what tells the project from others, see `Report.project`."""
+        """Return the identifier of the project, see `Report.project`."""
         file = self.config.inipath
         return sha256(file.read_bytes()).hexdigest()[:12] if file and file.is_file() else self.config.rootpath.name
 
-    def _kept(self) -> str:
-        """Return the folder in which all runs are kept, from where the session was started."""
+    def _kept_folder(self) -> str:
+        """Return the folder of ``--rvads-keep``, relative to the directory in which the session was started."""
         if not self.options.keep:
             return ""
         try:
             return os.path.relpath(self.options.keep, self.config.invocation_params.dir)
-        except ValueError:  # on another drive no path leads there from here
+        except ValueError:  # no relative path leads to another drive of Windows
             return str(self.options.keep)
 
     def _by_run(self) -> dict[str, float]:
-        """Return how long the items of every run took together [s]."""
-        found: dict[str, float] = {}
+        """Return, by run, the time that all items of the run took [s]."""
+        seconds: dict[str, float] = {}
         for nodeid, record in self.records.items():
             if record.run:
-                found[record.where] = found.get(record.where, 0.0) + self.seconds.get(nodeid, 0.0)
-        return {name: round(taken, 3) for name, taken in found.items()}
+                seconds[record.where] = seconds.get(record.where, 0.0) + self.seconds.get(nodeid, 0.0)
+        return {name: round(total, 3) for name, total in seconds.items()}
 
     def _compare(self, report: Report, baseline: Report) -> Report:
         from pytest_rvads.report.baseline import compare, with_baseline
 
         name = self.options.baseline.name if self.options.baseline else ""
         same = self.options.baseline_of == "same"
-        return with_baseline(report, compare(report, baseline, name, self.options.erosion, self.planner.gone, same=same))
+        return with_baseline(
+            report, compare(report, baseline, name, self.options.erosion, self.planner.no_longer_exists, same=same)
+        )
 
-    def _judge_changes(self, report: Report, ended: int, cut: bool) -> int:
-        """Return the exit status where only some changes since the baseline are failures; what is `cut` is no success."""
+    def _judge_changes(self, report: Report, exitstatus: int, cut: bool) -> int:
+        """Return the exit status if only some changes since the baseline are failures; a `cut` session is no success."""
         kinds = {"any": (), "new": ("NEW", "LOST"), "eroded": ("NEW", "LOST", "ERODED")}[self.options.fail_on]
         if not kinds or not report.comparison:
-            return ended
+            return exitstatus
         errors = any(record.status.meaning == "error" for record in report.records)
         if report.comparison.count(*kinds) or errors:
             return pytest.ExitCode.TESTS_FAILED
-        old = sum(record.failed for record in report.records)
-        if ended and old and not self.others and not cut:
+        failed = sum(record.failed for record in report.records)
+        if exitstatus and failed and not self.failures_without_verdict and not cut:
             self.troubles.append(
-                f"{plural(old, 'item')} failed as in the baseline, which --rvads-fail-on={self.options.fail_on} lets pass"
+                f"{plural(failed, 'item')} failed as in the baseline, which --rvads-fail-on={self.options.fail_on} lets pass"
             )
             return pytest.ExitCode.OK
-        return ended
+        return exitstatus
 
 
-def ran(report: Report) -> bool:
-    """Return whether any item of a session ran."""
+def has_run(report: Report) -> bool:
+    """Return whether at least one item of the session ran."""
     return any(record.status is not Outcome.NOT_RUN for record in report.records)
 
 
 def _load(path: Path | None) -> Report | None:
-    """Return the baseline, before anything runs.
+    """Return the report of the baseline; None without a path.
 
     Raises:
-        pytest.UsageError: it is no report.
+        pytest.UsageError: the file is no report.
     """
     if path is None:
         return None

@@ -1,4 +1,8 @@
-"""What a session writes: its journal, its reports from beginning to end, its page, the summary of a CI job."""
+"""What a session writes: its folder, its journal, its reports, its page, and the summary of a CI job.
+
+All processes of a session share one folder, which is made when the first file is written to it. The reports are written at the
+start of the session, when the plan is known, and at the end: so a report never shows an earlier session.
+"""
 
 from __future__ import annotations
 
@@ -8,13 +12,13 @@ from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import replace
 from functools import cached_property, partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
+from uuid import uuid4
 
 import pytest
 
-from pytest_rvads.options import OPTIONS
-from pytest_rvads.session.folder import FOLDER
-from pytest_rvads.wording import one_line
+from pytest_rvads.options import OPTIONS, Options
+from pytest_rvads.wording import named_error
 
 if TYPE_CHECKING:
     from pytest_rvads.report.journal import Journal
@@ -22,50 +26,82 @@ if TYPE_CHECKING:
     from pytest_rvads.report.session_report import Cell, Extent, Report
     from pytest_rvads.session.plan import Planner
 
-__all__ = ["Outputs", "claim", "told", "totals"]
+__all__ = ["FOLDER", "Outputs", "SessionFolder", "claim", "totals"]
 
+_TOKEN = "rvads_session"
+"""Key under which a worker gets the name of its session from the main process."""
+
+
+class SessionFolder:
+    """The folder for the pages, reports and runs of a session; it is made when the first file is written to it.
+
+    Args:
+        config: configuration of the session.
+        options: options of the session.
+    """
+
+    def __init__(self, config: pytest.Config, options: Options) -> None:
+        self._token: str = getattr(config, "workerinput", {}).get(_TOKEN) or uuid4().hex
+        self._start, self._artefacts, self._keep = config.invocation_params.dir, options.artefacts or "", options.keep_sessions
+
+    def make(self) -> Path:
+        """Make the folder if it does not exist, and return it.
+
+        Raises:
+            OSError: the folder can't be made.
+        """
+        from pytest_rvads.report.folders import claimed
+
+        return claimed(self._start / self._artefacts, self._token, self._keep)
+
+    def relative(self, path: Path) -> str:
+        """Return a path in the folder, relative to the directory in which the session was started."""
+        return (Path(self._artefacts) / path.relative_to(self._start / self._artefacts)).as_posix()
+
+    @pytest.hookimpl(optionalhook=True)
+    def pytest_configure_node(self, node: Any) -> None:
+        """Send the name of the session to a worker."""
+        node.workerinput[_TOKEN] = self._token
+
+
+FOLDER: pytest.StashKey[SessionFolder] = pytest.StashKey()
 _QUESTIONS = ("cacheshow", "collectonly", "help", "markers", "show_fixtures_per_test", "showfixtures", "version")
-"""Options with which pytest runs nothing."""
+"""Options with which pytest only prints and runs no item."""
 
 
 def claim(early_config: pytest.Config) -> None:
-    """Leave a journal before code of users is loaded, so that an earlier report is not taken for one of this session."""
-    known = early_config.known_args_namespace
-    names = known.rvads_report or early_config.getini("rvads_report")
-    first = _first_json([early_config.invocation_params.dir / name for name in names])
-    if first and not _runs_nothing(known):
+    """Write an empty journal before code of users is loaded, so that a report of an earlier session no longer counts."""
+    arguments = early_config.known_args_namespace
+    names = arguments.rvads_report or early_config.getini("rvads_report")
+    report = _first_json([early_config.invocation_params.dir / name for name in names])
+    if report and not _runs_nothing(arguments):
         from pytest_rvads.report.journal import claim
 
-        claim(first)
-
-
-def told(error: BaseException) -> str:
-    """Return an error of code that is not ours as part of a sentence."""
-    return one_line(f"{type(error).__name__}: {error}")
+        claim(report)
 
 
 def totals(records: Iterable[Record]) -> dict[int, tuple[int, int]]:
-    """Return how many classes and scenarios there are at junctions of so many ways, for each kind that has records."""
+    """Return the numbers of classes and of scenarios at junctions, by the number of ways, for all numbers of ways in records."""
     from pytest_rvads.report.record import SimulatedItem
     from pytest_rvads.scenarios.classes import count_classes, count_scenarios
 
-    found = sorted({record.ways for record in records if isinstance(record, SimulatedItem)})
-    return {ways: (count_classes(ways), count_scenarios(ways)) for ways in found}
+    sizes = sorted({record.ways for record in records if isinstance(record, SimulatedItem)})
+    return {ways: (count_classes(ways), count_scenarios(ways)) for ways in sizes}
 
 
 class Outputs:
-    """Writes what a session is asked for; what can't be written costs nothing else."""
+    """Writes the files of a session; an error while writing one file does not keep the others from being written."""
 
     def __init__(self, config: pytest.Config) -> None:
         options, self._config = config.stash[OPTIONS], config
         self._artefacts = options.artefacts
-        self._reports = () if _runs_nothing(config.option) else options.reports
+        self._reports = () if _runs_nothing(config.option) else options.report
         self._announced = False
-        """Whether the reports say what is to run."""
+        """Whether the reports contain the plan."""
         self.index = ""
-        """Where the page of the session is, if it could be written."""
+        """Path of the page of the session; empty until the page is written."""
         self._troubles: list[str] = []
-        """What went wrong while reports of what is to run were written."""
+        """Sentences on reports that could not be written before the end of the session."""
 
     @cached_property
     def journal(self) -> Journal:
@@ -77,87 +113,89 @@ class Outputs:
         return journal
 
     def begin(self) -> None:
-        """Replace what an earlier session has left: until this one has ended, the reports say so."""
+        """Replace the reports of an earlier session by reports which say that this session has not ended."""
         if self._reports:
-            _ = self.journal  # comes first: that of an earlier session has other items
-            self._provide((), ())
+            _ = self.journal  # before the reports: the journal of an earlier session has other items
+            self._write_planned((), ())
 
     def announce(self, planner: Planner) -> None:
-        """Say in the reports what is to run, so that nothing of it can be missing unnoticed; once, as soon as it is known."""
+        """Write the plan into the reports once it is known, so that an item without a verdict can be noticed."""
         if self._reports and not self._announced and (plan := planner.plan()).items:
             self._announced = True
-            self._provide(plan.items.values(), plan.cells, plan.extents)
+            self._write_planned(plan.items.values(), plan.cells, plan.extents)
 
-    def _provide(self, records: Collection[Record], planned: Iterable[Cell], extents: dict[str, Extent] | None = None) -> None:
+    def _write_planned(
+        self, records: Collection[Record], cells: Iterable[Cell], extents: dict[str, Extent] | None = None
+    ) -> None:
         from pytest_rvads.report.session_report import begun
 
-        self._troubles = self._save(begun(list(records), totals(records), list(planned), extents), lambda _: True)
+        self._troubles = self._save(begun(list(records), totals(records), list(cells), extents), lambda _: True)
 
     def end(self, report: Report, ran: bool) -> tuple[list[str], bool]:
-        """Write all that is to stay, what programs read last: it tells what else could not be written.
+        """Write the page and the reports; the JSON reports come last, because they name the files that could not be written.
 
         Returns:
-            What went wrong, a sentence each, and whether all is there that was asked for.
+            A sentence per file that could not be written, and whether all requested files were written.
         """
-        told = self._troubles
+        troubles = self._troubles
         if self._artefacts and ran:
-            told = told + _attempt("the index of the session", partial(self._write_index, report))
-        lacking = self._save(report, lambda path: path.suffix != ".json")
+            troubles = troubles + _attempt("the index of the session", partial(self._write_index, report))
+        unwritten = self._save(report, lambda path: path.suffix != ".json")
         if (summary := os.environ.get("GITHUB_STEP_SUMMARY")) and report.records:
             from pytest_rvads.report.files import append_summary
 
-            lacking += _attempt("the report", partial(append_summary, Path(summary), report))
-        if lacking:
+            unwritten += _attempt("the report", partial(append_summary, Path(summary), report))
+        if unwritten:
             report = replace(
-                report, exitstatus=report.exitstatus or pytest.ExitCode.TESTS_FAILED, notes=(*report.notes, *lacking)
+                report, exitstatus=report.exitstatus or pytest.ExitCode.TESTS_FAILED, notes=(*report.notes, *unwritten)
             )
-        lost = self._save(report, lambda path: path.suffix == ".json")
-        if not lost:
+        unwritten_json = self._save(report, lambda path: path.suffix == ".json")
+        if not unwritten_json:
             self.journal.remove()
-        return list(dict.fromkeys([*told, *lacking, *lost])), not (lacking or lost)
+        return list(dict.fromkeys([*troubles, *unwritten, *unwritten_json])), not (unwritten or unwritten_json)
 
     def annotate(self, report: Report | None, reporter: pytest.TerminalReporter) -> None:
-        """Print what GitHub Actions shows beside the lines of a change, in one of its jobs; each begins a line."""
+        """Print the annotations that GitHub shows beside the lines of a change, if the session runs in GitHub Actions."""
         if report is None or os.environ.get("GITHUB_ACTIONS") != "true":
             return
         from pytest_rvads.report.annotations import annotate
 
         root = self._config.rootpath
-        found: list[str] = []
+        annotations: list[str] = []
         workspace = Path(os.environ.get("GITHUB_WORKSPACE") or root)
-        troubles = _attempt("the annotations of the job", lambda: found.extend(annotate(report, root, workspace)))
-        for line in (*(f"rvads: {trouble}" for trouble in troubles), *found):
+        troubles = _attempt("the annotations of the job", lambda: annotations.extend(annotate(report, root, workspace)))
+        for line in (*(f"rvads: {trouble}" for trouble in troubles), *annotations):
             reporter.ensure_newline()
             reporter.write_line(line)
 
-    def _save(self, report: Report, wanted: Callable[[Path], bool]) -> list[str]:
+    def _save(self, report: Report, selected: Callable[[Path], bool]) -> list[str]:
         if not self._reports:
             return []
         from pytest_rvads.report.files import save
 
-        jobs = [partial(save, path, report) for path in self._reports if wanted(path)]
+        jobs = [partial(save, path, report) for path in self._reports if selected(path)]
         return [trouble for job in jobs for trouble in _attempt("the report", job)]
 
     def _write_index(self, report: Report) -> None:
-        """Write the page that leads from the verdicts to the replays, and the report that `rvads replay` reads."""
+        """Write the page with links from verdicts to replays, and the report that `rvads replay` reads."""
         from pytest_rvads.report.files import save
         from pytest_rvads.report.folders import INDEX, REPORT
 
         folder = self._config.stash[FOLDER]
-        path = folder.made() / INDEX
+        path = folder.make() / INDEX
         save(path, report)
-        self.index = folder.told(path)
+        self.index = folder.relative(path)
         save(path.with_name(REPORT), report)
 
 
 def _attempt(what: str, write: Callable[[], None]) -> list[str]:
-    """Write something, and return the sentence on why that failed, if it did."""
+    """Write a file; return a list with a sentence on the error, or an empty list."""
     try:
         write()
     except OSError as error:
         return [f"{what} could not be written: {error}"]
-    except Exception as error:  # what drivers and hooks put into a record costs this file only
-        return [f"{what} could not be written: {told(error)}"]
+    except Exception as error:  # values that drivers or hooks put into a record may break a format
+        return [f"{what} could not be written: {named_error(error)}"]
     return []
 
 

@@ -1,7 +1,7 @@
-"""What the tests of a session expand to, known before anything runs and also where workers do the collecting.
+"""The plan of a session: the cells of all collected tests and the selected items, known before the first item runs.
 
-Because the plan is known, coverage is a share of what the tests ask for, and an item that did not run has a record, whatever
-ended the session. A worker sends the plan with its first report.
+Coverage is a share of the planned cells, and an item that did not run has a record. Under xdist a worker sends the plan to the
+main process with its first report.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ import pytest
 from pytest_rvads.collection.planned import DRAWN, EXTENTS, LEFT_OUT, REFUSED, UNFIT
 
 if TYPE_CHECKING:
-    from pytest_rvads.collection import Cell as Parameter
-    from pytest_rvads.collection import RecordedCell
+    from pytest_rvads.collection.cells import Cell as Parameter
+    from pytest_rvads.collection.cells import RecordedCell
     from pytest_rvads.report.record import Record
     from pytest_rvads.report.session_report import Cell, Drawn, Extent
 
@@ -33,38 +33,38 @@ class Plan:
     """The cells that the collected tests ask for, and the items that were selected to run."""
 
     cells: dict[Cell, None] = field(default_factory=dict)
-    """Before ``-k`` and ``-m`` deselect, in the order of collection."""
+    """The cells before ``-k`` and ``-m``, in the order of collection; the values are not used."""
     items: dict[str, Record] = field(default_factory=dict)
-    """Node id to the start of the record, of the selected items."""
+    """Node id of every selected item to the start of its record."""
     deselected: set[str] = field(default_factory=set)
-    """Node ids of the other items."""
+    """Node ids of the deselected items."""
     vanished: dict[str, Record] = field(default_factory=dict)
-    """Node ids of items that disappeared without `pytest_deselected`, with the beginnings of their records."""
+    """Node id of every item that disappeared without `pytest_deselected`, to the start of its record."""
     files: set[str] = field(default_factory=set)
     """Every file from which pytest collected an item, of this plugin or not."""
     left_out: dict[str, int] = field(default_factory=dict)
-    """Test to how many points of its grid were left out, because nobody could stop there."""
+    """Test to the number of points of its grid that were left out, because they are beyond the braking envelope."""
     unfit: dict[str, int] = field(default_factory=dict)
-    """Test to how many scenarios were left out because a vehicle has no room where it would start."""
+    """Test to the number of scenarios that were left out, because a vehicle has no room at its start."""
     extents: dict[str, Extent] = field(default_factory=dict)
-    """Junction to how much there is to cover, where its number of ways does not tell."""
+    """Junction to its numbers of classes and pairs, if its number of ways does not determine them."""
     refused: dict[str, tuple[str, ...]] = field(default_factory=dict)
-    """Why junctions are left out, to their names."""
+    """Reason for which junctions are left out, to the names of the junctions."""
     drawn: dict[Drawn, None] = field(default_factory=dict)
     """Tests that run only a sample of their runs, with the size of the sample."""
 
     def pack(self) -> str:
         """Return the plan as one string of JSON."""
-        named = sorted(self.deselected), sorted(self.files), self.left_out, self.unfit
-        if not self.cells:  # nothing of ours, so nothing more is loaded
-            return json.dumps([[], [], [], *named, {}, {}, []])
+        of_all_tests = sorted(self.deselected), sorted(self.files), self.left_out, self.unfit
+        if not self.cells:  # msgspec is not imported in a session without items of this plugin
+            return json.dumps([[], [], [], *of_all_tests, {}, {}, []])
         from pytest_rvads.decoding import encode
 
-        ours = list(self.cells), *map(list, (self.items.values(), self.vanished.values()))
-        return encode([*ours, *named, self.extents, self.refused, list(self.drawn)]).decode()
+        records = map(list, (self.items.values(), self.vanished.values()))
+        return encode([list(self.cells), *records, *of_all_tests, self.extents, self.refused, list(self.drawn)]).decode()
 
     def unpack(self, text: str) -> None:
-        """Take in a packed plan; all workers send the same one."""
+        """Add the values of a packed plan; all workers send the same plan."""
         cells, items, vanished, deselected, files, left_out, unfit, extents, refused, drawn = json.loads(text)
         if cells:
             from msgspec import convert
@@ -90,7 +90,7 @@ def in_part(config: pytest.Config) -> bool:
 
 
 def start(item: pytest.Item) -> Record | None:
-    """Return the start of an item's record, or None where the item is not ours."""
+    """Return the start of an item's record; None if the item does not belong to this plugin."""
     if not (isinstance(item, pytest.Function) and hasattr(item, "callspec") and "rvads_cell" in item.callspec.params):
         return None
     from pytest_rvads.report.record import planned_record
@@ -104,41 +104,41 @@ def _variant(whole: str, names: Sequence[str], cell: str) -> str:
     """Return the values of the other parameters of an item, as its id names them.
 
     Args:
-        whole: what stands in brackets in its id: the ids of its parameters, joined by dashes, which may have some in themselves.
-        names: its arguments, in that order.
-        cell: the id of its cell.
+        whole: the part of the item's id in brackets: the ids of its parameters, joined by dashes; an id may contain dashes.
+        names: names of the parameters, in the same order.
+        cell: id of the cell.
     """
     whole, part = f"-{whole}-", f"-{cell}-"
-    # An id of somebody else may hold that of the cell, too. At an end it is known which is which.
+    # The id of another parameter may contain the id of the cell; the parameter of the cell is first or last.
     at = whole.rfind(part) if names[-1] == "rvads_cell" else whole.find(part)
     return ", ".join(filter(None, (whole[1:at], whole[at + len(part) : -1])))
 
 
 class Planner:
-    """Notes the plan in every process that collects, and sends it from a worker to the main process."""
+    """Makes the plan in every process that collects, and sends the plan from a worker to the main process."""
 
     def __init__(self, config: pytest.Config) -> None:
         self._plan = Plan()
         self._config = config
         self._collected: list[pytest.Item] = []
         self._selected: list[pytest.Item] = []
-        self._told: set[str] = set()
+        self._deselected: set[str] = set()
         """Node ids of items that were deselected with the hook `pytest_deselected`."""
         self._unsent = hasattr(config, "workerinput")
         self._ids = 0
-        """How many items a worker has collected, ours or not."""
+        """Number of all items that a worker has collected."""
 
     def plan(self) -> Plan:
-        """Return the plan; it is put together when first asked for, so that collecting costs nothing more."""
+        """Return the plan, made from the items that were collected since the last call."""
         starts = {item.nodeid: record for item in self._collected if (record := start(item))}
         if starts:
             from pytest_rvads.report.session_report import cell_of
 
             self._plan.cells |= dict.fromkeys(map(cell_of, starts.values()))
         self._plan.items |= {item.nodeid: starts[item.nodeid] for item in self._selected if item.nodeid in starts}
-        left = starts.keys() - self._plan.items.keys()
-        self._plan.deselected |= left
-        self._plan.vanished |= {nodeid: starts[nodeid] for nodeid in starts if nodeid in left - self._told}
+        deselected = starts.keys() - self._plan.items.keys()
+        self._plan.deselected |= deselected
+        self._plan.vanished |= {nodeid: starts[nodeid] for nodeid in starts if nodeid in deselected - self._deselected}
         self._plan.files |= {_file(item.nodeid) for item in self._collected}
         stash = self._config.stash
         left_out: dict[str, int] = stash.setdefault(LEFT_OUT, {})
@@ -154,14 +154,15 @@ class Planner:
         self._collected, self._selected = [], []
         return self._plan
 
-    def unsaid(self) -> int:
-        """Return how many items workers have collected, where none of them came to say what is planned; else 0."""
+    def unplanned(self) -> int:
+        """Return the number of items that workers collected, if no worker sent its plan; else 0."""
         return 0 if self.plan().files else self._ids
 
-    def gone(self, nodeid: str) -> bool:
-        """Tell whether an item that was not selected does not exist any more, as far as this session can tell.
+    def no_longer_exists(self, nodeid: str) -> bool:
+        """Return whether an item no longer exists.
 
-        That is so when its file is not there, or was collected as a whole without giving the item, and none of its test is drawn.
+        An item no longer exists if its file does not exist, or if its whole file was collected without the item, the item was not
+        deselected, and its test does not draw a sample.
         """
         plan = self.plan()
         if nodeid in plan.deselected or nodeid.partition("[")[0] in {drawn.test for drawn in plan.drawn}:
@@ -171,20 +172,20 @@ class Planner:
         return _file(nodeid) in plan.files and not in_part(self._config)
 
     def pytest_itemcollected(self, item: pytest.Item) -> None:
-        """Note every item, before anybody can deselect or drop it."""
+        """Note every item before plugins can deselect or drop items."""
         self._collected.append(item)
 
     def pytest_deselected(self, items: list[pytest.Item]) -> None:
-        """Note what was deselected by an option, or by a plugin that says so."""
-        self._told |= {item.nodeid for item in items}
+        """Note the items that an option or a plugin deselects."""
+        self._deselected |= {item.nodeid for item in items}
 
     def pytest_collection_finish(self, session: pytest.Session) -> None:
-        """Note what was selected."""
+        """Note the selected items."""
         self._selected = session.items
 
     @pytest.hookimpl(wrapper=True)
     def pytest_runtest_makereport(self) -> Generator[None, pytest.TestReport, pytest.TestReport]:
-        """Send the plan with a worker's first report: what was planned is known whatever becomes of the worker."""
+        """Send the plan with the first report of a worker, because the worker may crash later."""
         report = yield
         if self._unsent:
             setattr(report, _WIRE, self.plan().pack())
@@ -192,41 +193,41 @@ class Planner:
         return report
 
     def pytest_sessionfinish(self) -> None:
-        """Send the plan of a worker that ran nothing."""
+        """Send the plan of a worker that ran no item."""
         if self._unsent:
             self._config.workeroutput[_WIRE] = self.plan().pack()  # type: ignore[attr-defined]
 
     @pytest.hookimpl(wrapper=True, tryfirst=True)
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> Generator[None, None, None]:
-        """Take the plan off a worker's report in the main process, before anybody else reads it, and lighten it afterwards."""
+        """Take the plan from a worker's report before other plugins read the report, and shrink the report afterwards."""
         if not hasattr(self._config, "workerinput") and hasattr(report, _WIRE):
             self._plan.unpack(report.__dict__.pop(_WIRE))
         try:
             return (yield)
         finally:
             if report.nodeid in self.plan().items:
-                _lighten(report)
+                _shrink(report)
 
     @pytest.hookimpl(optionalhook=True)
     def pytest_xdist_node_collection_finished(self, ids: Sequence[str]) -> None:
-        """Note how much a worker has collected: before its first report no more comes from it."""
+        """Note the number of items that a worker collected, known before its first report."""
         self._ids = len(ids)
 
     @pytest.hookimpl(optionalhook=True)
     def pytest_testnodedown(self, node: Any) -> None:
-        """Take the plan of a worker that ran nothing."""
+        """Take the plan of a worker that ran no item."""
         text = getattr(node, "workeroutput", {}).get(_WIRE)
         if text:
             self._plan.unpack(text)
 
 
-def _lighten(report: pytest.TestReport) -> None:
-    """Keep of an item's report what is asked of it at the end: terminals hold on to every one."""
+def _shrink(report: pytest.TestReport) -> None:
+    """Remove from a report all values that nobody reads at the end, because terminal reporters keep every report."""
     if report.passed and report.when != "call":
         report.keywords, report.user_properties = {}, []
     if record := getattr(report, "rvads", None):
-        kept = ("status", "message", "late")
-        report.rvads = {name: record[name] for name in kept if name in record}  # type: ignore[attr-defined]
+        names = ("status", "message", "late")
+        report.rvads = {name: record[name] for name in names if name in record}  # type: ignore[attr-defined]
         texts = [(intern(name), intern(value) if isinstance(value, str) else value) for name, value in report.user_properties]
         report.user_properties = texts
 

@@ -1,7 +1,7 @@
-"""Why a session is not green, whatever pytest says: a list of small checks, each of which may give one reason.
+"""The reasons why a session is not green: a list of checks, each of which may give one reason.
 
-A session is green only if a verdict was given, a driver was named, and everything planned is accounted for. A test can't pass
-over a violation of its own run.
+A session is green only if a verdict was given, a driver was named, and everything planned is accounted for. A violation fails
+its item even if the test, a plugin or a conftest.py catches the exception.
 """
 
 from __future__ import annotations
@@ -26,61 +26,62 @@ _NOTHING = int(pytest.ExitCode.NO_TESTS_COLLECTED)
 
 @dataclass(frozen=True, slots=True)
 class Ending:
-    """How a session ended: all that decides whether it is green."""
+    """All values that decide whether a session is green."""
 
     exitstatus: int
-    """Of pytest."""
+    """Exit status by pytest."""
     collected: bool
-    """Whether collecting came to its end."""
+    """Whether the collection was completed."""
     records: Mapping[str, Record]
-    """By node id."""
+    """Records by node id."""
     missing: int
-    """Selected items that never ran."""
-    unsaid: int
+    """Number of selected items that never ran."""
+    unplanned: int
     """Number of items that workers collected, if every worker ended before it reported which items belong to this plugin."""
     vanished: int
     """Number of items that a plugin dropped without the hook `pytest_deselected`."""
     undriven: Mapping[str, str]
-    """Node ids of items that nothing was named to drive in, and where what was meant may be."""
+    """Node ids of items without a named driver, to a sentence on a misplaced definition of the driver, or an empty text."""
     turned: Set[str]
     """Node ids of items that failed until somebody changed their reports."""
     late: str
-    """Message of items that a time budget had no room for, empty without a budget."""
+    """Message of the items that the time budget kept from starting; empty without a budget."""
     lets_open_pass: bool
+    """Whether the options let OPEN pass or skip."""
 
 
 @dataclass(frozen=True, slots=True)
 class Reason:
-    """What keeps a session from being green, or should be known of it."""
+    """A reason why a session is not green, or a note on the session."""
 
     text: str
     exitstatus: int = _FAILED
-    """To end with where the session would end with 0; 0 where the reason alone is none."""
+    """Exit status in place of 0; 0 for a note that changes no exit status."""
     cut: bool = True
-    """Whether so much is missing that a comparison with a baseline excuses no failure."""
+    """Whether so many items are missing that ``--rvads-fail-on`` excuses no failure."""
 
 
 def reasons(ending: Ending) -> list[Reason]:
-    """Return every reason, the first of which with an exit status decides."""
+    """Return all reasons; the first reason with an exit status other than 0 decides the exit status."""
     return [reason for check in _CHECKS if (reason := check(ending))]
 
 
 def _ended(ending: Ending) -> Reason | None:
     missing = f"{plural(ending.missing, 'item')} did not run"
-    lacking = bool(ending.missing or ending.unsaid) or not ending.collected
+    incomplete = bool(ending.missing or ending.unplanned) or not ending.collected
     if not ending.collected:
-        missing = "it was not yet known what is to run"
-    elif ending.unsaid:
-        missing = f"none of {plural(ending.unsaid, 'item')} ended, and no worker came to say which of them ask for a run"
+        missing = "the items to run were not yet known"
+    elif ending.unplanned:
+        missing = f"none of {plural(ending.unplanned, 'item')} ended, and no worker reported which of them belong to pytest-rvads"
     if ending.exitstatus not in (pytest.ExitCode.OK, _FAILED, _NOTHING):
         text = f"the session did not end by itself (exit status {ending.exitstatus}): {missing}"
-        return Reason(text, cut=lacking)
-    return Reason(f"the session stopped early: {missing}") if lacking else None
+        return Reason(text, cut=incomplete)
+    return Reason(f"the session stopped early: {missing}") if incomplete else None
 
 
 def _vanished(ending: Ending) -> Reason | None:
-    said = f"{plural(ending.vanished, 'item')} vanished: a plugin or conftest.py dropped them without deselecting them"
-    return Reason(said) if ending.vanished else None
+    text = f"{plural(ending.vanished, 'item')} vanished: a plugin or conftest.py dropped them without deselecting them"
+    return Reason(text) if ending.vanished else None
 
 
 def _undriven(ending: Ending) -> Reason | None:
@@ -98,27 +99,27 @@ def _unjudged(ending: Ending) -> Reason | None:
     judged = (record.status.judges or record.status is Outcome.FLAKY for record in ending.records.values())
     if not ending.records or any(judged):
         return None
-    said = "nothing was judged: no rule asked anything of what was to be tested, or no item ran"
-    return Reason(said, _NOTHING, cut=False)
+    text = "nothing was judged: no rule required an action of the system under test, or no item ran"
+    return Reason(text, _NOTHING, cut=False)
 
 
 def _hushed(ending: Ending) -> Reason | None:
-    """Items that failed, and that a plugin or conftest.py made pass."""
+    """Return the reason if a plugin or conftest.py let items pass that failed."""
     fails = {outcome for outcome in Outcome if outcome.bad} - ({Outcome.OPEN} if ending.lets_open_pass else set())
     hidden = {name for name, r in ending.records.items() if r.status in fails and not r.failed and not r.known}
     hushed = sorted(hidden | {name for name in ending.turned if ending.records[name].status is not Outcome.FLAKY})
     if not hushed:
         return None
-    return Reason(f"{plural(len(hushed), 'item')} passed though not kept: something catches failures, first {hushed[0]}")
+    return Reason(f"{plural(len(hushed), 'item')} passed in spite of a failure: a plugin catches failures, first {hushed[0]}")
 
 
 def _flaky(ending: Ending) -> Reason | None:
-    """Items that are FLAKY, and that pytest does not count as failed."""
+    """Return the reason if items are FLAKY that pytest does not count as failed."""
     flaky = [r for r in ending.records.values() if r.status is Outcome.FLAKY and r.outcome != "failed"]
     if not flaky:
         return None
-    told = f", first {flaky[0].nodeid}: {flaky[0].flaky}" if flaky[0].flaky else ""
-    return Reason(f"FLAKY, though nothing failed: {plural(len(flaky), 'item')}{told}", cut=False)
+    example = f", first {flaky[0].nodeid}: {flaky[0].flaky}" if flaky[0].flaky else ""
+    return Reason(f"FLAKY, though nothing failed: {plural(len(flaky), 'item')}{example}", cut=False)
 
 
 def _unkept(ending: Ending) -> Reason | None:
@@ -128,8 +129,8 @@ def _unkept(ending: Ending) -> Reason | None:
 
 def _late(ending: Ending) -> Reason | None:
     late = sum(record.late for record in ending.records.values())
-    said = f"{ending.late.partition(': ')[2]}: {plural(late, 'item')} did not run"
-    return Reason(said, exitstatus=0, cut=False) if late else None
+    text = f"{ending.late.partition(': ')[2]}: {plural(late, 'item')} did not run"
+    return Reason(text, exitstatus=0, cut=False) if late else None
 
 
 _Check = Callable[[Ending], Reason | None]

@@ -1,6 +1,6 @@
-"""A time budget for a session: the most telling items first, and what is left when the time is up is NOT RUN.
+"""A time budget for a session: the most informative items run first, and items after the deadline are NOT RUN.
 
-The wall clock decides only which items still start; no run depends on it.
+The wall clock decides only which items start. No run depends on the wall clock.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ __all__ = ["BUDGET", "Budget", "OutOfTime"]
 
 _STARTED = "rvads_started"
 _HISTORY = "rvads/exercised"
-"""Key of pytest's cache: in how many sessions with a budget an item ran."""
+"""Key of pytest's cache for the number of sessions with a budget in which an item ran."""
 _FAILED = "cache/lastfailed"
-"""Pytest's own key: what failed in the last session."""
+"""Pytest's key of its cache for the failures of the last session."""
 
 
 class OutOfTime(pytest.skip.Exception):  # type: ignore[name-defined,misc]
@@ -32,7 +32,7 @@ class OutOfTime(pytest.skip.Exception):  # type: ignore[name-defined,misc]
 
 
 class Budget:
-    """Puts the items of ours first and in order, and keeps those from starting that come too late."""
+    """Sorts the items of this plugin to the front, and skips items after the deadline."""
 
     def __init__(self, config: pytest.Config, seconds: float) -> None:
         self._config = config
@@ -42,16 +42,16 @@ class Budget:
 
     @pytest.hookimpl(trylast=True)
     def pytest_collection_modifyitems(self, items: list[pytest.Item]) -> None:
-        """Put last failures first, then a run of every class, then what was covered least; the same in every worker."""
+        """Sort the items by `priority`; every worker gets the same order."""
         records = {item.nodeid: record for item in items if (record := start(item))}
         order = {nodeid: i for i, nodeid in enumerate(priority(records.values(), self._cached(_FAILED), self._cached(_HISTORY)))}
         items.sort(key=lambda item: order.get(item.nodeid, len(order)))
 
-    def spend(self) -> None:
-        """Skip an item that is about to start too late.
+    def check_deadline(self) -> None:
+        """Skip the current item after the deadline.
 
         Raises:
-            OutOfTime: the time is up.
+            OutOfTime: the deadline is over.
         """
         if time.time() > self._deadline:
             raise OutOfTime(self.reason)
@@ -66,25 +66,25 @@ class Budget:
 
     @pytest.hookimpl(optionalhook=True)
     def pytest_configure_node(self, node: Any) -> None:
-        """Tell a worker when the session began."""
+        """Send the start time of the session to a worker."""
         node.workerinput[_STARTED] = self._started
 
     def _cached(self, key: str) -> dict[str, Any]:
         cache = getattr(self._config, "cache", None)
-        found = cache.get(key, {}) if cache is not None else {}
-        return found if isinstance(found, dict) else {}
+        entry = cache.get(key, {}) if cache is not None else {}
+        return entry if isinstance(entry, dict) else {}
 
 
 BUDGET: pytest.StashKey[Budget | None] = pytest.StashKey()
 
 
 def priority(records: Iterable[Record], failed: Mapping[str, Any], history: Mapping[str, int]) -> list[str]:
-    """Return node ids in the order of their worth.
+    """Return the node ids in the order in which their items should run.
 
-    The items of one run stay together, and so do the variants of a test in one start: what there is no time for is missing of
-    every version of a controller. Runs with a failure of the last session come first; then a run of every class, in the
-    configuration that ran least so far, else another one from class to class; then the runs that ran least, the classes
-    taking turns.
+    The items of one run stay together, and so do the variants of a test with one start, so that a start that is left out is
+    left out for every variant. Runs with a failure in the last session come first. Then comes one run of every class, in the
+    configuration that ran least so far; among configurations that ran equally often, the choice changes from class to class.
+    Then come the other runs, those that ran least first, the classes in turn.
 
     Args:
         records: starts of the records of all items.
@@ -106,11 +106,11 @@ def priority(records: Iterable[Record], failed: Mapping[str, Any], history: Mapp
         if run not in runs:
             classes.setdefault(group, []).append(run)
         runs.setdefault(run, []).append(record.nodeid)
-    worth: dict[tuple[Any, ...], tuple[int, ...]] = {}
+    ranks: dict[tuple[Any, ...], tuple[int, ...]] = {}
     for turn, members in enumerate(classes.values()):
-        ran = {run: min(history.get(nodeid, 0) for nodeid in runs[run]) for run in members}
+        executions = {run: min(history.get(nodeid, 0) for nodeid in runs[run]) for run in members}
         shifted = members[turn % len(members) :] + members[: turn % len(members)]
-        for place, run in enumerate(sorted(shifted, key=ran.__getitem__)):
-            again = any(nodeid in failed for nodeid in runs[run])
-            worth[run] = (0, 0, 0) if again else (1, 0, 0) if place == 0 else (2, ran[run], place)
-    return [nodeid for run in sorted(runs, key=worth.__getitem__) for nodeid in runs[run]]
+        for place, run in enumerate(sorted(shifted, key=executions.__getitem__)):
+            failed_before = any(nodeid in failed for nodeid in runs[run])
+            ranks[run] = (0, 0, 0) if failed_before else (1, 0, 0) if place == 0 else (2, executions[run], place)
+    return [nodeid for run in sorted(runs, key=ranks.__getitem__) for nodeid in runs[run]]

@@ -1,6 +1,6 @@
-"""What a session chose: the simulator that makes the runs for which callers name no other, and how long they may take.
+"""The choice of a session: its default simulator, and its limits of real time.
 
-Imports no simulator, because every session of pytest makes a choice, also where nobody simulates.
+This module imports no simulator, because every session of pytest makes a choice, even a session without simulations.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ __all__ = ["Choice", "choice", "choosing", "limits"]
 
 
 class Choice(NamedTuple):
-    """What makes runs, and how long they may take."""
+    """The default simulator and the limits of real time."""
 
     simulator: Any = None
-    """A `Simulator`; None for the usual one, not loaded yet, as outside of sessions."""
+    """A `Simulator`; None for the usual simulator, which is imported when it is used."""
     limits: Limits = Limits()
 
 
@@ -30,7 +30,7 @@ _CHOICES: list[list[Choice]] = [[Choice()]]
 """One entry per open session. Each entry is a separate list, so that a session removes its own choice in any order of ends."""
 
 _LOCK = threading.Lock()
-"""Runs may be made in several threads, each of which chooses."""
+"""Held while `_CHOICES` changes, because several threads may make choices."""
 
 
 def choice() -> Choice:
@@ -39,34 +39,34 @@ def choice() -> Choice:
 
 
 @contextmanager
-def choosing(made: Choice) -> Iterator[None]:
-    """Have a choice hold."""
-    own = [made]
+def choosing(new: Choice) -> Iterator[None]:
+    """Make a choice hold within the context."""
+    opened = [new]
     with _LOCK:
-        _CHOICES.append(own)
+        _CHOICES.append(opened)
     try:
         yield
     finally:
         with _LOCK:
-            _CHOICES[:] = [entry for entry in _CHOICES if entry is not own]
+            _CHOICES[:] = [entry for entry in _CHOICES if entry is not opened]
 
 
 @contextmanager
 def limits(decision: float = Limits().decision, run: float = Limits().run) -> Iterator[None]:
-    """Have other limits of real time hold for what is simulated in this context, in any thread.
+    """Set the limits of real time for all simulations within the context, in any thread.
 
-    A run that exceeds one ends by a fault that names the driver and the line where it was.
+    A run that exceeds a limit ends by a fault that names the driver and its current line.
 
     Args:
-        decision: for one call into a driver [s]; 0 sets no limit.
-        run: for all of a run [s]; 0 sets no limit.
+        decision: longest call into a driver [s]; 0 sets no limit.
+        run: longest run [s]; 0 sets no limit.
 
     Raises:
-        ScenarioError: a limit that is no number from 0 on.
+        ScenarioError: a limit is negative, infinite or no number.
     """
     for name, limit in (("decision", decision), ("run", run)):
         if not (isinstance(limit, Real) and 0 <= limit < math.inf):
             raise ScenarioError(f"limits({name}=) takes a number of seconds, 0 for no limit, got {limit!r:.60}")
-    held = choice()
-    with choosing(held._replace(limits=held.limits._replace(decision=float(decision), run=float(run)))):
+    current = choice()
+    with choosing(current._replace(limits=current.limits._replace(decision=float(decision), run=float(run)))):
         yield

@@ -1,35 +1,44 @@
-"""v(d)max of a closed loop: how fast a vehicle may start, d metres before a line, so that its own autopilot stops there.
+"""v(d)max of a closed loop: the greatest speed, d metres before a line, from which an autopilot stops before the line.
 
-The envelope of `pytest_rvads.physics.braking` is the plant's. An autopilot that brakes late, or drives off before it looks,
-reaches less; the difference is its own.
+v(d)max of `pytest_rvads.physics.braking` is a property of the vehicle alone. An autopilot that brakes late, or drives off before
+it looks, has a lower v(d)max. The tables of the bundled autopilots are computed on several processes and cached on disk.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Sequence
+from concurrent.futures import Executor
+from dataclasses import asdict, replace
 
 from pytest_rvads.drivers.interface import Factory
+from pytest_rvads.drivers.traffic import traffic
 from pytest_rvads.errors import RunError, ScenarioError
+from pytest_rvads.executors import Progress, spread
+from pytest_rvads.junctions.conflicts import Key
 from pytest_rvads.junctions.finder import find
 from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.maps.control import Sign
 from pytest_rvads.physics.braking import STANDING, greatest_safe
+from pytest_rvads.physics.cache import cached
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Zone
 from pytest_rvads.runs.vehicle import Vehicle
 from pytest_rvads.scenarios.case import Case, Fleet
 from pytest_rvads.scenarios.scenario import Scenario
-from pytest_rvads.simulators.simulator import Simulator, simulate, vmax
+from pytest_rvads.simulators.planar import Planar
+from pytest_rvads.simulators.simulator import Simulator, named, simulate, vmax
 
-__all__ = ["closed_vmax"]
+__all__ = ["closed_by_movement", "closed_envelope", "closed_vmax"]
 
 PROBES = 8
-"""An autopilot need not be monotone, so that many speeds up to the plant's v(d)max are tried before the answer is refined."""
+"""Number of speeds that are tried before the bisection, because an autopilot may stop from a speed and not from a lower speed."""
 _RED = 19.9
-"""Entrance 1 of the built-in junction with lights has red for that long [s]."""
+"""Time for which entrance 1 of the built-in junction with lights has red [s]."""
+_Job = tuple[str, float, int, str | None, Junction | None, Key | None]
+"""Autopilot, distance [m], aggression, simulator, junction and movement; the last two are None for the built-in lights."""
 
 
-def closed_vmax(  # noqa: PLR0913 - how, and where
+def closed_vmax(  # noqa: PLR0913 - a test has many parameters
     distance: float,
     driver: Factory,
     aggression: int = 1,
@@ -47,19 +56,20 @@ def closed_vmax(  # noqa: PLR0913 - how, and where
 
     Args:
         distance: reference point to stopping line at the start [m].
-        driver: as for `Case`.
-        aggression: 1, 2 or 3, the scenario's.
-        vehicle: the parameters; a passenger car by default.
-        simulator: what makes the runs, as for `simulate`.
-        place: the junction, with `movement`; by default the built-in one with lights.
-        movement: numbers of its entrance and its exit.
+        driver: the autopilot, as for `Case`.
+        aggression: braking level 1, 2 or 3.
+        vehicle: the vehicle; a passenger car by default.
+        simulator: the simulator, as for `simulate`.
+        place: the junction, with `movement`; by default the built-in junction with lights.
+        movement: numbers of the entrance and the exit of the movement.
 
     Returns:
-        The speed up to which it stopped in every test, at most the plant's v(d)max [m/s]; None where it drives over the line
-        even from a standstill.
+        The greatest speed up to which the vehicle stopped in every test, at most v(d)max of the vehicle [m/s]; None if the
+        vehicle drives over the line even from a standstill.
 
     Raises:
-        ScenarioError: as for `vmax`, a distance that does not fit on the approach, or no such movement.
+        ScenarioError: distance or aggression are wrong, see `vmax`; the distance does not fit on the approach; or the junction
+            does not have the movement.
         RunError: a run ended by a fault.
     """
     vehicle = vehicle or Vehicle()
@@ -77,7 +87,7 @@ def closed_vmax(  # noqa: PLR0913 - how, and where
 
 
 def _alone(place: Junction, movement: tuple[int, int]) -> tuple[Junction, tuple[int, ...]]:
-    """Return the junction with a red light at the entrance of a movement, unless it has a stop sign; and who comes there."""
+    """Return the junction with a red light at the entrance of a movement, unless there is a stop sign; and the directions."""
     entrance = movement[0]
     directions = [direction for (_, direction), m in place.by_direction.items() if m.key == movement]
     if not directions:
@@ -93,7 +103,7 @@ def _alone(place: Junction, movement: tuple[int, int]) -> tuple[Junction, tuple[
 
 
 def _stopped(run: Run) -> bool:
-    """Return whether the vehicle stands at the line in the end, or stood there before it went on where that is allowed."""
+    """Return whether the vehicle stood before the line: at the end, or earlier if it may continue after a stop."""
     if run.speed is None:
         return False
     (agent,) = run.agents
@@ -102,3 +112,71 @@ def _stopped(run: Run) -> bool:
     if run.junction.entrances[agent.entrance].sign is Sign.STOP or agent.way.turn is run.junction.near:
         return bool(standing[before].any())
     return bool(standing[-1] and before.all())
+
+
+def closed_envelope(
+    name: str,
+    distances: Sequence[float],
+    aggressions: Sequence[int] = (1, 2, 3),
+    *,
+    simulator: str | None = None,
+    executor: Executor | int | None = None,
+    progress: Progress | None = None,
+) -> dict[int, tuple[float | None, ...]]:
+    """Return v(d)max of the autopilot `name` [m/s] over `distances` [m], by aggression.
+
+    Raises:
+        ScenarioError: the autopilot or the simulator is unknown, or a distance or an aggression is wrong.
+    """
+    traffic(name, "autopilot")
+    named(simulator)
+    jobs: list[_Job] = [(name, float(distance), level, simulator, None, None) for level in aggressions for distance in distances]
+    speeds = list(spread(_speed_of_job, jobs, executor, progress))
+    count = len(distances)
+    return {level: tuple(speeds[k * count : (k + 1) * count]) for k, level in enumerate(aggressions)}
+
+
+def closed_by_movement(
+    name: str,
+    distances: Sequence[float],
+    place: Junction,
+    *,
+    simulator: str | None = None,
+    executor: Executor | int | None = None,
+    progress: Progress | None = None,
+) -> dict[Key, dict[float, float | None]]:
+    """Return v(d)max of the autopilot `name` [m/s] at aggression 1, by movement of a junction and by distance [m].
+
+    Distances beyond the length of the approach are left out.
+
+    Raises:
+        ScenarioError: the autopilot or the simulator is unknown, or a distance is wrong.
+        MapError: the positions of the lanes of the junction are unknown.
+    """
+    traffic(name, "autopilot")
+    named(simulator)
+    jobs: list[_Job] = [
+        (name, float(distance), 1, simulator, place, key)
+        for key in sorted(place.movements)
+        for distance in distances
+        if distance <= place.approach(key[0])
+    ]
+    speeds: dict[Key, dict[float, float | None]] = {key: {} for key in sorted(place.movements)}
+    for (_, distance, _, _, _, key), speed in zip(jobs, spread(_speed_of_job, jobs, executor, progress), strict=True):
+        if key is not None:
+            speeds[key][distance] = speed
+    return speeds
+
+
+def _speed_of_job(job: _Job) -> float | None:
+    name, distance, aggression, simulator, place, movement = job
+    vehicle, plant = Vehicle(), named(simulator)
+
+    def compute() -> float | None:
+        return closed_vmax(distance, traffic(name), aggression, vehicle, plant, place=place, movement=movement)
+
+    if not isinstance(plant, Planar):  # another simulator may change its answers without a change of the cache's key
+        return compute()
+    key = {"what": name, "distance": distance, "aggression": aggression, "vehicle": asdict(vehicle)}
+    where = {} if place is None else {"junction": place.digest, "movement": movement}
+    return cached({**key, **where}, compute, plant.engine.library)

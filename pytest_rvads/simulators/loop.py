@@ -1,40 +1,49 @@
-"""The simulation loop: from a case to a run.
+"""The simulation loop: it makes the run of a case.
 
-In every step the state is sampled, every autopilot decides on that same state, then the world moves on by one step.
+In every step the loop samples the state, asks every autopilot for a command on this state, and advances the world by one step. So
+a run is deterministic, bit for bit.
 
-So a run is deterministic, bit for bit. A collision, or a vehicle off its route, ends a run without a fault, because what would
-follow is no driving. An open obligation is then OPEN, and is held against the vehicle that ended the run. A vehicle past the end
-of its itinerary leaves the run (`Zone.GONE`).
+A collision, or a vehicle off its route, ends a run without a fault, because rules say nothing about the motion after it. An
+obligation that is then open is OPEN, and the vehicle that ended the run is to blame. A vehicle past the end of its itinerary
+leaves the run (`Zone.GONE`).
+
+The recorder collects plain numbers, because tens of thousands of objects would slow down Python's garbage collector.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict
+from typing import Any
+
+import numpy as np
 
 from pytest_rvads.conduct.room import room
 from pytest_rvads.drivers.interface import Control, Observation
 from pytest_rvads.drivers.naming import name_of
 from pytest_rvads.drivers.reference import by_zones
 from pytest_rvads.errors import ScenarioError
+from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.maps.segment import SPEED_LIMIT
 from pytest_rvads.physics.body import Body, start
 from pytest_rvads.physics.world import World, WorldMaker
 from pytest_rvads.runs.lights import STEADY
 from pytest_rvads.runs.run import DT, LATE, Collision, Facts, Fault, Halt, Run
-from pytest_rvads.runs.states import GONE, Colour
+from pytest_rvads.runs.states import GONE, Agent, Colour, VehicleState, Zone
 from pytest_rvads.runs.vehicle import usual_body
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.simulators.patience import TooLate, watch
-from pytest_rvads.simulators.recorder import Recorder
 from pytest_rvads.simulators.seat import Seat, crew
 
-__all__ = ["Loop"]
+__all__ = ["Loop", "Recorder"]
+
+_STATION = VehicleState._fields.index("station")
+_SPEED = VehicleState._fields.index("speed")
 
 
 class Loop:
-    """What changes while a run is simulated; columns are the agents, in the order of the run.
+    """The state of a simulation; columns are the agents, in the order of the run.
 
     Args:
         case: the simulated case.
@@ -46,8 +55,8 @@ class Loop:
             every vehicle instead of forces; the controls of a vehicle that has left are 0.
 
     Raises:
-        MapError: it is not known where the lanes of the junction lie.
-        ScenarioError: a vehicle does not fit on its approach, or two start inside each other.
+        MapError: the positions of the lanes of the junction are unknown.
+        ScenarioError: a vehicle does not fit on its approach, or two vehicles start inside each other.
     """
 
     def __init__(
@@ -67,7 +76,7 @@ class Loop:
         self.collisions: list[Collision] = []
         self.fault: Fault | None = None
         self.end = "duration"
-        """Why the run ended: left, duration, collision, route, fault, late."""
+        """The reason why the run ended: left, duration, collision, route, fault or late."""
         self.strayed: tuple[str, ...] = ()
         self._seats: dict[int, Seat] = {}
         self._signals = scenario.signals()
@@ -83,7 +92,7 @@ class Loop:
         if not by_zones(self.junction):
             room(self.junction)  # the reference needs it, and its first answer would take seconds
         self.recorder = Recorder(self._agents)
-        created = scenario.creation.index  # sorting keeps followers behind the first one of their entrance
+        created = scenario.creation.index  # sorting is stable: followers stay behind the first vehicle
         self._active = sorted(range(len(self._agents)), key=lambda column: created(self._agents[column].entrance))
         """Vehicles still in the run, in creation order."""
         self._lights: tuple[Colour, ...] = ()
@@ -92,9 +101,9 @@ class Loop:
         try:
             self._motions = self.world.motions()
             if overlaps := self.world.contacts():
-                one, two = (self._agents[column].name for column in overlaps[0])
+                first, second = (self._agents[column].name for column in overlaps[0])
                 raise ScenarioError(
-                    f"{one} and {two} start inside each other in {scenario.name}: give one of them another distance"
+                    f"{first} and {second} start inside each other in {scenario.name}: give one of them another distance"
                 )
         except BaseException:
             self.world.close()
@@ -123,7 +132,7 @@ class Loop:
             self._over()
         except TooLate:
             if not (late := watch().late):
-                raise  # it is meant for a run that this one is simulated within
+                raise  # the limit of an outer run, within which this run is simulated
             self._halted(Halt(self._agents[0].name, f"{self._name} simulating {scenario.name}: {late}", end=LATE))
         except Halt as halt:
             self._halted(halt)
@@ -142,11 +151,11 @@ class Loop:
             "versions": dict(self._versions),
         }
         try:
-            timed = {seat.agent.name: told for seat in self._seats.values() if (told := seat.timing())}
+            timing = {seat.agent.name: times for seat in self._seats.values() if (times := seat.timing())}
         except Halt as halt:
             provenance["late"] = halt.reason
         else:
-            provenance |= {"timing": timed} if timed else {}
+            provenance |= {"timing": timing} if timing else {}
         bodies = zip((agent.name for agent in self._agents), self._vehicles, strict=True)
         radii = (
             (name, v.turning_radius)
@@ -161,7 +170,7 @@ class Loop:
         self.fault = Fault(self._step * DT, halt.agent, halt.reason, halt.detail)
 
     def _over(self) -> bool:
-        """Tell whether the run is over before its time, and note why."""
+        """Return whether the run is over before the end of its duration, and note the reason."""
         bodies = self._bodies
         if strayed := [column for column in self._active if bodies[column].strayed]:
             self.strayed = tuple(self._agents[column].name for column in sorted(strayed))
@@ -187,7 +196,7 @@ class Loop:
         self.recorder.state([body.state for body in bodies], self._lights)
 
     def _decide(self) -> list[Control]:
-        """Ask every autopilot and return the controls by column; whom the world drives is not asked."""
+        """Return the controls of all autopilots, by column; vehicles that the world drives get idle controls."""
         bodies, scenario, step, lights, junction = self._bodies, self.scenario, self._step, self._lights, self.junction
         controls = [_IDLE] * len(bodies)
         time = step * DT
@@ -213,7 +222,7 @@ class Loop:
         return controls
 
     def _advance(self, controls: list[Control]) -> None:
-        """Move the world on by one step and note who touched whom."""
+        """Advance the world by one step and note the collisions."""
         forces: list[float] = []
         for body, motion, control in zip(self._bodies, self._motions, controls, strict=True):
             if self._controlled or body.state.zone is GONE:
@@ -224,14 +233,69 @@ class Loop:
                 forces += body.dynamics.forces(body.cos, body.sin, vx, vy, rate, throttle, brake, steering)
         self.world.step(forces)
         for pair in self.world.contacts():
-            one, two = (self._motions[column] for column in pair)
+            first, second = (self._motions[column] for column in pair)
             names = self._agents[pair[0]].name, self._agents[pair[1]].name
-            # The contact was there at the start of the step, before the engine resolved it.
-            self.collisions.append(Collision(self._step * DT, names, math.hypot(one.vx - two.vx, one.vy - two.vy)))
+            # The engine detects contacts at the start of the step and resolves them within the step.
+            self.collisions.append(Collision(self._step * DT, names, math.hypot(first.vx - second.vx, first.vy - second.vy)))
         self._motions = self.world.motions()
         self._step += 1
 
 
 _IDLE = Control()
 _STEADY = round(STEADY / DT)
-"""Lights are looked at every so many steps."""
+"""Number of steps between two updates of the lights."""
+
+
+class Recorder:
+    """Collects the states and controls of a run, one column per agent."""
+
+    def __init__(self, agents: Sequence[Agent]) -> None:
+        self._agents = tuple(agents)
+        self._zones: list[Zone] = []
+        self._motions: list[Any] = []
+        self._lights: list[tuple[Colour, ...]] = []
+        self._controls: list[float] = []
+
+    def state(self, states: Sequence[VehicleState], lights: tuple[Colour, ...]) -> None:
+        """Add a state: one `VehicleState` per agent, one colour per entrance."""
+        zones, motions = self._zones, self._motions
+        for state in states:
+            zones.append(state.zone)
+            motions += state[_STATION : _SPEED + 1]
+        self._lights.append(lights)
+
+    def control(self, controls: Sequence[Control]) -> None:
+        """Add the controls of the step after the last state, one per agent."""
+        for control in controls:
+            self._controls += control
+
+    def run(
+        self,
+        label: str,
+        junction: Junction,
+        collisions: tuple[Collision, ...],
+        fault: Fault | None,
+        facts: Facts,
+        provenance: Mapping[str, Any],
+    ) -> Run:
+        """Return the run; the controls of its last state are the controls of the step before, because no step follows."""
+        steps, count = len(self._lights), len(self._agents)
+        # Station, x, y, heading and speed are successive fields of a VehicleState.
+        motion = np.fromiter(self._motions, dtype=np.float64).reshape(steps, count, 5)
+        numbers = 3 * count
+        controls = self._controls + (self._controls[-numbers:] or [0.0] * numbers)
+        return Run(
+            label=label,
+            junction=junction,
+            agents=self._agents,
+            zone=np.frombuffer(bytes(self._zones), dtype=np.int8).reshape(steps, count),
+            lights=np.frombuffer(b"".join(map(bytes, self._lights)), dtype=np.int8).reshape(steps, len(junction.starts)),
+            station=motion[:, :, 0],
+            speed=motion[:, :, 4],
+            pose=motion[:, :, 1:4],
+            controls=np.fromiter(controls[: steps * numbers], dtype=np.float64).reshape(steps, count, 3),
+            collisions=collisions,
+            fault=fault,
+            facts=facts,
+            provenance=provenance,
+        )

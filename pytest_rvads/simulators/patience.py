@@ -1,12 +1,13 @@
-"""Patience: how long drivers and runs may take, in real time.
+"""Limits of real time for drivers and runs.
 
-What happens in a run depends on simulated time alone. Limits of real time only keep a driver that never answers from holding up
-all that would come after it. A thread looks at the runs under way and raises `TooLate` into what takes too long: in the main
-thread by a signal, which also ends waiting, elsewhere by the interpreter. Where that gets a driver to stop neither, because it
-catches everything or is stuck in C, the process ends, if the limits say so, and leaves its stacks on standard error.
+The states of a run depend on simulated time alone. Limits of real time end the run of a driver that never answers, so that the
+items after it can run. A thread checks the current runs and raises `TooLate` in the thread of a run that exceeds a limit: in the
+main thread by a signal, which also ends a blocking call, in other threads by the interpreter. A driver that catches all
+exceptions, or that hangs in C, does not stop. Then the process ends, if the limits say so, and writes its stacks to standard
+error.
 
-The signal is SIGURG, which is ignored by default, and no timer is used. So alarms stay free for drivers and plugins, and no
-system call is interrupted while a run is in time. The last resort is the timer of faulthandler, in sessions only.
+The signal is SIGURG, which is ignored by default. No timer is used, so alarms stay free for drivers and plugins, and no system
+call of a run within its limits is interrupted. Only the end of the process uses a timer, that of faulthandler, in sessions only.
 """
 
 from __future__ import annotations
@@ -26,9 +27,9 @@ from typing import NamedTuple
 __all__ = ["Limits", "TooLate", "Watch", "watch"]
 
 _TICK = 0.5
-"""How often runs under way are looked at, at least [s]."""
+"""Longest time between two checks of the current runs [s]."""
 _GRACE = 3.0
-"""How much longer than a limit a driver may take to stop, and to let go of what runs elsewhere [s]."""
+"""Time after a limit for a driver to stop, and to release processes and connections [s]."""
 _SIGNAL = getattr(signal, "SIGURG", None)
 """A signal whose default action is to be ignored, so that a thread without a handler survives it; None on Windows."""
 _LIBRARY = str(Path(os.__file__).parent)
@@ -37,15 +38,14 @@ _DEBUGGERS = {"bdb", "pdb", "pydevd", "_pydevd_bundle"}
 
 
 class Limits(NamedTuple):
-    """How long drivers and runs may take, in real time; 0 sets no limit."""
+    """Limits of real time; 0 sets no limit."""
 
     decision: float = 15.0
-    """One call into a driver [s]."""
+    """Longest call into a driver [s]."""
     run: float = 300.0
-    """All of a run [s]."""
+    """Longest run [s]."""
     dump: int | None = None
-    """File descriptor that the stacks are written to before the process ends, because nothing else got a driver to stop; None
-    lets it go on for ever."""
+    """File descriptor for the stacks of a process that ends because a driver does not stop; None lets the driver run for ever."""
 
 
 class TooLate(BaseException):
@@ -53,24 +53,24 @@ class TooLate(BaseException):
 
 
 class Watch:
-    """The watch over one run, a context in the thread that makes it; there may be one within another."""
+    """The watch over one run, a context in the thread of the run; watches may be nested."""
 
     def __init__(self, limits: Limits) -> None:
         self.limits = limits
         self.asked: object = None
-        """What a driver is being asked with, another object in every call; None while none is."""
+        """A new object for every call into a driver; None between calls."""
         self.late = ""
-        """Which limit was over, in words; a driver that caught `TooLate` is late all the same."""
+        """The exceeded limit in words; it stays set even if a driver catches `TooLate`."""
         self.thread, self._process = threading.get_ident(), os.getpid()
         self.signalled = _SIGNAL is not None and self.thread == threading.main_thread().ident
         self._latest: object = None
         self._since = self._began = 0.0
         self._over: object = None
-        """What was asked with when a limit was over, or the watch itself where it is the run's."""
+        """The value of `asked` when the limit of a decision was exceeded; the watch itself for the limit of the run."""
 
     @property
     def overdue(self) -> bool:
-        """Whether a limit is over and what exceeds it has not ended."""
+        """Whether a limit is exceeded by a call or a run that has not ended."""
         return self._over is self or (self._over is not None and self._over is self.asked)
 
     def __enter__(self) -> Watch:
@@ -87,7 +87,7 @@ class Watch:
         try:
             _WATCHDOG.remove(self)
             if self.late and not self.signalled:
-                for _ in range(100):  # what the watchdog raised last arrives here at the latest
+                for _ in range(100):  # an exception that the watchdog has raised arrives here at the latest
                     pass
         except TooLate:
             _WATCHDOG.remove(self)
@@ -96,13 +96,13 @@ class Watch:
         _CURRENT.reset(self._token)
 
     def end_in_child(self, error: BaseException | None) -> None:
-        """End a process that a driver has forked and that comes back from its code, perhaps by `error`: no run is its own."""
+        """End the process if a driver forked it and the child returned from the driver's code, perhaps by `error`."""
         if os.getpid() != self._process:
             code = error.code if isinstance(error, SystemExit) else error and 1
             os._exit(code if isinstance(code, int) else 1 if code else 0)
 
     def look(self, now: float) -> bool:
-        """Note which limit is over at time `now` [s]; return whether the run got on since the last look, within its limits."""
+        """Note the exceeded limit at time `now` [s]; return whether the run advanced since the last call, within its limits."""
         asked = self.asked
         got_on = asked is None or asked is not self._latest
         if got_on:
@@ -129,7 +129,7 @@ class _Watchdog:
     def __init__(self, *, last_resort: bool = True) -> None:
         self._last_resort = last_resort
         self.clock = 0.0
-        """Time that the process was running for [s]: not while it was stopped."""
+        """Running time of the process without the time for which it was stopped [s]."""
         self._watches: list[Watch] = []
         self._lock = threading.Lock()
         self._runs = False
@@ -139,7 +139,7 @@ class _Watchdog:
             self._watches.append(watch)
             self._put_off(watch.limits)
             if not self._runs:
-                with suppress(RuntimeError):  # no thread can be started: there are no limits then
+                with suppress(RuntimeError):  # without a thread there are no limits
                     threading.Thread(target=self._patrol, name="rvads limits", daemon=True).start()
                     self._runs = True
 
@@ -150,7 +150,7 @@ class _Watchdog:
                 faulthandler.cancel_dump_traceback_later()
 
     def late(self, thread: int) -> bool:
-        """Tell whether a run in a thread is overdue."""
+        """Return whether a run in a thread is overdue."""
         return any(watch.overdue for watch in self._watches if watch.thread == thread)
 
     def _patrol(self) -> None:
@@ -173,7 +173,7 @@ class _Watchdog:
                         _stop(watch)
 
     def _put_off(self, limits: Limits) -> None:
-        """Have the process end some time after the limit, unless this is called again before, or taken back."""
+        """Set the timer that ends the process after the limit and `_GRACE`; a further call resets the timer."""
         if limits.dump is not None and self._last_resort:
             seconds = (limits.decision or limits.run) + _GRACE
             with suppress(RuntimeError, OSError):  # no thread can be started, or standard error is gone
@@ -185,9 +185,9 @@ _CURRENT: ContextVar[Watch] = ContextVar("rvads_watch")
 
 
 def _forked() -> None:
-    """Start anew in a child process, which has no thread but the one that forked."""
+    """Make a new watchdog in a child process, which has only the thread that forked."""
     global _WATCHDOG
-    _WATCHDOG = _Watchdog(last_resort=False)  # its timer may be locked by a thread that the child does not have
+    _WATCHDOG = _Watchdog(last_resort=False)  # a thread that the child lacks may hold the lock of the timer
 
 
 if hasattr(os, "register_at_fork"):
@@ -195,12 +195,12 @@ if hasattr(os, "register_at_fork"):
 
 
 def watch() -> Watch:
-    """Return the watch over the run under way in this thread; where there is none, one that watches nothing."""
+    """Return the watch over the current run of this thread; without a run, a watch without limits."""
     return _CURRENT.get(None) or Watch(Limits(decision=0.0, run=0.0))
 
 
 def _interrupt(_number: int, frame: FrameType | None) -> None:
-    """Raise `TooLate` where the main thread is, but not while it opens or closes a watch."""
+    """Raise `TooLate` in the main thread, except while it opens or closes a watch."""
     if frame is not None and frame.f_code.co_filename != __file__ and _WATCHDOG.late(threading.get_ident()):
         raise TooLate
 
@@ -213,10 +213,10 @@ def _stop(watch: Watch) -> None:
 
 
 def _raise(thread: int) -> None:
-    """Have a thread raise `TooLate` when it next runs Python code.
+    """Make a thread raise `TooLate` when it next runs Python code.
 
-    It is never taken back: the interpreter (3.11) would go on looking for it in every thread, and never come to an end of
-    that in one that is traced.
+    The request is never cancelled: after a cancellation, Python 3.11 would keep searching every thread for the exception, and a
+    traced thread would never end.
     """
     import ctypes
 
@@ -224,12 +224,12 @@ def _raise(thread: int) -> None:
 
 
 def _place(stack: FrameType | None) -> str:
-    """Return file and line of the innermost call of a stack that is none of Python's own library."""
+    """Return file and line of the innermost call of a stack outside of Python's standard library."""
     frame = stack
     while frame is not None and _in_library(frame.f_code.co_filename):
         frame = frame.f_back
-    found = frame or stack
-    return f"{Path(found.f_code.co_filename).name}:{found.f_lineno}" if found else "an unknown place"
+    innermost = frame or stack
+    return f"{Path(innermost.f_code.co_filename).name}:{innermost.f_lineno}" if innermost else "an unknown place"
 
 
 def _in_library(file: str) -> bool:

@@ -1,4 +1,4 @@
-"""Perception: what an autopilot gets to see of the other vehicles when its senses are not ideal."""
+"""Imperfect senses in a run: what an autopilot sees of the other vehicles, and when its commands take effect."""
 
 from __future__ import annotations
 
@@ -6,22 +6,22 @@ import math
 from collections import deque
 from random import Random
 
-from pytest_rvads.drivers.interface import Observation
+from pytest_rvads.drivers.interface import Command, Control, Observation
 from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.runs.itineraries import ENTRANCE_ZONE
 from pytest_rvads.runs.run import DT
 from pytest_rvads.runs.states import VehicleState, Zone
 from pytest_rvads.scenarios.senses import Senses
 
-__all__ = ["Perception", "hidden"]
+__all__ = ["Latency", "Perception", "hidden"]
 
 
 class Perception:
-    """Looks at the world through the senses of one vehicle.
+    """The view of one vehicle with imperfect senses.
 
     Args:
-        senses: how imperfect they are.
-        key: what the random draws depend on beside the seed: the scenario and the vehicle.
+        senses: the senses of the vehicle.
+        key: scenario and vehicle, which seed the random draws together with the seed of the senses.
     """
 
     def __init__(self, senses: Senses, key: str) -> None:
@@ -29,20 +29,20 @@ class Perception:
         self._random = Random(f"{senses.seed} {key} perception")
         self._past: deque[tuple[VehicleState, ...]] = deque(maxlen=round(senses.delay / DT) + 1)
         self._earlier: set[str] = set()
-        """Vehicles that were created before the own one."""
+        """Names of the vehicles that were created before the own vehicle."""
 
     def watch(self, seen: Observation) -> None:
-        """Take note of a state; to be called in every step."""
+        """Store a state; called in every step."""
         self._past.append(seen.others)
         self._earlier.update(other.name for other in seen.others[: seen.created])
 
     def view(self, seen: Observation) -> Observation:
-        """Return what is perceived when the true state is `seen`, the last one watched."""
+        """Return the perceived observation for the true observation `seen`, the last observation that was stored."""
         senses, draw = self._senses, self._random
         bodies = self._past[0]
         perceived = []
         for other in bodies:
-            # Drawn for every vehicle, seen or not, so that no draw depends on who is in sight.
+            # Numbers are drawn for every vehicle, seen or not, so that no draw depends on the vehicles in sight.
             lost, along, across, faster = draw.random(), draw.gauss(), draw.gauss(), draw.gauss()
             if lost < senses.dropout or math.hypot(other.x - seen.me.x, other.y - seen.me.y) > senses.range:
                 continue
@@ -61,7 +61,7 @@ class Perception:
 
 
 def hidden(me: VehicleState, other: VehicleState, bodies: tuple[VehicleState, ...]) -> bool:
-    """Return whether `other` can't be seen from the own front: a third body is in every line to its front, centre and rear."""
+    """Return whether `other` is hidden from the own front: a third body crosses every line to its front, centre and rear."""
     return all(
         any(_crosses((me.x, me.y), point, body) for body in bodies if body.name not in (me.name, other.name))
         for point in (_along(other, share) for share in (0.0, 0.5, 1.0))
@@ -69,16 +69,16 @@ def hidden(me: VehicleState, other: VehicleState, bodies: tuple[VehicleState, ..
 
 
 def _along(state: VehicleState, share: float) -> tuple[float, float]:
-    """Return a point of the centre line of a body, 0 at the front, 1 at the rear."""
+    """Return the point of the centre line of a body at a share of its length, 0 at the front, 1 at the rear [m]."""
     back = share * state.length
     return state.x - back * math.cos(state.heading), state.y - back * math.sin(state.heading)
 
 
-def _crosses(one: tuple[float, float], two: tuple[float, float], body: VehicleState) -> bool:
-    """Return whether the line between two points meets a body: clipped by the slabs of its rectangle (Liang and Barsky)."""
+def _crosses(eye: tuple[float, float], target: tuple[float, float], body: VehicleState) -> bool:
+    """Return whether the line between two points crosses the rectangle of a body, by the clipping of Liang and Barsky."""
     cos, sin = math.cos(body.heading), math.sin(body.heading)
     begin, end = 0.0, 1.0
-    (ax, ay), (bx, by) = ((x - body.x, y - body.y) for x, y in (one, two))
+    (ax, ay), (bx, by) = ((x - body.x, y - body.y) for x, y in (eye, target))
     ends = (
         (ax * cos + ay * sin, bx * cos + by * sin, -body.length, 0.0),
         (ay * cos - ax * sin, by * cos - bx * sin, -body.width / 2, body.width / 2),
@@ -94,7 +94,7 @@ def _crosses(one: tuple[float, float], two: tuple[float, float], body: VehicleSt
 
 
 def _blurred(state: VehicleState, junction: Junction, along: float, across: float, faster: float) -> VehicleState:
-    """Return a state that is off along and across its way [m] and in speed [m/s]; its zone is that of the place."""
+    """Return a state moved along and across its way [m] and changed in speed [m/s], with the zone of the moved station."""
     cos, sin = math.cos(state.heading), math.sin(state.heading)
     station = state.station + along
     return state._replace(
@@ -111,3 +111,32 @@ def _zone(state: VehicleState, junction: Junction, station: float) -> Zone:
         return Zone.ENTRANCE if station >= -junction.setbacks[state.entrance] - ENTRANCE_ZONE else Zone.APPROACH
     shortest = min(movement.length for movement in junction.by_turn[state.entrance, state.turn])
     return Zone.JUNCTION if station < shortest else Zone.EXIT
+
+
+class Latency:
+    """Delays the commands of an autopilot; commands keep their order, and the vehicle coasts until the first command arrives.
+
+    Args:
+        senses: senses with latency and jitter.
+        key: seeds the random draws together with the seed of the senses.
+    """
+
+    def __init__(self, senses: Senses, key: str) -> None:
+        self._senses = senses
+        self._random = Random(f"{senses.seed} {key} latency")
+        self._coming: deque[tuple[int, Command]] = deque()
+        self._held: Command = Control()
+
+    def send(self, step: int, command: Command) -> None:
+        """Send a command that answers the observation of `step`."""
+        delay = self._senses.latency + self._senses.jitter * self._random.random()
+        arrival = step + round(delay / DT)
+        if self._coming:
+            arrival = max(arrival, self._coming[-1][0])
+        self._coming.append((arrival, command))
+
+    def held(self, step: int) -> Command:
+        """Return the command in effect in `step`."""
+        while self._coming and self._coming[0][0] <= step:
+            self._held = self._coming.popleft()[1]
+        return self._held

@@ -1,6 +1,6 @@
-"""The simulators that ship: planar vehicle dynamics in a physics engine. They are ``bullet`` and ``mujoco``.
+"""The simulators ``bullet`` and ``mujoco``: planar vehicle dynamics in a physics engine.
 
-Both are one loop over two makers of a `World`. Outcomes are the same on both, but equal bits hold within one engine only.
+Both use the same loop with different worlds. Verdicts agree between the two, but runs are bit-identical within one engine only.
 """
 
 from __future__ import annotations
@@ -17,9 +17,10 @@ __all__ = ["Planar", "bullet", "mujoco", "usual"]
 
 
 class Planar:
-    """Planar vehicle dynamics in a physics engine: ``bullet`` uses pybullet, ``mujoco`` MuJoCo.
+    """A simulator with planar vehicle dynamics in a physics engine: pybullet or MuJoCo.
 
-    Which of the two makes a run decides no verdict that the tests know of, but runs are bit-identical only within one.
+    Args:
+        engine: the engine.
     """
 
     def __init__(self, engine: Engine) -> None:
@@ -28,7 +29,7 @@ class Planar:
         self.libraries = (engine.library,)
 
     def __call__(self, case: Case) -> Run:
-        """Simulate a case, see `pytest_rvads.simulators.simulator.simulate`."""
+        """Return the run of a case, see `pytest_rvads.simulators.simulator.simulate`."""
         return Loop(case, self.name, self.engine.world, versions(self.engine.library)).drive()
 
     def vmax(self, distance: float, aggression: int = 1, vehicle: Vehicle | None = None) -> float | None:
@@ -44,5 +45,5 @@ mujoco: Planar = Planar(MUJOCO)
 
 
 def usual() -> Planar:
-    """Return the simulator that is used where nobody names one, see `pytest_rvads.physics.engines.usual`."""
+    """Return the default simulator, see `pytest_rvads.physics.engines.usual`."""
     return bullet if engines.usual() is BULLET else mujoco

@@ -1,10 +1,10 @@
-"""Seats: what stands between the simulation and the autopilots.
+"""Seats: a seat connects an autopilot to a vehicle of the simulation.
 
-A seat asks its autopilot at the autopilot's own rate, holds the answer in between, lets nothing through that is not a
-command, and has the tracking controller drive what is not a control.
+A seat asks its autopilot at the rate of the autopilot, repeats the last answer in between, refuses answers that are no commands,
+and turns a command that is no control into a control by the tracking controller.
 
-A fault is what is no driving: an autopilot that raises or answers nonsense, or a world that fails. The fault ends the run and is
-kept in it. The states before the fault are judged: a violation stands, every other verdict is ERROR.
+An autopilot that raises an exception or answers with no command ends the run by a fault, which the run holds. The states before
+the fault are judged: a violation stands, every other verdict is ERROR.
 """
 
 from __future__ import annotations
@@ -27,30 +27,35 @@ from pytest_rvads.errors import AutopilotError
 from pytest_rvads.runs.run import DT, FAULT, LATE, Halt
 from pytest_rvads.runs.states import Agent
 from pytest_rvads.scenarios.senses import IDEAL, Senses
-from pytest_rvads.simulators.latency import Latency
 from pytest_rvads.simulators.patience import TooLate, watch
-from pytest_rvads.simulators.perception import Perception
+from pytest_rvads.simulators.perception import Latency, Perception
 from pytest_rvads.wording import one_line, printable
 
 __all__ = ["Seat", "crew"]
 
 _LONGEST = 4096
-"""Of what is told of a fault beside its reason [characters]."""
+"""Greatest length of the detail of a fault [characters]."""
 _REASON = 2000
-"""Of a reason [characters]."""
+"""Greatest length of the reason of a fault [characters]."""
 _TEXT = 400
-"""Of a text that an autopilot tells beside its run [characters]."""
+"""Greatest length of a text of ``timing()`` or of an exception of an autopilot [characters]."""
 _DAY = 86400.0
-"""No period is longer [s]."""
+"""Longest period of an autopilot [s]."""
 _TIMES = 32
-"""How many of the times that an autopilot measured are kept."""
+"""Greatest number of entries of ``timing()`` of an autopilot."""
 
 
 class Seat:
-    """One vehicle's place for an autopilot: any object with a method ``control``; `Autopilot` says what else it may have.
+    """The connection of an autopilot to one vehicle.
+
+    Args:
+        agent: the vehicle.
+        autopilot: an object with a method ``control``, and perhaps further abilities of `Autopilot`.
+        senses: senses of the vehicle.
+        key: seeds the random draws of the senses together with their seed and the vehicle's name.
 
     Raises:
-        Halt: no method ``control``, an ability that is misspelt or raises, or a period that is not a multiple of the step.
+        Halt: the autopilot has no method ``control``, an ability is misspelt or raises, or the period is no multiple of the step.
     """
 
     def __init__(self, agent: Agent, autopilot: Any, senses: Senses = IDEAL, key: str = "") -> None:
@@ -59,17 +64,17 @@ class Seat:
         self._watch = watch()
         with _asking(f"making {type(autopilot).__qualname__} for {agent.name}", agent):
             self.name = name_of(autopilot)
-            wrong = spelling(autopilot, OF_AUTOPILOTS, Autopilot)
-            if not wrong and not callable(getattr(autopilot, "control", None)):
-                wrong = "an autopilot needs a method control(seen: Observation) -> Command"
-            if not wrong:
+            objection = spelling(autopilot, OF_AUTOPILOTS, Autopilot)
+            if not objection and not callable(getattr(autopilot, "control", None)):
+                objection = "an autopilot needs a method control(seen: Observation) -> Command"
+            if not objection:
                 self._ask = autopilot.control
                 self._limited = not getattr(autopilot, "own_limits", False)
                 period = getattr(autopilot, "period", DT)
                 self._every = _steps(period)
-                wrong = "" if self._every else f"its period must be a whole multiple of {DT:g} s, got {period!r:.60}"
-        if wrong:
-            raise Halt(agent.name, f"{self.name} can't drive {agent.name}: {one_line(wrong, _REASON)}")
+                objection = "" if self._every else f"its period must be a whole multiple of {DT:g} s, got {period!r:.60}"
+        if objection:
+            raise Halt(agent.name, f"{self.name} can't drive {agent.name}: {one_line(objection, _REASON)}")
         self._held: Command = Control()
         self._tracker: Tracker | None = None
         key = f"{key} {agent.name}"
@@ -93,20 +98,20 @@ class Seat:
             return command
         if self._tracker is None:
             self._tracker = Tracker()
-        # The tracking controller sits in the vehicle: it knows where it is.
+        # The tracking controller is part of the vehicle and gets the true state.
         return self._tracker.control(command, seen)
 
     def timing(self) -> dict[str, float | str] | None:
-        """Return what the autopilot measured, see `Autopilot.timing`; None where it tells nothing of the kind.
+        """Return the measurements of the autopilot, see `Autopilot.timing`; None without measurements or after an error.
 
         Raises:
-            Halt: it took too long.
+            Halt: the call exceeded a time limit.
         """
         try:
             with _asking("timing", self.agent, limited=self._limited):
-                told = self.autopilot.timing()
-                return _measured(told) if isinstance(told, Mapping) else None
-        except Halt as halt:  # what it measured is no part of the run, so nothing that it does here ends one
+                measurements = self.autopilot.timing()
+                return _plain_entries(measurements) if isinstance(measurements, Mapping) else None
+        except Halt as halt:  # measurements are no part of the run, so an error in them does not end the run
             if halt.end == LATE:
                 raise
             return None
@@ -119,21 +124,21 @@ class Seat:
             answer = self._ask(seen)
             if type(answer) is Control and not watched.late:
                 throttle, brake, steering = answer
-                # Plain floats in range are the usual case; everything else is looked at closely.
+                # Plain floats in range are the usual case; `plain` checks all other answers.
                 if type(throttle) is type(brake) is type(steering) is float and (
                     0.0 <= throttle <= 1.0 and 0.0 <= brake <= 1.0 and -1.5 < steering < 1.5
                 ):
                     return answer
             command = plain(answer)
             if watched.late:
-                raise TooLate  # which it caught
+                raise TooLate  # the autopilot caught the first one
         except BaseException as error:
             watched.asked = None
             doing = f"{self.name} driving {self.agent.name}"
             raise _fault(error, doing, self.agent, self.autopilot, f" at {seen.time:.2f} s") from error
         finally:
             watched.asked = None
-        return self._held if command == self._held else command  # the tracking controller knows a trajectory again
+        return self._held if command == self._held else command  # the tracking controller compares trajectories by identity
 
 
 def crew(
@@ -168,34 +173,35 @@ def crew(
 
 
 def _hire(factory: Factory, agents: Sequence[Agent], senses: Senses = IDEAL, key: str = "") -> list[Seat]:
-    """Return the seats of `agents`, filled by one factory, asked in order; or once, if it makes a traffic system."""
+    """Return the seats of `agents`; the factory is called once per agent, or once in all if it makes a traffic system."""
     seats: list[Seat] = []
     for agent in agents:
-        made, coordinates = _make(factory, agent)
+        product, coordinates = _make(factory, agent)
         if coordinates:
-            return [Seat(a, one, senses, key) for a, one in zip(agents, _delegate(made, agents), strict=True)]
-        seats.append(Seat(agent, made, senses, key))
+            autopilots = _autopilots_of(product, agents)
+            return [Seat(a, autopilot, senses, key) for a, autopilot in zip(agents, autopilots, strict=True)]
+        seats.append(Seat(agent, product, senses, key))
     return seats
 
 
 def _make(factory: Factory, agent: Agent) -> tuple[Any, bool]:
-    """Return what a factory makes, and whether it is a traffic system."""
+    """Return the product of a factory, and whether the product is a traffic system."""
     with _asking(f"making {name_of(factory)} for {agent.name}", agent):
-        made = factory()
-        return made, callable(getattr(made, "autopilots", None))
+        product = factory()
+        return product, callable(getattr(product, "autopilots", None))
 
 
-def _delegate(system: Any, agents: Sequence[Agent]) -> list[Any]:
+def _autopilots_of(system: Any, agents: Sequence[Agent]) -> list[Any]:
     name, first = name_of(type(system)), agents[0]
     with _asking(f"{name}.autopilots", first, limited=not getattr(system, "own_limits", False)):
         misspelt = spelling(system, OF_SYSTEMS, TrafficSystem)
-        made = [] if misspelt else list(islice(system.autopilots(tuple(agents)), len(agents) + 1))
+        autopilots = [] if misspelt else list(islice(system.autopilots(tuple(agents)), len(agents) + 1))
     if misspelt:
         raise Halt(first.name, f"{name} can't coordinate {len(agents)} agents: {one_line(misspelt, _REASON)}")
-    if len(made) != len(agents):
-        count = f"{len(made)}" if len(made) < len(agents) else "more"
+    if len(autopilots) != len(agents):
+        count = f"{len(autopilots)}" if len(autopilots) < len(agents) else "more"
         raise Halt(first.name, f"{name}.autopilots returned {count} autopilots, expected one for each of {len(agents)} agents")
-    return made
+    return autopilots
 
 
 @contextmanager
@@ -205,17 +211,17 @@ def _asking(doing: str, agent: Agent, *, limited: bool = True) -> Iterator[None]
     Args:
         doing: the requested action in words, for the fault's reason.
         agent: the vehicle concerned.
-        limited: whether the limit of a decision counts; a stack in another process has limits of its own.
+        limited: whether the limit of a decision counts; a stack in another process has other limits.
 
     Raises:
-        Halt: it raised, or took too long.
+        Halt: the code raised an exception, or exceeded a time limit.
     """
     watched = watch()
     watched.asked = object() if limited else None
     try:
         yield
         if watched.late:
-            raise TooLate  # which it caught
+            raise TooLate  # the driver caught the first one
     except BaseException as error:
         watched.asked = None
         raise _fault(error, doing, agent) from error
@@ -224,61 +230,61 @@ def _asking(doing: str, agent: Agent, *, limited: bool = True) -> Iterator[None]
 
 
 def _fault(error: BaseException, doing: str, agent: Agent, autopilot: Any = None, when: str = "") -> Halt:
-    """Return what an error in code of a driver makes of its run; an autopilot that is too late, or answered nonsense, lets go.
+    """Return the `Halt` for an error in code of a driver; call ``abandon()`` of an autopilot that is late or gave no command.
 
     Raises:
-        KeyboardInterrupt: the error, which is no driver's.
-        TooLate: the error, which is meant for a run that this one is simulated within.
+        KeyboardInterrupt: `error`, because the user interrupted the session.
+        TooLate: `error`, because it belongs to an outer run, within which this run is simulated.
     """
     watch().end_in_child(error)
     if isinstance(error, KeyboardInterrupt):
         raise error
     if isinstance(error, TooLate):
-        late, detail = watch().late, _told(autopilot, "abandon")
+        late, detail = watch().late, _detail(autopilot, "abandon")
         if not late:
             raise error
         return Halt(agent.name, one_line(f"{doing}{when}: {late}", _REASON), detail, LATE)
     if isinstance(error, UnfitCommand):
-        return Halt(agent.name, one_line(f"{doing}{when} returned {error}", _REASON), _told(autopilot, "abandon"))
+        return Halt(agent.name, one_line(f"{doing}{when} returned {error}", _REASON), _detail(autopilot, "abandon"))
     if isinstance(error, AutopilotError):
         from pytest_rvads.drivers.stacks.child import StackError, StackTimeout
 
-        named = not when and isinstance(error, StackError)  # its own text says which stack
+        named = not when and isinstance(error, StackError)  # its text names the stack
         end = LATE if isinstance(error, StackTimeout) else FAULT
         reason = str(error) if named else f"{doing}{when}: {error}"
-        return Halt(agent.name, one_line(reason, _REASON), _told(error, "detail"), end)
+        return Halt(agent.name, one_line(reason, _REASON), _detail(error, "detail"), end)
     return Halt(agent.name, one_line(f"{doing} {_describe(error)}{when}", _REASON))
 
 
 def _steps(period: Any) -> int:
-    """Return a period in steps of the simulation, 0 where it is no whole number of them."""
+    """Return a period in steps of the simulation; 0 for a value that is no whole number of steps."""
     number = float(period) if isinstance(period, Real) and not isinstance(period, bool) else 0.0
     steps = round(number / DT) if 0.0 < number < _DAY else 0
     return steps if math.isclose(steps * DT, number, rel_tol=1e-9) else 0
 
 
-def _measured(told: Mapping[Any, Any]) -> dict[str, float | str]:
+def _plain_entries(measurements: Mapping[Any, Any]) -> dict[str, float | str]:
     """Return the entries of a mapping that are finite numbers or texts, as builtins."""
-    found: dict[str, float | str] = {}
-    for name, value in islice(told.items(), _TIMES):
+    entries: dict[str, float | str] = {}
+    for name, value in islice(measurements.items(), _TIMES):
         if isinstance(value, str):
-            found[one_line(str(name), _TEXT)] = one_line(value, _TEXT)
+            entries[one_line(str(name), _TEXT)] = one_line(value, _TEXT)
         elif isinstance(value, Real) and math.isfinite(number := float(value)):
-            found[one_line(str(name), _TEXT)] = int(value) if isinstance(value, int) else number
-    return found
+            entries[one_line(str(name), _TEXT)] = int(value) if isinstance(value, int) else number
+    return entries
 
 
-def _told(teller: Any, name: str) -> str:
-    """Return what an attribute or method of `teller` adds to a fault, at most its last `_LONGEST` characters."""
+def _detail(source: Any, name: str) -> str:
+    """Return the text of an attribute or method of `source`, at most its last `_LONGEST` characters."""
     watched = watch()
     watched.asked = object()
     try:
-        more = getattr(teller, name, None)
-        more = more() if callable(more) else more
-        text = "" if more is None else str(more)
+        value = getattr(source, name, None)
+        value = value() if callable(value) else value
+        text = "" if value is None else str(value)
     except KeyboardInterrupt:
         raise
-    except BaseException as error:  # the run has ended anyway, and what ended it is known
+    except BaseException as error:  # the run has ended, and the reason is known
         text = f"{name} {_describe(error)}"
     finally:
         watched.asked = None
@@ -286,9 +292,9 @@ def _told(teller: Any, name: str) -> str:
 
 
 def _describe(error: BaseException) -> str:
-    """Return "raised Type: text (file:line)" for the place where `error` came up.
+    """Return "raised Type: text (file:line)" with the line that raised `error`.
 
-    The file goes by its name alone: the reason is part of the run's hash, which must not depend on the checkout.
+    The file is named without its folder, because the text is part of the run's hash, which must not depend on the checkout.
     """
     kind = _read(lambda: type(error).__name__, "an error")
     text = _read(lambda: str(error), "it can't be told what")
@@ -296,15 +302,15 @@ def _describe(error: BaseException) -> str:
     return f"raised {kind}{': ' if text else ''}{text} ({Path(frames[-1].filename).name}:{frames[-1].lineno})"
 
 
-def _read(tell: Callable[[], str], otherwise: str) -> str:
-    """Return a text that code of a driver may make, on one line."""
+def _read(compute: Callable[[], str], otherwise: str) -> str:
+    """Return a text that code of a driver computes, on one line; `otherwise` if this code raises an exception."""
     watched = watch()
-    watched.asked = tell
+    watched.asked = compute
     try:
-        return one_line(tell(), _TEXT)
+        return one_line(compute(), _TEXT)
     except KeyboardInterrupt:
         raise
-    except BaseException:  # what it was to tell of has ended the run anyway
+    except BaseException:  # the run has ended anyway
         return otherwise
     finally:
         watched.asked = None

@@ -1,7 +1,6 @@
-"""Simulators: what makes a run of a case. One protocol, found by name.
+"""Simulators make runs of cases. They share a protocol and are found by name.
 
-Callers make runs by `simulate` and speeds by `vmax`, which check the answer of a simulator against the question. The inner
-workings of a simulator are its own affair.
+Callers use `simulate` for runs and `vmax` for speeds; both check that the answer of a simulator fits the question.
 """
 
 from __future__ import annotations
@@ -32,19 +31,19 @@ __all__ = ["Simulator", "answered", "made_by", "meant", "named", "simulate", "si
 
 
 class Simulator(Protocol):
-    """Makes runs: a value or object that can be called, with a name and a braking envelope of its own.
+    """A callable that makes runs, with a name and a braking envelope.
 
     A call returns the run of a case. The same case gives the same run, bit for bit, in any process and order.
 
-    The run ends when every vehicle has left, or at the scenario's duration; also when two vehicles collide or one leaves its
-    route, because what follows is no driving. It ends with `Run.fault` set when an autopilot raises or answers with something
-    that is not a command, when a limit of real time is over, or when the plant fails. The states up to the end are kept. What
-    ``timing()`` of an autopilot tells is kept under ``timing`` in `Run.provenance`.
+    The run ends when every vehicle has left, at the scenario's duration, when two vehicles collide, or when a vehicle leaves its
+    route. The run ends with a `Run.fault` when an autopilot raises an exception or answers with no command, when a limit of real
+    time is exceeded, or when the simulator fails. The run holds the states up to its end. The measurements of ``timing()`` of
+    an autopilot are stored under ``timing`` in `Run.provenance`.
 
-    A simulator may have an attribute ``caveat``, a sentence on what does not carry over to it: the head of a session says it.
-    The tests of ``pytest_rvads.conformance`` read two more: ``drivers``, the drivers that the simulator has of its own, and
-    ``unsupported``, the checks that it can't pass with a reason for each. An attribute ``libraries`` names what the simulator
-    imports when it simulates, if an extra of the name of the simulator installs it.
+    A simulator may have further attributes. ``caveat`` is a sentence on the limits of its results, printed in the header of a
+    session. The tests of ``pytest_rvads.conformance`` read ``drivers``, the drivers of the simulator, and ``unsupported``, the
+    checks that the simulator can't pass, each with a reason. ``libraries`` names the packages that the simulator imports when it
+    simulates and that an extra with the name of the simulator installs.
     """
 
     @property
@@ -55,26 +54,26 @@ class Simulator(Protocol):
         """Return the run of `case`.
 
         Raises:
-            MapError: it is not known where the lanes of the junction lie.
-            ScenarioError: a vehicle does not fit on its approach, or two start inside each other.
+            MapError: the positions of the lanes of the junction are unknown.
+            ScenarioError: a vehicle does not fit on its approach, or two vehicles start inside each other.
         """
 
     def vmax(self, distance: float, aggression: int = 1, vehicle: Vehicle | None = None) -> float | None:
-        """Return the greatest speed up to 30 m/s from which the vehicle stops within `distance` [m]; None where none is safe."""
+        """Return the greatest safe speed `distance` metres before the line, at most 30 m/s; None if no speed is safe."""
 
 
 def simulators() -> dict[str, str]:
-    """Return where the simulators are that have a name, ``module:name``; those of other packages are entry points."""
+    """Return the name and the place, ``module:name``, of every simulator; satellites and other packages add entry points."""
     core = {name: f"pytest_rvads.simulators.planar:{name}" for name in ("bullet", "mujoco")}
     return core | {name: entry.value for name, entry in entries("simulators").items()}
 
 
-def named(name: str | None, here: Path | None = None) -> Simulator:
-    """Return the simulator of that name, or the one at ``module:name``.
+def named(name: str | None, folder: Path | None = None) -> Simulator:
+    """Return the simulator with a name, or at ``module:name``.
 
     Args:
-        name: what options call it; None for the usual one.
-        here: a folder in which modules are looked for first.
+        name: name or ``module:name``; None for the usual simulator.
+        folder: folder that is searched for modules first.
 
     Raises:
         ScenarioError: no simulator has this name, the named object is no simulator, or a library of the simulator is missing.
@@ -88,7 +87,7 @@ def named(name: str | None, here: Path | None = None) -> Simulator:
             f"unknown simulator {name!r}, there is {', '.join(places)}, or say module:name{suggest(name, places)}"
         )
     try:
-        simulator = usable(at(where, here), repr(name))
+        simulator = usable(at(where, folder), repr(name))
     except (ImportError, AttributeError) as error:
         raise ScenarioError(f"simulator {name!r} can't be loaded: {error}") from error
     for library in getattr(simulator, "libraries", ()):
@@ -97,72 +96,73 @@ def named(name: str | None, here: Path | None = None) -> Simulator:
     return simulator
 
 
-def usable(simulator: Any, said: str = "") -> Simulator:
-    """Return what is to simulate, if it can.
+def usable(simulator: Any, label: str = "") -> Simulator:
+    """Return `simulator` after a check that it is a simulator.
 
     Args:
-        simulator: from an option, a fixture, an argument.
-        said: what it was named by.
+        simulator: value of an option, a fixture or an argument.
+        label: name of the value in the message; by default its representation.
 
     Raises:
-        ScenarioError: it is no simulator.
+        ScenarioError: the value is no simulator.
     """
     if isinstance(simulator, type):
-        wrong = "is a class"
+        objection = "is a class"
     elif missing := next((a for a in ("__call__", "vmax") if not callable(getattr(simulator, a, None))), ""):
-        wrong = f"has no {missing}"
+        objection = f"has no {missing}"
     elif not (isinstance(name := getattr(simulator, "name", None), str) and name):
-        wrong = f"is called {name!r}, which is no name"
+        objection = f"is called {name!r}, which is no name"
     else:
-        found: Simulator = simulator
-        return found
+        checked: Simulator = simulator
+        return checked
     raise ScenarioError(
-        f"simulator {said or f'{simulator!r:.60}'} {wrong}: it has to be an object with a name, a text, and "
+        f"simulator {label or f'{simulator!r:.60}'} {objection}: it has to be an object with a name, a text, and "
         "vmax(distance, aggression, vehicle), that can be called with a case"
     )
 
 
 def meant(simulator: Simulator | None = None) -> Simulator:
-    """Return the simulator that a caller names; by default that of the session, outside of sessions the usual one.
+    """Return `simulator`; for None the simulator of the session, outside of sessions the usual simulator.
 
     Raises:
-        ScenarioError: what is named is no simulator.
+        ScenarioError: `simulator` is no simulator.
     """
-    found = choice().simulator if simulator is None else usable(simulator)
-    return usual() if found is None else found
+    chosen = choice().simulator if simulator is None else usable(simulator)
+    return usual() if chosen is None else chosen
 
 
 def simulate(case: Case, simulator: Simulator | None = None) -> Run:
     """Return the run of a case; see `Simulator` for how runs end.
 
     Args:
-        case: scenario, what drives, and in which bodies.
-        simulator: what makes the run; by default what ``--rvads-simulator`` names, outside of sessions the usual one.
+        case: scenario, drivers and vehicles.
+        simulator: the simulator; by default the simulator of ``--rvads-simulator``, outside of sessions the usual simulator.
 
     Raises:
-        MapError: it is not known where the lanes of the junction lie.
-        ScenarioError: a vehicle does not fit on its approach, two start inside each other, or `simulator` is none.
-        RunError: what the simulator returned is not the run of this case, can't be, or was cut short without a reason; or it took
-            too long outside of all drivers.
+        MapError: the positions of the lanes of the junction are unknown.
+        ScenarioError: a vehicle does not fit on its approach, two vehicles start inside each other, or `simulator` is no
+            simulator.
+        RunError: the simulator returned no run of this case, an impossible run, or a run that ends without a reason; or the
+            simulator exceeded a time limit outside of all drivers.
     """
     run = answered(case, simulator)
-    wrong = next((str(finding) for finding in impossible(run)), "") or _cut(run, case)
-    if wrong:
-        raise RunError(f"the simulator {meant(simulator).name!r} gives a run that can't be, {run.label}: {wrong}")
+    objection = next((str(finding) for finding in impossible(run)), "") or _flaw_of_end(run, case)
+    if objection:
+        raise RunError(f"the simulator {meant(simulator).name!r} gives a run that can't be, {run.label}: {objection}")
     return run
 
 
 def answered(case: Case, simulator: Simulator | None = None) -> Run:
-    """Return what a simulator answers a case with, looked at no further than that it is the run of this case.
+    """Return the answer of a simulator to a case, after a check that the answer is a run of this case.
 
-    Raises and takes what `simulate` does.
+    Arguments and errors are those of `simulate`; the run may be impossible or end without a reason.
     """
     require(case, Case, "simulate takes a case: write simulate(rvads.Case(scenario, driver))", ScenarioError)
     maker = meant(simulator)
-    run = _made(maker, case)
+    run = _called(maker, case)
     require(run, Run, f"the simulator {maker.name!r} must answer a case with its Run", RunError)
     scenario = case.scenario
-    for what, got, expected in (
+    for field, got, expected in (
         ("junction", run.junction, scenario.place),
         ("agents", _routes(run.agents), _routes(case.agents())),
         ("subject", run.subject, scenario.under_test),
@@ -170,19 +170,19 @@ def answered(case: Case, simulator: Simulator | None = None) -> Run:
     ):
         if got != expected:
             raise RunError(
-                f"the simulator {maker.name!r} must answer a case with its Run, got one with another {what}: {got!s:.200}, "
+                f"the simulator {maker.name!r} must answer a case with its Run, got one with another {field}: {got!s:.200}, "
                 f"expected {expected!s:.200}"
             )
     return run
 
 
 def made_by(simulator: Simulator, run: Run) -> str:
-    """Return the name of what made a run: of a shipped simulator that another one asked for it, else of `simulator` itself.
+    """Return the name of the simulator that made a run.
 
-    ``sumo`` leaves cases in which SUMO is to drive nobody to the usual simulator.
+    A simulator may pass a case to another named simulator: ``sumo`` passes cases without a vehicle of SUMO to the usual one.
     """
-    told = str(run.provenance.get("simulator"))
-    return told if {simulator.name, told} <= simulators().keys() else simulator.name
+    name = str(run.provenance.get("simulator"))
+    return name if {simulator.name, name} <= simulators().keys() else simulator.name
 
 
 def vmax(
@@ -196,17 +196,17 @@ def vmax(
 
     Args:
         distance: reference point to stopping line [m].
-        aggression: 1, 2 or 3, the scenario's; selects the service brake.
-        vehicle: the parameters; a passenger car by default.
-        simulator: whose vehicles brake; by default what ``--rvads-simulator`` names, outside of sessions the usual one.
-        limit: the speed limit where the vehicle drives [m/s], such as `Junction.top_limit`.
+        aggression: braking level 1, 2 or 3, which selects the service brake.
+        vehicle: the vehicle; a passenger car by default.
+        simulator: the simulator; by default the simulator of ``--rvads-simulator``, outside of sessions the usual simulator.
+        limit: speed limit of the road [m/s], such as `Junction.top_limit`.
 
     Returns:
-        The speed, at most the speed limit [m/s]; None where not even a standing vehicle is safe.
+        The speed, at most the speed limit [m/s]; None if not even a standing vehicle is safe.
 
     Raises:
-        ScenarioError: a distance that is negative or not finite, an unknown aggression, or `simulator` is none.
-        RunError: what the simulator returned is no speed.
+        ScenarioError: the distance is negative or not finite, the aggression is unknown, or `simulator` is no simulator.
+        RunError: the simulator returned no speed.
     """
     require(distance, Real, "vmax takes a distance to the stopping line in metres", ScenarioError)
     require(vehicle, Vehicle | None, "vehicle= takes a rvads.Vehicle", ScenarioError)
@@ -223,8 +223,8 @@ def vmax(
     return min(number, limit)
 
 
-def _cut(run: Run, case: Case) -> str:
-    """Return what is wrong with the clock of a run or with its end, or nothing."""
+def _flaw_of_end(run: Run, case: Case) -> str:
+    """Return the fault in the clock of a run or in its end, as a clause; empty for a sound run."""
     if run.dt != DT:
         return f"its states are {run.dt:g} s apart, expected {DT:g} s"
     more = run.steps - 1 - round(case.scenario.duration / DT)
@@ -234,19 +234,21 @@ def _cut(run: Run, case: Case) -> str:
         return ""
     ways = case.scenario.itineraries()
     gone = run.zone[-1] >= Zone.EXIT if run.station is None else run.station[-1] >= [way.leave for way in ways]
-    here = [agent.name for agent, left in zip(run.agents, gone, strict=True) if not left]
-    told = "nobody collided, left its route or failed: simulate it to its end, or tell what ended it as Run.fault"
-    return f"it ends at {run.duration:.2f} s without a reason: {' and '.join(here)} had not left yet, {told}" if here else ""
+    present = [agent.name for agent, left in zip(run.agents, gone, strict=True) if not left]
+    advice = "nobody collided, left its route or failed: simulate it to its end, or tell what ended it as Run.fault"
+    if not present:
+        return ""
+    return f"it ends at {run.duration:.2f} s without a reason: {' and '.join(present)} had not left yet, {advice}"
 
 
-def _made(maker: Simulator, case: Case) -> Run:
-    # What a driver sets of numpy, such as to raise on underflow, holds for its own run.
+def _called(maker: Simulator, case: Case) -> Run:
+    # Error settings of numpy that a driver changes hold for its own run only.
     with np.errstate(), Watch(choice().limits) as watch:
         try:
             return maker(case)
         except TooLate as late:
             if not watch.late:
-                raise  # it is meant for a run that this one is simulated within
+                raise  # the limit of an outer run, within which this run is simulated
             raise RunError(f"the simulator {maker.name!r} at {case.scenario.name}: {watch.late}") from late
 
 

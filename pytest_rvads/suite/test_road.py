@@ -1,6 +1,6 @@
-"""The road rulebook at the built-in junctions: the subject at every seat in turn, among reference traffic.
+"""The rulebook road at the built-in junctions: the subject at every seat in turn, among reference traffic.
 
-Every class runs in one order of arrival: all at once, or staggered, the next class in the next order.
+Every class runs in one order of arrival, and the orders change from class to class.
 """
 
 from typing import Any
@@ -16,7 +16,7 @@ import pytest_rvads as rvads
 @rvads.scenario("stop4", subject="all", classes=range(2, 25, 5), grid="S21")
 @rvads.scenario("stop4", subject="all", classes=range(1, 25, 5), grid="C")
 def test_all_way_stop(rule: Any, monitor: Any) -> None:
-    """All at once, or all others, or only one of them, before or after the subject."""
+    """All vehicles arrive together, or all others, or one of them, arrive before or after the subject."""
     monitor.check(rule)
 
 
@@ -26,7 +26,7 @@ def test_all_way_stop(rule: Any, monitor: Any) -> None:
 @rvads.scenario("light4", subject="all", classes=range(2, 25, 3), grid="S53")
 @rvads.scenario("light4", subject="all", classes=range(1, 25, 3), grid="H")
 def test_lights(rule: Any, monitor: Any) -> None:
-    """All at once, or the others 3 or 4 s after the subject; the light of entrance 0 is green at first."""
+    """All vehicles arrive together, or the others 3 or 4 s after the subject; the light of entrance 0 is green at first."""
     monitor.check(rule)
 
 
@@ -35,5 +35,5 @@ def test_lights(rule: Any, monitor: Any) -> None:
 @rvads.scenario("light3", subject="all", scenarios=("100", "200", "010", "020"), grid="H")
 @rvads.scenario("light4", subject="all", scenarios=("1000", "2000", "3000", "0100", "0200", "0300"), grid="H")
 def test_alone(rule: Any, monitor: Any) -> None:
-    """Nobody else is there: on every movement, at lights from an entrance with green and from one with red."""
+    """The subject is alone: on every movement, at lights from an entrance with green and from an entrance with red."""
     monitor.check(rule)

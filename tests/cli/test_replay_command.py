@@ -25,7 +25,7 @@ import pytest
 import pytest_rvads as rvads
 from pytest_rvads.session import artefacts
 
-artefacts._MOST = 1
+artefacts._MOST_PAGES = 1
 
 class Racer(rvads.Follower):
     def target_speed(self, seen):

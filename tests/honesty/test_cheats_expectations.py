@@ -51,7 +51,7 @@ EXPECTS = {
             monitor.check(rule)
         """,
         ("ERROR",),
-        says="*nothing was simulated: the fixture rvads_run is one of your own, call it otherwise*",
+        says="*nothing was simulated: the fixture rvads_run is one of your own*",
     ),
     "known_over_a_pass": Attempt(
         "@rvads.known('races')" + CHECKED.format("duration=20"), ("FAIL",), {"failed": 1}, "*XPASS(strict)* races*", "reference"

@@ -5,7 +5,7 @@ import pytest
 from .attempts import FAILED, Attempt, Session, statuses
 from .shown import shows, shows_each
 
-SWALLOWED = "*RuleViolation: p1 at t=*and the test went on as if nothing had been*"
+SWALLOWED = "*RuleViolation: p1 at t=*and the test continued after the violation*"
 PASSES_OVER = {
     "judge_elsewhere": Attempt(
         """

@@ -205,8 +205,8 @@ def test_envelope_cache_key_holds_distance_aggression_and_vehicle(where: Path, m
     braking._vmax.cache_clear()
     first = vmax(3.3, 2, car)
     braking._vmax.cache_clear()
-    monkeypatch.setattr(braking, "_test", lambda *_: pytest.fail("tested again"))
+    monkeypatch.setattr(braking, "_bisected", lambda *_: pytest.fail("tested again"))
     assert vmax(3.3, 2, car) == first
-    monkeypatch.setattr(braking, "_test", lambda *_: 1.0)
+    monkeypatch.setattr(braking, "_bisected", lambda *_: 1.0)
     assert [vmax(3.4, 2, car), vmax(3.3, 1, car), vmax(3.3, 2, Vehicle(mass=1502.0))] == [1.0] * 3
     braking._vmax.cache_clear()

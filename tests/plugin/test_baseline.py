@@ -8,9 +8,9 @@ from pytest_rvads.cli import main
 from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.junctions.finder import find
 from pytest_rvads.logic.check import check
+from pytest_rvads.plugin import pytest_assertrepr_compare
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario
-from pytest_rvads.session.comparing import explain
 from pytest_rvads.simulators.simulator import simulate
 
 CONFTEST = """
@@ -285,8 +285,8 @@ def test_comparing_runs_and_verdicts(pytester: pytest.Pytester) -> None:
 def test_only_two_runs_or_two_verdicts_are_compared_in_words() -> None:
     run = simulate(Case(Scenario(find("stop4"), "1133", distance=0.3, duration=0.1), Reference))
     verdict = check(run, "p4")
-    assert explain("==", verdict, check(run, "p3")) is not None
-    assert explain("==", run, run) is not None
+    assert pytest_assertrepr_compare("==", verdict, check(run, "p3")) is not None
+    assert pytest_assertrepr_compare("==", run, run) is not None
     for pair in ((verdict, "NA"), ("NA", verdict), (run, 3), (3, run), (run, verdict), (1, 2)):
-        assert explain("==", *pair) is None
-    assert explain("<", verdict, verdict) is None
+        assert pytest_assertrepr_compare("==", *pair) is None
+    assert pytest_assertrepr_compare("<", verdict, verdict) is None

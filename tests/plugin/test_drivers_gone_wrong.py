@@ -191,7 +191,7 @@ def test_a_diagnosis_that_fails_costs_no_more_than_itself(pytester: pytest.Pytes
         raise SystemExit("no diagnosis")
 
     monkeypatch.setattr(items, "_explanation", broken)
-    monkeypatch.setattr(items, "_repeated", broken)
+    monkeypatch.setattr(items, "_with_repetition", broken)
     pytester.makepyfile("""
         import pytest
         import pytest_rvads as rvads
@@ -210,7 +210,7 @@ def test_a_diagnosis_that_fails_costs_no_more_than_itself(pytester: pytest.Pytes
     """)
     result = pytester.runpytest("-p", "no:cacheprovider")
     result.assert_outcomes(failed=2)
-    result.stdout.fnmatch_lines(["*no more can be told: SystemExit: no diagnosis*"])
+    result.stdout.fnmatch_lines(["*the explanation is incomplete, because of SystemExit: no diagnosis*"])
 
 
 def test_failed_run_is_simulated_once_for_all_rules(pytester: pytest.Pytester) -> None:

@@ -73,7 +73,7 @@ def test_rules_of_ones_own(pytester: pytest.Pytester, brackets: Names) -> None:
     [
         ("junctions(config):\n    return {'stop4': ('a.xodr', '1')}", "gives 'stop4', which is taken already"),
         ("junctions(config):\n    return {'depot': 'a.xodr'}", "must give a map file and a junction in it for 'depot'"),
-        ("junctions(config):\n    return ['depot']", "must give names and what they stand for, as a dict, got ['depot']"),
+        ("junctions(config):\n    return ['depot']", "must give a dict with names as keys, got ['depot']"),
         ("grids(config):\n    return {'C': (1.0, 2.0)}", "gives 'C', which is taken already"),
         ("grids(config):\n    return {'rush': 1.0}", "must give distances and speeds for 'rush', got 1.0"),
         ("rules(config):\n    return 'site.ini'", "must give a list of rules or files of rules, got 'site.ini'"),

@@ -237,7 +237,7 @@ def test_interruption_of_the_collection_is_reported(pytester: pytest.Pytester, w
     assert result.ret == pytest.ExitCode.INTERRUPTED
     content = json.loads(Path("out.json").read_text(encoding="utf-8"))
     assert content["exitstatus"] == pytest.ExitCode.INTERRUPTED
-    assert "it was not yet known what is to run" in content["notes"][0] or workers
+    assert "the items to run were not yet known" in content["notes"][0] or workers
 
 
 @pytest.mark.extended
@@ -254,7 +254,7 @@ def test_what_is_interrupted_before_any_worker_s_first_report_says_how_much_was_
     pytester.makepyfile(test_it=TESTS)
     result = pytester.runpytest_subprocess("-n", "1", "--rvads-report=out.json")
     assert result.ret == pytest.ExitCode.INTERRUPTED
-    note = "none of 24 items ended, and no worker came to say which of them ask for a run"
+    note = "none of 24 items ended, and no worker reported which of them belong to pytest-rvads"
     (said,) = json.loads(Path("out.json").read_text(encoding="utf-8"))["notes"]
     assert said == f"the session did not end by itself (exit status 2): {note}"
 

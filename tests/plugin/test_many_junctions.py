@@ -106,7 +106,7 @@ def test_named_junction_and_empty_choice_are_errors(pytester: pytest.Pytester) -
         ('"7", map="town.xodr", classes=20', "a 3-way junction has classes 1..4, got 20"),
         ('"v3", map="town.xodr"', "junction 'v3' of map file * cannot be used: it is of type *"),
         ('["7", "v3"], map="town.xodr"', "junction 'v3' of map file * cannot be used: it is of type *"),
-        ('"*", map="town.xodr", classes=2000', "none of 4 junctions has what is asked for, the first: a 4-way junction has *"),
+        ('"*", map="town.xodr", classes=2000', "none of 4 junctions fits the mark, the first: a 4-way junction has *"),
         ('"*", map="town.xodr", junctions={"arms": 8}', "* no usable junction that fits '[*]' and is of the kinds *(8 arms)*"),
     ):
         pytester.makepyfile(TEST.format(arguments=mark))

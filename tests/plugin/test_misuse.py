@@ -44,7 +44,7 @@ def refused(pytester: pytest.Pytester, cases: Sequence[tuple[str, int, str]]) ->
 
 ARGUMENTS = [
     ("3", "write @rvads.scenario('stop4', ...) with the name of a junction in quotes, got 3"),
-    ("", "name a junction, several, or '*' for all of a map, or say by junctions= of which kinds"),
+    ("", "name a junction, several junctions, or '*' for all junctions of a map"),
     ('["stop4", 3]', "junction takes names, ids or types of junctions, one or several, got ['stop4', 3]"),
     ("[]", "junction is empty: name names, ids or types of junctions, or leave it out"),
     ('"*", limit=0', "limit must be a whole number of junctions, 1 or more, got 0"),
@@ -287,7 +287,7 @@ MARKS = [
     (
         "@pytest.fixture\ndef run(): ...\n@rvads.scenario('stop3')\ndef test_it(run): ...",
         7,
-        "test_it has @rvads.scenario(...) but its `run` is a fixture of yours: call that otherwise",
+        "test_it has @rvads.scenario(...) but its `run` is a fixture of yours: rename your fixture",
     ),
     (
         "@mine\n@pytest.mark.parametrize('x, run', [(1, 1)])\ndef test_it(x, run, monitor): ...",

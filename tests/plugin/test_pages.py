@@ -157,7 +157,7 @@ def test_two_sessions_at_once_have_two_folders(pytester: pytest.Pytester, racing
 def test_a_process_draws_the_first_failures_and_of_every_rule_one(
     pytester: pytest.Pytester, racing: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(artefacts, "_MOST", 1)
+    monkeypatch.setattr(artefacts, "_MOST_PAGES", 1)
     result = pytester.runpytest()
     *drawn, third, fourth = looks(result)
     assert [look.partition("#")[0].endswith(".html") for look in drawn] == [True, True]
@@ -172,7 +172,7 @@ def test_a_process_draws_the_first_failures_and_of_every_rule_one(
 def test_a_folder_elsewhere_is_named_by_the_command(
     pytester: pytest.Pytester, racing: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(artefacts, "_MOST", 1)
+    monkeypatch.setattr(artefacts, "_MOST_PAGES", 1)
     result = pytester.runpytest("--rvads-artefacts=out/of the way")
     assert looks(result)[-1].startswith('rvads replay --session "out/of the way/1" "test_it.py::')
     result.stdout.fnmatch_lines(["look: out/of the way/1/index.html"])
@@ -180,8 +180,8 @@ def test_a_folder_elsewhere_is_named_by_the_command(
 
 
 def test_runs_beyond_the_room_are_not_kept(pytester: pytest.Pytester, racing: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(artefacts, "_MOST", 1)
-    monkeypatch.setattr(artefacts, "_ROOM", 1)
+    monkeypatch.setattr(artefacts, "_MOST_PAGES", 1)
+    monkeypatch.setattr(artefacts, "_MOST_BYTES", 1)
     result = pytester.runpytest()
     assert looks(result)[2].startswith("not drawn, and its run is not kept, those of this session take ")
     assert len(list((racing / "1" / "runs").iterdir())) == 1
@@ -263,7 +263,7 @@ def test_hostile_ids_become_plain_file_names_and_quoted_words(
     ]
     content = RACING.replace("@rvads.scenario", f"@pytest.mark.parametrize('odd', {names!r})\n@rvads.scenario")
     pytester.makepyfile(test_it=content.replace("def test_rules(", "def test_rules(odd, ").replace("(1, 7)", "1"))
-    monkeypatch.setattr(artefacts, "_MOST", 0)
+    monkeypatch.setattr(artefacts, "_MOST_PAGES", 0)
     result = pytester.runpytest("-k", "full_stop")
     result.assert_outcomes(failed=len(names))
     (drawn,) = (racing / "1").glob("test_it*.html")

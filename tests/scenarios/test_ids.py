@@ -8,8 +8,7 @@ from hypothesis import given, settings
 import pytest_rvads as rvads
 from pytest_rvads.errors import MapError, RvadsError, ScenarioError
 from pytest_rvads.opendrive.writer import Layout, opendrive
-from pytest_rvads.scenarios.ids import from_id
-from pytest_rvads.scenarios.recalling import recalled
+from pytest_rvads.scenarios.ids import from_id, recalled
 from pytest_rvads.search import strategies
 
 PLACE = rvads.find("stop4")
@@ -59,7 +58,7 @@ def test_id_finds_the_junction_of_a_file(tmp_path: Path) -> None:
         ("", "'' is no id of a scenario"),
         ("stop4-class07-as1133", "is no id of a scenario"),
         ("stop4-class07-as1133-cfgmine", "is no id of a scenario"),
-        ("stop4-class08-as1133-cfgD", r"is not what the scenario is called .* did you mean 'stop4-class07-as1133-cfgD'"),
+        ("stop4-class08-as1133-cfgD", r"is not the id of the scenario .* did you mean 'stop4-class07-as1133-cfgD'"),
         ("stop4-class07-as113-cfgD", "is for 3 entrances, 'stop4' has 4"),
         ("stop4-class07-as9133-cfgD", "direction 9 is none of entrance 0"),
         ("stop4-class07-as1133-s7-cfgD", "subject must be an occupied entrance"),
@@ -79,7 +78,7 @@ def test_invalid_id_is_refused(id: str, message: str) -> None:
     ("change", "message"),
     [
         ({"wait": "soon"}, "here: the field 'wait' must be a number, got 'soon'"),
-        ({"senses": {"smell": 1}}, "here: the field 'senses' has one that they don't"),
+        ({"senses": {"smell": 1}}, "here: the field 'senses' has a field that senses do not have"),
         ({"aggression": 7}, "here: aggression must be 1, 2 or 3"),
     ],
 )

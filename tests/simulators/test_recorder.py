@@ -7,7 +7,7 @@ from pytest_rvads.junctions.finder import find
 from pytest_rvads.maps.segment import Turn
 from pytest_rvads.runs.run import Facts, Run
 from pytest_rvads.runs.states import Agent, Colour, VehicleState, Zone
-from pytest_rvads.simulators.recorder import Recorder
+from pytest_rvads.simulators.loop import Recorder
 
 PLACE = find("stop4")
 AGENTS = tuple(Agent(f"a{k}", PLACE.leads(k, 2)) for k in range(2))

@@ -17,9 +17,8 @@ from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.report.session_report import Extent
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.configurations import ARRIVALS, grid
-from pytest_rvads.scenarios.extents import extended
 from pytest_rvads.scenarios.ids import run_id
-from pytest_rvads.scenarios.selection import Selection, alone
+from pytest_rvads.scenarios.selection import Selection, alone, extended
 from pytest_rvads.stratified import draw
 
 __all__ = ["Asked", "LeftOut", "Plan", "Planned"]

@@ -85,7 +85,7 @@ def _began(run: Run, source: Path, map: str | None) -> tuple[Scenario, Fleet]:
     from pytest_rvads.satellites.openscenario.mapfile import mapped
     from pytest_rvads.satellites.openscenario.run_export import recorded_map, vehicles
     from pytest_rvads.scenarios.case import Fleet
-    from pytest_rvads.scenarios.recalling import recalled
+    from pytest_rvads.scenarios.ids import recalled
 
     record = run.provenance.get("scenario")
     if not isinstance(record, Mapping):

@@ -21,8 +21,8 @@ from pytest_rvads.satellites.openscenario.playedfile import site_of
 from pytest_rvads.satellites.openscenario.scenario_export import VERSION, ScenarioNote
 from pytest_rvads.satellites.openscenario.xosctree import Node, read_tree
 from pytest_rvads.satellites.tracks.lightlog import lights_at
+from pytest_rvads.scenarios.ids import recalled
 from pytest_rvads.scenarios.orbits import Orbits, rotate
-from pytest_rvads.scenarios.recalling import recalled
 from pytest_rvads.scenarios.scenario import QUEUE_GAP, QUEUE_TIME, Scenario, usual_duration
 
 __all__ = ["load_scenario"]
