@@ -15,9 +15,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pytest_rvads.draw.picture import picture
+from pytest_rvads.draw.picture import course, draw_ways, picture, still
 from pytest_rvads.draw.scene import Scene, body, inks, label
-from pytest_rvads.draw.still import course, draw_ways, still
 from pytest_rvads.errors import RunError, RvadsError
 from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.junctions.turn_words import turn_word
