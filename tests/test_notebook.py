@@ -97,7 +97,7 @@ def test_who_gives_way_is_what_the_junction_says() -> None:
 def test_a_junction_without_lanes_says_what_it_is_good_for(topology: Callable[[Junction], Junction]) -> None:
     page = shown(topology(find("stop4")))
     assert not page.pictures
-    assert "only to judge zones of recorded runs" in page.text
+    assert "only for judging zones of recorded runs" in page.text
     assert "no picture: junction 'stop4' comes from a recording without positions" in page.text
     assert page.cells.count("not known") == 8, "neither the lengths of approaches nor who gives way"
 
