@@ -67,7 +67,7 @@ def identity(thing: Any) -> str:
     return sha256("\n".join(lines).encode("utf-8", "surrogatepass")).hexdigest()
 
 
-def source(driver: Any, here: Path) -> str:
+def source(driver: Any, folder: Path) -> str:
     """Return the file of a driver with a short digest, ``pilots.py 3fa29c01``; for a bundled driver the version of the package.
 
     The digest covers the files that `identity` counts and no values, so the digest is the same before and after a run. The text
@@ -75,27 +75,27 @@ def source(driver: Any, here: Path) -> str:
 
     Args:
         driver: the driver, or its factory.
-        here: the folder to which the path of the file is relative.
+        folder: the folder to which the path of the file is relative.
     """
     try:
         if isinstance(driver, Process):
             return _short(driver.settings()[-1])
         inner = driver.func if isinstance(driver, partial) else driver
         version = getattr(inner, "version", None)
-        place = _source(inner if isinstance(inner, type | FunctionType) else type(inner), here)
+        place = _source(inner if isinstance(inner, type | FunctionType) else type(inner), folder)
         return f"{place} version {one_line(version, 40)}".lstrip() if isinstance(version, str) else place
     except Exception:
         return ""
 
 
 @lru_cache(maxsize=64)  # every item reports the source
-def _source(definition: type | FunctionType, here: Path) -> str:
+def _source(definition: type | FunctionType, folder: Path) -> str:
     if _top_package(definition) == _PACKAGE:
         return f"pytest-rvads {__version__}"
     files: dict[Path, str] = {}
     _add_digests(definition.__module__, _top_package(definition), files)
     own = _file(sys.modules.get(definition.__module__ or ""))
-    name = "" if own is None else f"{own.relative_to(here) if own.is_relative_to(here) else own.name} "
+    name = "" if own is None else f"{own.relative_to(folder) if own.is_relative_to(folder) else own.name} "
     return f"{name}{_short(sorted(digest for file, digest in files.items() if file != Path(_PACKAGE)))}".rstrip()
 
 

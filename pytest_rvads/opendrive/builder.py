@@ -174,15 +174,15 @@ def _turn_connecting_roads(draft: Draft, sides: dict[str, bool]) -> None:
 def _passable_links(document: Document, road: Road, sides: Mapping[str, bool]) -> Iterator[bool]:
     """Yield per lane link of a connecting road whether traffic arrives on one of the two lanes and departs on the other."""
     for contact, link in road.contacts:
-        other = None if link is None or link.junction else document.roads.get(link.element)
-        if link is None or other is None or link.contact not in ("start", "end"):
+        neighbour = None if link is None or link.junction else document.roads.get(link.element)
+        if link is None or neighbour is None or link.contact not in ("start", "end"):
             continue
-        targets = other.lanes_at(link.contact)
+        targets = neighbour.lanes_at(link.contact)
         for lane in road.lanes_at(contact).values():
             for target in lane.onward(contact):
                 if lane.drivable and target in targets and targets[target].drivable:
                     forward = lane.forward(left_hand=sides[road.id])
-                    onward = targets[target].forward(left_hand=sides[other.id])
+                    onward = targets[target].forward(left_hand=sides[neighbour.id])
                     yield (forward == (contact == "end")) != (onward == (link.contact == "end"))
 
 

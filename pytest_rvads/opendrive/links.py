@@ -41,16 +41,16 @@ def link_roads(draft: Draft, road: Road) -> None:
     for contact, link in road.contacts:
         if link is None or link.junction or not road.sections:
             continue
-        other = draft.document.roads.get(link.element)
-        if other is None:
+        neighbour = draft.document.roads.get(link.element)
+        if neighbour is None:
             draft.warn(Doubt.LINK, f"road {road.id!r} is linked to road {link.element!r}, which does not exist", road.id)
             continue
         if link.contact not in ("start", "end"):
-            draft.warn(Doubt.LINK, f"the link from road {road.id!r} to road {other.id!r} has no contact point", road.id)
+            draft.warn(Doubt.LINK, f"the link from road {road.id!r} to road {neighbour.id!r} has no contact point", road.id)
             continue
         for lane in road.lanes_at(contact).values():
             for target in lane.onward(contact):
-                ends = (road.id, contact, lane.id), (other.id, link.contact, target)
+                ends = (road.id, contact, lane.id), (neighbour.id, link.contact, target)
                 pair = draft.pair(*ends)
                 if pair is None:
                     draft.idle.append(ends)
@@ -200,10 +200,10 @@ def _neighbours(document: Document) -> dict[RoadEnd, dict[RoadEnd, None]]:
     return near
 
 
-def _connect(near: dict[RoadEnd, dict[RoadEnd, None]], places: Iterable[RoadEnd], others: Iterable[RoadEnd]) -> None:
+def _connect(near: dict[RoadEnd, dict[RoadEnd, None]], places: Iterable[RoadEnd], meeting: Iterable[RoadEnd]) -> None:
     """Add, to `near`, that the road ends of two groups meet each other, up to `_MOST_NEIGHBOURS` per road end."""
     for a in places:
-        for b in islice(others, _MOST_NEIGHBOURS):
+        for b in islice(meeting, _MOST_NEIGHBOURS):
             if a != b and len(near[a]) < _MOST_NEIGHBOURS and len(near[b]) < _MOST_NEIGHBOURS:
                 near[a][b] = near[b][a] = None
 

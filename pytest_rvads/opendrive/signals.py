@@ -334,7 +334,7 @@ class _Attacher:
             ahead = edge.length - edge.station(signal.s)
             behind = edge.length - ahead
             if edge.id in self.entered:
-                twin = any(other.forward != edge.forward and other.id in self.entered for other in self.by_road[road.id])
+                twin = any(lane.forward != edge.forward and lane.id in self.entered for lane in self.by_road[road.id])
                 if ahead <= LINE_RANGE and not (twin and ahead > behind):
                     places += [(junction, edge.id) for junction in self.entered[edge.id]]
                 continue

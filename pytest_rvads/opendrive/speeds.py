@@ -75,10 +75,10 @@ def _in_section(road: Road, i: int, lane: int) -> Iterator[tuple[float, float, f
     A limit of the lane counts before a limit of the road.
     """
     start, end = [*(section.s for section in road.sections), road.length][i : i + 2]
-    own = tuple((start + at, limit) for at, limit in road.sections[i].lanes[lane].limits)
-    cuts = sorted({start, *(at for at, _ in (*road.limits, *own) if start < at < end)})
+    lane_limits = tuple((start + at, limit) for at, limit in road.sections[i].lanes[lane].limits)
+    cuts = sorted({start, *(at for at, _ in (*road.limits, *lane_limits) if start < at < end)})
     for a, b in pairwise((*cuts, end)):
-        yield a, b, _limit_at(own, a) or _limit_at(road.limits, a)
+        yield a, b, _limit_at(lane_limits, a) or _limit_at(road.limits, a)
 
 
 def _limit_at(limits: Limits, s: float) -> float | None:
