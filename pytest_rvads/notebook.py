@@ -1,10 +1,9 @@
-"""What a notebook shows of a junction, a scenario, a run and a verdict: pictures and tables, complete in themselves.
+"""The display of junctions, scenarios, runs and verdicts in notebooks: self-contained pictures and tables as HTML.
 
-A picture is an image of its own within the HTML: its style and its ids then reach nothing else on the page, nothing in it is
-executed, and a viewer that removes scripts and style elements leaves it whole. The text beside it has the colours
-of the notebook.
-
-A picture that is inlined would pass its styles to the page around it, and viewers that remove styles would show black shapes.
+A picture is a separate image within the HTML. So the styles and ids of the picture reach nothing else on the page, nothing in the
+picture is executed, and viewers that remove scripts and style elements show the whole picture. An inlined picture would pass its
+styles to the page, and viewers that remove styles would show black shapes. The text beside a picture has the colours of the
+notebook.
 """
 
 from __future__ import annotations
@@ -15,9 +14,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pytest_rvads.draw.picture import picture
+from pytest_rvads.draw.picture import course, draw_ways, picture, still
 from pytest_rvads.draw.scene import Scene, body, inks, label
-from pytest_rvads.draw.still import course, draw_ways, still
 from pytest_rvads.errors import RunError, RvadsError
 from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.junctions.turn_words import turn_word
@@ -33,29 +31,29 @@ from pytest_rvads.wording import first, markup, one_line, plural
 __all__ = ["Picture", "html", "telling"]
 
 _WIDE = 500
-"""Of a picture, where the page has room for it [px]."""
+"""Width of a picture on a page with enough room [px]."""
 _ROWS = 24
-"""Of a table; how many more there are stands below."""
+"""Most rows of a table; a line below the table states the number of further rows."""
 _SHORT = 24
-"""Letters of a text that is not broken into lines."""
+"""Most letters of a cell that is not broken into lines."""
 _TRAIL = 3.0
-"""How long the trails of recorded traffic are [s]."""
+"""Length of the trails of recorded traffic [s]."""
 _HITS = 3
-"""Collisions that a line tells; recorded traffic may have more."""
+"""Most collisions in a line; recorded traffic may have more."""
 _MARKS = {"good": ("✓", "#00694d"), "bad": ("✗", "#b3261e"), "doubt": ("!", "#8a5a00"), "none": ("–", "#5f6368")}
-"""Sign and colour by mark of an outcome; white letters have a contrast above 5 on each."""
+"""Sign and colour by mark of an outcome; white letters have a contrast above 5 on every colour."""
 _WHEN = {JunctionControl.STOP: " in a tie", JunctionControl.LIGHTS: " on the same green"}
-"""When it matters who gives way to whom, where signs or lights come first."""
+"""Condition of giving way, per control in which signs or lights come first."""
 _ZONES = ((Zone.ENTRANCE, "arrives"), (Zone.JUNCTION, "enters"), (Zone.EXIT, "leaves"))
 
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """An SVG document as an image, which also a notebook that is not trusted shows; our ``draw_...`` functions return such."""
+    """An SVG document as an image, which untrusted notebooks show, too; the ``draw_...`` functions return pictures."""
 
     svg: str
     alt: str = "picture"
-    """Stands where pictures can't be seen."""
+    """Text for viewers without pictures."""
 
     def _repr_html_(self) -> str:
         data = b64encode(self.svg.encode()).decode()
@@ -64,7 +62,7 @@ class Picture:
 
 
 def html(value: object) -> str:
-    """Return a junction, scenario, run or verdict as HTML; what goes wrong with it as a text, since a notebook goes on."""
+    """Return a junction, scenario, run or verdict as HTML; the text of the error if drawing fails, as the notebook goes on."""
     try:
         match value:
             case Junction():
@@ -75,35 +73,35 @@ def html(value: object) -> str:
                 return _run(value)
             case Verdict():
                 return _verdict(value)
-    except Exception as error:  # a value that was put together by hand may be anything
+    except Exception as error:  # a value that a user built by hand may be invalid
         return _line(f"<{type(value).__name__}> can't be drawn: {type(error).__name__}: {error}")
     return _line(repr(value))
 
 
 def _junction(junction: Junction) -> str:
-    use = "usable" if junction.drivable else "only to judge zones of recorded runs: where its lanes lie is not known"
+    use = "usable" if junction.drivable else "only for judging zones of recorded runs, because its lanes have no geometry"
     where = f"junction {junction.id} of {junction.map}; " if junction.map else ""
     side = "left" if junction.left_hand else "right"
     rows = []
     for entrance, lane in enumerate(junction.entrances):
         ways = sorted((m.exit, turn_word(junction, m)) for m in junction.movements.values() if m.entrance == entrance)
-        others = None
+        priors = None
         if junction.yields is not None:
             decided = (pair for pair, reason in junction.yields.items() if reason is not Reason.UNDECIDED)
-            others = sorted({label(junction, other[0]) for one, other in decided if one[0] == entrance})
+            priors = sorted({label(junction, prior[0]) for way, prior in decided if way[0] == entrance})
         rows.append(
             (
                 label(junction, entrance),
                 lane.sign.value,
                 f"{junction.approach(entrance):.0f} m" if lane.approach else "not known",
                 ", ".join(f"{turn} to {junction.exits[exit].arm}" for exit, turn in ways),
-                "not known" if others is None else ", ".join(others) or "nobody",
+                "not known" if priors is None else ", ".join(priors) or "nobody",
             )
         )
     head = ("entrance", "sign", "approach", "ways to arms", f"gives way{_WHEN.get(junction.control, '')} to")
     return _block(
         _line(junction.name, f"{junction.ways}-way {junction.control}; {where}traffic keeps {side}; {use}"),
-        _drawn(lambda: draw_ways(junction), f"junction {junction.name}"),
+        _image(lambda: draw_ways(junction), f"junction {junction.name}"),
         _table(head, rows),
     )
 
@@ -113,9 +111,9 @@ def _scenario(scenario: Scenario) -> str:
     try:
         starts = scenario.starts()
     except RvadsError as error:
-        starts, refused = tuple(scenario.start(agent.entrance) for agent in agents), str(error)
+        starts, fault = tuple(scenario.start(agent.entrance) for agent in agents), str(error)
     else:
-        refused = ""
+        fault = ""
     rows = [
         (
             f"{agent.name} (under test)" if agent.name == scenario.under_test else agent.name,
@@ -126,16 +124,16 @@ def _scenario(scenario: Scenario) -> str:
         for agent, (distance, speed) in zip(agents, starts, strict=True)
     ]
     cls = f"class {scenario.number}" if scenario.number else "no class: not every arm has its vehicle"
-    said = f"{scenario.label} at {place.name}, {cls}; at most {scenario.duration:g} s"
+    summary = f"{scenario.label} at {place.name}, {cls}; at most {scenario.duration:g} s"
     return _block(
-        _line(scenario.name, said),
-        _line(refused) if refused else _drawn(lambda: _starts(scenario, starts), f"start of {scenario.name}"),
+        _line(scenario.name, summary),
+        _line(fault) if fault else _image(lambda: _starts(scenario, starts), f"start of {scenario.name}"),
         _table(("vehicle", "way", "to its line", "speed"), rows),
     )
 
 
 def _starts(scenario: Scenario, starts: Sequence[tuple[float, float]]) -> str:
-    """Return a picture of the vehicles at their starts, with the judged part of each vehicle's way."""
+    """Return a picture of the vehicles at their starts, with the judged part of the way of each vehicle."""
     place, agents = scenario.place, scenario.agents()
     scene = Scene(place)
     size = (Vehicle().length, Vehicle().width)
@@ -150,35 +148,35 @@ def _starts(scenario: Scenario, starts: Sequence[tuple[float, float]]) -> str:
 
 
 def _run(run: Run) -> str:
-    tick, why = telling(run)
-    said = [plural(len(run.agents), "vehicle"), f"{run.duration:.2f} s", *_happened(run), *_made(run)]
+    tick, reason = telling(run)
+    summary = [plural(len(run.agents), "vehicle"), f"{run.duration:.2f} s", *_events(run), *_origin(run)]
     rows = [(agent.name, _way(run.junction, agent), *_passage(run, column)) for column, agent in enumerate(run.agents)]
-    title = f"{run.start + tick * run.dt:.2f} s: {why}"
+    title = f"{run.start + tick * run.dt:.2f} s: {reason}"
     hit = {name for collision in run.collisions or () for name in collision.agents}
     return _block(
-        _line(run.label, "; ".join(said)),
-        _drawn(lambda: _instant(run, tick, title, hit), f"{run.label} at {title}"),
+        _line(run.label, "; ".join(summary)),
+        _image(lambda: _instant(run, tick, title, hit), f"{run.label} at {title}"),
         _table(("vehicle", "way", *(word for _, word in _ZONES)), rows),
     )
 
 
 def _instant(run: Run, tick: int, title: str, hit: Collection[str]) -> str:
-    """Return a picture of the state at `tick`; of recorded traffic with trails of some seconds, longer ones would hide it."""
+    """Return a picture of the state at `tick`; recorded traffic has short trails, because long trails would hide the state."""
     if not run.steps:
         raise RunError(f"run {run.label!r} has no states")
     if run.excerpt is None:
         return picture(run, tick, title, hit)
     span = slice(max(tick - round(_TRAIL / run.dt), 0), tick + 1)
     arrays = {name: getattr(run, name)[span] for name in (*ARRAYS, "spread") if getattr(run, name) is not None}
-    lately = replace(run, **arrays)
-    return picture(lately, lately.steps - 1, title, hit)
+    excerpt = replace(run, **arrays)
+    return picture(excerpt, excerpt.steps - 1, title, hit)
 
 
 def telling(run: Run) -> tuple[int, str]:
-    """Return the tick of a run that shows most of it, and why that is.
+    """Return the tick of the most telling state of a run, and the reason in words.
 
-    It is that of the first collision or of a fault; else the middle of the first time in which most vehicles are in the
-    junction; else the last.
+    The tick is the tick of the first collision or of a fault, else the middle of the first time in which most vehicles are in the
+    junction, else the last tick.
     """
     last = max(run.steps - 1, 0)
     if run.collisions:
@@ -195,34 +193,33 @@ def telling(run: Run) -> tuple[int, str]:
     return (begin + end - 1) // 2, f"{inside.max()} in the junction"
 
 
-def _happened(run: Run) -> list[str]:
-    """Return what ended or marred a run."""
+def _events(run: Run) -> list[str]:
+    """Return the collisions of a run, the vehicles that left their routes, and the fault, in words."""
     hits = [f"{c.agents[0]} and {c.agents[1]} collide at {run.start + c.time:.2f} s" for c in run.collisions or ()]
-    found = [first(hits, _HITS)] if hits else ["collisions were not recorded" if run.collisions is None else "no collision"]
-    found += [f"{name} left its route" for name in run.facts.strayed]
+    texts = [first(hits, _HITS)] if hits else ["collisions were not recorded" if run.collisions is None else "no collision"]
+    texts += [f"{name} left its route" for name in run.facts.strayed]
     if run.fault:
-        found.append(f"ended at {run.start + run.fault.time:.2f} s by a fault: {run.fault.reason}")
-    return found
+        texts.append(f"ended at {run.start + run.fault.time:.2f} s by a fault: {run.fault.reason}")
+    return texts
 
 
-def _made(run: Run) -> list[str]:
-    """Return lines with the drivers and the simulator of a run, as far as its provenance names the two."""
-    told = {
-        name: one_line(str(run.provenance[name])) for name in ("autopilot", "traffic", "simulator") if run.provenance.get(name)
-    }
-    among = f" among {told['traffic']}" if "traffic" in told else ""
-    driven = [f"driven by {told['autopilot']}{among}"] if "autopilot" in told else []
-    return [*driven, f"simulated by {told['simulator']}"] if "simulator" in told else driven
+def _origin(run: Run) -> list[str]:
+    """Return the drivers and the simulator of a run in words, as far as its provenance names them."""
+    origin = run.provenance
+    names = {name: one_line(str(origin[name])) for name in ("autopilot", "traffic", "simulator") if origin.get(name)}
+    among = f" among {names['traffic']}" if "traffic" in names else ""
+    driven = [f"driven by {names['autopilot']}{among}"] if "autopilot" in names else []
+    return [*driven, f"simulated by {names['simulator']}"] if "simulator" in names else driven
 
 
 def _passage(run: Run, column: int) -> list[str]:
     """Return the times at which an agent enters its zones; ``by`` marks a zone in which the recording of the agent begins."""
-    found = []
+    times = []
     for zone, _ in _ZONES:
         reached = np.flatnonzero(run.zone[:, column] >= zone)
         before = "by " if len(reached) and reached[0] == run.spans[column, 0] else ""
-        found.append(f"{before}{run.start + reached[0] * run.dt:.2f} s" if len(reached) else "never")
-    return found
+        times.append(f"{before}{run.start + reached[0] * run.dt:.2f} s" if len(reached) else "never")
+    return times
 
 
 def _verdict(verdict: Verdict) -> str:
@@ -234,9 +231,9 @@ def _verdict(verdict: Verdict) -> str:
     text = (
         f'<pre style="overflow-x:auto;white-space:pre;font-family:monospace;line-height:1.35">{markup(verdict.explanation)}</pre>'
     )
-    about = [f"requirement {verdict.requirement}"] if verdict.requirement else []
+    requirement = [f"requirement {verdict.requirement}"] if verdict.requirement else []
     return _block(
-        _line(verdict.rule, "; ".join(filter(None, [verdict.title, *about])), before=badge),
+        _line(verdict.rule, "; ".join(filter(None, [verdict.title, *requirement])), before=badge),
         _line(verdict.message),
         *(_line(f"note: {note}") for note in verdict.notes),
         _table(head, [_instance(verdict, instance) for instance in verdict.instances]),
@@ -266,14 +263,14 @@ def _block(*parts: str) -> str:
     return f"<div>{''.join(parts)}</div>"
 
 
-def _line(head: str, rest: str = "", before: str = "") -> str:
-    """Return a paragraph; its head is bold where something follows."""
-    text = f"<b>{markup(head)}</b>: {markup(rest)}" if rest else markup(head)
+def _line(head: str, body: str = "", before: str = "") -> str:
+    """Return a paragraph; its head is bold if a body follows."""
+    text = f"<b>{markup(head)}</b>: {markup(body)}" if body else markup(head)
     return f'<p style="margin:4px 0;overflow-wrap:anywhere">{before}{text}</p>'
 
 
-def _drawn(draw: Callable[[], str], alt: str) -> str:
-    """Return a picture as an image within the page; where there is nothing to draw, why."""
+def _image(draw: Callable[[], str], alt: str) -> str:
+    """Return a picture as an image within the page; if the picture can't be drawn, a paragraph with the reason."""
     try:
         return Picture(draw(), alt)._repr_html_()
     except RvadsError as error:
@@ -281,7 +278,7 @@ def _drawn(draw: Callable[[], str], alt: str) -> str:
 
 
 def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Return a table of texts, without columns in which nothing stands; nothing without rows."""
+    """Return a table of texts without empty columns; an empty text without rows."""
     if not rows:
         return ""
     shown = [k for k in range(len(head)) if any(row[k] for row in rows)]
@@ -294,6 +291,6 @@ def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 
 def _cell(tag: str, text: str) -> str:
-    """Return a cell; a short text stays on its line, since a narrow page can be scrolled."""
+    """Return a cell; a short text is not broken into lines, because a narrow page can be scrolled."""
     wrap = ";white-space:nowrap" if len(text) <= _SHORT else ""
     return f'<{tag} style="text-align:left;vertical-align:top;padding:2px 10px 2px 0{wrap}">{markup(text)}</{tag}>'

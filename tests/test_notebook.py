@@ -97,7 +97,7 @@ def test_junction_page_lists_the_entrances_that_have_priority() -> None:
 def test_page_of_a_junction_without_lanes_names_its_use(topology: Callable[[Junction], Junction]) -> None:
     page = shown(topology(find("stop4")))
     assert not page.pictures
-    assert "only to judge zones of recorded runs" in page.text
+    assert "only for judging zones of recorded runs" in page.text
     assert "no picture: junction 'stop4' comes from a recording without positions" in page.text
     assert page.cells.count("not known") == 8, "neither the lengths of approaches nor who gives way"
 

@@ -22,10 +22,10 @@ from pytest_rvads.collection.cells import RecordedCell
 from pytest_rvads.collection.misuse import several
 from pytest_rvads.errors import RvadsError, ScenarioError, suggest
 from pytest_rvads.logic.rules.rule import Rule
-from pytest_rvads.runs.glance import glance
 from pytest_rvads.runs.readers import READERS, read_runs
 from pytest_rvads.runs.recording import Recording
 from pytest_rvads.runs.run_paths import files_of, matching
+from pytest_rvads.runs.runfile import glance
 from pytest_rvads.wording import one_line
 
 if TYPE_CHECKING:

@@ -16,7 +16,7 @@ from pytest_rvads.junctions.conflicts import Key
 from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.junctions.road_map import RoadMap
 from pytest_rvads.junctions.sweep import BEHIND, CAR, STEP, plan
-from pytest_rvads.maps.doubts import Doubt, MapWarning
+from pytest_rvads.maps.network import Doubt, MapWarning
 from pytest_rvads.runs.itineraries import itinerary
 from pytest_rvads.wording import plural
 

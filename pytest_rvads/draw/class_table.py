@@ -1,4 +1,4 @@
-"""The equivalence classes of an n-way junction as in the paper's figure: a row per class, a diagram per member."""
+"""The figure of the equivalence classes of an n-way junction, as in the paper: a row per class, a diagram per member."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ __all__ = ["draw_classes"]
 
 _CELL, _LABEL, _RADIUS, _LANE = 110, 90, 42.0, 5.0
 _COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#7f7f00")
-"""Okabe and Ito's palette, distinguishable by colour-blind people; one per symbolic direction."""
+"""Okabe and Ito's palette, distinguishable by colour-blind people; a colour per symbolic direction."""
 
 
 def draw_classes(ways: int, title: str, rows: Iterable[tuple[str, Sequence[tuple[int, ...]]]]) -> str:
-    """Return an SVG document.
+    """Return an SVG document with the members of classes.
 
     Args:
         ways: number of entrances.
-        title: first line.
-        rows: per class its label and the direction tuples of its members.
+        title: the first line.
+        rows: per class the label of the class and the direction tuples of its members.
     """
     body = [text(10, 24, title, font_size=15, font_weight="bold")]
     count = 0
@@ -54,16 +54,15 @@ def _diagram(ways: int, directions: Sequence[int]) -> str:
 
 
 def _movement(ways: int, entrance: int, leaving: int, direction: int) -> str:
-    """Return a curve from the lane that comes in, on the right of its arm, to the one that goes out."""
+    """Return a curve from the lane that leads in, on the right of its arm, to the lane that leads out."""
     ux, uy = _outward(entrance, ways)
     vx, vy = _outward(leaving, ways)
     # Screen y points down: the lane to the right of a driver heading inwards (-u) lies along (uy, -ux).
     start = (_RADIUS * ux + _LANE * uy, _RADIUS * uy - _LANE * ux)
     end = (_RADIUS * vx - _LANE * vy, _RADIUS * vy + _LANE * vx)
     bend = 2 * _LANE
-    one = (bend * ux + _LANE * uy, bend * uy - _LANE * ux)
-    two = (bend * vx - _LANE * vy, bend * vy + _LANE * vx)
-    path = " ".join(f"{x:.1f} {y:.1f}" for x, y in (one, two, end))
+    controls = (bend * ux + _LANE * uy, bend * uy - _LANE * ux), (bend * vx - _LANE * vy, bend * vy + _LANE * vx)
+    path = " ".join(f"{x:.1f} {y:.1f}" for x, y in (*controls, end))
     colour = _COLOURS[direction - 1]
     return (
         f'<path d="M{start[0]:.1f} {start[1]:.1f}C{path}" fill="none" stroke="{colour}" stroke-width="2" '
@@ -72,6 +71,6 @@ def _movement(ways: int, entrance: int, leaving: int, direction: int) -> str:
 
 
 def _outward(arm: int, ways: int) -> tuple[float, float]:
-    """Return the direction of an arm on the screen: arm 0 points down, the others follow counter-clockwise."""
+    """Return the direction of an arm on the screen: arm 0 points down, the other arms follow counter-clockwise."""
     angle = -pi / 2 + 2 * pi * arm / ways
     return cos(angle), -sin(angle)

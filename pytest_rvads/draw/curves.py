@@ -1,4 +1,4 @@
-"""The curves of v(d)max: one per aggression, as in the paper's figure of maximal safe speeds."""
+"""The figure of the braking envelope v(d)max, as in the paper: a curve of maximal safe speeds per aggression."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from pytest_rvads.draw.svg import document, polyline, text
 __all__ = ["Curves", "draw_braking"]
 
 Curves = Mapping[int, Sequence[tuple[float, float | None]]]
-"""Per aggression the points (distance [m], speed [m/s]), by distance; None where no speed is safe."""
+"""Per aggression the points (distance [m], speed [m/s]) by distance; the speed is None if no speed is safe."""
 
 _STYLES = {1: ("#0072b2", "none", "●"), 2: ("#d55e00", "9 3", "▲"), 3: ("#009e73", "3 3", "■")}
-"""Colour, dashes and mark by aggression, so that the curves can be told apart without colours too."""
+"""Colour, dashes and mark by aggression, so that the curves differ without colours, too."""
 _LEFT, _TOP, _WIDE, _HIGH = 60.0, 44.0, 560.0, 340.0
 """Place and size of the diagram [px]."""
 _REACH, _FAST, _TICK = 20.0, 12.0, 2.0
@@ -23,9 +23,9 @@ def draw_braking(curves: Curves, title: str, beneath: Curves | None = None) -> s
     """Return an SVG document of the curves, up to 20 m.
 
     Args:
-        curves: drawn as lines; with `beneath`, which is finer, as points, a cross where no speed is safe.
-        title: text above.
-        beneath: drawn as thin grey lines to compare with.
+        curves: the curves, drawn as lines; with `beneath` drawn as points, with a cross if no speed is safe.
+        title: text above the diagram.
+        beneath: finer curves for comparison, drawn as thin grey lines.
     """
     body = [text(_LEFT, 24, title, font_weight="bold"), *_axes()]
     lines = [[_place(d, v) for d, v in line if v is not None] for line in (beneath or {}).values()]

@@ -1,4 +1,4 @@
-"""Pictures of the junctions of a map: lanes with their arrows and marks, signs, lights, stopping lines, who gives way to whom."""
+"""Pictures of the junctions of a map: lanes with arrows and marks, signs, lights, stopping lines, right of way."""
 
 from __future__ import annotations
 
@@ -9,8 +9,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.draw.svg import document, polyline, text, wrap
-from pytest_rvads.draw.symbols import arrow, marks, sign
+from pytest_rvads.draw.svg import arrow, document, marks, polyline, sign, text, wrap
 from pytest_rvads.junctions.analysis import JunctionReport
 from pytest_rvads.junctions.conflicts import Key
 from pytest_rvads.junctions.junction import Junction
@@ -25,11 +24,11 @@ __all__ = ["draw_map"]
 
 _PANEL, _COLUMNS, _HEAD, _LEGEND = 360.0, 3, 78.0, 900.0
 _LINE, _LETTERS, _LINES = 12.0, 66, 12
-"""Of the text above a panel: height of a line [px], letters on it, lines at most."""
+"""Text above a panel: height of a line [px], letters per line, most lines."""
 _GAP = 6.0
-"""Between a panel and the edge of its tile; neighbours must not look linked [px]."""
+"""Distance between a panel and the edge of its tile, so that neighbours do not look linked [px]."""
 _MARGIN = 18.0
-"""How much of the roads around a junction is drawn [m]."""
+"""Drawn length of the roads around a junction [m]."""
 _SMALLEST = 20.0
 _ARROWS = 12.0
 _TURNS: dict[str, str] = {"left": "#d55e00", "straight": "#0072b2", "right": "#009e73", UTURN: "#cc79a7"}
@@ -65,9 +64,9 @@ def draw_map(road_map: RoadMap) -> str:
     captions = [_caption(road_map, *pair) for pair in zip(reports, junctions, strict=True)]
     y = _HEAD
     for row in range(rows):
-        here = range(row * columns, min((row + 1) * columns, len(reports)))
-        above = 12 + _LINE * max(len(captions[i]) for i in here)
-        for i in here:
+        panels = range(row * columns, min((row + 1) * columns, len(reports)))
+        above = 12 + _LINE * max(len(captions[i]) for i in panels)
+        for i in panels:
             x = i % columns * _PANEL
             body.append(
                 f'<svg x="{x + _GAP:g}" y="{y + above:g}" width="{_PANEL - 2 * _GAP:g}" height="{_PANEL - 2 * _GAP:g}" '
@@ -109,7 +108,7 @@ def _legend(x: float, y: float, words: Iterable[str]) -> str:
 
 
 def _caption(road_map: RoadMap, report: JunctionReport, junction: Junction | None) -> list[str]:
-    """Return the lines above a panel, the first one the heading."""
+    """Return the lines above a panel; the first line is the heading."""
     state = "usable" if report.usable else "not usable"
     side = ", traffic keeps left" if report.left_hand else ""
     lines = [f"junction {report.id}: {report.ways}-way, {report.control.value}, {state}{side}"]
@@ -119,34 +118,34 @@ def _caption(road_map: RoadMap, report: JunctionReport, junction: Junction | Non
         shown = [f"{length:.0f} m" for length in report.approach]
         each = ", ".join(f"{_label(report, k)} {length}" for k, length in enumerate(shown))
         lines += wrap(f"approach: {each if len(set(shown)) > 1 else shown[0]}", _LETTERS)
-        lines += [line for told in _giving_way(report, junction) for line in wrap(told, _LETTERS)]
+        lines += [line for sentence in _giving_way(report, junction) for line in wrap(sentence, _LETTERS)]
         doubts = (warning.message for warning in (*road_map.warnings, *road_map.bends) if warning.junction == report.id)
         lines += [line for doubt in doubts for line in wrap(doubt, _LETTERS)]
     return lines if len(lines) <= _LINES else [*lines[: _LINES - 1], "..."]
 
 
 def _giving_way(report: JunctionReport, junction: Junction) -> Iterator[str]:
-    """Yield per reason who gives way to whom, entrance by entrance."""
+    """Yield per reason a sentence with the entrances that give way to other entrances."""
     sides = ("left", "right") if report.left_hand else ("right", "left")
     table: dict[Reason, dict[int, set[int]]] = {}
-    for (one, other), reason in _yields(junction).items():
-        table.setdefault(reason, {}).setdefault(one[0], set()).add(other[0])
+    for (way, prior), reason in _yields(junction).items():
+        table.setdefault(reason, {}).setdefault(way[0], set()).add(prior[0])
     when = {JunctionControl.STOP: " in a tie", JunctionControl.LIGHTS: " on the same green"}.get(report.control, "")
     for reason in Reason:
         if reason in table:
-            pairs = (f"{_label(report, k)} to {_labels(report, others)}" for k, others in sorted(table[reason].items()))
+            pairs = (f"{_label(report, k)} to {_labels(report, priors)}" for k, priors in sorted(table[reason].items()))
             yield f"gives way{when}, {_REASONS[reason].format(*sides)}: {', '.join(pairs)}"
 
 
 def _yields(junction: Junction) -> dict[tuple[Key, Key], Reason]:
-    """Return who gives way to whom, without those whose lights are never green together."""
+    """Return the yields between movements, without movements whose lights are never green together."""
     phases = [start.phase for start in junction.starts]
     pairs = (junction.yields or {}).items()
-    return {(a, b): why for (a, b), why in pairs if len({phases[a[0]], phases[b[0]]} - {None}) < 2}
+    return {(a, b): reason for (a, b), reason in pairs if len({phases[a[0]], phases[b[0]]} - {None}) < 2}
 
 
 def _label(report: JunctionReport, entrance: int) -> str:
-    """Return the number of an entrance's arm, and of its lane where the arm has several."""
+    """Return the number of the arm of an entrance, with the number of its lane if the arm has several lanes."""
     end = report.entrances[entrance]
     return f"{end.arm}.{end.lane}" if len(report.arms[end.arm].entrances) > 1 else f"{end.arm}"
 
@@ -181,7 +180,7 @@ def _panel(road_map: RoadMap, report: JunctionReport, junction: Junction | None)
     for edge in roads:
         parts += _directions(edge, place, x, y, reach)
     yields = _yields(junction).items() if junction else ()
-    yielding = {one for (one, _), reason in yields if reason is not Reason.UNDECIDED}
+    yielding = {way for (way, _), reason in yields if reason is not Reason.UNDECIDED}
     for way in report.movements:
         line = [place(*p) for id in way.path.edges for p in edges[id].points]
         word = turn_word(report, way)
@@ -196,8 +195,8 @@ def _panel(road_map: RoadMap, report: JunctionReport, junction: Junction | None)
 
 
 def _roads(road_map: RoadMap, report: JunctionReport, reach: float) -> list[Edge]:
-    """Return the lanes outside the junction as far as they may show."""
-    found: dict[str, Edge] = {}
+    """Return the lanes outside the junction that the panel may show."""
+    lanes: dict[str, Edge] = {}
     for upstream, starts in (
         (True, [e for arm in report.arms for e in arm.entrances]),
         (False, [e for arm in report.arms for e in arm.exits]),
@@ -207,13 +206,13 @@ def _roads(road_map: RoadMap, report: JunctionReport, reach: float) -> list[Edge
             for id in walk(road_map.graph, start, upstream=upstream):
                 if total > 2 * reach:
                     break
-                found[id] = road_map.graph.edges[id]
-                total += found[id].length
-    return list(found.values())
+                lanes[id] = road_map.graph.edges[id]
+                total += lanes[id].length
+    return list(lanes.values())
 
 
 def _near(points: NDArray[np.float64], x: float, y: float, reach: float) -> Iterable[tuple[float, float]]:
-    """Return the points of a line near the picture, whose frame clips the rest."""
+    """Return the points of a line near the panel; the frame of the panel clips the line."""
     distance = np.maximum(np.abs(points[:, 0] - x), np.abs(points[:, 1] - y))
     close = distance <= 1.5 * reach
     keep = close.copy()
@@ -223,7 +222,7 @@ def _near(points: NDArray[np.float64], x: float, y: float, reach: float) -> Iter
 
 
 def _directions(edge: Edge, place: Project, x: float, y: float, reach: float) -> list[str]:
-    """Return arrows along a road lane, within the picture."""
+    """Return arrows along a lane of a road, within the panel."""
     parts = []
     apart, size = max(_ARROWS, reach / 4), max(1.0, reach / 40)
     done = 0.0
@@ -259,7 +258,7 @@ def _painted(road_map: RoadMap, report: JunctionReport, place: Project, reach: f
 
 
 def _posted(road_map: RoadMap, report: JunctionReport, entrance: int, place: Project, scale: float) -> list[str]:
-    """Return stopping line, number and arrow of an entrance; its light; the sign of the arm beside its lane at the kerb."""
+    """Return the stopping line, number, arrow and light of an entrance, and the sign of its arm for the lane at the kerb."""
     end = report.entrances[entrance]
     edge, many = road_map.graph.edges[end.edge], len(report.arms[end.arm].entrances) > 1
     (ex, ey), heading = edge.points[-1].tolist(), edge.end_heading
@@ -281,8 +280,8 @@ def _posted(road_map: RoadMap, report: JunctionReport, entrance: int, place: Pro
     if kind is Sign.LIGHTS and many:
         parts.append(_light(*place(ex + 11 / scale * ux, ey + 11 / scale * uy)))
     elif kind is Sign.LIGHTS or end.lane == 0:
-        here = place(ex - back * ux + kerb * uy, ey - back * uy - kerb * ux)
-        parts.append(_light(*here) if kind is Sign.LIGHTS else sign(kind, *here, 7))
+        post = place(ex - back * ux + kerb * uy, ey - back * uy - kerb * ux)
+        parts.append(_light(*post) if kind is Sign.LIGHTS else sign(kind, *post, 7))
     return parts
 
 

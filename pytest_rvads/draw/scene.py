@@ -1,4 +1,4 @@
-"""A junction and the vehicles of a run in it, as pieces of SVG in metres."""
+"""A junction and the vehicles of a run at the junction, as pieces of SVG in metres."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from math import cos, degrees, sin
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.draw.symbols import arrow, marks, sign
+from pytest_rvads.draw.svg import arrow, marks, sign
 from pytest_rvads.errors import MapError
 from pytest_rvads.junctions.conflicts import Way
 from pytest_rvads.junctions.junction import Junction
@@ -24,24 +24,24 @@ __all__ = ["Scene", "body", "inks", "label", "path", "placed", "size"]
 PALETTE = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#7f7f00", "#555555")
 """Okabe and Ito's palette, distinguishable by colour-blind people."""
 _DARKER = 0.62
-"""Of a colour, where it comes round again."""
+"""Brightness of a colour of the palette that is used again."""
 
 _LIGHTS = {Colour.GREEN: "#1fa34a", Colour.YELLOW: "#e0a800", Colour.RED: "#d11f1f", Colour.NONE: "#888"}
 _CORNERS = {Kind.CAR: 0.4, Kind.TRUCK: 0.0}
-"""Radius of the corners of a body [m]; whoever is on two wheels or feet is round at both ends."""
+"""Radius of the corners of a body [m]; bodies of riders and pedestrians are round at both ends."""
 _MARGIN = 28.0
-"""How far the picture reaches beyond the junction [m]."""
+"""Margin of a picture around the junction [m]."""
 _ARROW = 9.0
-"""Tail of the arrow on a lane before its stopping line [m]."""
+"""Distance of the tail of the arrow on a lane before the stopping line [m]."""
 _LAMP = 1.8
-"""Lights of several lanes hang over each, beyond its stopping line [m]."""
+"""Distance beyond the stopping line of a light that hangs over its lane, on arms with several lanes [m]."""
 _NAME, _ROOM = 1.8, 3
-"""Height of a name [m], and how many letters fit across a vehicle; a longer one is written along it."""
+"""Height of a name [m], and most letters of a name across a vehicle; a longer name is written along the vehicle."""
 
 
 @dataclass(frozen=True, slots=True)
 class Scene:
-    """The static part of a picture: where it looks, and the road in it.
+    """The static part of a picture: the visible area and the road.
 
     Raises:
         MapError: the junction has no geometry.
@@ -84,7 +84,7 @@ class Scene:
         return "".join(parts)
 
     def _entrance(self, entrance: int) -> str:
-        """Return stopping line and arrow of a lane, at the kerb also number and sign of its arm."""
+        """Return the stopping line and the arrow of a lane; for a lane at the kerb also the number and the sign of its arm."""
         junction, lane = self.junction, self.junction.entrances[entrance]
         x, y, heading = junction.way_in(entrance).pose(junction.approach(entrance))
         ax, ay = -sin(heading) * junction.lane_width / 2, cos(heading) * junction.lane_width / 2
@@ -135,7 +135,7 @@ def _stripes(way: Way) -> str:
 
 
 def label(junction: Junction, entrance: int) -> str:
-    """Return what an entrance is called: by the number of its arm, and of its lane where the arm has several."""
+    """Return the name of an entrance: the number of its arm, with the number of its lane if the arm has several lanes."""
     return junction.vehicle_at(entrance).removeprefix("a")
 
 
@@ -153,7 +153,7 @@ def _shade(number: int) -> str:
     return "#" + "".join(f"{int(_DARKER * int(colour[k : k + 2], 16)):02x}" for k in (1, 3, 5))
 
 
-def body(  # noqa: PLR0913 - a vehicle and how it looks
+def body(  # noqa: PLR0913 - a vehicle and its look
     pose: NDArray[np.float64],
     agent: Agent,
     size: tuple[float, float],
@@ -165,20 +165,20 @@ def body(  # noqa: PLR0913 - a vehicle and how it looks
     """Return a vehicle to scale.
 
     Args:
-        pose: of the centre of its front bumper [m], [rad].
+        pose: pose of the centre of the front bumper: x [m], y [m], heading [rad].
         agent: the vehicle.
-        size: its length and width [m].
-        colour: that it is filled with.
-        broken: whether it is pointed out.
+        size: length and width of the vehicle [m].
+        colour: colour of the body.
+        broken: whether the vehicle is highlighted.
         style: class of the element.
-        more: markup of what moves with it.
+        more: markup of elements that move with the vehicle.
     """
     heading, (length, width), name = float(pose[2]), size, markup(agent.name)
     outline = ' class="broken"' if broken else ""
     kind = "" if agent.kind is Kind.CAR else f"<title>{agent.kind} {name}</title>"
     along = len(agent.name) > _ROOM
     turned = (180.0 if cos(heading) < 0 else 0.0) if along else degrees(heading)
-    # Letters of a bold face are about 0.6 of its height wide; the arrow at the front takes a part of the room.
+    # The width of a bold letter is about 0.6 of its height; the arrow at the front takes a part of the room.
     middle = length * (0.58 if along else 0.5)
     high = min(_NAME, 0.75 * length / (0.6 * len(agent.name))) if along else _NAME
     return (
@@ -192,13 +192,13 @@ def body(  # noqa: PLR0913 - a vehicle and how it looks
 
 
 def placed(pose: NDArray[np.float64]) -> str:
-    """Return the transform of SVG that brings what is drawn around the centre of a front bumper to a pose."""
+    """Return the SVG transform from a body around the centre of its front bumper to a pose."""
     x, y, heading = map(float, pose)
     return f"translate({x:.3f} {-y:.3f}) rotate({-degrees(heading):.2f})"
 
 
 def size(run: Run, agent: int) -> tuple[float, float]:
-    """Return length and width of a body [m], of the default vehicle where the run does not say."""
+    """Return length and width of a body [m]; those of the default vehicle if the run has no size."""
     return run.agents[agent].size or (Vehicle().length, Vehicle().width)
 
 

@@ -1,4 +1,4 @@
-"""The check of what autopilots answer: numbers of the right kind, finite, in range."""
+"""The check of the commands of autopilots: numbers of the right type, finite, in range."""
 
 from __future__ import annotations
 
@@ -12,27 +12,27 @@ from pytest_rvads.drivers.interface import Acceleration, Command, Control, Targe
 __all__ = ["UnfitCommand", "plain"]
 
 MAX_ACCELERATION = 20.0
-"""No vehicle accelerates or brakes harder [m/s^2]; more is a mistake of units."""
+"""Greatest acceleration of a command [m/s^2]; a greater value is a mistake of units."""
 MAX_SPEED = 70.0
-"""Likewise for speeds [m/s]."""
+"""Greatest speed of a command [m/s]; a greater value is a mistake of units."""
 TOLERANCE = 1e-6
-"""How far throttle and brake may leave 0..1 by rounding; they are clamped."""
+"""Rounding error by which throttle and brake may leave 0..1; throttle and brake are clamped."""
 POINTS = 10_000
-"""No trajectory needs more points; more is a generator without end."""
+"""Most points of a trajectory, which bounds endless generators."""
 
 
 class UnfitCommand(Exception):
-    """What is wrong with an answer, to be read after "returned".
+    """A command of an autopilot is invalid. The text of the error continues the word "returned".
 
-    No value is shown by its repr, which may hold an address: the text is part of a run's hash.
+    The text contains no repr of a value, because a repr may contain an address and the text is part of the hash of a run.
     """
 
 
 def plain(answer: Any) -> Command:
-    """Return what an autopilot answered as a command of plain floats; throttle and brake are in 0..1.
+    """Return the answer of an autopilot as a command of plain floats; throttle and brake are in 0..1.
 
     Raises:
-        UnfitCommand: it is no command, or its numbers are not finite or not in range.
+        UnfitCommand: the answer is no command, or its numbers are not finite or not in range.
     """
     match answer:
         case Control():
@@ -66,11 +66,11 @@ def _waypoints(points: Any) -> Iterator[Waypoint]:
         if not (isinstance(point, tuple | list) and len(point) == 3):
             raise UnfitCommand(f"a trajectory whose point {number} is of type {type(point).__name__}, expected (time, x, y)")
         values = zip(Waypoint._fields, point, strict=True)
-        found = Waypoint(*(_quantity(value, f"trajectory whose point {number} has {name}") for name, value in values))
-        if found.time <= before:
-            raise UnfitCommand(f"a trajectory whose point {number} comes at {found.time:g} s, not after the one before it")
-        before = found.time
-        yield found
+        waypoint = Waypoint(*(_quantity(value, f"trajectory whose point {number} has {name}") for name, value in values))
+        if waypoint.time <= before:
+            raise UnfitCommand(f"a trajectory whose point {number} comes at {waypoint.time:g} s, not after the one before it")
+        before = waypoint.time
+        yield waypoint
     if count < 2:
         raise UnfitCommand(f"a trajectory of {count} points, expected at least 2")
 

@@ -1,10 +1,10 @@
 """A digest of a driver, equal in every process for equal code and equal values.
 
-A digest of source files alone is not enough: a campaign that is called again with another argument, or after ``Pilot.speed = 9``,
-would return the results of the former speed.
+A digest of source files alone is not enough: after ``Pilot.speed = 9``, or with another argument, a campaign would return the
+results of the former speed.
 
-The digest covers the files that the driver's code imports by name, loaded or not, and the driver's values as they would travel to
-another process. The digest never depends on which modules happen to be loaded.
+The digest covers the files that the code of the driver imports by name, and the values of the driver as pickle would store them.
+The digest never depends on the modules that are loaded.
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ _PLAIN = {bool, int, float, complex, str, bytes, type(None), type(Path())}
 _PACKAGE = __name__.partition(".")[0]
 _SITES = {Path(path).resolve() for name, path in sysconfig.get_paths().items() if name.endswith("lib")}
 _INSTALLED = {"site-packages", "dist-packages"}
-"""Folders of other installations of Python, in which packages are looked for as well."""
+"""Names of folders of installed packages, also in other installations of Python."""
 _WRAPPED = ("func", "args", "keywords", "__func__", "__self__", "fget", "fset", "fdel")
-"""Attributes of partials, methods and properties that say what they call, and with what."""
+"""Attributes of partials, methods and properties with the function that they call, and its arguments."""
 
 
 def identity(thing: Any) -> str:
@@ -46,71 +46,70 @@ def identity(thing: Any) -> str:
     that a program reads itself do not count.
     """
     lines: list[str] = []
-    met: dict[int, tuple[int, Any]] = {}
-    """By address: the number of a value, and the value itself, so that no other value gets its address."""
+    visited: dict[int, tuple[int, Any]] = {}
+    """By address: the number of a value, and the value, so that no other value gets the address."""
     files: dict[Path, str] = {}
-    home = _top(thing)
-    rest = [thing]
-    while rest:
-        value = rest.pop()
+    home = _top_package(thing)
+    pending = [thing]
+    while pending:
+        value = pending.pop()
         lines.append(f"{type(value).__module__}.{type(value).__qualname__}")
         if type(value) in _PLAIN:
             lines.append(repr(value))
-        elif id(value) in met:
-            lines.append(f"again {met[id(value)][0]}")
+        elif id(value) in visited:
+            lines.append(f"again {visited[id(value)][0]}")
         else:
-            met[id(value)] = len(met), value
+            visited[id(value)] = len(visited), value
             parts = _parts(value, home, files)
             lines.append(str(len(parts)))
-            rest += reversed(parts)
+            pending += reversed(parts)
     lines += sorted(f"{file.name} {digest}" for file, digest in files.items())
     return sha256("\n".join(lines).encode("utf-8", "surrogatepass")).hexdigest()
 
 
-def source(driver: Any, here: Path) -> str:
-    """Return where the code of a driver is, and which: ``pilots.py 3fa29c01``; of what is bundled, the package's version.
+def source(driver: Any, folder: Path) -> str:
+    """Return the file of a driver with a short digest, ``pilots.py 3fa29c01``; for a bundled driver the version of the package.
 
-    The digest is of the files that `identity` counts, and of no values: it is the same before and after a run. The text of an
-    attribute ``version`` follows. Where the code can't be told the answer is empty: a driver is code of others, and that costs
-    no verdict.
+    The digest covers the files that `identity` counts and no values, so the digest is the same before and after a run. The text
+    of an attribute ``version`` follows. The answer is empty if the code can't be read; this costs no verdict.
 
     Args:
-        driver: what drives, or what makes it.
-        here: the folder that the file is told from.
+        driver: the driver, or its factory.
+        folder: the folder to which the path of the file is relative.
     """
     try:
         if isinstance(driver, Process):
             return _short(driver.settings()[-1])
-        made = driver.func if isinstance(driver, partial) else driver
-        version = getattr(made, "version", None)
-        place = _source(made if isinstance(made, type | FunctionType) else type(made), here)
+        inner = driver.func if isinstance(driver, partial) else driver
+        version = getattr(inner, "version", None)
+        place = _source(inner if isinstance(inner, type | FunctionType) else type(inner), folder)
         return f"{place} version {one_line(version, 40)}".lstrip() if isinstance(version, str) else place
     except Exception:
         return ""
 
 
-@lru_cache(maxsize=64)  # every item tells it
-def _source(made: type | FunctionType, here: Path) -> str:
-    if _top(made) == _PACKAGE:
+@lru_cache(maxsize=64)  # every item reports the source
+def _source(definition: type | FunctionType, folder: Path) -> str:
+    if _top_package(definition) == _PACKAGE:
         return f"pytest-rvads {__version__}"
     files: dict[Path, str] = {}
-    _follow(made.__module__, _top(made), files)
-    own = _file(sys.modules.get(made.__module__ or ""))
-    name = "" if own is None else f"{own.relative_to(here) if own.is_relative_to(here) else own.name} "
+    _add_digests(definition.__module__, _top_package(definition), files)
+    own = _file(sys.modules.get(definition.__module__ or ""))
+    name = "" if own is None else f"{own.relative_to(folder) if own.is_relative_to(folder) else own.name} "
     return f"{name}{_short(sorted(digest for file, digest in files.items() if file != Path(_PACKAGE)))}".rstrip()
 
 
 def _short(digests: Iterable[str]) -> str:
-    """Return eight digits for some files, nothing for none."""
+    """Return eight digits for the digests of files; an empty text without files."""
     digits = "".join(digests)
     return sha256(digits.encode()).hexdigest()[:8] if digits else ""
 
 
 def _parts(value: Any, home: str, files: dict[Path, str]) -> list[Any]:
-    """Return the values that a value consists of, equal in any process; digests of the files of its code are added to `files`."""
+    """Return the parts of a value, equal in any process, and add digests of the files of its code to `files`."""
     if isinstance(value, type | FunctionType):
         name = [value.__module__, value.__qualname__]
-        if not _follow(value.__module__, home, files) and _is_there(value):
+        if not _add_digests(value.__module__, home, files) and _is_in_its_module(value):
             return name
         return name + (_of_class(value) if isinstance(value, type) else _of_function(value))
     if isinstance(value, CodeType):
@@ -133,47 +132,47 @@ def _order(key: Any) -> str:
 
 
 def _of_object(value: Any) -> list[Any]:
-    """Take an object apart as for a journey to another process."""
+    """Return the parts into which pickle takes an object apart; its attributes if the object can't be pickled."""
     try:
-        made = value.__reduce_ex__(4)
-        if isinstance(made, str):
-            return [made, type(value), getattr(value, "__wrapped__", None)]
-        function, given, state, items, pairs = (*made, *[None] * 3)[:5]
-        return [type(value), function, given, state, list(items or ()), [list(pair) for pair in pairs or ()]]
-    except Exception:  # whatever the code of others raises; a lock or a file can't travel
+        reduced = value.__reduce_ex__(4)
+        if isinstance(reduced, str):
+            return [reduced, type(value), getattr(value, "__wrapped__", None)]
+        function, arguments, state, items, pairs = (*reduced, *[None] * 3)[:5]
+        return [type(value), function, arguments, state, list(items or ()), [list(pair) for pair in pairs or ()]]
+    except Exception:  # code of a user may raise any error; a lock or a file can't be pickled
         state = getattr(value, "__dict__", None)
         return [type(value), dict(state) if isinstance(state, Mapping) else None]
 
 
-def _of_class(made: type) -> list[Any]:
+def _of_class(definition: type) -> list[Any]:
     own = {
         name: value
-        for name, value in vars(made).items()
+        for name, value in vars(definition).items()
         if isinstance(value, FunctionType) or not name.startswith(("__", "_abc_impl"))
     }
-    return [list(made.__bases__), own]
+    return [list(definition.__bases__), own]
 
 
-def _of_function(made: FunctionType) -> list[Any]:
-    names = sorted({name for code in codes(made.__code__) for name in code.co_names})
-    used = {name: made.__globals__[name] for name in names if name in made.__globals__}
+def _of_function(function: FunctionType) -> list[Any]:
+    names = sorted({name for code in codes(function.__code__) for name in code.co_names})
+    used = {name: function.__globals__[name] for name in names if name in function.__globals__}
     for name, module in [(name, module) for name, module in used.items() if isinstance(module, ModuleType)]:
-        inside = vars(module) if _is_ours(module.__name__) else {}
+        inside = vars(module) if _is_user_code(module.__name__) else {}
         used |= {f"{name}.{inner}": inside[inner] for inner in names if inner in inside}
-    cells = [content(cell) for cell in made.__closure__ or ()]
-    return [made.__code__, made.__defaults__, made.__kwdefaults__, vars(made).get("version"), cells, used]
+    cells = [content(cell) for cell in function.__closure__ or ()]
+    return [function.__code__, function.__defaults__, function.__kwdefaults__, vars(function).get("version"), cells, used]
 
 
-def _is_there(made: Any) -> bool:
-    """Tell whether a class or function is in the module that it names: one that was made elsewhere may name any."""
-    found: Any = sys.modules.get(made.__module__ or "")
-    for name in made.__qualname__.split("."):
-        found = getattr(found, name, None)
-    return found is made
+def _is_in_its_module(definition: Any) -> bool:
+    """Return whether the module that a class or function names holds the class or function."""
+    value: Any = sys.modules.get(definition.__module__ or "")
+    for name in definition.__qualname__.split("."):
+        value = getattr(value, name, None)
+    return value is definition
 
 
-def _is_ours(name: str | None) -> bool:
-    """Tell whether a module is code of a user: none of this package, of Python, or installed."""
+def _is_user_code(name: str | None) -> bool:
+    """Return whether a module is code of a user: no module of this package, of Python or of an installed package."""
     top = (name or "").partition(".")[0]
     module = sys.modules.get(name or "")
     if top == _PACKAGE or top in sys.stdlib_module_names:
@@ -185,40 +184,44 @@ def _is_ours(name: str | None) -> bool:
     return _INSTALLED.isdisjoint(file.parts) and not any(file.is_relative_to(site) for site in _SITES)
 
 
-def _top(thing: Any) -> str:
-    """Return the package of what makes a thing."""
+def _top_package(thing: Any) -> str:
+    """Return the top-level package of the class or function of an object."""
     if isinstance(thing, partial | MethodType):
-        return _top(thing.func if isinstance(thing, partial) else thing.__self__)
-    made = thing if isinstance(thing, type | FunctionType) else type(thing)
-    return (made.__module__ or "").partition(".")[0]
+        return _top_package(thing.func if isinstance(thing, partial) else thing.__self__)
+    definition = thing if isinstance(thing, type | FunctionType) else type(thing)
+    return (definition.__module__ or "").partition(".")[0]
 
 
-def _follow(name: str | None, home: str, files: dict[Path, str]) -> bool:
-    """Add the digests of a module and of all that it imports from its package or from beside it; tell whether it is a user's.
+def _add_digests(name: str | None, home: str, files: dict[Path, str]) -> bool:
+    """Add, to `files`, the digests of a module and of the modules that it imports from its package or folder.
 
-    Of what is installed that is done for the package `home` alone: nobody's weights change what numpy is.
+    Of installed packages, only the package `home` counts.
+
+    Returns:
+        Whether the module is code of a user.
     """
     top = (name or "").partition(".")[0]
     if top == _PACKAGE:
         files[Path(_PACKAGE)] = code()
         return False
-    ours = _is_ours(name)
+    ours = _is_user_code(name)
     own = _file(sys.modules.get(name or "")) if ours or top == home not in sys.stdlib_module_names else None
     if own is not None and own not in files:
         package = next(iter(getattr(sys.modules.get(top), "__path__", ())), None)
         folder = Path(package).resolve().parent if package else own.parent
-        rest = [own]
-        while rest:
-            file = rest.pop()
+        pending = [own]
+        while pending:
+            file = pending.pop()
             if file not in files:
                 text = file.read_bytes()
                 files[file] = sha256(text).hexdigest()
-                rest += [other for other in _imported(file, folder, text) if ours or other.is_relative_to(folder / top)]
+                imported = _imported_files(file, folder, text)
+                pending += [module for module in imported if ours or module.is_relative_to(folder / top)]
     return ours
 
 
-def _imported(file: Path, folder: Path, text: bytes) -> Iterator[Path]:
-    """Yield the files below a folder that a module in it imports by name."""
+def _imported_files(file: Path, folder: Path, text: bytes) -> Iterator[Path]:
+    """Yield the files below a folder that a module in the folder imports by name."""
     try:
         tree = ast.parse(text)
     except (SyntaxError, ValueError, RecursionError):
@@ -232,11 +235,11 @@ def _imported(file: Path, folder: Path, text: bytes) -> Iterator[Path]:
             names = [".".join(filter(None, (node.module, alias.name))) for alias in node.names]
         for name in names:
             if name.partition(".")[0] == _PACKAGE and start == folder:
-                continue  # its checksum is told in any case
+                continue  # `identity` covers this package by its checksum
             place = start
             for part in name.split("."):
                 place /= part
-                yield from (found for found in (place.with_name(f"{part}.py"), place / "__init__.py") if found.is_file())
+                yield from filter(Path.is_file, (place.with_name(f"{part}.py"), place / "__init__.py"))
 
 
 def _file(module: ModuleType | None) -> Path | None:

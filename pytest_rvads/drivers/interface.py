@@ -1,8 +1,7 @@
 """The interface between the simulation and a driver: observations, commands, autopilots, traffic systems.
 
-`Observation` and the commands are made hundreds of times per simulated second, so they are named tuples.
-
-`Factory` is a type, so that a type checker refuses an object that is no driver.
+`Observation` and the commands are created hundreds of times per simulated second, so they are named tuples. `Factory` is a type,
+so that a type checker refuses an object that is no driver.
 """
 
 from __future__ import annotations
@@ -37,7 +36,7 @@ __all__ = [
 
 
 class Observation(NamedTuple):
-    """All that an autopilot gets to decide on."""
+    """All information that an autopilot gets for a decision."""
 
     time: float
     """Simulated time since the start of the run [s]."""
@@ -45,121 +44,120 @@ class Observation(NamedTuple):
     others: tuple[VehicleState, ...]
     """The other vehicles still in the run, in creation order."""
     lights: tuple[Colour, ...]
-    """Per entrance."""
+    """Colour of the light per entrance."""
     itinerary: Itinerary
-    """Where to go; coordinates as in `VehicleState.station`."""
+    """Itinerary of the own vehicle; stations as in `VehicleState.station`."""
     junction: Junction
     """Arms, movements, signs and right of way."""
     vehicle: Vehicle
     """Parameters of the own vehicle."""
     speed_limit: float
-    """At the place of the own vehicle [m/s]; `Itinerary.limit_at` tells that of places ahead."""
+    """Speed limit at the place of the own vehicle [m/s]; `Itinerary.limit_at` returns the limit at places ahead."""
     aggression: int = 1
-    """1, 2 or 3: which deceleration of `Vehicle.brake` is full service brake in this run."""
+    """1, 2 or 3: the number of the deceleration in `Vehicle.brake` that is the full service brake in this run."""
     wait: float = 1.5
-    """The one random draw of autopilots that have one, fixed by the scenario [s]."""
+    """Random waiting time, which the scenario fixes, for autopilots with a random waiting time [s]."""
     created: int = 0
-    """How many of `others` were created before the own vehicle: they come first among them."""
+    """Number of vehicles in `others` that were created before the own vehicle; these come first in `others`."""
 
     def everybody(self) -> tuple[VehicleState, ...]:
-        """Return the own vehicle among the others, in creation order: it moves along when a scenario is rotated."""
+        """Return the own vehicle and the other vehicles in creation order, which a rotation of the scenario rotates."""
         return (*self.others[: self.created], self.me, *self.others[self.created :])
 
     def limit_of(self, other: VehicleState) -> float:
-        """Return the highest speed limit [m/s] on the ways that `other` may take, at least the own limit: so fast it may come."""
+        """Return the highest speed limit on the ways that `other` may take, at least the own limit [m/s]."""
         return max(self.speed_limit, _top_limit(self.junction, other.entrance, other.turn))
 
 
 @lru_cache(maxsize=4096)
 def _top_limit(junction: Junction, entrance: int, turn: Turn) -> float:
-    """Return the highest speed limit on some ways through a junction [m/s]; 0 where the map states none."""
+    """Return the highest speed limit on the ways from an entrance with a turn [m/s]; 0 if the map states no limit."""
     ways = (itinerary(junction, *way.key) for way in junction.by_turn[entrance, turn])
     return max((way.limit_at(station) for way in ways for station, _ in way.limits), default=0.0)
 
 
 class Control(NamedTuple):
-    """Throttle, brake and steering as they are."""
+    """Throttle, brake and steering."""
 
     throttle: float = 0.0
-    """Share of the drive force, 0..1."""
+    """Throttle as a share of the drive force, 0..1."""
     brake: float = 0.0
-    """Share of the service brake, 0..1."""
+    """Brake as a share of the service brake, 0..1."""
     steering: float = 0.0
     """Angle of the front wheels, left positive [rad]."""
 
 
 class TargetSpeed(NamedTuple):
-    """Follow the itinerary at this speed, slower in bends."""
+    """Follow the itinerary at a speed, slower in bends."""
 
     speed: float
-    """0 stops and holds the vehicle [m/s]."""
+    """Target speed [m/s]; 0 stops and holds the vehicle."""
 
 
 class Acceleration(NamedTuple):
-    """Accelerate or brake by this much."""
+    """Accelerate or brake."""
 
     acceleration: float
-    """Negative brakes [m/s^2]."""
+    """Acceleration [m/s^2]; a negative acceleration brakes."""
     steering: float | None = None
     """Angle of the front wheels, left positive [rad]; None follows the itinerary."""
 
 
 class Waypoint(NamedTuple):
-    """Where the reference point shall be, and when."""
+    """A planned place of the reference point at a time."""
 
     time: float
-    """As in `Observation.time`: since the start of the run [s]."""
+    """Time since the start of the run, as in `Observation.time` [s]."""
     x: float
-    """[m]."""
+    """East coordinate [m]."""
     y: float
-    """[m]."""
+    """North coordinate [m]."""
 
 
 class Trajectory(NamedTuple):
-    """Be at these points at their times; from the last one on, stand."""
+    """Reach points at their times, and stand at the last point."""
 
     points: tuple[Waypoint, ...]
-    """At least two, in order of time; the steering follows their polyline."""
+    """At least two points in order of time; the steering follows their polyline."""
 
 
 Command = Control | TargetSpeed | Acceleration | Trajectory
-"""What an autopilot answers. It is held until the autopilot is asked again; what is no `Control`, the tracking controller drives
-at every step of the simulation."""
+"""The answer of an autopilot, which holds until the next answer. At every step of the simulation the tracking controller drives
+all commands other than `Control`."""
 
 
 class Drives(Protocol):
-    """An object that drives one vehicle: it need not derive from anything."""
+    """An object of any class that drives a vehicle."""
 
     def control(self, seen: Observation, /) -> Command:
-        """Return what to do until the next call."""
+        """Return the command until the next call."""
 
 
 class Coordinates(Protocol):
-    """An object that makes the autopilots of a run."""
+    """An object of any class that creates the autopilots of a run."""
 
     def autopilots(self, agents: Sequence[Agent], /) -> Sequence[Drives]:
-        """Return one autopilot per agent, in the order given."""
+        """Return an autopilot per agent, in the order of `agents`."""
 
 
 Factory = Callable[[], Drives | Coordinates]
-"""Makes the autopilot of one vehicle, or what coordinates those of a run: a class, or anything callable without arguments. An
-attribute ``label`` of it is the name that records and reports call it by. A text ``version`` tells its results from those of
-another version."""
+"""Creates the autopilot of a vehicle, or the traffic system of a run: a class, or a callable without arguments. The attribute
+``label`` of a factory is its name in records and reports. The text ``version`` distinguishes the results of versions."""
 
 
 class Autopilot(ABC):
-    """A controller of one vehicle; a new one is made for every vehicle and run, so nothing survives a run.
+    """A controller of a vehicle; every vehicle of every run gets a new controller, so nothing survives a run.
 
-    Only `control` is needed. The other abilities have defaults here, and an object of any class may have them.
+    A subclass needs only `control`. The other abilities have defaults. An object of any other class may have the abilities, too.
 
     Raises:
-        AutopilotError: a class that misspells an ability.
+        AutopilotError: a subclass misspells the name of an ability.
     """
 
     period: float = DT
-    """How often it is asked, a whole multiple of the step of 0.01 s; its answer is held in between [s]."""
+    """Time between two calls of `control`, a whole multiple of the step of 0.01 s [s]; the command holds in between."""
     label: str | None = None
-    """What records and messages call it; None stands for the name of its class."""
+    """Name in records and messages; None for the name of the class."""
 
     def __init_subclass__(cls, **arguments: Any) -> None:
         super().__init_subclass__(**arguments)
@@ -167,30 +165,30 @@ class Autopilot(ABC):
 
     @abstractmethod
     def control(self, seen: Observation, /) -> Command:
-        """Return what to do until the next call."""
+        """Return the command until the next call."""
 
     def timing(self) -> Mapping[str, Any] | None:
-        """Return what it measured: names with finite numbers or texts, others are left out; None where nobody measures.
+        """Return measurements: names with finite numbers or texts; other values are left out. None without measurements.
 
-        It is kept in the provenance of the run, under ``timing`` and the vehicle, and no verdict depends on it. Reports show it
-        where it has ``stack`` (its name), ``decisions``, ``compute`` and ``longest`` [s].
+        The provenance of the run holds the measurements under ``timing`` and the vehicle, and no verdict depends on them. Reports
+        show measurements with ``stack`` (name of the stack), ``decisions``, ``compute`` and ``longest`` [s].
         """
         return None
 
     def abandon(self) -> str:
-        """Let go of what runs elsewhere, because an answer of this autopilot ended the run; return what else there is to know."""
+        """Release resources outside of the autopilot after its answer ended the run; return details for the message."""
         return ""
 
 
 class TrafficSystem(ABC):
-    """Creates and coordinates the autopilots of one run (a scheduler is one); a new one is made for every run.
+    """Creates and coordinates the autopilots of a run, as a scheduler does; every run gets a new traffic system.
 
     Raises:
-        AutopilotError: a class that misspells an ability.
+        AutopilotError: a subclass misspells the name of an ability.
     """
 
     label: str | None = None
-    """What records call it; None stands for the name of its class."""
+    """Name in records; None for the name of the class."""
 
     def __init_subclass__(cls, **arguments: Any) -> None:
         super().__init_subclass__(**arguments)
@@ -198,4 +196,4 @@ class TrafficSystem(ABC):
 
     @abstractmethod
     def autopilots(self, agents: Sequence[Agent], /) -> Sequence[Drives]:
-        """Return one autopilot per agent, in the order given, which is the creation order."""
+        """Return an autopilot per agent, in the order of `agents`, which is the creation order."""

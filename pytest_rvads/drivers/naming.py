@@ -1,4 +1,4 @@
-"""Names of drivers: in records and messages, in ids and in options; and the stand-in for a session without a named driver."""
+"""Names of drivers in records, messages, ids and options, and the stand-in for a session without a named driver."""
 
 from __future__ import annotations
 
@@ -19,42 +19,42 @@ if TYPE_CHECKING:
 __all__ = ["at", "called", "in_ids", "labelled", "name_of", "stand_in"]
 
 _LONGEST = 1000
-"""Of a name [characters]."""
+"""Longest name [characters]."""
 
 
 @cache
 def stand_in() -> Factory:
-    """Return the reference autopilot, as what drives where no fixture, option or command names anything."""
+    """Return the reference autopilot, which drives if no fixture, option or command names a driver."""
     from pytest_rvads.drivers.reference import Reference
 
-    return partial(Reference)  # an object of its own, so that a fixture that returns Reference is told apart
+    return partial(Reference)  # another object than Reference, which a fixture may return
 
 
 def at(name: str, here: Path | None = None) -> Any:
-    """Return what ``module:name`` names, where both may be several names with dots between them.
+    """Return the object that ``module:name`` names; module and name may contain dots.
 
     Args:
-        name: as options take it.
-        here: a folder in which modules are looked for first, as ``python -m`` does.
+        name: the text of an option.
+        here: the folder in which modules are searched first, as with ``python -m``.
 
     Raises:
-        ImportError: `name` is not written so, there is no such module, or it raises when it is imported; says where.
-        AttributeError: nothing in it has this name.
+        ImportError: `name` is not of this form, the module does not exist, or the module raises an error at its import.
+        AttributeError: the module has no object of this name.
     """
     module, _, attribute = name.partition(":")
     if not all(part.isidentifier() for part in (*module.split("."), *attribute.split("."))):
-        raise ImportError("expected module:name, both of them names with dots between them at most")
+        raise ImportError("expected module:name, two names that may contain dots")
     if here is not None and str(here) not in sys.path:
         sys.path.insert(0, str(here))
     try:
-        found = import_module(module)
+        imported = import_module(module)
     except ImportError:
         raise
-    except Exception as error:  # it is the code of others
+    except Exception as error:  # code of a user may raise any error
         last = extract_tb(error.__traceback__)[-1]
         place = "" if last.filename.startswith("<frozen") else f" ({Path(last.filename).name}:{last.lineno})"
         raise ImportError(f"{module} raised {type(error).__name__}: {one_line(str(error))}{place}") from error
-    return attrgetter(attribute)(found)
+    return attrgetter(attribute)(imported)
 
 
 def name_of(driver: Any) -> str:
@@ -64,7 +64,7 @@ def name_of(driver: Any) -> str:
 
 
 def labelled(driver: Any) -> bool:
-    """Tell whether a driver has a label, as stacks in other processes do."""
+    """Return whether a driver has a label, as stacks in other processes have."""
     return bool(_text(driver, "label"))
 
 
@@ -78,7 +78,7 @@ def called(driver: Any) -> str:
 
 
 def in_ids(driver: Any) -> str:
-    """Return the name of a traffic policy of one's own, for ids: its ``name``, else that of its class; no stack's command."""
+    """Return the name of a user's traffic policy for ids: its ``name``, else that of its class; never a stack's command."""
     inner = _inner(driver)
     name = getattr(driver, "name", None) or getattr(inner, "__name__", type(inner).__name__)
     return re.sub(r"\W+", "_", str(name), flags=re.ASCII).strip("_") or "own"
@@ -97,7 +97,7 @@ def _text(driver: Any, name: str) -> str:
         return one_line(str(text), _LONGEST) if isinstance(text, str) else ""
     except KeyboardInterrupt:
         raise
-    except BaseException:  # a name that can't be read is none, and costs no more
+    except BaseException:  # an unreadable name counts as no name
         return ""
 
 

@@ -14,32 +14,32 @@ __all__ = ["renamed"]
 
 
 def renamed(factory: Factory, names: Mapping[str, str]) -> Factory:
-    """Return the same autopilot, or traffic system, to which every vehicle has another name.
+    """Return a factory whose autopilots or traffic system observe the vehicles under other names.
 
     Args:
-        factory: makes it.
-        names: from the names of the run to those it shall see.
+        factory: factory of the autopilots or of the traffic system.
+        names: per name in the run, the name in the observations.
     """
     return _Renamed(factory, names)
 
 
 class _Wrapper:
-    """Stands around something and has all of its abilities; the name in messages is that of what it stands around."""
+    """A wrapper with all abilities of the wrapped object, and with its name in messages."""
 
     def __init__(self, inner: Any, names: Mapping[str, str]) -> None:
         self._inner, self._names = inner, names
         self.label = name_of(inner)
 
     def __getattr__(self, name: str) -> Any:
-        if name.startswith("_"):  # no ability; copying and unpickling ask before there is anything inside
+        if name.startswith("_"):  # no ability; copying and unpickling ask for such attributes before `_inner` exists
             raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
         return getattr(self._inner, name)
 
 
 class _Renamed(_Wrapper):
     def __call__(self) -> Drives | Coordinates:
-        made = self._inner()
-        return _System(made, self._names) if callable(getattr(made, "autopilots", None)) else _Pilot(made, self._names)
+        driver = self._inner()
+        return _System(driver, self._names) if callable(getattr(driver, "autopilots", None)) else _Pilot(driver, self._names)
 
 
 class _Pilot(_Wrapper):
@@ -52,5 +52,5 @@ class _Pilot(_Wrapper):
 
 class _System(_Wrapper):
     def autopilots(self, agents: Sequence[Agent]) -> Sequence[Drives]:
-        known = [replace(agent, name=self._names[agent.name]) for agent in agents]
-        return [_Pilot(pilot, self._names) for pilot in self._inner.autopilots(known)]
+        renamed_agents = [replace(agent, name=self._names[agent.name]) for agent in agents]
+        return [_Pilot(pilot, self._names) for pilot in self._inner.autopilots(renamed_agents)]

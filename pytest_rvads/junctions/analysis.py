@@ -24,8 +24,7 @@ from pytest_rvads.maps.control import (
     sign_setback_of,
     signs_of,
 )
-from pytest_rvads.maps.doubts import Doubt, MapWarning
-from pytest_rvads.maps.network import Network
+from pytest_rvads.maps.network import Doubt, MapWarning, Network
 from pytest_rvads.maps.segment import GAP_LIMIT, Turn
 from pytest_rvads.wording import plural
 
@@ -79,6 +78,8 @@ class JunctionReport:
     """Pairs of movements into one exit of which, according to the lanes and roads of the file, the first joins the second."""
     objects: tuple[MapObject, ...]
     left_hand: bool
+    warnings: tuple[MapWarning, ...]
+    """Doubts about the movements and priorities of a usable junction."""
 
     @property
     def ways(self) -> int:
@@ -160,7 +161,6 @@ def analyse(
     graph: MetricGraph,
     cut: Cut,
     objects: Sequence[MapObject],
-    warnings: list[MapWarning],
     *,
     joints: frozenset[str] = frozenset(),
     uturns: bool = False,
@@ -171,7 +171,6 @@ def analyse(
         graph: the metric graph of the map.
         cut: the junction, cut from the graph.
         objects: signs, lights and stop lines of the junction.
-        warnings: the list to which doubts about movements and priorities are appended.
         joints: ids of junctions through which approaches continue.
         uturns: keep U-turns, which are left out otherwise.
     """
@@ -199,32 +198,35 @@ def analyse(
     turns = turns_of_arms(arms, entrances, exits, ways) if len(arms) <= MOST else {}
     opposite, right_of = opposite_pairs(turns), right_of_pairs(turns, left_hand=left_hand)
     reason = unusable(graph, id, arms, kept, pairs)
+    warnings = []
     if reason is None:
-        warnings += [MapWarning(Doubt.GAP, message, None, id) for message in cut.left_out]
+        warnings = [MapWarning(Doubt.GAP, message, None, id) for message in cut.left_out]
         if len(kept) < len(ways):
             count = len(ways) - len(kept)
             message = f"{plural(count, 'U-turn')} of junction {id!r} {'is' if count == 1 else 'are'} left out"
             warnings.append(MapWarning(Doubt.TABLE, message, None, id))
-        for kind, message in _doubts(id, kept, entrances, exits, signs, right_of):
-            warnings.append(MapWarning(kind, message, None, id))
+        doubts = _doubts(id, kept, entrances, exits, signs, right_of)
+        warnings += [MapWarning(kind, message, None, id) for kind, message in doubts]
+    walks = [walk(graph, end.edge, upstream=True, joints=joints) for end in entrances]
     return JunctionReport(
-        id,
-        arms,
-        entrances,
-        exits,
-        tuple(kept),
-        signs,
-        reason,
-        tuple(math.fsum(graph.edges[e].length for e in walk(graph, end.edge, upstream=True, joints=joints)) for end in entrances),
-        right_of,
-        opposite,
-        _phases(network, entrances, opposite, here, _arrows_across(kept, here, left_hand=left_hand)),
-        tuple(map(setback_of, here)),
-        tuple(map(sign_setback_of, here)),
-        _stated(network, id, kept, graph),
-        _joining(kept, graph),
-        tuple(objects),
-        left_hand,
+        id=id,
+        arms=arms,
+        entrances=entrances,
+        exits=exits,
+        movements=tuple(kept),
+        signs=signs,
+        reason=reason,
+        approach=tuple(math.fsum(graph.edges[edge].length for edge in edges) for edges in walks),
+        right_of=right_of,
+        opposite=opposite,
+        phase_groups=_phases(network, entrances, opposite, here, _arrows_across(kept, here, left_hand=left_hand)),
+        setbacks=tuple(map(setback_of, here)),
+        sign_setbacks=tuple(map(sign_setback_of, here)),
+        stated=_stated(network, id, kept, graph),
+        joining=_joining(kept, graph),
+        objects=tuple(objects),
+        left_hand=left_hand,
+        warnings=tuple(warnings),
     )
 
 

@@ -10,8 +10,7 @@ import networkx as nx
 from pytest_rvads.junctions.analysis import cut
 from pytest_rvads.junctions.graph import MetricGraph
 from pytest_rvads.junctions.usability import FEWEST, MOST
-from pytest_rvads.maps.doubts import Doubt, MapWarning
-from pytest_rvads.maps.network import DeclaredJunction, Network
+from pytest_rvads.maps.network import DeclaredJunction, Doubt, MapWarning, Network
 
 __all__ = ["clustered"]
 

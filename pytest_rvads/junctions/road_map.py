@@ -23,8 +23,7 @@ from pytest_rvads.junctions.projection import Locator, Track
 from pytest_rvads.junctions.turn_words import turn_word
 from pytest_rvads.junctions.yielding import Reason
 from pytest_rvads.maps.control import MapObject, sign_of_arm
-from pytest_rvads.maps.doubts import Doubt, MapWarning
-from pytest_rvads.maps.network import Edge
+from pytest_rvads.maps.network import Doubt, Edge, MapWarning
 from pytest_rvads.maps.segment import Segment, join
 from pytest_rvads.wording import plural
 
@@ -123,7 +122,7 @@ class RoadMap:
         """
         report = self.report(id)
         if uturns:
-            report = analyse(self.graph, cut(self.graph, id), report.objects, [], joints=self.joints, uturns=True)
+            report = analyse(self.graph, cut(self.graph, id), report.objects, joints=self.joints, uturns=True)
         if report.reason is not None:
             raise MapError(f"junction {id!r} of map file {self.path} cannot be used: {report.reason}")
         return self._cut(report, name or f"{Path(self.path).stem}.{id}", roads=True)
@@ -196,16 +195,16 @@ def read_map(path: str | os.PathLike[str], *, uturns: bool = False, clusters: bo
     try:
         graph = clustered(graph) if clusters else graph
         network = graph.network
-        warnings = [*network.warnings]
         objects: dict[str, list[MapObject]] = {id: [] for id in network.junctions}
         for item in network.objects:
             objects[item.junction].append(item)
         cuts = {id: cut(graph, id) for id in objects}
         joints = joints_of(cuts.values())
-        reports = tuple(analyse(graph, cuts[id], items, warnings, joints=joints, uturns=uturns) for id, items in objects.items())
+        reports = tuple(analyse(graph, cuts[id], items, joints=joints, uturns=uturns) for id, items in objects.items())
     except MapError as error:
         raise MapError(f"map file {path}: {error}") from None
-    return RoadMap(str(path), graph, reports, tuple(warnings), joints)
+    warnings = (*network.warnings, *(warning for report in reports for warning in report.warnings))
+    return RoadMap(str(path), graph, reports, warnings, joints)
 
 
 def describe(road_map: RoadMap) -> dict[str, Any]:

@@ -1,1 +1,1 @@
-"""What a map is before anybody looks for junctions: lanes in the direction of travel, their centre lines, what is doubtful."""
+"""Maps before the search for junctions: lanes in the direction of travel, centre lines, signs and lights, warnings."""

@@ -1,7 +1,7 @@
-"""What regulates a junction: signs, lights and stop lines on lanes, the kind of control they make up, green phases.
+"""Signs, lights and stop lines on lanes, the control of a junction that follows from them, and green phases.
 
-A stopping line is a marked line. Where no line is marked, vehicles stop before they enter the junction. The place of a sign
-decides only from where on a stop counts.
+A stopping line is a marked line. Without a marked line, vehicles stop before they enter the junction. The place of a sign decides
+only the station from which on a stop counts.
 """
 
 from __future__ import annotations
@@ -31,22 +31,22 @@ _AT_LINE = 0.01
 
 
 class JunctionControl(StrEnum):
-    """What regulates a junction as a whole."""
+    """Control of a whole junction."""
 
     STOP = "stop"
     """Stop signs at all entrances."""
     LIGHTS = "lights"
     """Lights at all entrances."""
     NONE = "none"
-    """Nothing: right before left."""
+    """No signs and lights: right before left."""
     YIELD = "yield"
-    """Yield or priority signs at some entrances or all, and no stop sign or light at any."""
+    """Yield or priority signs at some or all entrances, and no stop sign or light."""
     PARTIAL = "partial"
-    """Anything else: stop signs or lights at some entrances only, or both."""
+    """Stop signs or lights at some entrances only, or both stop signs and lights."""
 
 
 class Sign(StrEnum):
-    """What regulates an entrance."""
+    """Control of an entrance."""
 
     STOP = "stop"
     YIELD = "yield"
@@ -73,17 +73,21 @@ class MapObject:
     kind: ObjectKind
     junction: str
     edge: str
-    """The edge of the entrance it is for."""
+    """The edge of the entrance that the object regulates."""
     station: float
-    """Along that edge; at its end where the object stands in or beyond the junction [m]."""
+    """Station along the edge; the end of the edge if the object stands in or beyond the junction [m]."""
     setback: float | None
-    """Distance of a line or sign before the entrance vertex, None where it is too far away and for lights [m]."""
+    """Distance of a line or sign before the entrance vertex [m]; None for lights and for distant lines and signs."""
     arrows: frozenset[Turn] = frozenset()
-    """Turns that a light with arrows is for; empty for a light without arrows and for everything else."""
+    """Turns that a light with arrows regulates; empty for a light without arrows and for other objects."""
 
 
 def signs_of(controlled: Sequence[set[ObjectKind]]) -> tuple[Sign, ...]:
-    """Return what regulates each entrance, from the kinds of objects there; what all have counts, else a light before a sign."""
+    """Return the control of each entrance.
+
+    Args:
+        controlled: per entrance, the kinds of its objects. A kind of all entrances counts first, then a light, then a sign.
+    """
     regulating = {
         ObjectKind.LIGHT: Sign.LIGHTS,
         ObjectKind.STOP: Sign.STOP,
@@ -91,37 +95,37 @@ def signs_of(controlled: Sequence[set[ObjectKind]]) -> tuple[Sign, ...]:
         ObjectKind.PRIORITY: Sign.PRIORITY,
     }
     common = set(regulating).intersection(*controlled)
-    kinds = ((here & common) or here for here in controlled)
-    return tuple(next((sign for kind, sign in regulating.items() if kind in here), Sign.NONE) for here in kinds)
+    decisive = ((kinds & common) or kinds for kinds in controlled)
+    return tuple(next((sign for kind, sign in regulating.items() if kind in kinds), Sign.NONE) for kinds in decisive)
 
 
 def sign_of_arm(signs: Sequence[Sign]) -> Sign:
-    """Return the most frequent sign of the entrances of an arm, on a tie the sign nearest to the kerb; NONE without entrances."""
+    """Return the most frequent sign of the entrances of an arm; on a tie the sign nearest to the kerb; NONE without entrances."""
     return max(signs, key=lambda sign: (signs.count(sign), -signs.index(sign)), default=Sign.NONE)
 
 
 def control_of(signs: Iterable[Sign]) -> JunctionControl:
     """Return the control of a junction from the signs of its entrances."""
-    found = set(signs)
+    kinds = set(signs)
     for sign, control in ((Sign.STOP, JunctionControl.STOP), (Sign.LIGHTS, JunctionControl.LIGHTS)):
-        if found == {sign}:
+        if kinds == {sign}:
             return control
-    if found & {Sign.STOP, Sign.LIGHTS}:
+    if kinds & {Sign.STOP, Sign.LIGHTS}:
         return JunctionControl.PARTIAL
-    return JunctionControl.YIELD if found & {Sign.YIELD, Sign.PRIORITY} else JunctionControl.NONE
+    return JunctionControl.YIELD if kinds & {Sign.YIELD, Sign.PRIORITY} else JunctionControl.NONE
 
 
 def setback_of(objects: Iterable[MapObject]) -> float:
-    """Return the distance of the stopping line before the vertex [m]: that of the nearest marked line, 0 without a marked line.
+    """Return the distance of the nearest marked stopping line before the vertex [m]; 0 without a marked line.
 
-    A sign is no line: without a marked line, vehicles stop before they enter (California Vehicle Code 22450(a), Uniform Vehicle
-    Code 11-403).
+    Without a marked line, vehicles stop before they enter the junction (California Vehicle Code 22450(a), Uniform Vehicle Code
+    11-403).
     """
     return min((item.setback for item in objects if item.kind is ObjectKind.LINE and item.setback is not None), default=0.0)
 
 
 def sign_setback_of(objects: Sequence[MapObject]) -> float | None:
-    """Return the distance of the nearest stop sign before the vertex, where it does not stand at the stopping line [m]."""
+    """Return the distance of the nearest stop sign before the vertex [m]; None if the sign stands at the stopping line."""
     signs = [item.setback for item in objects if item.kind is ObjectKind.STOP and item.setback is not None]
     return min(signs) if signs and abs(min(signs) - setback_of(objects)) > _AT_LINE else None
 
@@ -132,23 +136,23 @@ def phase_groups(
     controllers: Iterable[frozenset[int]] = (),
     protected: Container[int] = (),
 ) -> tuple[frozenset[int], ...]:
-    """Return the entrances that have green together, the group with the lowest number first.
+    """Return the groups of entrances that have green together; the group with the lowest number comes first.
 
     Args:
         arms: the arm of every entrance with a light.
-        opposite: pairs of entrances facing each other.
-        controllers: entrances per controller; they count only where each one's are pairwise opposite or of one arm, they cover
-            every entrance once, and they say more than "one controller per signal".
-        protected: entrances with an arrow for a turn across oncoming traffic, which therefore don't have green with it.
+        opposite: pairs of entrances that face each other.
+        controllers: entrances per controller. Controllers count only if the entrances of each controller are opposite or on one
+            arm, if every entrance has one controller, and if a controller has several entrances.
+        protected: entrances with an arrow for a turn across oncoming traffic, which have green without the oncoming traffic.
     """
-    given = [group for group in controllers if group]
-    fits = all(arms[a] == arms[b] or (a, b) in opposite for group in given for a in group for b in group)
-    covers = sorted(e for group in given for e in group) == list(range(len(arms)))
-    if not (fits and covers and any(len(group) > 1 for group in given)):
-        given = [frozenset([entrance]) for entrance in range(len(arms))]
+    groups = [group for group in controllers if group]
+    fits = all(arms[a] == arms[b] or (a, b) in opposite for group in groups for a in group for b in group)
+    covers = sorted(e for group in groups for e in group) == list(range(len(arms)))
+    if not (fits and covers and any(len(group) > 1 for group in groups)):
+        groups = [frozenset([entrance]) for entrance in range(len(arms))]
         for a, b in (*sorted(opposite), *((a, b) for a, b in combinations(range(len(arms)), 2) if arms[a] == arms[b])):
-            apart = [group for group in given if not group & {a, b}]
-            given = [*apart, frozenset().union(*(group for group in given if group & {a, b}))]
+            apart = [group for group in groups if not group & {a, b}]
+            groups = [*apart, frozenset().union(*(group for group in groups if group & {a, b}))]
         arrows = frozenset(e for e in range(len(arms)) if e in protected)
-        given = [part for group in given for part in (group - arrows, group & arrows) if part]
-    return tuple(sorted(given, key=min))
+        groups = [part for group in groups for part in (group - arrows, group & arrows) if part]
+    return tuple(sorted(groups, key=min))

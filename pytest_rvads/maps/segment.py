@@ -1,8 +1,8 @@
 """Segments: the labels of the edges of a metric graph (paper, section 4.1).
 
 The speed limits of a map lie along centre lines. Segments keep their limits when they are cut and joined, so junctions,
-itineraries and run files have the limits. `Facts.speed_limit` holds where the map states no limit. A junction with another limit
-is another junction, see `Junction.limited`.
+itineraries and run files have the limits. Where the map states no limit, `Facts.speed_limit` applies. A junction with another
+limit is another junction, see `Junction.limited`.
 """
 
 from __future__ import annotations
@@ -38,25 +38,25 @@ __all__ = [
 ]
 
 GAP_LIMIT = 1.0
-"""Widest gap [m] between two segments that still counts as consecutive; writers of maps leave some."""
+"""Widest gap between two consecutive segments [m]; writers of maps leave gaps."""
 SPEED_LIMIT = 11.176
-"""City speed limit of the paper, 25 mph; holds where a map states none [m/s]."""
+"""City speed limit of the paper, 25 mph, for roads without a limit in the map [m/s]."""
 NO_LIMIT = 999.0
-"""Speed limit of a road that the map marks as unlimited: a finite number, for files, that no vehicle reaches [m/s]."""
+"""Speed limit of a road that the map marks as unlimited [m/s]: a finite number for files, which no vehicle reaches."""
 ADVISED = 130 / 3.6
-"""Speed to drive at where there is no limit [m/s]: Autobahn-Richtgeschwindigkeits-Verordnung, section 1."""
+"""Speed to drive at on a road without limit [m/s]: Autobahn-Richtgeschwindigkeits-Verordnung, section 1."""
 Limits = tuple[tuple[float, float | None], ...]
-"""Speed limits along a line: the station where each begins [m], in ascending order from 0 on, and the limit [m/s], None where
-the map states none. Empty where the map states none at all."""
+"""Speed limits along a line: per limit the station of its begin [m], in ascending order from 0 on, and the limit [m/s], None on a
+part without a limit in the map. Empty if the map states no limit for the line."""
 _WELD = 0.01
 _BEND = math.radians(44.0)
-"""Change of heading from which on a movement is a turn [rad]; as in SUMO's netconvert, one degree below the arms of a regular
-8-way junction, so that rounding never makes one of two neighbours straight and the other a turn."""
+"""Least change of heading of a turn [rad]; as in SUMO's netconvert, a degree below the angle between the arms of a regular 8-way
+junction, so that rounding gives neighbouring arms the same turn type."""
 _Table = tuple[tuple[float, ...], tuple[tuple[float, float, float, float, float], ...]]
 
 
 class Turn(StrEnum):
-    """Turn type of a lane (the paper's tau): the side to which it turns, and a vehicle indicates. A U-turn has a side, too."""
+    """Turn type of a lane (the paper's tau): the side to which the lane turns and a vehicle indicates. A U-turn has a side."""
 
     LEFT = "left"
     STRAIGHT = "straight"
@@ -88,10 +88,10 @@ class Segment:
         points: centre line in the direction of travel, shape ``(k, 2)``, k >= 2 [m].
         turn: turn type; ``STRAIGHT`` on roads, as in the paper.
         junction: id of the junction the segment lies in, or None on a road.
-        limits: the speed limits that the map states along it.
+        limits: the speed limits that the map states along the segment.
 
     Raises:
-        MapError: fewer than two points, coordinates that are not finite, or zero length.
+        MapError: the segment has fewer than two points, coordinates that are not finite, or no length.
     """
 
     id: str
@@ -119,10 +119,10 @@ class Segment:
 
     def __reduce__(self) -> tuple[Any, ...]:
         parts = self.id, self.points, self.turn, self.junction, self.limits
-        return Segment, parts  # numpy unpickles arrays that can be written to
+        return Segment, parts  # the arrays that numpy unpickles are writable
 
-    def _fill(self) -> _Table:
-        """Make the table of stations and pieces in plain floats, when first needed: most segments of a town never are."""
+    def _build_table(self) -> _Table:
+        """Build and store the table of stations and pieces in plain floats; most segments of a town need no table."""
         unit = np.diff(self.points, axis=0) / np.diff(self.stations)[:, None]
         pieces = tuple(
             (x, y, ux, uy, math.atan2(uy, ux)) for (x, y), (ux, uy) in zip(self.points[:-1].tolist(), unit.tolist(), strict=True)
@@ -137,7 +137,7 @@ class Segment:
         return float(self.stations[-1])
 
     def pose(self, station: float) -> Pose:
-        """Return the pose at `station` [m]; beyond either end the line goes on straight."""
+        """Return the pose at `station` [m]; beyond its ends the line continues straight."""
         start, _, x, y, ux, uy, heading = self.piece(station)
         along = station - start
         return Pose(x + along * ux, y + along * uy, heading)
@@ -148,37 +148,44 @@ class Segment:
         Returns:
             Start and end station [m], start point x and y [m], unit vector x and y, heading [rad].
         """
-        stations, pieces = self._table or self._fill()
+        stations, pieces = self._table or self._build_table()
         i = bisect_right(stations, station, 1, len(pieces)) - 1
         return stations[i], stations[i + 1], *pieces[i]
 
     def centre(self, along: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the points of the line at stations, and the direction there, each of shape ``(stations, 2)``."""
+        """Return points of the line and unit vectors along the line.
+
+        Args:
+            along: stations, shape ``(k,)`` [m].
+
+        Returns:
+            Points [m] and unit vectors, each of shape ``(k, 2)``.
+        """
         points, arc = self.points, self.stations
         piece = np.searchsorted(arc[1:-1], along, side="right")
         ahead = directions(self)[piece]
         return points[piece] + (along - arc[piece])[:, None] * ahead, ahead
 
     def project(self, x: float, y: float, near: float, window: float = 5.0) -> tuple[float, float]:
-        """Project a point on the line, looking only around a known station.
+        """Project a point on the part of the line around a station.
 
-        A window is needed because inside a junction lines cross each other and themselves.
+        Only a part of the line is searched because lines in a junction cross themselves.
 
         Args:
             x: east coordinate [m].
             y: north coordinate [m].
-            near: station to look around [m].
-            window: how far to look to either side [m].
+            near: station in the middle of the part [m].
+            window: length of the part before and after this station [m].
 
         Returns:
-            Station and lateral offset (left positive) of the nearest point [m]. Before the start and
-            after the end the line goes on straight, so stations may be negative or exceed the length.
+            Station and lateral offset (left positive) of the nearest point [m]. Beyond its ends the line continues straight, so
+            stations may be negative or exceed the length.
         """
-        stations, pieces = self._table or self._fill()
+        stations, pieces = self._table or self._build_table()
         last = len(pieces) - 1
         i = bisect_right(stations, near - window, 1, last + 1) - 1
         stop = bisect_right(stations, near + window, i + 1, last + 1) - 1
-        best, found = math.inf, (near, 0.0)
+        best, projection = math.inf, (near, 0.0)
         while i <= stop:
             px, py, ux, uy, _ = pieces[i]
             dx, dy = x - px, y - py
@@ -190,16 +197,16 @@ class Segment:
             ex, ey = dx - along * ux, dy - along * uy
             error = ex * ex + ey * ey
             if error < best:
-                best, found = error, (stations[i] + along, ux * dy - uy * dx)
+                best, projection = error, (stations[i] + along, ux * dy - uy * dx)
             i += 1
-        return found
+        return projection
 
     def head(self, eta: float) -> Segment:
-        """Return the paper's ``s[-, eta]``: from the beginning to distance `eta` from it [m]."""
+        """Return the paper's ``s[-, eta]``: the part from the start to `eta` after the start [m]."""
         return self._cut(0.0, eta)
 
     def tail(self, eta: float) -> Segment:
-        """Return the paper's ``s[eta, -]``: from distance `eta` before the end to the end [m]."""
+        """Return the paper's ``s[eta, -]``: the part from `eta` before the end to the end [m]."""
         return self._cut(self.length - eta, self.length)
 
     def _cut(self, start: float, end: float) -> Segment:
@@ -210,9 +217,9 @@ class Segment:
         return Segment(self.id, points, self.turn, self.junction, limits_between(self.limits, start, end))
 
     def then(self, other: Segment) -> Segment | None:
-        """Return the paper's partial concatenation ``self . other``, or None where it is undefined.
+        """Return the paper's partial concatenation ``self . other``, or None if the two segments are not consecutive.
 
-        Two segments are consecutive when the second starts within `GAP_LIMIT` of the end of the first.
+        Two segments are consecutive if the second segment starts within `GAP_LIMIT` of the end of the first segment.
         """
         return join((self, other))
 
@@ -220,35 +227,35 @@ class Segment:
 @lru_cache(maxsize=256)
 def directions(line: Segment) -> NDArray[np.float64]:
     """Return the unit vector along every piece of a line, shape ``(pieces, 2)``."""
-    found: NDArray[np.float64] = np.diff(line.points, axis=0) / np.diff(line.stations)[:, None]
-    return found
+    units: NDArray[np.float64] = np.diff(line.points, axis=0) / np.diff(line.stations)[:, None]
+    return units
 
 
 def fixed(numbers: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return an array that nobody can write to, nor make writable: autopilots are handed centre lines."""
+    """Return a copy of an array that cannot be made writable, because autopilots receive centre lines."""
     return np.frombuffer(numbers.tobytes(), dtype=np.float64).reshape(numbers.shape)
 
 
 def limits_between(limits: Limits, start: float, end: float) -> Limits:
-    """Return the speed limits of the part of a line between two stations [m]; stations of the part begin at its start."""
-    rest = ((at - start, limit) for at, limit in limits if start < at < end)
-    return ((0.0, limit_in(limits, start)), *rest) if limits else ()
+    """Return the speed limits of the part of a line between two stations [m]; the part begins at station 0."""
+    later = ((at - start, limit) for at, limit in limits if start < at < end)
+    return ((0.0, limit_in(limits, start)), *later) if limits else ()
 
 
 def limit_in(limits: Limits, station: float) -> float | None:
-    """Return the speed limit at a station [m/s], None where the map states none; beyond either end the nearest one holds."""
+    """Return the speed limit at a station [m/s], None without a limit; beyond an end of the line the limit at the end."""
     return limits[max(bisect_right(limits, station, key=itemgetter(0)) - 1, 0)][1] if limits else None
 
 
 def join(segments: Sequence[Segment]) -> Segment | None:
-    """Concatenate `segments` in order; None when two of them are not consecutive."""
-    for one, two in pairwise(segments):
-        if math.dist(one.points[-1], two.points[0]) > GAP_LIMIT:
-            return None
+    """Return the concatenation of `segments` in order, None if two neighbours are not consecutive."""
+    gaps = [math.dist(before.points[-1], after.points[0]) for before, after in pairwise(segments)]
+    if any(gap > GAP_LIMIT for gap in gaps):
+        return None
     junctions = {s.junction for s in segments}
-    # Where lanes meet within a centimetre the joint is one point: a step of a millimetre may point anywhere.
+    # Lanes that meet within a centimetre meet in one point: a step of a millimetre may have any direction.
     parts = [segments[0].points]
-    parts += [two.points[math.dist(one.points[-1], two.points[0]) < _WELD :] for one, two in pairwise(segments)]
+    parts += [segment.points[gap < _WELD :] for gap, segment in zip(gaps, segments[1:], strict=True)]
     return Segment(
         "+".join(s.id for s in segments),
         np.vstack(parts),
@@ -265,13 +272,13 @@ def _joined_limits(segments: Sequence[Segment]) -> Limits:
     """
     if not any(segment.limits for segment in segments):
         return ()
-    found: list[tuple[float, float | None]] = []
+    limits: list[tuple[float, float | None]] = []
     start = 0.0
     for before, segment in pairwise((segments[0], *segments)):
-        if found:
+        if limits:
             start += before.length + math.dist(before.points[-1], segment.points[0])
-        goes_on = found and segment.junction is not None
-        for at, limit in segment.limits or (() if goes_on else ((0.0, None),)):
-            if not found or found[-1][1] != limit:
-                found.append((start + at, limit))
-    return tuple(found)
+        continues = limits and segment.junction is not None
+        for at, limit in segment.limits or (() if continues else ((0.0, None),)):
+            if not limits or limits[-1][1] != limit:
+                limits.append((start + at, limit))
+    return tuple(limits)

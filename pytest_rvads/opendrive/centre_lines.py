@@ -1,4 +1,4 @@
-"""Repairs of centre lines, so that no line runs backwards: folds and overlaps are cut, steps to the side become tapers.
+"""Repairs of centre lines: folds and overlaps are cut, steps to the side become tapers. No repaired line runs backwards.
 
 A line is an array of rows ``(x, y, s)``, shape ``(k, 3)`` [m]: the points of a centre line in the direction of travel with their
 stations on the road.
@@ -20,9 +20,9 @@ __all__ = ["GAP_WARNING", "TAPER", "chained", "continued", "unfolded"]
 Array = NDArray[np.float64]
 
 GAP_WARNING = 0.1
-"""Gap between linked lanes from which on a warning is given, and a step to the side from which on it becomes a taper [m]."""
+"""Least gap between linked lanes that gives a warning, and least step to the side that becomes a taper [m]."""
 TAPER = 25**2 / 60
-"""Length of a taper per metre that it leads to the side: W S^2 / 60 at S = 25 mph (MUTCD 2009, table 6C-4)."""
+"""Length of a taper per metre to the side: W S^2 / 60 at S = 25 mph (MUTCD 2009, table 6C-4)."""
 _SPACING = 0.5
 """Between the points of a taper [m]."""
 _SHARP = math.radians(120.0)
@@ -30,11 +30,11 @@ _SHARP = math.radians(120.0)
 _WITHIN = 0.3
 """[m]."""
 _NUDGE, _GROWTH = 0.02, 0.05
-"""By how much the ends of a cut are moved apart until the line between them leads forward: at least [m], and per length cut."""
+"""The ends of a cut move apart by steps until the line between the ends leads forward: least step [m], step per length cut."""
 _MOST_FOLDS = 100
-"""Most folds of a lane that are cut: cost grows with their number, and what folds more often is no lane."""
+"""Most folds of a lane that are cut: the cost grows with the number of folds, and no lane of a real road folds more often."""
 _OVERLAP = 0.01
-"""Overlaps up to this are no repair: where lanes meet within a centimetre the joint is one point [m]."""
+"""Widest overlap that needs no repair [m]: lanes that meet within a centimetre meet in one point."""
 
 
 def chained(parts: list[Array]) -> tuple[Array, float]:
@@ -54,7 +54,7 @@ def chained(parts: list[Array]) -> tuple[Array, float]:
 
 
 def unfolded(line: Array) -> tuple[Array, float]:
-    """Return a line without the folds in which it turns sharply and runs back, and the length that was cut [m]."""
+    """Return a line without its folds, which are sharp turns after which the line runs back, and the length cut [m]."""
     length, cuts = float(_along(line)[-1]), 0
     while cuts < _MOST_FOLDS and (fold := _fold(line)) is not None:
         line, cuts = _cut(line, *fold), cuts + 1
@@ -62,16 +62,16 @@ def unfolded(line: Array) -> tuple[Array, float]:
 
 
 def continued(line: Array, point: Array, heading: float) -> tuple[Array, float, float] | None:
-    """Return how a line goes on from another one, the length that was cut from it and its step to the side [m].
+    """Return a line as the continuation of a line before it, the length cut and the step to the side [m].
 
     Args:
-        line: begins at most `GAP_LIMIT` from the end of the other one.
-        point: where the other line ends, shape ``(2,)`` [m].
-        heading: of its end [rad].
+        line: a line that begins at most `GAP_LIMIT` from the end of the line before, shape ``(k, 3)`` [m].
+        point: end of the line before, shape ``(2,)`` [m].
+        heading: heading at the end of the line before [rad].
 
     Returns:
-        The line without what lies behind the end of the other one, with a taper from there if it lies to the side of it. None
-        where all of the line lies behind.
+        The line without its part behind the end of the line before, with a taper if the line begins to the side of this end.
+        None if the whole line lies behind this end.
     """
     forward = np.array([math.cos(heading), math.sin(heading)])
     ahead, along, cut = (line[:, :2] - point) @ forward, _along(line), 0.0
@@ -106,7 +106,7 @@ def _at(line: Array, stations: float | Array) -> Array:
 
 
 def _moved(line: Array, step: Array) -> Array:
-    """Return a line that begins `step` away and is back in its place at the end of a taper, or of the line."""
+    """Return a line that begins `step` away and returns to its old course at the end of a taper, or of the line."""
     along = _along(line)
     reach = max(min(TAPER * math.hypot(*step), float(along[-1])), _NUDGE)
     stations = np.union1d(along, np.arange(0.0, reach, _SPACING))
@@ -116,7 +116,7 @@ def _moved(line: Array, step: Array) -> Array:
 
 
 def _fold(line: Array) -> tuple[float, float] | None:
-    """Return the arc lengths between which a line turns sharply [m], None where it does not."""
+    """Return the arc lengths between which a line turns sharply [m], None if the line does not."""
     headings, along, apart = np.arctan2(*np.diff(line[:, :2], axis=0).T[::-1]), _along(line), 1
     while len(headings) > apart and (near := along[apart:-1] - along[1:-apart] <= _WITHIN).any():
         turns = np.abs(np.remainder(headings[apart:] - headings[:-apart] + math.pi, math.tau) - math.pi)
@@ -129,7 +129,7 @@ def _fold(line: Array) -> tuple[float, float] | None:
 
 
 def _cut(line: Array, low: float, high: float) -> Array:
-    """Replace what lies between two arc lengths by a straight piece, and more until the piece leads forward at both ends."""
+    """Replace the line between two arc lengths by a straight piece, and more until the piece leads forward at both ends."""
     along, steps = _along(line), np.diff(line[:, :2], axis=0)
     while True:
         nudge = max(_NUDGE, _GROWTH * (high - low))
@@ -144,6 +144,6 @@ def _cut(line: Array, low: float, high: float) -> Array:
             return np.vstack((line[along < low], ends, line[along > high]))
 
 
-def _turn(one: Array, two: Array) -> float:
-    """Return the change of heading from a step to another one [rad]."""
-    return abs(math.atan2(one[0] * two[1] - one[1] * two[0], one @ two))
+def _turn(before: Array, after: Array) -> float:
+    """Return the change of heading between two steps [rad]."""
+    return abs(math.atan2(before[0] * after[1] - before[1] * after[0], before @ after))

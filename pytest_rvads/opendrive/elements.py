@@ -1,4 +1,4 @@
-"""The elements of OpenDRIVE files that are written: roads, reference lines, lanes with marks, signs, lights and lines."""
+"""Writing the elements of OpenDRIVE files: roads, reference lines, lanes with marks, signs, lights and stop lines."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ __all__ = [
 
 _STRAIGHT = 1e-9
 _BROKEN_FROM = 30.0
-"""Where a centre line gives way to a broken one, which may be crossed to overtake; solid nearer to a junction [m]."""
+"""Distance from a junction from which on a centre line is broken, so that vehicles may cross the line to overtake [m]."""
 _MARK = 0.12
-"""Width of a line (Richtlinien fuer die Markierung von Strassen, narrow line on other roads) [m]."""
+"""Width of a road mark (Richtlinien fuer die Markierung von Strassen, narrow line on other roads) [m]."""
 _SIGNS = {
     Sign.STOP: ("stop sign", "DE", "206", "-1"),
     Sign.YIELD: ("yield sign", "DE", "205", "-1"),
@@ -39,13 +39,13 @@ _SIGNS = {
 }
 """Name, country, type and subtype: numbers of StVO, annexes 2 and 3, and of the signal catalogue of OpenDRIVE."""
 _ARROW = "1000011"
-"""A light with an arrow; subtype 10 is one to the left, 20 one to the right."""
+"""Type of a light with an arrow; the subtype is 10 for an arrow to the left, 20 for an arrow to the right."""
 _LINES = {Sign.STOP: "StopLine", Sign.LIGHTS: "StopLine", Sign.YIELD: "HoldingLine"}
 
 
 @dataclass(frozen=True, slots=True)
 class Lane:
-    """A lane to write, and the mark on the side of it that is farther from the centre line."""
+    """A lane to write, with the mark on its outer side."""
 
     id: int
     type: str = "none"
@@ -53,7 +53,7 @@ class Lane:
     mark: str = "none"
     """``solid``, ``broken``, ``none``, or ``centre``: solid near the junction where the road starts, broken farther off."""
     links: tuple[int, int] | None = None
-    """Ids of the lanes before and after it."""
+    """Ids of the lanes before and after the lane."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,21 +67,22 @@ class Piece:
 
 @dataclass(frozen=True, slots=True)
 class Post:
-    """What regulates some lanes of an arm, whose traffic comes against the reference line."""
+    """A sign or light for lanes of an arm, whose traffic comes against the reference line."""
 
     id: int
     sign: Sign
     lanes: tuple[int, int]
-    """Ids of the first and the last lane that it is for."""
+    """Ids of the first and the last lane that the sign or light regulates."""
     s: float
+    """Station of the sign or light [m]."""
     t: float
-    """Where the sign or light stands [m]."""
+    """Lateral position of the sign or light, to the left of the reference line [m]."""
     arrow: int | None = None
-    """Subtype of the arrow that a light shows; None for a light for all directions."""
+    """Subtype of the arrow of a light; None for a light for all directions."""
 
 
 def document(name: str, reach: float) -> Element:
-    """Return the root of a file whose roads reach no farther than `reach` from the origin [m]."""
+    """Return the root element of a file whose roads lie within `reach` of the origin [m]."""
     root = Element("OpenDRIVE")
     bounds = {"north": reach, "south": -reach, "east": reach, "west": -reach}
     add(root, "header", revMajor=1, revMinor=7, name=name, version="1.00", **bounds, vendor="pytest-rvads")
@@ -89,18 +90,18 @@ def document(name: str, reach: float) -> Element:
 
 
 def finished(root: Element) -> str:
-    """Return a file as text."""
+    """Return the file of a root element as text."""
     indent(root, "  ")
     return '<?xml version="1.0" encoding="UTF-8"?>\n' + tostring(root, encoding="unicode") + "\n"
 
 
 def add(parent: Element, tag: str, **values: str | float) -> Element:
-    """Add an element with these attributes; numbers have up to 12 digits."""
+    """Add an element with attributes; numbers have up to 12 digits."""
     return SubElement(parent, tag, {name: v if isinstance(v, str) else f"{v + 0.0:.12g}" for name, v in values.items()})
 
 
 def add_road(root: Element, id: int, length: float, *, junction: str = "-1", left_hand: bool = False) -> Element:
-    """Add a road with an empty link, its first child."""
+    """Add a road whose first child is an empty ``<link>``."""
     road = add(root, "road", id=id, length=length, junction=junction, rule="LHT" if left_hand else "RHT")
     add(road, "link")
     return road
@@ -120,9 +121,9 @@ def add_lanes(road: Element, lanes: Iterable[Lane], offset: float = 0.0) -> None
     """Add lanes with their marks.
 
     Args:
-        road: which gets them.
-        lanes: lane 0 and others, in any order.
-        offset: of lane 0 from the reference line, to the left [m].
+        road: the road that gets the lanes.
+        lanes: lane 0 and other lanes, in any order.
+        offset: offset of lane 0 from the reference line, to the left [m].
     """
     group = add(road, "lanes")
     if offset:
@@ -130,9 +131,9 @@ def add_lanes(road: Element, lanes: Iterable[Lane], offset: float = 0.0) -> None
     section = add(group, "laneSection", s=0)
     ordered = sorted(lanes, key=lambda lane: -lane.id)
     sides = groupby(ordered, lambda lane: "left" if lane.id > 0 else "right" if lane.id < 0 else "center")
-    for name, here in sides:
+    for name, lanes_of_side in sides:
         side = add(section, name)
-        for lane in here:
+        for lane in lanes_of_side:
             _add_lane(side, lane)
 
 
@@ -152,12 +153,12 @@ def _add_lane(side: Element, lane: Lane) -> None:
 
 
 def add_regulation(road: Element, posts: Iterable[Post], lines: Iterable[tuple[Post, float, float]] = ()) -> None:
-    """Add signs, lights and the lines that are waited at.
+    """Add signs, lights and stop lines.
 
     Args:
-        road: which gets them.
+        road: the road that gets the signs, lights and lines.
         posts: the signs and lights.
-        lines: of which posts there is a line, its middle to the left of the reference line and its length across the road [m].
+        lines: per line its sign or light, the lateral position of its middle [m] and its length across the road [m].
     """
     flat: dict[str, float] = dict.fromkeys(("height", "hdg", "pitch", "roll"), 0)
     objects = Element("objects")
@@ -205,7 +206,7 @@ def add_regulation(road: Element, posts: Iterable[Post], lines: Iterable[tuple[P
 
 
 def joined(start: Pose, end: Pose) -> tuple[Piece, ...]:
-    """Return the way from one pose to another without a bend: a line, an arc between lines, or an arc and one back.
+    """Return a smooth way between two poses: a line, an arc with a line before or after the arc, or two arcs.
 
     Raises:
         MapError: the poses point away from each other.
@@ -216,7 +217,7 @@ def joined(start: Pose, end: Pose) -> tuple[Piece, ...]:
     if abs(turn) < _STRAIGHT:
         return _beside(start, dx * ux + dy * uy, dy * ux - dx * uy)
     vx, vy = math.cos(end.heading), math.sin(end.heading)
-    # To the point where the tangents meet, and from it.
+    # The distances from the start to the meeting point of the two tangents, and from the meeting point to the end.
     before, after = (dx * vy - dy * vx) / math.sin(turn), (ux * dy - uy * dx) / math.sin(turn)
     tangent = min(before, after)
     if tangent <= 0:
@@ -230,7 +231,7 @@ def joined(start: Pose, end: Pose) -> tuple[Piece, ...]:
 
 
 def _beside(start: Pose, ahead: float, aside: float) -> tuple[Piece, ...]:
-    """Return the way to a pose of the same direction: two arcs of one radius where it lies to a side."""
+    """Return the way to a pose of the same direction: a line, or two arcs of the same radius to a pose at a side."""
     if ahead <= 0:
         raise MapError(f"no way leads from ({start.x:g}, {start.y:g}) to a place {-ahead:g} m behind it")
     if abs(aside) < _STRAIGHT:

@@ -1,24 +1,24 @@
-"""Lane centre lines: laneOffset, inner widths and half the own width, sampled along the reference line.
+"""Centre lines of lanes: laneOffset, the widths of inner lanes and half the width of the lane, sampled along the reference line.
 
-Records (geometry, laneOffset, width) hold from their station up to the next one; at the end of a lane section
-the left limit counts, else lanes jump where the next record starts just there.
+A record of geometry, laneOffset or width holds from its station to the station of the next record. At the end of a lane section
+the value before the station counts. Otherwise lanes would jump if the next record starts at the end of the section.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.errors import MapError
-from pytest_rvads.maps.doubts import Doubt, MapWarning
+from pytest_rvads.maps.network import Doubt, MapWarning
 from pytest_rvads.opendrive.records import Cubic, Lane, Road, Section, Shape
 from pytest_rvads.opendrive.reference_line import Line, evaluate
 
-__all__ = ["SPACING", "LaneLine", "lane_lines", "sample_count"]
+__all__ = ["SPACING", "LaneLine", "lane_lines", "line_warnings", "sample_count"]
 
 Array = NDArray[np.float64]
 
@@ -37,7 +37,7 @@ _EPS = 1e-6
 
 
 class LaneLine(NamedTuple):
-    """Centre line of one drivable lane in one lane section, in the direction of the reference line."""
+    """Centre line of a drivable lane in a lane section, in the direction of the reference line."""
 
     points: Array
     """Shape ``(k, 2)`` [m]."""
@@ -48,7 +48,9 @@ class LaneLine(NamedTuple):
     width: float
     """At mid-length [m]."""
     ends: tuple[float, float]
-    """Width at its first and its last station [m]."""
+    """Width at the first and at the last station [m]."""
+    cut: float
+    """Length of the folds that were cut at kinks and at the ends [m]."""
 
 
 class _Samples(NamedTuple):
@@ -60,11 +62,11 @@ class _Samples(NamedTuple):
     heading: Array
     """Unwrapped, shape ``(k,)`` [rad]."""
     joints: list[int]
-    """Where a piece of the line begins after another."""
+    """Indices of the first samples of the pieces of the line after the first piece."""
 
 
 def sample_count(road: Road) -> int:
-    """Return about how many samples the lanes of `road` take; to bound work before it is done."""
+    """Return about how many samples the lanes of `road` take: a bound on the work before the work is done."""
     tables = [
         road.offsets,
         *(cubics for section in road.sections for lane in section.lanes.values() for cubics in (lane.widths, lane.borders)),
@@ -81,25 +83,37 @@ def sample_count(road: Road) -> int:
     return int(road.length / spacing * max(1, lanes, again)) + records * max(1, lanes) + looks
 
 
-def lane_lines(road: Road, warnings: list[MapWarning]) -> list[dict[int, LaneLine]]:
+def lane_lines(road: Road) -> list[dict[int, LaneLine]]:
     """Return the centre lines of the drivable lanes of `road`, per lane section by lane id.
 
     Args:
         road: the road, with geometry if any lane is drivable.
-        warnings: gaps, kinks and length mismatches of the reference line are appended here.
 
     Raises:
-        MapError: coordinates that are not finite.
+        MapError: coordinates are not finite.
     """
-    if not road.drivable:
-        return [{} for _ in road.sections]
-    found = []
     with np.errstate(all="ignore"):
-        _check_shapes(road, warnings)
-        for section, start, end in _spans(road):
-            drivable = any(lane.drivable for lane in section.lanes.values())
-            found.append(_section(road, section, start, end, warnings) if drivable else {})
-    return found
+        return [
+            _section(road, section, start, end) if any(lane.drivable for lane in section.lanes.values()) else {}
+            for section, start, end in _spans(road)
+        ]
+
+
+def line_warnings(road: Road, lines: Iterable[Mapping[int, LaneLine]]) -> Iterator[MapWarning]:
+    """Yield the warnings about a road with lanes: gaps and length of the reference line, folds of the centre lines.
+
+    Args:
+        road: the road.
+        lines: the centre lines of the road, per lane section by lane id.
+    """
+    if road.drivable:
+        with np.errstate(all="ignore"):
+            yield from _shape_warnings(road)
+    for table in lines:
+        for id, line in table.items():
+            if line.cut:
+                message = f"lane {id} of road {road.id!r} folds where the reference line bends; {line.cut:.2f} m of it were cut"
+                yield MapWarning(Doubt.KINK, message, road.id)
 
 
 def _spans(road: Road) -> Iterator[tuple[Section, float, float]]:
@@ -107,21 +121,21 @@ def _spans(road: Road) -> Iterator[tuple[Section, float, float]]:
     yield from zip(road.sections, [0.0, *bounds], [*bounds, road.length], strict=True)
 
 
-def _check_shapes(road: Road, warnings: list[MapWarning]) -> None:
+def _shape_warnings(road: Road) -> Iterator[MapWarning]:
     ends = [*(shape.s for shape in road.shapes[1:]), road.length]
     total = math.fsum(shape.length for shape in road.shapes)
-    for one, two, at in zip(road.shapes, road.shapes[1:], ends, strict=False):
-        line = evaluate(one, np.array([0.0, max(at - one.s, 0.0)]))
-        gap = math.hypot(two.x - line.x[-1], two.y - line.y[-1])
+    for shape, after, at in zip(road.shapes, road.shapes[1:], ends, strict=False):
+        line = evaluate(shape, np.array([0.0, max(at - shape.s, 0.0)]))
+        gap = math.hypot(after.x - line.x[-1], after.y - line.y[-1])
         if not gap <= JOINT:
             message = f"the reference line of road {road.id!r} has a gap of {gap:.2f} m at station {at:.2f} m"
-            warnings.append(MapWarning(Doubt.GAP, message, road.id))
+            yield MapWarning(Doubt.GAP, message, road.id)
     if abs(total - road.length) > max(0.05, 0.002 * road.length):
         message = f"road {road.id!r} says it is {road.length:.2f} m long, its geometry adds up to {total:.2f} m"
-        warnings.append(MapWarning(Doubt.LENGTH, message, road.id))
+        yield MapWarning(Doubt.LENGTH, message, road.id)
 
 
-def _section(road: Road, section: Section, start: float, end: float, warnings: list[MapWarning]) -> dict[int, LaneLine]:
+def _section(road: Road, section: Section, start: float, end: float) -> dict[int, LaneLine]:
     samples = _reference(road, section, start, end)
     s = samples.s
     if not np.isfinite(samples.line).all():
@@ -135,10 +149,7 @@ def _section(road: Road, section: Section, start: float, end: float, warnings: l
             outer = _outer(lane, inner, s, start, end)
             if lane.drivable:
                 offset = shift + math.copysign(0.5, id) * (inner + outer)
-                lines[id], cut = _line(road, id, samples, offset, outer - inner)
-                if cut:
-                    message = f"lane {id} of road {road.id!r} folds where the reference line bends; {cut:.2f} m of it were cut"
-                    warnings.append(MapWarning(Doubt.KINK, message, road.id))
+                lines[id] = _line(road, id, samples, offset, outer - inner)
             inner = outer
     return lines
 
@@ -150,7 +161,7 @@ def _outer(lane: Lane, inner: Array, s: Array, start: float, end: float) -> Arra
 
 
 def _cubic(rows: Sequence[Cubic], s: Array, base: float, end: float) -> Array:
-    """Evaluate piecewise cubics at stations `s`; at `end` the left limit."""
+    """Return the values of piecewise cubics at stations `s`; at `end` the value just before `end`."""
     if not rows:
         return np.zeros_like(s)
     if len(rows) == 1 and rows[0].s + base <= s[0] + _EPS:
@@ -188,7 +199,7 @@ def _reference(road: Road, section: Section, start: float, end: float) -> _Sampl
 
 
 def _stations(shape: Shape, low: float, high: float, *, curved: bool) -> Array:
-    """Return where to sample a piece between two stations: closer together where it bends."""
+    """Return the stations of the samples of a piece between two stations: closer together where the piece bends."""
     count = 1 if shape.kind == "line" and not curved else max(1, math.ceil((high - low) / SPACING))
     s = np.linspace(low, high, count + 1)
     if shape.kind != "line":
@@ -202,19 +213,19 @@ def _stations(shape: Shape, low: float, high: float, *, curved: bool) -> Array:
 def _pieces(shapes: Sequence[Shape], start: float, end: float) -> Iterator[tuple[Shape, float, float]]:
     """Yield each piece of the reference line with the stations it covers between `start` and `end`."""
     bounds = [shape.s for shape in shapes[1:]] + [math.inf]
-    found = False
+    covered = False
     for i, (shape, bound) in enumerate(zip(shapes, bounds, strict=True)):
-        # The first piece also covers what lies before it, the last one what lies after it.
+        # The first piece also covers the stations before the piece, the last piece the stations after the piece.
         low, high = start if i == 0 else max(shape.s, start), min(bound, end)
         if high - low > _EPS:
-            found = True
+            covered = True
             yield shape, low, high
-    if not found:
+    if not covered:
         yield max((shape for shape in shapes if shape.s <= start + _EPS), default=shapes[0]), start, end
 
 
-def _line(road: Road, id: int, samples: _Samples, offset: Array, width: Array) -> tuple[LaneLine, float]:
-    """Return the centre line of a lane, and how much of it was cut at kinks and at its ends [m]."""
+def _line(road: Road, id: int, samples: _Samples, offset: Array, width: Array) -> LaneLine:
+    """Return the centre line of a lane without the folds at kinks and at the ends of the lane."""
     s, line, heading, joints = samples
     points = np.column_stack((line.x - offset * np.sin(line.heading), line.y + offset * np.cos(line.heading)))
     if not np.isfinite(points).all():
@@ -234,7 +245,7 @@ def _line(road: Road, id: int, samples: _Samples, offset: Array, width: Array) -
         far[-2:] = False, True
     far[-1] = True
     first, middle, last = (float(width[k]) for k in (0, len(width) // 2, -1))
-    return LaneLine(points[far], s[far], turning, middle, (first, last)), cut
+    return LaneLine(points[far], s[far], turning, middle, (first, last), cut)
 
 
 def _length(points: Array) -> float:
@@ -242,13 +253,13 @@ def _length(points: Array) -> float:
 
 
 def _advance(points: Array, keep: NDArray[np.bool_], heading: Array) -> None:
-    """Drop the points after the first one from which a lane would have to run back: it lies inside of a tight bend there."""
+    """Drop the points after the first point from which a lane would run backwards: there the lane lies inside of a tight bend."""
     ahead = (points - points[0]) @ (math.cos(heading[0]), math.sin(heading[0])) > -_EPS
     keep[1 : int(ahead[1:].argmax()) + 1 if ahead[1:-1].any() else 1] = False
 
 
 def _mitre(points: Array, keep: NDArray[np.bool_], samples: _Samples, offset: Array, joint: int) -> None:
-    """Cut the fold of a lane on the inner side of a kink: the offset lines cross before the joint and after it."""
+    """Cut the fold of a lane on the inner side of a kink, where the centre lines before and after the joint cross."""
     s, line, heading, _ = samples
     kink, t = float(heading[joint] - heading[joint - 1]), float(offset[joint])
     reach = t * math.tan(kink / 2)

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from pytest_rvads.maps.doubts import MapWarning
+from pytest_rvads.maps.network import MapWarning
 from pytest_rvads.maps.segment import Limits
 
 __all__ = ["Connection", "Cubic", "Document", "JunctionRecord", "Lane", "Road", "RoadLink", "Section", "Shape", "Signal"]
@@ -19,7 +19,7 @@ _DRIVABLE = _RAMPS | {"driving", "sliplane"}
 
 
 class Cubic(NamedTuple):
-    """``a + b ds + c ds^2 + d ds^3`` from station `s` on [m]."""
+    """The polynomial ``a + b ds + c ds^2 + d ds^3`` from station `s` on [m]."""
 
     s: float
     a: float
@@ -29,7 +29,7 @@ class Cubic(NamedTuple):
 
 
 class Shape(NamedTuple):
-    """One piece of a reference line."""
+    """A piece of a reference line."""
 
     s: float
     x: float
@@ -45,7 +45,7 @@ class Shape(NamedTuple):
 
 
 class Lane(NamedTuple):
-    """One lane of a lane section."""
+    """A lane of a lane section."""
 
     id: int
     type: str
@@ -53,30 +53,30 @@ class Lane(NamedTuple):
     widths: tuple[Cubic, ...]
     """Stations from the start of the section."""
     borders: tuple[Cubic, ...]
-    """Outer border relative to the reference line, used where there are no widths."""
+    """Outer border relative to the reference line, used if the lane has no widths."""
     predecessors: tuple[int, ...]
     successors: tuple[int, ...]
     reversed: bool = False
     """True where traffic runs against the usual direction of the lane (OpenDRIVE 1.8)."""
     limits: Limits = ()
-    """Speed limits of its own; stations from the start of the section."""
+    """Speed limits of the lane; stations from the start of the section."""
 
     @property
     def drivable(self) -> bool:
-        """Lane 0 is never a lane, though some writers type it driving."""
+        """Whether vehicles drive on the lane; never on lane 0, though some writers give lane 0 the type driving."""
         return self.id != 0 and self.type in _DRIVABLE
 
     @property
     def ramp(self) -> bool:
-        """Whether it is a ramp, or an entry or exit lane."""
+        """Whether the lane is a ramp, or an entry or exit lane."""
         return self.type in _RAMPS
 
     def onward(self, end: str) -> tuple[int, ...]:
-        """Return the lanes that this one is linked to at ``start`` or ``end`` of its section."""
+        """Return the lanes that this lane is linked to at the ``start`` or ``end`` of the section."""
         return self.predecessors if end == "start" else self.successors
 
     def forward(self, *, left_hand: bool) -> bool:
-        """Tell whether traffic runs along the reference line: by the side of the lane, and on which one traffic keeps."""
+        """Return whether traffic on the lane runs along the reference line, from the side on which traffic keeps."""
         return ((self.id < 0) != left_hand) != self.reversed
 
 
@@ -110,7 +110,7 @@ class Signal(NamedTuple):
     subtype: str
     dynamic: bool
     lanes: tuple[tuple[int, int], ...]
-    """Ranges of lane ids it is valid for; empty where the file gives none."""
+    """Ranges of the ids of lanes that the signal is valid for; empty where the file gives none."""
     line: bool
     """True for a stop line."""
     country: str = ""
@@ -121,12 +121,12 @@ class Signal(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Road:
-    """A road."""
+    """A ``<road>``."""
 
     id: str
     length: float
     junction: str | None
-    """Id of the junction it lies in, None for a road outside."""
+    """Id of the junction in which the road lies, None for a road outside of junctions."""
     rule: str | None
     """RHT, LHT, or None where the file does not say."""
     shapes: tuple[Shape, ...]
@@ -137,11 +137,11 @@ class Road:
     signals: tuple[Signal, ...]
     motorway: bool = False
     limits: Limits = ()
-    """Speed limits of its types; those of a lane come first."""
+    """Speed limits of the types of the road; a limit of a lane counts before them."""
 
     @property
     def drivable(self) -> bool:
-        """Whether any lane is."""
+        """Whether vehicles drive on any lane of the road."""
         return any(lane.drivable for section in self.sections for lane in section.lanes.values())
 
     @property
@@ -151,19 +151,19 @@ class Road:
         yield "end", self.successor
 
     def lanes_at(self, end: str) -> dict[int, Lane]:
-        """Return the lanes at ``start`` or ``end``, none where the road has no lane section."""
+        """Return the lanes at the ``start`` or ``end`` of the road; no lanes if the road has no lane section."""
         return self.sections[0 if end == "start" else -1].lanes if self.sections else {}
 
 
 class Connection(NamedTuple):
-    """One row of the connection table of a junction."""
+    """A row of the connection table of a junction."""
 
     incoming: str
     connecting: str
-    """Connecting road; the linked road in a direct junction."""
+    """The connecting road; in a direct junction the linked road."""
     contact: str
     links: tuple[tuple[int, int], ...]
-    """Pairs of lane ids: on the incoming road, on the connecting one."""
+    """Pairs of lane ids: a lane of the incoming road, a lane of the connecting road."""
 
 
 class JunctionRecord(NamedTuple):
@@ -177,7 +177,7 @@ class JunctionRecord(NamedTuple):
 
     @property
     def made_of_roads(self) -> bool:
-        """Whether its connections are roads of its own."""
+        """Whether the connections of the junction are roads in the junction."""
         return self.type in ("default", "")
 
 
@@ -200,9 +200,9 @@ class Document:
                     yield junction, row
 
     def touching(self, junction: str, row: Connection) -> str | None:
-        """Return the end of the incoming road of a connection at which it holds, None where the roads do not touch.
+        """Return the end of the incoming road at which a connection begins, None if the two roads do not touch.
 
-        By the links of the incoming road, else by those of the connecting road.
+        The links of the incoming road decide, else the links of the connecting road.
         """
         incoming, connecting = self.roads[row.incoming], self.roads[row.connecting]
         ends = [

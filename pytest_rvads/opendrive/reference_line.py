@@ -1,7 +1,7 @@
 """Reference lines of roads: the five plan-view geometries of OpenDRIVE, sampled by station.
 
-Lines and arcs are closed forms; spirals are integrated by 5-point Gauss-Legendre quadrature on pieces of at
-most 2 m (within 4.4e-8 m of Fresnel integrals); poly3 and paramPoly3 are inverted by arc length.
+Lines and arcs are closed forms. Spirals are integrated by 5-point Gauss-Legendre quadrature on pieces of at most 2 m, within
+4.4e-8 m of Fresnel integrals. The parameters of poly3 and paramPoly3 are found from arc lengths.
 """
 
 from __future__ import annotations
@@ -37,11 +37,11 @@ class Line(NamedTuple):
 
 
 def evaluate(shape: Shape, along: Array) -> Line:
-    """Return points of one piece of a reference line.
+    """Return points of a piece of a reference line.
 
     Args:
         shape: the piece.
-        along: ascending distances from its start, shape ``(k,)`` [m].
+        along: ascending distances from the start of the piece, shape ``(k,)`` [m].
     """
     if shape.kind == "line":
         u, v, turn = along, np.zeros_like(along), np.zeros_like(along)
@@ -59,7 +59,7 @@ def evaluate(shape: Shape, along: Array) -> Line:
 
 def _arc(curvature: float, along: Array) -> tuple[Array, Array, Array]:
     turn = curvature * along
-    # sin(a)/k and (1 - cos(a))/k, written so that they hold for a curvature of zero too.
+    # sin(a)/k and (1 - cos(a))/k, written so that both hold for a curvature of zero, too.
     half = np.sinc(turn / (2 * np.pi))
     chord = along * half
     return chord * np.cos(turn / 2), chord * np.sin(turn / 2), turn
@@ -98,20 +98,20 @@ def _param_poly3(values: tuple[float, ...], length: float, normalized: bool, alo
     grid = _grid(end, length)
     arc = _arc_length(grid, lambda p: np.hypot(bu + p * (2 * cu + 3 * du * p), bv + p * (2 * cv + 3 * dv * p)))
     p = np.interp(along, arc, grid)
-    # Stations are arc lengths; what the piece says of its length may be off by centimetres, its end is not.
+    # The stated length of a piece may differ from the arc length by centimetres; the end point is exact.
     p[along >= length - _END] = end
     turn = np.arctan2(bv + p * (2 * cv + 3 * dv * p), bu + p * (2 * cu + 3 * du * p))
     return au + p * (bu + p * (cu + p * du)), av + p * (bv + p * (cv + p * dv)), turn
 
 
 def _grid(end: float, length: float) -> Array:
-    """Return parameters from 0 to `end`, about `_STEP` apart on a piece of this length."""
+    """Return parameters from 0 to `end`, about `_STEP` metres apart on a piece of this length."""
     cells = min(max(int(np.ceil(length / _STEP)), 1), _MOST_CELLS)
     return np.linspace(0.0, max(end, _STEP), cells + 1)
 
 
 def _arc_length(grid: Array, speed: Callable[[Array], Array]) -> Array:
-    """Return the integral of `speed` from the first parameter of `grid` to each."""
+    """Return the integral of `speed` from the first parameter of `grid` to every parameter."""
     half = np.diff(grid) / 2
     nodes = (grid[:-1] + half)[:, None] + half[:, None] * _NODES
     return np.concatenate(([0.0], np.cumsum(half * (speed(nodes) @ _WEIGHTS))))

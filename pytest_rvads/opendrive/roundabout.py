@@ -1,8 +1,8 @@
 """Writing a roundabout as OpenDRIVE 1.7: a ring of one lane with small junctions of three arms.
 
-In each of them an arm meets the ring: its lane out is left to by whoever comes along the ring, its lane in leads onto the ring
-past a yield sign. The ring's own entrance has no sign: signs 205 and 215 at the arms give it priority (StVO, section 8(1a)).
-Traffic keeps right and goes round counter-clockwise.
+In each junction an arm meets the ring. A lane leads from the ring to the arm, and a lane of the arm leads past a yield sign onto
+the ring. The entrance from the ring has no sign: signs 205 and 215 at the arms give traffic on the ring priority (StVO, section
+8(1a)). Traffic keeps right and goes round counter-clockwise.
 """
 
 from __future__ import annotations
@@ -31,30 +31,30 @@ from pytest_rvads.opendrive.elements import (
 __all__ = ["Roundabout", "roundabout"]
 
 _RING, _CONNECTING = 100, 200
-"""Ids of the roads of the ring, and of those in its junctions, count from here."""
+"""Lowest ids of the roads of the ring, and of the roads in its junctions."""
 
 
 @dataclass(frozen=True, slots=True)
 class Roundabout:
     """Shape of a roundabout.
 
-    The usual numbers make an inscribed circle of 53.5 m, within the 27 to 55 m of single-lane roundabouts (NCHRP Report 672,
-    exhibit 1-9), and 21.8 m of ring between two of its four junctions.
+    The default numbers give an inscribed circle of 53.5 m, within the 27 to 55 m of single-lane roundabouts (NCHRP Report 672,
+    exhibit 1-9), and 21.8 m of ring between two of the four junctions.
 
     Raises:
-        MapError: numbers that describe no roundabout.
+        MapError: the numbers describe no roundabout.
     """
 
     arms: int = 4
-    """Evenly spaced, the first one in the south; 3 to 8."""
+    """Number of arms, 3 to 8; the arms are evenly spaced from the south on."""
     radius: float = 25.0
-    """Of the centre line of the ring [m]."""
+    """Radius of the centre line of the ring [m]."""
     sector: float = math.radians(20.0)
-    """Half of the part of the ring that lies in a junction [rad]; below 22 degrees it counts as straight on."""
+    """Half of the part of the ring in a junction [rad]; below 22 degrees the movement along the ring goes straight on."""
     stop: float = 35.0
-    """Centre to the vertices of the arms [m]."""
+    """Distance from the centre to the vertices of the arms [m]."""
     lane_offset: float = 2.75
-    """Axis of an arm to the centre of its lanes, more than half of a lane: an island parts them [m]."""
+    """Distance from the axis of an arm to the centre of its lanes [m]; more than half of a lane: an island parts the lanes."""
     lane_width: float = 3.5
     """[m]."""
     approach: float = 120.0
@@ -71,12 +71,12 @@ class Roundabout:
 
     @property
     def control(self) -> JunctionControl:
-        """What regulates its junctions: yield signs on the arms."""
+        """Control of the junctions: yield signs on the arms."""
         return JunctionControl.YIELD
 
     @property
     def ways(self) -> int:
-        """Arms of each of its junctions: one road, the ring before it and the ring behind it."""
+        """Number of arms of each junction: a road, the ring before the junction and the ring after the junction."""
         return 3
 
     @property
@@ -97,8 +97,8 @@ def roundabout(layout: Roundabout, name: str = "roundabout") -> str:
     """Return an OpenDRIVE document with one junction per arm, of ids from 1 on, as text.
 
     Args:
-        layout: shape.
-        name: of the map.
+        layout: shape of the roundabout.
+        name: name of the map.
 
     Raises:
         MapError: no arc leads from an arm onto the ring.
@@ -114,7 +114,7 @@ def roundabout(layout: Roundabout, name: str = "roundabout") -> str:
 
 
 def _arm(root: Element, layout: Roundabout, arm: int) -> None:
-    """Write an arm, outward from its vertices, with lane 2 in and lane -2 out."""
+    """Write an arm outward from its vertices; lane 2 leads in, lane -2 leads out."""
     angle = layout.angle(arm)
     road = add_road(root, arm, layout.approach)
     add(road[0], "predecessor", elementType="junction", elementId=f"{arm + 1}")
@@ -127,7 +127,7 @@ def _arm(root: Element, layout: Roundabout, arm: int) -> None:
 
 
 def _ring(root: Element, layout: Roundabout, arm: int) -> None:
-    """Write the ring from the junction of an arm to the next."""
+    """Write the ring from the junction of an arm to the next junction."""
     road = add_road(root, _RING + arm, layout.ring)
     add(road[0], "predecessor", elementType="junction", elementId=f"{arm + 1}")
     add(road[0], "successor", elementType="junction", elementId=f"{(arm + 1) % layout.arms + 1}")
@@ -136,7 +136,10 @@ def _ring(root: Element, layout: Roundabout, arm: int) -> None:
 
 
 def _junction(root: Element, layout: Roundabout, arm: int, name: str) -> Element:
-    """Write the ways through the junction of an arm, and return it: along the ring, from the ring out, from the arm in."""
+    """Write the connecting roads of the junction of an arm, and return the junction.
+
+    The connecting roads lead along the ring, from the ring to the arm, and from the arm to the ring.
+    """
     angle = layout.angle(arm)
     junction = Element("junction", {"id": f"{arm + 1}", "name": f"{name} {arm + 1}"})
     before, after = _RING + (arm - 1) % layout.arms, _RING + arm
@@ -150,8 +153,8 @@ def _junction(root: Element, layout: Roundabout, arm: int, name: str) -> Element
     for number, (start, end, pieces) in enumerate(ways):
         id = _CONNECTING + len(ways) * arm + number
         road = add_road(root, id, math.fsum(piece.length for piece in pieces), junction=junction.attrib["id"])
-        for tag, (other, point, _) in (("predecessor", start), ("successor", end)):
-            add(road[0], tag, elementType="road", elementId=other, contactPoint=point)
+        for tag, (neighbour, point, _) in (("predecessor", start), ("successor", end)):
+            add(road[0], tag, elementType="road", elementId=neighbour, contactPoint=point)
         add_plan(road, pieces)
         links = start[2], end[2]
         add_lanes(road, [Lane(0), Lane(-1, "driving", layout.lane_width, links=links)], layout.lane_width / 2)
@@ -161,6 +164,6 @@ def _junction(root: Element, layout: Roundabout, arm: int, name: str) -> Element
 
 
 def _vertex(layout: Roundabout, angle: float, side: int) -> tuple[float, float]:
-    """Return where a lane of an arm begins or ends; side 1 is left of the outward direction."""
+    """Return the end of a lane of an arm at the junction [m]; side 1 is left of the outward direction."""
     x, y = layout.stop, side * layout.lane_offset
     return x * math.cos(angle) - y * math.sin(angle), x * math.sin(angle) + y * math.cos(angle)

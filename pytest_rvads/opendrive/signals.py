@@ -1,8 +1,8 @@
-"""From signals to entrances: which stop sign or light is for which entrance, and where the stopping line lies.
+"""Assigning signals to entrances: the entrances of every sign and light, and the places of stop lines.
 
-The `orientation` of a signal cannot be trusted: RoadRunner and LGSVL write it inverted, SUMO writes lights right
-and stop signs inverted. Read strictly, whole towns have no controlled junction. So a signal counts for the
-entrance lanes at the end of the road it stands near, or by the lanes it names; `orientation` only breaks a tie.
+The `orientation` of a signal is unreliable: RoadRunner and LGSVL invert the orientation, and SUMO inverts the orientation of stop
+signs. Whole towns would have no controlled junction if the reader relied on `orientation`. So a signal regulates the entrance
+lanes at the near end of the road, or the lanes that the signal names. `orientation` only decides between the two ends of a road.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from collections.abc import Container, Iterable, Iterator
 import networkx as nx
 
 from pytest_rvads.maps.control import MapObject, ObjectKind
-from pytest_rvads.maps.doubts import Doubt
+from pytest_rvads.maps.network import Doubt
 from pytest_rvads.maps.segment import Turn
 from pytest_rvads.opendrive.draft import Chain, Draft
 from pytest_rvads.opendrive.records import Document, Road, Signal
@@ -23,9 +23,9 @@ from pytest_rvads.opendrive.records import Document, Road, Signal
 __all__ = ["LINE_RANGE", "attach", "kind_of"]
 
 SIGNAL_RANGE = 50.0
-"""Farthest place of a signal before the junction it is for [m]."""
+"""Greatest distance of a signal before the junction that the signal regulates [m]."""
 LINE_RANGE = 10.0
-"""Farthest place of a stopping line before the entrance vertex [m]."""
+"""Greatest distance of a stopping line before the entrance vertex [m]."""
 _STANDARD = {
     **dict.fromkeys(("206", "r1", "r1-1", "stop", "stop_sign"), ObjectKind.STOP),
     **dict.fromkeys(("205", "r1-2", "yield", "yield_sign", "give_way", "giveway"), ObjectKind.YIELD),
@@ -71,15 +71,15 @@ _ARROWS = {
     "40": frozenset({Turn.STRAIGHT, Turn.LEFT}),
     "50": frozenset({Turn.STRAIGHT, Turn.RIGHT}),
 }
-"""Per subtype of 1000011, the light of three heads with arrows: where they point (OpenDRIVE 1.4, list of signals)."""
+"""Per subtype of 1000011, the light of three heads with arrows: the turns of the arrows (OpenDRIVE 1.4, list of signals)."""
 
 
 def kind_of(signal: Signal) -> ObjectKind | None:
-    """Return what a signal is to the rules: a stop, yield or priority sign, a light for vehicles, a stop line, or nothing."""
+    """Return the kind of a signal: a stop, yield or priority sign, a light for vehicles, a stop line; None for other signals."""
     if signal.line:
         return ObjectKind.LINE
     if signal.type in _UNTYPED:
-        return _by_name(signal.name)
+        return _kind_by_name(signal.name)
     abroad = _SIGNS_ABROAD.get((signal.country, re.sub(r"[\s_-]", "", signal.type)))
     if abroad is not None:
         return abroad
@@ -96,8 +96,8 @@ def kind_of(signal: Signal) -> ObjectKind | None:
     return None
 
 
-def _by_name(name: str) -> ObjectKind | None:
-    """Return what a signal without type is, by its name; what is not clearly for vehicles is nothing."""
+def _kind_by_name(name: str) -> ObjectKind | None:
+    """Return the kind of a signal without type from its name; None if the name is not clearly that of a signal for vehicles."""
     if _OTHER_NAME.search(name):
         return None
     if _LIGHT_NAME.search(name):
@@ -108,42 +108,38 @@ def _by_name(name: str) -> ObjectKind | None:
 
 
 def _arrows_of(signal: Signal) -> frozenset[Turn]:
-    """Return the turns that a light with arrows is for; empty for every other signal."""
+    """Return the turns that a light with arrows regulates; empty for every other signal."""
     return _ARROWS.get(signal.subtype, frozenset()) if signal.type.replace(".", "") == "1000011" else frozenset()
 
 
 def _counts_from_kerb(document: Document) -> bool:
-    """Whether lanes in ``<validity>`` are those of SUMO, counted from the kerb from 0, as its netconvert wrote them up to 1.15.
+    """Return whether the lanes in ``<validity>`` have the numbers of SUMO, from 0 at the kerb, as netconvert wrote until 1.15.
 
-    That file has no references, every range is one lane, and its roads are one-way: none has a lane of the number that is meant.
+    These files have no references, every range is one lane, and the roads are one-way without lanes of positive ids.
     """
     signals = [(road, signal) for road in document.roads.values() for signal in road.signals]
     if any(signal.reference for _, signal in signals):
         return False
     ranges = [(road, low, high) for road, signal in signals for low, high in signal.lanes]
     return bool(ranges) and all(
-        low == high and 0 <= low < len(_lanes_right(road)) and not any(lane > 0 for lane in _numbers(road))
+        low == high and 0 <= low < len(_lanes_right(road)) and not any(lane > 0 for lane in _lane_ids(road))
         for road, low, high in ranges
     )
 
 
-def _numbers(road: Road) -> set[int]:
+def _lane_ids(road: Road) -> set[int]:
     return {lane for section in road.sections for lane in section.lanes}
 
 
 def _lanes_right(road: Road) -> list[int]:
-    """Return the lanes on the right at the end of a road, from the kerb."""
+    """Return the ids of the lanes on the right at the end of a road, from the kerb."""
     return sorted(lane for lane in road.lanes_at("end") if lane < 0)
 
 
 def attach(draft: Draft) -> list[MapObject]:
-    """Find the entrances of all signs, vehicle lights and stop lines of linked lanes.
+    """Return the signs, vehicle lights and stop lines of a draft with linked lanes: an object per signal and entrance.
 
-    Args:
-        draft: references to nothing, unattached and inverted signals are added to its warnings.
-
-    Returns:
-        One object per signal and entrance.
+    Warnings about references to missing signals, signals without entrance and inverted signals are added to the draft.
     """
     return _Attacher(draft).attach()
 
@@ -153,22 +149,24 @@ class _Attacher:
         self.draft = draft
         self.edges = draft.edges
         self.homes: dict[str, Signal] = {}
+        """Per id, the signal itself, which is no reference."""
         self.by_road: dict[str, list[Chain]] = defaultdict(list)
         self.entered: dict[str, list[str]] = defaultdict(list)
-        """Junctions that an edge enters."""
+        """Per edge, the junctions that the edge enters."""
         self.inverted: dict[str, list[str]] = defaultdict(list)
+        """Per junction, the ids of signals that are oriented against their traffic."""
         self.from_kerb = _counts_from_kerb(draft.document)
         self.inside: dict[str, dict[str, None]] = defaultdict(dict)
-        """Per junction, the edges that lie in it."""
+        """Per junction, the edges in the junction."""
         for edge in draft.edges.values():
             self.by_road[edge.road].append(edge)
             if edge.junction is not None:
                 self.inside[edge.junction][edge.id] = None
         for junction in draft.document.junctions:
-            # An edge that leads into a junction but not out of it again is no entrance.
+            # An edge into a junction is an entrance only if traffic can leave the junction again.
             inside = self.inside[junction]
             leaving = [id for id in inside if not draft.links.succ[id].keys() <= inside.keys()]
-            for id in dict.fromkeys([*self._before(leaving, inside), *(one for one, _ in draft.direct[junction])]):
+            for id in dict.fromkeys([*self._before(leaving, inside), *(source for source, _ in draft.direct[junction])]):
                 self.entered[id].append(junction)
         for road in draft.document.roads.values():
             for signal in road.signals:
@@ -176,41 +174,41 @@ class _Attacher:
                     self.homes[signal.id] = signal
 
     def _before(self, starts: Iterable[str], inside: Container[str]) -> list[str]:
-        """Return the edges outside a junction from which one of `starts`, inside, is reached."""
+        """Return the edges outside a junction from which traffic reaches an edge of `starts` inside."""
         before = self.draft.links.pred
 
-        def back(id: str | None) -> Iterator[str]:
+        def predecessors(id: str | None) -> Iterator[str]:
             return iter(starts if id is None else before[id] if id in inside else ())
 
-        reached = nx.generic_bfs_edges(self.draft.links, None, back)
+        reached = nx.generic_bfs_edges(self.draft.links, None, predecessors)
         return [id for _, id in reached if id not in inside]
 
     def attach(self) -> list[MapObject]:
-        found: dict[tuple[ObjectKind, str, str, str], MapObject] = {}
+        objects: dict[tuple[ObjectKind, str, str, str], MapObject] = {}
         for signal, kind, junction, edge in self._placed():
             home = self.homes[signal.id] if signal.reference else signal
-            found[kind, signal.id, junction, edge] = self._object(home, kind, junction, self.edges[edge])
-        for signal in self._all():
+            objects[kind, signal.id, junction, edge] = self._object(home, kind, junction, self.edges[edge])
+        for signal in self._signals():
             if kind_of(signal) is ObjectKind.LINE:
-                for junction, edge in self._lines(signal):
+                for junction, edge in self._line_entrances(signal):
                     key = ObjectKind.LINE, f"{signal.id}@{signal.road}:{signal.s}", junction, edge
-                    found[key] = self._object(signal, ObjectKind.LINE, junction, self.edges[edge])
+                    objects[key] = self._object(signal, ObjectKind.LINE, junction, self.edges[edge])
         for junction, ids in self.inverted.items():
             names = ", ".join(sorted(set(ids))[:5])
             count = len(set(ids))
             message = f"{count} signals at junction {junction!r} ({names}) are oriented against their traffic; that was ignored"
             self.draft.warn(Doubt.ORIENTATION, message, None, junction)
-        return list(found.values())
+        return list(objects.values())
 
-    def _all(self) -> Iterator[Signal]:
+    def _signals(self) -> Iterator[Signal]:
         return (signal for road in self.draft.document.roads.values() for signal in road.signals)
 
     def _placed(self) -> list[tuple[Signal, ObjectKind, str, str]]:
-        """Return signals and references with what they are and the junction and entrance edge they are for."""
+        """Return signals and references with their kind and the junction and entrance edge that they regulate."""
         at_home: list[tuple[Signal, ObjectKind, str, str]] = []
         referred: list[tuple[Signal, ObjectKind, str, str]] = []
-        why: dict[tuple[str, str], str | None] = {}
-        for signal in self._all():
+        reasons: dict[tuple[str, str], str | None] = {}
+        for signal in self._signals():
             home = self.homes.get(signal.id) if signal.reference else signal
             if home is None:
                 message = f"road {signal.road!r} refers to signal {signal.id!r}, which does not exist"
@@ -221,14 +219,14 @@ class _Attacher:
                 continue
             places, reason = self._entrances(self.draft.document.roads[signal.road], signal, kind)
             (referred if signal.reference else at_home).extend((signal, kind, j, e) for j, e in places)
-            # References tell better what a signal is for than the place of its mast does.
+            # References state the entrances of a signal more reliably than the place of its mast.
             key = home.id, home.road
-            why[key] = None if places or why.get(key, reason) is None else reason
-        self._tell_lost([reason for reason in why.values() if reason is not None], len(why))
+            reasons[key] = None if places or reasons.get(key, reason) is None else reason
+        self._warn_of_unassigned([reason for reason in reasons.values() if reason is not None], len(reasons))
         far = {(signal.id, junction) for signal, _, junction, _ in referred}
         return [entry for entry in at_home if (entry[0].id, entry[2]) not in far] + referred
 
-    def _tell_lost(self, reasons: list[str], total: int) -> None:
+    def _warn_of_unassigned(self, reasons: list[str], total: int) -> None:
         if reasons:
             (reason, count), *_ = Counter(reasons).most_common(1)
             most = "" if count == len(reasons) else f"{count} of them "
@@ -236,29 +234,29 @@ class _Attacher:
             self.draft.warn(Doubt.SIGNAL, message)
 
     def _entrances(self, road: Road, signal: Signal, kind: ObjectKind) -> tuple[list[tuple[str, str]], str | None]:
-        """Return (junction, entrance edge) that a signal or reference is for, and why there is none."""
+        """Return (junction, entrance edge) that a signal or reference regulates, and the reason if there are none."""
         ranges = self._ranges(road, signal)
         if signal.lanes and not ranges:
             return [], "name lane 0 alone, where the pole stands"
         section = max(bisect_right([part.s for part in road.sections], signal.s + 1e-6) - 1, 0)
 
-        def meant(edge: Chain) -> bool:
+        def is_named(edge: Chain) -> bool:
             if not ranges:
                 return True
-            # A lane that forks off after the signal has no number beside it; there the number at its end counts.
-            here = [lane for i, lane in edge.lanes if i == section] or [edge.lanes[-1][1]]
-            return any(low <= here[0] <= high for low, high in ranges)
+            # A lane that forks off after the signal has no number beside the signal; the number at the end of the lane counts.
+            numbers = [lane for i, lane in edge.lanes if i == section] or [edge.lanes[-1][1]]
+            return any(low <= numbers[0] <= high for low, high in ranges)
 
         if road.junction is not None and road.junction in self.draft.document.junctions:
-            edges = [edge for edge in self.by_road[road.id] if meant(edge)]
+            edges = [edge for edge in self.by_road[road.id] if is_named(edge)]
             if edges and all(_against(signal, edge.forward) for edge in edges):
                 self.inverted[road.junction].append(signal.id)
             places = [(road.junction, id) for edge in edges for id in self._before([edge.id], self.inside[road.junction])]
             return places, None if places else "are for lanes of a connecting road that no traffic comes to"
         near = self._near_end(road, signal)
-        places = [(junction, edge.id) for junction, edge in near if meant(edge)]
+        places = [(junction, edge.id) for junction, edge in near if is_named(edge)]
         if not places and kind is ObjectKind.LIGHT:
-            places = self._across(road, signal, [edge for edge in self.by_road[road.id] if meant(edge)])
+            places = self._across(road, signal, [edge for edge in self.by_road[road.id] if is_named(edge)])
         if places:
             return places, None
         return (
@@ -274,23 +272,23 @@ class _Attacher:
         return [ranged for ranged in signal.lanes if ranged != (0, 0)]
 
     def _across(self, road: Road, signal: Signal, edges: Iterable[Chain]) -> list[tuple[str, str]]:
-        """Return (junction, entrance edge) that a light at the beginning of an exit road is for: traffic that goes straight on.
+        """Return (junction, entrance edge) of a light at the start of an exit road: entrances of traffic that goes straight on.
 
-        There the masts stand on the far side, and nothing refers to them.
+        The masts of these lights stand on the far side of the junction, and no reference names the lights.
         """
         reach = min(SIGNAL_RANGE, road.length / 2)
-        found: dict[tuple[str, str], None] = {}
+        places: dict[tuple[str, str], None] = {}
         for edge in edges:
             if abs((0.0 if edge.forward else road.length) - signal.s) <= reach + 1e-6:
                 inside = [self.edges[id] for id in self.draft.links.pred[edge.id] if self.edges[id].junction is not None]
-                ahead = min(inside, key=lambda one: (abs(one.turning), one.id), default=None)
+                ahead = min(inside, key=lambda way: (abs(way.turning), way.id), default=None)
                 if ahead is not None and ahead.junction is not None and Turn.of(ahead.turning) is Turn.STRAIGHT:
                     for id in self._before([ahead.id], self.inside[ahead.junction]):
-                        found[ahead.junction, id] = None
-        return list(found)
+                        places[ahead.junction, id] = None
+        return list(places)
 
     def _near_end(self, road: Road, signal: Signal) -> list[tuple[str, Chain]]:
-        """Return (junction, entrance edge) near a signal on a road outside, on this road or on one it leads into."""
+        """Return (junction, entrance edge) near a signal on a road outside junctions, on this road or on the roads after it."""
         reach = min(SIGNAL_RANGE, road.length / 2)
         ends: dict[bool, list[tuple[str, Chain]]] = {}
         for edge in self.by_road[road.id]:
@@ -312,7 +310,7 @@ class _Attacher:
     def _ahead(self, edge: Chain, distance: float) -> list[tuple[str, Chain]]:
         """Return (junction, entrance edge) that traffic reaches within `SIGNAL_RANGE` from `distance` before the end of `edge`.
 
-        That is where the last road before a junction is so short that its signals stand on the road before.
+        If the last road before a junction is short, its signals stand on the road before.
         """
         seen = {edge.id}
         while distance <= SIGNAL_RANGE:
@@ -328,33 +326,33 @@ class _Attacher:
                 return [(junction, edge) for junction in self.entered[edge.id]] if distance <= SIGNAL_RANGE else []
         return []
 
-    def _lines(self, signal: Signal) -> list[tuple[str, str]]:
-        """Return (junction, entrance edge) that a stop line is for, also where it lies on the road before."""
+    def _line_entrances(self, signal: Signal) -> list[tuple[str, str]]:
+        """Return (junction, entrance edge) of a stop line, which may lie on the road before the entrance edge."""
         road = self.draft.document.roads[signal.road]
-        found = []
+        places = []
         for edge in self.by_road[road.id]:
             ahead = edge.length - edge.station(signal.s)
             behind = edge.length - ahead
             if edge.id in self.entered:
-                twin = any(other.forward != edge.forward and other.id in self.entered for other in self.by_road[road.id])
+                twin = any(lane.forward != edge.forward and lane.id in self.entered for lane in self.by_road[road.id])
                 if ahead <= LINE_RANGE and not (twin and ahead > behind):
-                    found += [(junction, edge.id) for junction in self.entered[edge.id]]
+                    places += [(junction, edge.id) for junction in self.entered[edge.id]]
                 continue
             for id in self.draft.links.succ[edge.id]:
                 if id in self.entered and ahead + self.edges[id].length <= LINE_RANGE:
-                    found += [(junction, id) for junction in self.entered[id]]
-        return found
+                    places += [(junction, id) for junction in self.entered[id]]
+        return places
 
     def _object(self, signal: Signal, kind: ObjectKind, junction: str, edge: Chain) -> MapObject:
-        """Place an object on the edge of its entrance."""
+        """Return the object of a signal on an entrance edge."""
         before: float = -1.0
         if signal.road == edge.road:
             before = edge.length - edge.station(signal.s)
         else:
             for id in self.draft.links.pred[edge.id]:
-                other = self.edges[id]
-                if other.road == signal.road and other.junction is None:
-                    before = edge.length + other.length - other.station(signal.s)
+                previous = self.edges[id]
+                if previous.road == signal.road and previous.junction is None:
+                    before = edge.length + previous.length - previous.station(signal.s)
         place = max(before, 0.0)
         setback = place if kind is not ObjectKind.LIGHT and before >= 0 and place <= LINE_RANGE else None
         arrows = _arrows_of(signal) if kind is ObjectKind.LIGHT else frozenset[Turn]()
@@ -362,5 +360,5 @@ class _Attacher:
 
 
 def _against(signal: Signal, forward: bool) -> bool:
-    """Tell whether the orientation of a signal contradicts the direction of the lanes it is for."""
+    """Return whether the orientation of a signal contradicts the direction of the lanes that the signal regulates."""
     return signal.orientation in ("+", "-") and (signal.orientation == "+") != forward

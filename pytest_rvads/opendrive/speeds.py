@@ -12,12 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.errors import MapError
-from pytest_rvads.maps.doubts import Doubt, MapWarning
 from pytest_rvads.maps.segment import NO_LIMIT, Limits
 from pytest_rvads.opendrive.records import Road
-from pytest_rvads.opendrive.xmlfile import number
 
-__all__ = ["limits_along", "speed_of", "stated"]
+__all__ = ["limit_of", "limits_along", "speed_of"]
 
 _UNITS = {"": 1.0, "m/s": 1.0, "mph": 0.44704, "km/h": 1 / 3.6}
 """Per unit its size [m/s]: OpenDRIVE 1.8, section 8.2; an international mile has 1,609.344 m."""
@@ -25,10 +23,14 @@ _WITH_UNIT = re.compile(r"\s*(\d{1,9}\.?\d{0,30}(?:e[-+]?\d{1,2})?)\s*(m/s|mph|k
 
 
 def speed_of(text: str, what: str) -> float:
-    """Return a speed [m/s] written with or without a unit, such as ``30mph``; `what` begins the message where it is none.
+    """Return a speed [m/s] from text with or without a unit, such as ``30mph``.
+
+    Args:
+        text: the speed; without a unit in m/s.
+        what: the name of the speed in the message of the error.
 
     Raises:
-        MapError: no speed above 0 and below `NO_LIMIT`.
+        MapError: the text is no speed above 0 and below `NO_LIMIT`.
     """
     match = _WITH_UNIT.fullmatch(text)
     speed = float(match[1]) * _UNITS[(match[2] or "").lower()] if match else 0.0
@@ -37,26 +39,12 @@ def speed_of(text: str, what: str) -> float:
     return speed
 
 
-def stated(rows: Iterable[tuple[Element, str, Element | None]], road: str, warnings: list[MapWarning]) -> Limits:
-    """Return the speed limits of a road or of a lane; an unreadable limit is ignored with a warning.
+def limit_of(element: Element) -> float | None:
+    """Return the speed limit of an element [m/s], None if the element leaves the limit undefined.
 
-    Args:
-        rows: for each limit the element with the place where the limit begins, the name of the attribute with the place, and the
-            element with the speed; None instead of this element for an unlimited stretch.
-        road: id of the road.
-        warnings: list to which warnings are appended.
+    Raises:
+        MapError: the limit is no speed, see `speed_of`.
     """
-    found = []
-    for where, name, speed in rows:
-        try:
-            found.append((number(where, name, "its place", 0.0), None if speed is None else _limit(speed)))
-        except MapError as error:
-            warnings.append(MapWarning(Doubt.SPEED, f"a speed limit of road {road!r} was ignored: {error}", road))
-    return tuple(sorted(found, key=itemgetter(0)))
-
-
-def _limit(element: Element) -> float | None:
-    """Return a speed limit [m/s], None where the file leaves it undefined; see `speed_of` for errors."""
     most = element.get("max", "").strip()
     if most.lower() in ("undefined", ""):
         return None
@@ -70,25 +58,28 @@ def limits_along(road: Road, chain: Iterable[tuple[int, int]], stations: NDArray
         road: the road that the edge belongs to.
         chain: section index and lane id of its lanes, in the direction of travel.
         stations: arc length along the edge at points of it, shape ``(k,)`` [m].
-        s: road station at these points, likewise; it rises or falls along the edge.
+        s: road station at these points, shape ``(k,)`` [m]; the stations rise or fall along the edge.
     """
     parts = [part for i, lane in chain for part in _in_section(road, i, lane)]
     sign = 1.0 if s[-1] >= s[0] else -1.0
     rows = sorted(((min(sign * start, sign * end), limit) for start, end, limit in parts), key=itemgetter(0))
     borders = np.interp([start for start, _ in rows], sign * s, stations).tolist()
     limits = [limit for _, limit in rows]
-    found = ((at, one) for at, one, before in zip(borders, limits, [0.0, *limits], strict=False) if one != before)
-    return tuple(found) if any(limits) else ()
+    changes = ((at, limit) for at, limit, before in zip(borders, limits, [0.0, *limits], strict=False) if limit != before)
+    return tuple(changes) if any(limits) else ()
 
 
 def _in_section(road: Road, i: int, lane: int) -> Iterator[tuple[float, float, float | None]]:
-    """Yield where a speed limit of a lane begins and ends within a section [m], and the limit; its own comes first."""
+    """Yield the start and end of every speed limit of a lane within a section [m], and the limit [m/s].
+
+    A limit of the lane counts before a limit of the road.
+    """
     start, end = [*(section.s for section in road.sections), road.length][i : i + 2]
-    own = tuple((start + at, limit) for at, limit in road.sections[i].lanes[lane].limits)
-    cuts = sorted({start, *(at for at, _ in (*road.limits, *own) if start < at < end)})
+    lane_limits = tuple((start + at, limit) for at, limit in road.sections[i].lanes[lane].limits)
+    cuts = sorted({start, *(at for at, _ in (*road.limits, *lane_limits) if start < at < end)})
     for a, b in pairwise((*cuts, end)):
-        yield a, b, _last(own, a) or _last(road.limits, a)
+        yield a, b, _limit_at(lane_limits, a) or _limit_at(road.limits, a)
 
 
-def _last(limits: Limits, s: float) -> float | None:
+def _limit_at(limits: Limits, s: float) -> float | None:
     return next((limit for at, limit in reversed(limits) if at <= s), None)

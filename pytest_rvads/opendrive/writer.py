@@ -1,8 +1,8 @@
-"""Writing junctions as OpenDRIVE 1.7: the built-in maps, and variants of them for tests and experiments.
+"""Writing junctions as OpenDRIVE 1.7: the built-in maps, and variants of the built-in maps for tests and experiments.
 
-The arms are straight and meet in one centre. Every turning movement is a single arc that is tangent to the lanes it joins,
-with a straight piece before or after it where those lie at different distances from the centre, so headings are continuous and
-there are no gaps.
+The arms are straight and meet in one centre. Every turning movement is an arc tangent to the two lanes that the movement joins.
+A straight piece comes before or after the arc if the lanes lie at different distances from the centre. So headings are
+continuous and there are no gaps.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ _JUNCTION = "1"
 _FACING = math.radians(10.0)
 _ARROWS = {Turn.LEFT: 10, Turn.RIGHT: 20}
 _BESIDE = 0.8
-"""From the kerb to a sign [m]."""
+"""Distance from the kerb to a sign [m]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,40 +43,40 @@ class Layout:
     """Shape and control of a junction.
 
     Raises:
-        MapError: numbers that describe no junction.
+        MapError: the numbers describe no junction.
     """
 
     ways: int = 4
-    """Number of arms, 3 to 8; 3 is a T whose stem lies in the south, others are evenly spaced from the south on."""
+    """Number of arms, 3 to 8; 3 arms make a T with its stem in the south, other numbers are evenly spaced from the south on."""
     control: JunctionControl = JunctionControl.STOP
-    """What regulates all arms, STOP, LIGHTS or NONE; with `signs`, what these make up."""
+    """Control of all arms, STOP, LIGHTS or NONE; with `signs`, the control that follows from `signs`."""
     stop: float = 15.0
-    """Centre of the junction to the entrance and exit vertices [m]."""
+    """Distance from the centre of the junction to the entrance and exit vertices [m]."""
     lane_offset: float = 1.75
-    """Line between the directions of a road to the centre of the first lane beside it [m]; more than half the lane width leaves
-    a median."""
+    """Distance from the line between the directions of a road to the centre of the first lane [m]; more than half the lane width
+    leaves a median."""
     lane_width: float = 3.5
     """[m]."""
     approach: float = 120.0
     """Length of the arms [m]."""
     setback: float = 0.0
-    """Stop lines and signs lie this far before the entrance vertices [m]."""
+    """Distance of stop lines and signs before the entrance vertices [m]."""
     left_hand: bool = False
     """Whether traffic keeps left."""
     angles: tuple[float, ...] = ()
-    """Directions of the arms, counter-clockwise from east, in ascending order [rad]; empty for the usual ones."""
+    """Directions of the arms, counter-clockwise from east, in ascending order [rad]; empty for the usual directions."""
     signs: tuple[Sign, ...] = ()
-    """What regulates each arm; empty where `control` says it of all."""
+    """Control of each arm; empty if `control` holds for all arms."""
     lanes: tuple[tuple[tuple[int, ...], ...], ...] = ()
-    """Per arm the lanes that lead in, from the kerb, each with the directions ``j`` that it allows, to the arm ``j`` further on;
-    empty for one lane on every arm that allows all. What several lanes of an arm allow leads into as many lanes: those at the
-    kerb, for a turn across oncoming traffic those at the centre. Beside other lanes, one for that turn alone has a light with an
-    arrow, green on its own."""
+    """Per arm the lanes that lead in, from the kerb, each lane with its allowed directions; direction ``j`` leads to the ``j``-th
+    arm after the arm. Empty for a lane per arm that allows all directions. Several lanes that allow a direction lead into as many
+    lanes of the target arm: the lanes at the kerb, for a turn across oncoming traffic the lanes at the centre. A lane for this
+    turn alone beside other lanes has a light with an arrow and its own green phase."""
     exits: tuple[int, ...] = ()
-    """Per arm how many lanes lead out; empty for one on every arm."""
+    """Per arm the number of lanes that lead out; empty for a lane on every arm."""
     shift: float = 0.0
-    """The line between the directions lies this far to the side of the lanes that lead out [m]; opposite lanes face each other
-    where it is half a lane and arms have one lane more in than out."""
+    """Displacement of the line between the directions, to the side of the lanes that lead out [m]. Opposite lanes face each other
+    if the displacement is half a lane and arms have one more lane in than out."""
 
     def __post_init__(self) -> None:
         if not 3 <= self.ways <= 8:
@@ -89,17 +89,17 @@ class Layout:
                 f"lanes of {self.lane_width:g} m at an offset of {self.lane_offset:g} m overlap, expected half the width or more"
             )
         for name in ("angles", "signs", "lanes", "exits"):
-            given = getattr(self, name)
-            if given and len(given) != self.ways:
-                raise MapError(f"a junction of {self.ways} ways needs {self.ways} {name}, got {len(given)}")
+            values = getattr(self, name)
+            if values and len(values) != self.ways:
+                raise MapError(f"a junction of {self.ways} ways needs {self.ways} {name}, got {len(values)}")
         self._check_signs()
         self._check_lanes()
 
     def _check_signs(self) -> None:
-        found = control_of(sign for sign, lanes in zip(self.regulation, self.entrances, strict=True) if lanes)
-        if found is not self.control:
-            how = f"they make up {found}" if self.signs else "that needs signs, one per arm"
-            raise MapError(f"a junction was to be written with control {self.control}, but {how}")
+        control = control_of(sign for sign, lanes in zip(self.regulation, self.entrances, strict=True) if lanes)
+        if control is not self.control:
+            cause = f"its signs make up {control}" if self.signs else "this control needs signs, one per arm"
+            raise MapError(f"a junction was to be written with control {self.control}, but {cause}")
 
     def _check_lanes(self) -> None:
         for arm, lanes in enumerate(self.entrances):
@@ -124,22 +124,22 @@ class Layout:
 
     @property
     def regulation(self) -> tuple[Sign, ...]:
-        """What regulates each arm."""
+        """Control of each arm."""
         usual = {JunctionControl.STOP: Sign.STOP, JunctionControl.LIGHTS: Sign.LIGHTS}
         return self.signs or (usual.get(self.control, Sign.NONE),) * self.ways
 
     @property
     def leaving(self) -> tuple[int, ...]:
-        """Per arm how many lanes lead out."""
+        """Per arm the number of lanes that lead out."""
         return self.exits or (1,) * self.ways
 
     @property
     def entrances(self) -> tuple[tuple[tuple[int, ...], ...], ...]:
-        """Per arm the lanes that lead in, from the kerb, with the directions that they allow."""
+        """Per arm the lanes that lead in, from the kerb, each lane with its allowed directions."""
         if self.lanes:
             return self.lanes
-        found = range(self.ways)
-        return tuple((tuple(j for j in range(1, self.ways) if self.leaving[(arm + j) % self.ways]),) for arm in found)
+        arms, n = range(self.ways), self.ways
+        return tuple((tuple(j for j in range(1, n) if self.leaving[(arm + j) % n]),) for arm in arms)
 
     @property
     def opposite(self) -> frozenset[tuple[int, int]]:
@@ -158,19 +158,19 @@ class Layout:
 
     def turn(self, arm: int, direction: int) -> Turn:
         """Return the turn from an arm into a direction."""
-        one, two = self.directions[arm], self.directions[(arm + direction) % self.ways]
-        return Turn.of(math.remainder(two - one - math.pi, math.tau))
+        start, end = self.directions[arm], self.directions[(arm + direction) % self.ways]
+        return Turn.of(math.remainder(end - start - math.pi, math.tau))
 
     def protected(self, arm: int, lane: int) -> bool:
-        """Return whether a lane has a light of its own for the turn across oncoming traffic."""
+        """Return whether a lane has a separate light for the turn across oncoming traffic."""
         lanes = self.entrances[arm]
         return len(lanes) > 1 and bool(lanes[lane]) and {self.turn(arm, j) for j in lanes[lane]} == {self.across}
 
     def ways_through(self) -> Iterator[tuple[tuple[int, int], tuple[int, int]]]:
-        """Yield the movements: arm and lane that they lead from, arm and lane that they lead to.
+        """Yield the movements: arm and lane at the start, arm and lane at the end.
 
         Raises:
-            MapError: more lanes allow a direction than lead out there.
+            MapError: more lanes of an arm allow a direction than lanes lead out in this direction.
         """
         for arm, lanes in enumerate(self.entrances):
             for direction in range(1, self.ways):
@@ -190,11 +190,11 @@ def opendrive(layout: Layout, name: str = "junction") -> str:
     """Return an OpenDRIVE document with one junction, as text.
 
     Args:
-        layout: shape and control.
-        name: of the map.
+        layout: shape and control of the junction.
+        name: name of the map.
 
     Raises:
-        MapError: arms too close together for a turn between them.
+        MapError: two arms are too close together for a turn between the two.
     """
     root = document(name, layout.stop + layout.approach)
     for arm in range(layout.ways):
@@ -208,7 +208,7 @@ def opendrive(layout: Layout, name: str = "junction") -> str:
 
 
 def _controllers(root: Element, junction: Element, layout: Layout) -> None:
-    """Write a controller for every group of lights that are green together."""
+    """Write a controller for every group of lights that have green together."""
     lit = [
         (arm, lane)
         for arm, lanes in enumerate(layout.entrances)
@@ -229,43 +229,43 @@ def _signal(layout: Layout, arm: int, lane: int) -> int:
     return arm + layout.ways * lane
 
 
-def _first(layout: Layout) -> int:
-    """Return the number of the innermost driving lanes, counted from the centre: behind the median where there is one."""
+def _innermost(layout: Layout) -> int:
+    """Return the number of the innermost driving lanes, counted from the centre: 2 beside a median, else 1."""
     return 2 if layout.lane_offset > layout.lane_width / 2 + 1e-9 else 1
 
 
 def _inbound(layout: Layout, arm: int, lane: int) -> int:
-    """Return the id of a lane that leads in, by its number from the kerb."""
-    number = _first(layout) + len(layout.entrances[arm]) - 1 - lane
+    """Return the id of a lane that leads in, from the number of the lane from the kerb."""
+    number = _innermost(layout) + len(layout.entrances[arm]) - 1 - lane
     return -number if layout.left_hand else number
 
 
 def _outbound(layout: Layout, arm: int, lane: int) -> int:
-    """Return the id of a lane that leads out, by its number from the kerb."""
-    number = _first(layout) + layout.leaving[arm] - 1 - lane
+    """Return the id of a lane that leads out, from the number of the lane from the kerb."""
+    number = _innermost(layout) + layout.leaving[arm] - 1 - lane
     return number if layout.left_hand else -number
 
 
 def _aside(layout: Layout, lane: int) -> float:
-    """Return how far the centre of a lane lies to the left of the axis of its arm, seen outward, by its id [m]."""
-    across = layout.lane_offset + layout.lane_width * (abs(lane) - _first(layout))
+    """Return the distance of the centre of a lane to the left of the axis of its arm, seen outward [m]."""
+    across = layout.lane_offset + layout.lane_width * (abs(lane) - _innermost(layout))
     return math.copysign(across, lane) - (-layout.shift if layout.left_hand else layout.shift)
 
 
 def _arm(root: Element, layout: Layout, arm: int) -> None:
-    """Write one arm: its reference line runs outward from the entrance vertex."""
+    """Write an arm; its reference line runs outward from the entrance vertex."""
     angle = layout.directions[arm]
     road = add_road(root, arm, layout.approach, left_hand=layout.left_hand)
     add(road[0], "predecessor", elementType="junction", elementId=_JUNCTION)
     add_plan(road, [Piece(Pose(*_at(layout, angle, 0.0), angle), layout.approach)])
     median, counts = layout.lane_offset - layout.lane_width / 2, (len(layout.entrances[arm]), layout.leaving[arm])
-    lanes = [Lane(0, mark="none" if _first(layout) > 1 else "centre" if all(counts) else "solid")]
+    lanes = [Lane(0, mark="none" if _innermost(layout) > 1 else "centre" if all(counts) else "solid")]
     for side, count in zip((-1, 1) if layout.left_hand else (1, -1), counts, strict=True):
-        if _first(layout) > 1:
+        if _innermost(layout) > 1:
             lanes.append(Lane(side, "median", median, "solid"))
         for number in range(count):
             mark = "broken" if number < count - 1 else "solid"
-            lanes.append(Lane(side * (_first(layout) + number), "driving", layout.lane_width, mark))
+            lanes.append(Lane(side * (_innermost(layout) + number), "driving", layout.lane_width, mark))
     add_lanes(road, lanes, layout.shift if layout.left_hand else -layout.shift)
     if layout.regulation[arm] is not Sign.NONE and layout.entrances[arm]:
         _regulate(road, layout, arm)
@@ -289,7 +289,7 @@ def _regulate(road: Element, layout: Layout, arm: int) -> None:
 
 
 def _movement(root: Element, junction: Element, layout: Layout, entrance: tuple[int, int], exit: tuple[int, int]) -> None:
-    """Write the connecting road of one movement; its reference line is the centre of its lane."""
+    """Write the connecting road of a movement; its reference line is the centre of its lane."""
     side = -1.0 if layout.left_hand else 1.0
     (arm, lane), (out, onto) = entrance, exit
     inbound, outbound = _inbound(layout, arm, lane), _outbound(layout, out, onto)

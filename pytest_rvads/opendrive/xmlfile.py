@@ -1,4 +1,4 @@
-"""Reading OpenDRIVE from strangers: bounded size and numbers, one sentence per refusal."""
+"""Parsing OpenDRIVE files from unknown writers: size, depth and numbers are bounded, and every error is one sentence."""
 
 from __future__ import annotations
 
@@ -16,36 +16,36 @@ __all__ = ["MAX_BYTES", "MAX_ELEMENTS", "integer", "load", "number"]
 MAX_BYTES = 128 * 2**20
 """Largest file that is read [bytes]; whole towns have 1 to 20 MB."""
 MAX_ELEMENTS = 300_000
-"""Most elements that are kept; a town has 30,000."""
+"""Most elements of a file that are read; a town has 30,000."""
 _ID = re.compile(r"[^\x00-\x1f\x7f-\x9f]{0,1000}")
-"""What ids may be: they name junctions in tables, reports and kept runs."""
+"""Pattern of ids: ids name junctions in tables, reports and files of runs."""
 _CHUNK = 2**18
 _SKIPPED = frozenset(
     {"userData", "roadMark", "elevationProfile", "lateralProfile", "surface", "railroad", "crossSectionSurface", "outlines"}
 )
-"""Elements that say nothing about where lanes run in plan."""
+"""Elements that do not matter to the lanes in plan view."""
 
 
 class _Builder:
-    """Builds elements without namespaces and without the parts nobody reads."""
+    """Builds elements without namespaces and without the elements in `_SKIPPED`."""
 
     def __init__(self, name: str) -> None:
         self.name = name
         self.tree = TreeBuilder()
         self.skipping = 0
-        self.kept = 0
+        self.count = 0
         self.projection = False
-        """Whether the text comes that says where on earth the map is, which is the only text that is kept."""
+        """Whether the parser is in ``<geoReference>``; the text of other elements is not stored."""
 
     def start(self, tag: str, attributes: dict[str, str], _row: int) -> None:
         tag = tag.rpartition(":")[2]
         if self.skipping or tag in _SKIPPED:
             self.skipping += 1
             return
-        self.kept += 1
-        if self.kept > MAX_ELEMENTS:
+        self.count += 1
+        if self.count > MAX_ELEMENTS:
             raise MapError(f"{self.name} has more than {MAX_ELEMENTS:,} elements; cut the map into pieces")
-        if self.kept == 1 and tag != "OpenDRIVE":
+        if self.count == 1 and tag != "OpenDRIVE":
             raise MapError(f"{self.name} is not an OpenDRIVE file: its root element is <{tag[:40]}>, expected <OpenDRIVE>")
         if not _ID.fullmatch(attributes.get("id", "")):
             raise MapError(
@@ -71,13 +71,13 @@ def load(path: str | os.PathLike[str]) -> Element:
     """Parse an OpenDRIVE file into elements without namespaces.
 
     Raises:
-        MapError: no such file, empty, too large, not XML, cut off, a DTD, too deep, or not OpenDRIVE.
+        MapError: the file does not exist, is empty, too large, no XML, cut off, too deep or no OpenDRIVE, or has a DTD.
     """
     try:
         file = Path(path)
         if not file.is_file():
-            what = "is not a regular file" if file.exists() else "does not exist"
-            raise MapError(f"map file {file} {what}; give the path of an OpenDRIVE file (.xodr)")
+            fault = "is not a regular file" if file.exists() else "does not exist"
+            raise MapError(f"map file {file} {fault}; give the path of an OpenDRIVE file (.xodr)")
         size = file.stat().st_size
         if size > MAX_BYTES:
             raise MapError(f"map file {file} has {size / 2**20:.0f} MB, more than the {MAX_BYTES // 2**20} MB that are read")
@@ -98,13 +98,13 @@ def number(element: Element, name: str, place: str, default: float | None = None
     """Return attribute `name` of `element` as a finite number.
 
     Args:
-        element: where the attribute is.
-        name: of the attribute.
-        place: where the element is, for the message.
-        default: value of a missing or empty attribute; None if it is required.
+        element: the element with the attribute.
+        name: name of the attribute.
+        place: place of the element, for the message.
+        default: value of a missing or empty attribute; None if the attribute is required.
 
     Raises:
-        MapError: missing, not a number, or not finite.
+        MapError: the attribute is missing, no number, or beyond 1e12.
     """
     text = element.get(name)
     if not text:
@@ -116,7 +116,7 @@ def number(element: Element, name: str, place: str, default: float | None = None
     except ValueError:
         raise MapError(f"{place}: {name}={text[:40]!r} of <{element.tag}> is not a number") from None
     if not -1e12 <= value <= 1e12:
-        raise MapError(f"{place}: {name}={text[:40]!r} of <{element.tag}> is not a finite number of sensible size")
+        raise MapError(f"{place}: {name}={text[:40]!r} of <{element.tag}> is not a finite number between -1e12 and 1e12")
     return value
 
 
@@ -124,7 +124,7 @@ def integer(element: Element, name: str, place: str) -> int:
     """Return attribute `name` of `element` as a whole number of at most six digits.
 
     Raises:
-        MapError: missing or not such a number.
+        MapError: the attribute is missing or no such number.
     """
     text = element.get(name, "")
     try:
@@ -132,5 +132,5 @@ def integer(element: Element, name: str, place: str) -> int:
     except ValueError:
         raise MapError(f"{place}: {name}={text[:40]!r} of <{element.tag}> is not a whole number") from None
     if abs(value) > 999_999:
-        raise MapError(f"{place}: {name}={text[:40]!r} of <{element.tag}> is out of range")
+        raise MapError(f"{place}: {name}={text[:40]!r} of <{element.tag}> is out of range, expected at most six digits")
     return value

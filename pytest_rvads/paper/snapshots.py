@@ -15,8 +15,7 @@ from pytest_rvads.draw.picture import picture
 from pytest_rvads.drivers.interface import Drives, Observation
 from pytest_rvads.drivers.lgsvl import Constants, LgsvlLike
 from pytest_rvads.drivers.lgsvl.pilot import Pilot
-from pytest_rvads.drivers.lgsvl.scheduler import Scheduler
-from pytest_rvads.drivers.lgsvl.zone import Box, zone_of
+from pytest_rvads.drivers.lgsvl.scheduler import Box, Scheduler, zone_of
 from pytest_rvads.errors import RunError
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.judging.verdicts import Status

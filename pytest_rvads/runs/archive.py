@@ -1,27 +1,40 @@
-"""npz archives from elsewhere: what a member unpacks to is known, and within bounds, before anything is unpacked."""
+"""Files of runs and recordings: arrays in an npz archive, and a JSON header with a version.
+
+The size of every array is known and bounded before the array is unpacked. A file of another version is refused, and no file is
+converted. The same holds for reports and for the protocol of stacks.
+"""
 
 from __future__ import annotations
 
 import io
 import math
 import re
+import reprlib
 import zipfile
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.storage import open_file
+from pytest_rvads.decoding import decode, typed
+from pytest_rvads.errors import MapError, RunError
+from pytest_rvads.maps.segment import Segment
+from pytest_rvads.storage import open_file, read_file, write_file
+from pytest_rvads.wording import one_line
 
-__all__ = ["MOST_BYTES", "peek", "unpack"]
+__all__ = ["MOST_BYTES", "Kept", "peek", "unpack"]
 
+_Header = TypeVar("_Header")
+_Value = TypeVar("_Value")
 MOST_BYTES = 64 * 2**20
-"""Of an archive of a run, and of all its arrays together: 40 minutes of four vehicles."""
+"""Largest archive of a run, and largest sum of its arrays [bytes]: 40 minutes of four vehicles."""
 _MOST_MEMBERS = 1000
 _DIRECTORY_ENTRY = b"PK\x01\x02"
 _SHAPE = 10
-"""Where an array in the npy format says what it holds, after its magic number and the length of that [bytes]."""
+"""Position of the header in the npy format, after the magic number, the version and the length of the header [bytes]."""
 _HEADER = re.compile(
     rb"\x93NUMPY\x01\x00..{'descr': '([<>|](?:[iu][1248]|f[48]))', "
     rb"'fortran_order': (True|False), 'shape': \(([\d, ]{0,60})\), } *\n",
@@ -30,15 +43,94 @@ _HEADER = re.compile(
 """Header of an array in version 1 of the npy format, as numpy writes it; numpy's reader evaluates the header as Python."""
 
 
+@dataclass(frozen=True, slots=True)
+class Kept:
+    """A kind of file: an npz archive of arrays, with a JSON header."""
+
+    what: str
+    """Content of the file: ``run`` or ``recording``."""
+    format: str
+    """Name of the format in the header."""
+    version: int
+    most_bytes: int
+    """Largest size of the file, and of all its arrays together [bytes]."""
+    most_header: int
+    """Largest size of the header [bytes]."""
+
+    def write(self, label: str, path: Path, text: str, arrays: Mapping[str, NDArray[Any]], lines: Sequence[Segment]) -> None:
+        """Write a header and arrays, and the centre lines to which the header refers as ``line_<k>``.
+
+        Args:
+            label: label of the run or recording, for messages.
+            path: path of the file.
+            text: the header as JSON.
+            arrays: arrays by name.
+            lines: the centre lines.
+
+        Raises:
+            RunError: the file can't be written, or is larger than `read` allows.
+        """
+        header = np.frombuffer(text.encode(), dtype=np.uint8)
+        entries = {**arrays, "header": header} | {f"line_{k}": line.points for k, line in enumerate(lines)}
+        size = sum(array.nbytes for array in entries.values())
+        if size > self.most_bytes or len(header) > self.most_header:
+            raise RunError(
+                f"{self.what} {label!r} can't be kept: it takes {size:,} bytes, which is more than would be read again"
+            )
+        content = io.BytesIO()
+        np.savez_compressed(content, **entries)  # type: ignore[arg-type]
+        try:
+            write_file(path, content.getvalue())
+        except OSError as error:
+            raise RunError(f"{path}: can't be written: {error.strerror}") from error
+
+    def read(self, path: Path, header: type[_Header], make: Callable[[_Header, Mapping[str, NDArray[Any]]], _Value]) -> _Value:
+        """Return the run or recording in a file.
+
+        Args:
+            path: path of the file.
+            header: the type of the header.
+            make: builds the value from header and arrays; raises ``KeyError``, ``ValueError`` or `MapError` for damaged content.
+
+        Raises:
+            RunError: the file is of another kind, damaged, too large, or of another version.
+        """
+        prefix = f"{path}: not a {self.what} kept by rvads"
+        try:
+            arrays = unpack(read_file(path, self.most_bytes), self.most_bytes)
+            text = arrays.pop("header").tobytes()
+        except OSError as error:
+            raise RunError(f"{path}: can't be read: {error.strerror}") from error
+        except KeyError:
+            raise RunError(f"{prefix}: it has no header") from None
+        except ValueError as error:
+            raise RunError(f"{prefix}: {one_line(str(error))}") from error
+        if len(text) > self.most_header:
+            raise RunError(f"{path}: its header takes {len(text):,} bytes, expected at most {self.most_header:,}")
+        head = decode(text, dict[str, Any], f"{path}: header", RunError)
+        if head.get("format") != self.format:
+            raise RunError(f"{prefix}: its format is {reprlib.repr(head.get('format'))}")
+        if head.get("version") != self.version:
+            version = reprlib.repr(head.get("version"))
+            raise RunError(f"{path}: written in version {version} of the format, this library reads version {self.version}")
+        record = typed(head, header, f"{path}: header", RunError)
+        try:
+            return make(record, arrays)
+        except KeyError as error:
+            raise RunError(f"{path}: damaged: {error} is missing") from error
+        except (ValueError, MapError) as error:
+            raise RunError(f"{path}: damaged: {one_line(str(error))}") from error
+
+
 def unpack(content: bytes, most: int = MOST_BYTES) -> dict[str, NDArray[Any]]:
-    """Return the arrays of an archive by name; they can't be written to.
+    """Return the arrays of an archive by name; the arrays are read-only.
 
     Args:
-        content: of the file.
-        most: how much memory all arrays together may take [bytes].
+        content: content of the file.
+        most: largest memory of all arrays together [bytes].
 
     Raises:
-        ValueError: a damaged archive, or one that would take too much memory.
+        ValueError: the archive is damaged, or its arrays would take too much memory.
     """
     count = content.count(_DIRECTORY_ENTRY)
     if count > _MOST_MEMBERS:
@@ -47,7 +139,7 @@ def unpack(content: bytes, most: int = MOST_BYTES) -> dict[str, NDArray[Any]]:
         members = _members(content, most)
     except ValueError:
         raise
-    except Exception as error:  # zipfile and zlib raise whatever they stumble over
+    except Exception as error:  # zipfile and zlib raise many types of errors
         raise ValueError(f"{error or type(error).__name__}") from error
     return {name: _array(name, data) for name, data in members.items()}
 
@@ -57,7 +149,7 @@ def peek(path: Path, name: str, most: int = 2**16) -> bytes:
     try:
         with open_file(path) as file, zipfile.ZipFile(file) as archive, archive.open(f"{name}.npy") as member:
             data = member.read(most)
-    except Exception:  # zipfile and zlib raise whatever they stumble over
+    except Exception:  # zipfile and zlib raise many types of errors
         return b""
     return data[_SHAPE + int.from_bytes(data[_SHAPE - 2 : _SHAPE], "little") :]
 
@@ -75,7 +167,7 @@ def _members(content: bytes, most: int) -> dict[str, bytes]:
         members = {}
         for name, entry in entries.items():
             with archive.open(entry) as member:
-                members[name] = member.read(entry.file_size + 1)  # without a number it unpacks whatever comes
+                members[name] = member.read(entry.file_size + 1)  # without a number, the whole member is unpacked
             if len(members[name]) != entry.file_size:
                 raise ValueError(f"{name} has {len(members[name]):,} bytes where {entry.file_size:,} are announced")
         return members

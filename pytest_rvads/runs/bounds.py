@@ -1,4 +1,4 @@
-"""What a run that is read from elsewhere may hold, so that reading and judging it end in seconds and fit into memory."""
+"""Bounds on runs that are read from files, so that reading and judging a run takes seconds and fits into memory."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from pytest_rvads.errors import RunError
 __all__ = ["FARTHEST", "MOST_LANES", "Name", "Size", "Step", "check_size"]
 
 FARTHEST = 1e9
-"""Largest number in an array that is still a place, a speed or a command."""
+"""Largest number in an array of places, speeds or commands."""
 MOST_LANES = _MOST_AGENTS = 100
 """Most vehicles of a run, and most entrances, or exits, of a junction."""
 _MOST_WORK = 320_000_000
 """Five million ticks where four vehicles meet at four entrances: judging them takes half a gigabyte and some seconds."""
 
 Name = Annotated[str, Meta(min_length=1, max_length=1000, pattern="^[^\x00-\x1f\x7f-\x9f\ud800-\udfff]+$")]
-"""Of a run, a vehicle, a junction: a text without control characters."""
+"""Name of a run, a vehicle or a junction: a text without control characters."""
 Step = Annotated[float, Meta(ge=1e-6, le=3600.0)]
 """Time between two states [s]."""
 Size = Annotated[float, Meta(gt=0.0, le=1e4)]
@@ -27,10 +27,10 @@ Size = Annotated[float, Meta(gt=0.0, le=1e4)]
 
 
 def check_size(where: str, sizes: Iterable[tuple[int, int, int]]) -> None:
-    """Raise a `RunError` where runs are too large to be judged together.
+    """Raise a `RunError` about runs that are too large to be judged together.
 
     Args:
-        where: begins the message.
+        where: the beginning of the message.
         sizes: ticks, vehicles and entrances of every run.
     """
     ticks = work = 0

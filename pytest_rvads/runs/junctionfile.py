@@ -20,9 +20,9 @@ from pytest_rvads.runs.bounds import FARTHEST, MOST_LANES, Name, Size
 __all__ = ["Count", "JunctionRecord", "Key", "get_junction", "put_junction"]
 
 _MOST_POINTS = 100_000
-"""Of all centre lines together."""
+"""Most points of all centre lines together."""
 _LONGEST = 10_000
-"""All movements of a junction together [m]; finding out where they meet takes seconds then."""
+"""Greatest length of all movements of a junction together [m]; computing their conflicts then takes seconds."""
 
 Count = Annotated[int, msgspec.Meta(ge=0, le=1_000_000)]
 _Length = Annotated[float, msgspec.Meta(ge=0.0, le=1e6)]
@@ -34,18 +34,18 @@ Key = tuple[Count, Count]
 _Limit = Annotated[float, msgspec.Meta(gt=0.0, le=NO_LIMIT)]
 """[m/s]."""
 _MOST_PAIRS = 100_000
-"""Pairs of movements that the map states priority for; of 64 movements there are 4,032."""
+"""Most pairs of movements with a priority in the map; 64 movements have 4,032 pairs."""
 
 
 class _Line(msgspec.Struct, frozen=True, omit_defaults=True):
-    """A centre line: the number of its array, and what its segment says of itself."""
+    """A centre line: the number of its array, and the attributes of its segment."""
 
     number: Count
     id: str
     turn: Turn
     junction: str | None
     limits: Annotated[tuple[tuple[_Length, _Limit | None], ...], msgspec.Meta(max_length=_MOST_POINTS)] = ()
-    """Speed limits; left out of the file where the map states no limit, as in files written before limits were read."""
+    """Speed limits; left out of the file if the map states no limit, as in files of earlier versions."""
 
 
 class _Entrance(msgspec.Struct, frozen=True, omit_defaults=True):
@@ -56,7 +56,7 @@ class _Entrance(msgspec.Struct, frozen=True, omit_defaults=True):
     setback: _Length
     approach: _Line | None
     sign_setback: _Length | None = None
-    """A file has no such field where no sign stands before the line: files written by earlier versions have none either."""
+    """Left out of the file if no sign stands before the line, as in files of earlier versions."""
 
 
 class _Exit(msgspec.Struct, frozen=True):
@@ -87,12 +87,12 @@ class JunctionRecord(msgspec.Struct, frozen=True, omit_defaults=True):
     left_hand: bool
     lane_width: Size
     stated: Annotated[list[tuple[Key, Key]], msgspec.Meta(max_length=_MOST_PAIRS)] = []
-    """Likewise."""
+    """Left out of the file if the map states no priority, as in files of earlier versions."""
     joining: Annotated[list[tuple[Key, Key]], msgspec.Meta(max_length=_MOST_PAIRS)] = []
 
 
 def put_junction(junction: Junction, lines: list[Segment]) -> JunctionRecord:
-    """Return a junction as JSON, and add its centre lines to `lines`: those to be kept beside it.
+    """Return a junction as JSON, and add its centre lines to `lines`, which a file stores as arrays.
 
     Raises:
         RunError: the junction has a way that is no movement.
@@ -139,10 +139,10 @@ def get_junction(record: JunctionRecord, arrays: Mapping[str, NDArray[Any]]) -> 
 @lru_cache(maxsize=16)
 def _junction(record: bytes, lines: tuple[tuple[str, str, tuple[int, ...], bytes], ...]) -> Junction:
     arrays = {name: np.frombuffer(content, dtype).reshape(shape) for name, dtype, shape, content in lines}
-    return _made(msgspec.msgpack.decode(record, type=JunctionRecord), arrays)
+    return _build(msgspec.msgpack.decode(record, type=JunctionRecord), arrays)
 
 
-def _made(record: JunctionRecord, arrays: Mapping[str, NDArray[Any]]) -> Junction:
+def _build(record: JunctionRecord, arrays: Mapping[str, NDArray[Any]]) -> Junction:
     points = 0
 
     def get(line: _Line | None) -> Segment | None:
@@ -161,7 +161,7 @@ def _made(record: JunctionRecord, arrays: Mapping[str, NDArray[Any]]) -> Junctio
         raise ValueError(f"its movements are {length:,.0f} m long together, expected at most {_LONGEST:,} m")
     ways = {m.key: m for m in movements}
     if unknown := [key for pair in (*record.stated, *record.joining) for key in pair if key not in ways]:
-        raise ValueError(f"its junction states a priority of movements that lead somewhere, got {unknown[0]}, where none leads")
+        raise ValueError(f"its junction states a priority of the movement {unknown[0]}, which it does not have")
     return Junction(
         record.name,
         record.id,

@@ -1,4 +1,4 @@
-"""When a junction is busy, and with whom: recorded traffic is cut where nobody is near.
+"""Busy periods of a junction: recorded traffic is cut at times without a vehicle near the junction.
 
 An instance is judged in one excerpt: the excerpt in which the last of its vehicles to appear is judged. The same holds for
 indicators of a pair of vehicles. The other vehicles of an excerpt are context.
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 __all__ = ["MOST_JUDGED", "NEAR", "NEAR_TIME", "Period", "busy_periods"]
 
 NEAR = 15.0
-"""A vehicle is near the junction from so far before its stopping line on [m]: it is among the first two of its lane."""
+"""Distance to its stopping line from which on a vehicle is near the junction [m]: two vehicles of a lane fit in."""
 NEAR_TIME = 5.0
 """Time before a vehicle would arrive at its present speed, from which the vehicle is near [s]; not below `priority.DUE`."""
 MOST_JUDGED = 24
@@ -30,24 +30,24 @@ class Period:
     """A time in which the junction is busy without a break, or a part of it."""
 
     begin: float
-    """When the first of the vehicles that are judged appears [s]; before, if somebody is near then: since it has been."""
+    """Time at which the first judged vehicle appears [s]; earlier, if a vehicle that is near then came near before."""
     end: float
-    """When the last one vanishes [s]."""
+    """Time at which the last judged vehicle vanishes [s]."""
     busy: float
-    """When the first of them comes near [s]."""
+    """Time at which the first judged vehicle comes near [s]."""
     judged: tuple[int, ...]
-    """Numbers of the vehicles that are judged here, each in one period."""
+    """Numbers of the judged vehicles; each vehicle is judged in one period."""
     present: tuple[int, ...]
-    """Numbers of all that are there meanwhile, increasing."""
+    """Numbers of all vehicles that are present in the period, increasing."""
 
 
 def busy_periods(spans: Sequence[Span], lines: Sequence[float], leave: Sequence[float]) -> tuple[Period, ...]:
     """Return the busy periods, in order.
 
     Args:
-        spans: of every vehicle.
-        lines: station of its stopping line [m].
-        leave: station from which on it has left [m].
+        spans: samples of every vehicle.
+        lines: station of the stopping line of every vehicle [m].
+        leave: station from which on every vehicle has left the junction [m].
     """
     near = [_near(*span, line, last) for span, line, last in zip(spans, lines, leave, strict=True)]
     order = sorted((times[0], times[1], number) for number, times in enumerate(near) if times is not None)
@@ -59,21 +59,21 @@ def busy_periods(spans: Sequence[Span], lines: Sequence[float], leave: Sequence[
         groups[-1].append(number)
         until = max(until, end)
     begins, ends = (np.array([span[0][k] for span in spans]) for k in (0, -1))
-    found = []
+    periods = []
     for group in groups:
         begin, end = float(begins[group].min()), float(ends[group].max())
-        # For how long others have been waiting, and who entered before whom, is known only if the run goes back so far.
+        # The run goes back so far that it shows waiting times, and the order in which vehicles entered.
         begin = min((since for times in near if times is not None and (since := times[0]) < begin <= times[1]), default=begin)
         present = np.flatnonzero((begins <= end) & (ends >= begin))
         busy = min(times[0] for number in group if (times := near[number]) is not None)
-        found.append(Period(begin, end, busy, tuple(sorted(group)), tuple(present.tolist())))
-    return tuple(found)
+        periods.append(Period(begin, end, busy, tuple(sorted(group)), tuple(present.tolist())))
+    return tuple(periods)
 
 
 def _near(
     times: NDArray[np.float64], station: NDArray[np.float64], speed: NDArray[np.float64], line: float, last: float
 ) -> tuple[float, float] | None:
-    """Return from when to when a vehicle is near the junction [s], None where it never is."""
+    """Return the first and the last time at which a vehicle is near the junction [s], None if the vehicle is never near."""
     reach = np.maximum(NEAR, NEAR_TIME * np.maximum(speed, 0.0))
-    there = np.flatnonzero((station >= line - reach) & (station <= last))
-    return (float(times[there[0]]), float(times[there[-1]])) if len(there) else None
+    samples = np.flatnonzero((station >= line - reach) & (station <= last))
+    return (float(times[samples[0]]), float(times[samples[-1]])) if len(samples) else None

@@ -1,7 +1,7 @@
-"""Runs recorded elsewhere: the JSON format in which the authors of the paper's runs were decoded.
+"""Reading runs in the JSON format of the published runs of the paper.
 
-A file holds the topology of one junction and many runs; a series is run-length encoded as ``[[tick, value], ...]``.
-Positions and speeds are not recorded, so they are None in the runs read here.
+A file holds the topology of a junction and many runs. A series is run-length encoded as ``[[tick, value], ...]``. The format has
+no positions and speeds, so these are None in the runs.
 """
 
 from __future__ import annotations
@@ -32,16 +32,16 @@ from pytest_rvads.storage import read_file
 __all__ = ["Edge", "read_recorded"]
 
 _MOST_BYTES = 16 * 2**20
-"""What is run-length encoded takes some kilobytes per run."""
+"""Largest file [bytes]; a run takes a few kilobytes."""
 _MOST_RUNS = 2000
 _MOST_TICKS = 10_000_000
-"""Over a day in steps of 10 ms; more is a mistake in the file, not a run."""
+"""Most ticks of a run: over a day in steps of 10 ms."""
 _ROTATION = re.compile(r"_r=(\d+)$")
 _SIGNS = {"stop_sign": Sign.STOP, "yield_sign": Sign.YIELD, "priority_sign": Sign.PRIORITY}
-"""By the kind of a signal what it is; any other one is a light."""
+"""Per kind of a signal its sign; signals of other kinds are lights."""
 _COLOURS = {int(colour): colour for colour in (Colour.GREEN, Colour.YELLOW, Colour.RED)}
 _NUMBER = re.compile(r"(\d+)$")
-"""Of a vehicle, in its name: c0, c1, ..."""
+"""Pattern of the number of a vehicle in its name: c0, c1, ..."""
 _LARGEST = sys.float_info.max
 _Id = Annotated[str, Meta(max_length=1000)]
 _Finite = Annotated[float, Meta(ge=-_LARGEST, le=_LARGEST)]
@@ -49,16 +49,16 @@ _Value = TypeVar("_Value")
 _Lanes = Annotated[list[_Id], Meta(max_length=MOST_LANES)]
 _Pairs = Annotated[list[tuple[_Id, _Id]], Meta(max_length=MOST_LANES**2)]
 _Series = list[tuple[int, _Value]]
-"""Run-length encoded: ticks, and what holds from there on."""
+"""Run-length encoded series: ticks, and the value from each tick on."""
 
 
 class Edge(Struct, frozen=True):
     """A movement of a recorded junction."""
 
     source: _Id
-    """Node of its entrance."""
+    """Node of the entrance."""
     target: _Id
-    """Node of its exit."""
+    """Node of the exit."""
     turn: Turn
     length: Annotated[float, Meta(ge=0.0, le=_LARGEST)]
     """[m]."""
@@ -118,14 +118,15 @@ def read_recorded(path: str | Path) -> list[Run]:
     """Read all runs of a file.
 
     Args:
-        path: of a JSON file.
+        path: path of a JSON file.
 
     Returns:
-        The runs in the order of the file; ``provenance["verdicts"]`` holds the published verdicts as they stand there,
-        ``provenance["starts"]`` per vehicle how far before its entrance [m] and how fast [m/s] it started, where that is told.
+        The runs in the order of the file. ``provenance["verdicts"]`` holds the published verdicts of the file.
+        ``provenance["starts"]`` holds, per vehicle, its distance before its entrance [m] and its speed [m/s] at the start, if the
+        file states them.
 
     Raises:
-        RunError: the file is not of this format, or holds too much; the message names the run and the field.
+        RunError: the file is not of this format, or too large; the message names the run and the field.
     """
     path = Path(path)
     try:
@@ -146,7 +147,7 @@ class _Topology:
     """Number of the entrance at a node."""
     edges: Mapping[str, Movement]
     signals: frozenset[str]
-    """Those at an entrance."""
+    """Ids of the signals at entrances."""
 
     @classmethod
     def read(cls, file: _File, where: str) -> _Topology:
@@ -155,8 +156,8 @@ class _Topology:
             raise RunError(
                 f"{where}: the fields 'right_of' and 'opposite' must hold pairs of the entrances {reprlib.repr(nodes)}"
             )
-        numbers = _count(file)
-        # An exit belongs to the arm from whose entrance no movement leads to it: there are no U-turns.
+        numbers = _entrance_numbers(file)
+        # An exit belongs to the arm of the only entrance without a movement to the exit, because there are no U-turns.
         arms = {}
         ways = {(edge.source, edge.target) for edge in graph.edges}
         for node in graph.exits:
@@ -187,7 +188,7 @@ class _Topology:
         return cls(junction, numbers, movements, frozenset(s.id for s in signals))
 
     def run(self, record: _Record, where: str) -> Run:
-        """Decode one run."""
+        """Return the run of a record."""
         steps = int(record.ticks)
         agents, zones, starts = [], [], {}
         for name, vehicle in record.vehicles.items():
@@ -213,24 +214,28 @@ class _Topology:
 
     def _vehicle(self, vehicle: _Vehicle, steps: int, where: str) -> tuple[Movement, NDArray[np.int8]]:
         itinerary = vehicle.itinerary
-        passed = [k for k, e in enumerate(itinerary) if e in self.edges]
-        if len(passed) != 1:
-            told = reprlib.repr(itinerary)
-            raise RunError(f"{where}: the itinerary {told} must pass the junction once, it does {len(passed)} times")
-        (here,) = passed
-        movement = self.edges[itinerary[here]]
-        order = {e: Zone.APPROACH if k < here else Zone.EXIT for k, e in enumerate(itinerary)}
-        order[itinerary[here]] = Zone.JUNCTION
-        zone = _expanded(vehicle.edge, steps, order, f"{where}: the series 'edge'")
-        here_or_not = {"": 0} | {node: 1 for node, number in self.entrances.items() if number == movement.entrance}
-        at = _expanded(vehicle.at_entrance, steps, here_or_not, f"{where}: the series 'at_entrance'").astype(np.bool_)
-        # The entrance vertex belongs to the road: once on the movement, a vehicle is in the junction and nowhere else.
+        crossings = [k for k, edge in enumerate(itinerary) if edge in self.edges]
+        if len(crossings) != 1:
+            listed = reprlib.repr(itinerary)
+            raise RunError(f"{where}: the itinerary {listed} must pass the junction once, it does {len(crossings)} times")
+        (crossing,) = crossings
+        movement = self.edges[itinerary[crossing]]
+        codes = {edge: Zone.APPROACH if k < crossing else Zone.EXIT for k, edge in enumerate(itinerary)}
+        codes[itinerary[crossing]] = Zone.JUNCTION
+        zone = _expanded(vehicle.edge, steps, codes, f"{where}: the series 'edge'")
+        flags = {"": 0} | {node: 1 for node, number in self.entrances.items() if number == movement.entrance}
+        at = _expanded(vehicle.at_entrance, steps, flags, f"{where}: the series 'at_entrance'").astype(np.bool_)
+        # The entrance vertex belongs to the road: on the movement, a vehicle is in the junction and no longer at the entrance.
         zone[at & (zone == Zone.APPROACH)] = Zone.ENTRANCE
         return movement, zone
 
 
 def _expanded(series: _Series[_Value], steps: int, codes: Mapping[_Value, int], where: str) -> NDArray[np.int8]:
-    """Return the code of what holds in every state, after checking that a series covers the run in order."""
+    """Return the codes of the values of a series in every state.
+
+    Raises:
+        RunError: the ticks do not cover the run in order, or a value has no code.
+    """
     ticks = [tick for tick, _ in series]
     if not ticks or ticks[0] != 0 or any(b <= a for a, b in pairwise(ticks)) or ticks[-1] >= steps:
         raise RunError(f"{where} must start at tick 0, increase, and stay below {steps}, got the ticks {reprlib.repr(ticks)}")
@@ -240,35 +245,35 @@ def _expanded(series: _Series[_Value], steps: int, codes: Mapping[_Value, int], 
     return np.repeat(np.array([codes[value] for _, value in series], dtype=np.int8), np.diff([*ticks, steps]))
 
 
-def _count(file: _File) -> dict[str, int]:
-    """Number the entrances: vehicle i of a run in rotation r stands at entrance (i + r) mod n.
+def _entrance_numbers(file: _File) -> dict[str, int]:
+    """Return the number of every entrance: vehicle i of a run in rotation r starts at entrance (i + r) mod n.
 
-    If the vehicles don't name all entrances, the entrances are ordered by right-of; if that is ambiguous, as in the file.
+    If the vehicles don't determine all numbers, the entrances are ordered by right-of; if right-of is ambiguous, as in the file.
     """
     nodes = file.graph.entrances
-    told = _told(file)
-    if sorted(told.values()) == list(range(len(nodes))):
-        return told
+    numbers = _numbers_by_rotation(file)
+    if sorted(numbers.values()) == list(range(len(nodes))):
+        return numbers
     follows = {left: right for right, left in file.right_of}
     first = next((n for n in nodes if n not in follows.values()), nodes[0] if nodes else "")
     order = [first]
     while order[-1] in follows and follows[order[-1]] not in order:
         order.append(follows[order[-1]])
     order = order if len(order) == len(nodes) else nodes
-    shift = next((number - order.index(node) for node, number in told.items()), 0)
+    shift = next((number - order.index(node) for node, number in numbers.items()), 0)
     return {n: (k + shift) % len(nodes) for k, n in enumerate(order)}
 
 
-def _told(file: _File) -> dict[str, int]:
-    """Return the numbers of the entrances at which a vehicle of a run that names its rotation starts."""
+def _numbers_by_rotation(file: _File) -> dict[str, int]:
+    """Return the numbers of entrances that follow from the vehicles of runs with a rotation in their names."""
     nodes = file.graph.entrances
     starts = {edge.id: edge.source for edge in file.graph.edges if edge.source in nodes}
-    told: dict[str, int] = {}
+    numbers: dict[str, int] = {}
     for run in file.runs:
         rotation = _ROTATION.search(run.name)
         for name, vehicle in run.vehicles.items() if rotation else ():
             number = _NUMBER.search(name)
             source = next((starts[e] for e in vehicle.itinerary if e in starts), None)
             if rotation and number and source is not None:
-                told.setdefault(source, (int(number[1]) + int(rotation[1])) % len(nodes))
-    return told
+                numbers.setdefault(source, (int(number[1]) + int(rotation[1])) % len(nodes))
+    return numbers

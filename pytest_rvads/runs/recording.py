@@ -1,10 +1,11 @@
-"""Recorded traffic at one junction: vehicles that come and go, with individual sample times, cut into runs of busy periods.
+"""Recorded traffic at a junction: vehicles that come and go, with individual sample times, cut into runs of busy periods.
 
-Nothing is guessed from before the first sample of a vehicle or after its last sample. The vehicle is absent then (`Zone.ABSENT`),
-its numbers are NaN, and no instance about it is judged.
+Before its first and after its last sample, a vehicle is absent (`Zone.ABSENT`): its numbers are NaN, and no instance about the
+vehicle is judged.
 
 The clock of a run has steps of 0.01 s, as in simulated runs, so that waiting times and ties mean the same in both. A recording
-keeps the samples and makes a run when the run is indexed, so that one run at a time is in memory.
+stores the samples and builds a run when the run is indexed, so that one run at a time is in memory. Stations and speeds between
+samples are interpolated.
 """
 
 from __future__ import annotations
@@ -18,49 +19,55 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.junctions.junction import Junction
-from pytest_rvads.runs import between
 from pytest_rvads.runs.itineraries import Itinerary, itinerary
-from pytest_rvads.runs.periods import Period, busy_periods
+from pytest_rvads.runs.periods import NEAR, Period, busy_periods
 from pytest_rvads.runs.run import DT, Excerpt, Facts, Run
-from pytest_rvads.runs.smoothing import DERIVED, beside
+from pytest_rvads.runs.smoothing import DERIVED, PACE, beside
 from pytest_rvads.runs.states import Agent, Colour, Zone
 
-__all__ = ["Before", "Changes", "Recording", "Track", "zones"]
+__all__ = ["Before", "Changes", "Recording", "Track", "speeds", "stations", "unseen_stand", "zones"]
 
+_Values = NDArray[np.float64]
+_APART = 0.15
+"""Longest time between samples for which the speed is interpolated in a straight line [s], see `speeds`."""
+_AROUND = 4
+"""Number of consecutive samples that show a stop between the two middle samples."""
+_AGREE = 0.1
+"""Largest relative difference between speed times time and the distance driven between two samples for a trusted speed."""
 HARDEST = 5.0
-"""Nobody who is about to stop brakes or sets off harder than this [m/s^2]."""
+"""Greatest braking or acceleration of a vehicle that is about to stop [m/s^2]."""
 _ALL = 3.0
-"""So many standard deviations are all that can be."""
+"""Number of standard deviations of the greatest possible error."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Track:
-    """What was recorded of one vehicle near the junction; arrays have one row per sample."""
+    """The samples of a vehicle near the junction; arrays have a row per sample."""
 
     agent: Agent
-    """Its name, way, kind and size."""
+    """Name, way, kind and size of the vehicle."""
     times: NDArray[np.float64]
-    """On the clock of the recording, increasing, at least two, shape ``(samples,)`` [s]."""
+    """Times on the clock of the recording, increasing, at least two, shape ``(samples,)`` [s]."""
     station: NDArray[np.float64]
-    """Reference point (centre of the front bumper) along its itinerary, 0 at the entrance vertex, likewise [m]."""
+    """Station of the reference point (centre of the front bumper), 0 at the entrance vertex, shape ``(samples,)`` [m]."""
     speed: NDArray[np.float64]
-    """Forward, likewise [m/s]."""
+    """Forward speed, shape ``(samples,)`` [m/s]."""
     pose: NDArray[np.float64]
     """x [m], y [m], heading [rad] of the reference point, shape ``(samples, 3)``."""
     spread: NDArray[np.float64] | None = None
-    """How far before or behind its station it may have been, shape ``(samples,)`` [m]; None: exact."""
+    """Largest distance of the vehicle from its station, shape ``(samples,)`` [m]; None for exact stations."""
     offset: float = 0.0
-    """How far beside its itinerary it drove, root mean square [m]."""
+    """Lateral distance of the vehicle from its itinerary, root mean square [m]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Changes:
-    """The light of one entrance: a colour holds until the next change; before the first one it is not known."""
+    """The light of an entrance: a colour holds until the next change, and is unknown before the first change."""
 
     times: NDArray[np.float64]
-    """On the clock of the recording, increasing, shape ``(changes,)`` [s]."""
+    """Times of the changes on the clock of the recording, increasing, shape ``(changes,)`` [s]."""
     colours: NDArray[np.int8]
-    """`Colour` from then on, likewise."""
+    """`Colour` from each change on, shape ``(changes,)``."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -72,21 +79,21 @@ class Recording(Sequence[Run]):
     """
 
     label: str
-    """Begins the labels of its runs."""
+    """Beginning of the labels of the runs."""
     junction: Junction
     tracks: tuple[Track, ...]
-    """In the order in which they begin."""
+    """Tracks in the order of their first samples."""
     lights: Mapping[int, Changes] = field(default_factory=dict)
-    """By entrance."""
+    """Lights by entrance."""
     facts: Facts = field(default_factory=Facts)
     position_accuracy: float = 0.0
-    """Standard deviation of a coordinate as it was measured [m]; 0: exact. Those of tracks are smoothed."""
+    """Standard deviation of a measured coordinate [m]; 0 for exact coordinates. The coordinates of tracks are smoothed."""
     speed_accuracy: float = 0.0
-    """Of a speed as it was measured [m/s]; 0: exact. Those of tracks are smoothed where positions are."""
+    """Standard deviation of a measured speed [m/s]; 0 for exact speeds. The speeds of tracks are smoothed if positions are."""
     dt: float = DT
-    """Time between two states of its runs [s]."""
+    """Time between two states of a run [s]."""
     left_out: tuple[tuple[str, str], ...] = ()
-    """Vehicles that were recorded and are not in it, and why."""
+    """Recorded vehicles that are not in the recording, with the reason."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "tracks", tuple(sorted(self.tracks, key=lambda track: (track.times[0], track.agent.name))))
@@ -113,7 +120,7 @@ class Recording(Sequence[Run]):
 
     @cached_property
     def periods(self) -> tuple[Period, ...]:
-        """When vehicles were near the junction, and which."""
+        """Times at which vehicles were near the junction, with these vehicles."""
         spans = [(track.times, track.station, track.speed) for track in self.tracks]
         ways = [self._itinerary(track) for track in self.tracks]
         return busy_periods(spans, [way.line for way in ways], [way.leave for way in ways])
@@ -122,7 +129,7 @@ class Recording(Sequence[Run]):
         return itinerary(self.junction, *track.agent.way.key)
 
     def _run(self, period: Period) -> Run:
-        """Return a busy period as a run: everything sampled with one clock, by interpolation."""
+        """Return a busy period as a run, interpolated on the clock of the run."""
         first = np.floor(period.begin / self.dt)
         steps = int(np.ceil(period.end / self.dt) - first) + 1
         ticks = (first + np.arange(steps)) * self.dt
@@ -133,18 +140,18 @@ class Recording(Sequence[Run]):
         pose = np.full((steps, count, 3), np.nan)
         for column, track in enumerate(tracks):
             begin, end = np.searchsorted(ticks, track.times[0]), np.searchsorted(ticks, track.times[-1], side="right")
-            here = slice(int(begin), int(end))
-            at = ticks[here]
-            station[here, column] = between.stations(track.times, track.station, track.speed, at)
-            speed[here, column] = between.speeds(track.times, track.station, track.speed, track.spread, at)
-            turned = np.column_stack((track.pose[:, :2], np.unwrap(track.pose[:, 2])))
-            pose[here, column] = np.stack([np.interp(at, track.times, values) for values in turned.T], axis=1)
-            spread[here, column] = 0.0 if track.spread is None else np.interp(at, track.times, track.spread)
-            zone[here, column] = zones(self._itinerary(track).borders, station[here, column], spread[here, column])
+            rows = slice(int(begin), int(end))
+            at = ticks[rows]
+            station[rows, column] = stations(track.times, track.station, track.speed, at)
+            speed[rows, column] = speeds(track.times, track.station, track.speed, track.spread, at)
+            unwrapped = np.column_stack((track.pose[:, :2], np.unwrap(track.pose[:, 2])))
+            pose[rows, column] = np.stack([np.interp(at, track.times, values) for values in unwrapped.T], axis=1)
+            spread[rows, column] = 0.0 if track.spread is None else np.interp(at, track.times, track.spread)
+            zone[rows, column] = zones(self._itinerary(track).borders, station[rows, column], spread[rows, column])
         lights = np.zeros((steps, len(self.junction.starts)), dtype=np.int8)
         for entrance, changes in self.lights.items():
-            known = np.concatenate(([Colour.NONE], changes.colours)).astype(np.int8)
-            lights[:, entrance] = known[np.searchsorted(changes.times, ticks, side="right")]
+            colours = np.concatenate(([Colour.NONE], changes.colours)).astype(np.int8)
+            lights[:, entrance] = colours[np.searchsorted(changes.times, ticks, side="right")]
         judged = tuple(self.tracks[column].agent.name for column in period.judged)
         return Run(
             f"{self.label} at {period.busy:.1f} s",
@@ -157,53 +164,55 @@ class Recording(Sequence[Run]):
             speed,
             pose,
             facts=self.facts,
-            excerpt=Excerpt(float(ticks[0]), judged, self._positions_known(tracks), self._speeds_known(tracks, ticks, speed)),
+            excerpt=Excerpt(
+                float(ticks[0]), judged, self._position_deviation(tracks), self._speed_deviation(tracks, ticks, speed)
+            ),
             spread=None if all(track.spread is None for track in tracks) else spread,
             provenance={"recording": self.label},
         )
 
-    def _positions_known(self, tracks: Sequence[Track]) -> float:
+    def _position_deviation(self, tracks: Sequence[Track]) -> float:
         """Return the standard deviation of positions beside the way [m].
 
-        Where speeds come from positions, so may headings, and with them where the front of a vehicle is: its positions count as
-        no more exact than they were measured.
+        If speeds come from positions, headings may come from positions, too, and so may the place of the front of a vehicle. Then
+        the deviation is the deviation of the measured positions.
         """
         if self.position_accuracy <= 0.0 or self.speed_accuracy >= DERIVED:
             return self.position_accuracy
-        return beside(self.position_accuracy, _apart(tracks))
+        return beside(self.position_accuracy, _sampling_time(tracks))
 
-    def _speeds_known(self, tracks: Sequence[Track], ticks: NDArray[np.float64], speed: NDArray[np.float64]) -> float:
-        """Return the standard deviation of the speeds of vehicles [m/s], with what happens between samples.
+    def _speed_deviation(self, tracks: Sequence[Track], ticks: NDArray[np.float64], speed: NDArray[np.float64]) -> float:
+        """Return the standard deviation of the speeds of vehicles [m/s], including unknown speeds between samples.
 
         Args:
-            tracks: those of a run.
-            ticks: its times, shape ``(steps,)`` [s].
-            speed: what is taken for their speeds then, shape ``(steps, tracks)`` [m/s].
+            tracks: tracks of a run.
+            ticks: times of the states of the run, shape ``(steps,)`` [s].
+            speed: interpolated speeds, shape ``(steps, tracks)`` [m/s].
         """
         if self.speed_accuracy <= 0.0:
             exact = ((t, column) for column, t in enumerate(tracks) if t.spread is None)
-            slower = (between.unseen_stand(t.times, t.station, t.speed, ticks, speed[:, column]) for t, column in exact)
+            slower = (unseen_stand(t.times, t.station, t.speed, ticks, speed[:, column]) for t, column in exact)
             return max(slower, default=0.0) / _ALL
-        known = self.speed_accuracy
-        if self.position_accuracy > 0.0 and known < DERIVED:
-            known = beside(known, _apart(tracks))
-        return max(known, HARDEST * max(_apart(tracks) - DT, 0.0) / 2 / _ALL)
+        accuracy = self.speed_accuracy
+        if self.position_accuracy > 0.0 and accuracy < DERIVED:
+            accuracy = beside(accuracy, _sampling_time(tracks))
+        return max(accuracy, HARDEST * max(_sampling_time(tracks) - DT, 0.0) / 2 / _ALL)
 
 
-def _apart(tracks: Sequence[Track]) -> float:
-    """Return how far apart samples usually are [s]."""
+def _sampling_time(tracks: Sequence[Track]) -> float:
+    """Return the median time between samples [s]."""
     return float(np.median(np.concatenate([np.diff(track.times) for track in tracks])))
 
 
 class Before(NamedTuple):
-    """What `zones` needs of the last state before the states that it reads; per vehicle, shape ``(agents,)``."""
+    """The state before the states of a call of `zones`; arrays have the shape ``(agents,)``."""
 
     zone: NDArray[np.int8]
-    """`Zone.ABSENT` of a vehicle that was not there."""
+    """Zone of each vehicle; `Zone.ABSENT` of an absent vehicle."""
     station: NDArray[np.float64]
-    """[m]; NaN of a vehicle that was not there."""
+    """Station of each vehicle [m]; NaN of an absent vehicle."""
     spread: NDArray[np.float64]
-    """Likewise."""
+    """Spread of each vehicle [m]; NaN of an absent vehicle."""
 
 
 def zones(
@@ -212,23 +221,110 @@ def zones(
     spread: NDArray[np.float64] | float = 0.0,
     before: Before | None = None,
 ) -> NDArray[np.int8]:
-    """Return the zones of one vehicle, shape ``(steps,)``, or of several vehicles, shape ``(steps, agents)``.
+    """Return the zones of a vehicle, shape ``(steps,)``, or of several vehicles, shape ``(steps, agents)``.
 
-    A vehicle crosses a border in the first state in which it is beyond the border even if it is `spread` behind its station.
-    It also crosses the border in the first state beyond the border to which it has come by a step that is longer than the spread
-    of both states: noise makes no such step. A border stays crossed, wherever the vehicle is or is measured afterwards.
+    A vehicle crosses a border in the first state in which the vehicle is beyond the border even at `spread` behind its station.
+    A vehicle also crosses a border by a step beyond the border that is longer than the spread of both states, because noise makes
+    no such step. A border stays crossed, even if the vehicle is measured before the border afterwards.
 
     Args:
         borders: `Itinerary.borders` of the vehicle, or of every vehicle, shape ``(4,)`` or ``(agents, 4)`` [m].
-        station: of the reference point along the way, of the shape of the result [m].
-        spread: how far before or behind its station a vehicle may have been, likewise [m]; 0: exact.
-        before: the state before the first state; None: no vehicle was there.
+        station: stations of the reference point, in the shape of the result [m].
+        spread: largest distance of a vehicle from its station, in the shape of the result, or a number [m]; 0 for exact stations.
+        before: the state before the first state; None if no vehicle was present.
     """
     spread = np.broadcast_to(spread, station.shape)
-    nothing = np.full(station.shape[1:], np.nan)
-    last = Before(np.full(station.shape[1:], Zone.ABSENT, dtype=np.int8), nothing, nothing) if before is None else before
+    nan = np.full(station.shape[1:], np.nan)
+    last = Before(np.full(station.shape[1:], Zone.ABSENT, dtype=np.int8), nan, nan) if before is None else before
     doubt = np.concatenate((last.spread[None], spread))
     driven = np.diff(station, axis=0, prepend=last.station[None]) > doubt[1:] + doubt[:-1]
-    surely = np.where(driven, station, station - spread)
-    beyond = (surely[..., None] >= borders).sum(axis=-1).astype(np.int8)
+    least = np.where(driven, station, station - spread)
+    beyond = (least[..., None] >= borders).sum(axis=-1).astype(np.int8)
     return np.maximum(np.maximum.accumulate(beyond, axis=0), last.zone)
+
+
+def stations(times: _Values, station: _Values, speed: _Values, at: _Values) -> _Values:
+    """Return the stations at times between samples [m], shape ``(steps,)``.
+
+    The interpolation is a cubic if the speeds agree with the distance driven, else a straight line.
+
+    Args:
+        times: times of the samples, shape ``(samples,)`` [s].
+        station: stations of the samples, shape ``(samples,)`` [m].
+        speed: speeds of the samples, shape ``(samples,)`` [m/s].
+        at: times between samples, shape ``(steps,)`` [s].
+    """
+    piece = np.clip(np.searchsorted(times, at, side="right") - 1, 0, len(times) - 2)
+    duration = np.diff(times)[piece]
+    begin, end, v0, v1 = station[piece], station[piece + 1], speed[piece], speed[piece + 1]
+    part = (at - times[piece]) / duration
+    straight = begin + part * (end - begin)
+    bend = part * (1 - part) * duration
+    curved = straight + bend * ((1 - part) * (v0 - (end - begin) / duration) - part * (v1 - (end - begin) / duration))
+    smooth = np.abs((v0 + v1) / 2 * duration - (end - begin)) <= _AGREE * np.abs(end - begin)
+    interpolated: _Values = np.where(smooth, curved, straight)
+    return interpolated
+
+
+def speeds(times: _Values, station: _Values, speed: _Values, spread: _Values | None, at: _Values) -> _Values:
+    """Return the speeds of a vehicle at times between its samples [m/s], shape ``(steps,)``.
+
+    The speed is interpolated in a straight line, except between two samples before which the vehicle brakes and after which the
+    vehicle accelerates. There the braking is continued and the acceleration is extended backwards, if this agrees better with the
+    distance driven. Otherwise a short stop between two samples would be lost.
+
+    Args:
+        times: times of the samples, shape ``(samples,)`` [s].
+        station: stations of the samples, shape ``(samples,)`` [m].
+        speed: speeds of the samples, shape ``(samples,)`` [m/s].
+        spread: spread of the samples, shape ``(samples,)`` [m]; None for exact stations.
+        at: times between samples, shape ``(steps,)`` [s].
+    """
+    interpolated: _Values = np.interp(at, times, speed)
+    if len(times) < _AROUND:
+        return interpolated
+    durations, driven = np.diff(times), np.diff(station)
+    slopes = np.diff(speed) / durations
+    before, after, duration = slopes[:-2], slopes[2:], durations[1:-1]
+    v0, v1 = speed[1:-2], speed[2:-1]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        turn = (v1 - after * duration - v0) / (before - after)
+        lowest = v0 + before * turn
+        # A vehicle that comes to rest before the start of its acceleration stands in between.
+        stands = lowest < 0.0
+        way = np.where(
+            stands,
+            (v1**2 / after - v0**2 / before) / 2,
+            (v0 + lowest) / 2 * turn + (lowest + v1) / 2 * (duration - turn),
+        )
+    dips = (before < 0.0) & (after > 0.0) & (v0 > 0.0) & (v1 > 0.0) & (turn > 0.0) & (turn < duration)
+    tolerance = 0.0 if spread is None else (spread[1:-2] + spread[2:-1]) / 2
+    dips &= np.abs(way - driven[1:-1]) <= np.abs((v0 + v1) / 2 * duration - driven[1:-1]) + tolerance
+    for k in (np.flatnonzero(dips) + 1).tolist():
+        inside = slice(*np.searchsorted(at, times[[k, k + 1]]))
+        braking = speed[k] + slopes[k - 1] * (at[inside] - times[k])
+        leaving = speed[k + 1] + slopes[k + 1] * (at[inside] - times[k + 1])
+        interpolated[inside] = np.maximum(np.maximum(braking, leaving), 0.0)
+    return interpolated
+
+
+def unseen_stand(times: _Values, station: _Values, speed: _Values, at: _Values, interpolated: _Values) -> float:
+    """Return the greatest error of the interpolated speeds if a vehicle stood between two samples before the line [m/s].
+
+    The average speed of a vehicle that brakes to a standstill and sets off again is at most half of the higher of its two speeds.
+
+    Args:
+        times: times of the samples, shape ``(samples,)`` [s].
+        station: stations of the samples, shape ``(samples,)`` [m].
+        speed: speeds of the samples, shape ``(samples,)`` [m/s].
+        at: times between samples, shape ``(steps,)`` [s].
+        interpolated: interpolated speeds at these times, shape ``(steps,)`` [m/s].
+    """
+    duration, driven = np.diff(times), np.diff(station)
+    higher = np.maximum(speed[:-1], speed[1:])
+    near = (station[1:] >= -NEAR) & (station[:-1] <= 0.0)
+    doubtful = np.flatnonzero(near & (duration > _APART) & (driven <= (higher + PACE) * duration / 2))
+    bounds = np.searchsorted(at, times)
+    spans = [slice(bounds[k], bounds[k + 1]) for k in doubtful if bounds[k] < bounds[k + 1]]
+    lowest = [float(interpolated[span].min(initial=np.inf)) for span in spans]
+    return max((slow for slow in lowest if slow > PACE), default=0.0)

@@ -1,8 +1,9 @@
-"""The project's own file of a recording: an npz archive with a JSON header, versioned.
+"""The file of a recording: an npz archive with a JSON header and a version.
 
-Entries: ``header`` (UTF-8 bytes of JSON, see `_Header`); ``times``, ``station``, ``speed``, ``pose``, with the samples of all
-tracks one after the other, in the shapes and units of `Track`; ``spread``, of those tracks that have one; ``light_times`` and
-``light_colours``, likewise of all lights; and ``line_<k>``, as in the file of a run. Nothing is pickled.
+Entries are ``header`` (UTF-8 bytes of JSON, see `_Header`), and ``times``, ``station``, ``speed`` and ``pose`` with the samples
+of all tracks one after another, in the shapes and units of `Track`. ``spread`` has the samples of the tracks with a spread,
+``light_times`` and ``light_colours`` have the changes of all lights. ``line_<k>`` are centre lines, as in the file of a run.
+Nothing is pickled.
 """
 
 from __future__ import annotations
@@ -20,10 +21,10 @@ from numpy.typing import NDArray
 from pytest_rvads.decoding import typed
 from pytest_rvads.errors import RunError, require
 from pytest_rvads.maps.segment import Segment
+from pytest_rvads.runs.archive import Kept
 from pytest_rvads.runs.bounds import FARTHEST, Name, Size, Step
 from pytest_rvads.runs.itineraries import itinerary
 from pytest_rvads.runs.junctionfile import Count, JunctionRecord, Key, get_junction, put_junction
-from pytest_rvads.runs.kept import Kept
 from pytest_rvads.runs.recording import Changes, Recording, Track
 from pytest_rvads.runs.run import Facts
 from pytest_rvads.runs.states import Agent, Colour, Kind
@@ -33,10 +34,10 @@ __all__ = ["FORMAT", "VERSION", "load_recording", "save_recording"]
 
 FORMAT, VERSION = "rvads-recording", 1
 _KEPT = Kept("recording", FORMAT, VERSION, most_bytes=2**30, most_header=2**26)
-"""Ten million samples."""
+"""Room for ten million samples."""
 _MOST_TRACKS = 200_000
 _LONGEST = 1e5
-"""From the first to the last sample of a vehicle [s]: more than a day."""
+"""Longest time from the first to the last sample of a vehicle [s]: more than a day."""
 _ARRAYS = {"times": (), "station": (), "speed": (), "pose": (3,), "spread": (), "light_times": (), "light_colours": ()}
 """Shape of an entry of each array."""
 _Accuracy = Annotated[float, msgspec.Meta(ge=0.0, le=100.0)]
@@ -52,7 +53,7 @@ class _Track(msgspec.Struct, frozen=True):
     size: tuple[Size, Size] | None
     samples: _Samples
     spread: bool
-    """Whether its spread is kept."""
+    """Whether the file has the spread of the track."""
     offset: Annotated[float, msgspec.Meta(ge=0.0, le=1e4)]
 
 
@@ -80,10 +81,10 @@ def save_recording(recording: Recording, path: str | Path) -> None:
 
     Args:
         recording: the recording.
-        path: of the file, by convention ``.npz``; folders are made.
+        path: path of the file, by convention ``.npz``; missing folders are created.
 
     Raises:
-        RunError: the file can't be written, or the recording is more than `load_recording` would read.
+        RunError: the file can't be written, or the recording is larger than `load_recording` allows.
     """
     require(recording, Recording, "save_recording takes a recording, such as rvads.read_tracks returns", RunError)
     path, tracks = Path(path), recording.tracks
@@ -128,7 +129,7 @@ def load_recording(path: str | Path) -> Recording:
     """Read a recording that `save_recording` wrote.
 
     Raises:
-        RunError: not such a file, a damaged one, one that holds too much, or one of another version.
+        RunError: the file holds no recording, is damaged, is too large, or is of another version.
     """
     return _KEPT.read(Path(path), _Header, _recording)
 
@@ -139,7 +140,7 @@ def _recording(header: _Header, arrays: Mapping[str, NDArray[Any]]) -> Recording
     lengths["spread"] = sum(track.samples for track in header.tracks if track.spread)
     lengths |= dict.fromkeys(("light_times", "light_colours"), sum(light.changes for light in header.lights))
     for name, length in lengths.items():
-        _check(name, arrays[name], (length, *_ARRAYS[name]))
+        _check_array(name, arrays[name], (length, *_ARRAYS[name]))
     junction = get_junction(header.junction, arrays)
     if not junction.drivable:
         raise ValueError("its junction has no centre lines")
@@ -149,15 +150,15 @@ def _recording(header: _Header, arrays: Mapping[str, NDArray[Any]]) -> Recording
     if header.facts.subject not in (None, *names):
         raise ValueError(f"subject in facts must be one of the vehicles, got {header.facts.subject!r}")
     spreads = iter(_parts(arrays["spread"], [track.samples for track in header.tracks if track.spread]))
-    cut = {name: _parts(arrays[name], samples) for name in ("times", "station", "speed", "pose")}
+    parts = {name: _parts(arrays[name], samples) for name in ("times", "station", "speed", "pose")}
     tracks = []
     for k, record in enumerate(header.tracks):
-        _check_times(record.name, cut["times"][k])
+        _check_times(record.name, parts["times"][k])
         agent = Agent(record.name, _way(junction.every_way, record), record.kind, record.size)
-        own = [cut[name][k] for name in ("times", "station", "speed", "pose")]
-        tracks.append(Track(agent, own[0], own[1], own[2], own[3], next(spreads) if record.spread else None, record.offset))
+        times, station, speed, pose = (parts[name][k] for name in ("times", "station", "speed", "pose"))
+        tracks.append(Track(agent, times, station, speed, pose, next(spreads) if record.spread else None, record.offset))
     for key in {track.route for track in header.tracks}:
-        itinerary(junction, *key)  # refuses lanes that do not meet
+        itinerary(junction, *key)  # raises an error about lanes that do not meet
     changes = [light.changes for light in header.lights]
     lights = {}
     for light, times, colours in zip(
@@ -165,7 +166,7 @@ def _recording(header: _Header, arrays: Mapping[str, NDArray[Any]]) -> Recording
     ):
         if light.entrance >= len(junction.entrances) or (np.diff(times) <= 0.0).any() or not np.isin(colours, [*Colour]).all():
             raise ValueError(
-                f"the light of entrance {light.entrance} must be at an entrance, its times increase, its colours known"
+                f"the light of entrance {light.entrance} must have an existing entrance, increasing times and valid colours"
             )
         lights[light.entrance] = Changes(times, colours)
     return Recording(
@@ -192,14 +193,14 @@ def _parts(array: NDArray[Any], lengths: list[int]) -> list[NDArray[Any]]:
     return [array[begin:end] for begin, end in pairwise(accumulate(lengths, initial=0))]
 
 
-def _check(name: str, array: NDArray[Any], shape: tuple[int, ...]) -> None:
+def _check_array(name: str, array: NDArray[Any], shape: tuple[int, ...]) -> None:
     kind = "i" if name == "light_colours" else "f"
     if (array.shape, array.dtype.kind) != (shape, kind):
-        what = "whole numbers" if kind == "i" else "numbers"
-        raise ValueError(f"{name} must be {what} in the shape {shape}, got {array.dtype} in {array.shape}")
+        numbers = "whole numbers" if kind == "i" else "numbers"
+        raise ValueError(f"{name} must be {numbers} in the shape {shape}, got {array.dtype} in {array.shape}")
     limit = 1e12 if "times" in name else FARTHEST
     if kind == "f" and not (np.abs(array) <= limit).all():
-        raise ValueError(f"{name} holds numbers beyond {limit:g}, or some that are none")
+        raise ValueError(f"{name} holds numbers beyond {limit:g}, or NaN")
     if name == "spread" and (array < 0.0).any():
         raise ValueError("spread holds numbers below 0")
 

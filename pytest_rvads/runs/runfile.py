@@ -1,8 +1,8 @@
-"""The project's own file of a run: an npz archive with a JSON header, versioned.
+"""The file of a run: an npz archive with a JSON header and a version.
 
-Entries: ``header`` (UTF-8 bytes of JSON, see `_Header`), ``zone``, ``lights``, those of ``station``, ``speed``, ``pose``,
-``controls``, ``spread`` that the run holds, with the shapes and units of `Run`, and ``line_<k>``: the centre lines that the
-header refers to, shape ``(points, 2)`` [m]. Nothing is pickled.
+Entries are ``header`` (UTF-8 bytes of JSON, see `_Header`), ``zone``, ``lights``, and, if the run has these arrays, ``station``,
+``speed``, ``pose``, ``controls`` and ``spread``, in the shapes and units of `Run`. The entries ``line_<k>`` are the centre lines
+to which the header refers, shape ``(points, 2)`` [m]. Nothing is pickled.
 """
 
 from __future__ import annotations
@@ -16,24 +16,27 @@ from typing import Any
 
 import msgspec
 import numpy as np
+from msgspec import structs
 from numpy.typing import NDArray
 
 from pytest_rvads.decoding import typed
-from pytest_rvads.errors import RunError, require
+from pytest_rvads.errors import MapError, RunError, require
+from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.maps.segment import Segment
-from pytest_rvads.runs.archive import MOST_BYTES
+from pytest_rvads.runs.archive import MOST_BYTES, Kept, peek
 from pytest_rvads.runs.bounds import FARTHEST, Name, Size, Step, check_size
 from pytest_rvads.runs.itineraries import itinerary
 from pytest_rvads.runs.junctionfile import JunctionRecord, Key, get_junction, put_junction
-from pytest_rvads.runs.kept import Kept
 from pytest_rvads.runs.run import Collision, Excerpt, Facts, Fault, Run
 from pytest_rvads.runs.states import Agent, Kind
 
-__all__ = ["FORMAT", "VERSION", "load_run", "save_run"]
+__all__ = ["FORMAT", "VERSION", "glance", "load_run", "save_run"]
 
+_MOST = 2**21
+"""Longest head that is read [bytes]."""
 FORMAT, VERSION = "rvads-run", 3
 _ARRAYS = {"zone": "i", "lights": "i", "station": "f", "speed": "f", "pose": "f", "controls": "f", "spread": "f"}
-"""The arrays of a run: of which kind of numbers they are."""
+"""Per array of a run the kind of its numbers: whole numbers (``i``) or floats (``f``)."""
 _KEPT = Kept("run", FORMAT, VERSION, MOST_BYTES, 2**20)
 
 
@@ -64,10 +67,10 @@ def save_run(run: Run, path: str | Path) -> None:
 
     Args:
         run: the run; its ``provenance`` must be builtins.
-        path: of the file, by convention ``.npz``; folders are made.
+        path: path of the file, by convention ``.npz``; missing folders are created.
 
     Raises:
-        RunError: the file can't be written, ``provenance`` is not builtins, or the run is more than `load_run` would read.
+        RunError: the file can't be written, ``provenance`` is not builtins, or the run is larger than `load_run` allows.
     """
     require(run, Run, "save_run takes a run, such as rvads.simulate(case) returns", RunError)
     path = Path(path)
@@ -100,7 +103,7 @@ def load_run(path: str | Path) -> Run:
     """Read a run that `save_run` wrote.
 
     Raises:
-        RunError: not such a file, a damaged one, one that holds too much, or one of another version.
+        RunError: the file holds no run, is damaged, is too large, or is of another version.
     """
     path = Path(path)
     return _KEPT.read(path, _Header, lambda header, arrays: _run(header, arrays, path))
@@ -120,15 +123,15 @@ def _run(header: _Header, arrays: Mapping[str, NDArray[Any]], path: Path) -> Run
                 f"{agent.name} goes from entrance {agent.route[0]} to exit {agent.route[1]}, where no movement leads"
             )
         if junction.drivable:
-            itinerary(junction, *agent.route)  # refuses lanes that do not meet
+            itinerary(junction, *agent.route)  # raises an error about lanes that do not meet
         agents.append(Agent(agent.name, junction.every_way[agent.route], agent.kind, agent.size))
     if len(set(names)) < len(names):
-        raise ValueError(f"every vehicle must have a name of its own, got {reprlib.repr(names)}")
+        raise ValueError(f"the names of vehicles must differ, got {reprlib.repr(names)}")
     if header.facts.subject not in (None, *names):
         raise ValueError(f"subject in facts must be one of the vehicles, got {header.facts.subject!r}")
     for collision in header.collisions or ():
         if not ({*collision.agents} <= {*names} and 0 <= round(collision.time / header.dt) < steps):
-            raise ValueError(f"a collision must be one of its vehicles while it lasts, got {collision}")
+            raise ValueError(f"a collision must name vehicles of the run and a time within the run, got {collision}")
     optional = {name: arrays.get(name) for name in ("station", "speed", "pose", "controls", "spread")}
     return Run(
         header.label,
@@ -151,7 +154,37 @@ def _check_arrays(arrays: Mapping[str, NDArray[Any]], shapes: Mapping[str, tuple
         array = arrays.get(name)
         shape = shapes.get(name, default)
         if array is not None and (array.shape, array.dtype.kind) != (shape, kind):
-            what = "whole numbers" if kind == "i" else "numbers"
-            raise ValueError(f"{name} must be {what} in the shape {shape}, got {array.dtype} in {array.shape}")
+            numbers = "whole numbers" if kind == "i" else "numbers"
+            raise ValueError(f"{name} must be {numbers} in the shape {shape}, got {array.dtype} in {array.shape}")
         if array is not None and kind == "f" and (np.abs(array) > FARTHEST).any():
             raise ValueError(f"{name} holds numbers beyond {FARTHEST:g}")
+
+
+def glance(path: Path) -> Junction | None:
+    """Return the junction of a run that `save_run` wrote, without its centre lines, or None.
+
+    Only the head of the file is read, so a folder of a thousand runs takes a second. None means that the file holds no run or is
+    damaged; the error of `load_run` tells the two apart.
+    """
+    try:
+        head = msgspec.json.decode(peek(path, "header", _MOST), type=_Head)
+        return _without_lines(head.junction) if (head.format, head.version) == (FORMAT, VERSION) else None
+    except (msgspec.MsgspecError, KeyError, ValueError, MapError):
+        return None
+
+
+class _Head(msgspec.Struct, frozen=True):
+    format: str
+    version: int
+    junction: JunctionRecord
+
+
+def _without_lines(record: JunctionRecord) -> Junction:
+    """Return a junction without centre lines, which are in other entries of the file."""
+    without_lines = structs.replace(
+        record,
+        entrances=[structs.replace(entrance, approach=None) for entrance in record.entrances],
+        exits=[structs.replace(exit, road=None) for exit in record.exits],
+        movements=[structs.replace(movement, path=None) for movement in record.movements],
+    )
+    return get_junction(without_lines, {})

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pytest_rvads.drivers.lgsvl import Constants, LgsvlLike, ZoneBox
-from pytest_rvads.drivers.lgsvl.zone import Box, Whole, frame, zone_of
+from pytest_rvads.drivers.lgsvl.scheduler import Box, Whole, frame, zone_of
 from pytest_rvads.errors import AutopilotError
 from pytest_rvads.junctions.finder import find
 from pytest_rvads.paper.draws import crossing_wait

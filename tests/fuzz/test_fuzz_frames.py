@@ -20,9 +20,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import pytest_rvads as rvads
-from pytest_rvads.drivers.stacks import frames, messages, place
+from pytest_rvads.drivers.stacks import frames, messages
 from pytest_rvads.drivers.stacks.child import Child, StackError
-from pytest_rvads.drivers.stacks.connection import Connection
+from pytest_rvads.drivers.stacks.process import Connection
 from pytest_rvads.runs.run import Halt
 from pytest_rvads.simulators.seat import Seat
 
@@ -61,7 +61,7 @@ def observation() -> rvads.Observation:
 def told(form: str) -> tuple[bytes, bytes, bytes]:
     """Return reset, observe and bye."""
     talk = TALKS[form]()
-    return talk.begin(place.reset(observation(), 0.05)), talk.observe(observation(), 1), talk.bye
+    return talk.begin(messages.reset(observation(), 0.05)), talk.observe(observation(), 1), talk.bye
 
 
 def answered(**command: Any) -> bytes:
@@ -138,7 +138,7 @@ def test_stack_output_is_a_command_or_a_stack_error(form: str, data: st.DataObje
     pieces = data.draw(conversations(form))
     try:
         connection = Connection(lambda: Scripted(pieces), 1.0, 1.0)
-        connection.reset(place.reset(observation(), 0.05))
+        connection.reset(messages.reset(observation(), 0.05))
         command, compute = connection.ask(observation())
         driven = Seat(rvads.Case(SCENARIO, rvads.Reference).agents()[0], Says(command)).command(0, observation())
     except (StackError, Halt) as error:

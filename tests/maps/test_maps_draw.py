@@ -7,8 +7,7 @@ from xml.etree import ElementTree
 import pytest
 
 from pytest_rvads.draw.map_picture import draw_map
-from pytest_rvads.draw.svg import wrap
-from pytest_rvads.draw.symbols import arrow
+from pytest_rvads.draw.svg import arrow, wrap
 from pytest_rvads.junctions.builtin import path_of
 from pytest_rvads.junctions.finder import names
 from pytest_rvads.junctions.road_map import read_map

@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 import pytest
 
 from pytest_rvads.draw.map_picture import draw_map
-from pytest_rvads.draw.still import draw_ways
+from pytest_rvads.draw.picture import draw_ways
 from pytest_rvads.drivers.follower import Follower
 from pytest_rvads.drivers.interface import Observation
 from pytest_rvads.errors import MapError, ScenarioError

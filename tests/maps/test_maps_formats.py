@@ -90,7 +90,7 @@ def test_the_suffix_decides(star: Path, tmp_path: Path) -> None:
 
 def test_unknown_ids_of_a_network_are_refused() -> None:
     lane = straight("a", "r", np.array([0.0, 0.0]), np.array([9.0, 0.0]), forward=True)
-    with pytest.raises(MapError, match="names the edge 'b' but has none of this id"):
+    with pytest.raises(MapError, match="names the edge 'b' but has no edge"):
         Network({"a": lane}, nx.DiGraph([("a", "b")]), {})
-    with pytest.raises(MapError, match="names the junction 'x' but has none of this id"):
+    with pytest.raises(MapError, match="names the junction 'x' but has no junction"):
         Network({"a": replace(lane, junction="x")}, nx.DiGraph(), {})

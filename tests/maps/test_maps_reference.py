@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pytest_rvads.opendrive.lanes import lane_lines
+from pytest_rvads.opendrive.lanes import lane_lines, line_warnings
 from pytest_rvads.opendrive.records import Cubic, Lane, Road, Section, Shape
 from pytest_rvads.opendrive.reference_line import evaluate
 
@@ -93,11 +93,11 @@ def road(*, offsets: Any = (), widths: Any = (), shapes: Any = None, sections: A
 
 
 def test_lane_centre_is_offset_plus_half_the_width() -> None:
-    warnings: list[Any] = []
-    (lines,) = lane_lines(road(offsets=[Cubic(0, 1.0, 0.05, 0, 0)], widths=[Cubic(0, 3.0, 0.0, 0.001, 0)]), warnings)
+    straight = road(offsets=[Cubic(0, 1.0, 0.05, 0, 0)], widths=[Cubic(0, 3.0, 0.0, 0.001, 0)])
+    (lines,) = lane_lines(straight)
     x, y = lines[-1].points.T
     assert y == pytest.approx(1.0 + 0.05 * x - (3.0 + 0.001 * x**2) / 2)
-    assert not warnings
+    assert not list(line_warnings(straight, [lines]))
 
 
 def test_width_records_at_the_end_of_a_section_are_ignored() -> None:
@@ -105,7 +105,7 @@ def test_width_records_at_the_end_of_a_section_are_ignored() -> None:
     narrow = Lane(-1, "driving", (Cubic(0, 4.0, 0, 0, 0), Cubic(20.0, 30.0, 0, 0, 0)), (), (), (-1,))
     wide = Lane(-1, "driving", (Cubic(0, 4.0, 0, 0, 0),), (), (-1,), ())
     sections = (Section(0.0, {-1: narrow}), Section(20.0, {-1: wide}))
-    one, two = lane_lines(road(sections=sections, offsets=[Cubic(0, 0, 0, 0, 0), Cubic(20.0, 9.0, 0, 0, 0)]), [])
+    one, two = lane_lines(road(sections=sections, offsets=[Cubic(0, 0, 0, 0, 0), Cubic(20.0, 9.0, 0, 0, 0)]))
     assert one[-1].points[-1].tolist() == pytest.approx([20.0, -2.0])
     assert two[-1].points[0].tolist() == pytest.approx([20.0, 7.0])
 
@@ -116,7 +116,7 @@ def test_inner_lanes_push_outer_ones_out() -> None:
         2: Lane(2, "sidewalk", (Cubic(0, 2.0, 0, 0, 0),), (), (), ()),
         3: Lane(3, "onRamp".lower(), (Cubic(0, 4.0, 0, 0, 0),), (), (), ()),
     }
-    (lines,) = lane_lines(road(sections=(Section(0.0, lanes),)), [])
+    (lines,) = lane_lines(road(sections=(Section(0.0, lanes),)))
     assert sorted(lines) == [1, 3]
     assert lines[1].points[:, 1] == pytest.approx(1.5)
     assert lines[3].points[:, 1] == pytest.approx(3 + 2 + 2)
@@ -124,7 +124,7 @@ def test_inner_lanes_push_outer_ones_out() -> None:
 
 def test_borders_stand_in_for_widths() -> None:
     lane = Lane(-1, "driving", (), (Cubic(0, -3.6, 0, 0, 0),), (), ())
-    (lines,) = lane_lines(road(sections=(Section(0.0, {-1: lane}),)), [])
+    (lines,) = lane_lines(road(sections=(Section(0.0, {-1: lane}),)))
     assert lines[-1].points[:, 1] == pytest.approx(-1.8)
 
 
@@ -135,8 +135,7 @@ def test_folds_at_kinks_are_cut() -> None:
         Shape(0.0, 0.0, 0.0, 0.0, 20.0, "arc", (1e-9,), False),
         Shape(20.0, 20.0, 0.0, -bend, 20.0, "arc", (1e-9,), False),
     )
-    warnings: list[Any] = []
-    (lines,) = lane_lines(road(shapes=shapes), warnings)
+    (lines,) = lane_lines(road(shapes=shapes))
     line = lines[-1]
     steps = np.diff(line.points, axis=0)
     middle = np.arctan2(steps[:, 1], steps[:, 0])
@@ -144,12 +143,10 @@ def test_folds_at_kinks_are_cut() -> None:
     assert middle.max() <= 1e-6
     # Two straight lines that are cut where they cross: each is shorter by t tan(bend / 2).
     assert np.hypot(*steps.T).sum() == pytest.approx(40 - 2 * 2.0 * math.tan(bend / 2), abs=1e-6)
-    assert [warning.kind for warning in warnings] == ["kink"]
+    assert [warning.kind for warning in line_warnings(road(shapes=shapes), [lines])] == ["kink"]
     assert line.turning == pytest.approx(-bend)
 
 
 def test_lengths_and_gaps_are_compared() -> None:
     shapes = (Shape(0.0, 0.0, 0.0, 0.0, 20.0, "line", (), False), Shape(20.0, 20.5, 0.0, 0.0, 20.3, "line", (), False))
-    warnings: list[Any] = []
-    lane_lines(road(shapes=shapes), warnings)
-    assert [warning.kind for warning in warnings] == ["gap", "length"]
+    assert [warning.kind for warning in line_warnings(road(shapes=shapes), [])] == ["gap", "length"]

@@ -175,9 +175,9 @@ def test_roundabouts_of_other_numbers_of_arms(read: Read, arms: int) -> None:
 @pytest.mark.parametrize(
     ("values", "says"),
     [
-        ({"control": JunctionControl.YIELD}, "control yield, but that needs signs, one per arm"),
-        ({"control": JunctionControl.PARTIAL}, "control partial, but that needs signs"),
-        ({"signs": (Sign.YIELD,) * 4}, "control stop, but they make up yield"),
+        ({"control": JunctionControl.YIELD}, "control yield, but this control needs signs, one per arm"),
+        ({"control": JunctionControl.PARTIAL}, "control partial, but this control needs signs"),
+        ({"signs": (Sign.YIELD,) * 4}, "control stop, but its signs make up yield"),
         ({"signs": (Sign.STOP,) * 3}, "a junction of 4 ways needs 4 signs, got 3"),
         ({"lanes": TURN_LANE[:2]}, "a junction of 4 ways needs 4 lanes, got 2"),
         ({"exits": (1, 1)}, "needs 4 exits, got 2"),

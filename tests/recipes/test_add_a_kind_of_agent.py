@@ -21,7 +21,7 @@ from dataclasses import replace
 
 import pytest_rvads as rvads
 from pytest_rvads.draw.picture import picture
-from pytest_rvads.drivers.stacks import frames, messages, place
+from pytest_rvads.drivers.stacks import frames, messages
 from pytest_rvads.runs.states import Kind
 
 class Spy(rvads.Reference):
@@ -38,7 +38,7 @@ for kind in Kind:
     seen = Spy.seen._replace(me=Spy.seen.me._replace(kind=kind))
     told = []
     for talk in (messages.Json(), frames.Binary()):
-        talk.begin(place.reset(seen, 0.05))
+        talk.begin(messages.reset(seen, 0.05))
         told.append(talk.observe(seen, 1))
     found[kind.value] = {
         "hash": one.hash,

@@ -17,7 +17,7 @@ from pytest_rvads.draw.animated import animated
 from pytest_rvads.draw.picture import picture
 from pytest_rvads.draw.replay import events, replay
 from pytest_rvads.drivers.crossing import Meetings
-from pytest_rvads.drivers.stacks.place import _map
+from pytest_rvads.drivers.stacks.messages import _map
 from pytest_rvads.errors import MapError, RunError
 from pytest_rvads.junctions.conflicts import Key, Way
 from pytest_rvads.junctions.finder import find

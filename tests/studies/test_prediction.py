@@ -11,7 +11,7 @@ from typing import Any
 import msgspec
 import pytest
 
-from pytest_rvads.drivers.lgsvl.zone import frame
+from pytest_rvads.drivers.lgsvl.scheduler import frame
 from pytest_rvads.errors import MapError, ScenarioError
 from pytest_rvads.junctions.finder import find
 from pytest_rvads.maps.control import JunctionControl

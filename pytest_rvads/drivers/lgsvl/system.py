@@ -20,7 +20,7 @@ class LgsvlLike(TrafficSystem):
         i1: a vehicle sets off before its driver knows about the stop sign.
         i2: the scheduler mistakes a hidden box for the junction.
         i3: the scheduler ignores the vehicle to the right when two vehicles arrive together.
-        i4: a vehicle turns right on red after a time, without looking.
+        i4: a vehicle turns right on red after a time, without regard to other vehicles.
         i5: a left turn yields by an incomplete list of oncoming movements.
         constants: the free constants.
 

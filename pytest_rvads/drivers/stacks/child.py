@@ -1,4 +1,7 @@
-"""The process of a stack: bytes in, bytes out, each with a time limit, and its end."""
+"""The process of a stack: bytes written to the process, bytes read from the process, each with a time limit, and the end.
+
+A thread reads the standard error of the process, so that the stack never waits for this process. Only the end is stored.
+"""
 
 from __future__ import annotations
 
@@ -12,24 +15,28 @@ import warnings
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
+from threading import Lock, Thread
 from uuid import uuid4
 
 from pytest_rvads.drivers.stacks import guard
 from pytest_rvads.drivers.stacks.descendants import MARK, Descendants, dismiss, kill
-from pytest_rvads.drivers.stacks.standard_error import StandardError
 from pytest_rvads.errors import AutopilotError
-from pytest_rvads.wording import one_line
+from pytest_rvads.wording import one_line, printable
 
-__all__ = ["Child", "StackError", "StackTimeout"]
+__all__ = ["Child", "StackError", "StackTimeout", "StandardError"]
 
+_STORED = 2**20
+"""Stored part of the standard error [bytes]."""
+_TAIL = 4096
+"""Part of the standard error in the detail of an error [bytes]."""
 _PIECE = 65536
-"""Read at once [bytes]."""
+"""Bytes per read."""
 _LINE = 16 * 2**20
-"""The longest line [bytes]: what can be made of it takes some 20 times as much memory."""
+"""The longest line [bytes]: the values of a line take about 20 times as much memory."""
 _LONGEST = 1000
-"""What is said of a failure, at most [characters]; some of it is of the stack's making."""
+"""Longest text of an error [characters]; parts of the text come from the stack."""
 _MOMENT = 0.5
-"""Between the end of the output of a process and its own [s]."""
+"""Longest time between the end of the output of a process and the end of the process [s]."""
 
 
 class StackError(AutopilotError):
@@ -37,7 +44,7 @@ class StackError(AutopilotError):
 
     Args:
         text: one sentence.
-        detail: what it last wrote to its standard error.
+        detail: the end of the standard error of the stack.
     """
 
     def __init__(self, text: str, detail: str = "") -> None:
@@ -46,7 +53,7 @@ class StackError(AutopilotError):
 
 
 class StackTimeout(StackError):
-    """A stack took longer than it may."""
+    """A stack took longer than its time limit."""
 
 
 class Child:
@@ -54,12 +61,12 @@ class Child:
 
     Args:
         command: the program and its arguments.
-        cwd: its working directory.
-        env: variables to add to its environment.
-        grace: how long it has to exit when it is told to, by `bye` and by SIGTERM [s].
+        cwd: working directory of the program.
+        env: variables to add to the environment of the program.
+        grace: longest time for exiting after `bye` and after SIGTERM [s].
 
     Raises:
-        StackError: it can't be started.
+        StackError: the program can't be started.
     """
 
     def __init__(
@@ -80,8 +87,8 @@ class Child:
             )
         except (OSError, ValueError) as error:
             self._stderr.close()
-            why = getattr(error, "strerror", None) or error
-            raise StackError(f"it can't be started: {why}; give the path of a program that exists") from None
+            cause = getattr(error, "strerror", None) or error
+            raise StackError(f"it can't be started: {cause}; give the path of a program that exists") from None
         finally:
             os.close(self._stderr.sink)
         guard.watch(self._process.pid, mark, grace)
@@ -98,12 +105,12 @@ class Child:
 
     @property
     def pid(self) -> int:
-        """Number of the process, of its group and of its session."""
+        """Number of the process, of its process group and of its session."""
         return self._process.pid
 
     @property
     def running(self) -> bool:
-        """Whether it has not ended."""
+        """Whether the process has not ended."""
         return self._exited(0.0) is None
 
     def send(self, data: bytes, limit: float) -> None:
@@ -125,11 +132,11 @@ class Child:
                 return
 
     def line(self, limit: float) -> bytes:
-        """Return the next line, without its end.
+        """Return the next line, without the newline.
 
         Raises:
-            StackError: it ended, or the line does not.
-            StackTimeout: it wrote none within `limit` seconds.
+            StackError: the process ended, or the line is too long.
+            StackTimeout: the process wrote no line within `limit` seconds.
         """
         deadline = time.monotonic() + limit
         searched = 0
@@ -138,71 +145,71 @@ class Child:
             if searched > _LINE:
                 raise StackError(f"it wrote {searched:,} bytes without the end of a line, expected at most {_LINE:,}")
             self._fill(deadline, limit)
-        found = bytes(self._buffer[:end])
+        line = bytes(self._buffer[:end])
         del self._buffer[: end + 1]
-        return found
+        return line
 
     def exactly(self, count: int, limit: float) -> bytes:
         """Return the next `count` bytes.
 
         Raises:
-            StackError: it ended.
-            StackTimeout: it wrote fewer within `limit` seconds.
+            StackError: the process ended.
+            StackTimeout: the process wrote fewer bytes within `limit` seconds.
         """
         deadline = time.monotonic() + limit
         while len(self._buffer) < count:
             self._fill(deadline, limit)
-        found = bytes(self._buffer[:count])
+        data = bytes(self._buffer[:count])
         del self._buffer[:count]
-        return found
+        return data
 
     def pending(self) -> bytes:
-        """Return the first bytes that the process wrote without being asked."""
+        """Return the first bytes that the process wrote without a request."""
         if not self._buffer and self._readable.poll(0):
             self._buffer += os.read(self._out.fileno(), _PIECE)
         return bytes(self._buffer)
 
     def tail(self) -> str:
-        """Return the end of what it wrote to its standard error."""
+        """Return the end of the standard error."""
         return self._stderr.tail()
 
     def close(self, farewell: bytes = b"") -> None:
-        """End it and all that it started: say goodbye and wait, send SIGTERM and wait, kill what is left.
+        """End the process and its descendants: send `farewell` and wait, send SIGTERM and wait, send SIGKILL.
 
         Warns:
-            RuntimeWarning: of what can't be ended or found.
+            RuntimeWarning: a process can't be ended or found.
         """
         if self._closed:
             return
         self._closed = True
         try:
             self._dismiss(farewell)
-        finally:  # also where somebody does not want to wait any longer
-            left = kill([self._descendants])
+        finally:  # also after an interrupt
+            living = kill([self._descendants])
             with suppress(subprocess.TimeoutExpired):
                 self._process.wait(_MOMENT)
             guard.unwatch(self._process.pid)
-            held = self._held()
+            held = self._is_output_held()
             self._out.close()
             self._stderr.close()
-        if left:
-            _warn(f"the processes {sorted(left)} of the stack {self._name} can't be ended")
+        if living:
+            _warn(f"the processes {sorted(living)} of the stack {self._name} can't be ended")
         elif held:
             _warn(f"a process that the stack {self._name} started holds its standard output and can't be found")
 
     def _dismiss(self, farewell: bytes) -> None:
         """Ask the process to exit, and wait for the process and all its descendants."""
         if farewell:
-            self._descendants.living()  # what it leaves behind is not related to it any more once it has gone
-            with suppress(OSError):  # it is gone, or does not read
+            self._descendants.living()  # once the process has gone, its descendants are no longer related to the process
+            with suppress(OSError):  # the process has gone, or does not read
                 os.write(self._in.fileno(), farewell)
         self._in.close()
         if farewell:
             self._exited(self._grace)
         dismiss([self._descendants], self._grace)
 
-    def _held(self) -> bool:
-        """Tell whether somebody can still write to its standard output; who was killed may need a moment to let go of it."""
+    def _is_output_held(self) -> bool:
+        """Return whether a process still holds the standard output, some time after the processes were killed."""
         deadline = time.monotonic() + _MOMENT
         while time.monotonic() < deadline and self._readable.poll(_left(deadline)):
             if not os.read(self._out.fileno(), _PIECE):
@@ -214,10 +221,10 @@ class Child:
             raise StackTimeout(f"it did not answer within {limit:g} s")
         data = os.read(self._out.fileno(), _PIECE)
         if not data:
-            raise StackError(self._ended())
+            raise StackError(self._end_in_words())
         self._buffer += data
 
-    def _ended(self) -> str:
+    def _end_in_words(self) -> str:
         status = self._exited(_MOMENT)
         if status is None:
             return "it closed its standard input or output and went on"
@@ -230,22 +237,71 @@ class Child:
         return f"it was killed by signal {name}"
 
     def _exited(self, limit: float) -> os.waitid_result | None:
-        """Return how it exited, None if it has not within `limit` seconds; it is not reaped."""
+        """Return the exit of the process without reaping the process; None if the process runs after `limit` seconds."""
         deadline = time.monotonic() + limit
         while True:
             try:
-                found = os.waitid(os.P_PID, self._process.pid, os.WEXITED | os.WNOWAIT | os.WNOHANG)
-            except ChildProcessError:  # somebody in this process waits for whatever ends
+                status = os.waitid(os.P_PID, self._process.pid, os.WEXITED | os.WNOWAIT | os.WNOHANG)
+            except ChildProcessError:  # other code in this process has reaped the process
                 return None
-            if found is not None or time.monotonic() >= deadline:
-                return found
+            if status is not None or time.monotonic() >= deadline:
+                return status
             time.sleep(0.002)
 
 
-def _warn(what: str) -> None:
-    warnings.warn(f"{what}: end them by hand, and run what starts daemons in a container", RuntimeWarning, stacklevel=3)
+def _warn(fault: str) -> None:
+    warnings.warn(f"{fault}: end them by hand, and run stacks that start daemons in a container", RuntimeWarning, stacklevel=3)
 
 
 def _left(deadline: float) -> float:
-    """Return the time until `deadline` for `poll` [ms]."""
+    """Return the time until `deadline` [ms], as `poll` takes the time."""
     return max(deadline - time.monotonic(), 0.0) * 1000.0
+
+
+class StandardError:
+    """A pipe for the standard error of a stack, of which the end is stored.
+
+    A thread reads the pipe until no process can write to the pipe, or until the pipe is closed. Closing does not wait for
+    processes that left the stack and still hold the pipe.
+    """
+
+    def __init__(self) -> None:
+        self._source, self.sink = os.pipe()
+        """The end of the pipe to read from; the end that the stack writes to."""
+        self._stop, self._stopper = os.pipe()
+        os.set_blocking(self._source, False)
+        self._stored = bytearray()
+        self._lock = Lock()
+        self._thread = Thread(target=self._follow, name="standard error of a stack", daemon=True)
+        self._thread.start()
+
+    def tail(self) -> str:
+        """Return the end of the text that was written until now."""
+        if self._thread.is_alive():
+            self._read()
+        return printable(self._stored[-_TAIL:].decode(errors="replace").strip(), _TAIL)
+
+    def close(self) -> None:
+        """Stop reading; `tail` does not change any more."""
+        os.close(self._stopper)
+        self._thread.join()
+        for number in (self._source, self._stop):
+            os.close(number)
+
+    def _follow(self) -> None:
+        waits = select.poll()
+        for number in (self._source, self._stop):
+            waits.register(number, select.POLLIN)
+        while self._stop not in dict(waits.poll()) and self._read():
+            pass
+
+    def _read(self) -> bool:
+        """Read and store the bytes in the pipe, at most one piece, and return whether more bytes may come."""
+        with self._lock:
+            try:
+                piece = os.read(self._source, _PIECE)
+            except BlockingIOError:
+                return True
+            self._stored += piece
+            del self._stored[:-_STORED]
+        return bool(piece)

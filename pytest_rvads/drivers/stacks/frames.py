@@ -23,9 +23,9 @@ __all__ = ["Binary"]
 RESET, READY, OBSERVE, COMMAND, BYE = 1, 2, 3, 4, 5
 """Kinds of frames."""
 ENTRANCES, OTHERS, POINTS = 32, 63, 64
-"""Entrances, exits, other vehicles, and points of a trajectory that a frame has room for."""
+"""Most entrances or exits, most other vehicles, and most points of a trajectory in a frame."""
 _TRAJECTORY = 4
-"""The last kind of commands."""
+"""The last kind of command."""
 HEADER = struct.Struct("<2I")
 _RESET = struct.Struct("<14I5d8d")
 _ENTRANCE, _EXIT = struct.Struct("<3Ii2d"), struct.Struct("<2I")
@@ -33,12 +33,12 @@ _MOVEMENT, _PAIR, _POINT = struct.Struct("<4Id"), struct.Struct("<2I"), struct.S
 _YIELD = struct.Struct("<4I")
 _SEEN = struct.Struct("<d4I")
 NAME = 24
-"""Bytes of the name of a vehicle, the last of them 0; a longer one is cut."""
+"""Bytes of the name of a vehicle; the last byte is 0, and a longer name is cut."""
 _VEHICLE = struct.Struct(f"<6I8d{NAME}s")
 _LIGHTS = struct.Struct(f"<{ENTRANCES}I")
 _COMMAND = struct.Struct("<4I4d")
 _SIZES = {READY: 0, COMMAND: _COMMAND.size + 3 * 8 * POINTS}
-"""Of the frames that a stack sends [bytes]."""
+"""Sizes of the bodies of the frames that a stack sends [bytes]."""
 _TURNS = {turn: number for number, turn in enumerate((Turn.RIGHT, Turn.STRAIGHT, Turn.LEFT))}
 _CONTROLS = {control: number for number, control in enumerate(("stop", "lights", "none", "partial", "yield"))}
 _REASONS = {reason: number for number, reason in enumerate(("stated", "sign", "turn", "right", "merge", "undecided"))}
@@ -52,10 +52,10 @@ class Binary(messages.Format):
     bye = HEADER.pack(BYE, 0)
 
     def reset(self, content: dict[str, Any]) -> bytes:
-        """Return the reset frame: fixed parts, movements, conflicts, yields, the path of the itinerary, all of it as JSON.
+        """Return the reset frame: fixed parts, movements, conflicts, yields, path, and the content as JSON.
 
         Raises:
-            StackError: more entrances or exits than there is room for.
+            StackError: the junction has too many entrances or exits for a frame.
         """
         way, place = content["itinerary"], content["map"]
         entrances, exits = place["entrances"], place["exits"]
@@ -89,7 +89,10 @@ class Binary(messages.Format):
                 _relation(place["opposite"]),
                 *(_MOVEMENT.pack(m["entrance"], m["exit"], _TURNS[m["turn"]], 0, m["length"]) for m in place["movements"]),
                 *(_PAIR.pack(*pair) for pair in place["conflicts"]),
-                *(_YIELD.pack(*p, _REASONS[why], 0) for p, why in zip(place["yields"], place["reasons"], strict=True)),
+                *(
+                    _YIELD.pack(*pair, _REASONS[reason], 0)
+                    for pair, reason in zip(place["yields"], place["reasons"], strict=True)
+                ),
                 *(_POINT.pack(*point) for point in way["path"]),
                 text,
             )
@@ -100,7 +103,7 @@ class Binary(messages.Format):
         """Return the observe frame; steps count from 1 in every scenario.
 
         Raises:
-            StackError: more vehicles than there is room for.
+            StackError: the run has too many vehicles for a frame.
         """
         others, lights = seen.others, seen.lights
         if len(others) > OTHERS:
@@ -116,26 +119,26 @@ class Binary(messages.Format):
         return HEADER.pack(OBSERVE, len(body)) + body
 
     def command(self, body: bytes) -> tuple[Command, float | None, int]:
-        """Return the command in the body of a frame, the compute time that the stack reports [s], and the step it answers.
+        """Return the command in the body of a frame, the reported compute time [s], and the step of its observation.
 
         Raises:
-            StackError: no such kind of command, or more points than there is room for.
+            StackError: the kind of command is unknown, or the trajectory has too many points.
         """
-        kind, count, step, _, one, two, three, compute = _COMMAND.unpack_from(body)
-        taken = None if compute < 0 else compute
+        kind, count, step, _, *values, compute = _COMMAND.unpack_from(body)
+        reported = None if compute < 0 else compute
         if kind != _TRAJECTORY:
-            return _command(kind, one, two, three), taken, step
+            return _command(kind, *values), reported, step
         if count > POINTS:
             raise StackError(f"its trajectory has {count} points, expected at most {POINTS}")
         points = struct.iter_unpack("<3d", body[_COMMAND.size : _COMMAND.size + 24 * count])
-        return Trajectory(tuple(Waypoint(*point) for point in points)), taken, step
+        return Trajectory(tuple(Waypoint(*point) for point in points)), reported, step
 
     def ready(self, child: Child, limit: float) -> None:
-        """Wait for the frame that says so."""
+        """Wait for the frame ``ready``, at most `limit` seconds."""
         _frame(child, READY, limit)
 
     def answer(self, child: Child, limit: float) -> tuple[Command, float | None, int]:
-        """Return what the next frame says."""
+        """Return the command, the reported compute time [s] and the step in the next frame."""
         return self.command(_frame(child, COMMAND, limit))
 
     def _vehicle(self, state: VehicleState) -> bytes:
@@ -153,46 +156,46 @@ class Binary(messages.Format):
 
 
 def _entrance(entrance: dict[str, Any]) -> tuple[Any, ...]:
-    """Return the numbers of an entrance: phase -1 where there is no light, the sign at the line where nothing else is said."""
+    """Return the numbers of an entrance: phase -1 without a light, and the setback of the line if the sign has no own setback."""
     phase, back, posted = entrance["phase"], entrance["setback"], entrance["sign_setback"]
     fixed = entrance["arm"], entrance["lane"], _SIGNS[entrance["sign"]]
     return *fixed, -1 if phase is None else phase, back, back if posted is None else posted
 
 
 def _frame(child: Child, kind: int, limit: float) -> bytes:
-    """Return the body of the next frame, which has to be of a kind."""
+    """Return the body of the next frame, whose kind must be `kind`."""
     head = child.exactly(HEADER.size, limit)
-    found, size = HEADER.unpack(head)
-    if _SIZES.get(found) != size:
+    received, size = HEADER.unpack(head)
+    if _SIZES.get(received) != size:
         raise StackError(messages.stray(head + child.pending()))
-    if found != kind:
-        raise StackError(f"it sent a frame of kind {found}, expected {kind}")
+    if received != kind:
+        raise StackError(f"it sent a frame of kind {received}, expected {kind}")
     return child.exactly(size, limit)
 
 
-def _command(kind: int, one: float, two: float, three: float) -> Command:
+def _command(kind: int, *values: float) -> Command:
     match kind:
         case 0:
-            return Control(one, two, three)
+            return Control(*values)
         case 1:
-            return TargetSpeed(one)
+            return TargetSpeed(values[0])
         case 2:
-            return Acceleration(one)
+            return Acceleration(values[0])
         case 3:
-            return Acceleration(one, two)
+            return Acceleration(*values[:2])
     raise StackError(f"its command is of kind {kind}, expected 0 to {_TRAJECTORY}")
 
 
 def _table(row: struct.Struct, rows: Iterable[tuple[Any, ...]]) -> bytes:
-    """Return rows of numbers, filled up to the number of entrances that there is room for."""
+    """Return rows of numbers, filled with zeros up to `ENTRANCES` rows."""
     return b"".join(row.pack(*values) for values in rows).ljust(row.size * ENTRANCES, b"\0")
 
 
 def _relation(pairs: Iterable[tuple[int, int]]) -> bytes:
-    """Return a relation between entrances as a square table of bytes, 1 where it holds."""
+    """Return a relation between entrances as a square table of bytes, 1 for the pairs of the relation."""
     table = bytearray(ENTRANCES * ENTRANCES)
-    for one, other in pairs:
-        table[one * ENTRANCES + other] = 1
+    for row, column in pairs:
+        table[row * ENTRANCES + column] = 1
     return bytes(table)
 
 

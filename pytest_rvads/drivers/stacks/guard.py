@@ -1,7 +1,8 @@
-"""The guard: a small process that ends the stacks when this one is gone, however it went.
+"""The guard: a small process that ends the stacks after any end of this process.
 
-A stack reads the end of its input when we die, but one that hangs, or that a script started, would stay. The guard holds
-one end of a pipe; when the other end closes, by an exit, a signal or a crash, it ends every stack it was told of.
+When this process ends, a stack reads the end of its input. But a stack that hangs, or that a script started, would go on. The
+guard holds an end of a pipe. The other end closes at an exit, a signal or a crash of this process. Then the guard ends all stacks
+that this process reported to the guard.
 """
 
 from __future__ import annotations
@@ -17,23 +18,23 @@ from pytest_rvads.drivers.stacks import descendants
 __all__ = ["unwatch", "watch"]
 
 _PATIENCE = 60.0
-"""How long we wait for the guard when we exit [s]; it goes on without us."""
+"""Longest time that this process waits for the guard at its exit [s]; the guard continues after this process."""
 
 _guard: subprocess.Popen[str] | None = None
 _inherited: list[subprocess.Popen[str]] = []
-"""Guards of the processes that this one was forked from."""
+"""Guards of the processes from which this process was forked."""
 _watched: dict[int, str] = {}
-"""What the guard knows of each stack, for another one to be told should it be killed."""
+"""Per stack, the line sent to the guard; a new guard gets all lines if the guard was killed."""
 
 
 def _forked() -> None:
-    """Forget in a forked process what its parent watches: it would be ended when this process ends."""
+    """Forget, in a forked process, the stacks of the parent, which the end of the forked process must not end."""
     global _guard
     if _guard is not None:
-        _inherited.append(_guard)  # not collected: that would warn of a process that is not ours
+        _inherited.append(_guard)  # garbage collection would warn about a process of the parent
         if _guard.stdin is not None:
             with suppress(OSError):
-                _guard.stdin.close()  # or the guard would wait for us, too
+                _guard.stdin.close()  # else the guard would wait for this process, too
     _guard = None
     _watched.clear()
 
@@ -43,21 +44,27 @@ if hasattr(os, "register_at_fork"):
 
 
 def watch(leader: int, mark: str, grace: float) -> None:
-    """Have a stack ended when this process ends; see `descendants`."""
+    """Report a stack to the guard, which ends the stack when this process ends.
+
+    Args:
+        leader: number of the process of the stack.
+        mark: value of the environment variable `descendants.MARK` in all processes of the stack.
+        grace: longest time for exiting after SIGTERM [s].
+    """
     _watched[leader] = f"{leader} {mark} {grace}\n"
-    _tell(_watched[leader])
+    _send(_watched[leader])
 
 
 def unwatch(leader: int) -> None:
-    """Forget a stack that has ended."""
+    """Report to the guard that a stack has ended."""
     if _watched.pop(leader, None):
-        _tell(f"{leader}\n")
+        _send(f"{leader}\n")
 
 
-def _tell(line: str) -> None:
+def _send(line: str) -> None:
     global _guard
     if _guard is None or _guard.poll() is not None:
-        # A session of its own: Ctrl-C in a terminal goes to every process of the foreground group.
+        # The guard has a separate session because Ctrl-C in a terminal goes to all processes of the foreground group.
         _guard = subprocess.Popen(
             [sys.executable, "-I", "-S", descendants.__file__],
             stdin=subprocess.PIPE,
@@ -69,13 +76,13 @@ def _tell(line: str) -> None:
         atexit.register(_dismiss, _guard)
         line = "".join(_watched.values())
     if _guard.stdin is not None:
-        with suppress(BrokenPipeError):  # it was killed this moment: the next one is told
+        with suppress(BrokenPipeError):  # the guard was just killed; the next guard gets the line
             _guard.stdin.write(line)
             _guard.stdin.flush()
 
 
 def _dismiss(guard: subprocess.Popen[str]) -> None:
-    """Let the guard do what is left to do, and wait for it."""
+    """Close the input of the guard, and wait until the guard has ended the remaining stacks."""
     if guard.stdin is not None:
         with suppress(BrokenPipeError):
             guard.stdin.close()

@@ -1,11 +1,11 @@
-"""The messages of the protocol, as JSON lines.
+"""The messages of the protocol as JSON lines, and the content of the message ``reset``.
 
 ============  =========================================================================================================
 message       content
 ============  =========================================================================================================
 hello         both ways, always JSON; the stack answers with its name, version, format (``json`` or ``binary``) and rate
 reset         a new scenario: map, itinerary, vehicle; answered by ready
-observe       what the vehicle sees; answered by command
+observe       the observation of the vehicle; answered by command
 bye           the end; the stack exits
 ============  =========================================================================================================
 """
@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import json
 from abc import ABC, abstractmethod
+from functools import lru_cache
 from typing import Any, TypeVar
 
 from msgspec import MsgspecError, Struct, convert
@@ -21,39 +22,42 @@ from msgspec.json import Decoder, Encoder
 
 from pytest_rvads.drivers.interface import Acceleration, Command, Control, Observation, TargetSpeed, Trajectory, Waypoint
 from pytest_rvads.drivers.stacks.child import Child, StackError
+from pytest_rvads.junctions.junction import Junction
+from pytest_rvads.maps.segment import Pose, Segment
+from pytest_rvads.runs.itineraries import Itinerary
 from pytest_rvads.runs.states import Colour, VehicleState, Zone
 
-__all__ = ["VERSION", "Format", "Hello", "Json", "hello", "quoted", "read", "stray"]
+__all__ = ["VERSION", "Format", "Hello", "Json", "hello", "quoted", "read", "reset", "stray"]
 
 VERSION = 2
-"""Of the protocol; a stack of another version is refused."""
+"""Version of the protocol; a stack of another version is refused."""
 _POINTS = 10_000
-"""Of a trajectory, at most."""
+"""Most points of a trajectory."""
 _KINDS = "throttle, brake and steering; target_speed; acceleration; or trajectory"
 _ZONES = tuple(zone.name.lower() for zone in Zone)
 _COLOURS = tuple(colour.name.lower() for colour in Colour)
 
 
 class Hello(Struct, tag_field="type", tag="hello"):
-    """What a stack says first."""
+    """The first message of a stack."""
 
     version: int
     format: str = "json"
     rate: float | None = None
-    """Decisions per simulated second that it wants [Hz]."""
+    """Decisions per simulated second [Hz]."""
 
 
 class Ready(Struct, tag_field="type", tag="ready"):
-    """A stack has taken in the scenario."""
+    """The message of a stack that is ready for the scenario."""
 
 
 class Answer(Struct, tag_field="type", tag="command"):
-    """A command; whether its values are in range is for the seat to say: it says so of every autopilot."""
+    """The message ``command``; the seat checks the ranges of its values, as for every autopilot."""
 
     step: int | None = None
-    """Of the observation that it answers."""
+    """Step of the observation that the command answers."""
     compute: float | None = None
-    """Time that the stack says it took [s]."""
+    """Compute time that the stack reports [s]."""
     throttle: float | None = None
     brake: float | None = None
     steering: float | None = None
@@ -62,10 +66,10 @@ class Answer(Struct, tag_field="type", tag="command"):
     trajectory: tuple[Waypoint, ...] | None = None
 
     def command(self) -> Command:
-        """Return what to do.
+        """Return the command in the message.
 
         Raises:
-            StackError: it says nothing, or too much.
+            StackError: the message has no command or several commands.
         """
         parts = [name for name in ("trajectory", "target_speed", "acceleration") if getattr(self, name) is not None]
         parts += ["throttle or brake"] if not (self.throttle is self.brake is None) else []
@@ -85,7 +89,11 @@ class Answer(Struct, tag_field="type", tag="command"):
 
 
 _encode = Encoder().encode
+
+
 _decode = Decoder(Hello | Ready | Answer).decode
+
+
 _Message = TypeVar("_Message", Hello, Ready, Answer)
 
 
@@ -98,17 +106,17 @@ def read(line: bytes, kind: type[_Message]) -> _Message:
     """Return a message of the stack.
 
     Raises:
-        StackError: no JSON object, another type of message than `kind`, or a field of the wrong sort.
+        StackError: the line is no JSON object, a message of another type than `kind`, or has a field of the wrong type.
     """
     try:
-        found = _decode(line)
+        message = _decode(line)
     except (MsgspecError, ValueError, RecursionError):
-        found = None
-    return found if isinstance(found, kind) else _closely(line, kind)
+        message = None
+    return message if isinstance(message, kind) else _read_leniently(line, kind)
 
 
-def _closely(line: bytes, kind: type[_Message]) -> _Message:
-    """Return a message that is no JSON by the book, NaN is not, or say what is wrong with it."""
+def _read_leniently(line: bytes, kind: type[_Message]) -> _Message:
+    """Return a message with values beyond strict JSON, such as NaN, or raise an error that explains the fault."""
     expected = str(kind.__struct_config__.tag)
     try:
         content = json.loads(line)
@@ -125,37 +133,109 @@ def _closely(line: bytes, kind: type[_Message]) -> _Message:
 
 
 def stray(data: bytes) -> str:
-    """Return what to say of output that is no message."""
+    """Return the text of the error about output that is no message."""
     return f"it wrote {quoted(data)} to its standard output, which carries the protocol: print to standard error instead"
 
 
 def quoted(data: bytes) -> str:
-    """Return the beginning of some output, to be shown."""
+    """Return the beginning of output in quotation marks."""
     return repr(data[:60].decode(errors="replace"))
 
 
-class _Seen(Struct, gc=False):
-    """A vehicle as the message ``observe`` has it."""
+def reset(seen: Observation, period: float) -> dict[str, Any]:
+    """Return the content of the reset message for the run that begins with `seen`.
 
-    id: int
-    name: str
-    kind: str
-    entrance: int
-    lane: int
-    turn: str
-    zone: str
-    station: float
-    x: float
-    y: float
-    heading: float
-    speed: float
-    acceleration: float
-    length: float
-    width: float
+    Args:
+        seen: the first observation of the run.
+        period: time between two observations [s].
+    """
+    itinerary, vehicle = seen.itinerary, seen.vehicle
+    return {
+        "type": "reset",
+        "name": seen.me.name,
+        "period": period,
+        "speed_limit": seen.speed_limit,
+        "vehicle": {
+            "length": vehicle.length,
+            "width": vehicle.width,
+            "wheelbase": vehicle.wheelbase,
+            "rear_axle_offset": vehicle.rear_axle_offset,
+            "drive": vehicle.drive,
+            "brake": vehicle.brake[seen.aggression - 1],
+            "steering_limit": vehicle.steering_limit,
+            "steering_rate": vehicle.steering_rate,
+        },
+        "itinerary": {
+            "entrance": itinerary.entrance,
+            "exit": itinerary.exit,
+            "turn": itinerary.turn.value,
+            "line": itinerary.line,
+            "length": itinerary.length,
+            "end": itinerary.end,
+            "speed_limits": [(at, itinerary.limit_at(at)) for at, _ in itinerary.limits or ((-itinerary.origin, None),)],
+            "path": _path(itinerary),
+        },
+        "map": _map(seen.junction),
+    }
+
+
+def _path(itinerary: Itinerary) -> tuple[tuple[float, float, float, float], ...]:
+    """Return the centre line of an itinerary with a point per metre: station, x, y [m], heading [rad]."""
+    first = -itinerary.origin
+    stations = [first + k for k in range(int(itinerary.end - first))] + [itinerary.end]
+    return tuple((s, *itinerary.pose(s)) for s in stations)
+
+
+@lru_cache(maxsize=64)
+def _map(junction: Junction) -> dict[str, Any]:
+    """Return a junction as builtins: its arms, lanes, signs and lights, the yields between movements, and the centre lines."""
+    index = {key: number for number, key in enumerate(junction.movements)}
+    between = {pair for pair in junction.conflicts or () if junction.movements.keys() >= {*pair}}
+    yields = (junction.yields or {}).items()
+    reasons = {(index[way], index[prior]): reason.value for (way, prior), reason in yields if (way, prior) in between}
+    return {
+        "junction": junction.name,
+        "control": junction.control.value,
+        "left_hand": junction.left_hand,
+        "arms": [arm._asdict() for arm in junction.arms],
+        "entrances": [
+            {
+                "arm": e.arm,
+                "lane": e.lane,
+                "sign": e.sign.value,
+                "phase": e.phase,
+                "setback": e.setback,
+                "sign_setback": e.sign_setback,
+                "path": _points(e.approach),
+            }
+            for e in junction.entrances
+        ],
+        "exits": [{"arm": e.arm, "lane": e.lane, "path": _points(e.road)} for e in junction.exits],
+        "right_of": sorted(junction.right_of),
+        "opposite": sorted(junction.opposite),
+        "movements": [
+            {"entrance": m.entrance, "exit": m.exit, "turn": m.turn.value, "length": m.length, "path": _points(m.path)}
+            for m in junction.movements.values()
+        ],
+        "conflicts": sorted((index[a], index[b]) for a, b in between),
+        "yields": sorted(reasons),
+        "reasons": [reasons[pair] for pair in sorted(reasons)],
+    }
+
+
+def _points(segment: Segment | None) -> list[Pose]:
+    """Return x, y [m] and heading [rad] along a centre line with a point per 2 m; no points without a centre line."""
+    if segment is None:
+        return []
+    stations = [float(s) for s in range(0, int(segment.length), 2)] + [segment.length]
+    return [segment.pose(s) for s in stations]
 
 
 class Format(ABC):
-    """Encodes and decodes the messages of a scenario, with the numbers of vehicles and the lanes of entrances."""
+    """Encodes and decodes the messages of a scenario.
+
+    A format stores the numbers of the vehicles and the lanes of the entrances of the scenario.
+    """
 
     bye: bytes
 
@@ -164,7 +244,7 @@ class Format(ABC):
         self._lanes: list[int] = []
 
     def begin(self, content: dict[str, Any]) -> bytes:
-        """Return the reset message, from the content that `place.reset` makes; vehicles are numbered anew."""
+        """Return the reset message from its content, see the function `reset`; the numbers of vehicles start again."""
         self._ids.clear()
         self._lanes = [entrance["lane"] for entrance in content["map"]["entrances"]]
         return self.reset(content)
@@ -183,15 +263,15 @@ class Format(ABC):
 
     @abstractmethod
     def answer(self, child: Child, limit: float) -> tuple[Command, float | None, int | None]:
-        """Return the next command, the compute time that the stack reports [s], and the step it answers, where it says so."""
+        """Return the next command, the reported compute time [s], and the step of its observation; None if not reported."""
 
     def number(self, state: VehicleState) -> int:
-        """Return the number of a vehicle: the own one is 0, the others count on in the order in which they are first seen."""
+        """Return the number of a vehicle: the driven vehicle is 0, other vehicles count on in the order of first observation."""
         return self._ids.setdefault(state.name, len(self._ids))
 
 
 class Json(Format):
-    """The format ``json``: every message one line."""
+    """The format ``json``: every message is a line."""
 
     bye = b'{"type":"bye"}\n'
 
@@ -200,7 +280,7 @@ class Json(Format):
         return _encode(content) + b"\n"
 
     def ready(self, child: Child, limit: float) -> None:
-        """Wait for the line that says so."""
+        """Wait for the message ``ready``, at most `limit` seconds."""
         read(child.line(limit), Ready)
 
     def observe(self, seen: Observation, step: int) -> bytes:
@@ -216,12 +296,32 @@ class Json(Format):
         return _encode(content) + b"\n"
 
     def answer(self, child: Child, limit: float) -> tuple[Command, float | None, int | None]:
-        """Return what the next line says."""
-        found = read(child.line(limit), Answer)
-        return found.command(), found.compute, found.step
+        """Return the command, the reported compute time [s] and the step in the next line."""
+        message = read(child.line(limit), Answer)
+        return message.command(), message.compute, message.step
 
     def _vehicle(self, state: VehicleState) -> _Seen:
         name, entrance, turn, zone = state[:4]
         lane = self._lanes[entrance]
-        # All that follows, from station to width, is told as it is.
+        # The fields from station to width have the same order in both types.
         return _Seen(self.number(state), name, state.kind.value, entrance, lane, turn.value, _ZONES[zone], *state[4:12])
+
+
+class _Seen(Struct, gc=False):
+    """A vehicle in the message ``observe``."""
+
+    id: int
+    name: str
+    kind: str
+    entrance: int
+    lane: int
+    turn: str
+    zone: str
+    station: float
+    x: float
+    y: float
+    heading: float
+    speed: float
+    acceleration: float
+    length: float
+    width: float

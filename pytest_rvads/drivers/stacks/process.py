@@ -1,8 +1,8 @@
-"""Autopilots that run as programs of their own.
+"""Autopilots that run as separate programs, and the conversation with these programs.
 
 Simulated time waits for a stack, so the speed of a stack decides nothing. Time limits are limits of real time and end in an
-ERROR. The computing time is in the provenance of the run. All processes that a stack started end with it, also if this process is
-killed.
+ERROR. The computing time is in the provenance of the run. All processes that a stack started end with the stack, also if this
+process is killed.
 """
 
 from __future__ import annotations
@@ -10,26 +10,29 @@ from __future__ import annotations
 import math
 import os
 import shlex
+import time
 import weakref
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from hashlib import sha256
 from numbers import Real
 from pathlib import Path
 from typing import Any
 
 from pytest_rvads.drivers.interface import Autopilot, Command, Observation, TrafficSystem
+from pytest_rvads.drivers.stacks import frames, messages
 from pytest_rvads.drivers.stacks.child import Child, StackError
-from pytest_rvads.drivers.stacks.connection import Connection
-from pytest_rvads.drivers.stacks.place import reset
+from pytest_rvads.drivers.stacks.messages import reset
 from pytest_rvads.errors import AutopilotError
 from pytest_rvads.runs.run import DT
 from pytest_rvads.runs.states import Agent
 from pytest_rvads.wording import one_line
 
-__all__ = ["Pilot", "Process"]
+__all__ = ["Connection", "Pilot", "Process"]
 
+_DAY = 86400.0
+"""Longest compute time of a decision that a stack may report [s]."""
 RATE = 20.0
-"""Decisions per second where neither the caller nor the stack says another rate [Hz]."""
+"""Decisions per second if neither the caller nor the stack states a rate [Hz]."""
 
 
 class Process(TrafficSystem):
@@ -50,7 +53,8 @@ class Process(TrafficSystem):
         env: variables to add to its environment.
 
     Raises:
-        AutopilotError: no command, a rate that does not divide 100 Hz, a time limit that is not positive, or not a POSIX system.
+        AutopilotError: the command is empty, the rate does not divide 100 Hz, a time limit is not positive, or the system is not
+            POSIX.
 
     Example:
         >>> stack = Process(["./stack", "--quiet"], rate=20, timeout=2.0)
@@ -60,7 +64,7 @@ class Process(TrafficSystem):
     own_limits = True
     """Whether the session's limits of real time for drivers don't apply; a stack has separate limits."""
 
-    def __init__(  # noqa: PLR0913 - a program has a place and several limits, most of them left alone
+    def __init__(  # noqa: PLR0913 - a program has a place and several limits, and most calls use the defaults
         self,
         command: str | Sequence[str],
         *,
@@ -76,11 +80,11 @@ class Process(TrafficSystem):
         self.command = shlex.split(command) if isinstance(command, str) else [str(part) for part in command]
         if not self.command:
             raise AutopilotError("a stack needs a command, such as ['./stack'], got none")
-        for name, limit in (("timeout", timeout), ("startup", startup), ("grace", grace or 1.0)):  # there may be no grace
+        for name, limit in (("timeout", timeout), ("startup", startup), ("grace", grace or 1.0)):  # grace may be 0
             if not (isinstance(limit, Real) and math.isfinite(limit) and limit > 0):
                 raise AutopilotError(f"{name} must be a number of seconds above 0, got {limit!r}")
         self.label: str = one_line(f"stack {shlex.join(self.command)}")
-        """How reports call it."""
+        """Name of the stack in reports."""
         self._period = None if rate is None else _period(rate, self.label)
         self._limits = startup, timeout
         self._place = cwd, env, grace
@@ -93,7 +97,7 @@ class Process(TrafficSystem):
         return self
 
     def settings(self) -> list[Any]:
-        """Return what decides how it drives, as builtins: command, rate, place, variables, and digests of files that it names."""
+        """Return the settings that decide the driving, as builtins: command, rate, place, variables, digests of named files."""
         cwd, env, _ = self._place
         files = [Path(cwd or "", word) for word in self.command]
         digests = [sha256(file.read_bytes()).hexdigest() for file in files if file.is_file()]
@@ -110,7 +114,7 @@ class Process(TrafficSystem):
         return [Pilot(self, k) for k in range(len(agents))]
 
     def drop(self, connection: Connection) -> None:
-        """End a process and forget it; the next run starts another one."""
+        """End a process and forget its connection; the next run starts another process."""
         connection.close()
         if connection in self.connections:
             self.connections.remove(connection)
@@ -139,11 +143,11 @@ class Process(TrafficSystem):
 
 
 class Pilot(Autopilot):
-    """Drives one vehicle in one run by asking a process.
+    """Drives a vehicle in a run by the commands of a process.
 
     Args:
-        process: whose.
-        number: which of its connections.
+        process: the stack.
+        number: index of the connection of the vehicle in `Process.connections`.
     """
 
     own_limits = True
@@ -154,14 +158,14 @@ class Pilot(Autopilot):
         self.label = process.label
         self.period = process.period(self._connection)
         self._begun = False
-        self._taken = [0, 0.0, 0.0]
-        """Decisions, their compute time in all, the longest [s]."""
+        self._times = [0, 0.0, 0.0]
+        """Number of decisions, total compute time [s], longest compute time [s]."""
 
     def control(self, seen: Observation) -> Command:
-        """Return what the process commands.
+        """Return the command of the process.
 
         Raises:
-            StackError: it failed.
+            StackError: the process failed.
         """
         try:
             if not self._begun:
@@ -171,22 +175,22 @@ class Pilot(Autopilot):
             if self._connection.serves is not self:
                 raise StackError("it serves two vehicles at once: give the traffic a Process of its own")
             command, compute = self._connection.ask(seen)
-        except BaseException:  # also where somebody does not want to wait any longer: an answer may still come
+        except BaseException:  # also after an interrupt: an answer may still come
             self._process.drop(self._connection)
             raise
-        count, total, longest = self._taken
-        self._taken = [count + 1, total + compute, max(longest, compute)]
+        count, total, longest = self._times
+        self._times = [count + 1, total + compute, max(longest, compute)]
         return command
 
     def abandon(self) -> str:
-        """End the process because the run ended by a fault of this vehicle, and return what it last wrote to standard error."""
+        """End the process because the run ended by a fault of this vehicle, and return the end of its standard error."""
         detail = self._connection.failed(StackError("")).detail
         self._process.drop(self._connection)
         return detail
 
     def timing(self) -> dict[str, Any]:
-        """Return how long the stack computed in this run: real time, which no verdict depends on."""
-        count, total, longest = self._taken
+        """Return the compute time of the stack in this run: real time, on which no verdict depends."""
+        count, total, longest = self._times
         return {"stack": self.label, "decisions": count, "compute": total, "longest": longest}
 
 
@@ -202,3 +206,99 @@ def _period(rate: Any, label: str) -> float:
         if math.isclose(steps * number * DT, 1.0, rel_tol=1e-9):
             return steps * DT
     raise StackError(f"{label}: its rate must divide {1 / DT:g} Hz, such as 10, 20, 25 or 50, got {rate!r}")
+
+
+class Connection:
+    """A running stack that has answered the hello message.
+
+    Args:
+        start: starts the process of the stack.
+        startup: longest real time for the hello message, and for getting ready for a scenario [s].
+        timeout: longest real time for a command [s].
+
+    Raises:
+        StackError: the process can't be started, or its hello message is not of this version of the protocol.
+    """
+
+    def __init__(self, start: Callable[[], Child], startup: float, timeout: float) -> None:
+        self._startup, self._timeout, self._step = startup, timeout, 0
+        self.serves: object = None
+        """The pilot whose scenario the stack drives."""
+        self.child = start()
+        try:
+            self.child.send(messages.hello(), startup)
+            answer = messages.read(self.child.line(startup), messages.Hello)
+            self._format = _format(answer)
+            self.rate = answer.rate
+        except StackError as error:
+            raise self.failed(error) from None
+        except BaseException:  # an interrupt
+            self.child.close()
+            raise
+
+    def reset(self, content: dict[str, Any]) -> None:
+        """Begin a scenario.
+
+        Raises:
+            StackError: the stack did not get ready.
+        """
+        self._step = 0
+        try:
+            early = self.child.pending()
+            self.child.send(self._format.begin(content), self._startup)
+            self._format.ready(self.child, self._startup)
+            _refuse(early)
+        except StackError as error:
+            raise self.failed(error) from None
+
+    def ask(self, seen: Observation) -> tuple[Command, float]:
+        """Return the command for an observation, and the compute time [s]: as the stack reports, else the time until the answer.
+
+        Raises:
+            StackError: no valid command came in time.
+        """
+        began = time.perf_counter()
+        self._step += 1
+        try:
+            early = self.child.pending()
+            self.child.send(self._format.observe(seen, self._step), self._timeout)
+            command, compute, step = self._format.answer(self.child, self._timeout)
+            if step != self._step:
+                # A second answer to an observation would shift all later answers.
+                raise StackError(f"it answered step {step}, expected step {self._step}: answer every observation once")
+            _refuse(early)
+            if compute is not None and not 0.0 <= compute <= _DAY:
+                raise StackError(f"it says that it computed for {compute:g} s, expected 0 to {_DAY:g}")
+        except StackError as error:
+            raise self.failed(error) from None
+        return command, time.perf_counter() - began if compute is None else compute
+
+    def failed(self, error: StackError) -> StackError:
+        """End the process, and return `error` with the end of the standard error as its detail."""
+        error.detail = self.child.tail()
+        self.close()
+        return error
+
+    def close(self, *, farewell: bool = False) -> None:
+        """End the process, after the message ``bye`` or at once."""
+        self.child.close(self._format.bye if farewell else b"")
+
+
+def _refuse(early: bytes) -> None:
+    """Raise an error about bytes that the stack wrote before the request; errors in the answer come first."""
+    if early:
+        raise StackError(f"it wrote {messages.quoted(early)} before it was asked: read a message, then answer it once")
+
+
+def _format(answer: messages.Hello) -> messages.Format:
+    if answer.version != messages.VERSION:
+        raise StackError(
+            f"it speaks version {answer.version} of the protocol, expected {messages.VERSION}: "
+            "build it with the client of this version"
+        )
+    if answer.format not in _FORMATS:
+        raise StackError(f"it wants the format {answer.format[:20]!r}, expected {' or '.join(_FORMATS)}")
+    return _FORMATS[answer.format]()
+
+
+_FORMATS: dict[str, Callable[[], messages.Format]] = {"json": messages.Json, "binary": frames.Binary}

@@ -1,4 +1,4 @@
-"""A whole map from above: every drivable lane, as paths of SVG that stay small."""
+"""A whole map from above: every drivable lane as small paths of SVG."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from pytest_rvads.junctions.road_map import RoadMap
 __all__ = ["Spot", "TownPicture", "simplified", "spot", "town_picture"]
 
 TOLERANCE = 0.2
-"""How far a drawn line may leave the centre line of its lane [m]."""
+"""Largest distance of a drawn line from the centre line of its lane [m]."""
 _MARGIN = 15.0
-"""Around the lanes [m]."""
+"""Margin around the lanes [m]."""
 _SMALLEST = 8.0
-"""Radius of a junction at least [m]."""
+"""Least radius of a junction [m]."""
 _WIDTHS = (0.5, 6.0)
 """Least and greatest width drawn [m]."""
 
@@ -27,22 +27,22 @@ class TownPicture(NamedTuple):
     """The lanes of a map; x grows to the east, y to the south, as in SVG [m]."""
 
     view: tuple[float, float, float, float]
-    """West, north, width and height of what there is to see."""
+    """West, north, width and height of the picture."""
     lanes: tuple[tuple[float, str], ...]
-    """Widths, and the attribute ``d`` of a path with all lanes of that width."""
+    """Widths, and per width the attribute ``d`` of a path with all lanes of this width."""
 
 
 class Spot(NamedTuple):
-    """Where a junction is in such a picture [m]."""
+    """Position of a junction in the picture of a map [m]."""
 
     x: float
     y: float
     radius: float
-    """Of a disc that its arms end on."""
+    """Radius of a disc that reaches to the arms of the junction."""
 
 
 def town_picture(road_map: RoadMap) -> TownPicture:
-    """Return the lanes of a map; a map without any lane is an empty picture of some metres."""
+    """Return the lanes of a map; a map without lanes gives an empty picture of some metres."""
     groups: dict[float, list[str]] = {}
     low, high = np.full(2, np.inf), np.full(2, -np.inf)
     for id in sorted(road_map.graph.edges):
@@ -69,13 +69,14 @@ def spot(report: JunctionReport) -> Spot | None:
 
 
 def simplified(points: NDArray[np.float64], tolerance: float) -> NDArray[np.float64]:
-    """Return some points of a line, both ends among them, such that no other lies farther than `tolerance` from the rest [m].
-
-    This is the algorithm of Ramer, Douglas and Peucker.
+    """Return a line with fewer points, by the algorithm of Ramer, Douglas and Peucker.
 
     Args:
-        points: shape ``(k, 2)``, k >= 2.
-        tolerance: in the unit of the points.
+        points: points of the line, shape ``(k, 2)``, k >= 2.
+        tolerance: largest distance of a removed point from the returned line, in the unit of the points.
+
+    Returns:
+        Some of the points in order, including both ends, shape ``(n, 2)``.
     """
     keep = np.zeros(len(points), dtype=bool)
     keep[[0, -1]] = True

@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 import pytest_rvads as rvads
-from pytest_rvads.drivers.stacks import frames, messages, place
+from pytest_rvads.drivers.stacks import frames, messages
 from pytest_rvads.drivers.stacks.child import StackError
 from pytest_rvads.drivers.stacks.process import Process
 
@@ -113,7 +113,7 @@ def look(junction: str = "stop4", directions: Any = "1133", **more: Any) -> list
 def told(seen: list[rvads.Observation]) -> tuple[dict[str, Any], list[dict[str, Any]]]:
     """Return the content of the reset, and the observations, as the format json has them."""
     talk = messages.Json()
-    content = json.loads(talk.begin(place.reset(seen[0], 0.05)))
+    content = json.loads(talk.begin(messages.reset(seen[0], 0.05)))
     return content, [json.loads(talk.observe(one, step)) for step, one in enumerate(seen, 1)]
 
 
@@ -178,7 +178,7 @@ def test_clients_tell_who_is_in_the_way() -> None:
 def test_names_longer_than_a_frame_has_room_for_are_cut() -> None:
     seen = look(duration=0.02)[0]
     talk = frames.Binary()
-    talk.begin(place.reset(seen, 0.05))
+    talk.begin(messages.reset(seen, 0.05))
     for name, shown in (("a0.1+1", "a0.1+1"), ("x" * 40, "x" * 23), ("\ud800", "?")):
         frame = talk.observe(seen._replace(me=replace_state(seen.me, name=name), others=()), 1)
         assert frame[-frames.NAME - 32 * 4 : -32 * 4].rstrip(b"\0").decode() == shown
@@ -203,7 +203,7 @@ def test_a_vehicle_keeps_its_number_while_others_come_and_go() -> None:
     seen = look()[0]
     behind = replace_state(seen.others[0], name="a1+1")
     talk = messages.Json()
-    talk.begin(place.reset(seen, 0.05))
+    talk.begin(messages.reset(seen, 0.05))
 
     def ids(others: tuple[rvads.VehicleState, ...]) -> list[int]:
         content = json.loads(talk.observe(seen._replace(others=others), 1))
@@ -214,7 +214,7 @@ def test_a_vehicle_keeps_its_number_while_others_come_and_go() -> None:
     assert ids((first, third)) == [0, 1, 2]
     assert ids((first, behind, second, third)) == [0, 1, 3, 4, 2], "two of one entrance are told apart"
     assert ids((behind,)) == [0, 3]
-    talk.begin(place.reset(seen, 0.05))
+    talk.begin(messages.reset(seen, 0.05))
     assert ids((third,)) == [0, 1], "numbers begin anew with every scenario"
 
 
@@ -225,7 +225,7 @@ def replace_state(state: rvads.VehicleState, **values: Any) -> rvads.VehicleStat
 def test_binary_frame_refuses_more_vehicles_than_its_room() -> None:
     seen = look()[0]
     talk = frames.Binary()
-    content = place.reset(seen, 0.05)
+    content = messages.reset(seen, 0.05)
     talk.begin(content)
     crowd = tuple(replace_state(seen.others[0], name=f"a1+{k}") for k in range(64))
     assert len(talk.observe(seen._replace(others=crowd[:63]), 1)) > len(talk.observe(seen, 1))
@@ -245,7 +245,7 @@ def test_every_format_tells_the_speed_limits_of_the_way(tmp_path: Path) -> None:
     lanes = tuple(replace(lane, approach=replace(light.way_in(k), limits=stated)) for k, lane in enumerate(light.entrances))
     case = rvads.Case(rvads.Scenario(replace(light, entrances=lanes), "2000", distance=119, duration=0.1), Spy)
     rvads.simulate(case)
-    scenario = json.loads(json.dumps(place.reset(SEEN[0], 0.05)))
+    scenario = json.loads(json.dumps(messages.reset(SEEN[0], 0.05)))
     assert scenario["speed_limit"] == 20.0, "where the vehicle starts: what stacks knew before"
     assert [*chain(*scenario["itinerary"]["speed_limits"])] == pytest.approx([-120.0, 20.0, -50.0, 8.0, -10.0, 11.176])
     stations = (-500.0, -50.1, -49.9, -10.1, -9.9, 60.0)
