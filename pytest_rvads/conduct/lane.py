@@ -113,7 +113,7 @@ class Ways:
         beside = np.arange(-_AROUND, _AROUND + _FINE, _FINE)
         place, _ = self.centre(np.repeat(way, len(beside)), (station[:, None] + beside).ravel())
         apart = points[:, None] - place.reshape(len(points), len(beside), 2)
-        return (np.hypot(apart[..., 0], apart[..., 1]) <= reach).any(axis=1)
+        return np.asarray((np.hypot(apart[..., 0], apart[..., 1]) <= reach).any(axis=1))
 
 
 _FAR = 1e6

@@ -41,16 +41,15 @@ def room(junction: Junction) -> Mapping[tuple[int, Key], NDArray[np.bool_]]:
         Per pair, whether a car that stands `PLACES` before the line is in the way, shape ``(places,)``.
     """
     standing = {entrance: _standing(junction, entrance) for entrance in range(len(junction.entrances))}
-    found: dict[tuple[int, Key], NDArray[np.bool_]] = {}
+    table: dict[tuple[int, Key], NDArray[np.bool_]] = {}
     for key in sorted(junction.movements):
         others = [k for k, lane in enumerate(junction.entrances) if lane.arm != junction.entrances[key[0]].arm]
         near = [k for k in others if _hits(_poses(junction, key, planned=False), standing[k], _MARGIN + _ASIDE).any()]
-        swept = _poses(junction, key, planned=True) if near else None
-        for entrance in near:
-            hits = _hits(swept, standing[entrance], _MARGIN)
-            if hits.any():
-                found[entrance, key] = hits
-    return MappingProxyType(found)
+        if near:
+            swept = _poses(junction, key, planned=True)
+            hits = {entrance: _hits(swept, standing[entrance], _MARGIN) for entrance in near}
+            table |= {(entrance, key): places for entrance, places in hits.items() if places.any()}
+    return MappingProxyType(table)
 
 
 @lru_cache(maxsize=1024)
