@@ -15,7 +15,7 @@ from pytest_rvads.errors import RunError
 from pytest_rvads.junctions.finder import find
 from pytest_rvads.runs.itineraries import itinerary
 from pytest_rvads.runs.run import Run
-from pytest_rvads.satellites.tracks.intake import Intake
+from pytest_rvads.satellites.tracks.importing import Intake
 from pytest_rvads.satellites.tracks.streaming import GONE_AFTER, LONGEST, Stream
 
 RVADS = str(Path(sys.executable).with_name("rvads"))

@@ -33,9 +33,9 @@ from pytest_rvads.runs.run import Collision, Facts, Fault, Run
 from pytest_rvads.runs.states import Agent, Colour, Zone
 from pytest_rvads.satellites.openscenario.played import Entity, Played, played
 from pytest_rvads.satellites.openscenario.xosc import FORMAT, log_of
-from pytest_rvads.satellites.tracks.facing import check_facing
 from pytest_rvads.satellites.tracks.importing import recordings_in
 from pytest_rvads.satellites.tracks.lightlog import lights_at
+from pytest_rvads.satellites.tracks.logformats import check_facing
 
 __all__ = ["VERSION", "Judged", "Note", "Site", "read_played", "site_of"]
 

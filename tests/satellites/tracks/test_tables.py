@@ -248,7 +248,7 @@ def test_id_of_another_vehicle(table: dict[str, np.ndarray], told: str) -> None:
     assert (one.agent.size, two.agent.size) == ((4.6, 1.8), (table["length"][-1], 1.8))
     assert (one.agent.route, two.agent.route) == (STOP.movements[0, 2], STOP.movements[1, 2])
     log, _ = read_log(table)
-    assert [sentence.split(": ", 1)[1] for sentence in log.again] == [told]
+    assert [sentence.split(": ", 1)[1] for sentence in log.reused_ids] == [told]
 
 
 def test_size_that_a_detector_measures_anew() -> None:
