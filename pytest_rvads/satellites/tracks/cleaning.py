@@ -23,9 +23,9 @@ _EXACT = 0.005
 def accuracy_of(matches: Sequence[tuple[Samples, Matched]]) -> float:
     """Return the standard deviation of a coordinate, estimated from the roughness of the tracks [m]; 0 if positions are exact.
 
-    Noise makes stations and lateral offsets rough. Stations are rough without noise, too, when a vehicle brakes. Offsets are smooth
-    in spite of noise if a simulator holds vehicles on their ways. So the smaller roughness of a vehicle counts, and the median of
-    all vehicles.
+    Noise makes stations and lateral offsets rough. Stations are rough without noise, too, when a vehicle brakes. Offsets are
+    smooth in spite of noise if a simulator holds vehicles on their ways. So the smaller roughness of a vehicle counts, and the
+    median of all vehicles.
     """
     estimates = []
     for vehicle, match in matches:

@@ -86,12 +86,12 @@ def follow(options: argparse.Namespace) -> int:
                     raise
                 refused_lines += 1
                 if refused_lines <= _MOST_SHOWN:
-                    warn(f"warning: {error}; the line is ignored")
+                    warn(f"warning: {error}; the line is left out")
                 continue
             judge.judge(runs)
         judge.judge(stream.end())
     if refused_lines > _MOST_SHOWN:
-        warn(f"warning: {refused_lines} lines are ignored, the first {_MOST_SHOWN} are listed above")
+        warn(f"warning: {refused_lines} lines are left out, the first {_MOST_SHOWN} are listed above")
     left_out = "; ".join(f"{count} left out, {why}" for why, count in sorted(stream.left_out.items()))
     counts = ", ".join(f"{count} {status}" for status, count in sorted(judge.counts.items())) or "no verdicts"
     warn(f"{stream.judged} vehicles: {counts}{'; ' + left_out if left_out else ''}")

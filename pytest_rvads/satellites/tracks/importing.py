@@ -78,8 +78,8 @@ def read_tracks(  # noqa: PLR0913 - the options of a command
         source: path of a file, or a table: of pandas, polars or pyarrow, or a dictionary of columns.
         junction: a junction, or an argument of `find`; None for the single junction that vehicles pass on the map of the log.
         map: OpenDRIVE file of a junction given by id; None for the map that the log names, as OpenSCENARIO does.
-        format: ``csv``, ``ind``, ``interaction``, ``fcd``, ``carla``, ``osi``, ``rosbag`` or ``xosc``; None to choose the format by
-            the suffix of the file.
+        format: ``csv``, ``ind``, ``interaction``, ``fcd``, ``carla``, ``osi``, ``rosbag`` or ``xosc``; None to choose the format
+            by the suffix of the file.
         columns: column of a table per field (time, id, x, y, heading, speed, vx, vy, length, width, class), with a unit after a
             colon unless the unit is s, rad or m/s: ``{"time": "t:ms", "heading": "yaw:deg"}``; None to look for the usual names.
         point: recorded point of the vehicles: ``"front"`` is the middle of the front bumper, ``"center"`` the center of the box,

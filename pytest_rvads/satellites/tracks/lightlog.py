@@ -144,7 +144,7 @@ def _add_colour(shown: dict[str, list[tuple[float, Colour]]], time: str, name: s
     before = shown.setdefault(name, [])
     if before and seconds <= before[-1][0]:
         raise RunError(
-            f"{where}, column time: {name!r:.60} had a colour at {before[-1][0]:g} s, expected a later time than {seconds:g} s"
+            f"{where}, column time: {seconds:g} s is too early for {name!r:.60}, expected more than {before[-1][0]:g} s"
         )
     before.append((seconds, _COLOUR[colour.lower()]))
 

@@ -78,7 +78,7 @@ FORMATS: dict[str, Format] = {
 
 
 def formats() -> dict[str, Format]:
-    """Return all formats by their name for ``--format``: the formats of this package, and entry points of the group ``rvads.logs``.
+    """Return all formats by name: the formats of this package, and the entry points of the group ``rvads.logs``.
 
     Raises:
         RvadsError: an entry point can't be loaded.

@@ -23,8 +23,8 @@ _Values = NDArray[np.float64]
 _FOLLOWED_APPROACH = 150.0
 """Distance before the stopping line from which a vehicle is followed [m]."""
 FAR = 3.0
-"""Largest distance between a track and its way, root mean square [m]. It is about the width of a lane, because some vehicles change
-lanes late."""
+"""Largest distance between a track and its way, root mean square [m]. It is about the width of a lane, because some vehicles
+change lanes late."""
 _FARTHEST_SAMPLE = 6.0
 """Largest distance between a sample and the way of its vehicle [m]; a farther sample lies on another road."""
 _DECISIVE_APPROACH = 50.0

@@ -122,7 +122,8 @@ class Stream:
             where: name of the line in messages.
 
         Raises:
-            RunError: the line is no state, or its time is not later than the time of the line before; the stream ignores the line.
+            RunError: the line is no state, or its time is not later than the time of the line before; the stream ignores the
+                line.
         """
         state = decode(line, State, where, RunError)
         if self._now is not None and state.t <= self._now:
