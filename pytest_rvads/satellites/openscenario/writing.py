@@ -19,7 +19,7 @@ from pytest_rvads.errors import RvadsError, needs
 from pytest_rvads.maps.segment import Pose
 from pytest_rvads.runs.states import Kind
 from pytest_rvads.satellites.openscenario.document import Actor, Body, Document
-from pytest_rvads.satellites.openscenario.played import LAMPS
+from pytest_rvads.satellites.openscenario.xosc import LAMPS
 
 __all__ = ["library", "written"]
 
@@ -31,9 +31,9 @@ _FASTEST = 70.0
 """Nobody here is faster [m/s]."""
 _TRACK, _WHEEL = 0.85, 0.64
 """For pictures: track width over width of the body, and diameter of wheels [m], of usual cars."""
-_NO_XML = re.compile("[^\t\n\r -\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+_NOT_IN_XML = re.compile("[^\t\n\r -\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 """XML 1.0, section 2.2."""
-_CATEGORY = {Kind.CAR: "car", Kind.TRUCK: "truck", Kind.CYCLIST: "bicycle"}
+_CATEGORIES = {Kind.CAR: "car", Kind.TRUCK: "truck", Kind.CYCLIST: "bicycle"}
 
 
 def library() -> Any:
@@ -59,10 +59,10 @@ def written(document: Document) -> bytes:
     for text in (*names, *document.note):
         if text.startswith("$"):
             raise RvadsError(f"{text!r:.60} can't stand in OpenSCENARIO, where '$' begins the name of a parameter: rename it")
-        if found := _NO_XML.search(text):
-            raise RvadsError(f"{text!a:.60} can't stand in XML, which has no character {found[0]!a}: rename it")
+        if match := _NOT_IN_XML.search(text):
+            raise RvadsError(f"{text!a:.60} can't stand in XML, which has no character {match[0]!a}: rename it")
     xosc = library()
-    with _version(xosc):
+    with _with_version(xosc):
         root = _Writer(xosc).scenario(document).get_element()
     ElementTree.indent(root)
     content: bytes = ElementTree.tostring(root, encoding="utf-8", xml_declaration=True)
@@ -70,7 +70,7 @@ def written(document: Document) -> bytes:
 
 
 @contextmanager
-def _version(xosc: Any) -> Iterator[None]:
+def _with_version(xosc: Any) -> Iterator[None]:
     """Keep the version of others who use the library in this process: it has one for all."""
     base = xosc.VersionBase
     before = base.version_minor
@@ -122,13 +122,13 @@ class _Writer:
         )
 
     def controller(self, document: Document) -> Any:
-        found = self.xosc.TrafficSignalController("lights")
+        controller = self.xosc.TrafficSignalController("lights")
         for number, phase in enumerate(document.phases):
             step = self.xosc.Phase(f"phase {number}", phase.duration)
             for name, colour in phase.colours.items():
                 step.add_signal_state(name, LAMPS[colour])
-            found.add_phase(step)
-        return found
+            controller.add_phase(step)
+        return controller
 
     def body(self, body: Body) -> Any:
         """Return a vehicle or pedestrian; the centre of its box is told from its reference point."""
@@ -139,7 +139,7 @@ class _Writer:
         turned = vehicle.steering_limit, _WHEEL, _TRACK * body.width
         return xosc.Vehicle(
             str(body.kind),
-            getattr(xosc.VehicleCategory, _CATEGORY[body.kind]),
+            getattr(xosc.VehicleCategory, _CATEGORIES[body.kind]),
             box,
             xosc.Axle(*turned, body.wheelbase, _WHEEL / 2),
             xosc.Axle(*turned, 0.0, _WHEEL / 2),

@@ -318,6 +318,6 @@ def test_a_place_that_can_not_be_written_is_told(maps: Path, tmp_path: Path) -> 
 
 
 def test_colours_are_lamps_from_above() -> None:
-    from pytest_rvads.satellites.openscenario.played import LAMPS
+    from pytest_rvads.satellites.openscenario.xosc import LAMPS
 
     assert {colour for colour, lamps in LAMPS.items() if lamps.count("on") == 1} == {*Colour} - {Colour.NONE}

@@ -13,7 +13,7 @@ from pytest_rvads.errors import MapError, RunError
 from pytest_rvads.junctions.builtin import path_of
 from pytest_rvads.runs.itineraries import Itinerary
 from pytest_rvads.runs.states import Colour, Kind
-from pytest_rvads.satellites.openscenario.expressions import valued
+from pytest_rvads.satellites.openscenario.xosctree import evaluate
 
 STOP, LIGHT = rvads.find("stop4"), rvads.find("light4")
 BACK = 3.5
@@ -152,7 +152,7 @@ def test_parameter_declared_with_its_sign(tmp_path: Path) -> None:
 )
 def test_expression_of_openscenario(expression: str, value: str) -> None:
     """The operators and functions that the user guide of version 1.2 lists; trigonometric functions take radians."""
-    assert valued(expression, {"kph": "36", "wet": "true"}) == value
+    assert evaluate(expression, {"kph": "36", "wet": "true"}) == value
 
 
 @pytest.mark.parametrize(
@@ -171,7 +171,7 @@ def test_expression_of_openscenario(expression: str, value: str) -> None:
 )
 def test_what_is_no_expression_is_told(expression: str, told: str) -> None:
     with pytest.raises(ValueError, match=re.escape(told)):
-        valued(expression, {})
+        evaluate(expression, {})
 
 
 def test_kinds_are_categories(tmp_path: Path) -> None:
