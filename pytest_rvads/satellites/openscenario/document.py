@@ -215,12 +215,12 @@ def mapped(junction: Junction, *maps: str | os.PathLike[str] | None) -> Junction
         if mapped_junction.digest == junction.digest:
             return replace(junction, map=str(path))
         error_of_last = MapError(
-            f"junction {junction.name!r} differs from the junction in map file {path}: the file has changed since, or U-turns were "
-            "kept; give the original map of the junction (--map, --rvads-map, map=)"
+            f"junction {junction.name!r} differs from the junction in map file {path}: the file has changed since, or U-turns "
+            "were kept; give the original map of the junction (--map, --rvads-map, map=)"
         )
     raise error_of_last or MapError(
-        f"the map file of junction {junction.name!r} is not known, and a file of OpenSCENARIO needs the map: give the OpenDRIVE map "
-        "(--map, --rvads-map, map=)"
+        f"the map file of junction {junction.name!r} is not known, and a file of OpenSCENARIO needs the map: give the OpenDRIVE "
+        "map (--map, --rvads-map, map=)"
     )
 
 

@@ -110,7 +110,7 @@ def _intention(entity: Entity, private: Node, where: str) -> Intention:
     speed = private.first("SpeedAction")
     target = None if speed is None else speed.first("AbsoluteTargetSpeed")
     if speed is not None and target is None:
-        raise speed.refused(f"for {name!r} has another target than an <AbsoluteTargetSpeed>")
+        raise speed.refused(f"for {name!r} has another target, expected an <AbsoluteTargetSpeed>")
     route, goal = private.first("AssignRouteAction"), private.first("AcquirePositionAction")
     stops = [_world_position(node) for node in route.walk("Waypoint")] if route else [_world_position(goal)] if goal else []
     if not stops:

@@ -1,10 +1,10 @@
 """Reads runs from OpenSCENARIO XML: files of `export_run` as simulated runs, files of other tools as recorded traffic.
 
-An exported file has a note (`Note`) with the facts that trajectories can't hold: the ways of the vehicles, the collisions and
-faults of the simulation, and the vehicle under test. Positions, times and speeds are read from the trajectories.
+An exported file has a note (`Note`) with the facts that trajectories can't hold: the ways of all vehicles, the collisions and
+faults of the simulation, and the vehicle under test. Positions, times and speeds are read from the trajectories. A zone in the
+note counts only if a station is at the border of a zone to within rounding.
 
-A zone in the note counts only where a station is at a border to within rounding. Files of other tools are logs: their vehicles
-are matched, and a vehicle whose way can't be told is left out. Files of an export also hold the ways of vehicles that never move.
+A file of another tool is a log. Its vehicles are matched to ways, and a vehicle without a known way is left out.
 """
 
 from __future__ import annotations
@@ -39,26 +39,27 @@ from pytest_rvads.satellites.tracks.logformats import check_facing
 __all__ = ["VERSION", "Judged", "Note", "Site", "read_played", "site_of"]
 
 VERSION = 1
+"""Version of the note."""
 _SEARCH_RANGE = 0.75
-"""How far around its last station a vehicle is looked for [m], as where it was simulated."""
+"""Distance around the last station within which the next station is searched [m]; simulators use the same range."""
 _STATION_TOLERANCE = 1e-6
-"""Stations are rounded to less than this when they are written and read [m]."""
+"""Largest change of a station by rounding when a file is written and read [m]."""
 _SLOWEST_REVERSE = 0.01
-"""Whoever moves backwards no faster than this only seems to, where lanes overlap at a joint [m/s]."""
+"""Slowest backward motion that counts [m/s]. A slower one is an artefact of lanes that overlap at a joint."""
 
 
 class Site(msgspec.Struct, frozen=True):
-    """The junction that somebody drove, or is to drive, through."""
+    """The junction of an exported run or scenario."""
 
     name: Name
     id: Name
-    """In its map."""
+    """Id of the junction in its map."""
     digest: str
-    """See `Junction.digest`: the map beside must be that which it was exported with."""
+    """`Junction.digest`, which shows whether the map file has changed since the export."""
 
 
 class Judged(msgspec.Struct, frozen=True):
-    """What a run was exported for."""
+    """The verdict that an exported file quotes."""
 
     rule: str
     status: str
@@ -76,7 +77,7 @@ class _Way(msgspec.Struct, frozen=True, omit_defaults=True):
 
 
 class Note(msgspec.Struct, frozen=True):
-    """What an export says of a run beside its trajectories."""
+    """The facts about an exported run that its trajectories don't hold."""
 
     version: int
     label: Name
@@ -88,12 +89,12 @@ class Note(msgspec.Struct, frozen=True):
     collisions: list[Collision] | None
     fault: Fault | None
     hash: str
-    """Of the run that was exported."""
+    """Hash of the exported run."""
     verdict: Judged | None = None
 
     @classmethod
     def of(cls, run: Run, verdict: Judged | None) -> Note:
-        """Return what there is to say of a run."""
+        """Return the note about a run."""
         return cls(
             VERSION,
             run.label,
@@ -130,7 +131,7 @@ def read_played(path: str | Path) -> Sequence[Run]:
         return recordings[0] if len(recordings) == 1 else [run for recording in recordings for run in recording]
     note = decode(file.note.encode(), Note, f"{file.where}: the property rvads.run", RunError)
     if note.version != VERSION:
-        raise RunError(f"{file.where}: exported in version {note.version} of the property rvads.run, expected {VERSION}")
+        raise RunError(f"{file.where}: the property rvads.run has version {note.version}, expected {VERSION}: export it again")
     return [_simulated_run(file, note, site_of(note.site, file.map, file.where))]
 
 
@@ -144,39 +145,42 @@ def site_of(site: Site, map: Path | None, where: str) -> Junction:
     if site.name in LAYOUTS and (builtin := find(site.name)).digest == site.digest:
         return builtin
     if map is None:
-        raise RunError(f"{where}: it names no map in <LogicFile>, expected that of junction {site.name!r}")
+        raise RunError(f"{where}: the file names no map in <LogicFile>, expected the map of junction {site.name!r}")
     junction = _with_name(find(site.id, map), site.name)
     if junction.digest != site.digest:
         raise RunError(
-            f"{where}: junction {site.name!r} of map file {map} is not as it was when the file was exported: put the map of then "
-            "beside it, or take out the property rvads.run or rvads.scenario, so that it is read as somebody else's"
+            f"{where}: junction {site.name!r} of map file {map} has changed since the export: put the original map into the "
+            "folder, or remove the property rvads.run or rvads.scenario, and the file is read like a file of another tool"
         )
     return junction
 
 
 @lru_cache(maxsize=16)
 def _with_name(junction: Junction, name: str) -> Junction:
-    """Return a junction under another name. Equal arguments give the same object, so its cached results are computed once."""
+    """Return a junction with another name. Equal arguments give the same object, and its cached results are computed once."""
     return junction if junction.name == name else replace(junction, name=name)
 
 
 def _simulated_run(file: TrajectoryFile, note: Note, junction: Junction) -> Run:
     check_size(file.where, [(note.steps, len(note.agents), len(junction.entrances))])
     if not junction.drivable:
-        raise RunError(f"{file.where}: it is not known where the lanes of junction {junction.name!r} lie")
+        raise RunError(f"{file.where}: the geometry of junction {junction.name!r} is not known")
     entities = {entity.name: entity for entity in file.entities}
     agents, columns = [], []
     for way in note.agents:
         entity, vertices = entities.get(way.name), file.ways.get(way.name)
         if entity is None or vertices is None or entity.ahead is None or way.route not in junction.movements:
-            why = "no movement leads there" if way.route not in junction.movements else "it has no vehicle with such a trajectory"
-            raise RunError(f"{file.where}: {way.name!r} was to go from entrance {way.route[0]} to exit {way.route[1]}: {why}")
+            route = f"entrance {way.route[0]} to exit {way.route[1]}"
+            why = (
+                "the junction has no such movement" if way.route not in junction.movements else "the file has no such trajectory"
+            )
+            raise RunError(f"{file.where}: the property rvads.run sends {way.name!r} from {route}, and {why}")
         agents.append(Agent(way.name, junction.movements[way.route], entity.kind, _size(file, entity) if way.sized else None))
         columns.append(_motion(file, note, entity, itinerary(junction, *way.route), way.zones))
     names = [agent.name for agent in agents]
     named_vehicles = [note.facts.subject, *note.facts.strayed, *(name for c in note.collisions or () for name in c.agents)]
     if len({*names}) < len(names) or not {*named_vehicles} <= {None, *names}:
-        raise RunError(f"{file.where}: the property rvads.run names a vehicle twice, or one that is not in it")
+        raise RunError(f"{file.where}: the property rvads.run names a vehicle twice, or a vehicle that is not in the file")
     if not all(0 <= round(collision.time / note.dt) < note.steps for collision in note.collisions or ()):
         raise RunError(f"{file.where}: the property rvads.run has a collision after the end of the run")
     pose, station, speed, zone = (np.stack(parts, axis=1) for parts in zip(*columns, strict=True))
@@ -198,7 +202,7 @@ def _simulated_run(file: TrajectoryFile, note: Note, junction: Junction) -> Run:
 
 
 def _size(file: TrajectoryFile, entity: Entity) -> tuple[float, float]:
-    """Return the size of a vehicle, within the bounds of every file of runs."""
+    """Return the size of a vehicle, within the bounds for sizes in files of runs."""
     return typed(entity.size, tuple[Size, Size], f"{file.where}: length and width of {entity.name!r}", RunError)
 
 
@@ -214,9 +218,10 @@ def _lights(file: TrajectoryFile, note: Note, junction: Junction) -> NDArray[np.
 def _motion(
     file: TrajectoryFile, note: Note, entity: Entity, way: Itinerary, zones: Sequence[tuple[int, Zone]]
 ) -> tuple[NDArray[Any], ...]:
-    """Return pose, station, speed and zone of one vehicle in every state, see `Run`.
+    """Return pose, station, speed and zone of a vehicle in every state, as a `Run` has them.
 
-    Speed is what the middle of its rear axle, which moves as the body heads, made in the step before: rolling without slipping.
+    The speed in a state is the distance of the rear axle in the step before, along the heading, divided by the duration of the
+    step. This holds for rolling without slipping.
     """
     starts = [tick for tick, _ in zones]
     if not starts or starts[0] != 0 or any(b <= a for a, b in pairwise(starts)) or starts[-1] >= note.steps:
@@ -228,17 +233,17 @@ def _motion(
     numbers = np.round(vertices[:, 1] / note.dt)
     if len(numbers) < 2 or np.isnan(vertices).any() or (np.diff(numbers) <= 0.0).any() or numbers[0] != 0.0:
         raise RunError(
-            f"{file.where}: the trajectory of {entity.name!r} must begin at 0 s, go on in steps of {note.dt:g} s, and have a "
-            "heading at every vertex"
+            f"{file.where}: the trajectory of {entity.name!r} must begin at 0 s, have times at multiples of {note.dt:g} s, and "
+            "have a heading at every vertex"
         )
     if numbers[-1] < note.steps - 1 and zones[-1][1] is not Zone.GONE:
         raise RunError(
             f"{file.where}: the trajectory of {entity.name!r} must last to the end of the run at "
-            f"{(note.steps - 1) * note.dt:g} s, or until it is gone, got an end at {vertices[-1, 1]:g} s"
+            f"{(note.steps - 1) * note.dt:g} s, or until the vehicle is gone, got an end at {vertices[-1, 1]:g} s"
         )
     first_speed = file.speeds.get(entity.name)
     if max(np.abs(vertices[:, 2:]).max(), abs(first_speed or 0.0)) > FARTHEST:
-        raise RunError(f"{file.where}: {entity.name!r} has a place, heading or speed beyond {FARTHEST:g}")
+        raise RunError(f"{file.where}: {entity.name!r} has a position, heading or speed beyond {FARTHEST:g}")
     ticks = np.arange(note.steps)
     axle = np.stack([np.interp(ticks, numbers, vertices[:, k]) for k in (2, 3)], axis=1)
     heading = np.interp(ticks, numbers, np.unwrap(vertices[:, 4]))
@@ -257,7 +262,7 @@ def _motion(
 
 
 def _stations(way: Itinerary, front: NDArray[np.float64], speed: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return where a vehicle is along its way in every state, each looked for around the one before."""
+    """Return the station of a vehicle in every state; each station is searched around the station before."""
     path, stations = way.path, np.empty(len(front))
     points = front.tolist()
     along, _ = path.project(points[0][0], points[0][1], path.length / 2, path.length)

@@ -1,6 +1,7 @@
-"""Scenarios in OpenSCENARIO XML: the subset that we write, with or without what an export of ours says beside.
+"""Scenarios in OpenSCENARIO XML: `save_scenario` writes a scenario, and `load_scenario` reads the same subset of elements.
 
-A scenario as OpenSCENARIO XML: everybody where it starts, as fast, with a route, for somebody else's controller to drive.
+A written file has the start, speed and route of every vehicle, for another tool's controller to drive. Its note (`ScenarioNote`)
+holds the values of the scenario that the elements can't express.
 """
 
 from __future__ import annotations
@@ -42,34 +43,37 @@ __all__ = ["VERSION", "ScenarioNote", "load_scenario", "save_scenario"]
 
 
 VERSION = 1
+"""Version of the note."""
 
 
 class ScenarioNote(msgspec.Struct, frozen=True):
-    """What a file says of a scenario beside its elements: what only we know of."""
+    """The scenario of a file with the values that its elements can't hold."""
 
     version: int
     site: Site
     scenario: Mapping[str, Any]
-    """See `Scenario.record`."""
+    """Result of `Scenario.record`."""
 
 
 def save_scenario(
     scenario: Scenario, path: str | Path, *, map: str | os.PathLike[str] | None = None, fleet: Fleet | None = None
 ) -> None:
-    """Write a scenario as OpenSCENARIO XML 1.2, and the map that its junction is from beside it; equal ones give equal files.
+    """Write a scenario as OpenSCENARIO XML 1.2, and the map of its junction into the same folder.
 
-    Vehicles are declared in the order in which they are created, teleported to their starts, given their speeds and assigned
-    their routes; the lights follow their plan; the end is that of the longest run. `load_scenario` reads the file.
+    Equal scenarios give equal files.
+    Vehicles are declared in the order of their creation. Each vehicle is teleported to its start, and has its initial speed and
+    its route. The lights follow their plan. The end is the end of the longest run of the scenario. `load_scenario` reads the
+    file.
 
     Args:
-        scenario: what is to be driven.
-        path: of the file, by convention ``.xosc``; folders are made.
-        map: OpenDRIVE file that the junction is from; by default the one that it says itself.
-        fleet: the bodies; passenger cars by default.
+        scenario: the scenario.
+        path: path of the file, by convention ``.xosc``; missing folders are made.
+        map: OpenDRIVE file of the junction; by default the file that the junction names.
+        fleet: the bodies of the vehicles; passenger cars by default.
 
     Raises:
         ScenarioError: a vehicle does not fit on its approach.
-        MapError: it is not known which map the junction is from.
+        MapError: the map of the junction is unknown.
         RvadsError: the library scenariogeneration is not installed, or the file can't be written.
     """
     require(scenario, Scenario, "save_scenario takes a rvads.Scenario(rvads.find('stop4'), '1133')", ScenarioError)
@@ -100,31 +104,32 @@ def save_scenario(
 
 
 def _front_pose(way: Itinerary, station: float, back: float) -> Pose:
-    """Return the pose of a front at a station; the rear axle stands on the centre line, too, as where we simulate."""
+    """Return the pose of a front at a station; the rear axle is on the centre line, too, as at the start of a simulation."""
     front, axle = way.pose(station), way.pose(station - back)
     return Pose(front.x, front.y, math.atan2(front.y - axle.y, front.x - axle.x))
 
 
 _TOLERANCE = 1e-3
-"""Places and speeds of two sources are the same within this [m], [m/s]."""
+"""Largest difference between equal positions [m] and equal speeds [m/s]."""
 _EVERY, _WITHIN = 0.25, 0.1
-"""Lights are compared so often, so long after changes that fall on a quarter of a second [s]."""
+"""Lights are compared every `_EVERY` [s], each time `_WITHIN` [s] after a multiple of a quarter of a second, at which plans may
+change colours."""
 
 
 def load_scenario(path: str | Path, *, junction: str | None = None, map: str | os.PathLike[str] | None = None) -> Scenario:
-    """Read a scenario that `save_scenario` wrote, or one of others that consists of the same elements.
+    """Read a scenario that `save_scenario` wrote, or a scenario of another tool with the same kinds of elements.
 
-    Of a file of others every vehicle is projected on an approach, and its route on a movement; what stands in it and is not read
-    is refused. Their names and bodies are not kept: a scenario has neither.
+    In a file of another tool, every vehicle is projected onto an approach, and its route onto a movement. An element that is not
+    supported is an error. Names and bodies of the vehicles are dropped, because a `Scenario` has none.
 
     Args:
-        path: of the file.
-        junction: what `find` takes; by default the only one of the map through which all routes lead.
-        map: OpenDRIVE file; by default the one that the file names, from beside it.
+        path: path of the file.
+        junction: argument of `find`; by default the single junction of the map through which all routes lead.
+        map: OpenDRIVE file; by default the file that the scenario names, relative to its folder.
 
     Raises:
-        ScenarioError: it can't be read, or holds what no `Scenario` does; the message names file, line and element.
-        MapError: its map can't be read, or has no such junction.
+        ScenarioError: the file can't be read, or holds elements that no `Scenario` has; the message names file, line and element.
+        MapError: the map can't be read, or has no such junction.
     """
     path = Path(path)
     try:
@@ -135,7 +140,7 @@ def load_scenario(path: str | Path, *, junction: str | None = None, map: str | o
         if has_note:
             content = decode(str(note).encode(), ScenarioNote, f"{path.name}: the property rvads.scenario", RunError)
             if content.version != VERSION:
-                raise ScenarioError(f"{path.name}: written in version {content.version} of rvads.scenario, expected {VERSION}")
+                raise ScenarioError(f"{path.name}: the property rvads.scenario has version {content.version}, expected {VERSION}")
             place = site_of(content.site, map_beside if map is None else Path(map), path.name)
             scenario = recalled(content.scenario, place, f"{path.name}: the property rvads.scenario")
             _check_note(scenario, by_name, root, path.name)
@@ -148,7 +153,11 @@ def load_scenario(path: str | Path, *, junction: str | None = None, map: str | o
 
 
 def _check_note(scenario: Scenario, by_name: Mapping[str, Intention], root: Node, where: str) -> None:
-    """Check that the elements of a file of ours still say what its property does."""
+    """Check that the elements of an exported file still agree with its note.
+
+    Raises:
+        ScenarioError: the vehicles, a start or route, the end or the lights differ from the note.
+    """
     agents = scenario.agents()
     if {agent.name for agent in agents} != by_name.keys():
         raise _contradiction(where, f"vehicles {', '.join(sorted(by_name))}")
@@ -158,23 +167,23 @@ def _check_note(scenario: Scenario, by_name: Mapping[str, Intention], root: Node
         drive = matched(by_name[agent.name], scenario.place)
         begin = None if drive is None else (drive.distance, drive.speed)
         if drive is None or drive.key != agent.route.key or not np.allclose(begin or (), start, rtol=0.0, atol=_TOLERANCE):
-            raise _contradiction(where, f"the start or route of {agent.name}")
+            raise _contradiction(where, f"a start or route of {agent.name}")
     duration = _duration(root)
     if duration is None or abs(duration - scenario.duration) > _TOLERANCE:
         raise _contradiction(where, f"an end at {duration} s")
     if not _lights_match(scenario, root):
-        raise _contradiction(where, "what the lights show")
+        raise _contradiction(where, "colours of the lights")
 
 
 def _contradiction(where: str, what: str) -> ScenarioError:
     return ScenarioError(
-        f"{where}: {what} is not what the property rvads.scenario says: take that property out where the file was changed "
-        "on purpose"
+        f"{where}: the file has {what}, and the property rvads.scenario has another value: remove the property if the file was "
+        "changed on purpose"
     )
 
 
 def _vehicle_of_length(length: float | None) -> Vehicle:
-    """Return a vehicle of a length [m]; nothing else of it counts where vehicles queue."""
+    """Return a vehicle of a length [m]; the places of vehicles in a queue depend on their lengths alone."""
     usual = Vehicle()
     share = usual.length if length is None else length
     return Vehicle(length=share, front_axle=share / 4, rear_axle=share / 4)
@@ -184,12 +193,16 @@ def _candidate_junctions(junction: str | None, map: Path | None, where: str) -> 
     if junction is not None:
         return [find(junction, None if junction in names() else map)]
     if map is None:
-        raise ScenarioError(f"{where}: it names no map in <LogicFile>: give one (map=), or a built-in junction (junction=)")
+        raise ScenarioError(f"{where}: <LogicFile> names no map: give a map (map=), or a built-in junction (junction=)")
     return [find(report.id, map) for report in load(map).junctions if report.usable]
 
 
 def _foreign_scenario(by_name: Mapping[str, Intention], root: Node, places: list[Junction], where: str) -> Scenario:
-    """Return the scenario of a file of others."""
+    """Return the scenario of a file of another tool, at the single junction that fits.
+
+    Raises:
+        ScenarioError: no junction fits, or several junctions fit.
+    """
     fitting: list[tuple[Junction, list[Drive]]] = []
     unplaced = next(iter(by_name))
     for place in places:
@@ -199,12 +212,14 @@ def _foreign_scenario(by_name: Mapping[str, Intention], root: Node, places: list
             fitting.append((place, [drive for drive in drives.values() if drive is not None]))
     if not fitting:
         raise ScenarioError(
-            f"{where}: {unplaced!r:.60} must start on an approach and have a route down an exit road of one junction, the same for "
-            f"everybody: the map has none such among {len(places)} that can be used"
+            f"{where}: all vehicles must start on approaches of the same junction and have routes to its exit roads, got "
+            f"{unplaced!r:.60} without such a junction among the {len(places)} usable junctions of the map"
         )
     if len(fitting) > 1:
         ids = ", ".join(place.id for place, _ in fitting)
-        raise ScenarioError(f"{where}: all routes lead through {len(fitting)} junctions ({ids:.100}): name one (junction=)")
+        raise ScenarioError(
+            f"{where}: all routes lead through {len(fitting)} junctions ({ids:.100}): name a junction (junction=)"
+        )
     return _scenario_of_drives(*fitting[0], root, where)
 
 
@@ -216,7 +231,7 @@ def _scenario_of_drives(place: Junction, drives: list[Drive], root: Node, where:
     heads = {entrance: min(queue, key=lambda drive: drive.distance) for entrance, queue in queues.items()}
     counts = {len(queue) for queue in queues.values()}
     if len(counts) > 1 or any(drive.key != heads[drive.key[0]].key for drive in drives):
-        raise ScenarioError(f"{where}: vehicles behind each other must be as many at every entrance, and go the same way")
+        raise ScenarioError(f"{where}: every entrance must have equally many vehicles, and all of an entrance the same route")
     by_key = {movement.key: direction for (_, direction), movement in place.by_direction.items()}
     lanes = range(len(place.entrances))
     spare = next(iter(heads.values()))
@@ -243,20 +258,25 @@ def _scenario_of_drives(place: Junction, drives: list[Drive], root: Node, where:
         if _lights_match(scenario, root):
             break
     else:
-        raise ScenarioError(f"{where}: its lights follow none of the plans that junction {place.name!r} has here")
+        raise ScenarioError(f"{where}: the lights of the file follow none of the signal plans of junction {place.name!r}")
     _check_queues(scenario, queues, where)
     return scenario
 
 
 def _check_queues(scenario: Scenario, queues: Mapping[int, list[Drive]], where: str) -> None:
-    """Check that queued vehicles start where `Scenario` puts followers."""
+    """Check that queued vehicles start at the places at which a `Scenario` puts followers.
+
+    Raises:
+        ScenarioError: a vehicle starts at another place, or at another speed.
+    """
     rows = [drive for entrance in sorted(queues) for drive in sorted(queues[entrance], key=lambda drive: drive.distance)]
     lengths = {agent.name: _vehicle_of_length(drive.length) for agent, drive in zip(scenario.agents(), rows, strict=True)}
     for drive, start in zip(rows, scenario.starts(lengths.__getitem__), strict=True):
         if not np.allclose((drive.distance, drive.speed), start, rtol=0.0, atol=_TOLERANCE):
             raise ScenarioError(
                 f"{where}: {drive.name!r:.60} starts {drive.distance:.2f} m before its line at {drive.speed:g} m/s, expected "
-                f"{start[0]:.2f} m at {start[1]:g} m/s: who follows starts as fast, {QUEUE_GAP:g} m and {QUEUE_TIME:g} s behind"
+                f"{start[0]:.2f} m at {start[1]:g} m/s: a follower starts at the speed of its leader, {QUEUE_GAP:g} m and "
+                f"{QUEUE_TIME:g} s behind"
             )
 
 
@@ -266,7 +286,7 @@ def _duration(root: Node) -> float | None:
 
 
 def _lights_match(scenario: Scenario, root: Node) -> bool:
-    """Return whether the controllers of a file, if it has any, do as the signal plan of a scenario."""
+    """Return whether the colours in a file are the colours of the signal plan of a scenario, or the file has no lights."""
     place, plan = scenario.place, scenario.signals()
     shown = lights_of(root, scenario.duration)
     lights = lights_at(place, shown) if shown else {}

@@ -13,7 +13,9 @@ BLOCKS = re.findall(r"^```(python|console)\n(.*?)^```", PAGE, re.MULTILINE | re.
 
 
 @pytest.mark.usefixtures("library")
-def test_the_page_tells_the_truth(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_code_and_commands_of_the_page_print_what_it_shows(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Its blocks run in order in one folder; a comment behind a line that prints says what it prints."""
     monkeypatch.chdir(tmp_path)
     assert [kind for kind, _ in BLOCKS] == ["python", "console", "console", "console", "python"]

@@ -31,7 +31,7 @@ def _alone(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.extended
 @pytest.mark.parametrize("workers", ["-n0", "-n1"])
-def test_every_run_that_failed_is_written_once_with_one_map(pytester: pytest.Pytester, workers: str) -> None:
+def test_each_failed_run_is_written_once_with_a_shared_map(pytester: pytest.Pytester, workers: str) -> None:
     pytester.makepyfile(FAILING)
     result = pytester.runpytest(workers, "-p", "no:cacheprovider", "--rvads-export=out", "--rvads-summary=full")
     failed = re.findall(r"FAILED \S+\[(\S+)-(p4|red)\]", result.stdout.str())
@@ -46,13 +46,13 @@ def test_every_run_that_failed_is_written_once_with_one_map(pytester: pytest.Pyt
     assert {pytester.path / name for name in told} == set(folder.glob("*.xosc"))
 
 
-def test_what_passes_is_not_written(pytester: pytest.Pytester) -> None:
+def test_passed_run_is_not_written(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(FAILING)
     pytester.runpytest("-p", "no:cacheprovider", "-k", "no_collision", "--rvads-export=out").assert_outcomes(passed=2)
     assert not (pytester.path / "out").exists()
 
 
-def test_an_older_file_of_another_run_is_replaced(pytester: pytest.Pytester) -> None:
+def test_older_file_of_another_run_is_replaced(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(FAILING)
     options = ("-p", "no:cacheprovider", "-k", "2222 and red", "--rvads-export=out")
     pytester.runpytest(*options)
@@ -63,9 +63,7 @@ def test_an_older_file_of_another_run_is_replaced(pytester: pytest.Pytester) -> 
     assert path.read_bytes() == good
 
 
-def test_a_missing_library_ends_the_session_before_anything_runs(
-    pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_missing_library_ends_the_session_before_any_run(pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch) -> None:
     pytester.makepyfile(FAILING)
     monkeypatch.setitem(__import__("sys").modules, "scenariogeneration.xosc", None)
     result = pytester.runpytest("--rvads-export=out")
@@ -74,7 +72,7 @@ def test_a_missing_library_ends_the_session_before_anything_runs(
     assert "pip install 'pytest-rvads[openscenario]'" in told
 
 
-def test_what_can_not_be_written_costs_no_verdict(pytester: pytest.Pytester) -> None:
+def test_write_error_keeps_the_verdicts(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(FAILING)
     (pytester.path / "out").write_text("", encoding="utf-8")
     result = pytester.runpytest("-p", "no:cacheprovider", "-k", "2222 and red", "--rvads-export=out")

@@ -45,7 +45,7 @@ def asked(files: list[Path]) -> dict[str, dict[str, list[str]]]:
     return found
 
 
-def test_every_check_is_passed_by_runs_and_scenarios(maps: Path, tmp_path: Path) -> None:
+def test_runs_and_scenarios_pass_every_check(maps: Path, tmp_path: Path) -> None:
     files = []
     for number, failure in enumerate(FAILURES):
         run = failure.run(maps)
@@ -59,7 +59,7 @@ def test_every_check_is_passed_by_runs_and_scenarios(maps: Path, tmp_path: Path)
         assert set(said["states"]) == {"COMPLETED"}, path
 
 
-def test_it_would_tell_what_is_wrong(maps: Path, tmp_path: Path) -> None:
+def test_checker_reports_a_damaged_file(maps: Path, tmp_path: Path) -> None:
     path = tmp_path / "run.xosc"
     rvads.export_run(FAILURES[3].run(maps), path)
     path.write_text(path.read_text("utf-8").replace("<LogicFile", "<LogicalFile"), encoding="utf-8")
