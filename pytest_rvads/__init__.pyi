@@ -48,7 +48,7 @@ from pytest_rvads.satellites.openscenario.scenario_xosc import load_scenario as 
 from pytest_rvads.search import strategies as strategies
 from pytest_rvads.search.chance import sweep as sweep
 from pytest_rvads.search.metamorphic import equivalent as equivalent
-from pytest_rvads.search.rationality import determinate as determinate, rational as rational
+from pytest_rvads.search.metamorphic import determinate as determinate, rational as rational
 from pytest_rvads.runs.itineraries import Itinerary as Itinerary
 from pytest_rvads.conduct.kpis import kpis as kpis
 from pytest_rvads.runs.readers import read_runs as read_runs

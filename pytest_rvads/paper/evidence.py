@@ -13,9 +13,21 @@ import numpy as np
 
 from pytest_rvads.drivers.lgsvl import Constants
 from pytest_rvads.executors import Progress, spread
-from pytest_rvads.paper.draws import crossing_wait
-from pytest_rvads.paper.experiment import LIGHT, ROWS, STOP, TABLES, Entry, Key, Setup, Table, entries, judge, run_entry
-from pytest_rvads.paper.published import FITTED, null_models, published
+from pytest_rvads.paper.experiment import (
+    LIGHT,
+    ROWS,
+    STOP,
+    TABLES,
+    Entry,
+    Key,
+    Setup,
+    Table,
+    crossing_wait,
+    entries,
+    judge,
+    run_entry,
+)
+from pytest_rvads.paper.tables import FITTED, null_models, published
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Zone
 
@@ -62,24 +74,24 @@ class Room:
     """Farther was not tried."""
 
 
-def _with(constants: Constants) -> Setup:
+def _setup_with(constants: Constants) -> Setup:
     """Return the setup with these constants, and with the random draw that follows from the constants."""
     return Setup(constants, wait=crossing_wait(Setup(constants)))
 
 
-def _zone(**moves: float) -> Setup:
+def _setup_with_zone(**moves: float) -> Setup:
     """Return the setup with the zone of the X moved; lights know no zone, so the draw stays."""
     box = Constants().zone4
     return Setup(replace(Constants(), zone4=replace(box, **{name: getattr(box, name) + by for name, by in moves.items()})))
 
 
 FREE: dict[str, Free] = {
-    "zone, toward exit 1 [m]": Free(lambda by: _zone(x=by), 0.06, 0.9, (STOP,)),
-    "zone, toward exit 0 [m]": Free(lambda by: _zone(y=-by), 0.06, 0.9, (STOP,)),
-    "zone, half extent [m]": Free(lambda by: _zone(half_x=by, half_y=by), 0.06, 0.9, (STOP,)),
-    "launch [s]": Free(lambda by: _with(replace(Constants(), launch=Constants().launch + by)), 0.02, 0.14),
-    "halt [m]": Free(lambda by: _with(replace(Constants(), halt=Constants().halt + by)), 0.05, 0.35),
-    "braking": Free(lambda by: _with(replace(Constants(), braking=Constants().braking + by)), 0.03, 0.21),
+    "zone, toward exit 1 [m]": Free(lambda by: _setup_with_zone(x=by), 0.06, 0.9, (STOP,)),
+    "zone, toward exit 0 [m]": Free(lambda by: _setup_with_zone(y=-by), 0.06, 0.9, (STOP,)),
+    "zone, half extent [m]": Free(lambda by: _setup_with_zone(half_x=by, half_y=by), 0.06, 0.9, (STOP,)),
+    "launch [s]": Free(lambda by: _setup_with(replace(Constants(), launch=Constants().launch + by)), 0.02, 0.14),
+    "halt [m]": Free(lambda by: _setup_with(replace(Constants(), halt=Constants().halt + by)), 0.05, 0.35),
+    "braking": Free(lambda by: _setup_with(replace(Constants(), braking=Constants().braking + by)), 0.03, 0.21),
     "draw [s]": Free(lambda by: Setup(wait=round(Setup().wait + by, 6)), 0.01, 0.15, (LIGHT,)),
 }
 
@@ -103,9 +115,9 @@ def p1_margin(run: Run) -> int:
 
 def p1_margins(*, executor: Executor | int | None = None, progress: Progress | None = None) -> dict[tuple[int, int, str], int]:
     """Return `p1_margin` per class, row and configuration of the stop table."""
-    wanted = list(entries(STOP))
-    found = spread(_margin, wanted, executor, progress)
-    return {(e.number, e.row, e.configuration): ticks for e, ticks in zip(wanted, found, strict=True)}
+    stop_entries = list(entries(STOP))
+    margins = spread(_margin, stop_entries, executor, progress)
+    return {(e.number, e.row, e.configuration): ticks for e, ticks in zip(stop_entries, margins, strict=True)}
 
 
 def ablation(
@@ -117,12 +129,12 @@ def ablation(
 ) -> Flips:
     """Return, per deficiency switched off, the cells that flip against `base`, the verdicts with all of them on."""
     jobs = [(entry, Setup(off=(name,))) for name in names for table in TABLES for entry in entries(table)]
-    found: dict[str, list[tuple[Key, str, str]]] = {name: [] for name in names}
+    flips: dict[str, list[tuple[Key, str, str]]] = {name: [] for name in names}
     for (entry, setup), verdicts in zip(jobs, spread(judge, jobs, executor, progress), strict=True):
         for rule, value in verdicts.items():
             if base[entry.key(rule)] != value:
-                found[setup.off[0]].append((entry.key(rule), base[entry.key(rule)], value))
-    return found
+                flips[setup.off[0]].append((entry.key(rule), base[entry.key(rule)], value))
+    return flips
 
 
 def rooms(
@@ -134,8 +146,8 @@ def rooms(
 ) -> dict[str, Room]:
     """Return how far each free constant can move, the others fixed, with every cell as in `base`."""
     jobs = [(name, sign, dict(base)) for name in names for sign in (-1.0, 1.0)]
-    found = list(spread(_room, jobs, executor, progress, batch=1))
-    return {name: Room(found[2 * k], found[2 * k + 1], FREE[name].limit) for k, name in enumerate(names)}
+    farthest = list(spread(_farthest_move, jobs, executor, progress, batch=1))
+    return {name: Room(farthest[2 * k], farthest[2 * k + 1], FREE[name].limit) for k, name in enumerate(names)}
 
 
 def text_margins(margins: Margins) -> str:
@@ -152,10 +164,10 @@ def text_margins(margins: Margins) -> str:
     return "\n".join([*lines, f"The closest cell hangs on {least} ticks."])
 
 
-def text_rooms(found: Mapping[str, Room]) -> str:
+def text_rooms(rooms_by_name: Mapping[str, Room]) -> str:
     """Return the room of the constants as a table."""
     lines = ["How far a constant can move with no cell of its tables changing, the others fixed"]
-    for name, room in found.items():
+    for name, room in rooms_by_name.items():
         down, up = (f"{by:+.2f}" + (" or more" if abs(by) >= room.limit - 1e-9 else "") for by in (room.down, room.up))
         lines.append(f"{name:<26}{down:<16}{up}")
     return "\n".join(lines)
@@ -167,11 +179,11 @@ def text_ablation(flips: Flips) -> str:
     for name, cells in flips.items():
         lines.append(f"{name.upper()}: {len(cells)} cells")
         groups: dict[tuple[str, str, str, str], list[str]] = {}
-        for (number, row, letter, rule), one, two in cells:
-            groups.setdefault((rule, letter, one, two), []).append(f"{number}.{row + 1}")
+        for (number, row, letter, rule), before, after in cells:
+            groups.setdefault((rule, letter, before, after), []).append(f"{number}.{row + 1}")
         lines += [
-            f"  {rule} of {letter}  {one} -> {two}  class.row {' '.join(rows)}"
-            for (rule, letter, one, two), rows in groups.items()
+            f"  {rule} of {letter}  {before} -> {after}  class.row {' '.join(rows)}"
+            for (rule, letter, before, after), rows in groups.items()
         ]
     return "\n".join(lines)
 
@@ -186,17 +198,17 @@ def _margin(entry: Entry) -> int:
     return p1_margin(run_entry(entry, Setup()))
 
 
-def _room(job: tuple[str, float, Mapping[Key, str]]) -> float:
+def _farthest_move(job: tuple[str, float, Mapping[Key, str]]) -> float:
     """Return the farthest move in one direction before a cell changes, in steps from where the constant stands."""
     name, sign, base = job
     free = FREE[name]
     steps = 0
-    while steps < round(free.limit / free.resolution) and _same(free, sign * (steps + 1) * free.resolution, base):
+    while steps < round(free.limit / free.resolution) and _same_verdicts(free, sign * (steps + 1) * free.resolution, base):
         steps += 1
     return round(sign * steps * free.resolution, 6)
 
 
-def _same(free: Free, by: float, base: Mapping[Key, str]) -> bool:
+def _same_verdicts(free: Free, by: float, base: Mapping[Key, str]) -> bool:
     setup = free.move(by)
     # The cells that hang on least come first, so that a change is noticed early.
     order = [

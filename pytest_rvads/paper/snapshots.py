@@ -68,11 +68,11 @@ class _LastFirst(Scheduler):
 def snapshots() -> dict[str, Snapshot]:
     """Return a snapshot of a violation of every rule of the paper."""
     setup = Setup()
-    found = {}
+    by_rule = {}
     for rule, entry in SHOWN.items():
         system: Any = LastFirst if rule == "p3" else setup.system()
-        found[rule] = snapshot(usual()(Case(entry.scenario(setup.wait), system)), rule, setup.constants)
-    return found
+        by_rule[rule] = snapshot(usual()(Case(entry.scenario(setup.wait), system)), rule, setup.constants)
+    return by_rule
 
 
 def write(folder: str | Path) -> list[Path]:
@@ -80,8 +80,8 @@ def write(folder: str | Path) -> list[Path]:
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     written = []
-    for rule, shown in snapshots().items():
-        for moment, svg in (("before", shown.before), ("broken", shown.broken)):
+    for rule, pictures in snapshots().items():
+        for moment, svg in (("before", pictures.before), ("broken", pictures.broken)):
             path = folder / f"{rule}-{moment}.svg"
             path.write_text(svg, encoding="utf-8")
             written.append(path)
@@ -98,16 +98,16 @@ def snapshot(run: Run, rule: str, constants: Constants) -> Snapshot:
     if verdict.status is not Status.FAIL or verdict.time is None or verdict.time <= 0.0:
         raise RunError(f"run {run.label} has no violation of {rule} to show: {verdict.message}")
     tick = round(verdict.time / run.dt)
-    now = [instance for instance in verdict.instances if instance.failed == tick]
-    guilty = [name for instance in now for name in instance.responsible]
-    names = {name for _, name in now[0].binding}
+    violated = [instance for instance in verdict.instances if instance.failed == tick]
+    guilty = [name for instance in violated for name in instance.responsible]
+    names = {name for _, name in violated[0].binding}
     involved = [column for column, agent in enumerate(run.agents) if agent.name in names]
     heads = {tick - 1: f"{rule}, t-1 = {(tick - 1) * run.dt:.2f} s", tick: f"{rule} broken, t = {tick * run.dt:.2f} s"}
-    one, two = (
+    before, after = (
         _shaded(picture(run, t, f"{head}: {', '.join(_where(run, t, column) for column in involved)}", guilty), run, constants)
         for t, head in heads.items()
     )
-    return Snapshot(rule, one, two)
+    return Snapshot(rule, before, after)
 
 
 def _where(run: Run, tick: int, column: int) -> str:

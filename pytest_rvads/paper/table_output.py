@@ -6,8 +6,7 @@ from collections.abc import Iterator, Mapping
 
 from pytest_rvads.draw.svg import document, polyline, text
 from pytest_rvads.paper.experiment import ROWS, TABLES, WAIT, Key, Table
-from pytest_rvads.paper.published import FITTED, agreement, null_models, published
-from pytest_rvads.paper.tables import Shares
+from pytest_rvads.paper.tables import FITTED, Shares, agreement, null_models, published
 from pytest_rvads.scenarios.classes import parse, rotate
 from pytest_rvads.wording import page
 
@@ -44,9 +43,9 @@ def text_sweep(shares: Mapping[Key, Shares]) -> str:
         for number, row, scenario in _rows(table):
             for letter in table.configurations:
                 for rule in table.rules:
-                    found = shares.get((number, row, letter, rule))
-                    if found:
-                        percent = "/".join(f"{100 * found[word]:.0f}" for word in ("FAIL", "PASS", "NA"))
+                    shares_of_cell = shares.get((number, row, letter, rule))
+                    if shares_of_cell:
+                        percent = "/".join(f"{100 * shares_of_cell[word]:.0f}" for word in ("FAIL", "PASS", "NA"))
                         lines.append(f"class {number}  {scenario}  {letter}  {rule}  {percent}")
     return "\n".join(lines)
 
@@ -110,15 +109,15 @@ def _word(verdicts: Mapping[Key, str], key: Key) -> str:
 
 
 def _summary(verdicts: Mapping[Key, str]) -> list[str]:
-    wrong = [
+    differences = [
         f"  {MARK} class {k[0]} row {k[1] + 1} {k[2]} {k[3]}: {got}, published {want}" for k, got, want in disagreements(verdicts)
     ]
-    fitted, told = agreement(verdicts, FITTED), agreement(verdicts, (2, 4))
+    fitted, unfitted = agreement(verdicts, FITTED), agreement(verdicts, (2, 4))
     guess = null_models()["by rule and configuration"]
     return [
         f"Replicated with a calibrated surrogate: {page('replication')}",
         f"Classes 1 and 3, fitted: {fitted[0]} of {fitted[1]} cells as published; "
         f"a table by rule and configuration alone would get {guess}.",
-        f"Classes 2 and 4, not fitted: {told[0]} of the {told[1]} cells that the paper's text tells.",
-        *wrong,
+        f"Classes 2 and 4, not fitted: {unfitted[0]} of the {unfitted[1]} cells that the paper's text tells.",
+        *differences,
     ]

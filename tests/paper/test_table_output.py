@@ -8,8 +8,8 @@ import pytest
 
 from pytest_rvads import cli
 from pytest_rvads.paper.experiment import TABLES, Key, entries
-from pytest_rvads.paper.published import published
 from pytest_rvads.paper.table_output import disagreements, svg_tables, text_sweep, text_tables
+from pytest_rvads.paper.tables import published
 
 
 @pytest.fixture

@@ -11,10 +11,23 @@ from pathlib import Path
 import pytest
 
 import pytest_rvads
-from pytest_rvads.paper.draws import crossing_wait, draw_range
-from pytest_rvads.paper.experiment import LIGHT, ROWS, STOP, TABLES, WAIT, Entry, Key, Setup, entries, judge, outcome, run_entry
-from pytest_rvads.paper.published import FITTED, agreement, null_models, published
-from pytest_rvads.paper.tables import compute, nested
+from pytest_rvads.paper.experiment import (
+    LIGHT,
+    ROWS,
+    STOP,
+    TABLES,
+    WAIT,
+    Entry,
+    Key,
+    Setup,
+    crossing_wait,
+    draw_range,
+    entries,
+    judge,
+    outcome,
+    run_entry,
+)
+from pytest_rvads.paper.tables import FITTED, agreement, compute, nested, null_models, published
 
 ENTRIES = [entry for table in TABLES for entry in entries(table)]
 KEYS = [entry.key(rule) for entry in ENTRIES for rule in entry.table.rules]

@@ -173,7 +173,7 @@ def test_a_run_may_begin_before_or_at_the_entrance() -> None:
 
 def test_too_many_unknown_conditions_are_refused() -> None:
     text = " ^ ".join(f"a.sp > {k}" for k in range(12))
-    with pytest.raises(FormulaError, match="hang together"):
+    with pytest.raises(FormulaError, match="are linked"):
         decide(model("stop4", "2000", (0.0,)), [Rule("much", f"forall a. G({text})")])
 
 

@@ -58,8 +58,8 @@ def test_they_shrink_to_few_vehicles_and_round_numbers() -> None:
     [
         (lambda: strategies.junctions(ways=5), "no built-in junction"),
         (lambda: strategies.abstract_scenarios(2), "must be 3 to 8"),
-        (lambda: strategies.distances(5, 1), "distances go from"),
-        (lambda: strategies.waits(-1, 1), "waits go from"),
+        (lambda: strategies.distances(5, 1), "distances must go from"),
+        (lambda: strategies.waits(-1, 1), "waits must begin at 0"),
         (lambda: strategies.scenarios("stop5"), "unknown junction 'stop5'"),
         (lambda: strategies.scenarios("stop4", subject=9), "subject must be an entrance of 'stop4', 0 to 3, got 9"),
     ],

@@ -24,7 +24,7 @@ needs_sumo = pytest.mark.skipif(not installed(), reason="pip install 'pytest-rva
 
 
 def simulated(junction: str | rvads.Junction, directions: Any, simulator: rvads.Sumo = rvads.sumo, **more: Any) -> rvads.Run:
-    """Return a case in which SUMO drives every vehicle, by default from 20 m before the line at 10 m/s."""
+    """Return a run in which SUMO drives every vehicle, by default from 20 m before the line at 10 m/s."""
     place = rvads.find(junction) if isinstance(junction, str) else junction
     scenario = rvads.Scenario(place, directions, **{"distance": 20.0, "speed": 10.0, **more})
     return rvads.simulate(rvads.Case(scenario, rvads.SumoDriver), simulator)
