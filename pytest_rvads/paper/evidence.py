@@ -1,6 +1,6 @@
-"""How firmly the replication stands: margins of p1, ablation of the mechanisms, room of the free constants.
+"""Evidence for the replication: margins of p1, ablation of the mechanisms, and room of the free constants.
 
-``rvads paper --margins``, ``--ablation`` and ``--null-models`` print it; ``docs/replication.md`` quotes them.
+``rvads paper --margins``, ``--ablation`` and ``--null-models`` print this evidence, and ``docs/replication.md`` quotes it.
 """
 
 from __future__ import annotations
@@ -46,9 +46,9 @@ __all__ = [
 ]
 
 Margins = Mapping[tuple[int, int, str], int]
-"""Per class, row and configuration the ticks that p1 hangs on."""
+"""Margin of p1 in ticks, by class, row and configuration."""
 Flips = Mapping[str, list[tuple[Key, str, str]]]
-"""Per deficiency switched off the cells that flip: cell, verdict with it, verdict without it."""
+"""Flipped cells per switched-off deficiency: cell, verdict with the deficiency, verdict without the deficiency."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,29 +58,29 @@ class Free:
     move: Callable[[float], Setup]
     """Returns the setup of the experiment with the constant moved by the argument."""
     resolution: float
-    """Its room is found in steps of this size."""
+    """Step of the search for the room, in the unit of the constant."""
     limit: float
-    """Farthest move that is tried."""
+    """Farthest tried move, in the unit of the constant."""
     tables: tuple[Table, ...] = TABLES
 
 
 @dataclass(frozen=True, slots=True)
 class Room:
-    """How far a constant can move without any cell of its tables changing."""
+    """The farthest moves of a constant that change no cell of its tables."""
 
     down: float
     up: float
     limit: float
-    """Farther was not tried."""
+    """Farthest tried move."""
 
 
 def _setup_with(constants: Constants) -> Setup:
-    """Return the setup with these constants, and with the random draw that follows from the constants."""
+    """Return the setup with constants and the random draw that follows from these constants."""
     return Setup(constants, wait=crossing_wait(Setup(constants)))
 
 
 def _setup_with_zone(**moves: float) -> Setup:
-    """Return the setup with the zone of the X moved; lights know no zone, so the draw stays."""
+    """Return the setup with the zone of the X-junction moved; the draw stays, because junctions with lights have no zone."""
     box = Constants().zone4
     return Setup(replace(Constants(), zone4=replace(box, **{name: getattr(box, name) + by for name, by in moves.items()})))
 
@@ -97,10 +97,10 @@ FREE: dict[str, Free] = {
 
 
 def p1_margin(run: Run) -> int:
-    """Return how many ticks the p1 verdict of a run hangs on.
+    """Return the margin of p1 on a run, in ticks; the verdict changes with the sign of the margin.
 
-    Positive: the shortest gap between one vehicle leaving the junction and the next one entering it. Negative: the
-    longest time that two were in it together. The verdict turns when it changes sign.
+    A positive margin is the shortest time from the exit of a vehicle to the entry of the next vehicle. A negative margin is the
+    longest time that two vehicles were in the junction together.
     """
     inside = run.zone == Zone.JUNCTION
     spans = []
@@ -127,7 +127,7 @@ def ablation(
     executor: Executor | int | None = None,
     progress: Progress | None = None,
 ) -> Flips:
-    """Return, per deficiency switched off, the cells that flip against `base`, the verdicts with all of them on."""
+    """Return the flipped cells per switched-off deficiency, compared to the verdicts `base` with all deficiencies."""
     jobs = [(entry, Setup(off=(name,))) for name in names for table in TABLES for entry in entries(table)]
     flips: dict[str, list[tuple[Key, str, str]]] = {name: [] for name in names}
     for (entry, setup), verdicts in zip(jobs, spread(judge, jobs, executor, progress), strict=True):
@@ -144,7 +144,7 @@ def rooms(
     executor: Executor | int | None = None,
     progress: Progress | None = None,
 ) -> dict[str, Room]:
-    """Return how far each free constant can move, the others fixed, with every cell as in `base`."""
+    """Return the room of each free constant, with all other constants fixed and every cell as in `base`."""
     jobs = [(name, sign, dict(base)) for name in names for sign in (-1.0, 1.0)]
     farthest = list(spread(_farthest_move, jobs, executor, progress, batch=1))
     return {name: Room(farthest[2 * k], farthest[2 * k + 1], FREE[name].limit) for k, name in enumerate(names)}
@@ -174,7 +174,7 @@ def text_rooms(rooms_by_name: Mapping[str, Room]) -> str:
 
 
 def text_ablation(flips: Flips) -> str:
-    """Return, per deficiency switched off, the cells that flip, those of one rule and configuration in a line."""
+    """Return the flipped cells per switched-off deficiency as text, with a line per rule and configuration."""
     lines = ["Cells of 240 that flip when a deficiency is switched off"]
     for name, cells in flips.items():
         lines.append(f"{name.upper()}: {len(cells)} cells")
@@ -189,7 +189,7 @@ def text_ablation(flips: Flips) -> str:
 
 
 def text_null_models() -> str:
-    """Return what tables that know nothing of vehicles would get."""
+    """Return the scores of the models without a simulation as text."""
     rows = [f"{name:<32}{score:4} of {len(published(FITTED))}" for name, score in null_models().items()]
     return "\n".join(["Cells of classes 1 and 3 that a table would get with the best answer to cells it can't tell apart", *rows])
 
@@ -199,7 +199,7 @@ def _margin(entry: Entry) -> int:
 
 
 def _farthest_move(job: tuple[str, float, Mapping[Key, str]]) -> float:
-    """Return the farthest move in one direction before a cell changes, in steps from where the constant stands."""
+    """Return the farthest move of a constant in a direction that changes no cell."""
     name, sign, base = job
     free = FREE[name]
     steps = 0
@@ -210,7 +210,7 @@ def _farthest_move(job: tuple[str, float, Mapping[Key, str]]) -> float:
 
 def _same_verdicts(free: Free, by: float, base: Mapping[Key, str]) -> bool:
     setup = free.move(by)
-    # The cells that hang on least come first, so that a change is noticed early.
+    # The configurations with the smallest margins come first, because they change first.
     order = [
         entry for letters in ("CFJ", "BEG", "ADHI") for t in free.tables for entry in entries(t) if entry.configuration in letters
     ]

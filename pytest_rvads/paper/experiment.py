@@ -1,7 +1,4 @@
-"""The two tables of the paper's experiment: the scenarios of each table, and the simulation and verdicts of an entry.
-
-The random draw: which runs have one, over which range, and the one value of the tables.
-"""
+"""The experiment of the paper: the scenarios of its two tables, the run and the verdicts of an entry, and the random draw."""
 
 from __future__ import annotations
 
@@ -46,21 +43,21 @@ __all__ = [
 
 
 _DRAW_CLASS = 4
-"""Its configuration J is the only place where the paper's verdict needs a certain draw."""
+"""Class with a configuration, J, in which the paper's verdict needs a certain draw."""
 
 
 ROWS = 4
 """Rows per class: the rotations of the junction."""
 WAIT = 3.32
-"""The one random draw of all runs of the tables [s]; `pytest_rvads.paper.experiment.crossing_wait` derives it."""
+"""Random draw of all runs of the tables [s]; `crossing_wait` derives the draw."""
 
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """One table of the paper."""
+    """A table of the paper."""
 
     name: str
-    """As in the paper's files."""
+    """Name of the table in the paper's files."""
     junction: str
     """Built-in junction with the recorded lengths."""
     classes: Mapping[int, str] = field(hash=False)
@@ -82,21 +79,21 @@ Key = tuple[int, int, str, str]
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """One run of a table, which fills one cell per rule."""
+    """A run of a table, which fills a cell per rule."""
 
     table: Table
     number: int
-    """The paper's class."""
+    """The paper's number of the class."""
     row: int
     """Rotation, 0 for row 1."""
     configuration: str
 
     def key(self, rule: str) -> Key:
-        """Return which cell a rule fills."""
+        """Return the cell of a rule."""
         return self.number, self.row, self.configuration, rule
 
     def scenario(self, wait: float = WAIT) -> Scenario:
-        """Return the concrete scenario; `wait` is the random draw [s]."""
+        """Return the concrete scenario with `wait` as the random draw [s]."""
         point = configuration(self.configuration, ROWS)
         return Scenario(
             find(self.table.junction),
@@ -112,15 +109,15 @@ class Entry:
 
 @dataclass(frozen=True, slots=True)
 class Setup:
-    """What all runs of an experiment have in common; plain values, so that it can be sent to another process."""
+    """Settings of all runs of an experiment, as plain values that can be sent to another process."""
 
     constants: Constants = field(default_factory=Constants)
     off: tuple[str, ...] = ()
     """Deficiencies that are switched off, such as ``("i2",)``."""
     wait: float = WAIT
-    """[s]."""
+    """Random draw [s]."""
     simulator: str | None = None
-    """What makes the runs, by name; None for the usual one."""
+    """Name of the simulator; None for the default simulator."""
 
     def system(self) -> partial[LgsvlLike]:
         """Return the autopilot of the experiment, as a factory."""
@@ -128,11 +125,11 @@ class Setup:
 
 
 Job = tuple[Entry, Setup]
-"""A run of a table, and how it is run."""
+"""A run of a table, and its settings."""
 
 
 def entries(table: Table) -> Iterator[Entry]:
-    """Yield the runs of a table: classes, rows, configurations in the order of the paper."""
+    """Yield the runs of a table, by class, row and configuration in the order of the paper."""
     for number in table.classes:
         for row in range(ROWS):
             for letter in table.configurations:
@@ -151,7 +148,7 @@ def judge(job: Job) -> dict[str, str]:
 
 
 def outcome(run: Run, rules: tuple[str, ...]) -> dict[str, str]:
-    """Return PASS, FAIL or NA per rule; an obligation that is open at the end counts as FAIL, as in the paper.
+    """Return PASS, FAIL or NA per rule; OPEN counts as FAIL, as in the paper.
 
     Raises:
         RunError: the run can't be judged.
@@ -166,9 +163,10 @@ def outcome(run: Run, rules: tuple[str, ...]) -> dict[str, str]:
 
 
 def draw_range(entry: Entry) -> tuple[float, float] | None:
-    """Return the range that the draw of a run is made from [s], or None where nobody draws.
+    """Return the range of the draw of a run [s]; None for a run without a draw.
 
-    A right turn that faces red draws how long to wait, a left turn that faces red how long to wait after green.
+    A vehicle that turns right on red draws its waiting time. A vehicle that turns left and faces red draws its waiting time after
+    green.
     """
     if entry.table is not LIGHT:
         return None
@@ -183,12 +181,12 @@ def draw_range(entry: Entry) -> tuple[float, float] | None:
 def crossing_wait(setup: Setup | None = None) -> float:
     """Return the wait [s] after which a right turn on red enters while a crossing vehicle is at its entrance.
 
-    In configuration J of class 4, p5 is violated only by a draw from a narrow window: the right turn has to set off so
-    that it enters while the vehicle with green passes its entrance zone. A dry run with the longest draw tells when the
-    crossing vehicle is at its entrance, and how long the right turn needs from the end of its wait to the line.
+    In configuration J of class 4, p5 is violated only by a draw from a narrow window: the vehicle that turns right must enter
+    while the vehicle with green passes its entrance zone. A dry run with the longest draw gives the times at which the crossing
+    vehicle is at its entrance, and the time from the end of the wait to the line.
 
     Raises:
-        RunError: the vehicles of the dry run do not get that far.
+        RunError: the dry run ends before a vehicle enters the junction.
     """
     setup = setup or Setup()
     longest = RED_WAIT[1]
@@ -196,10 +194,10 @@ def crossing_wait(setup: Setup | None = None) -> float:
     crossing = np.flatnonzero(dry.zone[:, 0] == Zone.ENTRANCE)
     entry = dry.entry(1)
     if not len(crossing) or entry is None:
-        raise RunError(f"the dry run {dry.label} ended before a vehicle crossed, so it tells no wait")
-    # At its entrance it stands from the start.
+        raise RunError(f"the dry run {dry.label} ended before a vehicle entered the junction, so no wait follows from it")
+    # The time at which the vehicle that turns right stands at its entrance.
     standing = float(np.flatnonzero(dry.need("speed")[:, 1] < 0.05)[0]) * dry.dt
     start_up = entry - longest - standing
-    # An entry breaks the rule from one step after the other's arrival up to the step in which the other enters.
+    # An entry breaks the rule from a step after the arrival of the crossing vehicle to the step in which this vehicle enters.
     middle = int(crossing[0] + crossing[-1] + 2) // 2
     return round(middle * dry.dt - start_up, 2)

@@ -1,4 +1,4 @@
-"""The tables of the experiment as text and as a picture, laid out like the paper's, disagreements marked."""
+"""The tables of the experiment as text and as a picture, in the layout of the paper and with marked disagreements."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from pytest_rvads.wording import page
 __all__ = ["MARK", "disagreements", "svg_tables", "text_sweep", "text_tables"]
 
 MARK = "!"
-"""Follows a verdict that is not the published one."""
+"""Mark after a verdict that differs from the published verdict."""
 _WORDS = {"FAIL": "Fail", "PASS": "Pass", "NA": "NA"}
 _COLOURS = {"FAIL": "#b3261e", "PASS": "#1b6e3c", "NA": "#777"}
 
 
 def disagreements(verdicts: Mapping[Key, str]) -> list[tuple[Key, str, str]]:
-    """Return the cells that are not as published: cell, verdict, published verdict."""
+    """Return the cells that differ from the published cells: cell, verdict, published verdict."""
     return [(key, verdicts[key], value) for key, value in published().items() if key in verdicts and verdicts[key] != value]
 
 
@@ -37,7 +37,7 @@ def text_tables(verdicts: Mapping[Key, str]) -> str:
 
 
 def text_sweep(shares: Mapping[Key, Shares]) -> str:
-    """Return, per cell with a draw, the shares of FAIL, PASS and NA over the range of the draw, the worst first."""
+    """Return the shares of FAIL, PASS and NA over the range of the draw as text, with a line per cell with a draw."""
     lines = ["Shares of Fail/Pass/NA over the range of the draw, in per cent"]
     for table in TABLES:
         for number, row, scenario in _rows(table):

@@ -1,9 +1,7 @@
-"""Running the paper's experiment: both tables, on several processes, and the sweep over the random draw.
+"""The two tables of the paper's experiment: computed on several processes, swept over the random draw, and as published.
 
-What the paper publishes about its tables, and how many cells a table without any mechanism would get right.
-
-Verdicts are those of Li, Sifakis, Wang, Yan, Zhang: Simulation-based Validation for Autonomous Driving Systems (ISSTA
-2023). Classes 1 and 3 stand in its tables; what is known here of classes 2 and 4 is what its text says about them.
+The published verdicts are those of Li, Sifakis, Wang, Yan, Zhang: Simulation-based Validation for Autonomous Driving Systems
+(ISSTA 2023). The paper has tables of classes 1 and 3; its text gives the known cells of classes 2 and 4.
 """
 
 from __future__ import annotations
@@ -21,10 +19,10 @@ __all__ = ["FITTED", "Shares", "agreement", "compute", "nested", "null_models", 
 
 
 FITTED = (1, 3)
-"""Classes that the constants were fitted on."""
+"""Classes whose published cells determined the constants."""
 
 _WORDS = {"F": "FAIL", "P": "PASS", "-": "NA"}
-# Per configuration the rules of the table; four letters stand for the rows, one for all of them.
+# Verdicts per configuration, in the order of the rules of the table: a letter per row, or a letter for all rows.
 _CLASS_1 = {"A": "F F -", "B": "F F -", "C": "FFPF F -", "D": "FFPF F -", "E": "FFPF F P"}
 _CLASS_2 = {"A": "F F -", "B": "F F -", "C": "FFPF F -", "D": "? F -", "E": "? F P"}
 _CLASS_3 = {"F": "F - F", "G": "P - F", "H": "P - F", "I": "P - F", "J": "P - F"}
@@ -33,10 +31,9 @@ _CLASSES = {1: (STOP, _CLASS_1), 2: (STOP, _CLASS_2), 3: (LIGHT, _CLASS_3), 4: (
 
 
 Shares = dict[str, float]
-"""Per FAIL, PASS, NA the share of the range of the draw."""
-
+"""Share of the range of the draw per verdict FAIL, PASS, NA."""
 SWEEP_STEP = 0.05
-"""Distance of the draws of a sweep [s]."""
+"""Distance between the draws of a sweep [s]."""
 
 
 def compute(
@@ -47,17 +44,14 @@ def compute(
     executor: Executor | int | None = None,
     progress: Progress | None = None,
 ) -> dict[Key, str]:
-    """Simulate and judge every cell.
+    """Return the verdict of every cell: PASS, FAIL or NA.
 
     Args:
-        setup: constants, deficiencies and draw of all runs; those of the paper by default.
-        tables: both by default.
-        numbers: classes to run.
-        executor: as for `spread`.
+        setup: constants, deficiencies and draw of all runs; the settings of the paper by default.
+        tables: tables to compute; both by default.
+        numbers: classes to compute.
+        executor: executor or number of processes, as for `spread`.
         progress: called after every run.
-
-    Returns:
-        PASS, FAIL or NA per cell.
 
     Raises:
         RunError: a run ended by a fault.
@@ -74,7 +68,7 @@ def compute(
 def sweep(
     setup: Setup | None = None, *, executor: Executor | int | None = None, progress: Progress | None = None
 ) -> dict[Key, Shares]:
-    """Return, for every cell whose run draws, how often each verdict comes over the range of the draw."""
+    """Return the share of each verdict over the range of the draw, for every cell of a run with a draw."""
     setup = setup or Setup()
     jobs: list[Job] = []
     for entry in (entry for table in TABLES for entry in entries(table)):
@@ -94,7 +88,7 @@ def sweep(
 
 
 def nested(cells: dict[Key, str] | dict[Key, Shares]) -> dict[str, dict[str, dict[str, dict[str, object]]]]:
-    """Return cells by table, class and row, with the directions of the row: the shape of ``rvads paper --json``."""
+    """Return cells by table, class and row, with the directions of the row, in the shape of ``rvads paper --json``."""
     result: dict[str, dict[str, dict[str, dict[str, object]]]] = {}
     for table in TABLES:
         for number, directions in table.classes.items():
@@ -109,7 +103,7 @@ def nested(cells: dict[Key, str] | dict[Key, Shares]) -> dict[str, dict[str, dic
 
 
 def published(numbers: tuple[int, ...] = (1, 2, 3, 4)) -> dict[Key, str]:
-    """Return what the paper says about the cells of classes `numbers`; a cell it does not tell is left out."""
+    """Return the published verdicts of the cells of some classes; a cell without a published verdict is left out."""
     cells: dict[Key, str] = {}
     for number in numbers:
         table, cells_by_letter = _CLASSES[number]
@@ -123,16 +117,16 @@ def published(numbers: tuple[int, ...] = (1, 2, 3, 4)) -> dict[Key, str]:
 
 
 def agreement(verdicts: Mapping[Key, str], numbers: tuple[int, ...]) -> tuple[int, int]:
-    """Return how many cells of classes `numbers` are as published, and how many are published."""
+    """Return the number of cells of some classes that agree with the published cells, and the number of published cells."""
     cells = published(numbers)
     return sum(verdicts[key] == value for key, value in cells.items()), len(cells)
 
 
 def null_models() -> dict[str, int]:
-    """Return how many of the cells of classes 1 and 3 a table would get that knows less than a simulation.
+    """Return, for models without a simulation, the greatest possible number of correct cells of classes 1 and 3.
 
-    Each model answers with the most frequent verdict among the cells it cannot tell apart, so its count is the best
-    that it could reach.
+    A model gives equal answers to all cells that it can't distinguish. Its best answer is the most frequent verdict among these
+    cells.
     """
     models: dict[str, Callable[[Key], object]] = {
         "one verdict for everything": lambda _: None,

@@ -51,7 +51,7 @@ class SearchResult(NamedTuple):
     rule: str
     """Name of the rule."""
     triggered: bool
-    """Whether the rule applied in a simulation in which a judged vehicle passed the junction."""
+    """Whether the rule applied in a simulation that shows a crossing, see `crossed`."""
     simulations: int
     """Number of simulations."""
 
@@ -140,8 +140,8 @@ class Search:
         if not any(result.triggered for result in failed):
             simulations = sum(result.simulations for result in failed)
             raise ScenarioError(
-                f"{failed[0].rule} was not triggered in any of {simulations} simulations at {self.place.name} in which what drives "
-                "got across, so nothing was tried: choose another rule or junction, look elsewhere, or give the runs more time"
+                f"{failed[0].rule} was not triggered in any of {simulations} simulations at {self.place.name} with a crossing, "
+                "so nothing was tried: choose another rule, junction or space, or give the runs more time"
             )
         return None
 
@@ -251,7 +251,7 @@ class _Trial:
         self.budget = budget
         self.simulations = 0
         self.triggered = False
-        """Whether the rule applied in a run in which a judged vehicle passed the junction; other runs test nothing."""
+        """Whether the rule applied in a run that shows a crossing, see `crossed`; other runs test nothing."""
         self.first: int | None = None
         """Number of simulations up to the first counterexample."""
         self.counts: dict[Scenario, bool] = {}

@@ -263,8 +263,8 @@ def determinate(
 
     Raises:
         MetamorphicViolation: the continuation differs.
-        ScenarioError: the junction has lights, the scenario has followers, a vehicle is past the line or gone at the time, or no
-            judged vehicle passes the junction.
+        ScenarioError: the junction has lights, the scenario has followers, a vehicle is past the line or gone at the time, or the
+            run shows no crossing.
         RunError: a run ended by a fault.
     """
     __tracebackhide__ = True
@@ -279,7 +279,7 @@ def determinate(
     checked_rules = rules_for(rules, junction)
     run, before = judged(case, checked_rules, simulator)
     if not crossed(run):
-        raise ScenarioError(f"what drives does not get across in {case.scenario.name}, so nothing follows for what it remembers")
+        raise ScenarioError(f"the run of {case.scenario.name} shows no crossing, so its continuation can't be compared")
     continuation, after = judged(_restarted_case(case, run, at), checked_rules, simulator)
     what = f"restarted at {at:g} s"
     for rule in checked_rules:

@@ -10,7 +10,7 @@ from pytest_rvads.paper.tables import published
 
 
 @pytest.mark.parametrize(("row", "configuration"), [(0, "C"), (2, "C"), (2, "B")])
-def test_the_margin_of_p1_has_the_sign_of_the_verdict(row: int, configuration: str) -> None:
+def test_margin_of_p1_has_the_sign_of_the_verdict(row: int, configuration: str) -> None:
     run = run_entry(Entry(STOP, 1, row, configuration), Setup())
     together = (run.zone == 2).sum(axis=1) > 1
     margin = p1_margin(run)
@@ -30,7 +30,7 @@ def test_half_a_foot_of_zone_changes_no_verdict_of_p1(name: str, sign: int) -> N
 
 
 @pytest.mark.extended
-def test_a_deficiency_that_is_switched_off_flips_the_cells_it_stands_behind(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_switched_off_deficiency_flips_its_cells(monkeypatch: pytest.MonkeyPatch) -> None:
     table = Table("light4", "paper_light4", {3: "1233"}, "G", ("p4", "p6"), 40.0)
     monkeypatch.setattr(evidence, "TABLES", (table,))
     cells = {key: value for key, value in published((3,)).items() if key[2] == "G"}
@@ -41,7 +41,7 @@ def test_a_deficiency_that_is_switched_off_flips_the_cells_it_stands_behind(monk
 
 
 @pytest.mark.extended
-def test_the_room_of_the_draw_is_the_time_at_the_entrance(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_room_of_the_draw_is_the_time_at_the_entrance(monkeypatch: pytest.MonkeyPatch) -> None:
     # The crossing vehicle passes its entrance zone in 12 ticks; a right turn that enters then breaks p5, any other does not.
     table = Table("light4", "paper_light4", {4: "2121"}, "J", ("p5",), 40.0)
     monkeypatch.setitem(FREE, "draw", Free(FREE["draw [s]"].move, 0.02, 0.2, (table,)))
@@ -51,14 +51,14 @@ def test_the_room_of_the_draw_is_the_time_at_the_entrance(monkeypatch: pytest.Mo
     assert room.down < 0.0 < room.up, "the draw of the tables is not at the edge of its window"
 
 
-def test_a_constant_that_decides_nothing_has_all_the_room(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_constant_without_influence_has_the_full_room(monkeypatch: pytest.MonkeyPatch) -> None:
     table = Table("stop4", "paper_stop4", {1: "2111"}, "A", ("p2",), 5.0)
     monkeypatch.setitem(FREE, "wait", Free(lambda by: Setup(wait=1.0 + by), 0.25, 0.25, (table,)))
     base = {key: value for key, value in published((1,)).items() if key[2:] == ("A", "p2")}
     assert rooms(base, names=("wait",), executor=1) == {"wait": Room(-0.25, 0.25, 0.25)}
 
 
-def test_the_tables_of_margins_and_room_read_as_they_should() -> None:
+def test_texts_of_margins_and_rooms() -> None:
     margins = {(n, row, letter): 10 * n + row for n in STOP.classes for row in range(4) for letter in STOP.configurations}
     margins[2, 3, "C"] = -7
     lines = text_margins(margins).splitlines()
@@ -70,12 +70,12 @@ def test_the_tables_of_margins_and_room_read_as_they_should() -> None:
     assert shown.endswith("+0.20")
 
 
-def test_null_models_are_printed_at_once(capsys: pytest.CaptureFixture[str]) -> None:
+def test_null_models_are_printed_without_a_simulation(capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["paper", "--null-models"]) == 0
     assert "by rule and configuration        117 of 120" in capsys.readouterr().out.splitlines()
 
 
 @pytest.mark.parametrize("wrong", [["--json"], ["--strict"], ["--svg", "x.svg"]])
-def test_options_of_the_tables_are_refused_beside_them(wrong: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+def test_options_of_the_tables_are_refused_with_evidence(wrong: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["paper", "--null-models", *wrong]) == 2
     assert "go with the tables" in capsys.readouterr().err

@@ -25,7 +25,7 @@ def found() -> dict[str, Snapshot]:
 
 @pytest.mark.extended
 @pytest.mark.parametrize("rule", SHOWN)
-def test_a_violation_of_every_rule_is_shown_before_and_after(found: dict[str, Snapshot], rule: str) -> None:
+def test_each_rule_has_pictures_before_and_at_the_violation(found: dict[str, Snapshot], rule: str) -> None:
     for svg in (found[rule].before, found[rule].broken):
         root = ElementTree.fromstring(svg)
         assert len([g for g in root.iter(f"{SVG}g") if g.get("class") == "vehicle"]) >= 2
@@ -35,13 +35,13 @@ def test_a_violation_of_every_rule_is_shown_before_and_after(found: dict[str, Sn
         assert pointed == GUILTY[rule], "who breaks the rule in this step, not who does so later"
 
 
-def test_the_mutant_breaks_p3_and_the_original_does_not() -> None:
+def test_mutant_breaks_p3_and_the_original_keeps_p3() -> None:
     scenario = SHOWN["p3"].scenario()
     assert outcome(simulate(Case(scenario, LastFirst)), ("p3",)) == {"p3": "FAIL"}
     assert outcome(simulate(Case(scenario, LgsvlLike)), ("p3",)) == {"p3": "PASS"}
 
 
-def test_there_is_nothing_to_show_of_a_rule_that_holds() -> None:
+def test_rule_without_a_violation_has_no_snapshot() -> None:
     run = simulate(Case(SHOWN["p3"].scenario(), LgsvlLike))
     with pytest.raises(RunError, match="no violation of p3 to show"):
         snapshot(run, "p3", Constants())
@@ -53,13 +53,13 @@ def title(svg: str) -> str:
 
 
 @pytest.mark.extended
-def test_titles_say_what_changed(found: dict[str, Snapshot]) -> None:
+def test_titles_name_the_change(found: dict[str, Snapshot]) -> None:
     assert title(found["p2"].before).endswith("a0 at entrance 0, a1 at entrance 1")
     assert title(found["p2"].broken).endswith("a0 in the junction, a1 at entrance 1")
     assert title(found["p1"].broken).endswith("a1 in the junction, a2 in the junction")
 
 
-def test_the_command_writes_two_pictures_per_rule(
+def test_command_writes_two_pictures_per_rule(
     found: dict[str, Snapshot], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr("pytest_rvads.paper.snapshots.snapshots", lambda: found)

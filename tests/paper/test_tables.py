@@ -56,7 +56,7 @@ def verdicts() -> dict[Key, str]:
 # does not say what p1 is in D and E of class 2, two rows each.
 @pytest.mark.extended
 @pytest.mark.parametrize(("numbers", "cells"), [(FITTED, (9 + 5) * 3), ((2, 4), (9 + 5) * 3 - 4)])
-def test_a_part_of_every_class_and_configuration_is_as_published(
+def test_part_of_every_class_and_configuration_is_as_published(
     part: dict[Key, str], numbers: tuple[int, ...], cells: int
 ) -> None:
     wanted = {key: value for key, value in published(numbers).items() if key in part}
@@ -65,7 +65,7 @@ def test_a_part_of_every_class_and_configuration_is_as_published(
 
 
 @pytest.mark.slow
-def test_the_cells_of_classes_1_and_3_are_as_published(verdicts: dict[Key, str]) -> None:
+def test_cells_of_classes_1_and_3_are_as_published(verdicts: dict[Key, str]) -> None:
     wrong = {key: (verdicts[key], value) for key, value in published(FITTED).items() if verdicts[key] != value}
     assert not wrong
     assert agreement(verdicts, FITTED) == (120, 120)
@@ -83,7 +83,7 @@ def test_every_cell_is_computed(verdicts: dict[Key, str]) -> None:
     assert set(verdicts.values()) == {"PASS", "FAIL", "NA"}
 
 
-def test_the_json_has_the_shape_that_was_asked_for() -> None:
+def test_json_is_nested_by_table_class_and_row() -> None:
     shape = json.loads(json.dumps(nested(dict.fromkeys(KEYS, "PASS"))))
     assert [list(shape), list(shape["stop4"]), list(shape["light4"])] == [
         ["stop4", "light4"],
@@ -103,7 +103,7 @@ def test_the_json_has_the_shape_that_was_asked_for() -> None:
     assert list(shape["light4"]["class3"]["row2"]["J"]) == ["p4", "p5", "p6"]
 
 
-def test_the_published_tables_are_those_of_the_recordings(shared: Path) -> None:
+def test_published_tables_match_the_recordings(shared: Path) -> None:
     # An independent copy: the verdicts that the authors stored with their runs.
     names = {"one-car-in-junction": "p1", "right-of-priority": "p2", "fifo-priority": "p3"}
     names |= {"traffic-light": "p4", "right-turn-priority": "p5", "opposite-turn-priority": "p6"}
@@ -121,7 +121,7 @@ def test_the_published_tables_are_those_of_the_recordings(shared: Path) -> None:
     assert seen == 120
 
 
-def test_the_draw_of_the_tables_follows_from_a_dry_run() -> None:
+def test_draw_of_the_tables_follows_from_a_dry_run() -> None:
     assert crossing_wait() == WAIT
 
 
@@ -131,13 +131,13 @@ def test_j_fails_only_within_a_window_of_draws(offset: float, expected: str) -> 
     assert found == {"p5": expected}
 
 
-def test_who_draws() -> None:
+def test_vehicles_that_face_red_draw() -> None:
     assert draw_range(Entry(STOP, 1, 0, "A")) is None
     assert draw_range(Entry(LIGHT, 3, 2, "F")) == (1.0, 2.0), "left turns that face red"
     assert draw_range(Entry(LIGHT, 4, 1, "J")) == (0.0, 4.0), "right turns that face red"
 
 
-def test_a_table_that_knows_only_rule_and_configuration_gets_117_cells() -> None:
+def test_null_model_by_rule_and_configuration_gets_117_cells() -> None:
     # By hand: all cells of a rule and configuration are alike, but for row 3 of p1 in C, D and E.
     assert null_models()["by rule and configuration"] == 120 - 3
     assert null_models()["by rule, configuration and row"] == 120

@@ -152,7 +152,7 @@ def test_what_only_the_session_knows_is_told_there_too(pytester: pytest.Pytester
         ('"stop4", rule="p1", wait=3', "wait must be the least and the greatest number of seconds, such as (0, 4), got 3"),
         ('"stop4", rule="p1", aggression=4', "aggression must be 1, 2 or 3, got 4"),
         ('"stop4", rule="p1", duration=0', "duration must lie above 0 and up to 3600 s, got 0"),
-        ('"stop4", rule="p1", traffic="hesitant"', "traffic= drives the vehicles beside a subject: say subject=0, or leave"),
+        ('"stop4", rule="p1", traffic="hesitant"', "traffic= drives the vehicles around a subject: add subject=0, or leave"),
         ('"stop4", rule="p1", subject=0, traffic=3', "traffic takes names of policies or classes of autopilots, got 3"),
     ],
 )

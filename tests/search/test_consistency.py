@@ -40,20 +40,20 @@ def test_orders_of_arrival_are_the_ordered_bell_numbers() -> None:
 
 
 @pytest.mark.parametrize("directions", ["1111", "1133", "2222", "3333"])
-def test_nobody_can_obey_p2_when_four_arrive_at_once(directions: str) -> None:
+def test_four_vehicles_that_arrive_together_can_not_obey_p2(directions: str) -> None:
     """Right-of is a 4-cycle: whoever enters first has somebody to the right."""
     four = model("stop4", directions, (0, 0, 0, 0))
     assert not decide(four, PAPER).possible
     assert [rule.name for rule in core(four, PAPER)] == ["p2"]
 
 
-def test_three_at_once_have_a_first() -> None:
+def test_three_vehicles_that_arrive_together_can_obey_p2() -> None:
     assert decide(model("stop4", "1133", (0, 0, 0, 60)), PAPER).possible
     assert decide(model("stop4", "1130", (0, 0, 0)), PAPER).possible
 
 
 @pytest.mark.parametrize(("junction", "rules"), [("stop4", "paper"), ("light4", "paper")])
-def test_a_witness_obeys_as_judged_by_the_monitors(junction: str, rules: str) -> None:
+def test_witness_obeys_the_rules_as_judged_by_the_monitors(junction: str, rules: str) -> None:
     """The search and `check` share no state machine at the end of a run: the one knows when it ends, the other settles it."""
     chosen = rules_for(rules, rvads.find(junction).control)
     for code, ranks in [
@@ -86,7 +86,7 @@ def agrees(run: Run, rules: Sequence[Rule]) -> bool:
 
 @pytest.mark.extended
 @pytest.mark.parametrize("autopilot", [rvads.Reference, rvads.LgsvlLike], ids=["reference", "lgsvl"])
-def test_simulation_agrees_where_nobody_can_pass(autopilot: Any) -> None:
+def test_simulation_agrees_with_contradictions(autopilot: Any) -> None:
     rules = rules_for("paper", rvads.find("stop4").control)
     for code in ((1, 1, 3, 3), (2, 2, 2, 2)):
         run = rvads.simulate(rvads.Case(rvads.Scenario(rvads.find("stop4"), code, distance=20), autopilot))
@@ -119,14 +119,14 @@ def test_all_scenarios_and_orders_of_an_x() -> None:
     assert survey(rvads.find("light4"), PAPER).contradictions == ()
 
 
-def test_a_whole_rulebook_is_decided() -> None:
+def test_rulebook_is_decided() -> None:
     """Many of its conditions are unknown to the abstraction; those that suit every rule in one way need not be tried."""
     road = rules_for("road", rvads.find("stop4").control)
     assert not decide(model("stop4", (2, 2, 2, 2), (0, 0, 0, 0)), road).possible
     assert decide(model("stop4", (2, 2, 2, 2), (0, 0, 0, 60)), road).possible
 
 
-def test_what_suits_every_rule_in_one_way_changes_no_answer(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_fixed_values_of_unknown_atoms_do_not_change_the_answer(monkeypatch: pytest.MonkeyPatch) -> None:
     suits = [get_rule(name) for name in ("full_stop", "right_first", "first_come", "keep_lane", "speed_limit")]
     never = Rule("never", "forall a. G !stopped(a)")
     cases = [
@@ -136,12 +136,12 @@ def test_what_suits_every_rule_in_one_way_changes_no_answer(monkeypatch: pytest.
     ]
     settled = [decide(*case).possible for case in cases]
     assert settled == [True, False] * 3
-    monkeypatch.setattr(consistency, "_settled", lambda watched: {})
+    monkeypatch.setattr(consistency, "_values_that_suit_every_rule", lambda watched: {})
     assert [decide(*case).possible for case in cases] == settled
 
 
 @pytest.mark.extended
-def test_members_of_a_class_are_alike_without_using_it() -> None:
+def test_members_of_a_class_have_the_same_answer() -> None:
     """The survey decides one member per rotation; deciding each anew gives the same."""
     rules = [get_rule("p2"), Rule("left", get_rule("p2").text.replace("(N a'@j.en') U a@j", "(N a@j.en) U a'@j"))]
     found = survey(rvads.find("stop4"), rules, scenarios=members((1, 1, 2, 3)))
@@ -152,7 +152,7 @@ def test_members_of_a_class_are_alike_without_using_it() -> None:
             assert decide(model("stop4", code, times), rules).possible is ((code, times) not in known)
 
 
-def test_rules_without_a_way_through_are_found_whatever_they_speak_of() -> None:
+def test_contradictory_rules_of_any_words_are_found() -> None:
     two = model("stop4", "2200", (0.0, 60.0))
     stay = Rule("stay", "forall a. G !a@j")
     assert not decide(two, [stay]).possible
@@ -163,7 +163,7 @@ def test_rules_without_a_way_through_are_found_whatever_they_speak_of() -> None:
     assert [rule.name for rule in core(two, [halt, get_rule("p1"), never])] == ["halt", "never"]
 
 
-def test_a_run_may_begin_before_or_at_the_entrance() -> None:
+def test_run_may_begin_before_or_at_the_entrance() -> None:
     one = model("stop4", "2000", (0.0,))
     there = "exists j.en. exists a. (a@j.en U a@j)"
     assert decide(one, [Rule("there", there)]).possible
@@ -206,7 +206,7 @@ def test_command_line_misused(arguments: list[str], says: str, capsys: pytest.Ca
     assert not out
 
 
-def test_whoever_has_to_stop_is_still_there_when_the_next_one_comes() -> None:
+def test_stopping_vehicle_is_still_present_at_the_next_arrival() -> None:
     """Four that come within half a second: only who could get in before the others came would not have to wait for anybody."""
     place, agents = rvads.find("stop4"), rvads.Scenario(rvads.find("stop4"), "2222").agents()
     rules = rules_for("road", place.control)

@@ -30,7 +30,7 @@ def vehicles(found: Any) -> int:
 
 
 @pytest.mark.slow
-def test_ignored_ties_are_found_with_two_vehicles_every_time_alike() -> None:
+def test_ignored_ties_are_found_reproducibly_with_two_vehicles() -> None:
     one, other = (look_for("paper_stop4", lgsvl("i3"), "p2", budget=60) for _ in range(2))
     assert one is not None
     assert vehicles(one) == 2
@@ -41,11 +41,11 @@ def test_ignored_ties_are_found_with_two_vehicles_every_time_alike() -> None:
 
 
 @pytest.mark.extended
-def test_the_reference_survives() -> None:
+def test_reference_survives() -> None:
     assert look_for("stop4", rvads.Reference, "p1", budget=12, partial=False) is None
 
 
-def test_what_nobody_could_have_avoided_is_no_counterexample() -> None:
+def test_unavoidable_violation_is_no_counterexample() -> None:
     four = rvads.simulate(rvads.Case(rvads.Scenario(rvads.find("stop4"), "1111"), rvads.Reference))
     assert rvads.check(four, "p2").status is rvads.Status.FAIL
     assert not avoidable(four, get_rule("p2"))
@@ -54,7 +54,7 @@ def test_what_nobody_could_have_avoided_is_no_counterexample() -> None:
     assert avoidable(two, get_rule("p2"))
 
 
-def test_what_traffic_provoked_is_no_counterexample() -> None:
+def test_provoked_violation_is_no_counterexample() -> None:
     starts: dict[str, Any] = {"distance": (16.4, 16.8, 10.4, 10.0), "speed": (0.0, 0.0, 3.8, 3.8), "wait": 2.48}
     scenario = rvads.Scenario(rvads.find("stop4"), "3233", subject=1, duration=12, **starts)
     run = rvads.simulate(rvads.Case(scenario, rvads.Reference, rvads.traffic("stopped")))
@@ -63,7 +63,7 @@ def test_what_traffic_provoked_is_no_counterexample() -> None:
     assert not broken(run, verdict)
 
 
-def test_faults_are_reported_with_the_scenario() -> None:
+def test_fault_is_reported_with_the_scenario() -> None:
     class Broken:
         def control(self, seen: Observation) -> Control:
             raise ValueError("no")
@@ -72,7 +72,7 @@ def test_faults_are_reported_with_the_scenario() -> None:
         look_for("stop4", Broken, "p1", budget=5)
 
 
-def test_the_pasteable_test_names_all_that_is_not_usual() -> None:
+def test_pasteable_test_has_all_values_other_than_the_defaults() -> None:
     scenario = rvads.Scenario(rvads.find("light4"), "0110", distance=(20, 3.5, 5, 20), speed=(0, 0, 1.25, 0), wait=2.5)
     text = pasteable(scenario, "p5")
     assert (
@@ -90,7 +90,7 @@ class Parked(rvads.Autopilot):
 
 def test_driver_that_never_crosses_survives_no_search() -> None:
     """It waits at the red light for the whole run, with reason, so p4 applies and is never broken."""
-    with pytest.raises(rvads.ScenarioError, match=r"p4 was not triggered in any of .* in which what drives got across"):
+    with pytest.raises(rvads.ScenarioError, match=r"p4 was not triggered in any of .* with a crossing"):
         look_for("light4", Parked, "p4", subject=0, duration=5, budget=15)
 
 
@@ -124,7 +124,7 @@ def database(tmp_path: Path) -> Iterator[Path]:
 
 
 @pytest.mark.extended
-def test_a_failure_prints_like_any_other_and_what_it_prints_reproduces_it(pytester: pytest.Pytester, database: Path) -> None:
+def test_printed_failure_reproduces_the_counterexample(pytester: pytest.Pytester, database: Path) -> None:
     pytester.makepyfile(test_faulty=FAULTY)
     result = pytester.runpytest("-p", "no:cacheprovider")
     result.assert_outcomes(passed=1, failed=1)
@@ -141,7 +141,7 @@ def test_a_failure_prints_like_any_other_and_what_it_prints_reproduces_it(pytest
 
 
 @pytest.mark.extended
-def test_what_an_option_names_is_searched_whatever_the_fixture_says(pytester: pytest.Pytester, database: Path) -> None:
+def test_option_overrides_the_fixture_in_a_search(pytester: pytest.Pytester, database: Path) -> None:
     pytester.makepyfile(test_faulty=FAULTY.replace("p2", "p1").replace("60", "2"))
     result = pytester.runpytest("-p", "no:cacheprovider", "--rvads-autopilot=stopped", "-k", "test_ties")
     result.assert_outcomes(failed=1)
@@ -154,7 +154,7 @@ def test_falsification_works_on_two_workers(pytester: pytest.Pytester) -> None:
     pytester.runpytest_subprocess("-p", "no:cacheprovider", "-n", "2").assert_outcomes(passed=1, failed=1)
 
 
-def test_a_method_searches_too_and_what_goes_wrong_in_a_search_is_told_by_its_line(pytester: pytest.Pytester) -> None:
+def test_method_searches_and_errors_name_the_line_of_the_search(pytester: pytest.Pytester) -> None:
     file = pytester.makepyfile("""
         import pytest_rvads as rvads
 
@@ -184,7 +184,7 @@ def test_a_method_searches_too_and_what_goes_wrong_in_a_search_is_told_by_its_li
         ("rvads_vehicle", "ScenarioError: *.py:7: a fleet, as the fixture rvads_vehicle, needs a rvads.Vehicle(...), got None"),
     ],
 )
-def test_a_fixture_that_returns_nothing_is_told_by_the_line_of_the_search(
+def test_error_of_a_fixture_without_a_value_names_the_line_of_the_search(
     pytester: pytest.Pytester, fixture: str, says: str
 ) -> None:
     pytester.makepyfile(f"""
@@ -202,7 +202,7 @@ def test_a_fixture_that_returns_nothing_is_told_by_the_line_of_the_search(
     result.stdout.fnmatch_lines([f"E *{says}"])
 
 
-def test_an_error_of_a_simulator_is_told_once_with_its_type_and_its_notes(pytester: pytest.Pytester) -> None:
+def test_error_of_a_simulator_is_printed_once_with_its_type_and_notes(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(
         test_it="""
         import pytest
@@ -235,7 +235,7 @@ def test_an_error_of_a_simulator_is_told_once_with_its_type_and_its_notes(pytest
     result.stdout.no_fnmatch_line("*searching.py*")
 
 
-def test_a_search_stands_where_its_test_does(pytester: pytest.Pytester) -> None:
+def test_search_is_reported_at_the_line_of_its_test(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(
         test_it="""
         import pytest_rvads as rvads
@@ -248,7 +248,7 @@ def test_a_search_stands_where_its_test_does(pytester: pytest.Pytester) -> None:
     pytester.runpytest("-p", "no:cacheprovider").assert_outcomes(passed=1)
 
 
-def test_a_search_starts_no_vehicle_faster_than_it_can_stop() -> None:
+def test_search_starts_no_vehicle_above_its_safe_speed() -> None:
     bus = rvads.Vehicle(mass=20_000.0)
     asked: list[rvads.Scenario] = []
 
@@ -262,7 +262,7 @@ def test_a_search_starts_no_vehicle_faster_than_it_can_stop() -> None:
             asked.append(case.scenario)
             return usual()(case)
 
-    with pytest.raises(rvads.ScenarioError, match="in which what drives got across"):  # nobody does within a second
+    with pytest.raises(rvads.ScenarioError, match="with a crossing"):  # no vehicle enters within a second
         look_for("stop4", rvads.Reference, "speed_limit", fleet=rvads.Fleet(bus), simulator=Watched(), budget=8, duration=1.0)
     assert 0 < max(max(scenario.speeds) for scenario in asked) <= 1.0
 
@@ -285,7 +285,7 @@ class Heedless(rvads.Follower):
 
 
 @pytest.mark.extended
-def test_searches_side_by_side_answer_as_one_after_the_other(pytestconfig: pytest.Config) -> None:
+def test_parallel_searches_give_the_answer_of_sequential_searches(pytestconfig: pytest.Config) -> None:
     space: dict[str, Any] = {"budget": 6, "seed": 5, "searches": 2}
     alone = look_for("stop4", Heedless, "no_collision", executor=1, **space)
     assert alone is not None
@@ -302,6 +302,6 @@ def test_searches_side_by_side_answer_as_one_after_the_other(pytestconfig: pytes
 
 
 @pytest.mark.parametrize("searches", [0, 11, 1.5])
-def test_there_are_no_more_searches_than_simulations(searches: int) -> None:
+def test_number_of_searches_is_at_most_the_budget(searches: int) -> None:
     with pytest.raises(rvads.ScenarioError, match="from 1 to the budget of 10 simulations"):
         look_for("stop4", Heedless, "no_collision", budget=10, searches=searches)

@@ -25,7 +25,7 @@ def search(autopilot: Any, deficiency: str) -> Any:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("deficiency", SEARCHES)
-def test_each_deficiency_alone_is_found_with_two_vehicles(deficiency: str) -> None:
+def test_each_single_deficiency_is_found_with_two_vehicles(deficiency: str) -> None:
     found = search(partial(rvads.LgsvlLike, **(NONE | {deficiency: True})), deficiency)
     assert found is not None
     assert sum(map(bool, found.scenario.directions)) <= 2
@@ -35,5 +35,5 @@ def test_each_deficiency_alone_is_found_with_two_vehicles(deficiency: str) -> No
 
 @pytest.mark.slow
 @pytest.mark.parametrize("deficiency", SEARCHES)
-def test_the_reference_survives_the_same_search(deficiency: str) -> None:
+def test_reference_survives_the_same_search(deficiency: str) -> None:
     assert search(rvads.Reference, deficiency) is None

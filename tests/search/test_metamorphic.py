@@ -21,12 +21,12 @@ def lgsvl(*deficiencies: str) -> partial[rvads.LgsvlLike]:
 
 
 @pytest.mark.parametrize("name", ["stop4", "light4", "paper_stop4", "paper_light4"])
-def test_an_x_has_four_rotations(name: str) -> None:
+def test_x_junction_has_four_symmetries(name: str) -> None:
     assert [(s.arms, s.rows) for s in rotations_of(rvads.find(name))] == [(r, r) for r in range(4)]
 
 
 @pytest.mark.parametrize("name", ["stop3", "light3"])
-def test_a_t_has_none_but_the_identity(name: str) -> None:
+def test_t_junction_has_only_the_identity(name: str) -> None:
     junction = rvads.find(name)
     assert [s.rows for s in rotations_of(junction)] == [0]
     assert "opposite" in broken_by(junction, 1)  # one pair faces each other, the stem faces nobody
@@ -35,7 +35,7 @@ def test_a_t_has_none_but_the_identity(name: str) -> None:
     assert all(isinstance(item, Incomparable) for item in found)
 
 
-def test_rotation_finds_the_hidden_zone_without_knowing_a_verdict() -> None:
+def test_rotation_finds_the_hidden_zone() -> None:
     with pytest.raises(rvads.MetamorphicViolation, match="turns p1 from PASS into FAIL") as caught:
         equivalent(Case(rvads.Scenario(rvads.find("paper_stop4"), "1010"), lgsvl("i2")))
     (note,) = caught.value.__notes__
@@ -67,7 +67,7 @@ def test_reference_survives_all_relations(junction: str, directions: str, compar
     assert len(found.compared) == compared
 
 
-def test_a_pilot_that_goes_by_names_is_found() -> None:
+def test_renaming_finds_a_pilot_that_decides_by_names() -> None:
     class Vain(rvads.Reference):
         """Does not see who comes before it in the alphabet."""
 
@@ -79,7 +79,7 @@ def test_a_pilot_that_goes_by_names_is_found() -> None:
     assert {d.one.rule for d in found.differences} == {"p2"}
 
 
-def test_a_pilot_that_goes_by_coordinates_is_found() -> None:
+def test_motion_finds_a_pilot_that_decides_by_coordinates() -> None:
     class Homesick(rvads.Reference):
         """Stops for nobody far away from where it was tried out."""
 
@@ -91,7 +91,7 @@ def test_a_pilot_that_goes_by_coordinates_is_found() -> None:
     assert "p1" in {d.one.rule for d in found.differences}
 
 
-def test_moved_and_mirrored_maps_hold_the_same_junction() -> None:
+def test_moved_and_mirrored_maps_have_the_same_junction() -> None:
     scenario = rvads.Scenario(rvads.find("light3"), "121")
     before = scenario.place
     after = moved(before, (10.0, 20.0, 0.5))
@@ -113,7 +113,7 @@ def test_moved_and_mirrored_maps_hold_the_same_junction() -> None:
     assert {(variant.image[a], variant.image[b]) for a, b in before.right_of} == set(mirror.right_of)
 
 
-def test_vehicles_of_a_moved_map_start_where_they_did() -> None:
+def test_vehicles_on_a_moved_map_start_at_corresponding_places() -> None:
     scenario = rvads.Scenario(rvads.find("light4"), "1203", distance=(5, 10, 15, 20), rotation=1)
     case = Case(scenario, rvads.Reference)
     (variant,) = RELATIONS["motion"](case)
@@ -124,7 +124,7 @@ def test_vehicles_of_a_moved_map_start_where_they_did() -> None:
     assert (one.lights[0] == other.lights[0][list(variant.image)]).all()
 
 
-def test_order_of_creation_is_a_permutation_and_told_in_the_name() -> None:
+def test_order_of_creation_is_a_permutation_in_the_name() -> None:
     scenario = rvads.Scenario(rvads.find("stop4"), "1230", order=(2, 0, 3, 1), rotation=1)
     assert scenario.creation == (3, 1, 2)
     assert scenario.name.endswith(".r1.o2031")
@@ -149,7 +149,7 @@ def test_misuse() -> None:
         equivalent(Case(rvads.Scenario(rvads.find("stop4"), "1100"), Broken))
 
 
-def test_a_body_goes_along_with_its_vehicle() -> None:
+def test_body_moves_with_its_vehicle() -> None:
     case = Case(
         rvads.Scenario(rvads.find("stop4"), "1030"), rvads.Reference, fleet=rvads.Fleet(others={"a2": rvads.Vehicle(length=5.5)})
     )
