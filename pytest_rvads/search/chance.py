@@ -102,7 +102,7 @@ def sweep(  # noqa: PLR0913 - the sweep by position, its settings by keyword
     0.01 s. An interval that lies within a step is not found.
 
     Args:
-        case: the case, whose scenario gets each draw as its ``wait``.
+        case: the case; each draw replaces ``wait`` of its scenario.
         rule: the rule to judge by.
         low: least draw [s].
         high: greatest draw [s].

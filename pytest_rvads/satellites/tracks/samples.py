@@ -85,7 +85,7 @@ class Log:
     lights: Mapping[str, Changes] = field(default_factory=dict)
     """Recorded colours by id of the signal; empty if the log has none."""
     map: Path | None = None
-    """OpenDRIVE file that the log names as its map."""
+    """Path of the OpenDRIVE file named by the log."""
     reused_ids: tuple[str, ...] = ()
     """A sentence per id that a second vehicle uses: file, row, reason, and the name given to the second vehicle."""
 
