@@ -52,8 +52,8 @@ def test_command_prints_only_json(
 ) -> None:
     monkeypatch.setattr("pytest_rvads.paper.tables.compute", lambda *_, **__: verdicts)
     assert cli.main(["paper", "--json", "--svg", f"{tmp_path}/tables.svg", "--strict"]) == 0
-    found = json.loads(capsys.readouterr().out)
-    assert found["stop4"]["class1"]["row3"]["C"] == {"p1": "PASS", "p2": "FAIL", "p3": "NA"}
+    printed = json.loads(capsys.readouterr().out)
+    assert printed["stop4"]["class1"]["row3"]["C"] == {"p1": "PASS", "p2": "FAIL", "p3": "NA"}
     verdicts[1, 2, "C", "p1"] = "FAIL"
     assert cli.main(["paper"]) == 0
     assert cli.main(["paper", "--strict"]) == 1

@@ -44,7 +44,7 @@ def taken(entry: Entry) -> bool:
 
 @pytest.fixture(scope="module")
 def part() -> dict[Key, str]:
-    return {entry.key(rule): said for entry in filter(taken, ENTRIES) for rule, said in judge((entry, Setup())).items()}
+    return {entry.key(rule): verdict for entry in filter(taken, ENTRIES) for rule, verdict in judge((entry, Setup())).items()}
 
 
 @pytest.fixture(scope="module")
@@ -59,9 +59,9 @@ def verdicts() -> dict[Key, str]:
 def test_part_of_every_class_and_configuration_is_as_published(
     part: dict[Key, str], numbers: tuple[int, ...], cells: int
 ) -> None:
-    wanted = {key: value for key, value in published(numbers).items() if key in part}
-    assert {key: (part[key], value) for key, value in wanted.items() if part[key] != value} == {}
-    assert len(wanted) == cells
+    expected = {key: value for key, value in published(numbers).items() if key in part}
+    assert {key: (part[key], value) for key, value in expected.items() if part[key] != value} == {}
+    assert len(expected) == cells
 
 
 @pytest.mark.slow
@@ -127,8 +127,8 @@ def test_draw_of_the_tables_follows_from_a_dry_run() -> None:
 
 @pytest.mark.parametrize(("offset", "expected"), [(-0.03, "FAIL"), (0.04, "FAIL"), (-0.2, "NA"), (0.2, "PASS")])
 def test_j_fails_only_within_a_window_of_draws(offset: float, expected: str) -> None:
-    found = outcome(run_entry(Entry(LIGHT, 4, 1, "J"), Setup(wait=round(WAIT + offset, 2))), ("p5",))
-    assert found == {"p5": expected}
+    verdicts = outcome(run_entry(Entry(LIGHT, 4, 1, "J"), Setup(wait=round(WAIT + offset, 2))), ("p5",))
+    assert verdicts == {"p5": expected}
 
 
 def test_vehicles_that_face_red_draw() -> None:
@@ -138,7 +138,7 @@ def test_vehicles_that_face_red_draw() -> None:
 
 
 def test_null_model_by_rule_and_configuration_gets_117_cells() -> None:
-    # By hand: all cells of a rule and configuration are alike, but for row 3 of p1 in C, D and E.
+    # Counted by hand: all cells of a rule and configuration are equal, except row 3 of p1 in C, D and E.
     assert null_models()["by rule and configuration"] == 120 - 3
     assert null_models()["by rule, configuration and row"] == 120
 
@@ -146,10 +146,10 @@ def test_null_model_by_rule_and_configuration_gets_117_cells() -> None:
 @pytest.mark.extended
 def test_verdicts_are_the_same_in_other_processes(part: dict[Key, str]) -> None:
     few = replace(STOP, configurations="CE")
-    found = compute(tables=(few,), numbers=(1,), executor=2)
-    assert list(found) == [key for key in KEYS if key[0] == 1 and key[2] in "CE"]
-    both = found.keys() & part.keys()
-    assert {key: found[key] for key in both} == {key: part[key] for key in both}
+    computed = compute(tables=(few,), numbers=(1,), executor=2)
+    assert list(computed) == [key for key in KEYS if key[0] == 1 and key[2] in "CE"]
+    both = computed.keys() & part.keys()
+    assert {key: computed[key] for key in both} == {key: part[key] for key in both}
     assert len(both) == (2 + 2) * 3, "of C rows 3 and 4, of E rows 2 and 3"
 
 

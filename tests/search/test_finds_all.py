@@ -26,10 +26,10 @@ def search(autopilot: Any, deficiency: str) -> Any:
 @pytest.mark.slow
 @pytest.mark.parametrize("deficiency", SEARCHES)
 def test_each_single_deficiency_is_found_with_two_vehicles(deficiency: str) -> None:
-    found = search(partial(rvads.LgsvlLike, **(NONE | {deficiency: True})), deficiency)
-    assert found is not None
-    assert sum(map(bool, found.scenario.directions)) <= 2
-    without = rvads.simulate(rvads.Case(found.scenario, partial(rvads.LgsvlLike, **NONE)))
+    counterexample = search(partial(rvads.LgsvlLike, **(NONE | {deficiency: True})), deficiency)
+    assert counterexample is not None
+    assert sum(map(bool, counterexample.scenario.directions)) <= 2
+    without = rvads.simulate(rvads.Case(counterexample.scenario, partial(rvads.LgsvlLike, **NONE)))
     assert rvads.check(without, SEARCHES[deficiency][1]).status in (rvads.Status.PASS, rvads.Status.NA)
 
 

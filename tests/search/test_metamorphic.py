@@ -29,10 +29,10 @@ def test_x_junction_has_four_symmetries(name: str) -> None:
 def test_t_junction_has_only_the_identity(name: str) -> None:
     junction = rvads.find(name)
     assert [s.rows for s in rotations_of(junction)] == [0]
-    assert "opposite" in broken_by(junction, 1)  # one pair faces each other, the stem faces nobody
-    found = list(RELATIONS["rotation"](Case(rvads.Scenario(rvads.find(name), "112"), rvads.Reference)))
-    assert len(found) == 2
-    assert all(isinstance(item, Incomparable) for item in found)
+    assert "opposite" in broken_by(junction, 1)  # a single pair of arms is opposite
+    variants = list(RELATIONS["rotation"](Case(rvads.Scenario(rvads.find(name), "112"), rvads.Reference)))
+    assert len(variants) == 2
+    assert all(isinstance(item, Incomparable) for item in variants)
 
 
 def test_rotation_finds_the_hidden_zone() -> None:
@@ -40,7 +40,7 @@ def test_rotation_finds_the_hidden_zone() -> None:
         equivalent(Case(rvads.Scenario(rvads.find("paper_stop4"), "1010"), lgsvl("i2")))
     (note,) = caught.value.__notes__
     assert "a0 0->1: arrives" in note
-    assert "a1 1->2: arrives" in note  # the vehicle in its place one entrance on
+    assert "a1 1->2: arrives" in note  # the corresponding vehicle of the rotated scenario
     assert "p1" in note
 
 
@@ -62,33 +62,33 @@ def test_longer_approaches_find_the_launch() -> None:
     [("stop4", "1230", 8), ("stop3", "120", 5), ("light4", "2302", 6), ("light3", "210", 3)],
 )
 def test_reference_survives_all_relations(junction: str, directions: str, compared: int) -> None:
-    found = compare(Case(rvads.Scenario(rvads.find(junction), directions), rvads.Reference), relations=tuple(RELATIONS))
-    assert not found.differences
-    assert len(found.compared) == compared
+    comparison = compare(Case(rvads.Scenario(rvads.find(junction), directions), rvads.Reference), relations=tuple(RELATIONS))
+    assert not comparison.differences
+    assert len(comparison.compared) == compared
 
 
 def test_renaming_finds_a_pilot_that_decides_by_names() -> None:
     class Vain(rvads.Reference):
-        """Does not see who comes before it in the alphabet."""
+        """Does not see vehicles with names before its own name in the alphabet."""
 
         def control(self, seen: Observation) -> Control:
             others = tuple(o for o in seen.others if o.name > seen.me.name)
             return super().control(seen._replace(others=others))
 
-    found = compare(Case(rvads.Scenario(rvads.find("stop4"), "2200"), Vain), relations="renaming")
-    assert {d.one.rule for d in found.differences} == {"p2"}
+    comparison = compare(Case(rvads.Scenario(rvads.find("stop4"), "2200"), Vain), relations="renaming")
+    assert {d.one.rule for d in comparison.differences} == {"p2"}
 
 
 def test_motion_finds_a_pilot_that_decides_by_coordinates() -> None:
     class Homesick(rvads.Reference):
-        """Stops for nobody far away from where it was tried out."""
+        """Ignores all other vehicles far away from the origin of the map."""
 
         def control(self, seen: Observation) -> Control:
             far = abs(seen.me.x) + abs(seen.me.y) > 60
             return super().control(seen._replace(others=()) if far else seen)
 
-    found = compare(Case(rvads.Scenario(rvads.find("stop4"), "2020"), Homesick), relations="motion")
-    assert "p1" in {d.one.rule for d in found.differences}
+    comparison = compare(Case(rvads.Scenario(rvads.find("stop4"), "2020"), Homesick), relations="motion")
+    assert "p1" in {d.one.rule for d in comparison.differences}
 
 
 def test_moved_and_mirrored_maps_have_the_same_junction() -> None:
@@ -106,10 +106,14 @@ def test_moved_and_mirrored_maps_have_the_same_junction() -> None:
     )
     (variant,) = RELATIONS["mirror"](Case(scenario, rvads.Reference))
     assert isinstance(variant, Variant)
-    other = {rvads.Turn.LEFT: rvads.Turn.RIGHT, rvads.Turn.RIGHT: rvads.Turn.LEFT, rvads.Turn.STRAIGHT: rvads.Turn.STRAIGHT}
-    there = {agent.entrance: agent for agent in variant.case.agents()}
+    mirrored_turn = {
+        rvads.Turn.LEFT: rvads.Turn.RIGHT,
+        rvads.Turn.RIGHT: rvads.Turn.LEFT,
+        rvads.Turn.STRAIGHT: rvads.Turn.STRAIGHT,
+    }
+    by_entrance = {agent.entrance: agent for agent in variant.case.agents()}
     for agent in scenario.agents():
-        assert there[variant.image[agent.entrance]].turn is other[agent.turn]
+        assert by_entrance[variant.image[agent.entrance]].turn is mirrored_turn[agent.turn]
     assert {(variant.image[a], variant.image[b]) for a, b in before.right_of} == set(mirror.right_of)
 
 
@@ -118,10 +122,10 @@ def test_vehicles_on_a_moved_map_start_at_corresponding_places() -> None:
     case = Case(scenario, rvads.Reference)
     (variant,) = RELATIONS["motion"](case)
     assert isinstance(variant, Variant)
-    one, other = rvads.simulate(case), rvads.simulate(variant.case)
-    columns = [[a.entrance for a in other.agents].index(variant.image[a.entrance]) for a in one.agents]
-    assert np.allclose(one.station[0], other.station[0][columns])
-    assert (one.lights[0] == other.lights[0][list(variant.image)]).all()
+    run, moved_run = rvads.simulate(case), rvads.simulate(variant.case)
+    columns = [[a.entrance for a in moved_run.agents].index(variant.image[a.entrance]) for a in run.agents]
+    assert np.allclose(run.station[0], moved_run.station[0][columns])
+    assert (run.lights[0] == moved_run.lights[0][list(variant.image)]).all()
 
 
 def test_order_of_creation_is_a_permutation_in_the_name() -> None:

@@ -60,19 +60,19 @@ def test_driver_that_never_crosses_is_not_determinate() -> None:
 
 
 def test_bisection_finds_the_edges_of_an_interval() -> None:
-    asked: list[float] = []
+    evaluated: list[float] = []
 
     def statuses(waits: Sequence[float]) -> list[rvads.Status]:
-        asked.extend(waits)
+        evaluated.extend(waits)
         return [rvads.Status.FAIL if 0.37 <= wait < 1.42 else rvads.Status.PASS for wait in waits]
 
-    found = intervals(statuses, 0, 4, step=0.5)
-    assert found == (
+    result = intervals(statuses, 0, 4, step=0.5)
+    assert result == (
         Interval(0.0, 0.36, rvads.Status.PASS),
         Interval(0.37, 1.41, rvads.Status.FAIL),
         Interval(1.42, 4.0, rvads.Status.PASS),
     )
-    assert len(asked) == len(set(asked)) < 25
+    assert len(evaluated) == len(set(evaluated)) < 25
 
 
 def never(waits: Sequence[float]) -> list[rvads.Status]:
@@ -85,14 +85,14 @@ def test_range_of_a_single_draw() -> None:
 
 def test_right_on_red_after_a_timer_fails_for_some_draws() -> None:
     scenario = rvads.Scenario(rvads.find("paper_light4"), "1100", distance=(2, 1, 20, 20))
-    found = rvads.sweep(rvads.Case(scenario, partial(rvads.LgsvlLike, **(NONE | {"i4": True}))), "p5", 0, 1, step=0.5)
-    first, second = found.intervals
+    spread = rvads.sweep(rvads.Case(scenario, partial(rvads.LgsvlLike, **(NONE | {"i4": True}))), "p5", 0, 1, step=0.5)
+    first, second = spread.intervals
     assert (first.status, second.status) == (rvads.Status.FAIL, rvads.Status.PASS)
-    assert found.status is rvads.Status.FAIL
-    assert sum(found.shares.values()) == pytest.approx(1)
+    assert spread.status is rvads.Status.FAIL
+    assert sum(spread.shares.values()) == pytest.approx(1)
     with pytest.raises(rvads.RuleViolation, match=rf"p5 depends on the draw in .*: FAIL from 0.00 to {first.high:.2f} s"):
-        found.check()
-    # The edge is where it is said to be.
+        spread.check()
+    # Single draws on both sides confirm the edge.
     for wait, status in ((first.high, rvads.Status.FAIL), (second.low, rvads.Status.PASS)):
         once = rvads.sweep(rvads.Case(scenario, partial(rvads.LgsvlLike, **(NONE | {"i4": True}))), "p5", wait, wait)
         assert once.status is status

@@ -1,7 +1,7 @@
 """A program that runs libsumo in its own process and answers requests with the motions of vehicles.
 
-The program is started by its path and imports nothing of this package. Its argument is its working folder, which it removes at
-its end.
+The program is started by its path and imports nothing of this package. The argument of the program is the path of its working
+folder. The program removes this folder at the end.
 
 A request is a line of JSON with the name of a method of `Server` and its arguments. The answer is a line of JSON, followed by as
 many native doubles as its field ``numbers`` says. The field ``error`` has the reason if the request failed. The doubles are, per

@@ -42,8 +42,8 @@ def test_each_failed_run_is_written_once_with_a_shared_map(pytester: pytest.Pyte
     written = {run.label: run for path in folder.glob("*.xosc") for run in rvads.read_runs(path)}
     for run, rule in failed:
         assert rvads.check(written[run], rule).status is Status.FAIL
-    told = re.findall(r"^export    (\S+)$", result.stdout.str(), re.MULTILINE)
-    assert {pytester.path / name for name in told} == set(folder.glob("*.xosc"))
+    printed = re.findall(r"^export    (\S+)$", result.stdout.str(), re.MULTILINE)
+    assert {pytester.path / name for name in printed} == set(folder.glob("*.xosc"))
 
 
 def test_passed_run_is_not_written(pytester: pytest.Pytester) -> None:
@@ -68,8 +68,8 @@ def test_missing_library_ends_the_session_before_any_run(pytester: pytest.Pytest
     monkeypatch.setitem(__import__("sys").modules, "scenariogeneration.xosc", None)
     result = pytester.runpytest("--rvads-export=out")
     assert result.ret == pytest.ExitCode.USAGE_ERROR
-    (told,) = [line for line in result.errlines if "scenariogeneration" in line]
-    assert "pip install 'pytest-rvads[openscenario]'" in told
+    (message,) = [line for line in result.errlines if "scenariogeneration" in line]
+    assert "pip install 'pytest-rvads[openscenario]'" in message
 
 
 def test_write_error_keeps_the_verdicts(pytester: pytest.Pytester) -> None:

@@ -56,15 +56,15 @@ def ways(root: ET.Element, place: rvads.Junction) -> dict[tuple[int, int], list[
         (f"{c.attrib['from']}_{c.attrib['fromLane']}", f"{c.attrib['to']}_{c.attrib['toLane']}"): c.get("via")
         for c in root.iter("connection")
     }
-    found = {}
+    lanes_along = {}
     for entrance, exit in place.movements:
-        one, two = place.entrances[entrance], place.exits[exit]
-        start, end = f"in{one.arm}_{one.lane}", f"out{two.arm}_{two.lane}"
+        lane_in, lane_out = place.entrances[entrance], place.exits[exit]
+        start, end = f"in{lane_in.arm}_{lane_in.lane}", f"out{lane_out.arm}_{lane_out.lane}"
         within = [links[start, end]]
         while (via := links[within[-1], end]) is not None:  # those who turn left may wait in the middle
             within.append(via)
-        found[entrance, exit] = [lanes[name] for name in (start, *within, end)]
-    return found
+        lanes_along[entrance, exit] = [lanes[name] for name in (start, *within, end)]
+    return lanes_along
 
 
 @pytest.mark.parametrize("name", LAYOUTS)

@@ -200,9 +200,9 @@ def test_senses_that_are_not_ideal_are_refused_for_the_driver_of_sumo() -> None:
 def test_missing_libsumo_names_the_extra_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sumo_simulator, "find_spec", lambda _name: None)
     says = r"^simulator 'sumo' needs the package libsumo, which is not installed: pip install 'pytest-rvads\[sumo\]'$"
-    for asked in (lambda: simulated("stop4", "2000"), lambda: rvads.sumo.vmax(1.0)):
+    for call in (lambda: simulated("stop4", "2000"), lambda: rvads.sumo.vmax(1.0)):
         with pytest.raises(ScenarioError, match=says):
-            asked()
+            call()
 
 
 def braked(speed: float, decel: float) -> float:

@@ -223,11 +223,11 @@ def test_lane_change_in_a_single_step_keeps_the_vehicle() -> None:
     assert track.agent.name == FIRST.name
 
 
-def with_reused_id(second: Drive, apart: float, **other: object) -> dict[str, np.ndarray]:
+def with_reused_id(second: Drive, apart: float, **changes: object) -> dict[str, np.ndarray]:
     """Return two vehicles with the same id; the second vehicle comes `apart` seconds after the first has left."""
     table = columns(FIRST, replace(second, name="7", times=second.times - second.times[0] + FIRST.times[-1] + apart))
     table["class"] = np.full(len(table["id"]), "passenger")
-    for name, value in other.items():
+    for name, value in changes.items():
         table[name][len(FIRST.times) :] = value
     return table
 
