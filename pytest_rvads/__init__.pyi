@@ -43,12 +43,12 @@ from pytest_rvads.scenarios.case import Case as Case, Fleet as Fleet
 from pytest_rvads.scenarios.scenario import Scenario as Scenario
 from pytest_rvads.scenarios.senses import Senses as Senses
 from pytest_rvads.satellites.openscenario.run_export import export_run as export_run
-from pytest_rvads.satellites.openscenario.scenario_export import save_scenario as save_scenario
-from pytest_rvads.satellites.openscenario.scenario_import import load_scenario as load_scenario
+from pytest_rvads.satellites.openscenario.scenario_xosc import save_scenario as save_scenario
+from pytest_rvads.satellites.openscenario.scenario_xosc import load_scenario as load_scenario
 from pytest_rvads.search import strategies as strategies
 from pytest_rvads.search.chance import sweep as sweep
 from pytest_rvads.search.metamorphic import equivalent as equivalent
-from pytest_rvads.search.rationality import determinate as determinate, rational as rational
+from pytest_rvads.search.metamorphic import determinate as determinate, rational as rational
 from pytest_rvads.runs.itineraries import Itinerary as Itinerary
 from pytest_rvads.conduct.kpis import kpis as kpis
 from pytest_rvads.runs.readers import read_runs as read_runs

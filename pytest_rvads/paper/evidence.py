@@ -1,6 +1,6 @@
-"""How firmly the replication stands: margins of p1, ablation of the mechanisms, room of the free constants.
+"""Evidence for the replication: margins of p1, ablation of the mechanisms, and room of the free constants.
 
-``rvads paper --margins``, ``--ablation`` and ``--null-models`` print it; ``docs/replication.md`` quotes them.
+``rvads paper --margins``, ``--ablation`` and ``--null-models`` print this evidence, and ``docs/replication.md`` quotes it.
 """
 
 from __future__ import annotations
@@ -13,9 +13,21 @@ import numpy as np
 
 from pytest_rvads.drivers.lgsvl import Constants
 from pytest_rvads.executors import Progress, spread
-from pytest_rvads.paper.draws import crossing_wait
-from pytest_rvads.paper.experiment import LIGHT, ROWS, STOP, TABLES, Entry, Key, Setup, Table, entries, judge, run_entry
-from pytest_rvads.paper.published import FITTED, null_models, published
+from pytest_rvads.paper.experiment import (
+    LIGHT,
+    ROWS,
+    STOP,
+    TABLES,
+    Entry,
+    Key,
+    Setup,
+    Table,
+    crossing_wait,
+    entries,
+    judge,
+    run_entry,
+)
+from pytest_rvads.paper.tables import FITTED, null_models, published
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Zone
 
@@ -34,9 +46,9 @@ __all__ = [
 ]
 
 Margins = Mapping[tuple[int, int, str], int]
-"""Per class, row and configuration the ticks that p1 hangs on."""
+"""Margin of p1 in ticks, by class, row and configuration."""
 Flips = Mapping[str, list[tuple[Key, str, str]]]
-"""Per deficiency switched off the cells that flip: cell, verdict with it, verdict without it."""
+"""Flipped cells per switched-off deficiency: cell, verdict with the deficiency, verdict without the deficiency."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,49 +58,49 @@ class Free:
     move: Callable[[float], Setup]
     """Returns the setup of the experiment with the constant moved by the argument."""
     resolution: float
-    """Its room is found in steps of this size."""
+    """Step of the search for the room, in the unit of the constant."""
     limit: float
-    """Farthest move that is tried."""
+    """Farthest tried move, in the unit of the constant."""
     tables: tuple[Table, ...] = TABLES
 
 
 @dataclass(frozen=True, slots=True)
 class Room:
-    """How far a constant can move without any cell of its tables changing."""
+    """The farthest moves of a constant that change no cell of its tables."""
 
     down: float
     up: float
     limit: float
-    """Farther was not tried."""
+    """Farthest tried move."""
 
 
-def _with(constants: Constants) -> Setup:
-    """Return the setup with these constants, and with the random draw that follows from the constants."""
+def _setup_with(constants: Constants) -> Setup:
+    """Return the setup with constants and the random draw that follows from these constants."""
     return Setup(constants, wait=crossing_wait(Setup(constants)))
 
 
-def _zone(**moves: float) -> Setup:
-    """Return the setup with the zone of the X moved; lights know no zone, so the draw stays."""
+def _setup_with_zone(**moves: float) -> Setup:
+    """Return the setup with the zone of the X-junction moved; the draw stays, because junctions with lights have no zone."""
     box = Constants().zone4
     return Setup(replace(Constants(), zone4=replace(box, **{name: getattr(box, name) + by for name, by in moves.items()})))
 
 
 FREE: dict[str, Free] = {
-    "zone, toward exit 1 [m]": Free(lambda by: _zone(x=by), 0.06, 0.9, (STOP,)),
-    "zone, toward exit 0 [m]": Free(lambda by: _zone(y=-by), 0.06, 0.9, (STOP,)),
-    "zone, half extent [m]": Free(lambda by: _zone(half_x=by, half_y=by), 0.06, 0.9, (STOP,)),
-    "launch [s]": Free(lambda by: _with(replace(Constants(), launch=Constants().launch + by)), 0.02, 0.14),
-    "halt [m]": Free(lambda by: _with(replace(Constants(), halt=Constants().halt + by)), 0.05, 0.35),
-    "braking": Free(lambda by: _with(replace(Constants(), braking=Constants().braking + by)), 0.03, 0.21),
+    "zone, toward exit 1 [m]": Free(lambda by: _setup_with_zone(x=by), 0.06, 0.9, (STOP,)),
+    "zone, toward exit 0 [m]": Free(lambda by: _setup_with_zone(y=-by), 0.06, 0.9, (STOP,)),
+    "zone, half extent [m]": Free(lambda by: _setup_with_zone(half_x=by, half_y=by), 0.06, 0.9, (STOP,)),
+    "launch [s]": Free(lambda by: _setup_with(replace(Constants(), launch=Constants().launch + by)), 0.02, 0.14),
+    "halt [m]": Free(lambda by: _setup_with(replace(Constants(), halt=Constants().halt + by)), 0.05, 0.35),
+    "braking": Free(lambda by: _setup_with(replace(Constants(), braking=Constants().braking + by)), 0.03, 0.21),
     "draw [s]": Free(lambda by: Setup(wait=round(Setup().wait + by, 6)), 0.01, 0.15, (LIGHT,)),
 }
 
 
 def p1_margin(run: Run) -> int:
-    """Return how many ticks the p1 verdict of a run hangs on.
+    """Return the margin of p1 on a run, in ticks; the verdict changes with the sign of the margin.
 
-    Positive: the shortest gap between one vehicle leaving the junction and the next one entering it. Negative: the
-    longest time that two were in it together. The verdict turns when it changes sign.
+    A positive margin is the shortest time from the exit of a vehicle to the entry of the next vehicle. A negative margin is the
+    longest time that two vehicles were in the junction together.
     """
     inside = run.zone == Zone.JUNCTION
     spans = []
@@ -103,9 +115,9 @@ def p1_margin(run: Run) -> int:
 
 def p1_margins(*, executor: Executor | int | None = None, progress: Progress | None = None) -> dict[tuple[int, int, str], int]:
     """Return `p1_margin` per class, row and configuration of the stop table."""
-    wanted = list(entries(STOP))
-    found = spread(_margin, wanted, executor, progress)
-    return {(e.number, e.row, e.configuration): ticks for e, ticks in zip(wanted, found, strict=True)}
+    stop_entries = list(entries(STOP))
+    margins = spread(_margin, stop_entries, executor, progress)
+    return {(e.number, e.row, e.configuration): ticks for e, ticks in zip(stop_entries, margins, strict=True)}
 
 
 def ablation(
@@ -115,14 +127,14 @@ def ablation(
     executor: Executor | int | None = None,
     progress: Progress | None = None,
 ) -> Flips:
-    """Return, per deficiency switched off, the cells that flip against `base`, the verdicts with all of them on."""
+    """Return the flipped cells per switched-off deficiency, compared to the verdicts `base` with all deficiencies."""
     jobs = [(entry, Setup(off=(name,))) for name in names for table in TABLES for entry in entries(table)]
-    found: dict[str, list[tuple[Key, str, str]]] = {name: [] for name in names}
+    flips: dict[str, list[tuple[Key, str, str]]] = {name: [] for name in names}
     for (entry, setup), verdicts in zip(jobs, spread(judge, jobs, executor, progress), strict=True):
         for rule, value in verdicts.items():
             if base[entry.key(rule)] != value:
-                found[setup.off[0]].append((entry.key(rule), base[entry.key(rule)], value))
-    return found
+                flips[setup.off[0]].append((entry.key(rule), base[entry.key(rule)], value))
+    return flips
 
 
 def rooms(
@@ -132,10 +144,10 @@ def rooms(
     executor: Executor | int | None = None,
     progress: Progress | None = None,
 ) -> dict[str, Room]:
-    """Return how far each free constant can move, the others fixed, with every cell as in `base`."""
+    """Return the room of each free constant, with all other constants fixed and every cell as in `base`."""
     jobs = [(name, sign, dict(base)) for name in names for sign in (-1.0, 1.0)]
-    found = list(spread(_room, jobs, executor, progress, batch=1))
-    return {name: Room(found[2 * k], found[2 * k + 1], FREE[name].limit) for k, name in enumerate(names)}
+    farthest = list(spread(_farthest_move, jobs, executor, progress, batch=1))
+    return {name: Room(farthest[2 * k], farthest[2 * k + 1], FREE[name].limit) for k, name in enumerate(names)}
 
 
 def text_margins(margins: Margins) -> str:
@@ -152,32 +164,32 @@ def text_margins(margins: Margins) -> str:
     return "\n".join([*lines, f"The closest cell hangs on {least} ticks."])
 
 
-def text_rooms(found: Mapping[str, Room]) -> str:
+def text_rooms(rooms_by_name: Mapping[str, Room]) -> str:
     """Return the room of the constants as a table."""
     lines = ["How far a constant can move with no cell of its tables changing, the others fixed"]
-    for name, room in found.items():
+    for name, room in rooms_by_name.items():
         down, up = (f"{by:+.2f}" + (" or more" if abs(by) >= room.limit - 1e-9 else "") for by in (room.down, room.up))
         lines.append(f"{name:<26}{down:<16}{up}")
     return "\n".join(lines)
 
 
 def text_ablation(flips: Flips) -> str:
-    """Return, per deficiency switched off, the cells that flip, those of one rule and configuration in a line."""
+    """Return the flipped cells per switched-off deficiency as text, with a line per rule and configuration."""
     lines = ["Cells of 240 that flip when a deficiency is switched off"]
     for name, cells in flips.items():
         lines.append(f"{name.upper()}: {len(cells)} cells")
         groups: dict[tuple[str, str, str, str], list[str]] = {}
-        for (number, row, letter, rule), one, two in cells:
-            groups.setdefault((rule, letter, one, two), []).append(f"{number}.{row + 1}")
+        for (number, row, letter, rule), before, after in cells:
+            groups.setdefault((rule, letter, before, after), []).append(f"{number}.{row + 1}")
         lines += [
-            f"  {rule} of {letter}  {one} -> {two}  class.row {' '.join(rows)}"
-            for (rule, letter, one, two), rows in groups.items()
+            f"  {rule} of {letter}  {before} -> {after}  class.row {' '.join(rows)}"
+            for (rule, letter, before, after), rows in groups.items()
         ]
     return "\n".join(lines)
 
 
 def text_null_models() -> str:
-    """Return what tables that know nothing of vehicles would get."""
+    """Return the scores of the models without a simulation as text."""
     rows = [f"{name:<32}{score:4} of {len(published(FITTED))}" for name, score in null_models().items()]
     return "\n".join(["Cells of classes 1 and 3 that a table would get with the best answer to cells it can't tell apart", *rows])
 
@@ -186,19 +198,19 @@ def _margin(entry: Entry) -> int:
     return p1_margin(run_entry(entry, Setup()))
 
 
-def _room(job: tuple[str, float, Mapping[Key, str]]) -> float:
-    """Return the farthest move in one direction before a cell changes, in steps from where the constant stands."""
+def _farthest_move(job: tuple[str, float, Mapping[Key, str]]) -> float:
+    """Return the farthest move of a constant in a direction that changes no cell."""
     name, sign, base = job
     free = FREE[name]
     steps = 0
-    while steps < round(free.limit / free.resolution) and _same(free, sign * (steps + 1) * free.resolution, base):
+    while steps < round(free.limit / free.resolution) and _same_verdicts(free, sign * (steps + 1) * free.resolution, base):
         steps += 1
     return round(sign * steps * free.resolution, 6)
 
 
-def _same(free: Free, by: float, base: Mapping[Key, str]) -> bool:
+def _same_verdicts(free: Free, by: float, base: Mapping[Key, str]) -> bool:
     setup = free.move(by)
-    # The cells that hang on least come first, so that a change is noticed early.
+    # The configurations with the smallest margins come first, because they change first.
     order = [
         entry for letters in ("CFJ", "BEG", "ADHI") for t in free.tables for entry in entries(t) if entry.configuration in letters
     ]

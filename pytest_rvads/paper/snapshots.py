@@ -1,7 +1,7 @@
-"""Snapshots of violations as in the paper's figures: the state before, the state of the violation, the zone shaded.
+"""Snapshots of violations as in the paper's figures: the state before the violation and the state of the violation.
 
-One violation of each of p1..p6. None of the five deficiencies breaks p3, the queue is first in, first out; there a mutant
-goes out of turn: the last one in the queue is called first.
+Each of p1 to p6 has a snapshot; the scheduler's zone is shaded. None of the five deficiencies breaks p3, because the queue is
+first in, first out. So p3 is shown for a mutant, which calls the last vehicle of the queue first.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ SHOWN: Mapping[str, Entry] = {
     "p5": Entry(LIGHT, 4, 0, "J"),
     "p6": Entry(LIGHT, 3, 0, "G"),
 }
-"""Per rule the run in which it is shown; those of p1, p2, p5 and p6 are the paper's."""
+"""Run of the snapshot of each rule; the runs of p1, p2, p5 and p6 are the paper's."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,16 +45,16 @@ class Snapshot:
 
     rule: str
     before: str
-    """At t - 1."""
+    """Picture of the state before the violation."""
     broken: str
-    """At t, the first state that no continuation can repair."""
+    """Picture of the violation, which is the first state that no continuation can repair."""
 
 
 class LastFirst(LgsvlLike):
-    """A mutant: its scheduler waits until everybody is in the queue, then calls the last one first."""
+    """A mutant: its scheduler waits until all vehicles are in the queue, and then calls the last vehicle first."""
 
     def autopilots(self, agents: Sequence[Agent]) -> Sequence[Drives]:
-        """Return one autopilot per agent, in creation order."""
+        """Return an autopilot per agent, in the order of creation."""
         scheduler = _LastFirst((agent.name for agent in agents), self.switches.i3)
         return [Pilot(self.switches, self.constants, scheduler) for _ in agents]
 
@@ -67,20 +67,20 @@ class _LastFirst(Scheduler):
 def snapshots() -> dict[str, Snapshot]:
     """Return a snapshot of a violation of every rule of the paper."""
     setup = Setup()
-    found = {}
+    by_rule = {}
     for rule, entry in SHOWN.items():
         system: Any = LastFirst if rule == "p3" else setup.system()
-        found[rule] = snapshot(usual()(Case(entry.scenario(setup.wait), system)), rule, setup.constants)
-    return found
+        by_rule[rule] = snapshot(usual()(Case(entry.scenario(setup.wait), system)), rule, setup.constants)
+    return by_rule
 
 
 def write(folder: str | Path) -> list[Path]:
-    """Write `snapshots`, two pictures per rule, into `folder`, which is made where it is missing; return their paths."""
+    """Write `snapshots`, two pictures per rule, into a folder, and return the paths; a missing folder is made."""
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     written = []
-    for rule, shown in snapshots().items():
-        for moment, svg in (("before", shown.before), ("broken", shown.broken)):
+    for rule, pictures in snapshots().items():
+        for moment, svg in (("before", pictures.before), ("broken", pictures.broken)):
             path = folder / f"{rule}-{moment}.svg"
             path.write_text(svg, encoding="utf-8")
             written.append(path)
@@ -97,27 +97,27 @@ def snapshot(run: Run, rule: str, constants: Constants) -> Snapshot:
     if verdict.status is not Status.FAIL or verdict.time is None or verdict.time <= 0.0:
         raise RunError(f"run {run.label} has no violation of {rule} to show: {verdict.message}")
     tick = round(verdict.time / run.dt)
-    now = [instance for instance in verdict.instances if instance.failed == tick]
-    guilty = [name for instance in now for name in instance.responsible]
-    names = {name for _, name in now[0].binding}
+    violated = [instance for instance in verdict.instances if instance.failed == tick]
+    guilty = [name for instance in violated for name in instance.responsible]
+    names = {name for _, name in violated[0].binding}
     involved = [column for column, agent in enumerate(run.agents) if agent.name in names]
     heads = {tick - 1: f"{rule}, t-1 = {(tick - 1) * run.dt:.2f} s", tick: f"{rule} broken, t = {tick * run.dt:.2f} s"}
-    one, two = (
+    before, after = (
         _shaded(picture(run, t, f"{head}: {', '.join(_where(run, t, column) for column in involved)}", guilty), run, constants)
         for t, head in heads.items()
     )
-    return Snapshot(rule, one, two)
+    return Snapshot(rule, before, after)
 
 
 def _where(run: Run, tick: int, column: int) -> str:
-    """Return in words where a vehicle is."""
+    """Return the place of a vehicle in words."""
     agent, zone = run.agents[column], Zone(run.zone[tick, column])
     places = {Zone.APPROACH: f"before entrance {agent.entrance}", Zone.ENTRANCE: f"at entrance {agent.entrance}"}
     return f"{agent.name} {places.get(zone, 'in the junction' if zone is Zone.JUNCTION else 'past the junction')}"
 
 
 def _shaded(svg: str, run: Run, constants: Constants) -> str:
-    """Put the scheduler's zone into a picture, over the road and under the vehicles; lights have no scheduler."""
+    """Add the scheduler's zone to a picture, above the road and below the vehicles; lights have no scheduler."""
     if run.junction.control is not JunctionControl.STOP:
         return svg
     zone = zone_of(run.junction, constants, hidden=True)

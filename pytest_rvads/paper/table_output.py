@@ -1,4 +1,4 @@
-"""The tables of the experiment as text and as a picture, laid out like the paper's, disagreements marked."""
+"""The tables of the experiment as text and as a picture, in the layout of the paper and with marked disagreements."""
 
 from __future__ import annotations
 
@@ -6,21 +6,20 @@ from collections.abc import Iterator, Mapping
 
 from pytest_rvads.draw.svg import document, polyline, text
 from pytest_rvads.paper.experiment import ROWS, TABLES, WAIT, Key, Table
-from pytest_rvads.paper.published import FITTED, agreement, null_models, published
-from pytest_rvads.paper.tables import Shares
+from pytest_rvads.paper.tables import FITTED, Shares, agreement, null_models, published
 from pytest_rvads.scenarios.classes import parse, rotate
 from pytest_rvads.wording import page
 
 __all__ = ["MARK", "disagreements", "svg_tables", "text_sweep", "text_tables"]
 
 MARK = "!"
-"""Follows a verdict that is not the published one."""
+"""Mark after a verdict that differs from the published verdict."""
 _WORDS = {"FAIL": "Fail", "PASS": "Pass", "NA": "NA"}
 _COLOURS = {"FAIL": "#b3261e", "PASS": "#1b6e3c", "NA": "#777"}
 
 
 def disagreements(verdicts: Mapping[Key, str]) -> list[tuple[Key, str, str]]:
-    """Return the cells that are not as published: cell, verdict, published verdict."""
+    """Return the cells that differ from the published cells: cell, verdict, published verdict."""
     return [(key, verdicts[key], value) for key, value in published().items() if key in verdicts and verdicts[key] != value]
 
 
@@ -38,15 +37,15 @@ def text_tables(verdicts: Mapping[Key, str]) -> str:
 
 
 def text_sweep(shares: Mapping[Key, Shares]) -> str:
-    """Return, per cell with a draw, the shares of FAIL, PASS and NA over the range of the draw, the worst first."""
+    """Return the shares of FAIL, PASS and NA over the range of the draw as text, with a line per cell with a draw."""
     lines = ["Shares of Fail/Pass/NA over the range of the draw, in per cent"]
     for table in TABLES:
         for number, row, scenario in _rows(table):
             for letter in table.configurations:
                 for rule in table.rules:
-                    found = shares.get((number, row, letter, rule))
-                    if found:
-                        percent = "/".join(f"{100 * found[word]:.0f}" for word in ("FAIL", "PASS", "NA"))
+                    shares_of_cell = shares.get((number, row, letter, rule))
+                    if shares_of_cell:
+                        percent = "/".join(f"{100 * shares_of_cell[word]:.0f}" for word in ("FAIL", "PASS", "NA"))
                         lines.append(f"class {number}  {scenario}  {letter}  {rule}  {percent}")
     return "\n".join(lines)
 
@@ -110,15 +109,15 @@ def _word(verdicts: Mapping[Key, str], key: Key) -> str:
 
 
 def _summary(verdicts: Mapping[Key, str]) -> list[str]:
-    wrong = [
+    differences = [
         f"  {MARK} class {k[0]} row {k[1] + 1} {k[2]} {k[3]}: {got}, published {want}" for k, got, want in disagreements(verdicts)
     ]
-    fitted, told = agreement(verdicts, FITTED), agreement(verdicts, (2, 4))
+    fitted, unfitted = agreement(verdicts, FITTED), agreement(verdicts, (2, 4))
     guess = null_models()["by rule and configuration"]
     return [
         f"Replicated with a calibrated surrogate: {page('replication')}",
         f"Classes 1 and 3, fitted: {fitted[0]} of {fitted[1]} cells as published; "
         f"a table by rule and configuration alone would get {guess}.",
-        f"Classes 2 and 4, not fitted: {told[0]} of the {told[1]} cells that the paper's text tells.",
-        *wrong,
+        f"Classes 2 and 4, not fitted: {unfitted[0]} of the {unfitted[1]} cells that the paper's text tells.",
+        *differences,
     ]

@@ -1,8 +1,9 @@
-"""The discrete abstraction of a scenario: who is on the approach, at the entrance, in the junction, at the exit.
+"""The discrete abstraction of a scenario: each vehicle is on the approach, at the entrance, in the junction or at the exit.
 
-A configuration is a place for every vehicle and a phase of the lights; all configurations of a model are rows of one run,
-so that the predicates of the rules are evaluated on them as on any other run. Time is left out but for the order of
-arrival: waiting times are compared by it, and no right is waived. What a configuration does not tell is left open.
+A configuration is the place of every vehicle and the phase of the lights. All configurations of a model are the states of a
+single run, so that the predicates of rules are evaluated as on any run. Of time, only the order of arrival remains: the order
+decides comparisons of waiting times, and no right of way is waived. The value of an atom that a configuration does not determine
+is open.
 """
 
 from __future__ import annotations
@@ -27,15 +28,15 @@ from pytest_rvads.runs.states import Agent, Zone
 __all__ = ["Model", "weak_orders"]
 
 _PLACES = 4
-"""Approach, entrance, junction, exit: two bits per vehicle."""
-_LONG = 3600.0
+"""Number of places: approach, entrance, junction, exit. A configuration has two bits per vehicle."""
+_LONG_WAIT = 3600.0
 """A waiting time longer than any difference between two arrivals [s]."""
 
 
 def weak_orders(count: int) -> Iterator[tuple[int, ...]]:
     """Yield every order of arrival with ties, as the rank of each vehicle: 0 for the vehicles that arrive first.
 
-    There are 1, 3, 13, 75, 541 of 1 to 5 vehicles (the ordered Bell numbers).
+    For 1 to 5 vehicles, there are 1, 3, 13, 75 and 541 orders (the ordered Bell numbers).
     """
     for ranks in product(range(count), repeat=count):
         if set(ranks) == set(range(max(ranks) + 1)):
@@ -46,10 +47,11 @@ class Model:
     """The behaviours of the vehicles of an abstract scenario with a given order of arrival.
 
     Args:
-        junction: where.
-        agents: who, and which way.
-        arrivals: when each comes to its entrance [s]; only the differences matter.
-        stop: how long it takes at least from there into the junction [s]: whoever arrives sooner after somebody finds it there.
+        junction: the junction.
+        agents: the vehicles with their routes.
+        arrivals: time of each vehicle's arrival at its entrance [s]; only the differences matter.
+        stop: least time of a vehicle from its arrival to its entry [s]. A vehicle that arrives within this time after another
+            vehicle meets the other vehicle at its entrance.
     """
 
     def __init__(self, junction: Junction, agents: tuple[Agent, ...], arrivals: Sequence[float], stop: float = 0.0) -> None:
@@ -57,7 +59,7 @@ class Model:
         self.agents = agents
         self.arrivals = tuple(arrivals)
         self._stop = stop
-        zone, lights = _table(len(agents), junction)
+        zone, lights = _all_configurations(len(agents), junction)
         self.run = Run("abstraction", junction, agents, zone, lights)
         """Every configuration twice: at the start of a run, where waiting times are 0, and later."""
         self._phases = max(3 * len(junction.phase_groups), 1)
@@ -70,23 +72,23 @@ class Model:
 
     @cached_property
     def static(self) -> Static:
-        """What does not change."""
+        """Facts about the run that are the same in all configurations."""
         return extract(self.run)
 
     def starts(self) -> list[int]:
-        """Return where a run may begin: everybody on the approach, or who comes first at the entrance already."""
+        """Return the initial configurations: all vehicles on the approach, or the first to arrive already at their entrances."""
         first = sum(Zone.ENTRANCE * _PLACES**i for i, time in enumerate(self.arrivals) if time == min(self.arrivals))
         return [3 * group * self._size + places for group in range(len(self.junction.phase_groups) or 1) for places in (0, first)]
 
     def through(self, configuration: int) -> bool:
-        """Return whether everybody has passed the junction."""
+        """Return whether all vehicles have passed the junction."""
         return (configuration + 1) % self._size == 0
 
     def after(self, configuration: int) -> list[int]:
-        """Return the configurations that can follow, the one itself included.
+        """Return the configurations that can follow a configuration, including the configuration itself.
 
-        Any vehicles at an entrance or in the junction move on, those that arrive next arrive all at once, the lights
-        change or not.
+        Any vehicles at an entrance or in the junction move on. The next vehicles to arrive may arrive, all at the same time. The
+        lights may change.
         """
         places, phase = configuration % self._size, configuration // self._size % self._phases
         phases = (phase,) if self._phases == 1 else (phase, (phase + 1) % self._phases)
@@ -94,25 +96,25 @@ class Model:
         return [later + p * self._size + moved for moved in self._moves(places) for p in phases]
 
     def _moves(self, places: int) -> list[int]:
-        found = _advances(places, len(self.agents))
+        moves = _advances(places, len(self.agents))
         coming = [time for i, time in enumerate(self.arrivals) if _place(places, i) == Zone.APPROACH]
         if coming:
-            here = (i for i in range(len(self.agents)) if _place(places, i) == Zone.ENTRANCE)
-            stopping = [i for i in here if min(coming) - self.arrivals[i] < self._stop]
-            found = [moved for moved in found if all(_place(moved, i) == Zone.ENTRANCE for i in stopping)]
+            at_entrance = (i for i in range(len(self.agents)) if _place(places, i) == Zone.ENTRANCE)
+            stopping = [i for i in at_entrance if min(coming) - self.arrivals[i] < self._stop]
+            moves = [moved for moved in moves if all(_place(moved, i) == Zone.ENTRANCE for i in stopping)]
             step = sum(
                 _PLACES**i for i, time in enumerate(self.arrivals) if time == min(coming) and _place(places, i) == Zone.APPROACH
             )
-            return [*found, *[moved + step for moved in found]]
-        return found
+            return [*moves, *[moved + step for moved in moves]]
+        return moves
 
     def values(self, tie: float) -> Abstracted:
-        """Return the atoms' values over the configurations, with `tie` as the tie window of the rule [s]."""
+        """Return the values of atoms in the configurations, with `tie` as the tie window of the rule [s]."""
         return Abstracted(self, tie)
 
 
 class Abstracted(Values):
-    """The atoms on the configurations of a model; `open` says where an atom's value is not known."""
+    """The values of atoms in the configurations of a model; `open` returns the configurations in which a value is not known."""
 
     def __init__(self, model: Model, tie: float) -> None:
         super().__init__(model.run, tie)
@@ -127,21 +129,21 @@ class Abstracted(Values):
         if word is not None:
             return word.from_zones is FromZones.NEVER
         match atom.terms:
-            case (f.Attr(f.Element(_, one), left), f.Attr(f.Element(_, two), right)) if all(
+            case (f.Attr(f.Element(_, first), left), f.Attr(f.Element(_, second), right)) if all(
                 ATTRIBUTES[name].waited for name in (left, right)
             ):
                 if not self._window:
                     return False
-                # Shortly after an arrival the difference to who is not there, and waits for 0 s, is within the window.
+                # Shortly after an arrival, the difference to the waiting time 0 of an absent vehicle is within the window.
                 zone = self.run.zone
-                found: NDArray[np.bool_] = (zone[:, one] == Zone.ENTRANCE) != (zone[:, two] == Zone.ENTRANCE)
-                return found
+                uncertain: NDArray[np.bool_] = (zone[:, first] == Zone.ENTRANCE) != (zone[:, second] == Zone.ENTRANCE)
+                return uncertain
             case terms if all(isinstance(t, f.Value) or (isinstance(t, f.Attr) and ATTRIBUTES[t.name].codes) for t in terms):
                 return False
         return True
 
     def _wt(self, agent: int) -> NDArray[np.int32]:
-        waited = round((_LONG - self._arrivals[agent] + min(self._arrivals)) / DT)
+        waited = round((_LONG_WAIT - self._arrivals[agent] + min(self._arrivals)) / DT)
         tick = np.where(self.run.zone[:, agent] == Zone.ENTRANCE, waited, 0).astype(np.int32)
         tick[: len(tick) // 2] = 0
         return tick
@@ -153,14 +155,14 @@ def _place(places: int, agent: int) -> int:
 
 @lru_cache(maxsize=4096)
 def _advances(places: int, agents: int) -> list[int]:
-    """Return the places after any of those at an entrance or in the junction has moved on; who moves alone comes first."""
+    """Return the places after any vehicles at an entrance or in the junction move on; moves of a single vehicle come first."""
     steps = [_PLACES**i for i in range(agents) if _place(places, i) in (Zone.ENTRANCE, Zone.JUNCTION)]
-    movers = sorted(product((0, 1), repeat=len(steps)), key=lambda chosen: (sum(chosen) != 1, sum(chosen)))
-    return [places + sum(step for step, moves in zip(steps, chosen, strict=True) if moves) for chosen in movers]
+    movers = sorted(product((0, 1), repeat=len(steps)), key=lambda moving: (sum(moving) != 1, sum(moving)))
+    return [places + sum(step for step, moves in zip(steps, moving, strict=True) if moves) for moving in movers]
 
 
 @lru_cache(maxsize=64)
-def _table(agents: int, junction: Junction) -> tuple[NDArray[np.int8], NDArray[np.int8]]:
+def _all_configurations(agents: int, junction: Junction) -> tuple[NDArray[np.int8], NDArray[np.int8]]:
     """Return zones, shape ``(size, agents)``, and colours, shape ``(size, entrances)``, of all configurations."""
     plan = SignalPlan(junction.phase_groups)
     slots = [g * (GREEN + YELLOW + CLEARANCE) + t for g in range(len(plan.groups)) for t in (0.0, GREEN, GREEN + YELLOW)]

@@ -1,6 +1,6 @@
-"""Where an autopilot draws at random: the verdict over the range of the draw, its changes located by bisection.
+"""The verdict on an autopilot with a random draw, over the range of the draw; changes of the verdict are located by bisection.
 
-The draw is a field of the scenario (`Scenario.wait`), so a run is as repeatable with it as without.
+The draw is a field of the scenario (`Scenario.wait`), and so a run with a draw is reproducible.
 """
 
 from __future__ import annotations
@@ -27,13 +27,13 @@ from pytest_rvads.simulators.simulator import Simulator, meant, simulate
 __all__ = ["Interval", "Spread", "intervals", "sweep"]
 
 STEP = 0.1
-"""Distance of the draws that are tried first [s]."""
+"""Distance between the draws that are tried first [s]."""
 _WORST = (Status.FAIL, Status.OPEN, Status.PASS, Status.NA)
 
 
 @dataclass(frozen=True, slots=True)
 class Interval:
-    """Draws that give the same status, both ends included."""
+    """An interval of draws with the same status, including both ends [s]."""
 
     low: float
     high: float
@@ -50,14 +50,14 @@ class Spread:
     rule: str
     scenario: Scenario
     intervals: tuple[Interval, ...]
-    """In order of the draw, without gaps but for one tick between them."""
+    """Intervals in increasing order; between two intervals lies a tick."""
 
     @property
     def shares(self) -> dict[Status, float]:
-        """Share of the range with each status that occurs, the worst first."""
+        """Share of the range per occurring status, beginning with the worst status."""
         total = math.fsum(self._width(i) for i in self.intervals)
-        found = {s: math.fsum(self._width(i) for i in self.intervals if i.status is s) / total for s in _WORST}
-        return {status: share for status, share in found.items() if share}
+        shares = {s: math.fsum(self._width(i) for i in self.intervals if i.status is s) / total for s in _WORST}
+        return {status: share for status, share in shares.items() if share}
 
     @property
     def status(self) -> Status:
@@ -68,15 +68,15 @@ class Spread:
         """Require that no draw breaks the rule.
 
         Raises:
-            RuleViolation: some do; the message says which.
-            ScenarioError: the rule applies for none of them, so nothing was tried.
+            RuleViolation: some draws break the rule; the message has the intervals.
+            ScenarioError: the rule applies for no draw, and so nothing was tried.
         """
         __tracebackhide__ = True
         bad = [i for i in self.intervals if i.status in (Status.FAIL, Status.OPEN)]
         if bad:
             raise RuleViolation(f"{self.rule} depends on the draw in {self.scenario.name}: {', '.join(map(str, bad))}")
         if self.status is Status.NA:
-            raise ScenarioError(f"{self.rule} never applies in {self.scenario.name}, whatever is drawn, so nothing was tried")
+            raise ScenarioError(f"{self.rule} applies for no draw in {self.scenario.name}, so nothing was tried")
 
     def __str__(self) -> str:
         shares = ", ".join(f"{share:.1%} {status}" for status, share in self.shares.items())
@@ -86,7 +86,7 @@ class Spread:
         return interval.high - interval.low + DT
 
 
-def sweep(  # noqa: PLR0913 - what to sweep by position, how by keyword
+def sweep(  # noqa: PLR0913 - the sweep by position, its settings by keyword
     case: Case,
     rule: str | Rule,
     low: float,
@@ -98,32 +98,32 @@ def sweep(  # noqa: PLR0913 - what to sweep by position, how by keyword
 ) -> Spread:
     """Judge a case over a range of the draw of its autopilot.
 
-    Draws `step` apart are tried, and between two with different statuses the change is located to one tick of 0.01 s. What
-    begins and ends within one step is not seen.
+    Draws at distances of `step` are tried first. Between two draws with different statuses, the change is located to a tick of
+    0.01 s. An interval that lies within a step is not found.
 
     Args:
-        case: the ``wait`` of its scenario is replaced.
-        rule: to judge by.
+        case: the case; each draw replaces ``wait`` of its scenario.
+        rule: the rule to judge by.
         low: least draw [s].
         high: greatest draw [s].
-        step: distance of the draws tried first [s].
+        step: distance between the draws that are tried first [s].
         simulator: the simulator of the runs, as for `simulate`.
         executor: executor or number of processes for the runs, as for `campaign`; this process by default.
 
     Raises:
-        ScenarioError: an empty range, or a step below one tick.
-        FormulaError: an unknown rule, or another one that bears the name of a shipped one.
+        ScenarioError: the range is empty, or the step is below a tick.
+        FormulaError: the rule is unknown, or has the name of a shipped rule.
         RunError: a run ended by a fault.
     """
     require(case, Case, "sweep takes a rvads.Case(scenario, driver)", ScenarioError)
-    (chosen,) = rules_for(get_rule(rule))
-    work = partial(_status, case, chosen, Choice(meant(simulator), choice().limits._replace(dump=None)))
-    found = intervals(lambda draws: spread(work, draws, executor, batch=1), low, high, step)
-    return Spread(chosen.name, case.scenario, found)
+    (checked_rule,) = rules_for(get_rule(rule))
+    work = partial(_status_of_draw, case, checked_rule, Choice(meant(simulator), choice().limits._replace(dump=None)))
+    constant_intervals = intervals(lambda draws: spread(work, draws, executor, batch=1), low, high, step)
+    return Spread(checked_rule.name, case.scenario, constant_intervals)
 
 
-def _status(case: Case, rule: Rule, made: Choice, wait: float) -> Status:
-    with choosing(made):
+def _status_of_draw(case: Case, rule: Rule, settings: Choice, wait: float) -> Status:
+    with choosing(settings):
         verdict = check(simulate(case.but(wait=wait)), rule)
     if verdict.status is Status.ERROR:
         raise RunError(f"{case.scenario.name} with a draw of {wait:g} s can't be judged: {verdict.reason}")
@@ -133,34 +133,38 @@ def _status(case: Case, rule: Rule, made: Choice, wait: float) -> Status:
 def intervals(
     statuses: Callable[[Sequence[float]], Iterable[Status]], low: float, high: float, step: float = STEP
 ) -> tuple[Interval, ...]:
-    """Return the intervals of a range on which a function is constant, as far as points `step` apart show them.
+    """Return the intervals of a range on which a function is constant, as far as points at distances of `step` show them.
 
     Args:
-        statuses: returns the values of the function at several points, in their order.
+        statuses: function that returns the values at several points, in the order of the points.
         low: least point [s].
         high: greatest point [s].
-        step: distance of those that are asked for first [s].
+        step: distance between the points that are evaluated first [s].
 
     Raises:
-        ScenarioError: an empty range, or a step below one tick.
+        ScenarioError: the range is empty, or the step is below a tick.
     """
     if not (0 <= low <= high < math.inf):
-        raise ScenarioError(f"the range of a draw goes from 0 s or more upwards, got {low!r} to {high!r}")
+        raise ScenarioError(f"the range of a draw must begin at 0 s or more and not end before, got {low!r} to {high!r}")
     if not DT <= step < math.inf:
         raise ScenarioError(f"the step of a sweep must be at least one tick of {DT:g} s, got {step!r}")
     first, last, stride = round(low / DT), round(high / DT), round(step / DT)
-    known: dict[int, Status] = {}
-    asked = list(dict.fromkeys((*range(first, last, stride), last)))
-    while asked:
-        known |= zip(asked, statuses([round(tick * DT, 6) for tick in asked]), strict=True)
-        # Every change is halved at once, until it lies between neighbours.
-        around = pairwise(sorted(known))
-        asked = [(one + two) // 2 for one, two in around if two - one > 1 and known[one] is not known[two]]
-    found: list[Interval] = []
-    for tick in sorted(known):
-        here = Interval(round(tick * DT, 6), round(tick * DT, 6), known[tick])
-        if found and found[-1].status is here.status:
-            found[-1] = Interval(found[-1].low, here.high, here.status)
+    statuses_by_tick: dict[int, Status] = {}
+    ticks = list(dict.fromkeys((*range(first, last, stride), last)))
+    while ticks:
+        statuses_by_tick |= zip(ticks, statuses([round(tick * DT, 6) for tick in ticks]), strict=True)
+        # All changes are bisected at the same time, until each lies between neighbouring ticks.
+        neighbours = pairwise(sorted(statuses_by_tick))
+        ticks = [
+            (lower + upper) // 2
+            for lower, upper in neighbours
+            if upper - lower > 1 and statuses_by_tick[lower] is not statuses_by_tick[upper]
+        ]
+    merged: list[Interval] = []
+    for tick in sorted(statuses_by_tick):
+        point = Interval(round(tick * DT, 6), round(tick * DT, 6), statuses_by_tick[tick])
+        if merged and merged[-1].status is point.status:
+            merged[-1] = Interval(merged[-1].low, point.high, point.status)
         else:
-            found.append(here)
-    return tuple(found)
+            merged.append(point)
+    return tuple(merged)

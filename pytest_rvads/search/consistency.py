@@ -1,9 +1,9 @@
-"""Can anybody obey these rules? Decided on the discrete abstraction, before any simulation.
+"""Decides on the discrete abstraction, before any simulation, whether vehicles can obey a set of rules.
 
-The model of `abstraction` holds at least every behaviour that vehicles can show, whatever they are; its product with the
-monitors of the rules is searched for one that breaks none and lets everyone through. So "none can pass" is final, for any
-autopilot; "some may pass" says no more than that time, speed and geometry were left out. What the configurations do not
-tell (speeds, standstill, a user's predicates) may be as it suits the rules.
+The model of `abstraction` contains every behaviour that vehicles can show. The product of the model and the monitors of the rules
+is searched for a behaviour that breaks no rule and lets all vehicles pass. If there is none, the answer holds for every
+autopilot. If there is such a behaviour, it may still be impossible, because the model leaves out time, speed and geometry. Open
+values (speeds, standstill, a user's predicates) are chosen in favour of the rules.
 """
 
 from __future__ import annotations
@@ -27,30 +27,30 @@ from pytest_rvads.search.abstraction import Abstracted, Model
 __all__ = ["Answer", "core", "decide"]
 
 Letters = NDArray[np.int32]
-"""Letters of monitors by configuration, the last axis."""
+"""Letters that monitors read; the last axis has the configurations."""
 MOST_OPEN = 10
-"""Most atoms of unknown value that rules may share; their combinations are all tried."""
+"""Most atoms of unknown value in a group of linked rules, because all combinations of values are tried."""
 
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """What is known about a set of rules, a scenario and an order of arrival."""
+    """The answer for a set of rules, a scenario and an order of arrival."""
 
     possible: bool
-    """False: no behaviour of any vehicles satisfies all rules and lets everyone through."""
+    """Whether a behaviour of the model satisfies all rules and lets all vehicles pass."""
     witness: tuple[int, ...] = ()
-    """Configurations of a behaviour that does, of `Model`; empty if there is none."""
+    """Configurations of such a behaviour; empty if there is none."""
 
 
 def decide(model: Model, rules: Iterable[Rule]) -> Answer:
-    """Say whether any behaviour of a model satisfies all rules and lets everyone through.
+    """Return whether a behaviour of a model satisfies all rules and lets all vehicles pass.
 
     Args:
         model: scenario and order of arrival.
-        rules: those about another kind of junction don't count.
+        rules: the rules; rules about other kinds of junctions are ignored.
 
     Raises:
-        FormulaError: a monitor would be too large, or too many atoms of unknown value hang together.
+        FormulaError: a monitor would be too large, or too many atoms of unknown value are linked.
     """
     watched = [
         (part, values)
@@ -59,23 +59,23 @@ def decide(model: Model, rules: Iterable[Rule]) -> Answer:
         for values in [model.values(rule.tie)]
         for part in prepare(rule.formula, model.static).templates
     ]
-    settled = _settled(watched)
-    parts = [_Part(group, settled) for group in _together(watched, settled)]
+    settled = _values_that_suit_every_rule(watched)
+    parts = [_Part(group, settled) for group in _linked_groups(watched, settled)]
     return _search(model, parts)
 
 
 def core(model: Model, rules: Sequence[Rule]) -> tuple[Rule, ...]:
     """Return a minimal set of contradicting rules: vehicles can keep the set as soon as any rule of the set is dropped."""
-    kept = list(rules)
+    remaining = list(rules)
     for rule in rules:
-        fewer = [r for r in kept if r is not rule]
+        fewer = [r for r in remaining if r is not rule]
         if not decide(model, fewer).possible:
-            kept = fewer
-    return tuple(kept)
+            remaining = fewer
+    return tuple(remaining)
 
 
 def _search(model: Model, parts: Sequence[_Part]) -> Answer:
-    """Search depth first for a way through; states are a configuration and a state of every part."""
+    """Search depth first for a behaviour that lets all vehicles pass; a node is a configuration with a state of every part."""
     stack: list[tuple[int, tuple[int, ...]]] = []
     before: dict[tuple[int, tuple[int, ...]], tuple[int, tuple[int, ...]] | None] = {}
 
@@ -97,30 +97,30 @@ def _search(model: Model, parts: Sequence[_Part]) -> Answer:
         node = stack.pop()
         configuration, states = node
         if model.through(configuration) and all(p.content(s, configuration) for p, s in zip(parts, states, strict=True)):
-            return Answer(True, tuple(_path(node, before)))
+            return Answer(True, tuple(_path_to(node, before)))
         for follower in reversed(model.after(configuration)):
             enter(follower, states, node)
     return Answer(False)
 
 
-def _path(
+def _path_to(
     node: tuple[int, tuple[int, ...]] | None, before: dict[tuple[int, tuple[int, ...]], tuple[int, tuple[int, ...]] | None]
 ) -> list[int]:
-    found = []
+    configurations = []
     while node is not None:
-        found.append(node[0])
+        configurations.append(node[0])
         node = before[node]
-    return found[::-1]
+    return configurations[::-1]
 
 
-def _settled(watched: Sequence[tuple[Template, Abstracted]]) -> dict[f.Atom, bool]:
-    """Return the atoms of unknown value that suit every rule in one way, because they occur with one sign only."""
+def _values_that_suit_every_rule(watched: Sequence[tuple[Template, Abstracted]]) -> dict[f.Atom, bool]:
+    """Return the atoms of unknown value that occur with a single sign, with the value that suits every rule."""
     signs: dict[f.Atom, set[bool]] = {}
     for part, values in watched:
         for atom, sign in _signs(part.formula, True):
             if values.open(atom) is not False:
                 signs.setdefault(atom, set()).add(sign)
-    return {atom: sign for atom, found in signs.items() if len(found) == 1 for sign in found}
+    return {atom: sign for atom, occurring in signs.items() if len(occurring) == 1 for sign in occurring}
 
 
 def _signs(formula: f.Formula, sign: bool) -> Iterator[tuple[f.Atom, bool]]:
@@ -139,31 +139,31 @@ def _signs(formula: f.Formula, sign: bool) -> Iterator[tuple[f.Atom, bool]]:
                 yield from _signs(child, sign)
 
 
-def _together(
+def _linked_groups(
     watched: Sequence[tuple[Template, Abstracted]], settled: Collection[f.Atom]
 ) -> Iterator[list[tuple[Template, Abstracted]]]:
-    """Yield instances that share an atom of unknown value together, all others alone."""
+    """Yield groups of instances that are linked by shared atoms of unknown value; any other instance is a group of its own."""
     groups: list[tuple[set[f.Atom], list[tuple[Template, Abstracted]]]] = []
     for entry in watched:
         part, values = entry
         shared = {a for a in part.atoms if a not in settled and values.open(a) is True}
         members = [entry]
-        rest = []
-        for atoms, others in groups:
+        unrelated = []
+        for atoms, related in groups:
             if atoms & shared:
                 shared |= atoms
-                members = [*others, *members]
+                members = [*related, *members]
             else:
-                rest.append((atoms, others))
-        groups = [*rest, (shared, members)]
+                unrelated.append((atoms, related))
+        groups = [*unrelated, (shared, members)]
     for _, members in groups:
         yield members
 
 
 class _Part:
-    """Instances watched together: their states are sets of what the monitors may have seen, determinised when needed.
+    """The monitors of a group of linked instances as a deterministic automaton, built on demand by the subset construction.
 
-    State 0 is initial. Of every combination of unknown values that breaks no rule, one will do.
+    A state is a set of possible states of the monitors, because the unknown values are not determined. State 0 is initial.
     """
 
     def __init__(self, members: Sequence[tuple[Template, Abstracted]], settled: Mapping[f.Atom, bool]) -> None:
@@ -178,22 +178,22 @@ class _Part:
         self._memo: dict[tuple[int, int], int] = {}
 
     def step(self, state: int, configuration: int) -> int:
-        """Return the state after a configuration, -1 where every choice breaks a rule."""
+        """Return the state after a configuration; -1 if every choice of the unknown values breaks a rule."""
         key = (state, configuration)
-        found = self._memo.get(key)
-        if found is None:
+        number = self._memo.get(key)
+        if number is None:
             after = self._read(self._sets[state], self._letters, configuration)
-            kept = frozenset(s for s in after if all(o[k] != Truth.FALSE for o, k in zip(self._output, s, strict=True)))
-            found = -1
-            if kept:
-                found = self._numbers.setdefault(kept, len(self._sets))
-                if found == len(self._sets):
-                    self._sets.append(kept)
-            self._memo[key] = found
-        return found
+            possible = frozenset(s for s in after if all(o[k] != Truth.FALSE for o, k in zip(self._output, s, strict=True)))
+            number = -1
+            if possible:
+                number = self._numbers.setdefault(possible, len(self._sets))
+                if number == len(self._sets):
+                    self._sets.append(possible)
+            self._memo[key] = number
+        return number
 
     def content(self, state: int, configuration: int) -> bool:
-        """Return whether a run that ends here leaves nothing owed."""
+        """Return whether a run that ends with this configuration satisfies all rules for some choice of the unknown values."""
         after = self._read(self._sets[state], self._last, configuration)
         return any(all(o[k] == Truth.TRUE for o, k in zip(self._output, s, strict=True)) for s in after)
 
@@ -209,20 +209,20 @@ class _Part:
 def _letters(
     members: Sequence[tuple[Template, Abstracted]], machines: Sequence[Machine], settled: Mapping[f.Atom, bool], alive: bool
 ) -> Letters:
-    """Return the letters that can be read in every configuration, shape ``(choices, machines, size)``.
+    """Return the letters of each choice of the unknown values in every configuration, shape ``(choices, machines, size)``.
 
     Args:
         members: the instances.
-        machines: their monitors.
-        settled: what atoms of unknown value are best, where that is one value for all.
-        alive: during a run; False for after its end.
+        machines: the monitors of the instances.
+        settled: values of the atoms of unknown value that suit every rule.
+        alive: True for configurations during a run, False for the end of a run.
     """
     atoms = dict.fromkeys(a for part, values in members for a in part.atoms if values.open(a) is not False)
     unknown = [a for a in atoms if a not in settled]
     if len(unknown) > MOST_OPEN:
         raise FormulaError(
-            f"{len(unknown)} conditions whose values an abstract run does not tell hang together ({unknown[0]}, {unknown[1]}, "
-            f"...), at most {MOST_OPEN} can be tried: check fewer rules at once"
+            f"{len(unknown)} conditions without a value on an abstract run are linked ({unknown[0]}, {unknown[1]}, ...), "
+            f"expected at most {MOST_OPEN}: check fewer rules at once"
         )
     table = [
         [
@@ -236,12 +236,12 @@ def _letters(
 
 def _encode(part: Template, values: Abstracted, machine: Machine, chosen: dict[f.Atom, bool], alive: bool) -> Letters:
     size = values.run.steps
-    named = {ALIVE: np.full(size, alive)}
+    letters = {ALIVE: np.full(size, alive)}
     for k, atom in enumerate(part.atoms):
-        where = values.open(atom)
-        if where is True:
-            held = np.full(size, chosen[atom])
+        unknown = values.open(atom)
+        if unknown is True:
+            truth = np.full(size, chosen[atom])
         else:
-            held = values[atom] if where is False else np.where(where, chosen[atom], values[atom])
-        named[f.Atom(f"p{k}")] = held
-    return encode(machine, named, size)
+            truth = values[atom] if unknown is False else np.where(unknown, chosen[atom], values[atom])
+        letters[f.Atom(f"p{k}")] = truth
+    return encode(machine, letters, size)

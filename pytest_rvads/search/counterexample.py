@@ -1,4 +1,4 @@
-"""A counterexample, and how it is told."""
+"""A counterexample of a search, as a failure of a test with code that reproduces it."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ __all__ = ["Counterexample", "pasteable", "violation"]
 
 @dataclass(frozen=True, slots=True)
 class Counterexample:
-    """A scenario in which a rule is broken, as simple as it could be made."""
+    """The simplest scenario found in which a rule is broken."""
 
     scenario: Scenario
     verdict: Verdict
     found: int
-    """Simulations up to the first counterexample."""
+    """Number of simulations up to the first counterexample."""
     simulations: int
-    """All simulations, those of shrinking included."""
+    """Number of all simulations, including those that simplified the scenario."""
 
 
 def pasteable(scenario: Scenario, rule: str) -> str:
-    """Return a test that runs a scenario and judges it by a rule."""
+    """Return the code of a test that simulates a scenario and judges the run by a rule."""
 
     def text(values: tuple[float, ...]) -> str:
         return f"{values[0]:g}" if len(set(values)) == 1 else f"({', '.join(f'{v:g}' for v in values)})"
@@ -35,8 +35,8 @@ def pasteable(scenario: Scenario, rule: str) -> str:
     arguments = [repr(place.name if built_in else place.id), f"scenarios={label(scenario.directions, place.lanes)!r}"]
     arguments += [f"distances={text(scenario.distances)}", f"speeds={text(scenario.speeds)}", f"rules={rule!r}"]
     arguments += [] if built_in else [f"map={place.map!r}"]
-    for name, usual in (("subject", None), ("wait", 1.5), ("aggression", 1), ("duration", usual_duration(place))):
-        if getattr(scenario, name) != usual:
+    for name, default in (("subject", None), ("wait", 1.5), ("aggression", 1), ("duration", usual_duration(place))):
+        if getattr(scenario, name) != default:
             arguments.append(f"{name}={getattr(scenario, name)!r}")
     lines = [
         f"@rvads.scenario({', '.join(arguments)})",
@@ -46,15 +46,15 @@ def pasteable(scenario: Scenario, rule: str) -> str:
     return "\n".join(lines)
 
 
-def violation(found: Counterexample) -> RuleViolation:
-    """Return the failure that tells of a counterexample."""
-    verdict = found.verdict
+def violation(counterexample: Counterexample) -> RuleViolation:
+    """Return a counterexample as an error whose notes explain and reproduce the violation."""
+    verdict = counterexample.verdict
     kind = OpenObligation if verdict.status is Status.OPEN else RuleViolation
-    error = kind(f"{verdict.message}, in {found.scenario.name}")
+    error = kind(f"{verdict.message}, in {counterexample.scenario.name}")
     error.add_note(verdict.explanation)
-    more = found.simulations - found.found
+    simplifying = counterexample.simulations - counterexample.found
     error.add_note(
-        f"found in simulation {found.found}, made simpler in {more} more; to see it again:\n\n"
-        + pasteable(found.scenario, verdict.rule)
+        f"found in simulation {counterexample.found}, made simpler in {simplifying} more; to see it again:\n\n"
+        + pasteable(counterexample.scenario, verdict.rule)
     )
     return error

@@ -1,8 +1,8 @@
-"""Looking for a counterexample: Hypothesis varies the scenario, guided by how near a rule was to being broken.
+"""The search for a counterexample: Hypothesis varies the scenario, guided by the distance of each run from a violation.
 
-A run that breaks the rule only because nobody could have obeyed it (see `consistency`) is no counterexample.
+A run in which no vehicles could have obeyed the rule (see `consistency`) is no counterexample.
 
-The import of Hypothesis takes a quarter of a second, so Hypothesis is imported only where somebody searches.
+The import of Hypothesis takes a quarter of a second, and so the functions that search import Hypothesis themselves.
 """
 
 from __future__ import annotations
@@ -44,15 +44,16 @@ from pytest_rvads.simulators.simulator import Simulator, meant, simulate
 __all__ = ["Search", "avoidable", "look_for", "score"]
 
 
-class Found(NamedTuple):
-    """What a search comes back with."""
+class SearchResult(NamedTuple):
+    """The result of a search."""
 
     counterexample: Counterexample | None
     rule: str
-    """Its name."""
+    """Name of the rule."""
     triggered: bool
-    """Whether it applied in any simulation in which what drives got across."""
+    """Whether the rule applied in a simulation that shows a crossing, see `crossed`."""
     simulations: int
+    """Number of simulations."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -62,7 +63,7 @@ class Search:
     place: Junction
     rule: str | Rule
     traffic: Factory | None
-    """Drives the vehicles around a subject; None without one."""
+    """Driver of the vehicles around a subject; None for a search without a subject."""
     budget: int
     seed: int
     space: Space
@@ -71,10 +72,10 @@ class Search:
     def of(
         cls, junction: str | Junction, rule: str | Rule, traffic: str | Factory | None, budget: int, seed: int, space: Space
     ) -> Search:
-        """Check arguments, and find the junction; rules are looked up when it begins, because they may be defined until then.
+        """Check the arguments, and find the junction. The rule is looked up at the begin of the search, when it must be defined.
 
         Raises:
-            RvadsError: an argument that means nothing.
+            RvadsError: an argument has a wrong type or is out of its range.
         """
         place = explored(junction, space)
         if not isinstance(rule, str | Rule):
@@ -88,7 +89,7 @@ class Search:
         elif traffic is None:
             around = None
         else:
-            raise ScenarioError("traffic= drives the vehicles beside a subject: say subject=0, or leave traffic= out")
+            raise ScenarioError("traffic= drives the vehicles around a subject: add subject=0, or leave traffic= out")
         space = {**space, "map": None}  # the junction is found
         return cls(place=place, rule=rule, traffic=around, budget=budget, seed=seed, space=space)
 
@@ -101,46 +102,46 @@ class Search:
         searches: int = 1,
         executor: Executor | int | None = None,
     ) -> Counterexample | None:
-        """Look for a counterexample, see `look_for`."""
+        """Look for a counterexample; `look_for` explains the arguments."""
         parts = replace(self, rule=get_rule(self.rule)).parts(searches)
         if searches == 1 and not isinstance(executor, Executor):
             return self.settled([self.look(driver, fleet, simulator, name)])
-        work = partial(_look, driver, fleet, meant(simulator), choice().limits._replace(dump=None))
+        work = partial(_run_search, driver, fleet, meant(simulator), choice().limits._replace(dump=None))
         with closing(spread(work, [(part, None if k else name) for k, part in enumerate(parts)], executor, batch=1)) as searched:
             return self.settled(searched)
 
-    def look(self, driver: Factory, fleet: Fleet, simulator: Simulator | None, name: str | None = None) -> Found:
-        """Return what a search finds, be it nothing."""
+    def look(self, driver: Factory, fleet: Fleet, simulator: Simulator | None, name: str | None = None) -> SearchResult:
+        """Return the result of a single search in this process."""
         trial = _Trial(self.rule, self.budget, lambda s: Case(s, driver, self.traffic, fleet), simulator)
-        return Found(_search(self, trial, fleet.vehicle, name), trial.rule.name, trial.triggered, trial.simulations)
+        return SearchResult(_falsify(self, trial, fleet.vehicle, name), trial.rule.name, trial.triggered, trial.simulations)
 
     def parts(self, searches: int) -> list[Search]:
-        """Return so many searches with seeds that follow each other and equal parts of the budget.
+        """Return searches with consecutive seeds and equal parts of the budget.
 
         Raises:
-            ScenarioError: no number from 1 to the budget.
+            ScenarioError: the number of searches is not from 1 to the budget.
         """
         if type(searches) is not int or not 1 <= searches <= self.budget:
             raise ScenarioError(f"searches must be a number from 1 to the budget of {self.budget} simulations, got {searches!r}")
         share, more = divmod(self.budget, searches)
         return [replace(self, seed=self.seed + k, budget=share + (k < more)) for k in range(searches)]
 
-    def settled(self, searched: Iterable[Found]) -> Counterexample | None:
+    def settled(self, searched: Iterable[SearchResult]) -> Counterexample | None:
         """Return the first counterexample of several searches.
 
         Raises:
-            ScenarioError: there is none, and the rule was not triggered in any of them.
+            ScenarioError: no search has a counterexample, and the rule was triggered in none of them.
         """
-        known = []
-        for found in searched:
-            if found.counterexample is not None:
-                return found.counterexample
-            known.append(found)
-        if not any(found.triggered for found in known):
+        failed = []
+        for result in searched:
+            if result.counterexample is not None:
+                return result.counterexample
+            failed.append(result)
+        if not any(result.triggered for result in failed):
+            simulations = sum(result.simulations for result in failed)
             raise ScenarioError(
-                f"{known[0].rule} was not triggered in any of {sum(found.simulations for found in known)} simulations at "
-                f"{self.place.name} in which what drives got across, so nothing was tried: choose another rule or junction, look "
-                "elsewhere, or give the runs more time"
+                f"{failed[0].rule} was not triggered in any of {simulations} simulations at {self.place.name} with a crossing, "
+                "so nothing was tried: choose another rule, junction or space, or give the runs more time"
             )
         return None
 
@@ -169,36 +170,38 @@ def look_for(  # noqa: PLR0913 - keywords; a search has many settings
         junction: built-in name, or id of a junction in ``map``; or the junction itself.
         autopilot: drives all vehicles, or the subject.
         rule: the rule to break.
-        traffic: with ``subject``, what drives the others; the reference by default.
-        budget: most simulations before a counterexample, and most for making it simpler.
-        seed: of the search.
+        traffic: driver of the vehicles around a ``subject``; the reference by default.
+        budget: most simulations before a counterexample, and most simulations to simplify it.
+        seed: seed of the search.
         fleet: the bodies of the vehicles; passenger cars by default.
-        name: under which counterexamples are kept in the example database; None keeps none.
+        name: name of the search in the example database of Hypothesis; None to store no counterexamples.
         simulator: the simulator of the runs, as for `simulate`.
         searches: number of searches, with the seeds from `seed` on and equal parts of the budget.
         executor: executor or number of processes for several searches, as for `campaign`; a single search runs in this process.
-        space: bounds of the scenarios, see `strategies.scenarios`.
+        space: bounds of the scenarios; `strategies.scenarios` explains the bounds.
 
     Returns:
-        The simplest counterexample that was found, or None.
+        The simplest counterexample; None if the search found none.
 
     Raises:
         RunError: a run ended by a fault; the scenario is in the message.
-        ScenarioError: an argument that means nothing, or a rule that never was triggered.
-        FormulaError: an unknown rule, or another one that bears the name of a shipped one.
+        ScenarioError: an argument is out of its range, or the rule was never triggered.
+        FormulaError: the rule is unknown, or has the name of a shipped rule.
     """
     search = Search.of(junction, rule, traffic, budget, seed, space)
     return search.begin(autopilot, fleet or Fleet(), simulator, name, searches, executor)
 
 
-def _look(driver: Factory, fleet: Fleet, simulator: Simulator, limits: Limits, job: tuple[Search, str | None]) -> Found:
+def _run_search(
+    driver: Factory, fleet: Fleet, simulator: Simulator, limits: Limits, job: tuple[Search, str | None]
+) -> SearchResult:
     search, name = job
     with choosing(Choice(simulator, limits)):
         return search.look(driver, fleet, simulator, name)
 
 
-def _search(search: Search, trial: _Trial, vehicle: Vehicle, name: str | None) -> Counterexample | None:
-    """Have Hypothesis try scenarios until one breaks the rule of `trial`."""
+def _falsify(search: Search, trial: _Trial, vehicle: Vehicle, name: str | None) -> Counterexample | None:
+    """Let Hypothesis try scenarios until a scenario breaks the rule, and then simplify this scenario."""
     from hypothesis import HealthCheck, Phase, Verbosity, given, settings, target
     from hypothesis import seed as seeded
 
@@ -215,7 +218,7 @@ def _search(search: Search, trial: _Trial, vehicle: Vehicle, name: str | None) -
             raise _Broken
         target(score(verdict))
 
-    # Hypothesis tells stored examples apart by the name of the function.
+    # The name of the function is part of the key in the example database of Hypothesis.
     attempt.__name__ = re.sub(r"\W", "_", f"{name}__{search.place.name}__{trial.rule.name}")
     configured = settings(
         max_examples=trial.budget,
@@ -227,43 +230,47 @@ def _search(search: Search, trial: _Trial, vehicle: Vehicle, name: str | None) -
         report_multiple_bugs=False,
         database=settings().database if name else None,
     )
-    # A seed turns the database off, so it comes first.
+    # A seed switches the database off, and so the settings must be applied to the seeded test.
     scenarios = strategies.scenarios(search.place, vehicle=vehicle, simulator=trial.simulator, **search.space)
     try:
         configured(seeded(search.seed)(given(scenarios)(attempt)))()
     except _Broken:
-        return Counterexample(simplest[0], trial.known[simplest[0]], trial.first or 0, trial.simulations)
+        return Counterexample(simplest[0], trial.verdicts[simplest[0]], trial.first or 0, trial.simulations)
     return None
 
 
 class _Broken(Exception):
-    """Tells Hypothesis of a counterexample; it runs the simplest one last."""
+    """Signals a counterexample to Hypothesis, which runs the simplest counterexample last."""
 
 
 class _Trial:
-    """Simulates every scenario once, and no more than the budget allows."""
+    """Simulates and judges scenarios, each once, within a budget of simulations."""
 
     def __init__(self, rule: str | Rule, budget: int, case: Callable[[Scenario], Case], simulator: Simulator | None) -> None:
         (self.rule,) = rules_for(get_rule(rule))
         self.budget = budget
         self.simulations = 0
         self.triggered = False
-        """Whether the rule applied in any of them in which what drives got across; others try nothing."""
+        """Whether the rule applied in a run that shows a crossing, see `crossed`; other runs test nothing."""
         self.first: int | None = None
-        """Simulations up to the first counterexample."""
+        """Number of simulations up to the first counterexample."""
         self.counts: dict[Scenario, bool] = {}
-        """Whether the violation in a scenario could have been avoided."""
-        self.known: dict[Scenario, Verdict] = {}
+        """By scenario, whether its run is a counterexample: broken, although the vehicles could have obeyed."""
+        self.verdicts: dict[Scenario, Verdict] = {}
         self.errors: dict[Scenario, Exception] = {}
-        """What the simulator raised; Hypothesis asks again for what failed, and has to see the same."""
+        """Errors of the simulator by scenario. Hypothesis repeats a failed scenario and must get the same error."""
         self._case = case
         self.simulator = simulator
 
     def judge(self, scenario: Scenario) -> Verdict | None:
-        """Return the verdict, or None where the budget is spent."""
+        """Return the verdict on a scenario; None if the budget is spent.
+
+        Raises:
+            RunError: the run can't be judged.
+        """
         if scenario in self.errors:
             raise self.errors[scenario]
-        if scenario not in self.known:
+        if scenario not in self.verdicts:
             if self.simulations - (self.first or 0) >= self.budget:
                 return None
             self.simulations += 1
@@ -273,21 +280,22 @@ class _Trial:
                 self.first = self.first or self.simulations
                 self.errors[scenario] = error
                 raise
-            verdict = self.known[scenario] = check(run, self.rule)
+            verdict = self.verdicts[scenario] = check(run, self.rule)
             self.triggered = self.triggered or (verdict.status not in (Status.NA, Status.ERROR) and crossed(run))
             self.counts[scenario] = broken(run, verdict) and avoidable(run, self.rule)
             if self.first is None and (self.counts[scenario] or verdict.status is Status.ERROR):
                 self.first = self.simulations
-        verdict = self.known[scenario]
+        verdict = self.verdicts[scenario]
         if verdict.status is Status.ERROR:
             raise RunError(f"{scenario!r} can't be judged by {self.rule.name}: {verdict.reason}")
         return verdict
 
 
 def score(verdict: Verdict) -> float:
-    """Return how near a run came to breaking the rule: seconds, greater is nearer.
+    """Return how near a run was to a violation; a greater number is nearer.
 
-    Where the rule was triggered, the greatest margin of its instances; else, far below, how much of its premise was missing.
+    For a triggered rule, the number is the greatest margin of its instances [s]. Otherwise the number is far below, and falls
+    with the number of missing conditions of the premise.
     """
     margins = [i.margin for i in verdict.instances if i.margin is not None]
     if verdict.status is Status.NA:
@@ -296,14 +304,14 @@ def score(verdict: Verdict) -> float:
 
 
 def broken(run: Run, verdict: Verdict) -> bool:
-    """Return whether a run breaks a rule: what a collision cut short is no breach, nor is what traffic provoked."""
+    """Return whether a run breaks a rule, apart from violations provoked by traffic and obligations cut short by a collision."""
     if verdict.provoked:
         return False
     return verdict.status is Status.FAIL or (verdict.status is Status.OPEN and not cut_short_by(run))
 
 
 def avoidable(run: Run, rule: Rule) -> bool:
-    """Return whether the vehicles, arriving as they do in a run, could have obeyed a rule."""
-    there = run.zone >= Zone.ENTRANCE
-    arrivals = np.where(there.any(axis=0), there.argmax(axis=0), run.steps) * run.dt
+    """Return whether vehicles with the arrival times of a run could have obeyed a rule."""
+    arrived = run.zone >= Zone.ENTRANCE
+    arrivals = np.where(arrived.any(axis=0), arrived.argmax(axis=0), run.steps) * run.dt
     return decide(Model(run.junction, run.agents, [float(time) for time in arrivals]), [rule]).possible

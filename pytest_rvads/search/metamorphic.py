@@ -1,6 +1,10 @@
-"""Metamorphic checks: runs that have to be judged alike, whatever the verdicts are (paper, section 5.2).
+"""Metamorphic checks: two runs of an autopilot must be judged alike, whatever the verdicts are (paper, section 5.2).
 
-The only oracle is that two scenarios are equivalent: a controller that passes the first scenario and fails the second is wrong.
+`equivalent` compares equivalent scenarios: an autopilot that passes in a scenario and fails in an equivalent scenario is wrong.
+
+`rational` and `determinate` check two properties after Li et al., Testing ADS: what really matters. A rational autopilot that
+keeps a rule also keeps the rule from farther away. The future of a determinate autopilot depends only on the positions and speeds
+of all vehicles.
 """
 
 from __future__ import annotations
@@ -8,30 +12,41 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
+from pytest_rvads.conduct.presence import crossed
 from pytest_rvads.errors import MetamorphicViolation, RunError, ScenarioError, require, suggest
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.judging.verdicts import Status, Verdict
 from pytest_rvads.logic.rules.book import rules_for
 from pytest_rvads.logic.rules.rule import Rule
-from pytest_rvads.runs.run import Run
+from pytest_rvads.runs.run import DT, Run
+from pytest_rvads.runs.states import Zone
 from pytest_rvads.scenarios.case import Case
+from pytest_rvads.scenarios.orbits import rotate
 from pytest_rvads.search.relations import RELATIONS, Incomparable, Variant
-from pytest_rvads.search.sidebyside import side_by_side
 from pytest_rvads.simulators.simulator import Simulator, simulate
 
-__all__ = ["Comparison", "Difference", "compare", "equivalent", "judged"]
+__all__ = ["Comparison", "Difference", "compare", "determinate", "equivalent", "judged", "rational", "side_by_side"]
+
+
+FARTHER = (1.0, 5.0, 20.0)
+"""Additional distances to the stopping line that `rational` tries [m]."""
+_BAD = (Status.FAIL, Status.OPEN)
 
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """Two runs that a rule does not judge alike."""
+    """Two runs with different statuses of a rule."""
 
     what: str
-    """What was changed between them."""
+    """The change between the runs, in words."""
     one: Verdict
+    """Verdict on the first run."""
     other: Verdict
+    """Verdict on the second run."""
     table: str
-    """Both runs, side by side."""
+    """Table of both runs side by side."""
 
     def __str__(self) -> str:
         return f"{self.what} turns {self.one.rule} from {self.one.status} into {self.other.status}"
@@ -39,13 +54,14 @@ class Difference:
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """What was compared, and what was found."""
+    """The compared variants of a case, and the differences."""
 
     compared: tuple[str, ...]
+    """Changes of the compared variants, in words."""
     incomparable: tuple[Incomparable, ...]
     differences: tuple[Difference, ...]
     triggered: tuple[str, ...] = ()
-    """Rules that applied in a run that was compared; only these were tried."""
+    """Rules that applied in a compared run; only these rules were tested."""
 
 
 def equivalent(
@@ -55,38 +71,38 @@ def equivalent(
     relations: str | Iterable[str] = "rotation",
     simulator: Simulator | None = None,
 ) -> Comparison:
-    """Require that equivalent scenarios are judged alike; statuses are compared, not who goes first.
+    """Require that the rules have the same statuses in equivalent scenarios; the order of the vehicles may differ.
 
     Args:
         case: the case to begin with.
-        rules: a rulebook, rules, or both; of a rulebook those about this kind of junction.
+        rules: a rulebook, rules, or both; of a rulebook, the rules about this kind of junction.
         relations: one or several of ``rotation`` (the members of the structural equivalence class), ``creation`` (order of
             creation), ``renaming`` (names of the agents), ``motion`` (the map translated and rotated), ``mirror`` (the map in a
             mirror), ``approach`` (all vehicles start farther away).
-        simulator: what makes the runs, as for `simulate`.
+        simulator: the simulator of the runs, as for `simulate`.
 
     Returns:
-        What was compared, and what could not be.
+        The compared variants, and the variants that can't be compared.
 
     Raises:
-        MetamorphicViolation: two runs are judged differently; its note shows them side by side.
-        ScenarioError: an unknown relation, nothing that could be compared, or no rule that applied.
+        MetamorphicViolation: two runs have different statuses; the note of the error shows the runs side by side.
+        ScenarioError: a relation is unknown, no variant can be compared, or no rule applied.
         RunError: a run ended by a fault.
     """
     __tracebackhide__ = True
     require(case, Case, "equivalent takes a rvads.Case(scenario, driver)", ScenarioError)
-    found = compare(case, rules, relations=relations, simulator=simulator)
-    if found.differences:
-        first, *more = found.differences
+    comparison = compare(case, rules, relations=relations, simulator=simulator)
+    if comparison.differences:
+        first, *more = comparison.differences
         error = MetamorphicViolation(f"{first} in {case.scenario.name}" + (f" (the first of {len(more) + 1})" if more else ""))
         error.add_note(first.table)
         raise error
-    if not found.compared:
-        reasons = "; ".join(f"{item.what}: {item.why}" for item in found.incomparable)
-        raise ScenarioError(f"nothing is equivalent to {case.scenario.name}, so nothing was compared: {reasons}")
-    if not found.triggered:
-        raise ScenarioError(f"no rule applied in {case.scenario.name}, nor in what is equivalent to it, so nothing was tried")
-    return found
+    if not comparison.compared:
+        reasons = "; ".join(f"{item.what}: {item.why}" for item in comparison.incomparable)
+        raise ScenarioError(f"no scenario is equivalent to {case.scenario.name}, so nothing was compared: {reasons}")
+    if not comparison.triggered:
+        raise ScenarioError(f"no rule applied in {case.scenario.name} or in an equivalent scenario, so nothing was tried")
+    return comparison
 
 
 def compare(
@@ -96,35 +112,42 @@ def compare(
     relations: str | Iterable[str] = "rotation",
     simulator: Simulator | None = None,
 ) -> Comparison:
-    """Compare like `equivalent`, and return the differences instead of raising."""
-    chosen = rules_for(rules, case.scenario.place)
-    variants = [variant for name in _known(relations) for variant in RELATIONS[name](case)]
+    """Compare a case with its variants as `equivalent` does, and return the differences.
+
+    Raises:
+        ScenarioError: a relation is unknown.
+        RunError: a run ended by a fault.
+    """
+    checked_rules = rules_for(rules, case.scenario.place)
+    variants = [variant for name in _checked_relations(relations) for variant in RELATIONS[name](case)]
     usable = [v for v in variants if isinstance(v, Variant)]
-    base, before = judged(case, chosen, simulator) if usable else (None, {})
+    base_run, before = judged(case, checked_rules, simulator) if usable else (None, {})
     compared, differences = [], []
     triggered: dict[str, None] = {}
     for variant in usable:
-        same = [rule for rule in chosen if variant.concerns(rule)]
-        if not same or base is None:
+        common_rules = [rule for rule in checked_rules if variant.concerns(rule)]
+        if not common_rules or base_run is None:
             continue
-        run, after = judged(variant.case, same, simulator)
+        run, after = judged(variant.case, common_rules, simulator)
         compared.append(variant.what)
-        for rule in same:
-            one, other = before[rule.name], after[rule.name]
-            if {one.status, other.status} != {Status.NA}:
+        for rule in common_rules:
+            verdict_before, verdict_after = before[rule.name], after[rule.name]
+            if {verdict_before.status, verdict_after.status} != {Status.NA}:
                 triggered[rule.name] = None
-            if one.status is not other.status:
-                table = side_by_side(base, one, run, other, variant.image, variant.what)
-                differences.append(Difference(variant.what, one, other, table))
-    mute = tuple(
-        Incomparable(v.what, "the rules name left and right") for v in usable if not any(v.concerns(rule) for rule in chosen)
+            if verdict_before.status is not verdict_after.status:
+                table = side_by_side(base_run, verdict_before, run, verdict_after, variant.image, variant.what)
+                differences.append(Difference(variant.what, verdict_before, verdict_after, table))
+    without_rules = tuple(
+        Incomparable(v.what, "the rules name left and right")
+        for v in usable
+        if not any(v.concerns(rule) for rule in checked_rules)
     )
-    incomparable = mute + tuple(v for v in variants if isinstance(v, Incomparable))
+    incomparable = without_rules + tuple(v for v in variants if isinstance(v, Incomparable))
     return Comparison(tuple(compared), incomparable, tuple(differences), tuple(triggered))
 
 
 def judged(case: Case, rules: Iterable[Rule], simulator: Simulator | None = None) -> tuple[Run, dict[str, Verdict]]:
-    """Simulate and judge.
+    """Return the run of a case, and the verdict of each rule by name.
 
     Raises:
         RunError: the run ended by a fault.
@@ -133,13 +156,179 @@ def judged(case: Case, rules: Iterable[Rule], simulator: Simulator | None = None
     verdicts = {rule.name: check(run, rule) for rule in rules}
     for verdict in verdicts.values():
         if verdict.status is Status.ERROR:
-            raise RunError(f"{run.label} can't be judged by {verdict.rule}, so nothing follows from it: {verdict.reason}")
+            raise RunError(f"{run.label} can't be judged by {verdict.rule}, so nothing can be compared: {verdict.reason}")
     return run, verdicts
 
 
-def _known(relations: str | Iterable[str]) -> tuple[str, ...]:
+def _checked_relations(relations: str | Iterable[str]) -> tuple[str, ...]:
     names = (relations,) if isinstance(relations, str) else tuple(relations)
     for name in names:
         if name not in RELATIONS:
             raise ScenarioError(f"unknown relation {name!r}, there are {', '.join(RELATIONS)}{suggest(name, RELATIONS)}")
     return names
+
+
+def side_by_side(run: Run, first: Verdict, other_run: Run, second: Verdict, image: Sequence[int], what: str) -> str:
+    """Return a table with a row per vehicle of `run`, beside the corresponding vehicle of `other_run`.
+
+    Args:
+        run: the first run.
+        first: the verdict on the first run.
+        other_run: the second run.
+        second: the verdict of the same rule on the second run.
+        image: the corresponding entrance of `other_run` for each entrance of `run`.
+        what: the change between the runs, in words.
+    """
+    columns: dict[int, list[int]] = {}
+    for k, agent in enumerate(other_run.agents):
+        columns.setdefault(agent.entrance, []).append(k)
+    rows = [
+        ("", "first run", what),
+        ("scenario", run.label, other_run.label),
+        (first.rule, str(first.status), str(second.status)),
+    ]
+    for k, agent in enumerate(run.agents):
+        rows.append(("vehicle", _fate(run, k), _fate(other_run, columns[image[agent.entrance]].pop(0))))
+    widths = [max(len(row[i]) for row in rows) for i in range(2)]
+    lines = [f"{a:{widths[0]}}  {b:{widths[1]}}  {c}".rstrip() for a, b, c in rows]
+    lines += [f"{name:{widths[0]}}  {text}" for name, text in (("first run", first.message), (what, second.message))]
+    return "\n".join(lines)
+
+
+def _fate(run: Run, column: int) -> str:
+    agent = run.agents[column]
+    events = []
+    for word, zone in (("arrives", Zone.ENTRANCE), ("enters", Zone.JUNCTION), ("leaves", Zone.EXIT)):
+        reached = np.flatnonzero(run.zone[:, column] >= zone)
+        events.append(f"{word} {reached[0] * run.dt:.2f} s" if len(reached) else f"never {word}")
+    return f"{agent.name} {agent.entrance}->{agent.exit}: {', '.join(events)}"
+
+
+def rational(
+    case: Case,
+    rules: str | Rule | Sequence[str | Rule] = "paper",
+    *,
+    farther: Sequence[float] = FARTHER,
+    simulator: Simulator | None = None,
+) -> None:
+    """Require that a rule which passes also passes from greater distances with the same speeds.
+
+    Args:
+        case: the case to begin with.
+        rules: a rulebook, rules, or both.
+        farther: additional distances of all vehicles to the stopping line [m], tried in this order.
+        simulator: the simulator of the runs, as for `simulate`.
+
+    Raises:
+        MetamorphicViolation: a PASS turns into FAIL or OPEN.
+        ScenarioError: no rule passes in the case, or the approaches are too short.
+        RunError: a run ended by a fault.
+    """
+    __tracebackhide__ = True
+    require(case, Case, "rational takes a rvads.Case(scenario, driver)", ScenarioError)
+    checked_rules = rules_for(rules, case.scenario.place)
+    run, before = judged(case, checked_rules, simulator)
+    passing = [rule for rule in checked_rules if before[rule.name].status is Status.PASS]
+    if not passing:
+        statuses = ", ".join(f"{name} {verdict.status}" for name, verdict in before.items())
+        raise ScenarioError(f"no rule passes in {case.scenario.name} ({statuses}), so nothing follows for greater distances")
+    for more in farther:
+        farther_case = case.but(distance=[d + more for d in case.scenario.distances])
+        farther_run, after = judged(farther_case, passing, simulator)
+        for rule in passing:
+            if after[rule.name].status in _BAD:
+                what = f"{more:g} m farther away"
+                raise _violation(run, before[rule.name], farther_run, after[rule.name], what)
+
+
+def determinate(
+    case: Case,
+    rules: str | Rule | Sequence[str | Rule] = "paper",
+    *,
+    at: float = 1.0,
+    tolerance: float = 0.5,
+    simulator: Simulator | None = None,
+) -> None:
+    """Require that a run which starts from the positions and speeds of another run at time `at` continues like that run.
+
+    The autopilots of the second run have no memory of the time before `at`, so their memory must not matter. Every rule must have
+    the same status, and all vehicles must enter the junction in the same order and, up to `tolerance`, at the same time.
+
+    Args:
+        case: the case to begin with, at a junction without lights, because lights would start anew.
+        rules: a rulebook, rules, or both.
+        at: time at which the second run starts [s]; no vehicle may be past the stopping line.
+        tolerance: largest difference between the entry times of both runs [s], because the lags of drive and brake start anew.
+        simulator: the simulator of the runs, as for `simulate`.
+
+    Raises:
+        MetamorphicViolation: the continuation differs.
+        ScenarioError: the junction has lights, the scenario has followers, a vehicle is past the line or gone at the time, or the
+            run shows no crossing.
+        RunError: a run ended by a fault.
+    """
+    __tracebackhide__ = True
+    require(case, Case, "determinate takes a rvads.Case(scenario, driver)", ScenarioError)
+    junction = case.scenario.place
+    if junction.phase_groups:
+        raise ScenarioError(
+            f"a run at {junction.name} can't be restarted: its lights would start anew; choose a junction without lights"
+        )
+    if case.scenario.followers:
+        raise ScenarioError(f"{case.scenario.name} can't be restarted: followers always start at a fixed gap; choose followers=0")
+    checked_rules = rules_for(rules, junction)
+    run, before = judged(case, checked_rules, simulator)
+    if not crossed(run):
+        raise ScenarioError(f"the run of {case.scenario.name} shows no crossing, so its continuation can't be compared")
+    continuation, after = judged(_restarted_case(case, run, at), checked_rules, simulator)
+    what = f"restarted at {at:g} s"
+    for rule in checked_rules:
+        if before[rule.name].status is not after[rule.name].status:
+            raise _violation(run, before[rule.name], continuation, after[rule.name], what)
+    first, second = _entries(run, 0.0), _entries(continuation, at)
+    shifted = [k for k in range(len(run.agents)) if abs(first[k].time - second[k].time) > tolerance]
+    if shifted or [e.agent for e in sorted(first)] != [e.agent for e in sorted(second)]:
+        rule = checked_rules[0]
+        raise _violation(run, before[rule.name], continuation, after[rule.name], what, "who enters when")
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class _Entry:
+    time: float
+    agent: str
+
+
+def _entries(run: Run, since: float) -> list[_Entry]:
+    times = [run.entry(k) for k in range(len(run.agents))]
+    never = run.duration + since + 1.0
+    return [_Entry(never if t is None else round(t + since, 9), a.name) for t, a in zip(times, run.agents, strict=True)]
+
+
+def _restarted_case(case: Case, run: Run, at: float) -> Case:
+    """Return the case that starts with the positions and speeds of a run at time `at` [s]."""
+    scenario, tick = case.scenario, round(at / DT)
+    if run.station is None or run.speed is None:
+        raise RunError(f"the run {run.label} has no positions or no speeds")
+    if not 0 < tick < run.steps:
+        raise ScenarioError(f"the run lasts {run.duration:.2f} s, so it can't be restarted at {at!r} s")
+    distances, speeds = [0.0] * len(scenario.directions), [0.0] * len(scenario.directions)
+    for k, agent in enumerate(run.agents):
+        remaining = -scenario.place.setbacks[agent.entrance] - float(run.station[tick, k])
+        if run.zone[tick, k] > Zone.ENTRANCE or remaining < 0:
+            raise ScenarioError(f"{agent.name} is past the stopping line at {at:g} s: restart the run earlier")
+        distances[agent.entrance], speeds[agent.entrance] = remaining, max(float(run.speed[tick, k]), 0.0)
+    back = -scenario.rotation
+    return case.but(
+        distance=rotate(tuple(distances), back),
+        speed=rotate(tuple(speeds), back),
+        duration=max(scenario.duration - at, DT),
+    )
+
+
+def _violation(
+    run: Run, verdict: Verdict, other_run: Run, other_verdict: Verdict, what: str, broken: str | None = None
+) -> MetamorphicViolation:
+    change = f"changes {broken}" if broken else f"turns {verdict.rule} from {verdict.status} into {other_verdict.status}"
+    error = MetamorphicViolation(f"{what}: {change} in {run.label}")
+    error.add_note(side_by_side(run, verdict, other_run, other_verdict, range(len(run.junction.entrances)), what))
+    return error

@@ -1,8 +1,9 @@
-"""Map files moved or mirrored: the same junction elsewhere, or with traffic on the other side."""
+"""Images of junctions: on a moved or mirrored map, and rotations of a junction onto itself."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -14,12 +15,13 @@ from pytest_rvads.junctions.finder import find
 from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.opendrive.xmlfile import load
 
-__all__ = ["Motion", "mirrored", "moved"]
+__all__ = ["Motion", "Symmetry", "broken_by", "mirrored", "moved", "rotations_of"]
+
 
 Motion = tuple[float, float, float]
-"""Translation x, y [m] and rotation [rad], rotation first."""
+"""Translation x, y [m] and rotation [rad]; the rotation is applied first."""
 _COEFFICIENTS = "abcd"
-_SIDE = {
+_MIRRORED_ATTRIBUTES = {
     "arc": ("curvature",),
     "spiral": ("curvStart", "curvEnd"),
     "poly3": tuple(_COEFFICIENTS),
@@ -37,28 +39,28 @@ _SIDE = {
 
 
 def moved(junction: Junction, motion: Motion) -> Junction:
-    """Return a junction on its map, translated and rotated; written and read once per process.
+    """Return a junction on its translated and rotated map.
 
     Raises:
-        MapError: it is from no map, or one that can't be read.
+        MapError: the junction has no map file, or the map can't be read.
     """
-    return find(junction.id, _rewritten(_source(junction), motion))
+    return find(junction.id, _rewritten_map(_map_of(junction), motion))
 
 
 def mirrored(junction: Junction) -> Junction:
-    """Return a junction on its map seen in a mirror, y to -y, so that traffic keeps to the other side.
+    """Return a junction on its mirrored map, with -y instead of y and traffic on the other side.
 
     Raises:
-        MapError: it is from no map, or one that can't be read.
+        MapError: the junction has no map file, or the map can't be read.
     """
-    return find(junction.id, _rewritten(_source(junction), None))
+    return find(junction.id, _rewritten_map(_map_of(junction), None))
 
 
-def _source(junction: Junction) -> Path:
+def _map_of(junction: Junction) -> Path:
     if junction.map is None and junction.name in LAYOUTS:
         return path_of(junction.name)
     if junction.map is None:
-        raise MapError(f"junction {junction.name!r} is from no map file, so it can't be moved")
+        raise MapError(f"junction {junction.name!r} has no map file, so it can't be moved")
     return Path(junction.map)
 
 
@@ -66,7 +68,7 @@ _FOLDER = TemporaryDirectory(prefix="rvads-", ignore_cleanup_errors=True)
 
 
 @lru_cache
-def _rewritten(source: Path, motion: Motion | None) -> Path:
+def _rewritten_map(source: Path, motion: Motion | None) -> Path:
     root = load(source)
     for element in root.iter():
         if motion is None:
@@ -90,7 +92,7 @@ def _move(geometry: Element, x: float, y: float, angle: float) -> None:
 
 
 def _mirror(element: Element) -> None:
-    for name in _SIDE.get(element.tag, ()):
+    for name in _MIRRORED_ATTRIBUTES.get(element.tag, ()):
         value = element.get(name)
         if value is not None:
             element.set(name, value[1:] if value.startswith("-") else f"-{value}" if value.strip("0.") else value)
@@ -106,7 +108,57 @@ def _mirror(element: Element) -> None:
             if side is not None:
                 side.tag = tag
                 side[:] = list(side)[::-1]
-        # The schema wants left, center, right.
+        # The schema requires the order left, center, right.
         element[:] = sorted(
             element, key=lambda part: ("left", "center", "right").index(part.tag) if part.tag != "userData" else 3
         )
+
+
+@dataclass(frozen=True, slots=True)
+class Symmetry:
+    """A rotation of a junction onto itself."""
+
+    arms: int
+    """Number of arms by which every arm moves on."""
+    rows: int
+    """Number of entrances by which every entrance moves on."""
+
+
+@lru_cache(maxsize=64)
+def rotations_of(junction: Junction) -> tuple[Symmetry, ...]:
+    """Return the rotations that preserve lanes, signs, right-of, opposite, turns and the set of phase groups.
+
+    The identity is the first. An X-junction has four such rotations, a T-junction only the identity.
+    """
+    symmetries = []
+    for arms in range(junction.ways):
+        images = junction.image(arms)
+        if images and not broken_by(junction, arms):
+            symmetries.append(Symmetry(arms, images[0][0]))
+    return tuple(symmetries)
+
+
+def broken_by(junction: Junction, arms: int) -> tuple[str, ...]:
+    """Return the properties that a rotation by `arms` arms changes; empty for a symmetry."""
+    images = junction.image(arms)
+    if images is None:
+        return ("lanes",)
+    entrances, exits = images
+
+    def pairs(relation: frozenset[tuple[int, int]]) -> frozenset[tuple[int, int]]:
+        return frozenset((entrances[a], entrances[b]) for a, b in relation)
+
+    changed = []
+    if any(lane.sign is not junction.entrances[entrances[e]].sign for e, lane in enumerate(junction.entrances)):
+        changed.append("signs")
+    if pairs(junction.right_of) != junction.right_of:
+        changed.append("right-of")
+    if pairs(junction.opposite) != junction.opposite:
+        changed.append("opposite")
+    turns = {key: m.turn for key, m in junction.movements.items()}
+    if {(entrances[a], exits[b]): turn for (a, b), turn in turns.items()} != turns:
+        changed.append("turns")
+    groups = frozenset(junction.phase_groups)
+    if frozenset(frozenset(entrances[e] for e in group) for group in groups) != groups:
+        changed.append("light groups")
+    return tuple(changed)

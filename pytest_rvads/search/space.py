@@ -1,4 +1,4 @@
-"""The space that a search for scenarios goes through: its arguments, and what is wrong with them."""
+"""The space of scenarios for a search, and the check of its bounds."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from pytest_rvads.scenarios.scenario import check_numbers
 __all__ = ["FARTHEST", "NEAREST", "Space", "explored"]
 
 NEAREST, FARTHEST = 0.3, 30.0
-"""Range of distances to the stopping line [m], where nothing else is said."""
+"""Default range of the distances to the stopping line [m]."""
 
 
 class Space(TypedDict, total=False):
-    """Where to look, see `strategies.scenarios`, which has the defaults."""
+    """Bounds of a search; `strategies.scenarios` explains the bounds and has the defaults."""
 
     map: str | None
     subject: int | None
@@ -34,23 +34,25 @@ class Space(TypedDict, total=False):
 
 
 def explored(junction: str | Junction, space: Space) -> Junction:
-    """Return the junction that scenarios are looked for at.
+    """Return the junction of a search, after a check of its bounds.
 
     Raises:
-        MapError: unknown or unusable junction.
-        ScenarioError: an argument of `space` that is none, or that means nothing at this junction.
+        MapError: the junction is unknown or unusable.
+        ScenarioError: a bound is unknown, or out of its range for this junction.
     """
     names = Space.__annotations__
     for name, value in space.items():
         if name not in names:
-            raise ScenarioError(f"where to look is said by {', '.join(names)}, got {name!r}{suggest(name, names)}")
-        if name in _RIGHT and not _RIGHT[name][0](value):
-            raise ScenarioError(f"{name} must be {_RIGHT[name][1]}, got {value!r}")
+            raise ScenarioError(f"a bound of a search must be {', '.join(names)}, got {name!r}{suggest(name, names)}")
+        if name in _CHECKS and not _CHECKS[name][0](value):
+            raise ScenarioError(f"{name} must be {_CHECKS[name][1]}, got {value!r}")
     if not isinstance(junction, str | Junction):
         raise ScenarioError(f"junction must be a name in quotes or what rvads.find returns, got {junction!r:.60}")
     check_numbers(space.get("duration"), space.get("aggression", 1), wait=0.0)
     if isinstance(junction, Junction) and space.get("map") is not None:
-        raise ScenarioError(f"map= is where a junction is looked for by name, got it beside {junction.name!r}: leave it out")
+        raise ScenarioError(
+            f"map= names the map of a junction given by id, got map= with junction {junction.name!r}: leave it out"
+        )
     place = junction if isinstance(junction, Junction) else find(junction, space.get("map"))
     near, far = space.get("near", NEAREST), space.get("far", FARTHEST)
     if not near < far:
@@ -58,8 +60,7 @@ def explored(junction: str | Junction, space: Space) -> Junction:
     room, entrance = min((place.approach(e), e) for e in range(len(place.entrances)))
     if not near < room:
         raise ScenarioError(
-            f"near must be less than the approaches of {place.name!r} are long, got {near!r} m, and that of entrance {entrance} "
-            f"is {room:.1f} m long"
+            f"near must be less than the shortest approach of {place.name!r}, {room:.1f} m at entrance {entrance}, got {near!r} m"
         )
     subject, ways = space.get("subject"), len(place.entrances)
     if subject is not None and not (type(subject) is int and 0 <= subject < ways):
@@ -84,7 +85,7 @@ def _distance(value: Any) -> bool:
     return _number(value, 0, math.inf)
 
 
-_RIGHT: dict[str, tuple[Callable[[Any], bool], str]] = {
+_CHECKS: dict[str, tuple[Callable[[Any], bool], str]] = {
     "map": (lambda file: file is None or isinstance(file, str | os.PathLike), "the path of an OpenDRIVE file"),
     "partial": (lambda partial: isinstance(partial, bool), "True or False"),
     "near": (_distance, "a distance of 0 m or more"),

@@ -1,4 +1,4 @@
-"""`rvads rules check`: rules against all scenarios of a junction and all orders of arrival."""
+"""`rvads rules check`: checks whether vehicles can obey rules in all scenarios of a junction and all orders of arrival."""
 
 from __future__ import annotations
 
@@ -14,34 +14,34 @@ from pytest_rvads.scenarios.orbits import Directions, Orbits, rotate
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.search.abstraction import Model, weak_orders
 from pytest_rvads.search.consistency import core, decide
-from pytest_rvads.search.symmetry import rotations_of
+from pytest_rvads.search.remap import rotations_of
 
 __all__ = ["Contradiction", "Survey", "show", "show_order", "survey"]
 
 APART = 60.0
-"""Between two arrivals of different rank; longer than any tie window [s]."""
+"""Time between two arrivals of different rank [s], longer than any tie window."""
 
 
 @dataclass(frozen=True, slots=True)
 class Contradiction:
-    """An abstract scenario and an order of arrival in which nobody can obey."""
+    """An abstract scenario and an order of arrival in which the vehicles can't obey the rules."""
 
     directions: Directions
     arrivals: tuple[float, ...]
-    """When the vehicle at each occupied entrance arrives [s]."""
+    """Arrival time of the vehicle at each occupied entrance [s]."""
     rules: tuple[str, ...]
     """A minimal set of contradicting rules: vehicles can keep the set as soon as any rule of the set is dropped."""
 
 
 @dataclass(frozen=True, slots=True)
 class Survey:
-    """What was looked at, and what was found."""
+    """The checked scenarios and orders of arrival, and the contradictions."""
 
     junction: Junction
     rules: tuple[Rule, ...]
     scenarios: int
     orders: int
-    """Orders of arrival per scenario."""
+    """Number of orders of arrival per scenario."""
     contradictions: tuple[Contradiction, ...]
 
 
@@ -53,50 +53,50 @@ def survey(
     arrivals: Sequence[float] | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Survey:
-    """Look for scenarios and orders of arrival in which no behaviour satisfies all rules and lets everyone through.
+    """Find the scenarios and orders of arrival in which no behaviour satisfies all rules and lets all vehicles pass.
 
     Args:
         place: the junction.
-        rules: those about another kind of junction don't count.
-        scenarios: abstract scenarios; by default all full ones, with one vehicle on each arm.
-        arrivals: when the vehicle at each entrance arrives [s]; all weak orders by default.
-        progress: called with the number of pairs done and their total.
+        rules: the rules; rules about other kinds of junctions are ignored.
+        scenarios: abstract scenarios; by default all scenarios with a vehicle on each arm.
+        arrivals: arrival time of the vehicle at each entrance [s]; all weak orders by default.
+        progress: called with the number of finished pairs and the number of all pairs.
 
     Raises:
-        ScenarioError: another number of arrivals than of entrances.
-        FormulaError: a rule that can't be monitored.
+        ScenarioError: the number of arrivals is not the number of entrances.
+        FormulaError: a rule can't be monitored.
     """
     count = len(place.entrances)
     chosen = list(Orbits.at(place).every()) if scenarios is None else list(scenarios)
     if arrivals is not None and len(arrivals) != count:
         raise ScenarioError(f"arrivals needs one time per entrance ({count}), got {len(arrivals)}: {tuple(arrivals)!r}")
     turns = [symmetry.rows for symmetry in rotations_of(place)]
-    known: dict[tuple[Directions, tuple[float, ...]], tuple[str, ...]] = {}
-    found = []
-    pairs = [(code, times) for code in chosen for times in _patterns(code, arrivals)]
+    contradicting: dict[tuple[Directions, tuple[float, ...]], tuple[str, ...]] = {}
+    contradictions = []
+    pairs = [(code, times) for code in chosen for times in _arrival_patterns(code, arrivals)]
     for done, (code, times) in enumerate(pairs, start=1):
         key = min((rotate(code, r), rotate(times, r)) for r in turns)
-        if key not in known:
-            known[key] = _contradiction(place, rules, *key)
-        if known[key]:
+        if key not in contradicting:
+            contradicting[key] = _contradicting_rules(place, rules, *key)
+        if contradicting[key]:
             present = tuple(time for time, direction in zip(times, code, strict=True) if direction)
-            found.append(Contradiction(code, present, known[key]))
+            contradictions.append(Contradiction(code, present, contradicting[key]))
         if progress:
             progress(done, len(pairs))
-    return Survey(place, tuple(rules), len(chosen), len(pairs) // len(chosen), tuple(found))
+    return Survey(place, tuple(rules), len(chosen), len(pairs) // len(chosen), tuple(contradictions))
 
 
-def _patterns(code: Directions, arrivals: Sequence[float] | None) -> Iterator[tuple[float, ...]]:
-    """Yield arrival times per entrance, 0 where nobody comes [s]."""
+def _arrival_patterns(code: Directions, arrivals: Sequence[float] | None) -> Iterator[tuple[float, ...]]:
+    """Yield patterns of arrival times per entrance [s]; the time of an empty entrance is 0."""
     if arrivals is not None:
         yield tuple(time if direction else 0.0 for time, direction in zip(arrivals, code, strict=True))
         return
     for ranks in weak_orders(sum(map(bool, code))):
-        rest = iter(ranks)
-        yield tuple(APART * next(rest) if direction else 0.0 for direction in code)
+        remaining = iter(ranks)
+        yield tuple(APART * next(remaining) if direction else 0.0 for direction in code)
 
 
-def _contradiction(place: Junction, rules: Sequence[Rule], code: Directions, times: tuple[float, ...]) -> tuple[str, ...]:
+def _contradicting_rules(place: Junction, rules: Sequence[Rule], code: Directions, times: tuple[float, ...]) -> tuple[str, ...]:
     agents = Scenario(place, code).agents()
     model = Model(place, agents, [times[a.entrance] for a in agents])
     if decide(model, rules).possible:
@@ -105,7 +105,7 @@ def _contradiction(place: Junction, rules: Sequence[Rule], code: Directions, tim
 
 
 def show(result: Survey) -> str:
-    """Return the findings as text, those of the same rules and order of arrival together."""
+    """Return the findings as text, with a line per set of contradicting rules."""
     names = " ".join(rule.name for rule in result.rules if rule.concerns(result.junction))
     pairs = result.scenarios * result.orders
     head = f"{result.junction.name}: {names}: {result.scenarios} scenarios x {result.orders} orders of arrival"
@@ -116,17 +116,17 @@ def show(result: Survey) -> str:
         members = list(group)
         orders = list(dict.fromkeys(map(show_order, members)))
         codes = list(dict.fromkeys(label(m.directions, result.junction.lanes) for m in members))
-        lines.append(f"  {' + '.join(rules):20}  arrival {_some(orders, 'orders')}; scenario {_some(codes, 'scenarios')}")
+        lines.append(f"  {' + '.join(rules):20}  arrival {_first_of(orders, 'orders')}; scenario {_first_of(codes, 'scenarios')}")
     return "\n".join(lines)
 
 
-def _some(found: Sequence[str], what: str) -> str:
-    return found[0] if len(found) == 1 else f"{found[0]} and {len(found) - 1} more {what}"
+def _first_of(texts: Sequence[str], plural: str) -> str:
+    return texts[0] if len(texts) == 1 else f"{texts[0]} and {len(texts) - 1} more {plural}"
 
 
-def show_order(found: Contradiction) -> str:
-    """Return the order of arrival by entrances: ``0 = 2 < 1``."""
-    entrances = [e for e, direction in enumerate(found.directions) if direction]
-    times = sorted(set(found.arrivals))
-    together = [" = ".join(str(e) for e, t in zip(entrances, found.arrivals, strict=True) if t == time) for time in times]
-    return " < ".join(together)
+def show_order(contradiction: Contradiction) -> str:
+    """Return the order of arrival of a contradiction by entrances, such as ``0 = 2 < 1``."""
+    entrances = [e for e, direction in enumerate(contradiction.directions) if direction]
+    times = sorted(set(contradiction.arrivals))
+    groups = [" = ".join(str(e) for e, t in zip(entrances, contradiction.arrivals, strict=True) if t == time) for time in times]
+    return " < ".join(groups)

@@ -11,8 +11,7 @@ from pytest_rvads.drivers.lgsvl import Constants, LgsvlLike, ZoneBox
 from pytest_rvads.drivers.lgsvl.scheduler import Box, Whole, frame, zone_of
 from pytest_rvads.errors import AutopilotError
 from pytest_rvads.junctions.finder import find
-from pytest_rvads.paper.draws import crossing_wait
-from pytest_rvads.paper.experiment import LIGHT, STOP, Entry, Setup, outcome, run_entry
+from pytest_rvads.paper.experiment import LIGHT, STOP, Entry, Setup, crossing_wait, outcome, run_entry
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Zone
 from pytest_rvads.scenarios.case import Case

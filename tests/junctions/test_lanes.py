@@ -15,9 +15,9 @@ from pytest_rvads.maps.control import Sign
 from pytest_rvads.maps.segment import Turn
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.search.relations import RELATIONS, Incomparable, Variant
+from pytest_rvads.search.remap import Symmetry, broken_by, rotations_of
 from pytest_rvads.search.strategies import scenarios
 from pytest_rvads.search.survey import survey
-from pytest_rvads.search.symmetry import Symmetry, broken_by, rotations_of
 
 TURNS = {1: Turn.RIGHT, 2: Turn.STRAIGHT, 3: Turn.LEFT}
 

@@ -6,11 +6,11 @@ from pytest_rvads import cli
 from pytest_rvads.paper import evidence
 from pytest_rvads.paper.evidence import FREE, Free, Room, ablation, p1_margin, rooms, text_margins, text_rooms
 from pytest_rvads.paper.experiment import STOP, Entry, Setup, Table, outcome, run_entry
-from pytest_rvads.paper.published import published
+from pytest_rvads.paper.tables import published
 
 
 @pytest.mark.parametrize(("row", "configuration"), [(0, "C"), (2, "C"), (2, "B")])
-def test_the_margin_of_p1_has_the_sign_of_the_verdict(row: int, configuration: str) -> None:
+def test_margin_of_p1_has_the_sign_of_the_verdict(row: int, configuration: str) -> None:
     run = run_entry(Entry(STOP, 1, row, configuration), Setup())
     together = (run.zone == 2).sum(axis=1) > 1
     margin = p1_margin(run)
@@ -41,7 +41,7 @@ def test_switched_off_deficiency_flips_its_cells(monkeypatch: pytest.MonkeyPatch
 
 
 @pytest.mark.extended
-def test_the_room_of_the_draw_is_the_time_at_the_entrance(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_room_of_the_draw_is_the_time_at_the_entrance(monkeypatch: pytest.MonkeyPatch) -> None:
     # The crossing vehicle passes its entrance zone in 12 ticks; a right turn that enters then breaks p5, any other does not.
     table = Table("light4", "paper_light4", {4: "2121"}, "J", ("p5",), 40.0)
     monkeypatch.setitem(FREE, "draw", Free(FREE["draw [s]"].move, 0.02, 0.2, (table,)))
@@ -58,7 +58,7 @@ def test_irrelevant_constant_has_its_whole_range(monkeypatch: pytest.MonkeyPatch
     assert rooms(base, names=("wait",), executor=1) == {"wait": Room(-0.25, 0.25, 0.25)}
 
 
-def test_the_tables_of_margins_and_room_read_as_they_should() -> None:
+def test_texts_of_margins_and_rooms() -> None:
     margins = {(n, row, letter): 10 * n + row for n in STOP.classes for row in range(4) for letter in STOP.configurations}
     margins[2, 3, "C"] = -7
     lines = text_margins(margins).splitlines()
@@ -70,12 +70,12 @@ def test_the_tables_of_margins_and_room_read_as_they_should() -> None:
     assert shown.endswith("+0.20")
 
 
-def test_null_models_are_printed_at_once(capsys: pytest.CaptureFixture[str]) -> None:
+def test_null_models_are_printed_without_a_simulation(capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["paper", "--null-models"]) == 0
     assert "by rule and configuration        117 of 120" in capsys.readouterr().out.splitlines()
 
 
 @pytest.mark.parametrize("wrong", [["--json"], ["--strict"], ["--svg", "x.svg"]])
-def test_options_of_the_tables_are_refused_beside_them(wrong: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+def test_options_of_the_tables_are_refused_with_evidence(wrong: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["paper", "--null-models", *wrong]) == 2
     assert "go with the tables" in capsys.readouterr().err

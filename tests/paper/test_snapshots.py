@@ -19,23 +19,23 @@ SVG = "{http://www.w3.org/2000/svg}"
 
 
 @pytest.fixture(scope="module")
-def found() -> dict[str, Snapshot]:
+def pictures() -> dict[str, Snapshot]:
     return snapshots()
 
 
 @pytest.mark.extended
 @pytest.mark.parametrize("rule", SHOWN)
-def test_a_violation_of_every_rule_is_shown_before_and_after(found: dict[str, Snapshot], rule: str) -> None:
-    for svg in (found[rule].before, found[rule].broken):
+def test_each_rule_has_pictures_before_and_at_the_violation(pictures: dict[str, Snapshot], rule: str) -> None:
+    for svg in (pictures[rule].before, pictures[rule].broken):
         root = ElementTree.fromstring(svg)
         assert len([g for g in root.iter(f"{SVG}g") if g.get("class") == "vehicle"]) >= 2
         zones = [p for p in root.iter(f"{SVG}polygon") if p.get("class") == "zone"]
         assert len(zones) == (rule in ("p1", "p2", "p3")), "the scheduler rules at stop signs only"
         pointed = {g.get("data-agent") for g in root.iter(f"{SVG}g") if any(r.get("class") == "broken" for r in g)}
-        assert pointed == GUILTY[rule], "who breaks the rule in this step, not who does so later"
+        assert pointed == GUILTY[rule], "only vehicles that break the rule in this step"
 
 
-def test_the_mutant_breaks_p3_and_the_original_does_not() -> None:
+def test_mutant_breaks_p3_and_the_original_keeps_p3() -> None:
     scenario = SHOWN["p3"].scenario()
     assert outcome(simulate(Case(scenario, LastFirst)), ("p3",)) == {"p3": "FAIL"}
     assert outcome(simulate(Case(scenario, LgsvlLike)), ("p3",)) == {"p3": "PASS"}
@@ -48,25 +48,25 @@ def test_snapshot_requires_a_violation() -> None:
 
 
 def title(svg: str) -> str:
-    (found,) = (node.text for node in ElementTree.fromstring(svg).iter(f"{SVG}text") if node.get("class") == "title")
-    return str(found)
+    (text,) = (node.text for node in ElementTree.fromstring(svg).iter(f"{SVG}text") if node.get("class") == "title")
+    return str(text)
 
 
 @pytest.mark.extended
-def test_titles_say_what_changed(found: dict[str, Snapshot]) -> None:
-    assert title(found["p2"].before).endswith("a0 at entrance 0, a1 at entrance 1")
-    assert title(found["p2"].broken).endswith("a0 in the junction, a1 at entrance 1")
-    assert title(found["p1"].broken).endswith("a1 in the junction, a2 in the junction")
+def test_titles_name_the_change(pictures: dict[str, Snapshot]) -> None:
+    assert title(pictures["p2"].before).endswith("a0 at entrance 0, a1 at entrance 1")
+    assert title(pictures["p2"].broken).endswith("a0 in the junction, a1 at entrance 1")
+    assert title(pictures["p1"].broken).endswith("a1 in the junction, a2 in the junction")
 
 
-def test_the_command_writes_two_pictures_per_rule(
-    found: dict[str, Snapshot], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+def test_command_writes_two_pictures_per_rule(
+    pictures: dict[str, Snapshot], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("pytest_rvads.paper.snapshots.snapshots", lambda: found)
+    monkeypatch.setattr("pytest_rvads.paper.snapshots.snapshots", lambda: pictures)
     assert cli.main(["paper", "--snapshots", str(tmp_path / "new")]) == 0
     written = capsys.readouterr().out.splitlines()
     assert [Path(name).name for name in written] == [f"p{k}-{moment}.svg" for k in range(1, 7) for moment in ("before", "broken")]
-    assert (tmp_path / "new" / "p3-broken.svg").read_text() == found["p3"].broken
+    assert (tmp_path / "new" / "p3-broken.svg").read_text() == pictures["p3"].broken
     (tmp_path / "file").write_text("")
     assert cli.main(["paper", "--snapshots", str(tmp_path / "file")]) == 2
     assert capsys.readouterr().err.count("\n") == 1

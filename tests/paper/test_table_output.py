@@ -8,8 +8,8 @@ import pytest
 
 from pytest_rvads import cli
 from pytest_rvads.paper.experiment import TABLES, Key, entries
-from pytest_rvads.paper.published import published
 from pytest_rvads.paper.table_output import disagreements, svg_tables, text_sweep, text_tables
+from pytest_rvads.paper.tables import published
 
 
 @pytest.fixture
@@ -19,14 +19,14 @@ def verdicts() -> dict[Key, str]:
     return {key: published().get(key, "FAIL") for key in keys}
 
 
-def test_a_row_reads_like_the_papers(verdicts: dict[Key, str]) -> None:
+def test_row_has_the_layout_of_the_paper(verdicts: dict[Key, str]) -> None:
     lines = text_tables(verdicts).splitlines()
     (row,) = (line for line in lines if "0d1 1d1 2d2 3d1" in line)
     assert re.findall(r"Fail|Pass|NA", row) == ["Fail", "Fail", "NA"] * 2 + ["Pass", "Fail", "NA"] * 2 + ["Pass", "Fail", "Pass"]
     assert "!" not in text_tables(verdicts)
 
 
-def test_a_disagreement_is_marked_and_listed(verdicts: dict[Key, str]) -> None:
+def test_disagreement_is_marked_and_listed(verdicts: dict[Key, str]) -> None:
     key = (1, 2, "C", "p1")
     verdicts[key] = "FAIL"
     assert disagreements(verdicts) == [(key, "FAIL", "PASS")]
@@ -36,24 +36,24 @@ def test_a_disagreement_is_marked_and_listed(verdicts: dict[Key, str]) -> None:
     assert "119 of 120" in shown
 
 
-def test_the_picture_holds_every_cell(verdicts: dict[Key, str]) -> None:
+def test_picture_has_every_cell(verdicts: dict[Key, str]) -> None:
     root = ElementTree.fromstring(svg_tables(verdicts))
     words = [node.text for node in root.iter("{http://www.w3.org/2000/svg}text")]
     assert sum(word in ("Fail", "Pass", "NA") for word in words) == 240
 
 
-def test_shares_are_shown_with_the_worst_first() -> None:
+def test_shares_have_the_order_fail_pass_na() -> None:
     shown = text_sweep({(4, 0, "J", "p5"): {"FAIL": 0.03, "PASS": 0.15, "NA": 0.82}})
     assert "class 4  0d2 1d1 2d2 3d1  J  p5  3/15/82" in shown
 
 
-def test_the_command_prints_only_json(
+def test_command_prints_only_json(
     verdicts: dict[Key, str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: object
 ) -> None:
     monkeypatch.setattr("pytest_rvads.paper.tables.compute", lambda *_, **__: verdicts)
     assert cli.main(["paper", "--json", "--svg", f"{tmp_path}/tables.svg", "--strict"]) == 0
-    found = json.loads(capsys.readouterr().out)
-    assert found["stop4"]["class1"]["row3"]["C"] == {"p1": "PASS", "p2": "FAIL", "p3": "NA"}
+    printed = json.loads(capsys.readouterr().out)
+    assert printed["stop4"]["class1"]["row3"]["C"] == {"p1": "PASS", "p2": "FAIL", "p3": "NA"}
     verdicts[1, 2, "C", "p1"] = "FAIL"
     assert cli.main(["paper"]) == 0
     assert cli.main(["paper", "--strict"]) == 1

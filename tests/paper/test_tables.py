@@ -11,10 +11,23 @@ from pathlib import Path
 import pytest
 
 import pytest_rvads
-from pytest_rvads.paper.draws import crossing_wait, draw_range
-from pytest_rvads.paper.experiment import LIGHT, ROWS, STOP, TABLES, WAIT, Entry, Key, Setup, entries, judge, outcome, run_entry
-from pytest_rvads.paper.published import FITTED, agreement, null_models, published
-from pytest_rvads.paper.tables import compute, nested
+from pytest_rvads.paper.experiment import (
+    LIGHT,
+    ROWS,
+    STOP,
+    TABLES,
+    WAIT,
+    Entry,
+    Key,
+    Setup,
+    crossing_wait,
+    draw_range,
+    entries,
+    judge,
+    outcome,
+    run_entry,
+)
+from pytest_rvads.paper.tables import FITTED, agreement, compute, nested, null_models, published
 
 ENTRIES = [entry for table in TABLES for entry in entries(table)]
 KEYS = [entry.key(rule) for entry in ENTRIES for rule in entry.table.rules]
@@ -31,7 +44,7 @@ def taken(entry: Entry) -> bool:
 
 @pytest.fixture(scope="module")
 def part() -> dict[Key, str]:
-    return {entry.key(rule): said for entry in filter(taken, ENTRIES) for rule, said in judge((entry, Setup())).items()}
+    return {entry.key(rule): verdict for entry in filter(taken, ENTRIES) for rule, verdict in judge((entry, Setup())).items()}
 
 
 @pytest.fixture(scope="module")
@@ -43,16 +56,16 @@ def verdicts() -> dict[Key, str]:
 # does not say what p1 is in D and E of class 2, two rows each.
 @pytest.mark.extended
 @pytest.mark.parametrize(("numbers", "cells"), [(FITTED, (9 + 5) * 3), ((2, 4), (9 + 5) * 3 - 4)])
-def test_a_part_of_every_class_and_configuration_is_as_published(
+def test_part_of_every_class_and_configuration_is_as_published(
     part: dict[Key, str], numbers: tuple[int, ...], cells: int
 ) -> None:
-    wanted = {key: value for key, value in published(numbers).items() if key in part}
-    assert {key: (part[key], value) for key, value in wanted.items() if part[key] != value} == {}
-    assert len(wanted) == cells
+    expected = {key: value for key, value in published(numbers).items() if key in part}
+    assert {key: (part[key], value) for key, value in expected.items() if part[key] != value} == {}
+    assert len(expected) == cells
 
 
 @pytest.mark.slow
-def test_the_cells_of_classes_1_and_3_are_as_published(verdicts: dict[Key, str]) -> None:
+def test_cells_of_classes_1_and_3_are_as_published(verdicts: dict[Key, str]) -> None:
     wrong = {key: (verdicts[key], value) for key, value in published(FITTED).items() if verdicts[key] != value}
     assert not wrong
     assert agreement(verdicts, FITTED) == (120, 120)
@@ -70,7 +83,7 @@ def test_every_cell_is_computed(verdicts: dict[Key, str]) -> None:
     assert set(verdicts.values()) == {"PASS", "FAIL", "NA"}
 
 
-def test_the_json_has_the_shape_that_was_asked_for() -> None:
+def test_json_is_nested_by_table_class_and_row() -> None:
     shape = json.loads(json.dumps(nested(dict.fromkeys(KEYS, "PASS"))))
     assert [list(shape), list(shape["stop4"]), list(shape["light4"])] == [
         ["stop4", "light4"],
@@ -108,24 +121,24 @@ def test_published_tables_match_the_recordings(shared: Path) -> None:
     assert seen == 120
 
 
-def test_the_draw_of_the_tables_follows_from_a_dry_run() -> None:
+def test_draw_of_the_tables_follows_from_a_dry_run() -> None:
     assert crossing_wait() == WAIT
 
 
 @pytest.mark.parametrize(("offset", "expected"), [(-0.03, "FAIL"), (0.04, "FAIL"), (-0.2, "NA"), (0.2, "PASS")])
 def test_j_fails_only_within_a_window_of_draws(offset: float, expected: str) -> None:
-    found = outcome(run_entry(Entry(LIGHT, 4, 1, "J"), Setup(wait=round(WAIT + offset, 2))), ("p5",))
-    assert found == {"p5": expected}
+    verdicts = outcome(run_entry(Entry(LIGHT, 4, 1, "J"), Setup(wait=round(WAIT + offset, 2))), ("p5",))
+    assert verdicts == {"p5": expected}
 
 
-def test_who_draws() -> None:
+def test_vehicles_that_face_red_draw() -> None:
     assert draw_range(Entry(STOP, 1, 0, "A")) is None
     assert draw_range(Entry(LIGHT, 3, 2, "F")) == (1.0, 2.0), "left turns that face red"
     assert draw_range(Entry(LIGHT, 4, 1, "J")) == (0.0, 4.0), "right turns that face red"
 
 
-def test_a_table_that_knows_only_rule_and_configuration_gets_117_cells() -> None:
-    # By hand: all cells of a rule and configuration are alike, but for row 3 of p1 in C, D and E.
+def test_null_model_by_rule_and_configuration_gets_117_cells() -> None:
+    # Counted by hand: all cells of a rule and configuration are equal, except row 3 of p1 in C, D and E.
     assert null_models()["by rule and configuration"] == 120 - 3
     assert null_models()["by rule, configuration and row"] == 120
 
@@ -133,10 +146,10 @@ def test_a_table_that_knows_only_rule_and_configuration_gets_117_cells() -> None
 @pytest.mark.extended
 def test_verdicts_are_the_same_in_other_processes(part: dict[Key, str]) -> None:
     few = replace(STOP, configurations="CE")
-    found = compute(tables=(few,), numbers=(1,), executor=2)
-    assert list(found) == [key for key in KEYS if key[0] == 1 and key[2] in "CE"]
-    both = found.keys() & part.keys()
-    assert {key: found[key] for key in both} == {key: part[key] for key in both}
+    computed = compute(tables=(few,), numbers=(1,), executor=2)
+    assert list(computed) == [key for key in KEYS if key[0] == 1 and key[2] in "CE"]
+    both = computed.keys() & part.keys()
+    assert {key: computed[key] for key in both} == {key: part[key] for key in both}
     assert len(both) == (2 + 2) * 3, "of C rows 3 and 4, of E rows 2 and 3"
 
 

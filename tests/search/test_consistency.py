@@ -28,10 +28,10 @@ def model(junction: str, directions: str | Sequence[int], arrivals: Sequence[flo
     return Model(scenario.place, scenario.agents(), arrivals)
 
 
-def drawn(found: Model, configurations: Sequence[int]) -> Run:
-    """The run that goes through these configurations, a state each; after the first one there is one more per place."""
-    zone, lights = found.run.zone[list(configurations)], found.run.lights[list(configurations)]
-    return Run("witness", found.junction, found.agents, zone, lights)
+def drawn(model: Model, configurations: Sequence[int]) -> Run:
+    """Return the run with these configurations as its states."""
+    zone, lights = model.run.zone[list(configurations)], model.run.lights[list(configurations)]
+    return Run("witness", model.junction, model.agents, zone, lights)
 
 
 def test_orders_of_arrival_are_the_ordered_bell_numbers() -> None:
@@ -40,34 +40,34 @@ def test_orders_of_arrival_are_the_ordered_bell_numbers() -> None:
 
 
 @pytest.mark.parametrize("directions", ["1111", "1133", "2222", "3333"])
-def test_nobody_can_obey_p2_when_four_arrive_at_once(directions: str) -> None:
+def test_four_vehicles_that_arrive_together_can_not_obey_p2(directions: str) -> None:
     """Right-of is a 4-cycle: whoever enters first has somebody to the right."""
     four = model("stop4", directions, (0, 0, 0, 0))
     assert not decide(four, PAPER).possible
     assert [rule.name for rule in core(four, PAPER)] == ["p2"]
 
 
-def test_three_at_once_have_a_first() -> None:
+def test_three_vehicles_that_arrive_together_can_obey_p2() -> None:
     assert decide(model("stop4", "1133", (0, 0, 0, 60)), PAPER).possible
     assert decide(model("stop4", "1130", (0, 0, 0)), PAPER).possible
 
 
 @pytest.mark.parametrize(("junction", "rules"), [("stop4", "paper"), ("light4", "paper")])
-def test_a_witness_obeys_as_judged_by_the_monitors(junction: str, rules: str) -> None:
-    """The search and `check` share no state machine at the end of a run: the one knows when it ends, the other settles it."""
-    chosen = rules_for(rules, rvads.find(junction).control)
+def test_witness_obeys_the_rules_as_judged_by_the_monitors(junction: str, rules: str) -> None:
+    """The search and `check` treat the end of a run by different automata, and must agree."""
+    rules_checked = rules_for(rules, rvads.find(junction).control)
     for code, ranks in [
         ((1, 1, 3, 3), (0, 0, 1, 1)),
         ((3, 1, 3, 2), (2, 0, 1, 0)),
         ((2, 3, 2, 3), (0, 1, 2, 3)),
         ((1, 2, 1, 2), (0, 1, 0, 2)),
     ]:
-        found = model(junction, code, [60.0 * rank for rank in ranks])
-        answer = decide(found, chosen)
+        abstraction = model(junction, code, [60.0 * rank for rank in ranks])
+        answer = decide(abstraction, rules_checked)
         assert answer.possible
-        run = drawn(found, answer.witness)
+        run = drawn(abstraction, answer.witness)
         assert (run.zone[-1] == rvads.Zone.EXIT).all()
-        statuses = {rule.name: rvads.check(run, rule).status for rule in chosen}
+        statuses = {rule.name: rvads.check(run, rule).status for rule in rules_checked}
         assert set(statuses.values()) <= {rvads.Status.PASS, rvads.Status.NA}, statuses
 
 
@@ -86,7 +86,7 @@ def agrees(run: Run, rules: Sequence[Rule]) -> bool:
 
 @pytest.mark.extended
 @pytest.mark.parametrize("autopilot", [rvads.Reference, rvads.LgsvlLike], ids=["reference", "lgsvl"])
-def test_simulation_agrees_where_nobody_can_pass(autopilot: Any) -> None:
+def test_simulation_agrees_with_contradictions(autopilot: Any) -> None:
     rules = rules_for("paper", rvads.find("stop4").control)
     for code in ((1, 1, 3, 3), (2, 2, 2, 2)):
         run = rvads.simulate(rvads.Case(rvads.Scenario(rvads.find("stop4"), code, distance=20), autopilot))
@@ -111,16 +111,16 @@ def test_simulation_agrees_on_every_class(autopilot: Any) -> None:
 
 @pytest.mark.slow
 def test_all_scenarios_and_orders_of_an_x() -> None:
-    """The p2 cycle, and nothing else; 6075 pairs at each kind of junction."""
-    found = survey(rvads.find("stop4"), PAPER)
-    assert (found.scenarios, found.orders) == (81, 75)
-    assert {(c.arrivals, c.rules) for c in found.contradictions} == {((0.0, 0.0, 0.0, 0.0), ("p2",))}
-    assert len(found.contradictions) == 81
+    """The cycle of p2 is the only contradiction among 6075 pairs at each kind of junction."""
+    result = survey(rvads.find("stop4"), PAPER)
+    assert (result.scenarios, result.orders) == (81, 75)
+    assert {(c.arrivals, c.rules) for c in result.contradictions} == {((0.0, 0.0, 0.0, 0.0), ("p2",))}
+    assert len(result.contradictions) == 81
     assert survey(rvads.find("light4"), PAPER).contradictions == ()
 
 
-def test_a_whole_rulebook_is_decided() -> None:
-    """Many of its conditions are unknown to the abstraction; those that suit every rule in one way need not be tried."""
+def test_rulebook_is_decided() -> None:
+    """The abstraction does not determine many conditions of the rules, and a condition with a single sign needs no trial."""
     road = rules_for("road", rvads.find("stop4").control)
     assert not decide(model("stop4", (2, 2, 2, 2), (0, 0, 0, 0)), road).possible
     assert decide(model("stop4", (2, 2, 2, 2), (0, 0, 0, 60)), road).possible
@@ -136,44 +136,44 @@ def test_settled_predicates_change_no_answer(monkeypatch: pytest.MonkeyPatch) ->
     ]
     settled = [decide(*case).possible for case in cases]
     assert settled == [True, False] * 3
-    monkeypatch.setattr(consistency, "_settled", lambda watched: {})
+    monkeypatch.setattr(consistency, "_values_that_suit_every_rule", lambda watched: {})
     assert [decide(*case).possible for case in cases] == settled
 
 
 @pytest.mark.extended
-def test_members_of_a_class_are_alike_without_using_it() -> None:
-    """The survey decides one member per rotation; deciding each anew gives the same."""
+def test_members_of_a_class_have_the_same_answer() -> None:
+    """The survey decides a member per rotation, and deciding each member separately gives the same answers."""
     rules = [get_rule("p2"), Rule("left", get_rule("p2").text.replace("(N a'@j.en') U a@j", "(N a@j.en) U a'@j"))]
-    found = survey(rvads.find("stop4"), rules, scenarios=members((1, 1, 2, 3)))
-    known = {(c.directions, c.arrivals) for c in found.contradictions}
+    result = survey(rvads.find("stop4"), rules, scenarios=members((1, 1, 2, 3)))
+    contradicting = {(c.directions, c.arrivals) for c in result.contradictions}
     for code in members((1, 1, 2, 3)):
         for ranks in list(weak_orders(4))[::5]:
             times = tuple(60.0 * rank for rank in ranks)
-            assert decide(model("stop4", code, times), rules).possible is ((code, times) not in known)
+            assert decide(model("stop4", code, times), rules).possible is ((code, times) not in contradicting)
 
 
-def test_rules_without_a_way_through_form_the_core() -> None:
-    two = model("stop4", "2200", (0.0, 60.0))
+def test_contradictory_rules_of_any_words_are_found() -> None:
+    abstraction = model("stop4", "2200", (0.0, 60.0))
     stay = Rule("stay", "forall a. G !a@j")
-    assert not decide(two, [stay]).possible
+    assert not decide(abstraction, [stay]).possible
     halt = Rule("halt", "forall a, j.en. G(a@j.en -> F stopped(a))")
     never = Rule("never", "forall a. G !stopped(a)")
-    assert decide(two, [halt]).possible
-    assert decide(two, [never]).possible
-    assert [rule.name for rule in core(two, [halt, get_rule("p1"), never])] == ["halt", "never"]
+    assert decide(abstraction, [halt]).possible
+    assert decide(abstraction, [never]).possible
+    assert [rule.name for rule in core(abstraction, [halt, get_rule("p1"), never])] == ["halt", "never"]
 
 
-def test_a_run_may_begin_before_or_at_the_entrance() -> None:
-    one = model("stop4", "2000", (0.0,))
-    there = "exists j.en. exists a. (a@j.en U a@j)"
-    assert decide(one, [Rule("there", there)]).possible
-    assert decide(one, [Rule("elsewhere", f"!({there})")]).possible
-    assert not decide(one, [Rule("there", there), Rule("elsewhere", f"!({there})")]).possible
+def test_run_may_begin_before_or_at_the_entrance() -> None:
+    abstraction = model("stop4", "2000", (0.0,))
+    at_entrance = "exists j.en. exists a. (a@j.en U a@j)"
+    assert decide(abstraction, [Rule("there", at_entrance)]).possible
+    assert decide(abstraction, [Rule("elsewhere", f"!({at_entrance})")]).possible
+    assert not decide(abstraction, [Rule("there", at_entrance), Rule("elsewhere", f"!({at_entrance})")]).possible
 
 
 def test_too_many_unknown_conditions_are_refused() -> None:
     text = " ^ ".join(f"a.sp > {k}" for k in range(12))
-    with pytest.raises(FormulaError, match="hang together"):
+    with pytest.raises(FormulaError, match="are linked"):
         decide(model("stop4", "2000", (0.0,)), [Rule("much", f"forall a. G({text})")])
 
 

@@ -25,36 +25,36 @@ def lgsvl(deficiency: str) -> partial[rvads.LgsvlLike]:
     return partial(rvads.LgsvlLike, **(NONE | {deficiency: True}))
 
 
-def vehicles(found: Any) -> int:
-    return sum(map(bool, found.scenario.directions))
+def vehicles(counterexample: Any) -> int:
+    return sum(map(bool, counterexample.scenario.directions))
 
 
 @pytest.mark.slow
-def test_ignored_ties_are_found_with_two_vehicles_every_time_alike() -> None:
-    one, other = (look_for("paper_stop4", lgsvl("i3"), "p2", budget=60) for _ in range(2))
-    assert one is not None
-    assert vehicles(one) == 2
-    assert one.scenario == other.scenario
-    assert (one.found, one.simulations) == (other.found, other.simulations)
-    run = rvads.simulate(rvads.Case(one.scenario, lgsvl("i3")))
+def test_ignored_ties_are_found_reproducibly_with_two_vehicles() -> None:
+    first, second = (look_for("paper_stop4", lgsvl("i3"), "p2", budget=60) for _ in range(2))
+    assert first is not None
+    assert vehicles(first) == 2
+    assert first.scenario == second.scenario
+    assert (first.found, first.simulations) == (second.found, second.simulations)
+    run = rvads.simulate(rvads.Case(first.scenario, lgsvl("i3")))
     assert rvads.check(run, "p2").status is rvads.Status.FAIL
 
 
 @pytest.mark.extended
-def test_the_reference_survives() -> None:
+def test_reference_survives() -> None:
     assert look_for("stop4", rvads.Reference, "p1", budget=12, partial=False) is None
 
 
 def test_unavoidable_violation_is_no_counterexample() -> None:
-    four = rvads.simulate(rvads.Case(rvads.Scenario(rvads.find("stop4"), "1111"), rvads.Reference))
-    assert rvads.check(four, "p2").status is rvads.Status.FAIL
-    assert not avoidable(four, get_rule("p2"))
-    two = rvads.simulate(rvads.Case(rvads.Scenario(rvads.find("paper_stop4"), "2200"), lgsvl("i3")))
-    assert rvads.check(two, "p2").status is rvads.Status.FAIL
-    assert avoidable(two, get_rule("p2"))
+    unavoidable_run = rvads.simulate(rvads.Case(rvads.Scenario(rvads.find("stop4"), "1111"), rvads.Reference))
+    assert rvads.check(unavoidable_run, "p2").status is rvads.Status.FAIL
+    assert not avoidable(unavoidable_run, get_rule("p2"))
+    avoidable_run = rvads.simulate(rvads.Case(rvads.Scenario(rvads.find("paper_stop4"), "2200"), lgsvl("i3")))
+    assert rvads.check(avoidable_run, "p2").status is rvads.Status.FAIL
+    assert avoidable(avoidable_run, get_rule("p2"))
 
 
-def test_what_traffic_provoked_is_no_counterexample() -> None:
+def test_provoked_violation_is_no_counterexample() -> None:
     starts: dict[str, Any] = {"distance": (16.4, 16.8, 10.4, 10.0), "speed": (0.0, 0.0, 3.8, 3.8), "wait": 2.48}
     scenario = rvads.Scenario(rvads.find("stop4"), "3233", subject=1, duration=12, **starts)
     run = rvads.simulate(rvads.Case(scenario, rvads.Reference, rvads.traffic("stopped")))
@@ -63,7 +63,7 @@ def test_what_traffic_provoked_is_no_counterexample() -> None:
     assert not broken(run, verdict)
 
 
-def test_faults_are_reported_with_the_scenario() -> None:
+def test_fault_is_reported_with_the_scenario() -> None:
     class Broken:
         def control(self, seen: Observation) -> Control:
             raise ValueError("no")
@@ -72,7 +72,7 @@ def test_faults_are_reported_with_the_scenario() -> None:
         look_for("stop4", Broken, "p1", budget=5)
 
 
-def test_the_pasteable_test_names_all_that_is_not_usual() -> None:
+def test_pasteable_test_has_all_values_other_than_the_defaults() -> None:
     scenario = rvads.Scenario(rvads.find("light4"), "0110", distance=(20, 3.5, 5, 20), speed=(0, 0, 1.25, 0), wait=2.5)
     text = pasteable(scenario, "p5")
     assert (
@@ -90,7 +90,7 @@ class Parked(rvads.Autopilot):
 
 def test_driver_that_never_crosses_survives_no_search() -> None:
     """It waits at the red light for the whole run, with reason, so p4 applies and is never broken."""
-    with pytest.raises(rvads.ScenarioError, match=r"p4 was not triggered in any of .* in which what drives got across"):
+    with pytest.raises(rvads.ScenarioError, match=r"p4 was not triggered in any of .* with a crossing"):
         look_for("light4", Parked, "p4", subject=0, duration=5, budget=15)
 
 
@@ -202,7 +202,7 @@ def test_empty_autopilot_fixture_is_reported_at_the_line_of_the_search(
     result.stdout.fnmatch_lines([f"E *{says}"])
 
 
-def test_an_error_of_a_simulator_is_told_once_with_its_type_and_its_notes(pytester: pytest.Pytester) -> None:
+def test_error_of_a_simulator_is_printed_once_with_its_type_and_notes(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(
         test_it="""
         import pytest
@@ -235,7 +235,7 @@ def test_an_error_of_a_simulator_is_told_once_with_its_type_and_its_notes(pytest
     result.stdout.no_fnmatch_line("*searching.py*")
 
 
-def test_a_search_stands_where_its_test_does(pytester: pytest.Pytester) -> None:
+def test_search_is_reported_at_the_line_of_its_test(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(
         test_it="""
         import pytest_rvads as rvads
@@ -248,9 +248,9 @@ def test_a_search_stands_where_its_test_does(pytester: pytest.Pytester) -> None:
     pytester.runpytest("-p", "no:cacheprovider").assert_outcomes(passed=1)
 
 
-def test_a_search_starts_no_vehicle_faster_than_it_can_stop() -> None:
+def test_search_starts_no_vehicle_above_its_safe_speed() -> None:
     bus = rvads.Vehicle(mass=20_000.0)
-    asked: list[rvads.Scenario] = []
+    scenarios: list[rvads.Scenario] = []
 
     class Watched:
         name = "watched"
@@ -259,45 +259,45 @@ def test_a_search_starts_no_vehicle_faster_than_it_can_stop() -> None:
             return 1.0 if vehicle == bus else 10.0
 
         def __call__(self, case: rvads.Case) -> rvads.Run:
-            asked.append(case.scenario)
+            scenarios.append(case.scenario)
             return usual()(case)
 
-    with pytest.raises(rvads.ScenarioError, match="in which what drives got across"):  # nobody does within a second
+    with pytest.raises(rvads.ScenarioError, match="with a crossing"):  # no vehicle enters within a second
         look_for("stop4", rvads.Reference, "speed_limit", fleet=rvads.Fleet(bus), simulator=Watched(), budget=8, duration=1.0)
-    assert 0 < max(max(scenario.speeds) for scenario in asked) <= 1.0
+    assert 0 < max(max(scenario.speeds) for scenario in scenarios) <= 1.0
 
 
 def test_misuse() -> None:
     with pytest.raises(rvads.FormulaError, match="unknown rule 'p9'"):
         look_for("stop4", rvads.Reference, "p9")
-    mine = rvads.Rule("p1", "forall a. F a@j & true")
+    namesake = rvads.Rule("p1", "forall a. F a@j & true")
     with pytest.raises(rvads.FormulaError, match="'p1' is a shipped rule and "):
-        look_for("stop4", rvads.Reference, mine)
+        look_for("stop4", rvads.Reference, namesake)
     with pytest.raises(rvads.FormulaError, match="'p1' is a shipped rule and "):
-        rvads.sweep(rvads.Case(rvads.Scenario(rvads.find("stop4"), "1000"), rvads.Reference), mine, 0.0, 0.0)
+        rvads.sweep(rvads.Case(rvads.Scenario(rvads.find("stop4"), "1000"), rvads.Reference), namesake, 0.0, 0.0)
 
 
 class Heedless(rvads.Follower):
-    """Drives on at the same speed, whoever comes."""
+    """Drives at a constant speed and ignores all other vehicles."""
 
     def target_speed(self, seen: Observation) -> float:
         return 8.0
 
 
 @pytest.mark.extended
-def test_searches_side_by_side_answer_as_one_after_the_other(pytestconfig: pytest.Config) -> None:
+def test_parallel_searches_give_the_answer_of_sequential_searches(pytestconfig: pytest.Config) -> None:
     space: dict[str, Any] = {"budget": 6, "seed": 5, "searches": 2}
     alone = look_for("stop4", Heedless, "no_collision", executor=1, **space)
     assert alone is not None
     single = [look_for("stop4", Heedless, "no_collision", budget=3, seed=seed) for seed in (5, 6)]
-    assert alone == next(found for found in single if found)
+    assert alone == next(counterexample for counterexample in single if counterexample)
     assert alone == look_for("stop4", Heedless, "no_collision", executor=2, **space)
 
     @rvads.falsify("stop4", rule="no_collision", autopilot=Heedless, executor=2, **space)
     def test_beside() -> None:
         raise AssertionError("something was found, so this is not called")
 
-    with pytest.raises(rvads.RuleViolation, match=r"no_collision at t=.* collide"):  # examples of before may be found first
+    with pytest.raises(rvads.RuleViolation, match=r"no_collision at t=.* collide"):  # an older stored example may come first
         test_beside(pytestconfig=pytestconfig, rvads_vehicle=rvads.Vehicle(), rvads_simulator=usual())
 
 

@@ -25,15 +25,15 @@ def search(autopilot: Any, deficiency: str) -> Any:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("deficiency", SEARCHES)
-def test_each_deficiency_alone_is_found_with_two_vehicles(deficiency: str) -> None:
-    found = search(partial(rvads.LgsvlLike, **(NONE | {deficiency: True})), deficiency)
-    assert found is not None
-    assert sum(map(bool, found.scenario.directions)) <= 2
-    without = rvads.simulate(rvads.Case(found.scenario, partial(rvads.LgsvlLike, **NONE)))
+def test_each_single_deficiency_is_found_with_two_vehicles(deficiency: str) -> None:
+    counterexample = search(partial(rvads.LgsvlLike, **(NONE | {deficiency: True})), deficiency)
+    assert counterexample is not None
+    assert sum(map(bool, counterexample.scenario.directions)) <= 2
+    without = rvads.simulate(rvads.Case(counterexample.scenario, partial(rvads.LgsvlLike, **NONE)))
     assert rvads.check(without, SEARCHES[deficiency][1]).status in (rvads.Status.PASS, rvads.Status.NA)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("deficiency", SEARCHES)
-def test_the_reference_survives_the_same_search(deficiency: str) -> None:
+def test_reference_survives_the_same_search(deficiency: str) -> None:
     assert search(rvads.Reference, deficiency) is None

@@ -11,8 +11,7 @@ from pytest_rvads.drivers.interface import Control, Observation
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.search.metamorphic import compare, equivalent
 from pytest_rvads.search.relations import RELATIONS, Incomparable, Variant
-from pytest_rvads.search.remap import mirrored, moved
-from pytest_rvads.search.symmetry import broken_by, rotations_of
+from pytest_rvads.search.remap import broken_by, mirrored, moved, rotations_of
 
 NONE: dict[str, Any] = {"i1": False, "i2": False, "i3": False, "i4": False, "i5": False}
 
@@ -22,26 +21,26 @@ def lgsvl(*deficiencies: str) -> partial[rvads.LgsvlLike]:
 
 
 @pytest.mark.parametrize("name", ["stop4", "light4", "paper_stop4", "paper_light4"])
-def test_an_x_has_four_rotations(name: str) -> None:
+def test_x_junction_has_four_symmetries(name: str) -> None:
     assert [(s.arms, s.rows) for s in rotations_of(rvads.find(name))] == [(r, r) for r in range(4)]
 
 
 @pytest.mark.parametrize("name", ["stop3", "light3"])
-def test_a_t_has_none_but_the_identity(name: str) -> None:
+def test_t_junction_has_only_the_identity(name: str) -> None:
     junction = rvads.find(name)
     assert [s.rows for s in rotations_of(junction)] == [0]
-    assert "opposite" in broken_by(junction, 1)  # one pair faces each other, the stem faces nobody
-    found = list(RELATIONS["rotation"](Case(rvads.Scenario(rvads.find(name), "112"), rvads.Reference)))
-    assert len(found) == 2
-    assert all(isinstance(item, Incomparable) for item in found)
+    assert "opposite" in broken_by(junction, 1)  # a single pair of arms is opposite
+    variants = list(RELATIONS["rotation"](Case(rvads.Scenario(rvads.find(name), "112"), rvads.Reference)))
+    assert len(variants) == 2
+    assert all(isinstance(item, Incomparable) for item in variants)
 
 
-def test_rotation_finds_the_hidden_zone_without_knowing_a_verdict() -> None:
+def test_rotation_finds_the_hidden_zone() -> None:
     with pytest.raises(rvads.MetamorphicViolation, match="turns p1 from PASS into FAIL") as caught:
         equivalent(Case(rvads.Scenario(rvads.find("paper_stop4"), "1010"), lgsvl("i2")))
     (note,) = caught.value.__notes__
     assert "a0 0->1: arrives" in note
-    assert "a1 1->2: arrives" in note  # the vehicle in its place one entrance on
+    assert "a1 1->2: arrives" in note  # the corresponding vehicle of the rotated scenario
     assert "p1" in note
 
 
@@ -63,36 +62,36 @@ def test_longer_approaches_find_the_launch() -> None:
     [("stop4", "1230", 8), ("stop3", "120", 5), ("light4", "2302", 6), ("light3", "210", 3)],
 )
 def test_reference_survives_all_relations(junction: str, directions: str, compared: int) -> None:
-    found = compare(Case(rvads.Scenario(rvads.find(junction), directions), rvads.Reference), relations=tuple(RELATIONS))
-    assert not found.differences
-    assert len(found.compared) == compared
+    comparison = compare(Case(rvads.Scenario(rvads.find(junction), directions), rvads.Reference), relations=tuple(RELATIONS))
+    assert not comparison.differences
+    assert len(comparison.compared) == compared
 
 
-def test_a_pilot_that_goes_by_names_is_found() -> None:
+def test_renaming_finds_a_pilot_that_decides_by_names() -> None:
     class Vain(rvads.Reference):
-        """Does not see who comes before it in the alphabet."""
+        """Does not see vehicles with names before its own name in the alphabet."""
 
         def control(self, seen: Observation) -> Control:
             others = tuple(o for o in seen.others if o.name > seen.me.name)
             return super().control(seen._replace(others=others))
 
-    found = compare(Case(rvads.Scenario(rvads.find("stop4"), "2200"), Vain), relations="renaming")
-    assert {d.one.rule for d in found.differences} == {"p2"}
+    comparison = compare(Case(rvads.Scenario(rvads.find("stop4"), "2200"), Vain), relations="renaming")
+    assert {d.one.rule for d in comparison.differences} == {"p2"}
 
 
-def test_a_pilot_that_goes_by_coordinates_is_found() -> None:
+def test_motion_finds_a_pilot_that_decides_by_coordinates() -> None:
     class Homesick(rvads.Reference):
-        """Stops for nobody far away from where it was tried out."""
+        """Ignores all other vehicles far away from the origin of the map."""
 
         def control(self, seen: Observation) -> Control:
             far = abs(seen.me.x) + abs(seen.me.y) > 60
             return super().control(seen._replace(others=()) if far else seen)
 
-    found = compare(Case(rvads.Scenario(rvads.find("stop4"), "2020"), Homesick), relations="motion")
-    assert "p1" in {d.one.rule for d in found.differences}
+    comparison = compare(Case(rvads.Scenario(rvads.find("stop4"), "2020"), Homesick), relations="motion")
+    assert "p1" in {d.one.rule for d in comparison.differences}
 
 
-def test_moved_and_mirrored_maps_hold_the_same_junction() -> None:
+def test_moved_and_mirrored_maps_have_the_same_junction() -> None:
     scenario = rvads.Scenario(rvads.find("light3"), "121")
     before = scenario.place
     after = moved(before, (10.0, 20.0, 0.5))
@@ -107,25 +106,29 @@ def test_moved_and_mirrored_maps_hold_the_same_junction() -> None:
     )
     (variant,) = RELATIONS["mirror"](Case(scenario, rvads.Reference))
     assert isinstance(variant, Variant)
-    other = {rvads.Turn.LEFT: rvads.Turn.RIGHT, rvads.Turn.RIGHT: rvads.Turn.LEFT, rvads.Turn.STRAIGHT: rvads.Turn.STRAIGHT}
-    there = {agent.entrance: agent for agent in variant.case.agents()}
+    mirrored_turn = {
+        rvads.Turn.LEFT: rvads.Turn.RIGHT,
+        rvads.Turn.RIGHT: rvads.Turn.LEFT,
+        rvads.Turn.STRAIGHT: rvads.Turn.STRAIGHT,
+    }
+    by_entrance = {agent.entrance: agent for agent in variant.case.agents()}
     for agent in scenario.agents():
-        assert there[variant.image[agent.entrance]].turn is other[agent.turn]
+        assert by_entrance[variant.image[agent.entrance]].turn is mirrored_turn[agent.turn]
     assert {(variant.image[a], variant.image[b]) for a, b in before.right_of} == set(mirror.right_of)
 
 
-def test_vehicles_of_a_moved_map_start_where_they_did() -> None:
+def test_vehicles_on_a_moved_map_start_at_corresponding_places() -> None:
     scenario = rvads.Scenario(rvads.find("light4"), "1203", distance=(5, 10, 15, 20), rotation=1)
     case = Case(scenario, rvads.Reference)
     (variant,) = RELATIONS["motion"](case)
     assert isinstance(variant, Variant)
-    one, other = rvads.simulate(case), rvads.simulate(variant.case)
-    columns = [[a.entrance for a in other.agents].index(variant.image[a.entrance]) for a in one.agents]
-    assert np.allclose(one.station[0], other.station[0][columns])
-    assert (one.lights[0] == other.lights[0][list(variant.image)]).all()
+    run, moved_run = rvads.simulate(case), rvads.simulate(variant.case)
+    columns = [[a.entrance for a in moved_run.agents].index(variant.image[a.entrance]) for a in run.agents]
+    assert np.allclose(run.station[0], moved_run.station[0][columns])
+    assert (run.lights[0] == moved_run.lights[0][list(variant.image)]).all()
 
 
-def test_order_of_creation_is_a_permutation_and_told_in_the_name() -> None:
+def test_order_of_creation_is_a_permutation_in_the_name() -> None:
     scenario = rvads.Scenario(rvads.find("stop4"), "1230", order=(2, 0, 3, 1), rotation=1)
     assert scenario.creation == (3, 1, 2)
     assert scenario.name.endswith(".r1.o2031")
@@ -137,18 +140,20 @@ def test_misuse() -> None:
     scenario = rvads.Scenario(rvads.find("stop3"), "120")
     with pytest.raises(rvads.ScenarioError, match=r"unknown relation 'rotations'.*did you mean 'rotation'"):
         equivalent(Case(scenario, rvads.Reference), relations="rotations")
-    with pytest.raises(rvads.ScenarioError, match=r"nothing is equivalent to stop3-.*rotation by 1: stop3 has other right-of"):
+    with pytest.raises(
+        rvads.ScenarioError, match=r"no scenario is equivalent to stop3-.*rotation by 1: stop3 has other right-of"
+    ):
         equivalent(Case(scenario, rvads.Reference))
 
     class Broken:
         def control(self, seen: Observation) -> Control:
             raise ValueError("no")
 
-    with pytest.raises(rvads.RunError, match="nothing follows from it"):
+    with pytest.raises(rvads.RunError, match="nothing can be compared"):
         equivalent(Case(rvads.Scenario(rvads.find("stop4"), "1100"), Broken))
 
 
-def test_a_body_goes_along_with_its_vehicle() -> None:
+def test_body_moves_with_its_vehicle() -> None:
     case = Case(
         rvads.Scenario(rvads.find("stop4"), "1030"), rvads.Reference, fleet=rvads.Fleet(others={"a2": rvads.Vehicle(length=5.5)})
     )

@@ -21,14 +21,14 @@ def test_junctions_by_control(junction: rvads.Junction) -> None:
 
 @LAW
 @given(st.integers(3, 8).flatmap(strategies.abstract_scenarios))
-def test_partial_scenarios_have_somebody(code: tuple[int, ...]) -> None:
+def test_partial_scenarios_have_a_vehicle(code: tuple[int, ...]) -> None:
     assert any(code)
     assert all(0 <= d < len(code) for d in code)
 
 
 @LAW
 @given(strategies.abstract_scenarios(5, partial=False))
-def test_full_scenarios_have_nobody_missing(code: tuple[int, ...]) -> None:
+def test_full_scenarios_have_a_vehicle_on_each_arm(code: tuple[int, ...]) -> None:
     assert 0 not in code
 
 
@@ -44,7 +44,7 @@ def test_scenarios_stay_in_range_and_inside_the_braking_envelope(scenario: rvads
 
 
 @pytest.mark.extended
-def test_they_shrink_to_few_vehicles_and_round_numbers() -> None:
+def test_scenarios_shrink_to_few_vehicles_and_round_numbers() -> None:
     few = settings(max_examples=100, derandomize=True, deadline=None)
     simplest = find(strategies.scenarios(), lambda scenario: sum(map(bool, scenario.directions)) >= 2, settings=few)
     assert sum(map(bool, simplest.directions)) == 2
@@ -58,8 +58,8 @@ def test_they_shrink_to_few_vehicles_and_round_numbers() -> None:
     [
         (lambda: strategies.junctions(ways=5), "no built-in junction"),
         (lambda: strategies.abstract_scenarios(2), "must be 3 to 8"),
-        (lambda: strategies.distances(5, 1), "distances go from"),
-        (lambda: strategies.waits(-1, 1), "waits go from"),
+        (lambda: strategies.distances(5, 1), "distances must go from"),
+        (lambda: strategies.waits(-1, 1), "waits must begin at 0"),
         (lambda: strategies.scenarios("stop5"), "unknown junction 'stop5'"),
         (lambda: strategies.scenarios("stop4", subject=9), "subject must be an entrance of 'stop4', 0 to 3, got 9"),
     ],

@@ -1,18 +1,47 @@
-"""The parts of an OpenSCENARIO file that the exports write, as plain values; `writing` turns the values into XML."""
+"""The parts of an OpenSCENARIO file that the exports write, as plain values; `writing` turns the values into XML.
+
+Lights as OpenSCENARIO has them: what the signals of the map show, phase by phase.
+
+Copies the map file of a junction into the folder of an exported file.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from hashlib import sha256
+from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pytest_rvads.errors import MapError
+from pytest_rvads.junctions.builtin import LAYOUTS, path_of
+from pytest_rvads.junctions.finder import find
+from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.maps.segment import Pose
+from pytest_rvads.opendrive.xmlfile import MAX_BYTES
+from pytest_rvads.runs.lights import CLEARANCE, GREEN, YELLOW, SignalPlan
 from pytest_rvads.runs.states import AXLE, Agent, Colour, Kind
 from pytest_rvads.runs.vehicle import Vehicle
+from pytest_rvads.satellites.tracks.lightlog import ENTRANCE, signal_ids
+from pytest_rvads.storage import read_file, write_file
 
-__all__ = ["Actor", "Body", "Document", "Phase", "Trajectory", "body_of", "moved_back"]
+__all__ = [
+    "Actor",
+    "Body",
+    "Document",
+    "Phase",
+    "Trajectory",
+    "body_of",
+    "mapped",
+    "moved_back",
+    "phases_of_plan",
+    "phases_of_run",
+    "put_map",
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,80 +50,84 @@ class Body:
 
     kind: Kind
     length: float
-    """[m]."""
+    """Length of the vehicle [m]."""
     width: float
-    """[m]."""
+    """Width of the vehicle [m]."""
     height: float
-    """[m]."""
+    """Height of the vehicle [m]."""
     back: float
-    """Front bumper to the reference point of OpenSCENARIO, the middle of the rear axle [m]."""
+    """Distance from the front bumper back to the reference point of OpenSCENARIO, which is the middle of the rear axle [m]."""
     wheelbase: float
-    """[m]."""
+    """Distance between the axles [m]."""
     vehicle: Vehicle
-    """What else is asked for: mass, acceleration, braking, steering."""
+    """Further parameters: mass, acceleration, braking, steering."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trajectory:
-    """Where a reference point is at which time."""
+    """The motion of a reference point, with at least two vertices."""
 
     times: NDArray[np.float64]
-    """Increasing, at least two, shape ``(vertices,)`` [s]."""
+    """Increasing time of each vertex, shape ``(vertices,)`` [s]."""
     poses: NDArray[np.float64]
-    """x [m], y [m], heading [rad], shape ``(vertices, 3)``."""
+    """x [m], y [m] and heading [rad] of each vertex, shape ``(vertices, 3)``."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Actor:
-    """Somebody in a file: either on a trajectory, or on a route to be driven."""
+    """A vehicle or pedestrian of a file, with either a trajectory or a route to drive."""
 
     name: str
     body: Body
     start: Pose
-    """Of its reference point."""
+    """Initial pose of the reference point."""
     speed: float
-    """When it starts [m/s]."""
+    """Initial speed [m/s]."""
     trajectory: Trajectory | None = None
     route: tuple[Pose, ...] = ()
-    """Waypoints, the start among them."""
+    """Waypoints, beginning with the start."""
     appears: float | None = None
-    """When it is added [s]; None: it is there from the start."""
+    """Time at which the actor is added [s]; None for an actor that exists from the beginning."""
     leaves: float | None = None
-    """When it is deleted [s]; None: it stays."""
+    """Time at which the actor is deleted [s]; None for an actor that stays."""
 
 
 @dataclass(frozen=True, slots=True)
 class Phase:
-    """What the lights show for a while."""
+    """A time in which no light changes its colour."""
 
     duration: float
-    """[s]."""
+    """Duration of the phase [s]."""
     colours: Mapping[str, Colour]
-    """By id of a signal."""
+    """Colour by id of the signal."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Document:
-    """A file."""
+    """The content of a file."""
 
     title: str
-    """What it is, in one line."""
+    """Description of the file in a line."""
     map: str
-    """Name of the OpenDRIVE file beside it."""
+    """Name of the OpenDRIVE file in the same folder."""
     note: tuple[str, str]
-    """Name and value of the property that only we read."""
+    """Name and value of the property with the facts that only this package reads."""
     actors: tuple[Actor, ...]
     phases: tuple[Phase, ...]
     """Phases of the single controller of all lights, which repeats the phases."""
     duration: float
-    """When it ends [s]."""
+    """Time of the end [s]."""
 
 
 def body_of(agent: Agent, vehicle: Vehicle | None = None) -> Body:
     """Return the body of an agent.
 
-    Where no parameters are known that have its size, its rear axle lies as far back as that of a car (`AXLE`), and as its axles
-    are taken to be centred in the body (`Vehicle.rear_axle_offset`), that tells its wheelbase, too.
+    Without parameters of the agent's size, the rear axle is assumed at the share `AXLE` of the length, as in a usual car. The
+    axles are assumed symmetric about the middle of the body, as in `Vehicle.rear_axle_offset`, and this gives the wheelbase.
+
+    Args:
+        agent: the agent.
+        vehicle: parameters with which the agent was simulated, if they are known.
     """
     usual = Vehicle()
     if vehicle is not None and agent.size in (None, (vehicle.length, vehicle.width)):
@@ -105,6 +138,113 @@ def body_of(agent: Agent, vehicle: Vehicle | None = None) -> Body:
 
 
 def moved_back(front: Pose, back: float) -> Pose:
-    """Return the pose of the reference point of a body whose front is so far ahead of it [m]."""
+    """Return the pose of the reference point of a body, given the pose of its front and the distance `back` between both [m]."""
     ahead = np.cos(front.heading), np.sin(front.heading)
     return Pose(float(front.x - back * ahead[0]), float(front.y - back * ahead[1]), front.heading)
+
+
+def phases_of_run(junction: Junction, lights: NDArray[np.int8], dt: float) -> tuple[Phase, ...]:
+    """Return the phases of the lights of a run; none for a junction without lights.
+
+    Args:
+        junction: the junction.
+        lights: colour in each state, shape ``(steps, entrances)``.
+        dt: time between two states [s].
+    """
+    if not lights.any():
+        return ()
+    names = _signals_to_write(junction, lights)
+    bounds = [0, *(np.flatnonzero((np.diff(lights, axis=0) != 0).any(axis=1)) + 1).tolist(), len(lights)]
+    return tuple(_phase(names, lights[begin], round((end - begin) * dt, 9)) for begin, end in pairwise(bounds))
+
+
+def phases_of_plan(junction: Junction, plan: SignalPlan) -> tuple[Phase, ...]:
+    """Return the phases of a cycle of a signal plan; none for a plan without lights."""
+    count, times = len(junction.entrances), (0.0, GREEN, GREEN + YELLOW)
+    slot = GREEN + YELLOW + CLEARANCE
+    steps = [(turn * slot + time) for turn in range(len(plan.groups)) for time in times]
+    shown = np.array([plan.colours(time, count) for time in steps], dtype=np.int8).reshape(-1, count)
+    names = _signals_to_write(junction, shown)
+    lasting = (GREEN, YELLOW, CLEARANCE) * len(plan.groups)
+    return tuple(_phase(names, colours, seconds) for colours, seconds in zip(shown, lasting, strict=True))
+
+
+def _signals_to_write(junction: Junction, lights: NDArray[np.int8]) -> dict[str, int]:
+    """Return the signals to write, each with an entrance whose light shows the signal's colours.
+
+    The signals are those of the map. An entrance is written as a signal itself if the map has no light for the entrance, or if
+    the light also controls entrances with other colours.
+    """
+    ids = signal_ids(junction)
+    names: dict[str, int] = {}
+    for entrance in np.flatnonzero(lights.any(axis=0)).tolist():
+        signals = [id for id, entrances in ids.items() if entrance in entrances and _same_colours(lights, entrances)]
+        label = junction.vehicle_at(entrance).removeprefix("a")
+        names |= dict.fromkeys(signals or [f"{ENTRANCE}{label}"], entrance)
+    return names
+
+
+def _same_colours(lights: NDArray[np.int8], entrances: Sequence[int]) -> bool:
+    colours = lights[:, list(entrances)]
+    return bool((colours == colours[:, :1]).all())
+
+
+def _phase(names: dict[str, int], colours: NDArray[np.int8], seconds: float) -> Phase:
+    return Phase(seconds, {name: Colour(int(colours[entrance])) for name, entrance in names.items()})
+
+
+def mapped(junction: Junction, *maps: str | os.PathLike[str] | None) -> Junction:
+    """Return a junction as read from its map file, with the path of that file.
+
+    Args:
+        junction: the junction.
+        maps: further map files that may hold the junction; the first file that holds it counts.
+
+    Raises:
+        MapError: no file holds the junction, or the file holds a different junction of this name.
+    """
+    candidates = [path_of(junction.name)] if junction.name in LAYOUTS else []
+    candidates += [Path(map) for map in (*maps, junction.map) if map is not None]
+    error_of_last: MapError | None = None
+    for path in candidates:
+        try:
+            mapped_junction = find(junction.id, path)
+        except MapError as error:
+            error_of_last = error
+            continue
+        if mapped_junction.digest == junction.digest:
+            return replace(junction, map=str(path))
+        error_of_last = MapError(
+            f"junction {junction.name!r} differs from the junction in map file {path}: the file has changed since, or U-turns "
+            "were kept; give the original map of the junction (--map, --rvads-map, map=)"
+        )
+    raise error_of_last or MapError(
+        f"the map file of junction {junction.name!r} is not known, and a file of OpenSCENARIO needs the map: give the OpenDRIVE "
+        "map (--map, --rvads-map, map=)"
+    )
+
+
+def put_map(junction: Junction, folder: Path) -> str:
+    """Copy the map file of a junction from `mapped` into a folder, and return the name of the copy.
+
+    The map is written once. If a different file has the same name, the copy gets another name.
+
+    Raises:
+        MapError: the map can't be read or written.
+    """
+    source = Path(str(junction.map))
+    try:
+        content = read_file(source, MAX_BYTES)
+        name = source.name
+        if _differs(folder / name, content):
+            name = f"{source.stem}-{sha256(content).hexdigest()[:8]}{source.suffix}"
+        target = folder / name
+        if not target.exists() or _differs(target, content):
+            write_file(target, content)
+    except OSError as error:
+        raise MapError(f"map file {source} can't be copied to {folder}: {error.strerror}") from error
+    return name
+
+
+def _differs(path: Path, content: bytes) -> bool:
+    return path.exists() and (path.stat().st_size != len(content) or path.read_bytes() != content)

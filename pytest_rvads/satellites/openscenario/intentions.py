@@ -1,4 +1,4 @@
-"""What vehicles of a scenario are to do: where they start, how fast, where they go; and the movements that this means."""
+"""The intentions of the vehicles in a scenario of OpenSCENARIO (start, speed, route), and the movements that realise them."""
 
 from __future__ import annotations
 
@@ -10,91 +10,92 @@ from pytest_rvads.errors import RunError
 from pytest_rvads.junctions.conflicts import Key
 from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.runs.itineraries import itinerary
-from pytest_rvads.satellites.openscenario.played import Entity, entities_of
+from pytest_rvads.satellites.openscenario.xosc import Entity, entities_of
 from pytest_rvads.satellites.openscenario.xosctree import Node
 
 __all__ = ["Drive", "Intention", "intentions", "matched"]
 
-_READ = ("TeleportAction", "SpeedAction", "AssignRouteAction", "AcquirePositionAction")
-_BESIDE = 1.5
-"""Farthest that a start or a goal lies beside the centre of its lane [m]."""
+_ACTIONS_READ = ("TeleportAction", "SpeedAction", "AssignRouteAction", "AcquirePositionAction")
+_FARTHEST_POINT = 1.5
+"""Largest distance of a start or goal from the centre of its lane [m]."""
 _LONGEST = 100.0
 """Longest vehicle [m]."""
-_BEHIND = 1e-6
-"""A start on the line is not behind it [m]."""
+_LINE_TOLERANCE = 1e-6
+"""Largest distance behind the stopping line of a start that still counts as on the line [m]."""
 
 
 @dataclass(frozen=True, slots=True)
 class Intention:
-    """What one vehicle is to do."""
+    """Start, speed and route of a vehicle, in coordinates of the map."""
 
     name: str
     length: float | None
-    """[m]."""
+    """Length of the vehicle [m]; None if the file states no length."""
     point: tuple[float, float]
-    """Of its reference point [m]."""
+    """Initial position of the reference point [m]."""
     heading: float | None
-    """[rad]; None: along its lane."""
+    """Initial heading [rad]; None for the direction of the lane."""
     ahead: float
-    """How far its front is ahead of that [m]."""
+    """Distance from the reference point to the front [m]."""
     speed: float
-    """[m/s]."""
+    """Initial speed [m/s]."""
     route: tuple[tuple[float, float], ...]
     """Waypoints, at least the goal [m]."""
 
 
 @dataclass(frozen=True, slots=True)
 class Drive:
-    """The same at a junction."""
+    """An intention as a movement through a junction."""
 
     name: str
     length: float | None
+    """Length of the vehicle [m]; None if the file states no length."""
     key: Key
     """Entrance and exit."""
     distance: float
-    """Reference point, the front, to the stopping line [m]."""
+    """Initial distance from the front to the stopping line [m]."""
     speed: float
-    """[m/s]."""
+    """Initial speed [m/s]."""
 
 
 def intentions(root: Node, where: str) -> Mapping[str, Intention]:
-    """Return what everybody is to do, in the order in which they are declared.
+    """Return the intention of each vehicle by name, in the order of the declarations in the file.
 
     Raises:
-        RunError: an element that is not read, or one that is missing; the message names it and its line.
+        RunError: an element is not supported, or a required element is missing; the message names the element and its line.
     """
     for story in root.walk("Story"):
-        for node in _actions(story):
-            hint = ": it is a run, which rvads check reads" if node.tag == "FollowTrajectoryAction" else ""
-            raise node.refused(f"in a story is not read, a scenario holds what happens at its start{hint}")
-    privates: dict[str, Node] = {}
+        for node in _innermost_actions(story):
+            hint = ": the file is a run, which rvads check reads" if node.tag == "FollowTrajectoryAction" else ""
+            raise node.refused(f"in a story is not read, expected actions in <Init> alone{hint}")
+    starts: dict[str, Node] = {}
     for init in root.walk("Init"):
-        for node in _actions(init):
-            if node.tag not in _READ:
+        for node in _innermost_actions(init):
+            if node.tag not in _ACTIONS_READ:
                 raise node.refused("at the start is not read, expected teleports, speeds, and routes or positions to acquire")
         for private in init.walk("Private"):
-            privates.setdefault(private.text("entityRef"), Node("Private", private.attributes, private.where)).children.extend(
+            starts.setdefault(private.text("entityRef"), Node("Private", private.attributes, private.where)).children.extend(
                 private.children
             )
     entities = entities_of(root)
     if not entities:
-        raise RunError(f"{where}: it has no vehicles")
-    found = {}
+        raise RunError(f"{where}: the file has no vehicles")
+    by_name = {}
     for entity in entities:
-        if entity.name not in privates:
-            raise RunError(f"{where}: {entity.name!r:.60} has no <Private> that says where it starts")
-        found[entity.name] = _intention(entity, privates[entity.name], where)
-    return found
+        if entity.name not in starts:
+            raise RunError(f"{where}: {entity.name!r:.60} has no start, expected a <Private> with a <TeleportAction>")
+        by_name[entity.name] = _intention(entity, starts[entity.name], where)
+    return by_name
 
 
-def _actions(node: Node) -> Iterator[Node]:
-    """Yield the actions inside, but for those that only hold others."""
+def _innermost_actions(node: Node) -> Iterator[Node]:
+    """Yield the actions inside of an element; an action that contains actions is not yielded itself."""
     for child in node.children:
         holds = any(inner.tag.endswith("Action") for inner in child.children)
         if child.tag.endswith("Action") and not holds:
             yield child
         else:
-            yield from _actions(child)
+            yield from _innermost_actions(child)
 
 
 def _intention(entity: Entity, private: Node, where: str) -> Intention:
@@ -105,13 +106,13 @@ def _intention(entity: Entity, private: Node, where: str) -> Intention:
     if teleport is None or ahead is None:
         lacking = "a <TeleportAction>" if teleport is None else "a <BoundingBox> of its own"
         raise private.refused(f"for {name!r} needs {lacking}")
-    start = _world(teleport)
+    start = _world_position(teleport)
     speed = private.first("SpeedAction")
     target = None if speed is None else speed.first("AbsoluteTargetSpeed")
     if speed is not None and target is None:
-        raise speed.refused(f"for {name!r} has another target than an <AbsoluteTargetSpeed>")
+        raise speed.refused(f"for {name!r} has another target, expected an <AbsoluteTargetSpeed>")
     route, goal = private.first("AssignRouteAction"), private.first("AcquirePositionAction")
-    stops = [_world(node) for node in route.walk("Waypoint")] if route else [_world(goal)] if goal else []
+    stops = [_world_position(node) for node in route.walk("Waypoint")] if route else [_world_position(goal)] if goal else []
     if not stops:
         raise private.refused(f"for {name!r} needs an <AssignRouteAction> with a <Route> in it, or an <AcquirePositionAction>")
     return Intention(
@@ -125,13 +126,17 @@ def _intention(entity: Entity, private: Node, where: str) -> Intention:
     )
 
 
-def _world(node: Node) -> Node:
-    """Return the place inside an element."""
+def _world_position(node: Node) -> Node:
+    """Return the ``<WorldPosition>`` inside of an element.
+
+    Raises:
+        RunError: the element has no position, or a position of another kind.
+    """
     position = node.first("Position")
     place = position.children[0] if position is not None and position.children else None
     if place is None or place.tag != "WorldPosition":
-        told = "none" if place is None else f"<{place.tag}>"
-        raise node.refused(f"must have a <WorldPosition>, got {told}")
+        tag = "none" if place is None else f"<{place.tag}>"
+        raise node.refused(f"must have a <WorldPosition>, got {tag}")
     return place
 
 
@@ -150,10 +155,10 @@ def matched(intention: Intention, junction: Junction) -> Drive | None:
         offsets = [way.path.project(*stop, middle, long) for stop in intention.route]
         distance = way.line - (along - way.origin)
         reached = offsets[-1][0] - way.origin > way.length
-        if distance < -_BEHIND or along < 0.0 or not reached or max(abs(beside), abs(offsets[-1][1])) > _BESIDE:
+        if distance < -_LINE_TOLERANCE or along < 0.0 or not reached or max(abs(beside), abs(offsets[-1][1])) > _FARTHEST_POINT:
             continue
         cost = abs(beside) + math.fsum(abs(offset) for _, offset in offsets)
         if best is None or cost < best[0]:
-            found = Drive(intention.name, intention.length, key, round(max(distance, 0.0), 6) + 0.0, intention.speed)
-            best = cost, found
+            drive = Drive(intention.name, intention.length, key, round(max(distance, 0.0), 6) + 0.0, intention.speed)
+            best = cost, drive
     return None if best is None else best[1]

@@ -1,7 +1,7 @@
-"""A run as OpenSCENARIO XML: everybody on a trajectory, the lights as they were, the map beside.
+"""Writes a run as OpenSCENARIO XML: a trajectory per vehicle, the phases of the lights, and the map in the same folder.
 
-An exported run comes back with the same verdict. All motion is in the trajectories; a property of the file holds what
-trajectories can't express: ways, facts, collisions. Writing needs a library, reading needs none.
+An exported run is read back with the same verdict. A property of the file holds the facts that trajectories can't express: ways,
+facts and collisions. Writing needs the library scenariogeneration, reading does not.
 """
 
 from __future__ import annotations
@@ -21,9 +21,16 @@ from pytest_rvads.maps.segment import Pose
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Agent, Zone
 from pytest_rvads.runs.vehicle import Vehicle
-from pytest_rvads.satellites.openscenario.document import Actor, Body, Document, Trajectory, body_of
-from pytest_rvads.satellites.openscenario.mapfile import mapped, put_map
-from pytest_rvads.satellites.openscenario.phases import phases_of_run
+from pytest_rvads.satellites.openscenario.document import (
+    Actor,
+    Body,
+    Document,
+    Trajectory,
+    body_of,
+    mapped,
+    phases_of_run,
+    put_map,
+)
 from pytest_rvads.satellites.openscenario.playedfile import Judged, Note
 from pytest_rvads.satellites.openscenario.writing import library, written
 from pytest_rvads.storage import write_file
@@ -33,13 +40,13 @@ __all__ = ["export_run", "recorded_map", "vehicles", "write"]
 
 
 class Excerpted(msgspec.Struct, frozen=True):
-    """What a file says of an excerpt of a recording, which is read as recorded traffic: for people, but for `unsized`."""
+    """The note about an excerpt of a recording. The file is read as recorded traffic, and of the note only `unsized` is read."""
 
     label: str
     hash: str
     verdict: Judged | None
     unsized: list[str]
-    """Vehicles of unknown size, whose box is that of a usual car."""
+    """Vehicles of unknown size, with the box of a usual car in the file."""
 
 
 def export_run(run: Run, path: str | Path, *, map: str | os.PathLike[str] | None = None, verdict: Verdict | None = None) -> None:
@@ -65,22 +72,22 @@ def export_run(run: Run, path: str | Path, *, map: str | os.PathLike[str] | None
     library()
     path = Path(path)
     if not run.steps or not run.agents:
-        raise RunError(f"run {run.label!r} can't be exported: it has no states, or nobody in it")
+        raise RunError(f"run {run.label!r} can't be exported: it has {run.steps} states and {len(run.agents)} vehicles")
     run.need("pose")
     place = mapped(run.junction, map, recorded_map(run.provenance))
-    told = None if verdict is None else Judged(verdict.rule, str(verdict.status), one_line(verdict.message))
-    title = run.label if told is None else f"{run.label}: {told.message}"
-    known = vehicles(run)
-    bodies = [body_of(agent, known[agent.name]) for agent in run.agents]
+    judged = None if verdict is None else Judged(verdict.rule, str(verdict.status), one_line(verdict.message))
+    title = run.label if judged is None else f"{run.label}: {judged.message}"
+    parameters = vehicles(run)
+    bodies = [body_of(agent, parameters[agent.name]) for agent in run.agents]
     actors = tuple(actor for k, body in enumerate(bodies) if (actor := _actor(run, k, body)) is not None)
     unsized = [agent.name for agent in run.agents if agent.size is None]
-    note = Note.of(run, told) if _whole(run) else Excerpted(run.label, run.hash, told, unsized)
-    said = encode(note)
-    decode(said, type(note), f"run {run.label!r:.60} can't be exported", RunError)
+    note = Note.of(run, judged) if _is_whole(run) else Excerpted(run.label, run.hash, judged, unsized)
+    content = encode(note)
+    decode(content, type(note), f"run {run.label!r:.60} can't be exported", RunError)
     document = Document(
         one_line(title),
         put_map(place, path.parent),
-        ("rvads.run" if isinstance(note, Note) else "rvads.excerpt", said.decode()),
+        ("rvads.run" if isinstance(note, Note) else "rvads.excerpt", content.decode()),
         actors,
         phases_of_run(place, run.lights, run.dt),
         run.duration,
@@ -92,10 +99,10 @@ def write(path: Path, document: Document) -> None:
     """Write a document.
 
     Raises:
-        RvadsError: it can't be written, or has the name of the map that lies beside it.
+        RvadsError: the file can't be written, or has the name of its map.
     """
     if path.name == document.map:
-        raise RvadsError(f"{path}: the map beside has this name: give the file another one, such as {path.with_suffix('.xosc')}")
+        raise RvadsError(f"{path}: the map has this name: give the file another name, such as {path.with_suffix('.xosc')}")
     try:
         write_file(path, written(document))
     except OSError as error:
@@ -103,62 +110,62 @@ def write(path: Path, document: Document) -> None:
 
 
 def recorded_map(provenance: Mapping[str, Any]) -> str | None:
-    """Return the map file that a run says its scenario is from."""
+    """Return the map file of the scenario of a run, as recorded in the provenance of the run; None if it names no map."""
     scenario = provenance.get("scenario")
-    found = scenario.get("map") if isinstance(scenario, Mapping) else None
-    return found if isinstance(found, str) else None
+    path = scenario.get("map") if isinstance(scenario, Mapping) else None
+    return path if isinstance(path, str) else None
 
 
 def vehicles(run: Run) -> dict[str, Vehicle | None]:
-    """Return the parameters that every agent was simulated with, None where the run does not tell."""
+    """Return the vehicle parameters of each agent; None for an agent without parameters in the provenance of the run."""
     return {agent.name: _vehicle(run.provenance, agent) for agent in run.agents}
 
 
 def _vehicle(provenance: Mapping[str, Any], agent: Agent) -> Vehicle | None:
     others = provenance.get("others")
-    told = (others.get(agent.name) if isinstance(others, Mapping) else None) or provenance.get("vehicle")
+    record = (others.get(agent.name) if isinstance(others, Mapping) else None) or provenance.get("vehicle")
     try:
-        return msgspec.convert(told, Vehicle)
+        return msgspec.convert(record, Vehicle)
     except (msgspec.ValidationError, RvadsError):
         return None
 
 
-def _whole(run: Run) -> bool:
-    """Return whether a file holds all of a run: who comes and goes, and how exactly that is known, is that of a recording."""
+def _is_whole(run: Run) -> bool:
+    """Return whether a file can hold all of a run. It can't hold late arrivals and accuracies, which recordings have."""
     return run.excerpt is None and run.spread is None and not (run.zone == Zone.ABSENT).any()
 
 
 def _actor(run: Run, column: int, body: Body) -> Actor | None:
-    """Return a vehicle with its trajectory, from its first state until it leaves; None for a single state in an excerpt."""
+    """Return a vehicle with its trajectory from its first state to its last; None for a single state in an excerpt."""
     agent, zone, pose = run.agents[column], run.zone[:, column], run.need("pose")[:, column]
     begin, end = run.spans[column].tolist()
     gone = np.flatnonzero(zone == Zone.GONE)
     leaves = end < run.steps or bool(len(gone))
     if len(gone):
         end = int(gone[0]) + 1
-    if end - begin < 2 and not _whole(run):
+    if end - begin < 2 and not _is_whole(run):
         return None
     axle = pose[begin:end].copy()
     axle[:, 0] -= body.back * np.cos(axle[:, 2])
     axle[:, 1] -= body.back * np.sin(axle[:, 2])
-    if len(axle) == 1:  # a trajectory has two vertices; what comes after the end of the run is not read
+    if len(axle) == 1:  # a trajectory needs two vertices; the second is after the end of the run and is not read
         axle = np.vstack((axle, axle))
-    kept = _telling(axle)
-    times = np.round((begin + kept) * run.dt, 9)
+    rows = _informative_states(axle)
+    times = np.round((begin + rows) * run.dt, 9)
     speed = 0.0 if run.speed is None else float(run.speed[begin, column])
     return Actor(
         agent.name,
         body,
         Pose(*axle[0].tolist()),
         speed,
-        Trajectory(times, axle[kept]),
+        Trajectory(times, axle[rows]),
         appears=float(times[0]) if begin else None,
         leaves=float(times[-1]) if leaves else None,
     )
 
 
-def _telling(poses: np.ndarray[Any, np.dtype[np.float64]]) -> np.ndarray[Any, np.dtype[np.int64]]:
-    """Return the numbers of the states that tell something: those in the midst of a stand follow from its first and last one."""
+def _informative_states(poses: np.ndarray[Any, np.dtype[np.float64]]) -> np.ndarray[Any, np.dtype[np.int64]]:
+    """Return the numbers of the states to write: of a standing vehicle, only the first and the last state are needed."""
     same = (np.diff(poses, axis=0) == 0.0).all(axis=1)
     idle = np.concatenate(([False], same[:-1] & same[1:], [False]))
     return np.flatnonzero(~idle)

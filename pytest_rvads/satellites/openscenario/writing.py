@@ -1,4 +1,4 @@
-"""From a `Document` to XML, by the library scenariogeneration: the one module that knows it.
+"""Writes a `Document` as XML by the library scenariogeneration. No other module uses this library.
 
 The version is 1.2: the first whose file header holds properties, and to which every rule of ASAM's quality checker applies.
 
@@ -19,28 +19,29 @@ from pytest_rvads.errors import RvadsError, needs
 from pytest_rvads.maps.segment import Pose
 from pytest_rvads.runs.states import Kind
 from pytest_rvads.satellites.openscenario.document import Actor, Body, Document
-from pytest_rvads.satellites.openscenario.played import LAMPS
+from pytest_rvads.satellites.openscenario.xosc import LAMPS
 
 __all__ = ["library", "written"]
 
 _MINOR = 2
 _DATE = datetime(2000, 1, 1)
-"""Equal runs give equal files, so that no day is told."""
+"""Fixed creation date, because equal runs give equal files."""
 _AUTHOR = "pytest-rvads"
 _FASTEST = 70.0
-"""Nobody here is faster [m/s]."""
+"""Declared top speed of every vehicle [m/s]."""
 _TRACK, _WHEEL = 0.85, 0.64
-"""For pictures: track width over width of the body, and diameter of wheels [m], of usual cars."""
-_NO_XML = re.compile("[^\t\n\r -\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
-"""XML 1.0, section 2.2."""
-_CATEGORY = {Kind.CAR: "car", Kind.TRUCK: "truck", Kind.CYCLIST: "bicycle"}
+"""Track width as a share of the width of the body, and diameter of the wheels [m], of usual cars; only pictures depend on
+both."""
+_NOT_IN_XML = re.compile("[^\t\n\r -\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+"""Characters that XML 1.0, section 2.2, excludes."""
+_CATEGORIES = {Kind.CAR: "car", Kind.TRUCK: "truck", Kind.CYCLIST: "bicycle"}
 
 
 def library() -> Any:
     """Return ``scenariogeneration.xosc``.
 
     Raises:
-        RvadsError: it is not installed.
+        RvadsError: the library is not installed.
     """
     try:
         return import_module("scenariogeneration.xosc")
@@ -49,20 +50,20 @@ def library() -> Any:
 
 
 def written(document: Document) -> bytes:
-    """Return a file; equal documents give equal bytes.
+    """Return the content of a file; equal documents give equal bytes.
 
     Raises:
-        RvadsError: the library is not installed, or a name that OpenSCENARIO takes for a parameter, or that XML can't hold.
+        RvadsError: the library is not installed, or a name begins with a dollar sign or has a character that XML excludes.
     """
     signals = {name for phase in document.phases for name in phase.colours}
     names = (document.title, document.map, *(actor.name for actor in document.actors), *sorted(signals))
     for text in (*names, *document.note):
         if text.startswith("$"):
             raise RvadsError(f"{text!r:.60} can't stand in OpenSCENARIO, where '$' begins the name of a parameter: rename it")
-        if found := _NO_XML.search(text):
-            raise RvadsError(f"{text!a:.60} can't stand in XML, which has no character {found[0]!a}: rename it")
+        if match := _NOT_IN_XML.search(text):
+            raise RvadsError(f"{text!a:.60} can't stand in XML, which has no character {match[0]!a}: rename it")
     xosc = library()
-    with _version(xosc):
+    with _with_version(xosc):
         root = _Writer(xosc).scenario(document).get_element()
     ElementTree.indent(root)
     content: bytes = ElementTree.tostring(root, encoding="utf-8", xml_declaration=True)
@@ -70,8 +71,8 @@ def written(document: Document) -> bytes:
 
 
 @contextmanager
-def _version(xosc: Any) -> Iterator[None]:
-    """Keep the version of others who use the library in this process: it has one for all."""
+def _with_version(xosc: Any) -> Iterator[None]:
+    """Set the version of the library for a while: the library has a single version per process, which other code may use."""
     base = xosc.VersionBase
     before = base.version_minor
     base.version_minor = _MINOR
@@ -82,7 +83,7 @@ def _version(xosc: Any) -> Iterator[None]:
 
 
 class _Writer:
-    """Makes the objects of the library."""
+    """Makes objects of the library from the parts of a document."""
 
     def __init__(self, xosc: Any) -> None:
         self.xosc = xosc
@@ -122,16 +123,16 @@ class _Writer:
         )
 
     def controller(self, document: Document) -> Any:
-        found = self.xosc.TrafficSignalController("lights")
+        controller = self.xosc.TrafficSignalController("lights")
         for number, phase in enumerate(document.phases):
             step = self.xosc.Phase(f"phase {number}", phase.duration)
             for name, colour in phase.colours.items():
                 step.add_signal_state(name, LAMPS[colour])
-            found.add_phase(step)
-        return found
+            controller.add_phase(step)
+        return controller
 
     def body(self, body: Body) -> Any:
-        """Return a vehicle or pedestrian; the centre of its box is told from its reference point."""
+        """Return a vehicle or pedestrian; the center of its box is relative to the reference point."""
         xosc, vehicle = self.xosc, body.vehicle
         box = xosc.BoundingBox(body.width, body.length, body.height, body.back - body.length / 2, 0.0, body.height / 2)
         if body.kind is Kind.PEDESTRIAN:
@@ -139,7 +140,7 @@ class _Writer:
         turned = vehicle.steering_limit, _WHEEL, _TRACK * body.width
         return xosc.Vehicle(
             str(body.kind),
-            getattr(xosc.VehicleCategory, _CATEGORY[body.kind]),
+            getattr(xosc.VehicleCategory, _CATEGORIES[body.kind]),
             box,
             xosc.Axle(*turned, body.wheelbase, _WHEEL / 2),
             xosc.Axle(*turned, 0.0, _WHEEL / 2),
@@ -150,7 +151,7 @@ class _Writer:
         )
 
     def starting(self, actor: Actor) -> Iterator[Any]:
-        """Yield what somebody starts with; nothing of those who are added later."""
+        """Yield the initial actions of an actor; none for an actor that appears later."""
         xosc = self.xosc
         if actor.appears is not None:
             return
@@ -164,7 +165,7 @@ class _Writer:
             yield xosc.AssignRouteAction(route)
 
     def group(self, actor: Actor) -> Any:
-        """Return what somebody does: appears, follows its trajectory, leaves."""
+        """Return the actions of an actor: to appear, to follow its trajectory, to leave."""
         xosc = self.xosc
         maneuver = xosc.Maneuver(f"{actor.name} drives")
         begins = 0.0 if actor.appears is None else actor.appears
@@ -185,7 +186,7 @@ class _Writer:
 
     def following(self, actor: Actor) -> Any:
         xosc, way = self.xosc, actor.trajectory
-        assert way is not None, "who calls has looked"
+        assert way is not None, "only actors with a trajectory have a group"
         line = xosc.Trajectory(f"of {actor.name}", False)
         places = [self.place(Pose(*pose)) for pose in way.poses.tolist()]
         line.add_shape(xosc.Polyline(way.times.tolist(), places))

@@ -1,50 +1,280 @@
-"""Tracks in OpenSCENARIO XML: vehicles that follow trajectories with times, and the lights of its controllers."""
+"""Tracks in OpenSCENARIO XML: entities, trajectories with times, and the lights of the controllers in a file."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import replace
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from itertools import cycle
 from pathlib import Path
 
+import msgspec
 import numpy as np
+from numpy.typing import NDArray
 
+from pytest_rvads.decoding import decode
 from pytest_rvads.errors import RunError
-from pytest_rvads.satellites.openscenario.played import Played, no_trajectories, played
+from pytest_rvads.runs.recording import Changes
+from pytest_rvads.runs.states import Colour, Kind
+from pytest_rvads.satellites.openscenario.xosctree import Node, read_tree
+from pytest_rvads.satellites.tracks.lightlog import changes_of, limit_lights
 from pytest_rvads.satellites.tracks.logformats import Format
-from pytest_rvads.satellites.tracks.samples import Gather, Log
+from pytest_rvads.satellites.tracks.samples import Gather, Log, kind_of
 from pytest_rvads.satellites.tracks.source import Watch
 
-__all__ = ["FORMAT", "log_of", "read_xosc"]
+__all__ = [
+    "FORMAT",
+    "LAMPS",
+    "Entity",
+    "TrajectoryFile",
+    "entities_of",
+    "lights_of",
+    "log_of",
+    "map_of",
+    "no_trajectories",
+    "note_of",
+    "read_trajectories",
+    "read_xosc",
+]
+
+
+LAMPS = {Colour.NONE: "off;off;off", Colour.RED: "on;off;off", Colour.YELLOW: "off;on;off", Colour.GREEN: "off;off;on"}
+"""State of a light per colour in a written file: the lamps from top to bottom, which are red, yellow and green."""
+_COLOUR_OF_STATE = {lamps: colour for colour, lamps in LAMPS.items()}
+_COLOUR_OF_STATE |= {
+    "on;on;off": Colour.RED,
+    "off": Colour.NONE,
+    "red": Colour.RED,
+    "yellow": Colour.YELLOW,
+    "green": Colour.GREEN,
+}
+_MOST_CHANGES = 1_000_000
+"""Most phases of a controller up to the end of the run."""
+
 
 _COLUMNS = {"time": "time", "heading": "h", "size": "Dimensions"}
 
 
-def read_xosc(path: Path, columns: Mapping[str, str] | None, *, strict: bool, watch: Watch | None) -> Log:
-    """Return the vehicles of a file, the lights of its controllers, and the map that it names.
+@dataclass(frozen=True, slots=True)
+class Entity:
+    """A declared vehicle or pedestrian."""
 
-    Places are those of rear axles, and the fronts are as far ahead of them as the bounding boxes say.
+    name: str
+    kind: Kind
+    size: tuple[float, float] | None
+    """Length and width [m]; None for an entity of a catalogue, and for a size that was not known when the file was exported."""
+    ahead: float | None
+    """Distance from the reference point, which is the middle of the rear axle, to the front [m]."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TrajectoryFile:
+    """The content of a file with trajectories."""
+
+    where: str
+    """Name of the file in messages."""
+    entities: tuple[Entity, ...]
+    """Entities in the order of the file."""
+    ways: Mapping[str, NDArray[np.float64]]
+    """Vertices of the trajectories by name of the entity, shape ``(vertices, 5)``; `VERTEX` names the columns."""
+    untold: Mapping[str, str]
+    """For each entity without a trajectory the reason, as a sentence that begins with ``it``."""
+    speeds: Mapping[str, float]
+    """Initial speeds of the entities for which the file states a speed [m/s]."""
+    lights: Mapping[str, Changes]
+    """Colour changes by id of the signal."""
+    map: Path | None
+    """The OpenDRIVE file that the scenario names, relative to the scenario's folder."""
+    note: str | None
+    """Note of an export by this package, as JSON; None for a file of another tool."""
+
+
+def read_xosc(path: Path, columns: Mapping[str, str] | None, *, strict: bool, watch: Watch | None) -> Log:
+    """Return the vehicles of a file, the lights of its controllers, and the map that the file names.
+
+    The recorded point of a vehicle is the middle of its rear axle. The bounding box gives the distance from there to the front.
 
     Raises:
-        RunError: it can't be read, nobody in it follows a trajectory, or a vertex is bad while reading is `strict`.
+        RunError: the file can't be read, no vehicle follows a trajectory, or a vertex is bad while reading is `strict`.
     """
     if columns:
-        raise RunError(f"{path.name}: the attributes of OpenSCENARIO are known, leave --columns out")
-    return log_of(played(path, watch), strict=strict)
+        raise RunError(f"{path.name}: OpenSCENARIO has fixed attributes, leave --columns out")
+    return log_of(read_trajectories(path, watch), strict=strict)
 
 
-def log_of(found: Played, *, strict: bool = False) -> Log:
-    """Return a file that has been read as a log, see `read_xosc`."""
-    if not found.ways:
-        raise no_trajectories(found.where)
-    gather = Gather(found.where, _COLUMNS, strict=strict)
-    for entity in found.entities:
-        way = found.ways.get(entity.name)
+def log_of(file: TrajectoryFile, *, strict: bool = False) -> Log:
+    """Return the content of a file as a log.
+
+    Raises:
+        RunError: no vehicle follows a trajectory, or a vertex is bad while reading is `strict`.
+    """
+    if not file.ways:
+        raise no_trajectories(file.where)
+    gather = Gather(file.where, _COLUMNS, strict=strict)
+    for entity in file.entities:
+        way = file.ways.get(entity.name)
         if way is not None and len(way):
             gather.extend(entity.name, way[:, 0].astype(np.int64), np.column_stack((way[:, 1:], np.full(len(way), np.nan))))
             gather.describe(entity.name, entity.size, entity.kind, entity.ahead)
-    gather.lights = dict(found.lights)
+    gather.lights = dict(file.lights)
     log = gather.log()
-    return replace(log, refused=(*log.refused, *found.untold.items()), map=found.map)
+    return replace(log, refused=(*log.refused, *file.untold.items()), map=file.map)
+
+
+def read_trajectories(path: Path, watch: Watch | None = None) -> TrajectoryFile:
+    """Return the content of a file with trajectories.
+
+    Raises:
+        RunError: the file can't be read; the message names file, line and element.
+    """
+    root = read_tree(path, watch)
+    unsized = _vehicles_without_size(root, path.name)
+    entities = [replace(entity, size=None) if entity.name in unsized else entity for entity in entities_of(root)]
+    ways: dict[str, list[NDArray[np.float64]]] = {entity.name: [] for entity in entities}
+    untold: dict[str, str] = {}
+    for name, action, trigger in _trajectory_actions(root):
+        line, timing = action.first("Polyline"), action.first("TimeReference", "Timing")
+        if name not in ways:
+            raise action.refused(f"is for {name!r:.60}, which is no vehicle of this file")
+        if line is None:
+            untold[name] = "its trajectory is no polyline, and only polylines are read"
+        elif timing is None or bool(np.isnan(line.points()[:, 1]).any()):
+            untold[name] = "its trajectory has no times"
+        else:
+            ways[name].append(_timed(line.points(), timing, trigger))
+    trajectories = {name: np.vstack(parts) for name, parts in ways.items() if parts and name not in untold}
+    reasons = {name: untold.get(name, "it follows no trajectory") for name in ways if name not in trajectories}
+    end = max((float(way[-1, 1]) for way in trajectories.values() if len(way)), default=0.0)
+    return TrajectoryFile(
+        path.name,
+        tuple(entities),
+        trajectories,
+        reasons,
+        _speeds(root),
+        lights_of(root, end),
+        map_of(root, path),
+        note_of(root, "run"),
+    )
+
+
+class _Excerpt(msgspec.Struct):
+    unsized: list[str] = []
+
+
+def _vehicles_without_size(root: Node, where: str) -> list[str]:
+    """Return the vehicles without a known size, which an export of an excerpt lists in its note."""
+    note = note_of(root, "excerpt")
+    return [] if note is None else decode(note.encode(), _Excerpt, f"{where}: the property rvads.excerpt", RunError).unsized
+
+
+def note_of(root: Node, subject: str) -> str | None:
+    """Return the note of an export about its ``run``, ``scenario`` or ``excerpt``, as JSON; None if the file has no such note."""
+    header = root.first("FileHeader")
+    properties = () if header is None else header.walk("Property")
+    return next((node.text("value") for node in properties if node.attributes.get("name") == f"rvads.{subject}"), None)
+
+
+def map_of(root: Node, path: Path) -> Path | None:
+    """Return the path of the OpenDRIVE file that a file at `path` names; None if the file names no map."""
+    logic = root.first("RoadNetwork", "LogicFile")
+    return None if logic is None else path.parent / logic.text("filepath").replace("\\", "/")
+
+
+def entities_of(root: Node) -> list[Entity]:
+    """Return the declared entities, without objects that can't move by themselves."""
+    entities = []
+    for node in root.walk("ScenarioObject"):
+        body = next(node.walk("Vehicle", "Pedestrian", "CatalogReference"), None)
+        if body is None:
+            continue
+        kind = kind_of(f"{body.tag} {body.attributes.get('vehicleCategory', '')} {body.attributes.get('entryName', '')}")
+        centre, box = body.first("BoundingBox", "Center"), body.first("BoundingBox", "Dimensions")
+        if centre is None or box is None:
+            entities.append(Entity(node.text("name"), kind, None, None))
+        else:
+            length, width = box.number("length"), box.number("width")
+            entities.append(Entity(node.text("name"), kind, (length, width), centre.number("x") + length / 2))
+    return entities
+
+
+def _trajectory_actions(root: Node) -> Iterator[tuple[str, Node, Node | None]]:
+    """Yield for each trajectory the name of its entity, its action, and its trigger; the trigger of an initial action is None."""
+    for private in root.walk("Private"):
+        for action in private.walk("FollowTrajectoryAction"):
+            yield private.text("entityRef"), action, None
+    for group in root.walk("ManeuverGroup"):
+        actors = [node.text("entityRef") for node in group.walk("EntityRef")]
+        for event in group.walk("Event"):
+            for action in event.walk("FollowTrajectoryAction"):
+                for name in actors:
+                    yield name, action, event.first("StartTrigger")
+
+
+def _timed(points: NDArray[np.float64], timing: Node, trigger: Node | None) -> NDArray[np.float64]:
+    """Return the vertices of a trajectory with their times on the clock of the simulation."""
+    start = 0.0
+    if trigger is not None and timing.attributes.get("domainAbsoluteRelative") == "relative":
+        begins = trigger.first("SimulationTimeCondition")
+        if begins is None:
+            raise trigger.refused("has no <SimulationTimeCondition>, expected the time at which the trajectory begins")
+        start = begins.number("value")
+    points[:, 1] = start + timing.number("offset", 0.0) + timing.number("scale", 1.0) * points[:, 1]
+    return points
+
+
+def _speeds(root: Node) -> dict[str, float]:
+    speeds = {}
+    for private in root.walk("Private"):
+        target = private.first("SpeedAction", "AbsoluteTargetSpeed")
+        if target is not None:
+            speeds[private.text("entityRef")] = target.number("value")
+    return speeds
+
+
+def lights_of(root: Node, end: float) -> dict[str, Changes]:
+    """Return the changes of colour of all signals up to a time [s]; a controller repeats its phases.
+
+    Raises:
+        RunError: phases have no positive duration, or the state of a signal is not known.
+    """
+    shown: dict[str, list[tuple[float, Colour]]] = {}
+    states_shown = 0
+    for controller in root.walk("TrafficSignalController"):
+        phases = [
+            (
+                phase.number("duration"),
+                {s.text("trafficSignalId"): _colour(s) for s in phase.walk("TrafficSignalState")},
+            )
+            for phase in controller.walk("Phase")
+        ]
+        time, total = controller.number("delay", 0.0), math.fsum(duration for duration, _ in phases)
+        if not phases:
+            continue
+        if min(duration for duration, _ in phases) < 0.0 or not end * len(phases) < _MOST_CHANGES * total:
+            raise controller.refused(f"has phases of {total:g} s together, expected positive durations")
+        for duration, states in cycle(phases):
+            if time > end:
+                break
+            states_shown += 1 + len(states)
+            limit_lights(states_shown, len(shown), controller.where)
+            for name, colour in states.items():
+                before = shown.setdefault(name, [])
+                if not before or before[-1][1] is not colour:
+                    before.append((round(time, 9), colour))
+            time += duration
+    return changes_of(shown)
+
+
+def _colour(state: Node) -> Colour:
+    lamps = state.text("state").replace(" ", "").lower()
+    if lamps not in _COLOUR_OF_STATE:
+        raise state.refused(f"has the state {lamps!r:.60}, expected red, yellow, green, off, or three lamps such as 'on;off;off'")
+    return _COLOUR_OF_STATE[lamps]
+
+
+def no_trajectories(where: str) -> RunError:
+    """Return the error for a file without trajectories."""
+    return RunError(f"{where}: no vehicle follows a trajectory, expected a run: rvads.load_scenario reads files of scenarios")
 
 
 FORMAT = Format(read_xosc, (".xosc",), "rear_axle")

@@ -1,10 +1,17 @@
-"""OpenSCENARIO XML as a tree of bounded size, in which the vertices of a polyline are one array."""
+"""OpenSCENARIO XML as a tree of bounded size.
+
+The vertices of a polyline are stored in an array. Parameters and expressions in attributes (``$speed``, ``${$speed / 3.6}``) are
+replaced by their values.
+"""
 
 from __future__ import annotations
 
+import ast
 import math
+import operator
+import re
 from array import array
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -13,26 +20,51 @@ from numpy.typing import NDArray
 
 from pytest_rvads.boundedxml import read_xml
 from pytest_rvads.errors import RunError
-from pytest_rvads.satellites.openscenario.expressions import valued
 from pytest_rvads.satellites.tracks.source import Watch, opened
 from pytest_rvads.wording import one_line
 
-__all__ = ["VERTEX", "Node", "read_tree"]
+__all__ = ["VERTEX", "Node", "evaluate", "read_tree"]
+
+
+_LONGEST_EXPRESSION, _LONGEST_NUMBER = 1000, 40
+"""Longest expression, and longest value of a parameter inside of an expression [characters]."""
+_PARAMETER = re.compile(r"\$(\w+)")
+_OPERATORS: Mapping[type[ast.AST], Callable[..., float]] = {
+    ast.Add: operator.add,
+    ast.Sub: operator.sub,
+    ast.Mult: operator.mul,
+    ast.Div: operator.truediv,
+    ast.Mod: math.fmod,
+    ast.USub: operator.neg,
+    ast.UAdd: operator.pos,
+    ast.Not: operator.not_,
+    ast.And: lambda *values: all(values),
+    ast.Or: lambda *values: any(values),
+}
+_FUNCTIONS: Mapping[str, Callable[..., float]] = {
+    **{name: getattr(math, name) for name in ("floor", "ceil", "sqrt", "pow", "sin", "cos", "tan", "asin", "acos", "atan")},
+    "round": lambda x: math.floor(x + 0.5),
+    "sign": lambda x: (x > 0) - (x < 0),
+    "max": max,
+    "min": min,
+}
+
 
 VERTEX = ("row", "time", "x", "y", "h")
-"""What a vertex has: the line of the file that it stands in, its time [s], its place [m], its heading [rad]."""
+"""Fields of a vertex: line in the file, time [s], position [m], heading [rad]."""
 _MOST_NODES = 200_000
+"""Most elements outside of trajectories."""
 _MOST_VERTICES = 5_000_000
-"""An hour of fourteen vehicles at 100 Hz."""
+"""Most vertices of a polyline: an hour of fourteen vehicles at 100 Hz has as many."""
 _LONGEST = 2**20
-"""Longest value of an attribute that is kept [characters]."""
+"""Longest value of an attribute [characters]."""
 _MOST_KEPT = 2**26
-"""All attributes outside of trajectories together [characters]."""
+"""Largest sum of the lengths of all attributes outside of trajectories [characters]."""
 
 
 @dataclass(slots=True, eq=False)
 class Node:
-    """An element."""
+    """An element of the tree."""
 
     tag: str
     attributes: dict[str, str]
@@ -40,27 +72,30 @@ class Node:
     """File and line, for messages."""
     children: list[Node] = field(default_factory=list)
     vertices: array[float] | None = None
-    """Of a polyline, one after the other, see `VERTEX`; NaN where one has none."""
+    """Concatenated vertices of a polyline, each with the fields of `VERTEX`; a missing number is NaN."""
 
     def walk(self, *tags: str) -> Iterator[Node]:
-        """Yield what is inside and has one of these tags, in the order of the file."""
+        """Yield the elements inside of this element that have any of these tags, in the order of the file."""
         for child in self.children:
             if child.tag in tags:
                 yield child
             yield from child.walk(*tags)
 
     def first(self, *path: str) -> Node | None:
-        """Return the first element inside with the first tag, in it that with the second, and so on; None if there is none."""
-        found: Node | None = self
+        """Return the element at the end of a path of tags; None if there is no such element.
+
+        Each tag of the path selects the first element with this tag inside of the element before.
+        """
+        node: Node | None = self
         for tag in path:
-            found = None if found is None else next(found.walk(tag), None)
-        return found
+            node = None if node is None else next(node.walk(tag), None)
+        return node
 
     def text(self, name: str) -> str:
         """Return an attribute.
 
         Raises:
-            RunError: it is missing.
+            RunError: the attribute is missing.
         """
         if name not in self.attributes:
             raise self.refused(f"has no attribute {name!r}")
@@ -81,16 +116,16 @@ class Node:
         return value
 
     def points(self) -> NDArray[np.float64]:
-        """Return the vertices of a polyline, shape ``(vertices, 5)``, see `VERTEX`."""
+        """Return the vertices of a polyline with the fields of `VERTEX`, shape ``(vertices, 5)``."""
         return np.array(self.vertices or (), dtype=np.float64).reshape(-1, len(VERTEX))
 
     def refused(self, why: str) -> RunError:
-        """Return the error that something is wrong with this element."""
+        """Return an error about this element, with file, line and tag before the reason."""
         return RunError(one_line(f"{self.where}: <{self.tag}> {why}"))
 
 
 class _Builder:
-    """Builds the tree; parameters are replaced by their values where they are referred to."""
+    """Builds the tree from the events of the parser."""
 
     def __init__(self, where: str) -> None:
         self.where = where
@@ -99,14 +134,14 @@ class _Builder:
         self._parameters: dict[str, str] = {}
         self._nodes = self._kept = 0
         self._line: Node | None = None
-        """The polyline that is being read."""
+        """The polyline around the current element."""
         self._inside = 0
-        """How deep in it."""
+        """Number of open elements inside of the polyline."""
         self._time = (0, math.nan)
 
     def start(self, tag: str, attributes: dict[str, str], row: int) -> None:
         place = f"{self.where}: row {row}"
-        if tag == "ParameterDeclaration":  # some tools write the sign of a reference into the name, too
+        if tag == "ParameterDeclaration":  # some tools begin the name with a dollar sign, too
             attributes["name"] = attributes.get("name", "").removeprefix("$")
         node = Node(tag, {name: self._value(value, place) for name, value in attributes.items()}, place)
         if self._line is not None:
@@ -117,13 +152,13 @@ class _Builder:
         self._kept += sum(map(len, attributes.values()))
         if self._nodes > _MOST_NODES or self._kept > _MOST_KEPT:
             raise RunError(
-                f"{self.where}: it has more than {_MOST_NODES:,} elements, or {_MOST_KEPT:,} characters in them: cut it into "
-                "several files"
+                f"{self.where}: the file has more than {_MOST_NODES:,} elements, or more than {_MOST_KEPT:,} characters in "
+                "attributes: cut the file into several files"
             )
         if self._stack:
             self._stack[-1].children.append(node)
         elif tag != "OpenSCENARIO":
-            raise RunError(one_line(f"{self.where}: its root is <{tag[:60]}>, expected <OpenSCENARIO>"))
+            raise RunError(one_line(f"{self.where}: the root is <{tag[:60]}>, expected <OpenSCENARIO>"))
         else:
             self.root = node
         self._stack.append(node)
@@ -145,7 +180,7 @@ class _Builder:
         if not text.startswith("$"):
             return text
         try:
-            return valued(text, self._parameters)
+            return evaluate(text, self._parameters)
         except ValueError as error:
             raise RunError(one_line(f"{place}: {text[:60]!r} {error}")) from error
 
@@ -158,9 +193,11 @@ class _Builder:
             heading = node.number("h") if "h" in node.attributes else math.nan
             line.vertices.extend((*self._time, *place, heading))
             if len(line.vertices) > _MOST_VERTICES * len(VERTEX):
-                raise RunError(f"{self.where}: it has more than {_MOST_VERTICES:,} vertices: cut it into several files")
+                raise RunError(
+                    f"{self.where}: a polyline has more than {_MOST_VERTICES:,} vertices: cut the file into several files"
+                )
         elif node.tag != "Position":
-            raise node.refused("is a place of a trajectory that is not read, expected a <WorldPosition>")
+            raise node.refused("is not read as a position of a trajectory, expected a <WorldPosition>")
 
 
 def _number(text: str) -> float:
@@ -174,11 +211,55 @@ def read_tree(path: Path, watch: Watch | None = None) -> Node:
     """Return the root of a file.
 
     Raises:
-        RunError: it can't be read, is no OpenSCENARIO XML, or holds too much.
+        RunError: the file can't be read, is no OpenSCENARIO XML, or is too large.
     """
     with opened(path, watch) as source:
         builder = _Builder(source.where)
         read_xml(source.chunks(), "OpenSCENARIO XML", builder.start, builder.end)
     if builder.root is None:  # expat refuses a file without elements
-        raise RunError(f"{path.name}: it has no <OpenSCENARIO>")
+        raise RunError(f"{path.name}: the file has no <OpenSCENARIO>")
     return builder.root
+
+
+def evaluate(text: str, parameters: Mapping[str, str]) -> str:
+    r"""Return the value of an attribute that begins with a dollar sign.
+
+    Args:
+        text: ``$name`` or ``${expression}`` with the operators and functions of the standard, on numbers and truth values.
+        parameters: values by name.
+
+    Raises:
+        ValueError: a parameter is unknown, or the expression is malformed or has no finite value.
+    """
+    for name in _PARAMETER.findall(text):
+        if name not in parameters:
+            raise ValueError(f"refers to {name!r}, which is no declared parameter")
+    if not text.startswith("${"):
+        return parameters[text[1:]]
+    if len(text) > _LONGEST_EXPRESSION or not text.endswith("}"):
+        raise ValueError(f"is no expression in braces of at most {_LONGEST_EXPRESSION:,} characters")
+    inner = _PARAMETER.sub(lambda match: f"({parameters[match[1]][:_LONGEST_NUMBER]})", text[2:-1])
+    try:
+        value = _value_of_node(ast.parse(inner.strip(), mode="eval").body)
+    except (SyntaxError, TypeError, ArithmeticError, ValueError, RecursionError, MemoryError) as error:
+        raise ValueError(f"can't be evaluated: {error}") from error
+    if not math.isfinite(value):
+        raise ValueError("has no finite value")
+    return str(value).lower() if isinstance(value, bool) else f"{value:.17g}"
+
+
+def _value_of_node(node: ast.AST) -> float:
+    match node:
+        case ast.Constant(value=int() | float() as number):
+            return float(number)
+        case ast.Name(id="true" | "false" as word):
+            return word == "true"
+        case ast.UnaryOp(op=op, operand=inner) if type(op) in _OPERATORS:
+            return _OPERATORS[type(op)](_value_of_node(inner))
+        case ast.BinOp(left=left, op=op, right=right) if type(op) in _OPERATORS:
+            return _OPERATORS[type(op)](_value_of_node(left), _value_of_node(right))
+        case ast.BoolOp(op=op, values=values):
+            return _OPERATORS[type(op)](*map(_value_of_node, values))
+        case ast.Call(func=ast.Name(id=name), args=args, keywords=[]) if name in _FUNCTIONS:
+            return _FUNCTIONS[name](*map(_value_of_node, args))
+    raise ValueError("expected only numbers, + - * / %, not, and, or, and the functions of OpenSCENARIO 1.2")

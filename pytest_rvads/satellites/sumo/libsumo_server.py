@@ -1,11 +1,12 @@
-"""The program that runs libsumo, in a process of its own: requests in, rows of motions out.
+"""A program that runs libsumo in its own process and answers requests with the motions of vehicles.
 
-It is started by its path, with a folder of files in which it works and which it removes at its end, and imports nothing of this
-package. A request is a
-line of JSON with the name of a function below and its arguments. The answer is a line of JSON, with ``error`` where the request
-failed, and as many numbers behind it, as doubles of this machine, as ``numbers`` says: per step and vehicle the x and y of the
-front bumper [m], the heading as SUMO counts it, clockwise from north [degrees], and the speed [m/s]; not-a-number for a vehicle
-that has arrived.
+The program is started by its path and imports nothing of this package. The argument of the program is the path of its working
+folder. The program removes this folder at the end.
+
+A request is a line of JSON with the name of a method of `Server` and its arguments. The answer is a line of JSON, followed by as
+many native doubles as its field ``numbers`` says. The field ``error`` has the reason if the request failed. The doubles are, per
+step and vehicle, x and y of the front bumper [m], the heading clockwise from north [degrees] and the speed [m/s]; all four are
+not-a-number for a vehicle that has arrived.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ _NOWHERE = (float("nan"),) * 4
 
 
 class Server:
-    """The simulation under way."""
+    """A simulation of SUMO, replaced by each `load`."""
 
     def __init__(self, sumo: Any) -> None:
         self._sumo = sumo
@@ -32,7 +33,7 @@ class Server:
         self._driving: set[str] = set()
 
     def load(self, options: list[str], names: list[str], others: Collection[str] = ()) -> array[float]:
-        """Load a network, let every vehicle depart, and return the positions; `others` are the vehicles that the caller moves."""
+        """Load a network, let every vehicle depart, and return the first row; `others` are the vehicles that the caller moves."""
         if self._loaded:
             self._sumo.load(options)
         else:
@@ -46,11 +47,14 @@ class Server:
         for name in names:
             self._sumo.vehicle.setLaneChangeMode(name, 0)  # a route leads along the lanes of an entrance and an exit
         for name in others:
-            self._sumo.vehicle.setSpeedMode(name, 0)  # its speed is what it is, and not what SUMO would allow
+            self._sumo.vehicle.setSpeedMode(name, 0)  # SUMO must not change the speed
         return array("d", self._row())
 
     def step(self, count: int, moved: dict[str, list[float]], gone: list[str]) -> array[float]:
-        """Take so many steps, in the first of which others than SUMO's drivers have `moved` to x, y, heading, speed."""
+        """Take `count` steps and return a row of each.
+
+        Before the first step, the vehicles in `moved` get their x, y, heading and speed, and those in `gone` are removed.
+        """
         vehicle = self._sumo.vehicle
         for name in gone:
             if name in self._driving:
@@ -68,7 +72,7 @@ class Server:
         return rows
 
     def brake(self, options: list[str], name: str) -> array[float]:
-        """Return how far a vehicle gets that is told to stop as soon as it has departed [m], and how fast it then is [m/s]."""
+        """Return the braking distance of a vehicle that brakes from its departure on [m]; infinite if the road is too short."""
         self.load(options, [name])
         vehicle = self._sumo.vehicle
         start = vehicle.getLanePosition(name)
@@ -89,13 +93,13 @@ class Server:
 
 
 _KEEP_ROUTE = 3
-"""Its own route, at exactly this place (TraCI, move to XY)."""
+"""Keep the route and use exactly this position (TraCI, move to XY)."""
 
 
 def main() -> None:
-    """Answer requests until there are no more, or it is told to end."""
+    """Answer requests until the end of standard input, or until SIGTERM."""
     signal.signal(signal.SIGTERM, lambda *_: sys.exit())
-    # SUMO writes on standard output what it does: that goes where its warnings go.
+    # SUMO writes messages to standard output, which is redirected to standard error.
     out = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
     import libsumo
@@ -113,7 +117,7 @@ def main() -> None:
                 head, numbers = {"numbers": 0, "error": f"{error}"}, array("d")
             out.write(json.dumps(head).encode() + b"\n" + numbers.tobytes())
             out.flush()
-    finally:  # also when who asked is gone
+    finally:  # also after the end of the parent process
         shutil.rmtree(sys.argv[1], ignore_errors=True)
 
 

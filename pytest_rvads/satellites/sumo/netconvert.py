@@ -18,12 +18,12 @@ from pytest_rvads.wording import one_line
 __all__ = ["netconvert", "program_and_home"]
 
 _LIMIT = 60.0
-"""How long it may take [s]; a junction takes some hundredths."""
+"""Longest duration of a call [s]; a junction takes some hundredths of a second."""
 _RESULT = "net.xml"
 _OPTIONS = (
-    "--offset.disable-normalization",  # in the frame of the map
-    "--no-turnarounds",  # there are the movements that the junction has
-    "--junctions.endpoint-shape",  # lanes end where they are said to
+    "--offset.disable-normalization",  # keep the frame of the map
+    "--no-turnarounds",  # add no movements to those of the junction
+    "--junctions.endpoint-shape",  # keep the ends of the lanes
     "--precision=9",
     "--xml-validation=never",
 )
@@ -33,14 +33,14 @@ def netconvert(files: Mapping[str, Element], *, left_hand: bool) -> Element:
     """Return the network of plain XML files.
 
     Args:
-        files: by the name of the option that takes each.
+        files: content of each input file, by the name of its option.
         left_hand: whether traffic keeps left.
 
     Raises:
         RunError: netconvert is not installed, or failed.
     """
     program, home = program_and_home()
-    # By their names alone: netconvert takes a comma in a path for the end of it.
+    # Names without folders, because netconvert ends a path at a comma.
     names = {option: f"{option}.xml" for option in files}
     options = [f"--{option}={name}" for option, name in names.items()]
     options += [*_OPTIONS, *(["--lefthand"] if left_hand else []), f"--output-file={_RESULT}"]
@@ -48,21 +48,21 @@ def netconvert(files: Mapping[str, Element], *, left_hand: bool) -> Element:
         with TemporaryDirectory(prefix="rvads-net-") as folder:
             for option, root in files.items():
                 ElementTree(root).write(Path(folder, names[option]), encoding="utf-8")
-            said = _run([program, *options], home, folder)
+            messages = _run([program, *options], home, folder)
             result = Path(folder, _RESULT)
-            made = result.read_bytes() if result.exists() else b""
+            content = result.read_bytes() if result.exists() else b""
     except OSError as error:
         raise RunError(f"files for SUMO's netconvert can't be written or read: {error}") from None
     try:
-        return fromstring(made)
+        return fromstring(content)
     except ParseError:
-        raise RunError(f"SUMO's netconvert ({program}) made no network: {one_line(said[-500:])}") from None
+        raise RunError(f"SUMO's netconvert ({program}) made no network: {one_line(messages[-500:])}") from None
 
 
 def _run(command: Sequence[str], home: str | None, folder: str) -> str:
-    """Run a program in a folder and return what it says on standard error."""
+    """Run a program in a folder and return its standard error."""
     try:
-        done = subprocess.run(
+        finished = subprocess.run(
             command,
             cwd=folder,
             stdin=subprocess.DEVNULL,
@@ -73,19 +73,19 @@ def _run(command: Sequence[str], home: str | None, folder: str) -> str:
         )
     except (OSError, subprocess.TimeoutExpired) as error:
         raise RunError(f"SUMO's netconvert can't be run: {one_line(str(error), 300)}") from None
-    return done.stderr.decode(errors="replace")
+    return finished.stderr.decode(errors="replace")
 
 
 @lru_cache(maxsize=1)
 def program_and_home() -> tuple[str, str | None]:
-    """Return netconvert and the home of SUMO: of the package eclipse-sumo, else of SUMO_HOME, else found on the path.
+    """Return the paths of netconvert and of SUMO's home: of the package eclipse-sumo, else of SUMO_HOME, else from the PATH.
 
     Raises:
-        RunError: there is none.
+        RunError: netconvert is not installed.
     """
     spec = find_spec("sumo")
     homes = [*((spec and spec.submodule_search_locations) or ()), os.environ.get("SUMO_HOME", "")]
-    for home in map(os.path.abspath, filter(None, homes)):  # it does not run in this folder
+    for home in map(os.path.abspath, filter(None, homes)):  # absolute, because netconvert runs in another folder
         if program := shutil.which("netconvert", path=str(Path(home, "bin"))):
             return program, home
     program = shutil.which("netconvert")

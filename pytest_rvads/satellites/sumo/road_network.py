@@ -1,13 +1,14 @@
-"""The road network of SUMO for a junction, made from the value and not from its map file.
+"""The road network of SUMO for a junction: edges, connections, right of way and signal program.
 
-An arm is an edge in, ``in0``, and one out, ``out0``, with a lane per entrance and exit. The edge in ends at the stopping line, so
-that SUMO's vehicles stop there; a connection with a shape of its own leads from there along the centre line of the movement.
+An arm is an edge in, ``in0``, and an edge out, ``out0``, with a lane per entrance and exit. The edge in ends at the stopping
+line, because SUMO's vehicles stop at the end of an edge. From there, a connection leads along the center line of the movement.
 
-Because the network is made from the `Junction`, junctions of every map format can be driven in SUMO.
+The network is made from the `Junction` and not from its map file. So SUMO can simulate junctions of every map format.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from hashlib import sha256
@@ -18,81 +19,88 @@ from xml.etree.ElementTree import Element, SubElement, tostring
 
 from numpy.typing import NDArray
 
+from pytest_rvads.errors import ScenarioError
 from pytest_rvads.junctions.conflicts import Key
 from pytest_rvads.junctions.junction import Arm, Junction
 from pytest_rvads.junctions.sweep import EXIT_LENGTH
+from pytest_rvads.junctions.yielding import Reason
+from pytest_rvads.maps.control import Sign
 from pytest_rvads.maps.segment import SPEED_LIMIT, Segment, join
 from pytest_rvads.physics.braking import FASTEST
-from pytest_rvads.runs.lights import SignalPlan
+from pytest_rvads.runs.lights import CLEARANCE, GREEN, YELLOW, SignalPlan
+from pytest_rvads.runs.states import Colour
 from pytest_rvads.satellites.sumo.netconvert import netconvert
-from pytest_rvads.satellites.sumo.right_of_way import check_yields, node_type, priority
-from pytest_rvads.satellites.sumo.signal_program import program
 
 __all__ = ["Network", "lane_in", "lane_limit", "lane_out", "network", "straight"]
 
-_SAME = 1e-6
-"""Lengths that differ by less are equal [m]."""
+_LETTERS = {Colour.YELLOW: "y", Colour.RED: "r"}
+"""Letter of SUMO per colour other than green."""
+_RANK = {Sign.STOP: 1, Sign.YIELD: 1, Sign.NONE: 2, Sign.LIGHTS: 2, Sign.PRIORITY: 3}
+"""Rank of a sign, as in `pytest_rvads.junctions.yielding`; the movement with the higher rank goes first."""
+_LENGTH_TOLERANCE = 1e-6
+"""Largest difference between equal lengths [m]."""
 
 
 @dataclass(frozen=True, slots=True)
 class Network:
-    """A network as SUMO reads it."""
+    """A network in SUMO's format."""
 
     text: bytes
+    """Content of the network file."""
     name: str
-    """Of a file: equal for equal networks."""
+    """Name of the network file; equal networks have equal names."""
 
 
 @lru_cache(maxsize=64)
 def network(junction: Junction, plan: SignalPlan) -> Network:
-    """Return the network of a junction, with what its lights show from time 0 on.
+    """Return the network of a junction with the signal plan of its lights.
 
     Raises:
-        MapError: it is not known where its lanes lie.
-        ScenarioError: SUMO has no such junction.
+        MapError: the geometry of the junction is not known.
+        ScenarioError: SUMO can't represent the junction.
         RunError: netconvert is not installed, or failed.
     """
-    files = _plain(junction)
+    files = _plain_files(junction)
     root = netconvert(files, left_hand=junction.left_hand)
     node = next(item for item in root.iter("junction") if item.get("id") == "J")
     links = _links(junction, root, node)
     check_yields(junction, node, links)
     _restore(root, files["edge-files"])
     for item in root.findall("tlLogic"):
-        root.insert(list(root).index(item), program(junction, plan, links))
+        root.insert(list(root).index(item), signal_program(junction, plan, links))
         root.remove(item)
-    return _made(root)
+    return _network_of(root)
 
 
 @lru_cache(maxsize=1)
 def straight(length: float) -> Network:
-    """Return a network of one straight lane, the edge ``in0``, of that length [m]."""
+    """Return a network with a single straight lane, on the edge ``in0``, of a length [m]."""
     nodes, edges = Element("nodes"), Element("edges")
     for name, x in (("start", 0.0), ("end", length)):
         SubElement(nodes, "node", id=name, x=repr(x), y="0")
     SubElement(edges, "edge", {"id": "in0", "from": "start", "to": "end", "numLanes": "1", "speed": repr(FASTEST)})
-    return _made(netconvert({"node-files": nodes, "edge-files": edges}, left_hand=False))
+    return _network_of(netconvert({"node-files": nodes, "edge-files": edges}, left_hand=False))
 
 
 def lane_in(junction: Junction, entrance: int) -> tuple[str, int]:
-    """Return the edge and the number of the lane that end at the stopping line of an entrance."""
+    """Return edge and lane number of the lane that ends at the stopping line of an entrance."""
     lane = junction.entrances[entrance]
     return f"in{lane.arm}", lane.lane
 
 
 def lane_out(junction: Junction, exit: int) -> tuple[str, int]:
-    """Return the edge and the number of the lane that begin at an exit."""
+    """Return edge and lane number of the lane that begins at an exit."""
     lane = junction.exits[exit]
     return f"out{lane.arm}", lane.lane
 
 
 def lane_limit(way: Segment, end: int) -> float:
-    """Return the speed limit at the junction of a lane that leads in (-1) or out (0): SUMO knows one per lane [m/s]."""
+    """Return the speed limit of a lane in SUMO [m/s]: the limit at its end (-1) or start (0), because SUMO has a single limit."""
     return way.limits[end][1] or SPEED_LIMIT if way.limits else SPEED_LIMIT
 
 
-def _plain(junction: Junction) -> dict[str, Element]:
-    """Return the files in plain XML (page "Networks/PlainXML")."""
+def _plain_files(junction: Junction) -> dict[str, Element]:
+    """Return the input files of netconvert by option, in plain XML (page "Networks/PlainXML" of SUMO)."""
     nodes, edges, connections = Element("nodes"), Element("edges"), Element("connections")
     ends = [junction.way_in(k).points[-1] for k in range(len(junction.entrances))]
     middle = [fsum(float(end[axis]) for end in ends) / len(ends) for axis in (0, 1)]
@@ -100,12 +108,12 @@ def _plain(junction: Junction) -> dict[str, Element]:
     for number, arm in enumerate(junction.arms):
         _add_arm(junction, number, arm, nodes, edges)
     for entrance, exit in sorted(junction.movements):
-        (start, lane), (end, other) = lane_in(junction, entrance), lane_out(junction, exit)
+        (start, entrance_lane), (end, exit_lane) = lane_in(junction, entrance), lane_out(junction, exit)
         way = junction.way_through(entrance, exit)
         setback = junction.setbacks[entrance]
         if setback and (whole := join((junction.way_in(entrance).tail(setback), way))):
             way = whole
-        ways = {"from": start, "to": end, "fromLane": str(lane), "toLane": str(other), "shape": _shape(way.points)}
+        ways = {"from": start, "to": end, "fromLane": str(entrance_lane), "toLane": str(exit_lane), "shape": _shape(way.points)}
         SubElement(connections, "connection", ways)
     return {"node-files": nodes, "edge-files": edges, "connection-files": connections}
 
@@ -117,13 +125,13 @@ def _add_arm(junction: Junction, number: int, arm: Arm, nodes: Element, edges: E
     ways_out = [junction.way_out(k) for k in arm.exits]
     ways_out = [way.head(min(way.length, EXIT_LENGTH)) for way in ways_out]
     ranks = [priority(junction.entrances[k].sign) for k in arm.entrances]
-    for edge, far, lanes, end in (("in", "from", ways_in, 0), ("out", "to", ways_out, -1)):
+    for edge, far_end, lanes, end in (("in", "from", ways_in, 0), ("out", "to", ways_out, -1)):
         if not lanes:
             continue
         x, y = lanes[0].points[end].tolist()
-        SubElement(nodes, "node", id=f"{far}{number}", x=repr(x), y=repr(y), type="dead_end")
-        ways = ("J", f"{far}{number}") if end else (f"{far}{number}", "J")
-        given = {
+        SubElement(nodes, "node", id=f"{far_end}{number}", x=repr(x), y=repr(y), type="dead_end")
+        ways = ("J", f"{far_end}{number}") if end else (f"{far_end}{number}", "J")
+        attributes = {
             "id": f"{edge}{number}",
             "from": ways[0],
             "to": ways[1],
@@ -132,7 +140,7 @@ def _add_arm(junction: Junction, number: int, arm: Arm, nodes: Element, edges: E
             "priority": str(max(ranks, default=1)),
             "shape": _shape(lanes[0].points),
         }
-        item = SubElement(edges, "edge", given)
+        item = SubElement(edges, "edge", attributes)
         for lane, way in enumerate(lanes):
             part = SubElement(item, "lane", index=str(lane), width=repr(junction.lane_width), shape=_shape(way.points))
             if way.limits:
@@ -140,22 +148,22 @@ def _add_arm(junction: Junction, number: int, arm: Arm, nodes: Element, edges: E
 
 
 def _links(junction: Junction, root: Element, node: Element) -> list[Key]:
-    """Return the movement of every link of the junction, by the number of the link: by lanes as the node names them."""
+    """Return the movement of each link of the junction, in the order of the link numbers."""
     entrances = {lane_in(junction, k): k for k in range(len(junction.entrances))}
     exits = {lane_out(junction, k): k for k in range(len(junction.exits))}
-    found: dict[str, list[Key]] = {}
+    by_lane: dict[str, list[Key]] = {}
     for item in root.iter("connection"):
         start = item.attrib["from"], int(item.attrib["fromLane"])
         if start in entrances:
             key = entrances[start], exits[item.attrib["to"], int(item.attrib["toLane"])]
-            found.setdefault(f"{start[0]}_{start[1]}", []).append(key)
-    return [key for lane in node.attrib["incLanes"].split() for key in found.get(lane, ())]
+            by_lane.setdefault(f"{start[0]}_{start[1]}", []).append(key)
+    return [key for lane in node.attrib["incLanes"].split() for key in by_lane.get(lane, ())]
 
 
 def _restore(root: Element, edges: Element) -> None:
-    """Give lanes the shapes and lengths that they shall have.
+    """Set the shapes and lengths of all lanes to those of the junction.
 
-    Netconvert moves the ends of lanes of one edge that end apart, and gives them one length.
+    If the lanes of an edge end at different places, netconvert moves their ends and gives them equal lengths.
     """
     lanes = {lane.attrib["id"]: lane for lane in root.iter("lane")}
     shapes = {name: lane.attrib["shape"].split() for name, lane in lanes.items()}
@@ -168,9 +176,9 @@ def _restore(root: Element, edges: Element) -> None:
             shapes[via][0] = shapes[start][-1]
     for name, shape in shapes.items():
         points = [tuple(map(float, point.split(",")[:2])) for point in shape]
-        length = fsum(dist(one, two) for one, two in pairwise(points))
+        length = fsum(dist(begin, end) for begin, end in pairwise(points))
         lanes[name].set("shape", " ".join(shape))
-        if abs(length - float(lanes[name].attrib["length"])) > _SAME:
+        if abs(length - float(lanes[name].attrib["length"])) > _LENGTH_TOLERANCE:
             lanes[name].set("length", repr(length))
 
 
@@ -178,6 +186,91 @@ def _shape(points: NDArray[Any]) -> str:
     return " ".join(f"{x!r},{y!r}" for x, y in points.tolist())
 
 
-def _made(root: Element) -> Network:
+def _network_of(root: Element) -> Network:
     text = tostring(root)
     return Network(text, f"{sha256(text).hexdigest()[:16]}.net.xml")
+
+
+def node_type(junction: Junction) -> str:
+    """Return the type of the node for a junction (page "Networks/PlainXML" of SUMO, node types).
+
+    Raises:
+        ScenarioError: SUMO can't represent the junction.
+    """
+    signs = {entrance.sign for entrance in junction.entrances}
+    lower = {sign for sign in signs if _RANK[sign] == min(_RANK[s] for s in signs)}
+    if Sign.LIGHTS in signs:
+        if len(signs) > 1 or None in {entrance.phase for entrance in junction.entrances}:
+            raise _refused(junction, "lights at some entrances only, where SUMO has them at all or none")
+        return "traffic_light"
+    if signs == {Sign.STOP}:
+        return "allway_stop"
+    if len({_RANK[sign] for sign in signs}) == 1 and Sign.STOP not in signs:
+        return "right_before_left"
+    if lower == {Sign.STOP, Sign.YIELD}:
+        raise _refused(junction, "stop signs beside yield signs, where SUMO has one of the two at all minor roads")
+    return "priority_stop" if lower == {Sign.STOP} else "priority"
+
+
+def priority(sign: Sign) -> int:
+    """Return the priority of an edge that ends at a sign; vehicles on the edge with the higher priority go first."""
+    return _RANK[sign]
+
+
+def check_yields(junction: Junction, node: Element, links: Sequence[Key]) -> None:
+    """Check that every movement that must give way in the junction gives way in SUMO, and not the other way round.
+
+    An all-way stop is not checked, because there the arrival times decide. SUMO may require more: for movements without a
+    conflict in the junction, and for undecided pairs of movements.
+
+    Args:
+        junction: the junction with the intended right of way.
+        node: the junction in the network, with a ``request`` per link.
+        links: the movement of each link, in the order of the link numbers.
+
+    Raises:
+        ScenarioError: the network has another right of way.
+    """
+    if node.get("type") == "allway_stop":
+        return
+    # The last digit of a response belongs to link 0.
+    rows = {links[int(item.attrib["index"])]: item.attrib["response"][::-1] for item in node.iter("request")}
+    entrances, lights = junction.entrances, node.get("type") == "traffic_light"
+    for (lower, higher), reason in (junction.yields or {}).items():
+        if reason is Reason.UNDECIDED:
+            continue
+        at_once = not lights or entrances[lower[0]].phase == entrances[higher[0]].phase
+        lower_waits, higher_waits = rows[lower][links.index(higher)] == "1", rows[higher][links.index(lower)] == "1"
+        if at_once and (higher_waits or not lower_waits):
+            ways = f"the movement {lower[0]} to {lower[1]} gives way to the movement {higher[0]} to {higher[1]}"
+            raise _refused(junction, f"a right of way that SUMO's network does not have: {ways}")
+
+
+def _refused(junction: Junction, why: str) -> ScenarioError:
+    return ScenarioError(f"junction {junction.name!r} can't be simulated in SUMO, it has {why}: choose another simulator for it")
+
+
+def signal_program(junction: Junction, plan: SignalPlan, links: Sequence[Key]) -> Element:
+    """Return a signal plan as an element ``tlLogic`` (page "Simulation/Traffic Lights" of SUMO).
+
+    Args:
+        junction: a junction with lights at all entrances.
+        plan: the signal plan of these lights, beginning at time 0.
+        links: the movement of each link, in the order of the link numbers.
+    """
+    logic = Element("tlLogic", id="J", type="static", programID="rvads", offset="0")
+    slot = GREEN + YELLOW + CLEARANCE
+    for turn in range(len(plan.groups)):
+        for duration, since in ((GREEN, 0.0), (YELLOW, GREEN), (CLEARANCE, GREEN + YELLOW)):
+            colours = plan.colours(turn * slot + since, len(junction.entrances))
+            state = "".join(_letter(junction, colours, key) for key in links)
+            SubElement(logic, "phase", duration=f"{duration:g}", state=state)
+    return logic
+
+
+def _letter(junction: Junction, colours: Sequence[Colour], key: Key) -> str:
+    colour = colours[key[0]]
+    if colour is not Colour.GREEN:
+        return _LETTERS[colour]
+    yields = junction.yields or {}
+    return "g" if any(lower == key and colours[higher[0]] is Colour.GREEN for lower, higher in yields) else "G"

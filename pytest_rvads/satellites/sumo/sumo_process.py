@@ -1,4 +1,4 @@
-"""The process of SUMO, from our side: started when it is needed, used for run after run, replaced when it has failed."""
+"""The process of SUMO as seen by its parent: started on demand, used for many runs, and replaced after a failure."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ from pytest_rvads.wording import one_line
 
 __all__ = ["SumoFailed", "SumoProcess", "acquire", "release"]
 
-_DAY = 86400.0
-"""Where the session sets no limit [s]."""
+_NO_LIMIT = 86400.0
+"""Limit of an answer if the session sets no limit [s]."""
 _OPTIONS = (
     "--step-length=0.01",
     "--no-step-log",
     "--duration-log.disable",
     "--xml-validation=never",
     "--xml-validation.net=never",
-    "--time-to-teleport=-1",  # who waits for long is not taken elsewhere
-    "--collision.action=none",  # who touches whom is judged by the bodies
-    "--insertion-checks=none",  # everybody starts where and as fast as the case says
+    "--time-to-teleport=-1",  # never move a waiting vehicle elsewhere
+    "--collision.action=none",  # contacts are found by the boxes of the vehicles
+    "--insertion-checks=none",  # keep the positions and speeds of the case
 )
 
 
@@ -40,8 +40,8 @@ class SumoFailed(RunError):
     """SUMO ended, hung, or refused a request.
 
     Args:
-        text: one sentence.
-        detail: what it last wrote to its standard error.
+        text: the reason in a sentence.
+        detail: the last lines of SUMO's standard error.
     """
 
     def __init__(self, text: str, detail: str = "") -> None:
@@ -60,7 +60,7 @@ class SumoProcess:
         self._closed = False
         self.owner = os.getpid()
         try:
-            # Not the folder of the program: what libsumo imports is not looked for among our modules.
+            # -P keeps the folder of the program out of sys.path, so that libsumo imports no module of this package.
             self._child = Child([sys.executable, "-P", libsumo_server.__file__, str(self._folder)])
         except StackError as error:
             shutil.rmtree(self._folder, ignore_errors=True)
@@ -68,24 +68,24 @@ class SumoProcess:
 
     @property
     def usable(self) -> bool:
-        """Whether it can simulate."""
+        """Whether the process can simulate."""
         return not self._closed and self._child.running
 
     @property
     def pid(self) -> int:
-        """Number of the process."""
+        """Id of the process."""
         return self._child.pid
 
     def load(self, network: Network, routes: str, names: list[str], others: list[str], seed: int) -> array[float]:
-        """Begin a simulation, and return the first row: where the vehicles are when they have departed."""
+        """Begin a simulation, and return the first row, with the motions of the vehicles after their departure."""
         return self._ask(do="load", options=self._options(network, routes, seed), names=names, others=others)
 
     def step(self, count: int, moved: Mapping[str, Sequence[float]], gone: list[str]) -> array[float]:
-        """Take so many steps and return a row of each; see `pytest_rvads.satellites.sumo.libsumo_server`."""
+        """Take `count` steps and return a row of each; `libsumo_server` explains rows and arguments."""
         return self._ask(do="step", count=count, moved=moved, gone=gone)
 
     def brake(self, network: Network, routes: str, name: str) -> float:
-        """Return how far a lone vehicle gets that is told to stop at once [m]; inf where the road is too short."""
+        """Return the braking distance of a vehicle alone on a road [m]; infinite if the road is too short."""
         return self._ask(do="brake", options=self._options(network, routes, 0), name=name)[0]
 
     def close(self) -> None:
@@ -96,28 +96,28 @@ class SumoProcess:
             shutil.rmtree(self._folder, ignore_errors=True)
 
     def _options(self, network: Network, routes: str, seed: int) -> list[str]:
-        """Write the files of a simulation, and return its options.
+        """Write the files of a simulation, and return the options of SUMO.
 
         Raises:
-            SumoFailed: they can't be written.
+            SumoFailed: the files can't be written.
         """
         net, departures = self._folder / network.name, self._folder / "departures.rou.xml"
         try:
             if not net.exists():
                 net.write_bytes(network.text)
             departures.write_text(routes, encoding="utf-8")
-        except OSError as error:  # somebody cleans up, or the disk is full
+        except OSError as error:  # the folder was removed, or the disk is full
             raise self._failed(f"its files can't be written to {self._folder}: {error.strerror}") from None
-        # By their names alone: the server works in the folder, and SUMO takes a comma in a path for the end of it.
+        # Names without folders: the server works in the folder, and SUMO ends a path at a comma.
         return [*_OPTIONS, f"--net-file={net.name}", f"--route-files={departures.name}", f"--seed={seed}"]
 
     def _ask(self, **request: Any) -> array[float]:
         """Send a request and return the numbers of the answer.
 
         Raises:
-            SumoFailed: there is none within the limit for decisions, or it is that the request failed.
+            SumoFailed: SUMO gave no answer within the limit for decisions, or the request failed.
         """
-        limit = choice().limits.decision or _DAY
+        limit = choice().limits.decision or _NO_LIMIT
         try:
             self._child.send(json.dumps(request).encode() + b"\n", limit)
             head = json.loads(self._child.line(limit))
@@ -126,27 +126,27 @@ class SumoProcess:
             raise self._failed(f"no answer within {limit:g} s of real time (--rvads-decision-limit)") from None
         except StackError as error:
             raise self._failed(f"{error}") from None
-        except BaseException:  # somebody does not want to wait any longer: an answer may still come
+        except BaseException:  # after an interrupt, an answer to this request may still come
             self.close()
             raise
-        if wrong := head.get("error"):
-            raise self._failed(one_line(wrong, 300))
+        if message := head.get("error"):
+            raise self._failed(one_line(message, 300))
         return numbers
 
     def _failed(self, why: str) -> SumoFailed:
         detail = self._child.tail()
         self.close()
-        return SumoFailed(f"SUMO (libsumo): {why}", detail)  # without numbers: the reason is part of the run's hash
+        return SumoFailed(f"SUMO (libsumo): {why}", detail)  # no numbers that vary, because the reason is part of the run's hash
 
 
 _FREE: list[SumoProcess] = []
-"""Running processes that no simulation uses: starting one takes a third of a second."""
+"""Running processes without a simulation, kept because starting a process takes a third of a second."""
 _PARENTS: list[SumoProcess] = []
 """SUMO processes of the parent of a forked process. They are kept alive here, because their destructor would end them."""
 
 
 def acquire() -> SumoProcess:
-    """Return a process that no other simulation uses."""
+    """Return a free process, or start a process."""
     while _FREE:
         process = _FREE.pop()
         if process.usable:
@@ -156,7 +156,7 @@ def acquire() -> SumoProcess:
 
 
 def release(process: SumoProcess) -> None:
-    """Give a process back for the next simulation."""
+    """Return a process to the free processes, for the next simulation."""
     if process.usable:
         _FREE.append(process)
 

@@ -1,4 +1,7 @@
-"""The world of the simulator ``sumo``: SUMO moves its vehicles, a physics engine ours, and each has those of the other in it."""
+"""The world of the simulator ``sumo``: SUMO moves its vehicles, and a physics engine moves all other vehicles.
+
+SUMO gets the positions of the engine's vehicles in every step, so that its vehicles react to them.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +9,7 @@ import math
 from array import array
 from collections.abc import Collection, Mapping, Sequence
 from itertools import combinations
+from xml.etree.ElementTree import Element, SubElement, tostring
 
 from pytest_rvads.conduct.bodies import Box, gap
 from pytest_rvads.errors import RunError
@@ -13,12 +17,16 @@ from pytest_rvads.physics import engines
 from pytest_rvads.physics.world import Motion, World
 from pytest_rvads.runs.run import DT, Halt
 from pytest_rvads.runs.vehicle import Vehicle
-from pytest_rvads.satellites.sumo.departures import departures
-from pytest_rvads.satellites.sumo.road_network import network
+from pytest_rvads.satellites.sumo.road_network import lane_in, lane_limit, lane_out, network
 from pytest_rvads.satellites.sumo.sumo_process import SumoFailed, acquire, release
 from pytest_rvads.scenarios.case import Case
 
-__all__ = ["SumoWorld"]
+__all__ = ["SumoWorld", "departures", "lone_departure"]
+
+
+_EMERGENCY = 9.0
+"""SUMO's own deceleration in an emergency [m/s^2]."""
+
 
 _AHEAD = 100
 """Steps per call if SUMO drives all vehicles; the results equal those of single steps."""
@@ -29,19 +37,19 @@ _EXACT = 0.01
 class SumoWorld:
     """A `World` in which SUMO drives some vehicles.
 
-    Contacts are those of the boxes, where a vehicle of SUMO takes part in them: it feels nothing of them.
+    A vehicle of SUMO touches another vehicle if the boxes of both overlap. Such a contact has no effect on the motions.
 
     Args:
-        case: what is simulated.
-        driven: columns of SUMO's vehicles, one at least.
-        seed: of SUMO's random numbers.
-        attributes: of the vehicle types, see `departures`.
-        vehicles: per column.
-        starts: initial motion per column.
+        case: the case to simulate.
+        driven: columns of SUMO's vehicles, at least one.
+        seed: seed of SUMO's random numbers.
+        attributes: attributes of the vehicle types, see `departures`.
+        vehicles: parameters of the vehicle in each column.
+        starts: initial motion of the vehicle in each column.
 
     Raises:
-        MapError: it is not known where the lanes of the junction lie.
-        ScenarioError: SUMO has no such junction.
+        MapError: the geometry of the junction is not known.
+        ScenarioError: SUMO can't represent the junction.
         RunError: SUMO or netconvert is not installed or failed.
     """
 
@@ -68,11 +76,11 @@ class SumoWorld:
             others = [self._names[column] for column in self._ours]
             row = self._sumo.load(net, departures(case, attributes), self._names, others, seed)
             self._motions = list(starts)
-            self._motions = self._placed(row, 0)
-            self._check(starts)
+            self._motions = self._moved(row, 0)
+            self._check_departures(starts)
             if self._ours:
                 self._plane = engines.usual().world([vehicles[k] for k in self._ours], [starts[k] for k in self._ours])
-                self._take(self._plane)
+                self._copy_motions(self._plane)
         except BaseException:
             self.close()
             raise
@@ -83,7 +91,9 @@ class SumoWorld:
         return list(self._motions)
 
     def step(self, forces: Sequence[float]) -> None:
-        """Advance by one step: ours under `forces`, SUMO's by what was where before.
+        """Advance by a step: the vehicles of the engine move under `forces`, and SUMO moves its vehicles.
+
+        SUMO's vehicles react to the positions before the step.
 
         Raises:
             Halt: SUMO ended or does not answer.
@@ -97,28 +107,32 @@ class SumoWorld:
                 self._advance()
         except SumoFailed as error:
             raise Halt(self._names[self._driven[0]], str(error), error.detail) from None
-        self._motions = self._placed(self._rows, self._next)
+        self._motions = self._moved(self._rows, self._next)
         self._next += 4 * len(self._names)
         if self._plane is not None:
-            self._take(self._plane)
+            self._copy_motions(self._plane)
 
     def contacts(self) -> list[tuple[int, int]]:
         """Return the pairs of vehicles that touched at the start of the last step."""
-        found = set(self._touching)
-        for one, two in combinations(range(len(self._names)), 2):
-            if (one in self._driven or two in self._driven) and not {one, two} & self._gone and self._overlap(one, two):
-                found.add((one, two))
-        return sorted(found)
+        pairs = set(self._touching)
+        for first, second in combinations(range(len(self._names)), 2):
+            if (
+                (first in self._driven or second in self._driven)
+                and not {first, second} & self._gone
+                and self._overlap(first, second)
+            ):
+                pairs.add((first, second))
+        return sorted(pairs)
 
     def remove(self, body: int) -> None:
-        """Take a vehicle out; SUMO's arrive by themselves where their way ends."""
+        """Remove a vehicle; SUMO removes its own vehicles at the end of their ways."""
         self._gone.add(body)
         if body in self._ours and self._plane is not None:
             self._plane.remove(self._ours.index(body))
             self._leaving.append(self._names[body])
 
     def close(self) -> None:
-        """Free the engine, and SUMO for the next world."""
+        """Close the engine, and release SUMO for the next world."""
         if self._plane is not None:
             self._plane.close()
         release(self._sumo)
@@ -129,22 +143,22 @@ class SumoWorld:
             self._rows = self._sumo.step(_AHEAD, {}, [])
         else:
             moved = zip(self._ours, self._plane.motions(), strict=True)
-            told = {self._names[column]: self._front(column, motion) for column, motion in moved if column not in self._gone}
-            self._rows, self._leaving = self._sumo.step(1, told, self._leaving), []
+            positions = {self._names[column]: self._front(column, motion) for column, motion in moved if column not in self._gone}
+            self._rows, self._leaving = self._sumo.step(1, positions, self._leaving), []
         self._next = 0
 
-    def _take(self, plane: World) -> None:
-        """Take over where ours are."""
+    def _copy_motions(self, plane: World) -> None:
+        """Copy the motions of the engine's vehicles."""
         for column, motion in zip(self._ours, plane.motions(), strict=True):
             self._motions[column] = motion
 
-    def _placed(self, rows: array[float], first: int) -> list[Motion]:
-        """Return the motions of SUMO's vehicles from the row that begins at `first`, those of the others as they were."""
+    def _moved(self, rows: array[float], first: int) -> list[Motion]:
+        """Return the motions of all vehicles, with SUMO's vehicles moved to the row that begins at index `first` of `rows`."""
         motions = list(self._motions)
         for column in self._driven:
             x, y, heading, speed = rows[first + 4 * column : first + 4 * column + 4]
             before = motions[column]
-            if math.isnan(x):  # it has arrived: it goes on until it counts as gone
+            if math.isnan(x):  # the vehicle has arrived and goes straight on until it counts as gone
                 motions[column] = before._replace(x=before.x + before.vx * DT, y=before.y + before.vy * DT, yaw_rate=0.0)
                 continue
             yaw = before.yaw + math.remainder(math.radians(90.0 - heading) - before.yaw, math.tau)
@@ -159,27 +173,91 @@ class SumoWorld:
         heading = (90.0 - math.degrees(motion.yaw)) % 360.0
         return motion.x + ahead * cos, motion.y + ahead * sin, heading, motion.vx * cos + motion.vy * sin
 
-    def _check(self, starts: Sequence[Motion]) -> None:
+    def _check_departures(self, starts: Sequence[Motion]) -> None:
         """Check that SUMO's vehicles depart with the positions, headings and speeds of `starts`."""
         for column in self._driven:
             x, y, _, speed = self._front(column, self._motions[column])
-            wanted = self._front(column, starts[column])
-            if max(math.hypot(x - wanted[0], y - wanted[1]), abs(speed - wanted[3])) > _EXACT:
+            expected = self._front(column, starts[column])
+            if max(math.hypot(x - expected[0], y - expected[1]), abs(speed - expected[3])) > _EXACT:
                 raise RunError(
                     f"SUMO lets {self._names[column]} depart at ({x:.2f}, {y:.2f}) with {speed:.2f} m/s, expected "
-                    f"({wanted[0]:.2f}, {wanted[1]:.2f}) with {wanted[3]:.2f} m/s: choose another start"
+                    f"({expected[0]:.2f}, {expected[1]:.2f}) with {expected[3]:.2f} m/s: choose another start"
                 )
             self._motions[column] = self._motions[column]._replace(yaw_rate=0.0)
 
     def _contacts_in_plane(self) -> list[tuple[int, int]]:
-        return [] if self._plane is None else [(self._ours[one], self._ours[two]) for one, two in self._plane.contacts()]
+        return (
+            [] if self._plane is None else [(self._ours[first], self._ours[second]) for first, second in self._plane.contacts()]
+        )
 
-    def _overlap(self, one: int, two: int) -> bool:
-        """Tell whether the boxes of two vehicles overlapped before the last step."""
-        return gap(self._box(one), self._box(two)) < 0.0
+    def _overlap(self, first: int, second: int) -> bool:
+        """Return whether the boxes of two vehicles overlapped before the last step."""
+        return gap(self._box(first), self._box(second)) < 0.0
 
     def _box(self, column: int) -> Box:
         motion, vehicle = self._before[column], self._vehicles[column]
         ahead = vehicle.gravity_offset
         x, y = motion.x + ahead * math.cos(motion.yaw), motion.y + ahead * math.sin(motion.yaw)
         return Box(x, y, motion.yaw, vehicle.length, vehicle.width)
+
+
+def departures(case: Case, attributes: Mapping[str, str]) -> str:
+    """Return the content of a route file (page "Definition of Vehicles, Vehicle Types, and Routes" of SUMO).
+
+    Every vehicle departs at time 0. The vehicles have the order of their creation.
+
+    Args:
+        case: the case to simulate.
+        attributes: attributes of the vehicle types, which replace the attributes that follow from the vehicles.
+    """
+    scenario, root = case.scenario, Element("routes")
+    created = scenario.creation.index
+    rows = sorted(zip(case.agents(), case.starts(), strict=True), key=lambda row: created(row[0].entrance))
+    for agent, (distance, speed) in rows:
+        vehicle = case.fleet.of(agent.name)
+        _add_type(root, agent.name, vehicle, scenario.aggression, attributes)
+        (start, lane), (end, exit_lane) = lane_in(scenario.place, agent.entrance), lane_out(scenario.place, agent.exit)
+        # The position of a vehicle in SUMO is the position of its front bumper, too.
+        place = scenario.place.approach(agent.entrance) - distance
+        speed = min(
+            speed, lane_limit(scenario.place.way_in(agent.entrance), -1)
+        )  # vehicles with another driver are moved from outside
+        _add_vehicle(root, agent.name, (start, end), (lane, exit_lane), place, speed)
+    return tostring(root, encoding="unicode")
+
+
+def lone_departure(name: str, speed: float, vehicle: Vehicle, aggression: int, attributes: Mapping[str, str]) -> str:
+    """Return the content of a route file with a single vehicle on a straight road, departing at a speed [m/s]."""
+    root = Element("routes")
+    _add_type(root, name, vehicle, aggression, attributes)
+    _add_vehicle(root, name, ("in0",), (0, 0), vehicle.length, speed)
+    return tostring(root, encoding="unicode")
+
+
+def _add_type(root: Element, name: str, vehicle: Vehicle, aggression: int, attributes: Mapping[str, str]) -> None:
+    decel = vehicle.brake[aggression - 1]
+    defaults = {
+        "length": repr(vehicle.length),
+        "width": repr(vehicle.width),
+        "height": repr(vehicle.height),
+        "accel": repr(vehicle.drive),
+        "decel": repr(decel),
+        "emergencyDecel": repr(max(decel, _EMERGENCY)),
+        "speedFactor": "1",  # no vehicle prefers a speed other than the limit
+        "speedDev": "0",
+    }
+    SubElement(root, "vType", {"id": name, **defaults, **attributes})
+
+
+def _add_vehicle(root: Element, name: str, edges: Sequence[str], lanes: tuple[int, int], place: float, speed: float) -> None:
+    attributes = {
+        "id": name,
+        "type": name,
+        "depart": "0",
+        "departLane": str(lanes[0]),
+        "departPos": repr(place),
+        "departSpeed": repr(speed),  # SUMO refuses departures above the speed limit
+        "arrivalLane": str(lanes[1]),
+        "insertionChecks": "none",
+    }
+    SubElement(SubElement(root, "vehicle", attributes), "route", edges=" ".join(edges))

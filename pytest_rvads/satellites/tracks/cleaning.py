@@ -1,4 +1,4 @@
-"""From the samples of a matched vehicle to its track: where it was along its way, how fast, and how exactly that is known."""
+"""Tracks of matched vehicles: the station along the way, the speed, and the accuracy of both, from the samples of a log."""
 
 from __future__ import annotations
 
@@ -17,44 +17,45 @@ from pytest_rvads.satellites.tracks.samples import Samples
 __all__ = ["accuracy_of", "delay_of", "noise_of", "track_of"]
 
 _EXACT = 0.005
-"""A position that is known better than this counts as exact [m]: files with two decimals are."""
+"""Largest standard deviation of a position that counts as exact [m]: files with two decimals have a smaller deviation."""
 
 
-def accuracy_of(found: Sequence[tuple[Samples, Matched]]) -> float:
-    """Return the standard deviation of a coordinate, estimated from the tracks [m]; 0 where they are exact.
+def accuracy_of(matches: Sequence[tuple[Samples, Matched]]) -> float:
+    """Return the standard deviation of a coordinate, estimated from the roughness of the tracks [m]; 0 if positions are exact.
 
-    Along the way vehicles speed up and slow down, across it they hardly move, but a simulator may hold them on it exactly: noise
-    shows in both, so the smaller of the two is taken, and of the vehicles the one in the middle.
+    Noise makes stations and lateral offsets rough. Stations are rough without noise, too, when a vehicle brakes. Offsets are
+    smooth in spite of noise if a simulator holds vehicles on their ways. So the smaller roughness of a vehicle counts, and the
+    median of all vehicles.
     """
-    each = []
-    for vehicle, match in found:
-        times = vehicle.times[match.kept]
-        each.append(min(roughness(times, match.station), roughness(times, match.lateral)))
-    estimate = float(np.median(each)) if each else 0.0
+    estimates = []
+    for vehicle, match in matches:
+        times = vehicle.times[match.rows]
+        estimates.append(min(roughness(times, match.station), roughness(times, match.lateral)))
+    estimate = float(np.median(estimates)) if estimates else 0.0
     return estimate if estimate >= _EXACT else 0.0
 
 
-def noise_of(found: Sequence[tuple[Samples, Matched]]) -> float:
-    """Return the standard deviation of a speed, estimated from the tracks [m/s]; 0 where speeds are exact or not measured."""
-    each = [
-        roughness(vehicle.times[match.kept], vehicle.speed[match.kept]) for vehicle, match in found if vehicle.speed is not None
+def noise_of(matches: Sequence[tuple[Samples, Matched]]) -> float:
+    """Return the standard deviation of a speed, estimated from the tracks [m/s]; 0 if speeds are exact or not measured."""
+    estimates = [
+        roughness(vehicle.times[match.rows], vehicle.speed[match.rows]) for vehicle, match in matches if vehicle.speed is not None
     ]
-    estimate = float(np.median(each)) if each else 0.0
+    estimate = float(np.median(estimates)) if estimates else 0.0
     return estimate if estimate > QUIET else 0.0
 
 
-def delay_of(found: Sequence[tuple[Samples, Matched]]) -> float:
-    """Return how long after their places the speeds of vehicles are of, estimated from all of them [s]."""
-    each = [
-        delay(vehicle.times[match.kept], match.station, vehicle.speed[match.kept], _straight(match))
-        for vehicle, match in found
+def delay_of(matches: Sequence[tuple[Samples, Matched]]) -> float:
+    """Return the delay of the recorded speeds against the recorded positions, estimated from all vehicles [s]."""
+    delays = [
+        delay(vehicle.times[match.rows], match.station, vehicle.speed[match.rows], _straight(match))
+        for vehicle, match in matches
         if vehicle.speed is not None
     ]
-    weight = math.fsum(weight for _, weight in each)
-    return math.fsum(late * weight for late, weight in each) / weight if weight else 0.0
+    weight = math.fsum(weight for _, weight in delays)
+    return math.fsum(late * weight for late, weight in delays) / weight if weight else 0.0
 
 
-def track_of(  # noqa: PLR0913 - a vehicle as it is, as it was recorded, and how well
+def track_of(  # noqa: PLR0913 - the vehicle, its samples, and their accuracy
     agent: Agent,
     vehicle: Samples,
     match: Matched,
@@ -76,8 +77,8 @@ def track_of(  # noqa: PLR0913 - a vehicle as it is, as it was recorded, and how
         late: delay of the speeds against the positions [s], see `delay_of`.
         noise: standard deviation of a measured speed [m/s]; None to estimate it from the vehicle's speeds.
     """
-    times = vehicle.times[match.kept]
-    speed = None if vehicle.speed is None else vehicle.speed[match.kept]
+    times = vehicle.times[match.rows]
+    speed = None if vehicle.speed is None else vehicle.speed[match.rows]
     straight = _straight(match) if accuracy > 0.0 else None
     station, fast, spread = smoothed(times, match.station, speed, accuracy, straight, late, noise)
     place, ahead = match.way.centre(station)
@@ -85,29 +86,30 @@ def track_of(  # noqa: PLR0913 - a vehicle as it is, as it was recorded, and how
         lateral = smoothed(times, match.lateral, None, accuracy)[0]
         place = place + lateral[:, None] * np.column_stack((-ahead[:, 1], ahead[:, 0]))
     else:
-        place = points[match.kept]
-    facing = _facing(match, station, agent) if heading is None else heading[match.kept]
+        place = points[match.rows]
+    facing = _facing(match, station, agent) if heading is None else heading[match.rows]
     return Track(agent, times, station, fast, np.column_stack((place, facing)), spread, match.offset)
 
 
 def _facing(match: Matched, station: NDArray[np.float64], agent: Agent) -> NDArray[np.float64]:
-    """Return where a body heads whose front and rear are on its way, shape ``(kept,)`` [rad]."""
+    """Return the heading of a body with front and rear on its way, shape ``(rows,)`` [rad]."""
     length = _BODY if agent.size is None else agent.size[0]
     front, rear = (match.way.centre(station - back)[0] for back in (0.0, length))
     along = front - rear
-    found: NDArray[np.float64] = np.arctan2(along[:, 1], along[:, 0])
-    return found
+    headings: NDArray[np.float64] = np.arctan2(along[:, 1], along[:, 0])
+    return headings
 
 
 def _straight(match: Matched) -> NDArray[np.bool_]:
-    """Return which samples are where the way of a vehicle has been straight for its length, shape ``(kept,)``."""
-    behind, here = (match.way.centre(match.station - back)[1] for back in (_BODY, 0.0))
-    turn = behind[:, 0] * here[:, 1] - behind[:, 1] * here[:, 0]
-    found: NDArray[np.bool_] = np.abs(turn) <= _BODY / _WIDE
-    return found
+    """Return for which samples the way below the vehicle is straight, shape ``(rows,)``."""
+    behind, ahead = (match.way.centre(match.station - back)[1] for back in (_BODY, 0.0))
+    turn = behind[:, 0] * ahead[:, 1] - behind[:, 1] * ahead[:, 0]
+    straight: NDArray[np.bool_] = np.abs(turn) <= _BODY / _WIDE
+    return straight
 
 
 _BODY = 5.0
-"""As long as a part of the body is in a bend, the bumper makes another way than what speeds are of [m]."""
+"""Length of a vehicle without a recorded length [m]. While a part of the body is in a bend, the front bumper follows another line
+than the point to which recorded speeds refer."""
 _WIDE = 200.0
-"""A bend with a larger radius is none [m]."""
+"""Radius from which on a bend counts as straight [m]."""

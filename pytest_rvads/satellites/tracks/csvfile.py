@@ -1,4 +1,4 @@
-"""Tracks in CSV files: of data sets, or of one's own by naming the columns."""
+"""Tracks in CSV files: files of the data sets inD and INTERACTION, and other files by the names of their columns."""
 
 from __future__ import annotations
 
@@ -17,56 +17,58 @@ from pytest_rvads.satellites.tracks.table import TEXTS, Column, Rows, columns_of
 
 __all__ = ["read_csv", "read_ind", "read_interaction", "rows_of", "wrong_cells"]
 
-_AT_ONCE = 20_000
-"""Rows that are taken from text to numbers together."""
+_BATCH = 20_000
+"""Number of rows that are converted together."""
 _LONGEST, _COLUMNS = 2**15, 1000
-"""Longest row [bytes] and most columns: `_AT_ONCE` rows are in memory together."""
+"""Longest row [bytes] and most columns, because `_BATCH` rows are in memory together."""
 _DELIMITERS = ",;\t"
 
 
 def read_csv(
     path: Path, columns: Mapping[str, str] | None, *, strict: bool, watch: Watch | None, preset: str | None = None
 ) -> Log:
-    """Return the vehicles of a CSV file, see `columns_of`.
+    """Return the vehicles of a CSV file; `columns_of` explains `columns` and `preset`.
 
     Raises:
-        RunError: it can't be read, lacks a column, or has a bad row while reading is `strict`.
+        RunError: the file can't be read, lacks a column, or has a bad row while reading is `strict`.
     """
     with opened(path, watch) as source:
         rows = rows_of(source)
         names = next(rows, (0, []))[1]
-        found = columns_of(columns, names, source.where, preset=preset)
-        return log_of(_pieces(rows, names, found), found, source.where, strict=strict)
+        fields = columns_of(columns, names, source.where, preset=preset)
+        return log_of(_batches(rows, names, fields), fields, source.where, strict=strict)
 
 
 def read_ind(path: Path, columns: Mapping[str, str] | None, *, strict: bool, watch: Watch | None) -> Log:
-    """Return the vehicles of ``NN_tracks.csv`` of inD, and of its like (rounD, exiD, uniD).
+    """Return the vehicles of ``NN_tracks.csv`` of the data sets inD, rounD, exiD and uniD.
 
-    Frame rate and classes are read from ``NN_recordingMeta.csv`` and ``NN_tracksMeta.csv`` where these are beside it.
+    Frame rate and classes are read from ``NN_recordingMeta.csv`` and ``NN_tracksMeta.csv`` if the folder has these files.
     """
-    told = dict(columns or {})
+    named_columns = dict(columns or {})
     stem = path.name.partition("_tracks")[0]
-    for row in _beside(path, f"{stem}_recordingMeta.csv"):
-        if "time" not in told and row.get("frameRate"):
-            told["time"] = f"frame:{row['frameRate']}hz"
-    log = read_csv(path, told, strict=strict, watch=watch, preset="ind")
+    for row in _rows_of_neighbour(path, f"{stem}_recordingMeta.csv"):
+        if "time" not in named_columns and row.get("frameRate"):
+            named_columns["time"] = f"frame:{row['frameRate']}hz"
+    log = read_csv(path, named_columns, strict=strict, watch=watch, preset="ind")
     classes = {
-        row["trackId"]: row["class"] for row in _beside(path, f"{stem}_tracksMeta.csv") if {"trackId", "class"} <= row.keys()
+        row["trackId"]: row["class"]
+        for row in _rows_of_neighbour(path, f"{stem}_tracksMeta.csv")
+        if {"trackId", "class"} <= row.keys()
     }
     vehicles = (replace(v, kind=kind_of(classes[v.name])) if v.name in classes else v for v in log.vehicles)
     return replace(log, vehicles=tuple(vehicles))
 
 
 def read_interaction(path: Path, columns: Mapping[str, str] | None, *, strict: bool, watch: Watch | None) -> Log:
-    """Return the vehicles of a file of INTERACTION."""
+    """Return the vehicles of a file of the data set INTERACTION."""
     return read_csv(path, columns, strict=strict, watch=watch, preset="interaction")
 
 
-def _beside(path: Path, name: str) -> Iterator[dict[str, str]]:
-    """Yield the rows of another file in the folder, nothing where there is none."""
-    other = path.with_name(name)
-    if other.is_file():
-        with opened(other) as source:
+def _rows_of_neighbour(path: Path, name: str) -> Iterator[dict[str, str]]:
+    """Yield the rows of another file in the folder of `path`; nothing if the folder has no such file."""
+    neighbour = path.with_name(name)
+    if neighbour.is_file():
+        with opened(neighbour) as source:
             rows = rows_of(source)
             names = next(rows, (0, []))[1]
             for _, cells in rows:
@@ -74,9 +76,9 @@ def _beside(path: Path, name: str) -> Iterator[dict[str, str]]:
 
 
 def rows_of(source: Source) -> Iterator[tuple[int, list[str]]]:
-    """Yield the rows of a CSV file that are not empty, the names of its columns first, each with the number of its line.
+    """Yield the rows of a CSV file that are not empty, each with its line number. The first row holds the column names.
 
-    A row is one line. Of a line that is no CSV, because a quote in it is not closed, no cells are yielded.
+    A row is one line. A line with a quote that is not closed gives a row without cells.
 
     Raises:
         RunError: the file has no row of column names, or a line or the number of columns exceeds its bound.
@@ -97,14 +99,14 @@ def rows_of(source: Source) -> Iterator[tuple[int, list[str]]]:
 
 
 def wrong_cells(cells: Sequence[str], names: Sequence[str]) -> str:
-    """Return what is wrong with a row that has not a cell per column."""
+    """Return in words why a row does not have a cell per column."""
     if not cells:
         return "a quote in the row is not closed"
     return f"the row has {len(cells)} cells, expected {len(names)} as in row 1"
 
 
 def _cells(line: str, delimiter: str) -> list[str]:
-    """Return the cells of a line, none where it is no CSV."""
+    """Return the cells of a line; none if a quote is not closed."""
     if '"' not in line:
         return line.rstrip("\r\n").split(delimiter, _COLUMNS)
     try:
@@ -113,14 +115,14 @@ def _cells(line: str, delimiter: str) -> list[str]:
         return []
 
 
-def _pieces(rows: Iterator[tuple[int, list[str]]], names: Sequence[str], columns: Mapping[str, Column]) -> Iterator[Rows]:
-    """Yield the rows by field, as numbers and texts."""
+def _batches(rows: Iterator[tuple[int, list[str]]], names: Sequence[str], columns: Mapping[str, Column]) -> Iterator[Rows]:
+    """Yield batches of rows, each with its numbers and texts by field."""
     places = {field: list(names).index(column.name) for field, column in columns.items()}
-    while some := list(islice(rows, _AT_ONCE)):
-        lines = np.array([line for line, _ in some], dtype=np.int64)
-        short = [k for k, (_, cells) in enumerate(some) if len(cells) != len(names)]
-        cells = [row if len(row) == len(names) else (row + [""] * len(names))[: len(names)] for _, row in some]
-        bad: list[tuple[int, str, str]] = [(k, "id", wrong_cells(some[k][1], names)) for k in short]
+    while batch := list(islice(rows, _BATCH)):
+        lines = np.array([line for line, _ in batch], dtype=np.int64)
+        short = [k for k, (_, cells) in enumerate(batch) if len(cells) != len(names)]
+        cells = [row if len(row) == len(names) else (row + [""] * len(names))[: len(names)] for _, row in batch]
+        bad: list[tuple[int, str, str]] = [(k, "id", wrong_cells(batch[k][1], names)) for k in short]
         by_column = list(zip(*cells, strict=True))
         numbers, texts = {}, {}
         for field, place in places.items():

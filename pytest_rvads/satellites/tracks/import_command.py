@@ -1,4 +1,7 @@
-"""``rvads import``: recorded traffic of elsewhere, matched to a junction and kept."""
+"""``rvads import``: matches a log of traffic to a junction and writes a recording.
+
+`add_intake` and `intake_of` hold the options that `rvads import` shares with `rvads check --follow`.
+"""
 
 from __future__ import annotations
 
@@ -13,15 +16,19 @@ from typing import TYPE_CHECKING, Any
 from pytest_rvads.cli.common import Subparsers, progress, say, warn
 from pytest_rvads.errors import RunError
 from pytest_rvads.junctions.turn_words import turn_word
-from pytest_rvads.satellites.tracks.intake_options import add_intake, intake_of
 
 if TYPE_CHECKING:
     from pytest_rvads.runs.recording import Recording
+    from pytest_rvads.satellites.tracks.importing import Intake
+    from pytest_rvads.satellites.tracks.logformats import Point
 
-__all__ = ["declare"]
+__all__ = ["INTAKE", "add_intake", "declare", "intake_of"]
 
-_SHOWN = 3
-"""So many reasons for leaving vehicles out are shown, and vehicles with damaged rows."""
+
+INTAKE = ("point", "size", "offset", "position_accuracy", "speed_accuracy", "speed_limit")
+"""Names of the parsed options of `add_intake`."""
+_MOST_SHOWN = 3
+"""Most reasons for omitted vehicles, and most reused ids, that are shown without ``-v``."""
 
 
 def declare(commands: Subparsers) -> None:
@@ -29,103 +36,110 @@ def declare(commands: Subparsers) -> None:
     parser = commands.add_parser(
         "import",
         help="bring in recorded traffic: CSV, SUMO, CARLA, OSI, ROS bags, OpenSCENARIO",
-        description="Matches every vehicle of a log to a way through a junction and keeps what is found for `rvads check`.",
+        description="Matches every vehicle of a log to a way through a junction and writes the recording for `rvads check`.",
     )
     parser.add_argument("tracks", metavar="TRACKS", help="file of tracks, or the folder of a bag")
-    parser.add_argument("--map", metavar="FILE", help="OpenDRIVE file of the junction, in whose coordinates the tracks are")
+    parser.add_argument("--map", metavar="FILE", help="OpenDRIVE file of the junction; tracks have the coordinates of this map")
     parser.add_argument(
         "--junction",
         metavar="ID",
-        help="id in --map, built-in name, type or place, or all of --map; a log that names its map needs none",
+        help="id in --map, built-in name, type or place; all for every junction of --map; not needed if the log names its map",
     )
     parser.add_argument("-o", "--output", metavar="OUT", required=True, help="file to write (.npz); a folder for --junction all")
     parser.add_argument(
         "--format",
         metavar="NAME",
-        help="csv, fcd or another format (default: by the name of the file); a wrong name lists all",
+        help="csv, fcd or another format (default: by the suffix of the file); a wrong name lists all formats",
     )
     parser.add_argument("--columns", metavar="FIELD=COLUMN[:UNIT],...", help="as in time=t:ms,id=track,x=X,y=Y,heading=yaw:deg")
     add_intake(parser)
     parser.add_argument("--lights", metavar="FILE", help="CSV with time, signal or entrance, colour; or <tlsState> of SUMO")
-    parser.add_argument("--label", metavar="NAME", help="begins the names of its runs (default: the name of the file)")
-    parser.add_argument("--strict", action="store_true", help="a bad row is an error; else it costs its vehicle")
+    parser.add_argument("--label", metavar="NAME", help="prefix of the names of the runs (default: the name of the file)")
+    parser.add_argument("--strict", action="store_true", help="a bad row is an error; otherwise its vehicle is left out")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
-    parser.add_argument("-v", "--verbose", action="store_true", help="list every vehicle that is left out")
+    parser.add_argument("-v", "--verbose", action="store_true", help="list every omitted vehicle")
     parser.set_defaults(command=_import)
 
 
 def _import(options: argparse.Namespace) -> int:
     from pytest_rvads.runs.recordingfile import save_recording
     from pytest_rvads.satellites.tracks.importing import (
-        check_one,
+        check_single_junction,
         junctions_of,
         label_of,
         light_log,
-        passed,
-        unlit,
+        lights_elsewhere,
+        recordings_at,
     )
     from pytest_rvads.satellites.tracks.logformats import read_log
     from pytest_rvads.satellites.tracks.table import parse_columns
 
-    several = options.junction == "all"
-    if (options.format or Path(options.tracks).suffix.lower().removeprefix(".")) != "xosc":  # which names its map
+    all_junctions = options.junction == "all"
+    if (options.format or Path(options.tracks).suffix.lower().removeprefix(".")) != "xosc":  # an OpenSCENARIO file names its map
         _check_junction(options)
     columns = parse_columns(options.columns) if options.columns else None
-    log, usual = read_log(options.tracks, format=options.format, columns=columns, strict=options.strict, watch=_watch())
-    for sentence in log.again[:_SHOWN]:
+    log, usual_point = read_log(options.tracks, format=options.format, columns=columns, strict=options.strict, watch=_watch())
+    for sentence in log.reused_ids[:_MOST_SHOWN]:
         warn(f"warning: {sentence}")
-    if len(log.again) > _SHOWN:
-        warn(f"warning: {len(log.again)} ids are used again by other vehicles, the first {_SHOWN} are told above")
+    if len(log.reused_ids) > _MOST_SHOWN:
+        warn(f"warning: several vehicles share each of {len(log.reused_ids)} ids, the first {_MOST_SHOWN} are listed above")
     junctions = junctions_of(log, options.junction, options.map)
-    intake = intake_of(options, usual)
-    shown = light_log(log, options.lights)
-    watch = partial(progress, what="junctions") if several else None
-    recordings = passed(log, junctions, intake, shown, label_of(log, options.label), by_junction=several, watch=watch)
-    if not several:
-        check_one(log, recordings)
-    found = [(Path(options.output, f"{r.junction.name}.npz") if several else Path(options.output), r) for r in recordings]
-    if shown and not any(recording.lights for recording in recordings):
+    intake = intake_of(options, usual_point)
+    lights = light_log(log, options.lights)
+    watch = partial(progress, what="junctions") if all_junctions else None
+    recordings = recordings_at(
+        log, junctions, intake, lights, label_of(log, options.label), by_junction=all_junctions, watch=watch
+    )
+    if not all_junctions:
+        check_single_junction(log, recordings)
+    files = [(Path(options.output, f"{r.junction.name}.npz") if all_junctions else Path(options.output), r) for r in recordings]
+    if lights and not any(recording.lights for recording in recordings):
         if options.lights:
-            raise RunError(unlit(shown, recordings[0].junction))
-        warn(f"warning: {unlit(shown, recordings[0].junction)}")
-    for path, recording in found:
+            raise RunError(lights_elsewhere(lights, recordings[0].junction))
+        warn(f"warning: {lights_elsewhere(lights, recordings[0].junction)}")
+    for path, recording in files:
         save_recording(recording, path)
-    told = [_told(path, recording, stated=options.position_accuracy is not None) for path, recording in found]
+    summaries = [_summary(path, recording, stated=options.position_accuracy is not None) for path, recording in files]
     if options.json:
-        print(json.dumps(told if several else told[0]))
+        print(json.dumps(summaries if all_junctions else summaries[0]))
         return 0
-    for one in told:
-        say("\n  ".join(_lines(one, verbose=options.verbose)))
+    for summary in summaries:
+        say("\n  ".join(_lines(summary, verbose=options.verbose)))
     return 0
 
 
 def _check_junction(options: argparse.Namespace) -> None:
-    """Tell what is wrong with a junction before anything long is read."""
+    """Check the options ``--junction`` and ``--map`` before a long file is read.
+
+    Raises:
+        RunError: the junction is not named, or ``all`` is given without a map.
+        MapError: the junction does not exist.
+    """
     from pytest_rvads.junctions.finder import find
 
     if options.junction is None:
-        raise RunError("name the junction that the tracks are at: --junction ID, with --map FILE where it is not built in")
+        raise RunError("name the junction of the tracks: --junction ID, and --map FILE unless the junction is built in")
     if options.junction != "all":
         find(options.junction, options.map)
     elif options.map is None:
-        raise RunError("--junction all takes the junctions of a map: give --map FILE")
+        raise RunError("--junction all means all junctions of a map: give --map FILE")
 
 
 def _watch() -> Any:
-    """Return what draws a bar while a file is read, in parts of a hundred."""
-    drawn = [0]
+    """Return a function that draws a progress bar in percent while a file is read."""
+    drawn_part = [0]
 
     def watch(done: int, total: int) -> None:
         part = 100 * done // max(total, 1)
-        while drawn[0] < part:
-            drawn[0] += 1
-            progress(drawn[0], 100, "% read")
+        while drawn_part[0] < part:
+            drawn_part[0] += 1
+            progress(drawn_part[0], 100, "% read")
 
     return watch
 
 
-def _told(path: Path, recording: Recording, *, stated: bool) -> dict[str, Any]:
-    """Return what came in, as JSON has it."""
+def _summary(path: Path, recording: Recording, *, stated: bool) -> dict[str, Any]:
+    """Return the summary of an imported recording as a JSON object."""
     junction, tracks = recording.junction, recording.tracks
     ways = Counter(track.agent.way.key for track in tracks)
     arms = {key: (junction.vehicle_at(key[0]).removeprefix("a"), f"{junction.exits[key[1]].arm}") for key in ways}
@@ -159,33 +173,74 @@ def _told(path: Path, recording: Recording, *, stated: bool) -> dict[str, Any]:
     }
 
 
-def _lines(told: dict[str, Any], *, verbose: bool) -> list[str]:
-    """Return what came in, in words, line by line."""
-    offset, accuracy, clock, out = told["offset"], told["accuracy"], told["clock"], told["left_out"]
-    known = "stated" if accuracy["stated"] else "estimated"
-    vehicles, periods = _counted(told["vehicles"], "vehicle"), _counted(told["periods"], "busy period")
+def _lines(summary: dict[str, Any], *, verbose: bool) -> list[str]:
+    """Return the summary of an imported recording as lines of text."""
+    offset, accuracy, clock, left_out = summary["offset"], summary["accuracy"], summary["clock"], summary["left_out"]
+    origin = "stated" if accuracy["stated"] else "estimated"
+    vehicles, periods = _counted(summary["vehicles"], "vehicle"), _counted(summary["periods"], "busy period")
     lines = [
-        f"{told['file']}: {vehicles} at {told['junction']}, {periods}",
+        f"{summary['file']}: {vehicles} at {summary['junction']}, {periods}",
         f"from {clock['begin']:.13g} to {clock['end']:.13g} s, "
         f"a sample every {clock['step']:g} s, now every {clock['resampled']:g} s",
-        "; ".join(f"{count} from {way}" for way, count in told["movements"].items()),
-        f"beside their ways by {offset['mean']:.2f} m on average, at most {offset['worst']:.2f} m ({offset['vehicle']})",
-        f"positions are {'exact' if not accuracy['position'] else format(accuracy['position'], '.3f') + ' m accurate'} ({known})",
+        "; ".join(f"{count} from {way}" for way, count in summary["movements"].items()),
+        f"distance from their ways {offset['mean']:.2f} m on average, at most {offset['worst']:.2f} m ({offset['vehicle']})",
+        f"positions are {format(accuracy['position'], '.3f') + ' m accurate' if accuracy['position'] else 'exact'} ({origin})",
     ]
     if accuracy["speed"]:
         lines.append(f"speeds are {accuracy['speed']:.2f} m/s accurate")
-    if told["lights"]:
-        lines.append(f"lights at entrances {', '.join(told['lights'])}")
-    reasons = Counter(out.values()).most_common()
-    if out:
-        lines.append(f"left out: {len(out)}")
-        lines += [f"  {count}: {why}" for why, count in reasons[: None if verbose else _SHOWN]]
-        if len(reasons) > _SHOWN and not verbose:
-            lines.append(f"  and {sum(count for _, count in reasons[_SHOWN:])} for other reasons: -v lists them")
+    if summary["lights"]:
+        lines.append(f"lights at entrances {', '.join(summary['lights'])}")
+    reasons = Counter(left_out.values()).most_common()
+    if left_out:
+        lines.append(f"left out: {len(left_out)}")
+        lines += [f"  {count}: {why}" for why, count in reasons[: None if verbose else _MOST_SHOWN]]
+        if len(reasons) > _MOST_SHOWN and not verbose:
+            lines.append(f"  and {sum(count for _, count in reasons[_MOST_SHOWN:])} for other reasons: -v lists them")
     if verbose:
-        lines += [f"  {name}: {why}" for name, why in out.items()]
+        lines += [f"  {name}: {why}" for name, why in left_out.items()]
     return lines
 
 
 def _counted(count: int, what: str) -> str:
     return f"{count} {what}{'' if count == 1 else 's'}"
+
+
+def add_intake(parser: argparse._ActionsContainer) -> None:
+    """Add the options that set an `Intake`."""
+    parser.add_argument("--point", metavar="POINT", help="recorded point of a vehicle: center (of its box), front or rear_axle")
+    parser.add_argument("--size", metavar="L,W", help="length and width of vehicles without a size in the log [m]")
+    parser.add_argument("--offset", metavar="X,Y", help="added to every position [m]; write --offset=-5,2")
+    parser.add_argument(
+        "--position-accuracy", type=float, metavar="M", help="standard deviation of a coordinate [m] (default: estimated)"
+    )
+    parser.add_argument("--speed-accuracy", type=float, metavar="M/S", help="standard deviation of a speed [m/s]")
+    parser.add_argument("--speed-limit", type=float, metavar="M/S", help="speed limit at the junction [m/s]")
+
+
+def intake_of(options: argparse.Namespace, usual: Point) -> Intake:
+    """Return the `Intake` that the options set; without ``--point``, the recorded point is `usual`.
+
+    Raises:
+        RunError: an option has a value out of its range.
+    """
+    from pytest_rvads.satellites.tracks.importing import Intake
+
+    return Intake(
+        options.point or usual,
+        _numbers(options.size, "--size L,W"),
+        _numbers(options.offset, "--offset=X,Y") or (0.0, 0.0),
+        options.position_accuracy,
+        options.speed_accuracy,
+        options.speed_limit,
+    )
+
+
+def _numbers(text: str | None, option: str) -> tuple[float, float] | None:
+    """Return the two numbers of an option; None if the option was not given."""
+    if text is None:
+        return None
+    try:
+        first, second = map(float, text.split(","))
+    except ValueError:
+        raise RunError(f"{option} takes two numbers in metres, got {text!r:.60}") from None
+    return first, second

@@ -1,4 +1,7 @@
-"""`read_tracks`: from a log of traffic to a recording at one junction."""
+"""From a log of traffic to recordings at junctions: `read_tracks` and its steps.
+
+`Intake` holds what a log does not tell about itself: the recorded point of vehicles, sizes, offset and accuracy.
+"""
 
 from __future__ import annotations
 
@@ -6,13 +9,14 @@ import math
 import os
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.errors import MapError, RunError
+from pytest_rvads.errors import MapError, RunError, suggest
 from pytest_rvads.junctions.finder import find, load, names
 from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.runs.recording import Changes, Recording, Track
@@ -20,7 +24,6 @@ from pytest_rvads.runs.run import Facts
 from pytest_rvads.runs.smoothing import DERIVED
 from pytest_rvads.runs.states import AXLE, Agent, Kind
 from pytest_rvads.satellites.tracks.cleaning import accuracy_of, delay_of, noise_of, track_of
-from pytest_rvads.satellites.tracks.intake import Intake
 from pytest_rvads.satellites.tracks.lightlog import lights_at, read_lights, signals_at
 from pytest_rvads.satellites.tracks.logformats import Point, read_log
 from pytest_rvads.satellites.tracks.matching import NEVER, STANDS, Matched, Matcher, directions
@@ -29,22 +32,24 @@ from pytest_rvads.satellites.tracks.source import Watch
 from pytest_rvads.wording import one_line
 
 __all__ = [
-    "check_one",
+    "Intake",
+    "check_single_junction",
     "junctions_of",
     "label_of",
     "light_log",
-    "passed",
+    "lights_elsewhere",
     "read_tracks",
     "recording_of",
+    "recordings_at",
     "recordings_in",
-    "unlit",
 ]
+
 
 _Values = NDArray[np.float64]
 _AHEAD = {"front": 0.0, "center": 0.5, "rear_axle": AXLE}
-"""How far ahead of its point the front bumper of a vehicle is, as a share of its length."""
-_WALKS = "it is a pedestrian"
-_UNSIZED = "its length is not known, which is needed to tell where its front is: --size (size=) gives one"
+"""Distance from the recorded point of a vehicle to its front bumper, as a share of its length."""
+_PEDESTRIAN = "it is a pedestrian"
+_UNSIZED = "its length is not known, and the place of its front depends on the length: give a length by --size (size=)"
 
 
 def read_tracks(  # noqa: PLR0913 - the options of a command
@@ -64,24 +69,24 @@ def read_tracks(  # noqa: PLR0913 - the options of a command
     strict: bool = False,
     label: str | None = None,
 ) -> Recording:
-    """Return recorded traffic at a junction; the omitted vehicles and the reasons are in its ``left_out``.
+    """Return recorded traffic at a junction; ``left_out`` of the recording lists the omitted vehicles with reasons.
 
     Every vehicle is matched to the way through the junction that is nearest to its whole track, from 150 m before the stopping
     line to the end of the exit road. The vehicle is absent before its first sample and after its last sample on this way.
 
     Args:
-        source: a file, or a table: of pandas, polars, pyarrow, or a dictionary of columns.
+        source: path of a file, or a table: of pandas, polars or pyarrow, or a dictionary of columns.
         junction: a junction, or an argument of `find`; None for the single junction that vehicles pass on the map of the log.
         map: OpenDRIVE file of a junction given by id; None for the map that the log names, as OpenSCENARIO does.
-        format: ``csv``, ``ind``, ``interaction``, ``fcd``, ``carla``, ``osi``, ``rosbag`` or ``xosc``; None: by the name of the
-            file.
-        columns: of a table, per field (time, id, x, y, heading, speed, vx, vy, length, width, class) its column, with a unit
-            after a colon where it is not s, rad or m/s: ``{"time": "t:ms", "heading": "yaw:deg"}``; None: by the usual names.
-        point: which point of a vehicle x and y are: ``"front"``, the middle of the front bumper, ``"center"`` of its box, or
-            ``"rear_axle"``; None: what the format says, the center for tables.
-        size: length and width of vehicles of which the log has none [m].
-        offset: added to every x and y, where the log has another origin than the map [m].
-        lights: file of lights, CSV with the columns time, signal or entrance, colour; or SUMO's ``<tlsState>``.
+        format: ``csv``, ``ind``, ``interaction``, ``fcd``, ``carla``, ``osi``, ``rosbag`` or ``xosc``; None to choose the format
+            by the suffix of the file.
+        columns: column of a table per field (time, id, x, y, heading, speed, vx, vy, length, width, class), with a unit after a
+            colon unless the unit is s, rad or m/s: ``{"time": "t:ms", "heading": "yaw:deg"}``; None to look for the usual names.
+        point: recorded point of the vehicles: ``"front"`` is the middle of the front bumper, ``"center"`` the center of the box,
+            and ``"rear_axle"`` the middle of the rear axle; None for the point of the format, which is the center for tables.
+        size: length and width of vehicles without a size in the log [m].
+        offset: numbers added to every x and y, for a log with another origin than the map [m].
+        lights: file of lights: CSV with the columns time, signal or entrance, colour; or ``<tlsState>`` of SUMO.
         position_accuracy: standard deviation of a coordinate [m]. A verdict is UNSURE if positions within the accuracy would give
             another verdict. None to estimate the accuracy from the roughness of the tracks; the estimate misses errors that all
             samples share, and errors that were smoothed away.
@@ -92,26 +97,30 @@ def read_tracks(  # noqa: PLR0913 - the options of a command
         label: prefix of the labels of the runs; None for the name of the file.
 
     Raises:
-        RunError: the log can't be read, or no vehicle passes the junction; the message says where, and what to do.
+        RunError: the log can't be read, or no vehicle passes the junction.
         MapError: the junction does not exist.
     """
-    log, usual = read_log(source, format=format, columns=columns, strict=strict)
-    intake = Intake(point or usual, size, offset, position_accuracy, speed_accuracy, speed_limit)
+    log, usual_point = read_log(source, format=format, columns=columns, strict=strict)
+    intake = Intake(point or usual_point, size, offset, position_accuracy, speed_accuracy, speed_limit)
     shown = light_log(log, lights)
     places = [junction] if isinstance(junction, Junction) else junctions_of(log, junction, map)
-    found = passed(log, places, intake, shown, label_of(log, label))
-    check_one(log, found)
-    if shown and not found[0].lights:
-        raise RunError(unlit(shown, found[0].junction))
-    return found[0]
+    recordings = recordings_at(log, places, intake, shown, label_of(log, label))
+    check_single_junction(log, recordings)
+    if shown and not recordings[0].lights:
+        raise RunError(lights_elsewhere(shown, recordings[0].junction))
+    return recordings[0]
 
 
-def check_one(log: Log, found: Sequence[Recording]) -> None:
-    """Raise a `RunError` where somebody passes several junctions and only one can be meant."""
-    if len(found) > 1:
-        named = one_line(", ".join(recording.junction.id for recording in found), 200)
+def check_single_junction(log: Log, recordings: Sequence[Recording]) -> None:
+    """Check that the vehicles of a log pass a single junction.
+
+    Raises:
+        RunError: vehicles pass several junctions.
+    """
+    if len(recordings) > 1:
+        ids = one_line(", ".join(recording.junction.id for recording in recordings), 200)
         raise RunError(
-            f"{log.where}: vehicles pass {len(found)} junctions of the map ({named}): name one (--junction, junction=)"
+            f"{log.where}: vehicles pass {len(recordings)} junctions of the map ({ids}): name a junction (--junction, junction=)"
         )
 
 
@@ -123,36 +132,36 @@ def recordings_in(log: Log, point: Point) -> list[Recording]:
         MapError: the map can't be read.
     """
     places = junctions_of(log, None, None)
-    return passed(log, places, Intake(point), log.lights, label_of(log, None), by_junction=len(places) > 1)
+    return recordings_at(log, places, Intake(point), log.lights, label_of(log, None), by_junction=len(places) > 1)
 
 
 def junctions_of(log: Log, junction: str | None, map: str | os.PathLike[str] | None) -> list[Junction]:
-    """Return the junctions that a log may be about; without a name all usable ones of its map.
+    """Return the named junction, or all usable junctions of the map.
 
     Args:
         log: the log.
-        junction: what `find` takes, ``all``, or None.
-        map: OpenDRIVE file; None: the one that the log names, unless `junction` is a built-in one.
+        junction: argument of `find`; ``all`` or None for all usable junctions of the map.
+        map: OpenDRIVE file; None for the map that the log names, unless `junction` is built in.
 
     Raises:
-        RunError: neither a junction is named nor a map.
-        MapError: no such junction, or the map has no usable one; the message says why each is not.
+        RunError: neither a junction nor a map is named.
+        MapError: the junction does not exist, or the map has no usable junction.
     """
     if map is None and junction not in names():
         map = log.map
     if junction is not None and junction != "all":
         return [find(junction, map)]
     if map is None:
-        raise RunError(f"{log.where}: name the junction that it is about (--junction, junction=), this log names no map")
+        raise RunError(f"{log.where}: the log names no map: name the junction of its tracks (--junction, junction=)")
     reports = load(map).junctions
     usable = [find(report.id, map) for report in reports if report.usable]
     if not usable:
         why = "; ".join(f"{report.id}: {report.reason}" for report in reports)
-        raise MapError(f"map file {map} has no usable junction ({one_line(why, 600)}): give a map of where the log was recorded")
+        raise MapError(f"map file {map} has no usable junction ({one_line(why, 600)}): give the map of the place of the log")
     return usable
 
 
-def passed(  # noqa: PLR0913 - a log, where, how it is taken, and what it is called
+def recordings_at(  # noqa: PLR0913 - the log, the junctions, and the settings of an import
     log: Log,
     junctions: Sequence[Junction],
     intake: Intake,
@@ -162,76 +171,85 @@ def passed(  # noqa: PLR0913 - a log, where, how it is taken, and what it is cal
     by_junction: bool = False,
     watch: Watch | None = None,
 ) -> list[Recording]:
-    """Return what a log has of those junctions that somebody passes, with the id of each in its label if `by_junction`.
+    """Return a recording per junction that a vehicle of the log passes.
+
+    Args:
+        log: the log.
+        junctions: junctions at which vehicles may pass.
+        intake: recorded point, sizes, offset and accuracy.
+        shown: recorded colours by id of the signal.
+        label: prefix of the labels of the runs.
+        by_junction: whether the id of the junction is added to the label.
+        watch: called with the number of finished junctions and the number of junctions.
 
     Raises:
-        RunError: nobody passes any of them; the message says why, as far as the last one tells.
+        RunError: no vehicle passes any of the junctions; the message names the most frequent reason at the last junction.
     """
-    found: list[Recording] = []
+    recordings: list[Recording] = []
     left_out: Sequence[tuple[str, str]] = ()
     for number, junction in enumerate(junctions, start=1):
         recording = recording_of(log, junction, intake, shown, f"{label} {junction.id}" if by_junction else label)
         left_out = recording.left_out
-        found += [recording] if recording.tracks else []
+        recordings += [recording] if recording.tracks else []
         if watch is not None:
             watch(number, len(junctions))
-    if not found:
+    if not recordings:
         raise RunError(_explain_empty(log, junctions, intake, left_out))
-    return found
+    return recordings
 
 
 def label_of(log: Log, label: str | None) -> str:
-    """Return what the labels of runs begin with: what somebody says, else the name of the file up to its first dot."""
+    """Return the prefix of the labels of runs: the given label, else the name of the file up to the first dot."""
     return one_line(label or log.where.partition(".")[0], 200) or "tracks"
 
 
 def light_log(log: Log, lights: str | os.PathLike[str] | None) -> Mapping[str, Changes]:
-    """Return the colours that signals showed: of a file, else those of the log."""
+    """Return the recorded colours by id of the signal: of the file `lights`, else of the log."""
     return log.lights if lights is None else read_lights(Path(lights))
 
 
-def unlit(shown: Mapping[str, Changes], junction: Junction) -> str:
-    """Return the sentence that none of the lights is at a junction."""
-    given, known = (one_line(", ".join(sorted(names)), 300) for names in (shown, signals_at(junction)))
-    return f"none of the lights ({given}) is at junction {junction.name!r}, which knows {known}"
+def lights_elsewhere(shown: Mapping[str, Changes], junction: Junction) -> str:
+    """Return the message for lights that all are elsewhere than at a junction."""
+    shown_names, junction_names = (one_line(", ".join(sorted(names)), 300) for names in (shown, signals_at(junction)))
+    return f"none of the lights ({shown_names}) is at junction {junction.name!r}, which has the lights {junction_names}"
 
 
 def recording_of(log: Log, junction: Junction, intake: Intake, shown: Mapping[str, Changes], label: str) -> Recording:
-    """Return what a log has of one junction; without tracks where nobody passes it.
+    """Return the recording of a log at a junction; the recording has no tracks if no vehicle passes the junction.
 
     Raises:
-        RunError: lengths are needed and missing, or the junction has no geometry.
+        RunError: the junction has no geometry.
     """
     if not junction.drivable:
-        raise RunError(f"junction {junction.name!r} holds no geometry, which tracks are matched to: give its map")
+        raise RunError(f"junction {junction.name!r} has no geometry, and tracks are matched to the geometry: give its map")
     if intake.speed_limit is not None:
         junction = junction.limited(None)
     unsized = [vehicle for vehicle in log.vehicles if _ahead(vehicle, intake) is None]
     matcher = Matcher(junction)
-    found: list[tuple[str, Samples, Matched]] = []
+    matched: list[tuple[str, Samples, Matched]] = []
     left_out = [*log.refused, *((vehicle.name, _UNSIZED) for vehicle in unsized)]
     for vehicle in log.vehicles:
         if _ahead(vehicle, intake) is None:
             continue
-        matches = [STANDS] if len(vehicle.times) < 2 else list(matcher.match(vehicle, *placed(vehicle, intake)))
+        matches = [STANDS] if len(vehicle.times) < 2 else list(matcher.match(vehicle, *front_positions(vehicle, intake)))
         if vehicle.kind is Kind.PEDESTRIAN:
-            matches = [_WALKS]
+            matches = [_PEDESTRIAN]
         passes = [match for match in matches if isinstance(match, Matched)]
-        found += [(_named(vehicle.name, k), vehicle, match) for k, match in enumerate(passes)]
+        matched += [(_pass_name(vehicle.name, k), vehicle, match) for k, match in enumerate(passes)]
         reasons = [match for match in matches if isinstance(match, str)]
         if reasons and not passes:
             left_out.append((vehicle.name, next((why for why in reasons if why not in (NEVER, STANDS)), reasons[0])))
     accuracy = intake.position_accuracy
     if accuracy is None:
-        accuracy = accuracy_of([(vehicle, match) for _, vehicle, match in found])
+        accuracy = accuracy_of([(vehicle, match) for _, vehicle, match in matched])
     noise = intake.speed_accuracy
     if noise is None:
-        noise = noise_of([(vehicle, match) for _, vehicle, match in found]) if accuracy > 0.0 else 0.0
-    derived = any(vehicle.speed is None for _, vehicle, _ in found)
+        noise = noise_of([(vehicle, match) for _, vehicle, match in matched]) if accuracy > 0.0 else 0.0
+    derived = any(vehicle.speed is None for _, vehicle, _ in matched)
     return Recording(
         label,
         junction,
-        tuple(_tracks(found, junction, intake, float(accuracy), float(noise))),
+        tuple(_tracks(matched, junction, intake, float(accuracy), float(noise))),
         lights_at(junction, shown) if shown else {},
         Facts(speed_limit=intake.speed_limit),
         float(accuracy),
@@ -241,22 +259,24 @@ def recording_of(log: Log, junction: Junction, intake: Intake, shown: Mapping[st
 
 
 def _tracks(
-    found: Sequence[tuple[str, Samples, Matched]], junction: Junction, intake: Intake, accuracy: float, noise: float
+    matched: Sequence[tuple[str, Samples, Matched]], junction: Junction, intake: Intake, accuracy: float, noise: float
 ) -> Iterable[Track]:
-    taken = {vehicle.name for _, vehicle, _ in found}
-    late = delay_of([(vehicle, match) for _, vehicle, match in found]) if accuracy > 0.0 else 0.0
-    for name, vehicle, match in found:
-        own = name
-        while own != vehicle.name and own in taken:  # a vehicle of the log is called so
-            own += "'"
-        taken.add(own)
-        agent = Agent(own, junction.movements[match.way.entrance, match.way.exit], vehicle.kind, vehicle.size or intake.size)
-        points, _ = placed(vehicle, intake)
+    taken = {vehicle.name for _, vehicle, _ in matched}
+    late = delay_of([(vehicle, match) for _, vehicle, match in matched]) if accuracy > 0.0 else 0.0
+    for name, vehicle, match in matched:
+        unique_name = name
+        while unique_name != vehicle.name and unique_name in taken:  # the log itself has a vehicle with this name
+            unique_name += "'"
+        taken.add(unique_name)
+        agent = Agent(
+            unique_name, junction.movements[match.way.entrance, match.way.exit], vehicle.kind, vehicle.size or intake.size
+        )
+        points, _ = front_positions(vehicle, intake)
         yield track_of(agent, vehicle, match, points, vehicle.heading, accuracy, late, noise)
 
 
-def placed(vehicle: Samples, intake: Intake) -> tuple[_Values, _Values]:
-    """Return the middle of the front bumper of a vehicle [m], and where it heads [rad], of every sample."""
+def front_positions(vehicle: Samples, intake: Intake) -> tuple[_Values, _Values]:
+    """Return the middle of the front bumper, shape ``(samples, 2)`` [m], and the heading, shape ``(samples,)`` [rad]."""
     heading = directions(vehicle.points) if vehicle.heading is None else vehicle.heading
     points = vehicle.points + np.asarray(intake.offset, dtype=np.float64)
     ahead = _ahead(vehicle, intake) or 0.0
@@ -271,29 +291,66 @@ def _ahead(vehicle: Samples, intake: Intake) -> float | None:
     return None if size is None else share * size[0]
 
 
-def _named(name: str, number: int) -> str:
+def _pass_name(name: str, number: int) -> str:
     return name if number == 0 else f"{name}#{number + 1}"
 
 
 def _explain_empty(log: Log, junctions: Sequence[Junction], intake: Intake, left_out: Sequence[tuple[str, str]]) -> str:
-    """Return why nobody passes any of the junctions, and what to do about it."""
-    who = f"junction {junctions[0].name!r}" if len(junctions) == 1 else f"any of the {len(junctions)} junctions"
-    told = f"nobody in {log.where} passes {who}"
+    """Return the message for a log without a vehicle at any of the junctions."""
+    place = f"junction {junctions[0].name!r}" if len(junctions) == 1 else f"any of the {len(junctions)} junctions"
+    finding = f"no vehicle in {log.where} passes {place}"
     if not log.vehicles:
-        return f"{told}: {left_out[0][1]}" if left_out else f"{told}: it has no vehicles"
+        return f"{finding}: {left_out[0][1]}" if left_out else f"{finding}: the log has no vehicles"
     points = np.vstack([vehicle.points for vehicle in log.vehicles]) + np.asarray(intake.offset)
     centres = [Matcher(junction).centre for junction in junctions]
     nearest = min(float(np.hypot(*(points - centre).T).min()) for centre in centres)
-    if nearest > _ELSEWHERE:
+    if nearest > _FARTHEST_TRACK:
         (x, y), (far_x, far_y) = centres[0], np.median(points, axis=0)
         apart = math.dist((x, y), (far_x, far_y))
         return (
-            f"{told}: its tracks are around ({far_x:.0f}, {far_y:.0f}), {apart:,.0f} m from the junction at ({x:.0f}, {y:.0f}): "
-            "--offset=X,Y (offset=) moves them to the origin of the map"
+            f"{finding}: the tracks are around ({far_x:.0f}, {far_y:.0f}), {apart:,.0f} m from the junction at "
+            f"({x:.0f}, {y:.0f}): --offset=X,Y (offset=) moves the tracks to the origin of the map"
         )
     why, count = Counter(reason for _, reason in left_out).most_common(1)[0]
-    return f"{told}: {count} of {len(left_out)} vehicles are left out because {why}"
+    return f"{finding}: {count} of {len(left_out)} vehicles are left out because {why}"
 
 
-_ELSEWHERE = 30.0
-"""Nobody comes closer to the centre of a junction than this [m]: the tracks are in another place."""
+_FARTHEST_TRACK = 30.0
+"""Distance of the nearest track from the centre of a junction above which the log has another origin than the map [m]."""
+
+
+@dataclass(frozen=True, slots=True)
+class Intake:
+    """Settings of an import that a log does not contain. `read_tracks` explains the fields.
+
+    Raises:
+        RunError: a value is out of its range.
+    """
+
+    point: Point
+    size: tuple[float, float] | None = None
+    offset: tuple[float, float] = (0.0, 0.0)
+    position_accuracy: float | None = None
+    speed_accuracy: float | None = None
+    speed_limit: float | None = None
+
+    def __post_init__(self) -> None:
+        points = get_args(Point)
+        if self.point not in points:
+            raise RunError(f"point must be {', '.join(points)}, got {self.point!r:.60}{suggest(str(self.point), points)}")
+        for name, most in (("position_accuracy", 10.0), ("speed_accuracy", 10.0)):
+            value = getattr(self, name)
+            if value is not None and not _is_within(value, 0.0, most):
+                raise RunError(f"{name} must be a standard deviation from 0 to {most:g}, got {value!r:.60}")
+        if self.size is not None and not (_is_pair(self.size) and all(_is_within(value, 0.1, 100.0) for value in self.size)):
+            raise RunError(f"size must be a length and a width from 0.1 to 100 m, got {self.size!r:.60}")
+        if not (_is_pair(self.offset) and all(_is_within(value, -1e9, 1e9) for value in self.offset)):
+            raise RunError(f"offset must be two numbers to add to x and y [m], got {self.offset!r:.60}")
+
+
+def _is_within(value: object, low: float, high: float) -> bool:
+    return isinstance(value, int | float | np.number) and low <= float(value) <= high
+
+
+def _is_pair(value: object) -> bool:
+    return isinstance(value, tuple | list) and len(value) == 2

@@ -1,45 +1,56 @@
-"""The formats of tracks that are read: a format is a row here."""
+"""The formats of tracks, and the reading of a log in any of these formats. A new format is a new row of `FORMATS`."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from typing import Any, Literal, Protocol
 
+import numpy as np
+
 from pytest_rvads.entrypoints import entries, load
 from pytest_rvads.errors import RunError, suggest
-from pytest_rvads.satellites.tracks.carla import read_carla
 from pytest_rvads.satellites.tracks.csvfile import read_csv, read_ind, read_interaction
-from pytest_rvads.satellites.tracks.dataframe import is_table, read_table
-from pytest_rvads.satellites.tracks.facing import check_facing
-from pytest_rvads.satellites.tracks.fcd import read_fcd
-from pytest_rvads.satellites.tracks.osi import read_osi
-from pytest_rvads.satellites.tracks.rosbag import read_rosbag
-from pytest_rvads.satellites.tracks.samples import Log
+from pytest_rvads.satellites.tracks.matching import directions
+from pytest_rvads.satellites.tracks.message_logs import read_osi, read_rosbag
+from pytest_rvads.satellites.tracks.samples import Log, Samples
+from pytest_rvads.satellites.tracks.simulator_logs import read_carla, read_fcd
 from pytest_rvads.satellites.tracks.source import Watch
-from pytest_rvads.satellites.tracks.table import PRESETS
+from pytest_rvads.satellites.tracks.table import PRESETS, is_table, read_table
 
-__all__ = ["FORMATS", "Format", "Point", "Reader", "formats", "read_log"]
+__all__ = ["FORMATS", "Format", "Point", "Reader", "check_facing", "formats", "read_log"]
+
+
+_COMPARED = 100
+"""Number of vehicles with a comparison of heading and direction of motion."""
+_SHORTEST_DRIVE = 10.0
+"""Shortest distance driven by a compared vehicle, so that noise does not hide its direction [m]."""
+_LEAST_AGREEMENT = 0.92
+"""Least cosine of the angle between heading and direction of motion, averaged over a track. Noise and slipping leave a larger
+cosine. North in degrees, read as 90 rad, gives 0.89."""
+
 
 Point = Literal["front", "center", "rear_axle"]
-"""Which point of a vehicle x and y are."""
+"""The recorded point of a vehicle, to which x and y refer."""
 
 
 class Reader(Protocol):
     """Reads a file of tracks."""
 
     def __call__(self, path: Path, columns: Mapping[str, str] | None, *, strict: bool, watch: Watch | None) -> Log:
-        """Return its vehicles.
+        """Return the vehicles of a file.
 
         Args:
-            path: of the file, or of a folder where the format is one.
-            columns: what a user calls the fields, None where nothing was said; a format that knows refuses them.
-            strict: a bad row is an error, see `Gather`.
-            watch: told how far reading is; None: nobody wants to know.
+            path: path of the file, or of the folder if the format is a folder.
+            columns: column per field as the user named them, None if the user named none; a format with fixed columns refuses
+                any.
+            strict: whether a bad row is an error, see `Gather`.
+            watch: called with the progress of reading; None for no calls.
 
         Raises:
-            RunError: it can't be read.
+            RunError: the file can't be read.
         """
 
 
@@ -63,11 +74,11 @@ FORMATS: dict[str, Format] = {
     "osi": Format(read_osi, (".mcap", ".osi")),
     "rosbag": Format(read_rosbag, (".db3", ".bag"), "rear_axle"),
 }
-"""The formats of this folder by name."""
+"""The formats of this package by name."""
 
 
 def formats() -> dict[str, Format]:
-    """Return all formats by name, as ``--format`` takes it: those of this folder, and the entry points ``rvads.logs`` of others.
+    """Return all formats by name: the formats of this package, and the entry points of the group ``rvads.logs``.
 
     Raises:
         RvadsError: an entry point can't be loaded.
@@ -83,36 +94,67 @@ def read_log(
     strict: bool = False,
     watch: Watch | None = None,
 ) -> tuple[Log, Point]:
-    """Return the vehicles of a file or table, and which point of them its places are.
+    """Return the vehicles of a file or table, and the recorded point of the vehicles.
+
+    Args:
+        source: path of a file, or a table in memory.
+        format: name of a format; None to choose the format by the suffix of the file.
+        columns: column per field, see `columns_of`.
+        strict: whether a bad row is an error.
+        watch: called with the progress of reading.
 
     Raises:
-        RunError: it can't be read, its format is not known, or most vehicles head elsewhere than they go.
+        RunError: the source can't be read, the format is not known, or most headings differ from the direction of motion.
     """
     if is_table(source):
         if format is not None and format not in PRESETS and format != "csv":
-            raise RunError(f"a table in memory has the format csv, {' or '.join(PRESETS)}, got {format!r:.60}")
+            raise RunError(f"the format of a table in memory must be csv, {' or '.join(PRESETS)}, got {format!r:.60}")
         table = read_table(source, columns, strict=strict, preset=format if format in PRESETS else None)
         check_facing(table)
         return table, FORMATS["csv"].point
     try:
         path = Path(source)
     except TypeError:
-        raise RunError(f"tracks are read from a file or a table, got {type(source).__name__}") from None
-    rows = formats()
-    if format is not None and format not in rows:
-        raise RunError(f"{format!r:.60} is no format of tracks, known are {', '.join(rows)}{suggest(str(format), rows)}")
-    chosen = rows[format or _format(path, rows)]
-    log = chosen.read(path, columns, strict=strict, watch=watch)
+        raise RunError(f"tracks must come from a file or a table, got {type(source).__name__}") from None
+    known_formats = formats()
+    if format is not None and format not in known_formats:
+        raise RunError(
+            f"{format!r:.60} is no format of tracks, known are {', '.join(known_formats)}{suggest(str(format), known_formats)}"
+        )
+    log_format = known_formats[format or _format_of_name(path, known_formats)]
+    log = log_format.read(path, columns, strict=strict, watch=watch)
     check_facing(log)
-    return log, chosen.point
+    return log, log_format.point
 
 
-def _format(path: Path, rows: Mapping[str, Format]) -> str:
+def _format_of_name(path: Path, known_formats: Mapping[str, Format]) -> str:
     if path.is_dir():
         return "rosbag"
     name = path.name.lower()
-    for format, row in rows.items():
-        if name.endswith(row.suffixes):
+    for format, candidate in known_formats.items():
+        if name.endswith(candidate.suffixes):
             return format
-    known = ", ".join(suffix for row in rows.values() for suffix in row.suffixes)
-    raise RunError(f"{path}: its name says no format of tracks ({known}): name one by --format (format=), of {', '.join(rows)}")
+    suffixes = ", ".join(suffix for candidate in known_formats.values() for suffix in candidate.suffixes)
+    raise RunError(
+        f"{path}: its name says no format of tracks ({suffixes}): name one by --format (format=), of {', '.join(known_formats)}"
+    )
+
+
+def check_facing(log: Log) -> None:
+    """Check that most vehicles head in their direction of motion.
+
+    Raises:
+        RunError: most headings differ from the direction of motion, so that neither front bumpers nor ways can be derived.
+    """
+    vehicles = islice((vehicle for vehicle in log.vehicles if _has_comparable_heading(vehicle)), _COMPARED)
+    agreement = [float(np.cos(v.heading - directions(v.points)).mean()) for v in vehicles if v.heading is not None]
+    if agreement and float(np.median(agreement)) < _LEAST_AGREEMENT:
+        raise RunError(
+            f"{log.where}: the heading of most vehicles differs from the direction of motion, expected radians counter-clockwise "
+            "from east, and y pointing north: name degrees by --columns heading=COLUMN:deg, degrees of a compass by "
+            "heading=COLUMN:north"
+        )
+
+
+def _has_comparable_heading(vehicle: Samples) -> bool:
+    return vehicle.heading is not None and bool(np.hypot(*(vehicle.points - vehicle.points[0]).T).max() >= _SHORTEST_DRIVE)

@@ -1,6 +1,6 @@
-"""Samples of the vehicles of a log, independent of the log's format: the value that readers return and that matching takes.
+"""Samples of the vehicles of a log, independent of the log's format. Readers return a `Log`, and matching takes a `Log`.
 
-A bad row costs its vehicle, and a vehicle that passes no junction is left out. Every output counts both, with the reason.
+A vehicle with a bad row is left out, and so is a vehicle that passes no junction. Every output counts both, with the reason.
 """
 
 from __future__ import annotations
@@ -27,21 +27,22 @@ __all__ = ["FIELDS", "LATEST", "Gather", "Log", "Samples", "kind_of"]
 _Values = NDArray[np.float64]
 
 FIELDS = ("time", "x", "y", "heading", "speed")
-"""What a sample of a vehicle has; heading and speed may be missing."""
+"""Fields of a sample of a vehicle; heading and speed may be missing."""
 LATEST = 1e12
 """Largest time [s]: clocks may count from 1970, or in milliseconds by mistake."""
-_MOST = {"time": LATEST, "x": FARTHEST, "y": FARTHEST, "heading": 1e6, "speed": 1e3}
-"""Largest number of each that is still a time, a place, an angle or a speed."""
+_LARGEST = {"time": LATEST, "x": FARTHEST, "y": FARTHEST, "heading": 1e6, "speed": 1e3}
+"""Largest absolute value per field; a larger number is an error of the log."""
 _MOST_SAMPLES = 20_000_000
-"""Of a log: they take a gigabyte; an hour of a hundred vehicles at a time at 50 Hz."""
+"""Most samples of a log: they take a gigabyte of memory, and an hour of a hundred vehicles at 50 Hz has as many."""
 _MOST_VEHICLES = 200_000
+"""Most vehicles of a log."""
 _FASTEST, _JUMP = 60.0, 4.0
-"""Fastest vehicle between two samples [m/s], on top of a jump of `_JUMP`. After a faster step the id belongs to another vehicle.
-The jump is allowed because simulators of lanes move a vehicle from one lane to the next in one step."""
-_UNSEEN = 1.0
+"""Largest speed between two samples [m/s], on top of a jump of `_JUMP` [m]. After a faster step the id belongs to another
+vehicle. The jump is allowed because simulators of lanes move a vehicle from one lane to the next in one step."""
+_COMPARABLE_TIME = 1.0
 """Longest time between two samples after which size and class are not compared [s]. After a longer time the id may belong to
 another vehicle."""
-_OTHER = 0.3
+_SIZE_TOLERANCE = 0.3
 """Largest difference of length or width between two samples of one vehicle [m]; the boxes of a detector vary by less."""
 _LONGEST = 100.0
 """Longest vehicle [m]."""
@@ -54,67 +55,68 @@ _KINDS = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Samples:
-    """One vehicle of a log; arrays have one row per sample."""
+    """A vehicle of a log; arrays have a row per sample."""
 
     name: str
     times: _Values
     """Increasing, shape ``(samples,)`` [s]."""
     points: _Values
-    """x and y of the point that the log gives, shape ``(samples, 2)`` [m]."""
+    """x and y of the recorded point of the vehicle, shape ``(samples, 2)`` [m]."""
     heading: _Values | None = None
-    """Counter-clockwise from east [rad]."""
+    """Counter-clockwise from east, shape ``(samples,)`` [rad]."""
     speed: _Values | None = None
-    """Forward [m/s]."""
+    """Forward speed, shape ``(samples,)`` [m/s]."""
     size: tuple[float, float] | None = None
     """Length and width [m]."""
     kind: Kind = Kind.CAR
     ahead: float | None = None
-    """How far ahead of the point the front bumper is [m]; None: as far as the point and the length say."""
+    """Distance from the recorded point to the front bumper [m]; None if the kind of point and the length decide it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Log:
-    """A log, read."""
+    """The content of a log."""
 
     where: str
-    """Names it in messages."""
+    """Name of the log in messages."""
     vehicles: tuple[Samples, ...]
     refused: tuple[tuple[str, str], ...] = ()
-    """Vehicles with a damaged row, and which one: file, row, column and why."""
+    """Name of each vehicle with a damaged row, with a sentence that names file, row, column and reason."""
     lights: Mapping[str, Changes] = field(default_factory=dict)
-    """By id of a signal, as far as the log has them."""
+    """Recorded colours by id of the signal; empty if the log has none."""
     map: Path | None = None
-    """OpenDRIVE file that it names as its map."""
-    again: tuple[str, ...] = ()
-    """A sentence per id that another vehicle uses again: file, row, why, and what that vehicle is called."""
+    """Path of the OpenDRIVE file named by the log."""
+    reused_ids: tuple[str, ...] = ()
+    """A sentence per id that a second vehicle uses: file, row, reason, and the name given to the second vehicle."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Body:
-    """What a log says of a vehicle from one of its samples on."""
+    """Size and kind of a vehicle, valid from a sample on."""
 
     at: int
+    """Number of the sample."""
     size: tuple[float, float] | None = None
     kind: Kind = Kind.CAR
     ahead: float | None = None
 
     def differs(self, other: _Body) -> str:
-        """Return how another body differs from this one, in words; empty where it does not."""
+        """Return in words how another body differs from this body; empty if the bodies agree."""
         if self.kind is not other.kind:
             return f"a {other.kind.name.lower()} and was a {self.kind.name.lower()}"
         sizes = None if self.size is None or other.size is None else (*self.size, *other.size)
-        if sizes is not None and max(abs(sizes[0] - sizes[2]), abs(sizes[1] - sizes[3])) > _OTHER:
+        if sizes is not None and max(abs(sizes[0] - sizes[2]), abs(sizes[1] - sizes[3])) > _SIZE_TOLERANCE:
             return f"{sizes[2]:g} x {sizes[3]:g} m large and was {sizes[0]:g} x {sizes[1]:g} m"
         return ""
 
 
 class Gather:
-    """Gathers the rows of a log into vehicles; a bad row costs its vehicle.
+    """Gathers the rows of a log into vehicles; a vehicle with a bad row is left out.
 
     Args:
-        where: names the log in messages.
-        columns: what the log calls `FIELDS`, ``size``, ``id``; for messages.
-        strict: a bad row is an error.
+        where: name of the log in messages.
+        columns: column of the log per field (`FIELDS`, ``size`` and ``id``), for messages.
+        strict: whether a bad row is an error.
     """
 
     def __init__(self, where: str, columns: Mapping[str, str], *, strict: bool = False) -> None:
@@ -124,62 +126,72 @@ class Gather:
         self._rows: dict[str, tuple[array[int], tuple[array[float], ...]]] = {}
         self._bodies: dict[str, list[_Body]] = {}
         self._refused: dict[str, str] = {}
-        self._left, self._vehicles = _MOST_SAMPLES, 0
+        self._samples_left, self._vehicles = _MOST_SAMPLES, 0
         self.lights: dict[str, Changes] = {}
 
     def add(self, name: str, row: int, numbers: tuple[float, ...]) -> bool:
-        """Add a sample: `FIELDS`, of which heading and speed are NaN where the log has none.
+        """Add a sample of a vehicle.
+
+        Args:
+            name: id of the vehicle.
+            row: number of the row in the log.
+            numbers: a number per field of `FIELDS`, in SI units; heading and speed are NaN if the log has none.
 
         Returns:
-            Whether `describe` is to be called: it is the first sample, or the vehicle may be another one by now.
+            Whether the caller must call `describe`: the sample is the first, or the id may belong to another vehicle by now.
         """
-        found = self._rows.get(name)
-        if found is None:
-            found = self._rows[name] = self._begun(name, row)
-        new = not found[0]
+        series = self._rows.get(name)
+        if series is None:
+            series = self._rows[name] = self._new_series(name, row)
+        new = not series[0]
         if not new:
-            time, x, y = (number - column[-1] for number, column in zip(numbers[:3], found[1][:3], strict=True))
-            new = time > _UNSEEN or math.hypot(x, y) > _FASTEST * time + _JUMP
-        found[0].append(row)
-        for column, number in zip(found[1], numbers, strict=True):
+            time, x, y = (number - column[-1] for number, column in zip(numbers[:3], series[1][:3], strict=True))
+            new = time > _COMPARABLE_TIME or math.hypot(x, y) > _FASTEST * time + _JUMP
+        series[0].append(row)
+        for column, number in zip(series[1], numbers, strict=True):
             column.append(number)
-        self._spend(1)
+        self._count_samples(1)
         return new
 
     def extend(self, name: str, rows: NDArray[np.int64], numbers: _Values) -> tuple[int, NDArray[np.int64]]:
-        """Add samples of a vehicle, `numbers` of shape ``(samples, 5)``, see `add`.
+        """Add several samples of a vehicle.
+
+        Args:
+            name: id of the vehicle.
+            rows: numbers of the rows in the log, shape ``(samples,)``.
+            numbers: values of the fields as for `add`, shape ``(samples, 5)``.
 
         Returns:
-            How many samples the vehicle had, and which of the new ones `describe` is to be called with.
+            The number of earlier samples of the vehicle, and the new samples for which the caller must call `describe`.
         """
-        found = self._rows.get(name)
-        if found is None:
-            found = self._rows[name] = self._begun(name, int(rows[0]))
-        before = len(found[0])
-        last = [column[-1] if before else np.nan for column in found[1][:3]]
-        with np.errstate(invalid="ignore", over="ignore"):  # `log` refuses what is not finite
+        series = self._rows.get(name)
+        if series is None:
+            series = self._rows[name] = self._new_series(name, int(rows[0]))
+        before = len(series[0])
+        last = [column[-1] if before else np.nan for column in series[1][:3]]
+        with np.errstate(invalid="ignore", over="ignore"):  # `log` refuses numbers that are not finite
             steps = np.diff(np.vstack((last, numbers[:, :3])), axis=0)
-            again = np.flatnonzero(~((steps[:, 0] <= _UNSEEN) & ~_jumped(steps)))
-        found[0].frombytes(rows.astype("=q").tobytes())
-        for column, values in zip(found[1], numbers.T, strict=True):
+            to_describe = np.flatnonzero(~((steps[:, 0] <= _COMPARABLE_TIME) & ~_impossible_steps(steps)))
+        series[0].frombytes(rows.astype("=q").tobytes())
+        for column, values in zip(series[1], numbers.T, strict=True):
             column.frombytes(values.astype("=d").tobytes())
-        self._spend(len(rows))
-        return before, again
+        self._count_samples(len(rows))
+        return before, to_describe
 
-    def _spend(self, samples: int) -> None:
-        self._left -= samples
-        if self._left < 0:
-            raise RunError(f"{self.where}: it has more than {_MOST_SAMPLES:,} samples: cut it into several files")
+    def _count_samples(self, samples: int) -> None:
+        self._samples_left -= samples
+        if self._samples_left < 0:
+            raise RunError(f"{self.where}: the log has more than {_MOST_SAMPLES:,} samples: cut the log into several files")
 
-    def _another(self, vehicles: int = 1) -> None:
+    def _count_vehicles(self, vehicles: int = 1) -> None:
         self._vehicles += vehicles
         if self._vehicles > _MOST_VEHICLES:
-            raise RunError(f"{self.where}: it has more than {_MOST_VEHICLES:,} vehicles: cut it into several files")
+            raise RunError(f"{self.where}: the log has more than {_MOST_VEHICLES:,} vehicles: cut the log into several files")
 
-    def _begun(self, name: str, row: int) -> tuple[array[int], tuple[array[float], ...]]:
-        self._another()
+    def _new_series(self, name: str, row: int) -> tuple[array[int], tuple[array[float], ...]]:
+        self._count_vehicles()
         if not name or len(name) > 200 or not name.isprintable():
-            self.refuse(name, row, "id", f"{name!r:.60} is no name, expected 1 to 200 characters that can be printed")
+            self.refuse(name, row, "id", f"{name!r:.60} is no name, expected 1 to 200 printable characters")
         return array("q"), tuple(array("d") for _ in FIELDS)
 
     def describe(
@@ -190,32 +202,43 @@ class Gather:
         ahead: float | None = None,
         at: int | None = None,
     ) -> None:
-        """Say what does not change about a vehicle: length and width [m], its kind, and how far ahead its front is [m].
+        """Describe a vehicle from a sample on.
 
-        `at` is the number of its sample from which on another description than before holds; None: the last one.
+        Args:
+            name: id of the vehicle.
+            size: length and width [m].
+            kind: kind of road user.
+            ahead: distance from the recorded point to the front bumper [m], see `Samples`.
+            at: number of the sample; None for the last sample.
         """
         bodies = self._bodies.setdefault(name, [])
         first = len(self._rows[name][0]) - 1 if at is None else at
         body = _Body(first if bodies else 0, size, kind, ahead)
         if not bodies or bodies[-1].differs(body):
             bodies.append(body)
-            self._another(len(bodies) > 1)
+            self._count_vehicles(len(bodies) > 1)
 
     def refuse(self, name: str, row: int, column: str, why: str) -> None:
-        """Leave a vehicle out because of what stands in a row of it.
+        """Leave a vehicle out because of a bad row.
+
+        Args:
+            name: id of the vehicle.
+            row: number of the row in the log.
+            column: field with the bad value.
+            why: got and expected value, in words.
 
         Raises:
-            RunError: the reading is strict.
+            RunError: a bad row is an error, because reading is strict.
         """
-        told = f"{self.where}: row {row}, column {self._columns.get(column, column)}: {why}"
+        message = f"{self.where}: row {row}, column {self._columns.get(column, column)}: {why}"
         if self._strict:
-            raise RunError(one_line(told))
-        self._refused.setdefault(one_line(name, 60) or f"row {row}", one_line(told))
+            raise RunError(one_line(message))
+        self._refused.setdefault(one_line(name, 60) or f"row {row}", one_line(message))
 
     def log(self) -> Log:
-        """Return all that was gathered, and forget it."""
+        """Return all gathered vehicles, and empty the gatherer."""
         vehicles: list[Samples] = []
-        again: list[str] = []
+        reused_ids: list[str] = []
         names = set(self._rows)
         while self._rows:
             name = next(iter(self._rows))
@@ -224,75 +247,86 @@ class Gather:
                 continue
             numbers = np.array([np.frombuffer(column) for column in columns]) if len(rows) else np.zeros((len(FIELDS), 0))
             bodies = self._bodies.get(name, [_Body(0)])
-            bad = self._bad(name, numbers, bodies)
-            if bad is not None:
-                self.refuse(name, rows[bad[0]], *bad[1:])
+            reason = self._first_bad_sample(name, numbers, bodies)
+            if reason is not None:
+                self.refuse(name, rows[reason[0]], *reason[1:])
                 continue
-            own = name
-            for number, (begin, end, body, why) in enumerate(_parted(numbers, bodies), start=1):
+            unique_name = name
+            for number, (begin, end, body, why) in enumerate(_split_by_vehicle(numbers, bodies), start=1):
                 if number > 1:
-                    own = f"{name}#{number}"
-                    while own in names:  # a vehicle of the log is called so
-                        own += "'"
-                    told = f"{self.where}: row {rows[begin]}: {name!r} is {why}: it is another vehicle, called {own}"
-                    again.append(one_line(told))
-                self._another(number > 1)
-                times, x, y, *others = numbers[:, begin:end]
-                heading, speed = (None if np.isnan(values).all() else values for values in others)
+                    unique_name = f"{name}#{number}"
+                    while unique_name in names:  # the log itself has a vehicle with this name
+                        unique_name += "'"
+                    sentence = f"{self.where}: row {rows[begin]}: {name!r} is {why}: this is another vehicle, named {unique_name}"
+                    reused_ids.append(one_line(sentence))
+                self._count_vehicles(number > 1)
+                times, x, y, *optional = numbers[:, begin:end]
+                heading, speed = (None if np.isnan(values).all() else values for values in optional)
                 points = np.column_stack((x, y))
-                vehicles.append(Samples(own, times, points, heading, speed, body.size, body.kind, body.ahead))
-        return Log(self.where, tuple(vehicles), tuple(self._refused.items()), self.lights, again=tuple(again))
+                vehicles.append(Samples(unique_name, times, points, heading, speed, body.size, body.kind, body.ahead))
+        return Log(self.where, tuple(vehicles), tuple(self._refused.items()), self.lights, reused_ids=tuple(reused_ids))
 
-    def _bad(self, name: str, numbers: _Values, bodies: Sequence[_Body]) -> tuple[int, str, str] | None:
-        """Return which sample of a vehicle can't be, in which column, and why."""
+    def _first_bad_sample(self, name: str, numbers: _Values, bodies: Sequence[_Body]) -> tuple[int, str, str] | None:
+        """Return the first impossible sample of a vehicle, its field, and the reason; None if all samples are possible."""
         for column, values in zip(FIELDS, numbers, strict=True):
             if column in ("heading", "speed") and np.isnan(values).all():
                 continue
-            wrong = np.flatnonzero(~(np.abs(values) <= _MOST[column]))
-            if len(wrong):
-                return int(wrong[0]), column, f"{values[wrong[0]]:g} is no {column}, expected a number up to {_MOST[column]:g}"
+            bad_rows = np.flatnonzero(~(np.abs(values) <= _LARGEST[column]))
+            if len(bad_rows):
+                return (
+                    int(bad_rows[0]),
+                    column,
+                    f"{values[bad_rows[0]]:g} is no {column}, expected a number up to {_LARGEST[column]:g}",
+                )
         times = numbers[0]
-        back = np.flatnonzero(np.diff(times) <= 0.0)
-        if len(back):
-            at, before = times[back[0] + 1], times[back[0]]
-            return int(back[0]) + 1, "time", f"{name!r} is at {at:g} s again or goes back, expected more than {before:g} s"
+        reversed_steps = np.flatnonzero(np.diff(times) <= 0.0)
+        if len(reversed_steps):
+            time, earlier = times[reversed_steps[0] + 1], times[reversed_steps[0]]
+            return (
+                int(reversed_steps[0]) + 1,
+                "time",
+                f"the time of {name!r} is {time:g} s, expected more than {earlier:g} s",
+            )
         track = numbers[:3].T
-        jumps = np.flatnonzero(_jumped(np.diff(track, axis=0)))
-        # A vehicle that is back where it was before a jump has not become another one.
-        returns = ~_jumped(track[jumps[1:] + 1] - track[jumps[:-1]])
-        wrong = jumps if self._strict else jumps[:-1][returns]
-        if len(wrong):
-            return int(wrong[0]) + 1, "x", f"{name!r} is {_away(numbers, int(wrong[0]) + 1)}"
+        jumps = np.flatnonzero(_impossible_steps(np.diff(track, axis=0)))
+        # If the vehicle returns to its place before the jump, the id still belongs to the same vehicle.
+        returns = ~_impossible_steps(track[jumps[1:] + 1] - track[jumps[:-1]])
+        bad_rows = jumps if self._strict else jumps[:-1][returns]
+        if len(bad_rows):
+            return int(bad_rows[0]) + 1, "x", f"{name!r} is {_jump_in_words(numbers, int(bad_rows[0]) + 1)}"
         for body in bodies:
             if body.size is not None and not all(0.0 < number <= _LONGEST for number in body.size):
-                what = f"{body.size[0]:g} x {body.size[1]:g} m is no size, expected more than 0 and up to {_LONGEST:g} m"
-                return body.at, "size", what
+                reason = f"{body.size[0]:g} x {body.size[1]:g} m is no size, expected more than 0 and up to {_LONGEST:g} m"
+                return body.at, "size", reason
         return None
 
 
-def _jumped(steps: _Values) -> NDArray[np.bool_]:
-    """Return which steps in time [s], x and y [m], of shape ``(steps, 3)``, no vehicle makes."""
-    found: NDArray[np.bool_] = np.hypot(steps[:, 1], steps[:, 2]) > _FASTEST * steps[:, 0] + _JUMP
-    return found
+def _impossible_steps(steps: _Values) -> NDArray[np.bool_]:
+    """Return which steps in time [s], x and y [m], shape ``(steps, 3)``, are too long for a vehicle."""
+    too_far: NDArray[np.bool_] = np.hypot(steps[:, 1], steps[:, 2]) > _FASTEST * steps[:, 0] + _JUMP
+    return too_far
 
 
-def _away(numbers: _Values, at: int) -> str:
-    """Return how far a vehicle got in one step, in words."""
+def _jump_in_words(numbers: _Values, at: int) -> str:
+    """Return in words how far the vehicle moved from the sample before `at` to the sample `at`."""
     time, x, y = numbers[:3, at] - numbers[:3, at - 1]
     return f"{math.hypot(x, y):.1f} m from where it was {time:g} s before"
 
 
-def _parted(numbers: _Values, bodies: Sequence[_Body]) -> Iterator[tuple[int, int, _Body, str]]:
-    """Yield for each vehicle of an id its first sample, the sample after its last, its body, and why it is a new vehicle."""
-    why = {int(at) + 1: _away(numbers, int(at) + 1) for at in np.flatnonzero(_jumped(np.diff(numbers[:3].T, axis=0)))}
-    for one, other in pairwise(bodies):
-        why.setdefault(other.at, one.differs(other))
+def _split_by_vehicle(numbers: _Values, bodies: Sequence[_Body]) -> Iterator[tuple[int, int, _Body, str]]:
+    """Yield for each vehicle of an id its first sample, the sample after its last, its body, and the reason for a new vehicle."""
+    why = {
+        int(at) + 1: _jump_in_words(numbers, int(at) + 1)
+        for at in np.flatnonzero(_impossible_steps(np.diff(numbers[:3].T, axis=0)))
+    }
+    for earlier, later in pairwise(bodies):
+        why.setdefault(later.at, earlier.differs(later))
     starts = [body.at for body in bodies]
     for begin, end in pairwise([0, *sorted(why), numbers.shape[1]]):
         yield begin, end, bodies[bisect_right(starts, begin) - 1], why.get(begin, "")
 
 
 def kind_of(text: str) -> Kind:
-    """Return the kind of road user that a class in a log names; an unknown class is a car."""
-    said = text.lower()
-    return next((kind for kind, words in _KINDS.items() if any(word in said for word in words)), Kind.CAR)
+    """Return the kind of road user for a class named in a log; an unknown class is a car."""
+    lowered = text.lower()
+    return next((kind for kind, words in _KINDS.items() if any(word in lowered for word in words)), Kind.CAR)

@@ -1,4 +1,4 @@
-"""Files of tracks, read piece by piece: they may be larger than memory, and compressed."""
+"""Files of tracks, read piece by piece, because a file may be compressed or larger than memory."""
 
 from __future__ import annotations
 
@@ -18,25 +18,27 @@ from pytest_rvads.wording import one_line
 __all__ = ["Source", "Watch", "opened"]
 
 Watch = Callable[[int, int], None]
-"""Told how many bytes of how many have been read."""
-_MOST_LINE = 2**22
-"""Longest line that is read [bytes]."""
-_MOST_BYTES = 2**33
-"""Most that is read of a file, as unpacked [bytes]: 20 million samples have 1 to 4 GB."""
-_RATIO, _FREE = 200, 2**24
-"""A packed file unpacks to at most so many times its size, or so many bytes: logs pack to a fiftieth at best."""
-_BLANK = 100_000
-"""So many more lines may be empty than are not."""
+"""Called with the number of bytes read so far and the number of all bytes."""
+_LONGEST_LINE = 2**22
+"""Longest line of a file [bytes]."""
+_MOST_UNPACKED = 2**33
+"""Largest size of an unpacked file [bytes]: 20 million samples have 1 to 4 GB."""
+_MOST_RATIO, _ALWAYS_UNPACKED = 200, 2**24
+"""An unpacked file has at most `_MOST_RATIO` times the packed size, or at most `_ALWAYS_UNPACKED` bytes. Logs pack to a fiftieth
+at best, so a larger ratio is an attack."""
+_MOST_BLANK = 100_000
+"""Largest surplus of empty lines over lines with content."""
 _CHUNK = 2**18
+"""Bytes of a piece."""
 
 
 class Source:
-    """A file being read.
+    """An open file of tracks.
 
     Args:
-        where: its name, for messages.
+        where: name of the file, for messages.
         raw: the file.
-        watch: told how far reading is.
+        watch: called with the progress of reading.
     """
 
     def __init__(self, where: str, raw: BinaryIO, watch: Watch | None) -> None:
@@ -44,24 +46,24 @@ class Source:
         self._raw = raw
         self._watch = watch
         self._size = os.fstat(raw.fileno()).st_size
-        self._most = min(_MOST_BYTES, max(_RATIO * self._size, _FREE))
+        self._most = min(_MOST_UNPACKED, max(_MOST_RATIO * self._size, _ALWAYS_UNPACKED))
         self._unpacked = 0
         start = raw.read(2)
         raw.seek(0)
         self._file = cast(BinaryIO, gzip.GzipFile(fileobj=raw)) if start == b"\x1f\x8b" else raw
 
     def chunks(self) -> Iterator[bytes]:
-        """Yield its content, unpacked."""
+        """Yield the unpacked content of the file."""
         while chunk := self._file.read(_CHUNK):
             self._count(len(chunk))
             self._tell()
             yield chunk
 
-    def lines(self, longest: int = _MOST_LINE) -> Iterator[bytes]:
-        """Yield its lines, unpacked, each with its end.
+    def lines(self, longest: int = _LONGEST_LINE) -> Iterator[bytes]:
+        """Yield the unpacked lines of the file, each with its line end.
 
         Raises:
-            RunError: a line is longer than so many bytes, too many are empty, or the file is too large.
+            RunError: a line is longer than `longest` bytes, too many lines are empty, or the file is too large.
         """
         count = blank = 0
         while line := self._file.readline(longest + 1):
@@ -70,8 +72,8 @@ class Source:
             if len(line) > longest:
                 raise RunError(f"{self.where}: row {count} is too long, expected at most {longest:,} bytes")
             blank += line.isspace()
-            if 2 * blank > count + _BLANK:
-                raise RunError(f"{self.where}: row {count}: {blank:,} of the rows so far are empty, expected fewer")
+            if 2 * blank > count + _MOST_BLANK:
+                raise RunError(f"{self.where}: row {count}: {blank:,} of the rows up to here are empty, expected fewer")
             if count % 1000 == 0:
                 self._tell()
             yield line
@@ -79,7 +81,7 @@ class Source:
     def _count(self, size: int) -> None:
         self._unpacked += size
         if self._unpacked > self._most:
-            raise RunError(f"{self.where}: it unpacks to more than {self._most:,} bytes: cut it into several files")
+            raise RunError(f"{self.where}: the file unpacks to more than {self._most:,} bytes: cut the file into several files")
 
     def _tell(self) -> None:
         if self._watch is not None and self._size:
@@ -88,10 +90,10 @@ class Source:
 
 @contextmanager
 def opened(path: Path, watch: Watch | None = None) -> Iterator[Source]:
-    """Open a file, unpacked where it is compressed by gzip.
+    """Open a file of tracks; a file compressed by gzip is unpacked.
 
     Raises:
-        RunError: the file can't be read, is damaged, or was read as XML and is no XML.
+        RunError: the file can't be read, is damaged, or is no XML although the caller reads XML.
     """
     try:
         with open_file(path) as raw:
@@ -99,5 +101,5 @@ def opened(path: Path, watch: Watch | None = None) -> Iterator[Source]:
     except XmlError as error:
         raise RunError(f"{path.name}: {error}") from error
     except (OSError, EOFError, zlib.error) as error:
-        told = error.strerror if isinstance(error, OSError) and error.strerror else str(error) or type(error).__name__
-        raise RunError(f"{path}: can't be read: {one_line(told)}") from error
+        reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error) or type(error).__name__
+        raise RunError(f"{path}: can't be read: {one_line(reason)}") from error

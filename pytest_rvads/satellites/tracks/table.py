@@ -1,10 +1,14 @@
-"""Tables of tracks: which column holds what, and in which unit."""
+"""Tables of tracks: the column and unit of each field, and the vehicles in the rows.
+
+A table is a CSV file, or a table in memory: of pandas, polars or pyarrow, or a dictionary of columns. This module imports none of
+the three libraries.
+"""
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
@@ -16,12 +20,13 @@ from pytest_rvads.errors import RunError, suggest
 from pytest_rvads.satellites.tracks.samples import Gather, Log, kind_of
 from pytest_rvads.wording import one_line
 
-__all__ = ["PRESETS", "TEXTS", "Column", "Rows", "columns_of", "log_of", "numbers_of", "parse_columns"]
+__all__ = ["PRESETS", "TEXTS", "Column", "Rows", "columns_of", "is_table", "log_of", "numbers_of", "parse_columns", "read_table"]
+
 
 _REQUIRED = ("time", "id", "x", "y")
 _OPTIONAL = ("heading", "speed", "vx", "vy", "length", "width", "class", "case")
 TEXTS = ("id", "class", "case")
-"""Fields that are texts, not numbers."""
+"""Fields with texts; all other fields have numbers."""
 _UNITS = {
     "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
     "heading": {"rad": 1.0, "deg": math.pi / 180, "north": -math.pi / 180},
@@ -29,10 +34,10 @@ _UNITS = {
     "vx": {"m/s": 1.0, "km/h": 1 / 3.6},
     "vy": {"m/s": 1.0, "km/h": 1 / 3.6},
 }
-"""Per field what a number is multiplied by; ``north``: degrees clockwise from north."""
+"""Factor of each unit of a field; ``north`` are degrees clockwise from north."""
 _RATE = re.compile(r"(\d+(?:\.\d+)?)hz", re.IGNORECASE)
-"""A unit of time: so many rows a second, as in ``time=frame:25hz``."""
-_USUAL = {
+"""Unit of a frame number used as time, in frames per second, as in ``time=frame:25hz``."""
+_USUAL_NAMES = {
     "time": ("time", "t", "timestamp", "time_s", "timestamp_s", "sim_time", "timestamp_ms:ms", "time_ms:ms", "timestamp_ns:ns"),
     "id": ("id", "track_id", "trackid", "vehicle_id", "vehicle", "agent_id", "object_id", "agent", "name"),
     "x": ("x", "x_m", "xcenter", "pos_x", "position_x", "x_center", "center_x"),
@@ -45,7 +50,7 @@ _USUAL = {
     "width": ("width", "w", "width_m"),
     "class": ("class", "type", "kind", "agent_type", "category", "object_type"),
 }
-"""Names that columns usually have, in small letters."""
+"""Usual names of the columns of each field, in lower case."""
 PRESETS = {
     "ind": {
         "time": "frame:25hz",
@@ -72,24 +77,30 @@ PRESETS = {
         "class": "agent_type",
     },
 }
-"""Columns of data sets; those that a file has not are left out, where they are not needed."""
+"""Columns of data sets. A file may lack a column of an optional field."""
+
+
+_CASE_LENGTH = 1000.0
+"""Time between the starts of two cases of a file [s]. A case is a scene of some seconds whose clock begins at zero."""
 
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """Where a field stands, and by what its numbers are multiplied."""
+    """The column of a field."""
 
     name: str
     factor: float = 1.0
+    """Factor from the unit of the column to the SI unit."""
     north: bool = False
+    """Whether angles count from north; otherwise angles count from east."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rows:
-    """The rows of a table, by field."""
+    """A batch of rows of a table, by field."""
 
     numbers: Mapping[str, NDArray[np.float64]]
-    """Of shape ``(rows,)``, NaN where there is none."""
+    """Numbers of each field, shape ``(rows,)``, in the unit of the column; NaN if the cell has no number."""
     texts: Mapping[str, Sequence[str]]
     """Values of the text fields (`TEXTS`)."""
     lines: NDArray[np.int64]
@@ -99,109 +110,119 @@ class Rows:
 
 
 def parse_columns(text: str) -> dict[str, str]:
-    """Return the columns of a text such as ``time=t:ms,id=track,x=X,y=Y,heading=yaw:deg``.
+    """Return the column of each field that a text such as ``time=t:ms,id=track,x=X,y=Y,heading=yaw:deg`` names.
 
     Raises:
-        RunError: another kind of text.
+        RunError: the text has another form.
     """
-    found = {}
+    columns = {}
     for part in text.split(","):
         name, equals, column = part.partition("=")
         if not (equals and name.strip() and column.strip()):
             raise RunError(f"--columns takes pairs such as time=t:ms,id=track,x=X,y=Y,heading=yaw:deg, got {part!r:.60}")
-        found[name.strip()] = column.strip()
-    return found
+        columns[name.strip()] = column.strip()
+    return columns
 
 
 def columns_of(
     given: Mapping[str, str] | None, names: Sequence[str], where: str, *, preset: str | None = None
 ) -> dict[str, Column]:
-    """Return where the fields of a table stand.
+    """Return the column of each field of a table.
 
     Args:
-        given: field to column, with a unit after a colon where it is not the usual one; None: found by the usual names.
-        names: the columns that there are.
-        where: begins messages.
-        preset: a name in `PRESETS` that `given` is added to; None: one that fits.
+        given: column per field, with a unit after a colon unless the column has SI units; None to look for the usual names.
+        names: names of the columns of the table.
+        where: name of the table in messages.
+        preset: key of `PRESETS` that `given` overrides; None for the preset that fits the names.
 
     Raises:
-        RunError: a field, column or unit that is not known, or one that is needed and missing.
+        RunError: a field, column or unit is not known, or a required field has no column.
     """
-    known = {name.strip().lower(): name for name in reversed(names)}
-    chosen = PRESETS.get(preset or (_fitting(known) if given is None else ""), {})
-    told = {} if given is None else dict(given)
-    for field in told:
+    table_columns = {name.strip().lower(): name for name in reversed(names)}
+    chosen = PRESETS.get(preset or (_fitting_preset(table_columns) if given is None else ""), {})
+    named_columns = {} if given is None else dict(given)
+    for field in named_columns:
         if field not in (*_REQUIRED, *_OPTIONAL):
-            fields = (*_REQUIRED, *_OPTIONAL)
+            all_fields = (*_REQUIRED, *_OPTIONAL)
             raise RunError(
-                f"{where}: {field!r:.60} is no field of a track, known are {', '.join(fields)}{suggest(field, fields)}"
+                f"{where}: {field!r:.60} is no field of a track, known are {', '.join(all_fields)}{suggest(field, all_fields)}"
             )
-    found = {}
+    fields = {}
     for field in (*_REQUIRED, *_OPTIONAL):
-        texts = (told[field],) if field in told else (chosen[field],) if field in chosen else _USUAL.get(field, ())
+        texts = (
+            (named_columns[field],)
+            if field in named_columns
+            else (chosen[field],)
+            if field in chosen
+            else _USUAL_NAMES.get(field, ())
+        )
         for text in texts:
-            column = _column(field, text, known, where)
+            column = _column(field, text, table_columns, where)
             if column is not None:
-                found[field] = column
+                fields[field] = column
                 break
         else:
-            if field in told or field in _REQUIRED:
-                wanted = f"column {told[field]!r:.60}" if field in told else f"column for the {field} ({', '.join(texts)})"
+            if field in named_columns or field in _REQUIRED:
+                missing = (
+                    f"column {named_columns[field]!r:.60}"
+                    if field in named_columns
+                    else f"column for the {field} ({', '.join(texts)})"
+                )
                 listed = one_line(", ".join(names[:20]), 300)
-                raise RunError(f"{where}: row 1 has no {wanted}, it has {listed}: name it by --columns {field}=...")
-    return found
+                raise RunError(f"{where}: row 1 has no {missing}, it has {listed}: name it by --columns {field}=...")
+    return fields
 
 
-def _fitting(known: Mapping[str, str]) -> str:
-    """Return the preset whose columns a table has, but for what only some files have; empty where none fits."""
+def _fitting_preset(table_columns: Mapping[str, str]) -> str:
+    """Return the preset whose columns a table has, apart from ``case``, which only some files have; empty if none fits."""
     for name, fields in PRESETS.items():
-        wanted = {text.partition(":")[0].lower() for field, text in fields.items() if field != "case"}
-        if wanted <= known.keys():
+        needed = {text.partition(":")[0].lower() for field, text in fields.items() if field != "case"}
+        if needed <= table_columns.keys():
             return name
     return ""
 
 
-def _column(field: str, text: str, known: Mapping[str, str], where: str) -> Column | None:
+def _column(field: str, text: str, table_columns: Mapping[str, str], where: str) -> Column | None:
     """Return the column that a text names, with an optional unit after a colon; None if no column has the name."""
-    if text.strip().lower() in known:
-        return Column(known[text.strip().lower()])
+    if text.strip().lower() in table_columns:
+        return Column(table_columns[text.strip().lower()])
     name, _, unit = text.rpartition(":")
-    if name.strip().lower() not in known:
+    if name.strip().lower() not in table_columns:
         return None
     units = _UNITS.get(field, {})
     rate = _RATE.fullmatch(unit.strip()) if field == "time" else None
     if rate is not None and float(rate[1]) > 0.0:
-        return Column(known[name.strip().lower()], 1.0 / float(rate[1]))
+        return Column(table_columns[name.strip().lower()], 1.0 / float(rate[1]))
     if unit not in units:
         offered = ", ".join((*units, *(["25hz"] if field == "time" else []))) or "no other unit"
         raise RunError(f"{where}: {unit!r:.40} is no unit of {field}, expected {offered}")
-    return Column(known[name.strip().lower()], units[unit], unit == "north")
+    return Column(table_columns[name.strip().lower()], units[unit], unit == "north")
 
 
 def log_of(chunks: Iterable[Rows], columns: Mapping[str, Column], where: str, *, strict: bool) -> Log:
-    """Return the vehicles of a table that comes in pieces.
+    """Return the vehicles of a table that comes in batches of rows.
 
     Raises:
-        RunError: it holds too much, or a bad row while it is `strict`.
+        RunError: the table is too large, or has a bad row while reading is `strict`.
     """
-    told = {field: column.name for field, column in columns.items()}
-    told.setdefault("speed", told.get("vx", "speed"))
-    told["size"] = told.get("length", "length")
-    gather = Gather(where, told, strict=strict)
+    column_names = {field: column.name for field, column in columns.items()}
+    column_names.setdefault("speed", column_names.get("vx", "speed"))
+    column_names["size"] = column_names.get("length", "length")
+    gather = Gather(where, column_names, strict=strict)
     cases: dict[str, int] = {}
     for rows in chunks:
-        _add(gather, rows, columns, cases)
+        _add_rows(gather, rows, columns, cases)
     return gather.log()
 
 
-def _add(gather: Gather, rows: Rows, columns: Mapping[str, Column], cases: dict[str, int]) -> None:
-    """Add some rows, vehicle by vehicle."""
+def _add_rows(gather: Gather, rows: Rows, columns: Mapping[str, Column], cases: dict[str, int]) -> None:
+    """Add a batch of rows, vehicle by vehicle; `cases` holds the numbers of the cases met so far."""
     nothing = np.full(len(rows.numbers["x"]), np.nan)
     times = rows.numbers["time"] * columns["time"].factor
     names = rows.texts["id"]
     if "case" in columns:
         numbers = [cases.setdefault(case, len(cases)) for case in rows.texts["case"]]
-        times = times + _CASE * np.array(numbers, dtype=np.float64)
+        times = times + _CASE_LENGTH * np.array(numbers, dtype=np.float64)
         names = [f"{case}.{name}" for case, name in zip(rows.texts["case"], names, strict=True)]
     heading = rows.numbers.get("heading", nothing)
     if "heading" in columns:
@@ -211,7 +232,7 @@ def _add(gather: Gather, rows: Rows, columns: Mapping[str, Column], cases: dict[
         speed = speed * columns["speed"].factor
     elif {"vx", "vy"} <= columns.keys():
         east, north = (rows.numbers[field] * columns[field].factor for field in ("vx", "vy"))
-        # Noise makes the length of a velocity too long, and never its part along the heading.
+        # Noise makes the magnitude of a velocity too large on average, but not its component along the heading.
         speed = east * np.cos(heading) + north * np.sin(heading) if "heading" in columns else np.hypot(east, north)
     table = np.column_stack((times, rows.numbers["x"], rows.numbers["y"], heading, nothing if speed is None else speed))
     for at, field, why in rows.bad:
@@ -221,24 +242,20 @@ def _add(gather: Gather, rows: Rows, columns: Mapping[str, Column], cases: dict[
     order = np.argsort(code, kind="stable")
     ends = np.cumsum(np.bincount(code, minlength=len(codes)))
     for name, begin, end in zip(codes, [0, *ends[:-1].tolist()], ends.tolist(), strict=True):
-        mine = order[begin:end]
-        before, again = gather.extend(name, rows.lines[mine], table[mine])
-        for k in again.tolist():
-            _describe(gather, name, rows, int(mine[k]), before + k)
-
-
-_CASE = 1000.0
-"""Time between the starts of two cases of a file [s]. A case is a scene of some seconds whose clock begins at zero."""
+        rows_of_vehicle = order[begin:end]
+        before, to_describe = gather.extend(name, rows.lines[rows_of_vehicle], table[rows_of_vehicle])
+        for k in to_describe.tolist():
+            _describe(gather, name, rows, int(rows_of_vehicle[k]), before + k)
 
 
 def _describe(gather: Gather, name: str, rows: Rows, at: int, sample: int) -> None:
     size = tuple(float(rows.numbers[field][at]) for field in ("length", "width") if field in rows.numbers)
-    known = (size[0], size[1]) if len(size) == 2 and not any(math.isnan(number) for number in size) else None
-    gather.describe(name, known, kind_of(rows.texts["class"][at] if "class" in rows.texts else ""), at=sample)
+    dimensions = (size[0], size[1]) if len(size) == 2 and not any(math.isnan(number) for number in size) else None
+    gather.describe(name, dimensions, kind_of(rows.texts["class"][at] if "class" in rows.texts else ""), at=sample)
 
 
 def numbers_of(values: Any) -> tuple[NDArray[np.float64], list[int]]:
-    """Return values as numbers, NaN for what is none, and the places of those that are neither a number nor missing."""
+    """Return values as numbers, with NaN for other values, and the indices of values that are neither missing nor a number."""
     with suppress(TypeError, ValueError, OverflowError):
         return np.asarray(values, dtype=np.float64), []
     numbers, wrong = np.full(len(values), np.nan), []
@@ -249,3 +266,70 @@ def numbers_of(values: Any) -> tuple[NDArray[np.float64], list[int]]:
             if value is not None and str(value).strip():
                 wrong.append(k)
     return numbers, wrong
+
+
+_BATCH = 200_000
+"""Number of rows that are converted together."""
+_WHERE = "table"
+
+
+def is_table(source: object) -> bool:
+    """Return whether a value is a table: a mapping of columns, or a value with a protocol of dataframes or Arrow."""
+    return isinstance(source, Mapping) or hasattr(source, "__dataframe__") or hasattr(source, "__arrow_c_stream__")
+
+
+def read_table(table: Any, columns: Mapping[str, str] | None, *, strict: bool, preset: str | None = None) -> Log:
+    """Return the vehicles of a table in memory; `columns_of` explains `columns` and `preset`. Row numbers begin with 0.
+
+    Raises:
+        RunError: the table lacks a column, its columns differ in length, or a row is bad while reading is `strict`.
+    """
+    names = _column_names(table)
+    fields = columns_of(columns, names, _WHERE, preset=preset)
+    values = {field: _column_values(table, column.name) for field, column in fields.items()}
+    lengths = {column.name: len(values[field]) for field, column in fields.items()}
+    if len(set(lengths.values())) > 1:
+        raise RunError(f"{_WHERE}: its columns must be equally long, got {lengths}")
+    return log_of(_batches(values, fields), fields, _WHERE, strict=strict)
+
+
+def _column_names(table: Any) -> list[str]:
+    try:
+        # pandas and polars have the names in `columns`; pyarrow has the arrays in `columns` and the names in `column_names`.
+        names = table.keys() if isinstance(table, Mapping) else getattr(table, "column_names", None) or table.columns
+        return [str(name) for name in names]
+    except Exception as error:  # an unknown library may raise any error
+        raise RunError(f"{_WHERE}: can't be read: {one_line(str(error))}") from error
+
+
+def _column_values(table: Any, name: str) -> Any:
+    try:
+        values = np.asarray(table[name])
+    except Exception as error:  # an unknown library may raise any error
+        raise RunError(f"{_WHERE}: column {name!r:.60} can't be read: {one_line(str(error))}") from error
+    if values.ndim != 1:
+        raise RunError(f"{_WHERE}: column {name!r:.60} must be a column of values, got the shape {values.shape}")
+    if values.dtype.kind == "m":  # durations
+        return values.astype("timedelta64[ns]").astype(np.float64) * 1e-9
+    return values
+
+
+def _batches(values: Mapping[str, Any], columns: Mapping[str, Column]) -> Iterator[Rows]:
+    count = len(values["id"])
+    for begin in range(0, count, _BATCH):
+        batch = slice(begin, min(begin + _BATCH, count))
+        numbers, texts = {}, {}
+        bad: list[tuple[int, str, str]] = []
+        for field in columns:
+            values_of_batch: Sequence[Any] = values[field][batch].tolist()
+            if field in TEXTS:
+                texts[field] = [_text(value) for value in values_of_batch]
+                continue
+            numbers[field], wrong = numbers_of(values[field][batch])
+            bad += [(k, field, f"{one_line(repr(values_of_batch[k]), 60)} is no number") for k in wrong]
+        yield Rows(numbers, texts, np.arange(batch.start, batch.stop), bad)
+
+
+def _text(value: Any) -> str:
+    """Return a value as a text. The ids 7 and 7.0 give the same text, because pandas has floats in a column with gaps."""
+    return str(int(value)) if isinstance(value, float) and value.is_integer() else str(value)

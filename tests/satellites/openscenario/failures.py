@@ -1,4 +1,4 @@
-"""Runs that break rules: several drivers and bodies at junctions of every kind, some seconds each."""
+"""Short runs that break rules, with several drivers and bodies at junctions of every kind."""
 
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -23,29 +23,29 @@ LAYOUTS = {
     "five": Layout(5, stop=22.0),
     "setback": Layout(4, JunctionControl.LIGHTS, setback=3.0),
 }
-"""Maps of files: traffic keeps left, five arms, lines before the lights."""
+"""Junctions that are not built in: with left-hand traffic, with five arms, with lines before the lights."""
 TRUCK = Vehicle(length=9.0, width=2.5, front_axle=2.5, rear_axle=2.5, mass=9000.0, kind=Kind.TRUCK)
 
 
 @dataclass(frozen=True)
 class Failure:
-    """What is driven, and a rule that is broken."""
+    """A case, and a rule that its run breaks."""
 
     rule: str
     junction: str
     directions: str
     driver: str
     more: dict[str, Any] = field(default_factory=dict)
-    """Arguments of the scenario."""
+    """Further arguments of the scenario."""
     truck: str | None = None
-    """Who drives one."""
+    """Name of the vehicle that is a truck."""
 
     def __str__(self) -> str:
         parts = [self.rule, self.junction, self.directions, self.driver]
         return "-".join([*parts, *(["truck"] if self.truck else []), *(["subject"] if "subject" in self.more else [])])
 
     def run(self, maps: Path) -> Run:
-        """Simulate it, once; maps of files lie in a folder."""
+        """Return the run of the case, simulated once per process; `maps` is the folder of map files."""
         return _run(FAILURES.index(self), str(maps))
 
 
@@ -60,7 +60,7 @@ def _run(key: int, maps: str) -> Run:
 
 
 def write_maps(folder: Path) -> Path:
-    """Write the maps of files."""
+    """Write the map files of `LAYOUTS` into a folder."""
     for name, layout in LAYOUTS.items():
         (folder / f"{name}.xodr").write_text(opendrive(layout), encoding="utf-8")
     return folder

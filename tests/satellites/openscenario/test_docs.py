@@ -13,7 +13,9 @@ BLOCKS = re.findall(r"^```(python|console)\n(.*?)^```", PAGE, re.MULTILINE | re.
 
 
 @pytest.mark.usefixtures("library")
-def test_the_page_tells_the_truth(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_code_and_commands_of_the_page_print_what_it_shows(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Its blocks run in order in one folder; a comment behind a line that prints says what it prints."""
     monkeypatch.chdir(tmp_path)
     assert [kind for kind, _ in BLOCKS] == ["python", "console", "console", "console", "python"]
@@ -22,9 +24,9 @@ def test_the_page_tells_the_truth(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
             exec(compile(text, "docs/openscenario.md", "exec"), {})
             assert capsys.readouterr().out.splitlines() == re.findall(r"^print\(.*\)  # (.*)$", text, re.MULTILINE)
             continue
-        for command, said in re.findall(r"^\$ rvads (.*)\n((?:(?!\$ ).*\n)*)", text, re.MULTILINE):
+        for command, output in re.findall(r"^\$ rvads (.*)\n((?:(?!\$ ).*\n)*)", text, re.MULTILINE):
             assert main(shlex.split(command)) in (0, 1)
-            shown, _, rest = said.partition("...\n")
-            assert rest == ""
+            shown, _, after_dots = output.partition("...\n")
+            assert after_dots == ""
             assert capsys.readouterr().out.startswith(shown)
     assert Path("again/rolling.xosc").read_bytes() == Path("failure/rolling.xosc").read_bytes()

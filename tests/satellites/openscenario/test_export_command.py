@@ -1,4 +1,4 @@
-"""``rvads export``: runs and scenarios on the command line."""
+"""``rvads export`` writes runs and scenarios."""
 
 from pathlib import Path
 
@@ -13,7 +13,7 @@ pytestmark = pytest.mark.usefixtures("library")
 
 
 @pytest.fixture
-def kept(maps: Path, tmp_path: Path) -> Path:
+def saved_run(maps: Path, tmp_path: Path) -> Path:
     """The file of a run at a junction of a map file, with a truck in it."""
     scenario = rvads.Scenario(rvads.find("1", maps / "left.xodr"), "2200", distance=1.0, duration=5.0)
     case = rvads.Case(scenario, rvads.LgsvlLike, fleet=rvads.Fleet(others={"a1": TRUCK}))
@@ -21,38 +21,38 @@ def kept(maps: Path, tmp_path: Path) -> Path:
     return tmp_path / "kept.npz"
 
 
-def test_a_run_goes_out_with_its_verdict(kept: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_exported_run_quotes_its_verdict(saved_run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "out" / "run.xosc"
-    assert main(["export", str(kept), "--xosc", str(out), "--rules", "p2"]) == 0
-    told = capsys.readouterr().out
-    assert told.startswith(f"{out}: 2 vehicles at left.1, 5.00 s\n  p2")
+    assert main(["export", str(saved_run), "--xosc", str(out), "--rules", "p2"]) == 0
+    text = capsys.readouterr().out
+    assert text.startswith(f"{out}: 2 vehicles at left.1, 5.00 s\n  p2")
     assert (out.parent / "left.xodr").is_file()
-    main(["check", str(kept), "--rules", "road"])
-    before = capsys.readouterr().out
+    main(["check", str(saved_run), "--rules", "road"])
+    expected = capsys.readouterr().out
     main(["check", str(out), "--rules", "road"])
     # Indicators are computed from speeds and not rounded alike; verdicts are the same letter for letter.
     assert [line for line in capsys.readouterr().out.splitlines() if "[" not in line] == [
-        line for line in before.splitlines() if "[" not in line
+        line for line in expected.splitlines() if "[" not in line
     ]
 
 
-def test_the_scenario_of_a_run_goes_out_with_its_bodies(kept: Path, tmp_path: Path) -> None:
-    assert main(["export", str(kept), "--scenario", "--xosc", str(tmp_path / "s.xosc")]) == 0
-    run = rvads.load_run(kept)
+def test_scenario_of_a_run_is_exported_with_its_bodies(saved_run: Path, tmp_path: Path) -> None:
+    assert main(["export", str(saved_run), "--scenario", "--xosc", str(tmp_path / "s.xosc")]) == 0
+    run = rvads.load_run(saved_run)
     scenario = rvads.load_scenario(tmp_path / "s.xosc")
     assert (scenario.name, scenario.duration) == (run.label, 5.0)
     assert 'vehicleCategory="truck"' in (tmp_path / "s.xosc").read_text("utf-8")
 
 
 @pytest.mark.parametrize("id", ["stop4-class07-as1133-cfgD", "stop4-class07-as1133-cfgD.r1-p1", "light4-class00-as0200-s1-cfgJ"])
-def test_a_case_goes_out_as_its_scenario(id: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_case_is_exported_as_its_scenario(id: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["export", id, "--xosc", str(tmp_path / "s.xosc")]) == 0
     scenario = rvads.load_scenario(tmp_path / "s.xosc")
     assert f"{id}-".startswith(f"{scenario.name}-")
     assert scenario.name in capsys.readouterr().out
 
 
-def test_a_case_at_a_junction_of_a_file_needs_its_map(maps: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_case_at_a_junction_of_a_file_needs_its_map(maps: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     id, out = "five.1-class000-as20000-cfgC", str(tmp_path / "s.xosc")
     assert main(["export", id, "--xosc", out]) == 2
     assert "unknown junction 'five.1'" in capsys.readouterr().err
@@ -66,8 +66,8 @@ def test_a_case_at_a_junction_of_a_file_needs_its_map(maps: Path, tmp_path: Path
         (["nothing"], "'nothing' is no id of a scenario, expected such as 'stop4-class07-as1133-cfgD'"),
         (["none.npz"], "none.npz: can't be read"),
         (["NONE.NPZ"], "NONE.NPZ: can't be read"),
-        (["stop4-class07-as1133-cfgD", "--rules", "p1"], "--rules judges a run, and a scenario is none: leave --rules out"),
-        (["none.npz", "--scenario", "--rules", "p1"], "--rules judges a run, and a scenario is none: leave --rules out"),
+        (["stop4-class07-as1133-cfgD", "--rules", "p1"], "leave --rules out"),
+        (["none.npz", "--scenario", "--rules", "p1"], "leave --rules out"),
     ],
 )
 def test_misuse_of_export_is_one_line(
@@ -86,7 +86,7 @@ def test_export_requires_a_single_simulated_run(maps: Path, tmp_path: Path, caps
     rvads.export_run(FAILURES[3].run(maps), tmp_path / "run.xosc")
     out = str(tmp_path / "out.xosc")
     assert main(["export", str(tmp_path / "run.xosc"), "--scenario", "--xosc", out]) == 2
-    assert "it does not say which scenario it was simulated from" in capsys.readouterr().err
+    assert "run.xosc: the run names no scenario" in capsys.readouterr().err
     assert main(["export", str(tmp_path / "run.xosc"), "--xosc", out]) == 0
     (first,), (second,) = rvads.read_runs(tmp_path / "run.xosc"), rvads.read_runs(out)
     assert (second.label, second.agents, second.steps) == (first.label, first.agents, first.steps)
@@ -100,4 +100,4 @@ def test_export_requires_a_single_simulated_run(maps: Path, tmp_path: Path, caps
     )
     rvads.save_recording(replace(recording, tracks=recording.tracks + later), tmp_path / "several.npz")
     assert main(["export", str(tmp_path / "several.npz"), "--xosc", out]) == 2
-    assert "it holds 2 runs, one is exported at a time" in capsys.readouterr().err
+    assert "several.npz: the file has 2 runs" in capsys.readouterr().err

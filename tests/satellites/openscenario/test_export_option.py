@@ -42,8 +42,8 @@ def test_every_failed_run_is_written_once_with_one_map(pytester: pytest.Pytester
     written = {run.label: run for path in folder.glob("*.xosc") for run in rvads.read_runs(path)}
     for run, rule in failed:
         assert rvads.check(written[run], rule).status is Status.FAIL
-    told = re.findall(r"^export    (\S+)$", result.stdout.str(), re.MULTILINE)
-    assert {pytester.path / name for name in told} == set(folder.glob("*.xosc"))
+    printed = re.findall(r"^export    (\S+)$", result.stdout.str(), re.MULTILINE)
+    assert {pytester.path / name for name in printed} == set(folder.glob("*.xosc"))
 
 
 def test_passing_runs_are_not_exported(pytester: pytest.Pytester) -> None:
@@ -52,7 +52,7 @@ def test_passing_runs_are_not_exported(pytester: pytest.Pytester) -> None:
     assert not (pytester.path / "out").exists()
 
 
-def test_an_older_file_of_another_run_is_replaced(pytester: pytest.Pytester) -> None:
+def test_older_file_of_another_run_is_replaced(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(FAILING)
     options = ("-p", "no:cacheprovider", "-k", "2222 and red", "--rvads-export=out")
     pytester.runpytest(*options)
@@ -63,18 +63,16 @@ def test_an_older_file_of_another_run_is_replaced(pytester: pytest.Pytester) -> 
     assert path.read_bytes() == good
 
 
-def test_a_missing_library_ends_the_session_before_anything_runs(
-    pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_missing_library_ends_the_session_before_any_run(pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch) -> None:
     pytester.makepyfile(FAILING)
     monkeypatch.setitem(__import__("sys").modules, "scenariogeneration.xosc", None)
     result = pytester.runpytest("--rvads-export=out")
     assert result.ret == pytest.ExitCode.USAGE_ERROR
-    (told,) = [line for line in result.errlines if "scenariogeneration" in line]
-    assert "pip install 'pytest-rvads[openscenario]'" in told
+    (message,) = [line for line in result.errlines if "scenariogeneration" in line]
+    assert "pip install 'pytest-rvads[openscenario]'" in message
 
 
-def test_what_can_not_be_written_costs_no_verdict(pytester: pytest.Pytester) -> None:
+def test_write_error_keeps_the_verdicts(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(FAILING)
     (pytester.path / "out").write_text("", encoding="utf-8")
     result = pytester.runpytest("-p", "no:cacheprovider", "-k", "2222 and red", "--rvads-export=out")

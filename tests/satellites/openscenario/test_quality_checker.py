@@ -37,15 +37,15 @@ print(json.dumps(found))
 """
 
 
-def asked(files: list[Path]) -> dict[str, dict[str, list[str]]]:
+def check_results(files: list[Path]) -> dict[str, dict[str, list[str]]]:
     """Return per file the states of all checks, and their issues."""
     command = [os.environ["RVADS_QC"], "-c", ASK, *map(str, files)]
     answer = subprocess.run(command, check=True, capture_output=True, text=True, env={**os.environ, "PYTHONPATH": ""})
-    found: dict[str, dict[str, list[str]]] = json.loads(answer.stdout.splitlines()[-1])
-    return found
+    results: dict[str, dict[str, list[str]]] = json.loads(answer.stdout.splitlines()[-1])
+    return results
 
 
-def test_every_check_is_passed_by_runs_and_scenarios(maps: Path, tmp_path: Path) -> None:
+def test_runs_and_scenarios_pass_every_check(maps: Path, tmp_path: Path) -> None:
     files = []
     for number, failure in enumerate(FAILURES):
         run = failure.run(maps)
@@ -54,13 +54,13 @@ def test_every_check_is_passed_by_runs_and_scenarios(maps: Path, tmp_path: Path)
         scenario = rvads.Scenario(place, failure.directions, **failure.more)
         rvads.save_scenario(scenario, tmp_path / f"{number}s.xosc")
         files += [tmp_path / f"{number}.xosc", tmp_path / f"{number}s.xosc"]
-    for path, said in asked(files).items():
-        assert said["issues"] == [], path
-        assert set(said["states"]) == {"COMPLETED"}, path
+    for path, result in check_results(files).items():
+        assert result["issues"] == [], path
+        assert set(result["states"]) == {"COMPLETED"}, path
 
 
 def test_quality_checker_reports_a_damaged_file(maps: Path, tmp_path: Path) -> None:
     path = tmp_path / "run.xosc"
     rvads.export_run(FAILURES[3].run(maps), path)
     path.write_text(path.read_text("utf-8").replace("<LogicFile", "<LogicalFile"), encoding="utf-8")
-    assert asked([path])[str(path)]["issues"]
+    assert check_results([path])[str(path)]["issues"]

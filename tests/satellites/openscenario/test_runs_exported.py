@@ -1,4 +1,4 @@
-"""Runs as trajectories: what comes back is judged as what went out."""
+"""Exported runs are read back with the same verdicts."""
 
 import re
 from collections.abc import Callable
@@ -23,19 +23,19 @@ pytestmark = pytest.mark.usefixtures("library")
 
 
 def judged(run: rvads.Run) -> dict[str, Any]:
-    """Return all that the rules of both books say of a run, but for the rounding of margins."""
+    """Return the verdicts of the rules of both books on a run, without the margins, which rounding changes."""
 
-    def told(verdict: Verdict) -> tuple[Any, ...]:
-        each = [(i.binding, i.status, i.responsible, i.trigger, i.failed, i.broken) for i in verdict.instances]
-        return verdict.status, verdict.time, verdict.message, dict(verdict.counts), each
+    def facts(verdict: Verdict) -> tuple[Any, ...]:
+        instances = [(i.binding, i.status, i.responsible, i.trigger, i.failed, i.broken) for i in verdict.instances]
+        return verdict.status, verdict.time, verdict.message, dict(verdict.counts), instances
 
-    return {rule.name: told(rvads.check(run, rule)) for book in ("paper", "road") for rule in rulebook(book)}
+    return {rule.name: facts(rvads.check(run, rule)) for book in ("paper", "road") for rule in rulebook(book)}
 
 
-def again(run: rvads.Run, folder: Path) -> rvads.Run:
+def exported_and_read(run: rvads.Run, folder: Path) -> rvads.Run:
     rvads.export_run(run, folder / "run.xosc")
-    (found,) = rvads.read_runs(folder / "run.xosc")
-    return found
+    (copy,) = rvads.read_runs(folder / "run.xosc")
+    return copy
 
 
 @pytest.mark.extended
@@ -43,15 +43,15 @@ def again(run: rvads.Run, folder: Path) -> rvads.Run:
 def test_exported_failure_is_read_back_with_its_verdict(failure: Failure, maps: Path, tmp_path: Path) -> None:
     run = failure.run(maps)
     assert rvads.check(run, failure.rule).status in (Status.FAIL, Status.OPEN)
-    found = again(run, tmp_path)
-    assert (found.label, found.junction, found.agents, found.facts) == (run.label, run.junction, run.agents, run.facts)
-    assert (found.collisions, found.steps, found.dt) == (run.collisions, run.steps, run.dt)
-    assert np.array_equal(found.zone, run.zone)
-    assert np.array_equal(found.lights, run.lights)
-    assert np.abs(found.station - run.station).max() < 1e-9
-    assert np.abs(found.pose[run.here] - run.pose[run.here]).max() < 1e-9
-    assert np.abs(found.speed - run.speed)[run.here].max() < 0.02  # tyres slip a little where bodies turn
-    assert judged(found) == judged(run)
+    copy = exported_and_read(run, tmp_path)
+    assert (copy.label, copy.junction, copy.agents, copy.facts) == (run.label, run.junction, run.agents, run.facts)
+    assert (copy.collisions, copy.steps, copy.dt) == (run.collisions, run.steps, run.dt)
+    assert np.array_equal(copy.zone, run.zone)
+    assert np.array_equal(copy.lights, run.lights)
+    assert np.abs(copy.station - run.station).max() < 1e-9
+    assert np.abs(copy.pose[run.here] - run.pose[run.here]).max() < 1e-9
+    assert np.abs(copy.speed - run.speed)[run.here].max() < 0.02  # tyres slip a little where bodies turn
+    assert judged(copy) == judged(run)
 
 
 def test_at_least_20_failures_at_8_junctions() -> None:
@@ -68,7 +68,7 @@ def test_equal_runs_give_equal_files(maps: Path, tmp_path: Path) -> None:
         assert (tmp_path / "one" / name).read_bytes() == (tmp_path / "two" / name).read_bytes()
 
 
-def test_the_verdict_stands_in_the_file(maps: Path, tmp_path: Path) -> None:
+def test_file_quotes_the_verdict(maps: Path, tmp_path: Path) -> None:
     run = FAILURES[1].run(maps)
     verdict = rvads.check(run, "p2")
     rvads.export_run(run, tmp_path / "run.xosc", verdict=verdict)
@@ -77,31 +77,31 @@ def test_the_verdict_stands_in_the_file(maps: Path, tmp_path: Path) -> None:
     assert "&quot;rule&quot;:&quot;p2&quot;,&quot;status&quot;:&quot;FAIL&quot;" in head
 
 
-def test_who_stands_costs_no_vertices(maps: Path, tmp_path: Path) -> None:
+def test_standing_vehicle_needs_no_vertices(maps: Path, tmp_path: Path) -> None:
     run = rvads.simulate(rvads.Case(rvads.Scenario(rvads.find("light4"), "0200", distance=5, duration=10.0), rvads.Reference))
-    found = again(run, tmp_path)
+    copy = exported_and_read(run, tmp_path)
     vertices = (tmp_path / "run.xosc").read_text("utf-8").count("<Vertex")
     stands = int((np.diff(run.pose[:, 0], axis=0) == 0.0).all(axis=1).sum())
     assert stands > 500  # the light is red for 20 s
     assert vertices < run.steps - stands + 20
-    assert np.abs(found.station - run.station).max() < 1e-9
+    assert np.abs(copy.station - run.station).max() < 1e-9
 
 
-def test_who_is_through_leaves(tmp_path: Path) -> None:
+def test_vehicle_beyond_its_exit_road_is_deleted(tmp_path: Path) -> None:
     scenario = rvads.Scenario(rvads.find("stop4"), "2020", distance=(1, 0, 40, 0), speed=(10, 0, 0, 0), duration=20.0)
     run = rvads.simulate(rvads.Case(scenario, traffic("red_light_runner")))
     gone = np.flatnonzero(run.zone[:, 0] == Zone.GONE)
     assert 0 < gone[0] < run.steps - 100
     assert not (run.zone[:, 1] == Zone.GONE).any()
-    found = again(run, tmp_path)
-    assert np.array_equal(found.zone, run.zone)
+    copy = exported_and_read(run, tmp_path)
+    assert np.array_equal(copy.zone, run.zone)
     text = (tmp_path / "run.xosc").read_text("utf-8")
     assert re.findall(r'<DeleteEntityAction|<EntityAction entityRef="(a\d)">\s*<DeleteEntityAction', text) == ["a0"]
     time = re.search(r'<Event name="a0 leaves".*?<SimulationTimeCondition value="([^"]*)"', text, re.DOTALL)
     assert float(time[1]) == pytest.approx(gone[0] * run.dt)
 
 
-def test_the_reference_point_is_the_rear_axle(maps: Path, tmp_path: Path) -> None:
+def test_reference_point_is_the_rear_axle(maps: Path, tmp_path: Path) -> None:
     failure = next(failure for failure in FAILURES if failure.truck == "a1")
     run = failure.run(maps)
     rvads.export_run(run, tmp_path / "run.xosc")
@@ -118,11 +118,11 @@ def test_the_reference_point_is_the_rear_axle(maps: Path, tmp_path: Path) -> Non
     assert place[2] == front[2]
 
 
-def test_without_provenance_the_size_tells_the_axles(maps: Path, tmp_path: Path) -> None:
+def test_axles_follow_from_the_size_without_provenance(maps: Path, tmp_path: Path) -> None:
     run = FAILURES[16].run(maps)
-    found = again(replace(run, provenance={}), tmp_path)
-    assert found.agents == run.agents
-    assert judged(found) == judged(run)
+    copy = exported_and_read(replace(run, provenance={}), tmp_path)
+    assert copy.agents == run.agents
+    assert judged(copy) == judged(run)
 
 
 def test_lights_are_phases_of_the_signals_of_the_map(tmp_path: Path) -> None:
@@ -139,20 +139,20 @@ def test_lights_are_phases_of_the_signals_of_the_map(tmp_path: Path) -> None:
     assert {"0", "1", "2", "3"} <= set(ids)
 
 
-def test_twenty_failures_at_one_junction_share_its_map(maps: Path, tmp_path: Path) -> None:
+def test_exports_at_a_junction_share_its_map(maps: Path, tmp_path: Path) -> None:
     first = FAILURES[17].run(maps)
     rvads.export_run(first, tmp_path / "0.xosc")
-    written = (tmp_path / "left.xodr").stat().st_ino  # a file that is written anew is another one, moved into place
+    written = (tmp_path / "left.xodr").stat().st_ino  # writing a file anew would give it another inode
     rvads.export_run(first, tmp_path / "1.xosc")
     assert (tmp_path / "left.xodr").stat().st_ino == written
     assert sorted(path.name for path in tmp_path.iterdir()) == ["0.xosc", "1.xosc", "left.xodr"]
 
 
-def test_another_map_of_the_same_name_keeps_its_own(maps: Path, tmp_path: Path) -> None:
+def test_different_map_of_the_same_name_is_not_overwritten(maps: Path, tmp_path: Path) -> None:
     run = FAILURES[17].run(maps)
     (tmp_path / "left.xodr").write_text("<OpenDRIVE/>", encoding="utf-8")
-    found = again(run, tmp_path)
-    assert found.junction == run.junction
+    copy = exported_and_read(run, tmp_path)
+    assert copy.junction == run.junction
     assert (tmp_path / "left.xodr").read_text("utf-8") == "<OpenDRIVE/>"
     assert len([*tmp_path.glob("left-*.xodr")]) == 1
 
@@ -160,7 +160,7 @@ def test_another_map_of_the_same_name_keeps_its_own(maps: Path, tmp_path: Path) 
 def test_changed_map_of_an_export_is_refused(maps: Path, tmp_path: Path) -> None:
     rvads.export_run(FAILURES[17].run(maps), tmp_path / "run.xosc")
     (tmp_path / "left.xodr").write_bytes((maps / "five.xodr").read_bytes())
-    with pytest.raises(RunError, match=r"run\.xosc: junction 'left\.1' of map file .* is not as it was when"):
+    with pytest.raises(RunError, match=r"run\.xosc: junction 'left\.1' of map file .* has changed since the export"):
         rvads.read_runs(tmp_path / "run.xosc")
     (tmp_path / "left.xodr").unlink()
     with pytest.raises(MapError, match=r"left\.xodr does not exist"):
@@ -170,49 +170,49 @@ def test_changed_map_of_an_export_is_refused(maps: Path, tmp_path: Path) -> None
 def test_map_of_a_kept_run_is_found_or_given(maps: Path, tmp_path: Path) -> None:
     run = FAILURES[17].run(maps)
     rvads.save_run(run, tmp_path / "kept.npz")
-    kept = rvads.load_run(tmp_path / "kept.npz")
-    assert again(kept, tmp_path / "a").junction == run.junction
-    lost = replace(kept, provenance={})
-    with pytest.raises(MapError, match=r"junction 'left\.1' is from no map file that is known.*--map"):
-        rvads.export_run(lost, tmp_path / "x.xosc")
-    with pytest.raises(MapError, match=r"junction 'left\.1' is not as it is in map file .*five\.xodr"):
-        rvads.export_run(lost, tmp_path / "x.xosc", map=maps / "five.xodr")
+    saved = rvads.load_run(tmp_path / "kept.npz")
+    assert exported_and_read(saved, tmp_path / "a").junction == run.junction
+    without_provenance = replace(saved, provenance={})
+    with pytest.raises(MapError, match=r"the map file of junction 'left\.1' is not known.*--map"):
+        rvads.export_run(without_provenance, tmp_path / "x.xosc")
+    with pytest.raises(MapError, match=r"junction 'left\.1' differs from the junction in map file .*five\.xodr"):
+        rvads.export_run(without_provenance, tmp_path / "x.xosc", map=maps / "five.xodr")
     assert not (tmp_path / "x.xosc").exists()
-    rvads.export_run(lost, tmp_path / "x.xosc", map=maps / "left.xodr")
+    rvads.export_run(without_provenance, tmp_path / "x.xosc", map=maps / "left.xodr")
     assert rvads.read_runs(tmp_path / "x.xosc")[0].junction == run.junction
 
 
-def test_a_fault_stays_one(maps: Path, tmp_path: Path) -> None:
+def test_fault_survives_export(maps: Path, tmp_path: Path) -> None:
     fault = rvads.Fault(1.0, "a0", "the autopilot of a0 raised")
-    found = again(replace(FAILURES[3].run(maps), fault=fault), tmp_path)
-    assert found.fault == fault
-    assert rvads.check(found, "p3").status is Status.ERROR
+    copy = exported_and_read(replace(FAILURES[3].run(maps), fault=fault), tmp_path)
+    assert copy.fault == fault
+    assert rvads.check(copy, "p3").status is Status.ERROR
 
 
 @pytest.mark.parametrize("kind", rvads.Kind)
 @pytest.mark.parametrize("size", [None, (1.25, 0.75)], ids=["unknown", "small"])
-def test_every_kind_and_size_comes_back(kind: rvads.Kind, size: tuple[float, float] | None, maps: Path, tmp_path: Path) -> None:
+def test_kind_and_size_survive_export(kind: rvads.Kind, size: tuple[float, float] | None, maps: Path, tmp_path: Path) -> None:
     run = FAILURES[15].run(maps)
     run = replace(run, agents=(replace(run.agents[0], kind=kind, size=size), *run.agents[1:]), collisions=None)
-    found = again(run, tmp_path)
-    assert found.agents == run.agents
-    assert judged(found) == judged(run)
+    copy = exported_and_read(run, tmp_path)
+    assert copy.agents == run.agents
+    assert judged(copy) == judged(run)
 
 
 @pytest.fixture(scope="module")
 def rolling() -> rvads.Run:
-    """Two vehicles that drive all the way, past the line without a stop."""
+    """A run of two vehicles that pass the junction without a stop at the line."""
     return rvads.simulate(rvads.Case(rvads.Scenario(rvads.find("stop4"), "2030", distance=20), rvads.RollingStop))
 
 
-def test_an_excerpt_of_a_recording_is_read_as_recorded_traffic(rolling: rvads.Run, tmp_path: Path) -> None:
+def test_excerpt_of_a_recording_is_read_as_recorded_traffic(rolling: rvads.Run, tmp_path: Path) -> None:
     rvads.export_run(rolling, tmp_path / "run.xosc")
     recorded = rvads.read_tracks(tmp_path / "run.xosc")[0]
     assert recorded.excerpt is not None
     rvads.export_run(recorded, tmp_path / "excerpt.xosc")
-    found = rvads.read_runs(tmp_path / "excerpt.xosc")
-    assert isinstance(found, Recording)
-    assert [rvads.check(run, "full_stop").status for run in found] == [Status.FAIL]
+    recording = rvads.read_runs(tmp_path / "excerpt.xosc")
+    assert isinstance(recording, Recording)
+    assert [rvads.check(run, "full_stop").status for run in recording] == [Status.FAIL]
 
 
 def test_exported_excerpt_has_recorded_sizes_only(rolling: rvads.Run, tmp_path: Path) -> None:
@@ -224,12 +224,12 @@ def test_exported_excerpt_has_recorded_sizes_only(rolling: rvads.Run, tmp_path: 
     assert sizes == {first.name: None, second.name: second.size}
 
 
-def test_who_comes_and_goes_is_added_and_deleted(rolling: rvads.Run, tmp_path: Path) -> None:
+def test_late_and_early_vehicles_are_added_and_deleted(rolling: rvads.Run, tmp_path: Path) -> None:
     parts = {name: getattr(rolling, name).copy() for name in ("zone", "station", "speed", "pose")}
-    for column, there in ((0, slice(0, 100)), (1, slice(1000, None))):
-        parts["zone"][there, column] = Zone.ABSENT
+    for column, states in ((0, slice(0, 100)), (1, slice(1000, None))):
+        parts["zone"][states, column] = Zone.ABSENT
         for numbers in ("station", "speed", "pose"):
-            parts[numbers][there, column] = np.nan
+            parts[numbers][states, column] = np.nan
     rvads.export_run(replace(rolling, **parts), tmp_path / "run.xosc")
     text = (tmp_path / "run.xosc").read_text("utf-8")
     assert text.count("<AddEntityAction>") == text.count("<DeleteEntityAction") == 1
@@ -247,7 +247,7 @@ def test_export_restores_the_version_of_the_library(maps: Path, tmp_path: Path) 
     assert xosc.VersionBase.version_minor == before
 
 
-def named(run: rvads.Run, name: str) -> rvads.Run:
+def with_name(run: rvads.Run, name: str) -> rvads.Run:
     """Return a run whose first vehicle has another name."""
     return replace(run, agents=(replace(run.agents[0], name=name), *run.agents[1:]))
 
@@ -258,10 +258,10 @@ def named(run: rvads.Run, name: str) -> rvads.Run:
         (lambda run: replace(run, pose=None), RunError, "holds no positions"),
         (lambda run: run.label, RunError, "export_run takes a run"),
         (lambda run: replace(run, label="$run"), RvadsError, "'\\$run' can't stand in OpenSCENARIO"),
-        (lambda run: named(run, "$0"), RvadsError, "'\\$0' can't stand in OpenSCENARIO"),
-        (lambda run: named(run, "\ufffe"), RvadsError, "can't stand in XML, which has no character '.ufffe'"),
-        (lambda run: named(run, "x" * 1001), RunError, r"'agents\[0\]\.name' must be a text of length <= 1000"),
-        (lambda run: replace(run, zone=run.zone[:0], lights=run.lights[:0], pose=run.pose[:0]), RunError, "it has no states"),
+        (lambda run: with_name(run, "$0"), RvadsError, "'\\$0' can't stand in OpenSCENARIO"),
+        (lambda run: with_name(run, "\ufffe"), RvadsError, "can't stand in XML, which has no character '.ufffe'"),
+        (lambda run: with_name(run, "x" * 1001), RunError, r"'agents\[0\]\.name' must be a text of length <= 1000"),
+        (lambda run: replace(run, zone=run.zone[:0], lights=run.lights[:0], pose=run.pose[:0]), RunError, "0 states"),
     ],
 )
 def test_unexportable_runs_are_refused(
@@ -272,10 +272,10 @@ def test_unexportable_runs_are_refused(
     assert not (tmp_path / "run.xosc").exists()
 
 
-def test_the_map_beside_is_not_written_over(maps: Path, tmp_path: Path) -> None:
+def test_file_with_the_name_of_its_map_is_refused(maps: Path, tmp_path: Path) -> None:
     run = FAILURES[17].run(maps)
     (tmp_path / "left.xodr").write_bytes((maps / "left.xodr").read_bytes())
-    with pytest.raises(RvadsError, match=r"the map beside has this name: .* such as .*left\.xosc"):
+    with pytest.raises(RvadsError, match=r"left\.xodr: the map has this name: .* such as .*left\.xosc"):
         rvads.export_run(run, tmp_path / "left.xodr")
     assert (tmp_path / "left.xodr").read_bytes() == (maps / "left.xodr").read_bytes()
 
@@ -289,12 +289,16 @@ def test_verdict_argument_must_be_a_verdict(maps: Path, tmp_path: Path) -> None:
     ("old", "new", "message"),
     [
         (r'(<Dimensions [^>]*length=")[^"]*', r"\g<1>-4", r"length and width of 'a0': .* must be a number > 0"),
-        (r'<WorldPosition x="[^"]*"', '<WorldPosition x="2e9"', r"'a0' has a place, heading or speed beyond 1e\+09"),
-        (r'(AbsoluteTargetSpeed value=")[^"]*', r"\g<1>2e9", r"'a0' has a place, heading or speed beyond 1e\+09"),
-        (r"steps&quot;:\d+", "steps&quot;:5000", r"'a0' must last to the end of the run at 49.99 s, or until it is gone"),
+        (r'<WorldPosition x="[^"]*"', '<WorldPosition x="2e9"', r"'a0' has a position, heading or speed beyond 1e\+09"),
+        (r'(AbsoluteTargetSpeed value=")[^"]*', r"\g<1>2e9", r"'a0' has a position, heading or speed beyond 1e\+09"),
+        (
+            r"steps&quot;:\d+",
+            "steps&quot;:5000",
+            r"'a0' must last to the end of the run at 49.99 s, or until the vehicle is gone",
+        ),
     ],
 )
-def test_what_no_run_can_hold_is_refused(old: str, new: str, message: str, maps: Path, tmp_path: Path) -> None:
+def test_file_with_values_beyond_bounds_is_refused(old: str, new: str, message: str, maps: Path, tmp_path: Path) -> None:
     path = tmp_path / "run.xosc"
     rvads.export_run(FAILURES[3].run(maps), path)
     text, count = re.subn(old, new, path.read_text("utf-8"))
@@ -317,7 +321,7 @@ def test_unwritable_path_of_an_export_is_refused(maps: Path, tmp_path: Path) -> 
         rvads.export_run(FAILURES[3].run(maps), tmp_path / "file" / "run.xosc")
 
 
-def test_colours_are_lamps_from_above() -> None:
-    from pytest_rvads.satellites.openscenario.played import LAMPS
+def test_each_colour_lights_a_single_lamp() -> None:
+    from pytest_rvads.satellites.openscenario.xosc import LAMPS
 
     assert {colour for colour, lamps in LAMPS.items() if lamps.count("on") == 1} == {*Colour} - {Colour.NONE}

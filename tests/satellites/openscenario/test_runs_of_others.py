@@ -1,4 +1,4 @@
-"""Trajectories that somebody else wrote: what is read, what is left out, what is refused."""
+"""Files of other tools: supported trajectories are read, other elements are left out with a reason or refused."""
 
 import gzip
 import re
@@ -13,16 +13,16 @@ from pytest_rvads.errors import MapError, RunError
 from pytest_rvads.junctions.builtin import path_of
 from pytest_rvads.runs.itineraries import Itinerary
 from pytest_rvads.runs.states import Colour, Kind
-from pytest_rvads.satellites.openscenario.expressions import valued
+from pytest_rvads.satellites.openscenario.xosctree import evaluate
 
 STOP, LIGHT = rvads.find("stop4"), rvads.find("light4")
 BACK = 3.5
-"""Rear axle of the vehicles here behind their front [m]."""
+"""Distance of the rear axle behind the front of every vehicle [m]."""
 LENGTH = 4.4
 
 
 def trajectory(place: rvads.Junction, key: tuple[int, int], start: float = 0.0, *, heading: bool = True) -> str:
-    """Return the vertices of a vehicle that drives a movement at 8 m/s from 40 m before the entrance vertex on, every 0.1 s."""
+    """Return the vertices, every 0.1 s, of a vehicle that drives a movement at 8 m/s from 40 m before the entrance vertex."""
     way, lines = Itinerary.through(place, *key), []
     for tick in range(round((way.length + 75.0) / 0.8)):
         pose = way.pose(-40.0 + 0.8 * tick)
@@ -42,7 +42,7 @@ ABSOLUTE = '<Timing domainAbsoluteRelative="absolute" scale="1" offset="0"/>'
 
 
 def nested(text: str, *tags: str) -> str:
-    """Return a text inside elements, the last one innermost."""
+    """Return a text inside of nested elements; the last tag is the innermost."""
     return "".join(f"<{tag}>" for tag in tags) + text + "".join(f"</{tag}>" for tag in reversed(tags))
 
 
@@ -75,7 +75,7 @@ def rolls(tmp_path: Path) -> Path:
     return put(tmp_path, document(vehicle("car 1"), follows("car 1", trajectory(STOP, (0, 2)))))
 
 
-def test_a_log_that_names_its_map_needs_no_junction(rolls: Path) -> None:
+def test_log_that_names_its_map_needs_no_junction(rolls: Path) -> None:
     recording = rvads.read_tracks(rolls)
     assert recording.junction.digest == STOP.digest
     (track,) = recording.tracks
@@ -85,19 +85,19 @@ def test_a_log_that_names_its_map_needs_no_junction(rolls: Path) -> None:
     assert [run.hash for run in rvads.read_runs(rolls)] == [run.hash for run in recording]
 
 
-def test_a_junction_and_a_map_may_be_named_all_the_same(rolls: Path) -> None:
+def test_user_may_name_junction_and_map(rolls: Path) -> None:
     assert rvads.read_tracks(rolls, "stop4").junction is STOP
     assert rvads.read_tracks(rolls, "1").junction.digest == STOP.digest
     assert rvads.read_tracks(rolls, "1", map=path_of("stop4")).junction.digest == STOP.digest
 
 
-def test_check_and_import_take_it(rolls: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_check_and_import_read_the_file(rolls: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["check", str(rolls), "--rules", "full_stop"]) == 1
     assert "full_stop at t=5.01 s: car 1 entered the junction before it had stopped at the line" in capsys.readouterr().out
     assert main(["import", str(rolls), "-o", str(tmp_path / "kept.npz")]) == 0
     assert "1 vehicle at stop4.1, 1 busy period" in capsys.readouterr().out
     assert main(["check", str(tmp_path / "kept.npz"), "--rules", "full_stop"]) == 1
-    assert main(["check", str(tmp_path), "--rules", "full_stop"]) == 1  # folders are searched for it
+    assert main(["check", str(tmp_path), "--rules", "full_stop"]) == 1  # the command searches the folder for files
     for name, format in (("LOUD.XOSC", []), ("drive.xml", ["--format", "xosc"])):
         (tmp_path / name).write_bytes(rolls.read_bytes())
         assert main(["import", str(tmp_path / name), "-o", str(tmp_path / "kept.npz"), *format]) == 0
@@ -116,7 +116,9 @@ def test_missing_headings_are_those_of_the_way(tmp_path: Path) -> None:
         ('<Timing domainAbsoluteRelative="relative" scale="1" offset="0"/>', 3.0, 8.0),
     ],
 )
-def test_times_of_trajectories_are_simulation_times(timing: str, begins: float, crosses: float, tmp_path: Path) -> None:
+def test_times_of_trajectories_are_on_the_clock_of_the_simulation(
+    timing: str, begins: float, crosses: float, tmp_path: Path
+) -> None:
     path = put(tmp_path, document(vehicle("v"), follows("v", trajectory(STOP, (0, 2)), timing, begins)))
     (track,) = rvads.read_tracks(path).tracks
     assert np.interp(0.0, track.station, track.times) == pytest.approx(crosses, abs=1e-3)
@@ -132,7 +134,7 @@ def declared(**values: str) -> str:
     return f"<ParameterDeclarations>{rows}</ParameterDeclarations>"
 
 
-def test_parameter_declared_with_its_sign(tmp_path: Path) -> None:
+def test_parameter_may_be_declared_with_a_dollar_sign(tmp_path: Path) -> None:
     text = document(vehicle("$ego"), follows("$ego", trajectory(STOP, (0, 2))), parameters=declared(**{"$ego": "v7"}))
     assert [track.agent.name for track in rvads.read_tracks(put(tmp_path, text)).tracks] == ["v7"]
 
@@ -150,36 +152,36 @@ def test_parameter_declared_with_its_sign(tmp_path: Path) -> None:
         ("${not ($wet and false) or false}", "true"),
     ],
 )
-def test_expression_of_openscenario(expression: str, value: str) -> None:
+def test_expression_is_evaluated(expression: str, value: str) -> None:
     """The operators and functions that the user guide of version 1.2 lists; trigonometric functions take radians."""
-    assert valued(expression, {"kph": "36", "wet": "true"}) == value
+    assert evaluate(expression, {"kph": "36", "wet": "true"}) == value
 
 
 @pytest.mark.parametrize(
-    ("expression", "told"),
+    ("expression", "message"),
     [
         ("${1 +}", "can't be evaluated"),
         ("${1 / 0}", "can't be evaluated: float division by zero"),
         ("${pow(10, 400)}", "can't be evaluated"),
         ("${1e308 * 10}", "has no finite value"),
-        ("${$none}", "refers to no parameter: 'none' is not declared"),
-        ("${__import__('os')}", "only numbers, "),
-        ("${2 ** 9}", "only numbers, "),
+        ("${$none}", "'none', which is no declared parameter"),
+        ("${__import__('os')}", "expected only numbers, "),
+        ("${2 ** 9}", "expected only numbers, "),
         ("${" + "(" * 500 + "1" + ")" * 480 + "}", "can't be evaluated"),
         ("${1" + " + 1" * 250 + "}", "at most 1,000 characters"),
     ],
 )
-def test_invalid_expression_is_refused(expression: str, told: str) -> None:
-    with pytest.raises(ValueError, match=re.escape(told)):
-        valued(expression, {})
+def test_malformed_expression_is_refused(expression: str, message: str) -> None:
+    with pytest.raises(ValueError, match=re.escape(message)):
+        evaluate(expression, {})
 
 
-def test_kinds_are_categories(tmp_path: Path) -> None:
+def test_kind_follows_from_the_category(tmp_path: Path) -> None:
     kinds = {"truck": Kind.TRUCK, "bicycle": Kind.CYCLIST, "bus": Kind.TRUCK, "van": Kind.CAR}
     entities = "".join(vehicle(name, name) for name in kinds)
     groups = "".join(follows(name, trajectory(STOP, (0, 2), 20.0 * k)) for k, name in enumerate(kinds))
-    found = rvads.read_tracks(put(tmp_path, document(entities, groups)))
-    assert {track.agent.name: track.agent.kind for track in found.tracks} == kinds
+    recording = rvads.read_tracks(put(tmp_path, document(entities, groups)))
+    assert {track.agent.name: track.agent.kind for track in recording.tracks} == kinds
 
 
 def phase(seconds: float, states: dict[str, str]) -> str:
@@ -191,14 +193,14 @@ def controller(*phases: str) -> str:
     return f'<TrafficSignals><TrafficSignalController name="c">{"".join(phases)}</TrafficSignalController></TrafficSignals>'
 
 
-def test_lights_are_words_or_lamps_and_begin_again(tmp_path: Path) -> None:
+def test_phases_of_lights_repeat(tmp_path: Path) -> None:
     lights = controller(phase(2.0, {"0": "red", "1": "off;off;on"}), phase(1.0, {"0": "green", "1": "off;on;off"}))
     text = document(vehicle("v"), follows("v", trajectory(LIGHT, (0, 2))), map="light4.xodr", lights=lights)
-    found = rvads.read_tracks(put(tmp_path, text, "light4")).lights
-    assert found[0].times[:4].tolist() == [0.0, 2.0, 3.0, 5.0]
-    assert found[0].colours[:4].tolist() == [Colour.RED, Colour.GREEN] * 2
-    assert found[1].colours[:2].tolist() == [Colour.GREEN, Colour.YELLOW]
-    assert sorted(found) == [0, 1]
+    lights_read = rvads.read_tracks(put(tmp_path, text, "light4")).lights
+    assert lights_read[0].times[:4].tolist() == [0.0, 2.0, 3.0, 5.0]
+    assert lights_read[0].colours[:4].tolist() == [Colour.RED, Colour.GREEN] * 2
+    assert lights_read[1].colours[:2].tolist() == [Colour.GREEN, Colour.YELLOW]
+    assert sorted(lights_read) == [0, 1]
 
 
 def test_vehicle_without_times_or_trajectory_is_left_out(tmp_path: Path) -> None:
@@ -210,7 +212,7 @@ def test_vehicle_without_times_or_trajectory_is_left_out(tmp_path: Path) -> None
     assert dict(recording.left_out) == {
         "timeless": "its trajectory has no times",
         "idle": "it follows no trajectory",
-        "curved": "its trajectory is no polyline, which alone is read",
+        "curved": "its trajectory is no polyline, and only polylines are read",
     }
 
 
@@ -221,19 +223,19 @@ GOOD = document(vehicle("v"), follows("v", trajectory(STOP, (0, 2))))
     ("text", "message"),
     [
         ("", r"drive\.xosc: row 1, column 0: not XML: no element found"),
-        ("<OpenDRIVE/>", r"drive\.xosc: its root is <OpenDRIVE>, expected <OpenSCENARIO>"),
+        ("<OpenDRIVE/>", r"drive\.xosc: the root is <OpenDRIVE>, expected <OpenSCENARIO>"),
         (GOOD[: len(GOOD) // 2], r"drive\.xosc: row 1, column \d+: not XML"),
         ('<!DOCTYPE x [<!ENTITY a "b">]>' + GOOD, r"drive\.xosc: it has a document type declaration"),
         (
             GOOD.replace('entityRef="v"', 'entityRef="w"'),
             r"drive\.xosc: row 1: <FollowTrajectoryAction> is for 'w', which is no vehicle",
         ),
-        (GOOD.replace('entityRef="v"', 'entityRef="$w"'), r"'\$w' refers to no parameter: 'w' is not declared"),
-        (GOOD.replace("<WorldPosition", "<LanePosition", 3), r"<LanePosition> is a place of a trajectory that is not read"),
+        (GOOD.replace('entityRef="v"', 'entityRef="$w"'), r"'\$w' refers to 'w', which is no declared parameter"),
+        (GOOD.replace("<WorldPosition", "<LanePosition", 3), r"<LanePosition> .* expected a <WorldPosition>"),
         (re.sub(r'<Center x="[^"]*"', '<Center x="nan"', GOOD), r"<Center> has x='nan', expected a finite number"),
         (GOOD.replace('length="4.4"', ""), r"<Dimensions> has no attribute 'length'"),
-        (document(vehicle("v"), ""), r"drive\.xosc: nobody in it follows a trajectory.*rvads\.load_scenario"),
-        (GOOD.replace('<LogicFile filepath="stop4.xodr"/>', ""), r"drive\.xosc: name the junction that it is about"),
+        (document(vehicle("v"), ""), r"drive\.xosc: no vehicle follows a trajectory.*rvads\.load_scenario"),
+        (GOOD.replace('<LogicFile filepath="stop4.xodr"/>', ""), r"drive\.xosc: the log names no map: name the junction"),
         ("<OpenSCENARIO>" + "<a>" * 100, r"nested deeper than 60 levels"),
         (
             GOOD.replace('absolute"', 'relative"').replace("SimulationTimeCondition", "SpeedCondition"),
@@ -254,17 +256,17 @@ def test_unreadable_file_is_refused_in_one_sentence(text: str, message: str, tmp
 
 
 @pytest.mark.extended
-def test_what_is_kept_in_memory_is_bounded(tmp_path: Path) -> None:
-    """Names of seventy megabytes, stored in a packed file as they are."""
+def test_size_of_the_tree_is_bounded(tmp_path: Path) -> None:
+    """The file has attributes of seventy megabytes, stored without compression in a packed file."""
     long = b'<a b="' + b"x" * 2**20 + b'"/>'
     path = tmp_path / "drive.xosc"
     path.write_bytes(gzip.compress(b"<OpenSCENARIO>" + long * 65 + b"</OpenSCENARIO>", 0))
-    with pytest.raises(RunError, match=r"more than 200,000 elements, or 67,108,864 characters in them"):
+    with pytest.raises(RunError, match=r"more than 200,000 elements, or more than 67,108,864 characters"):
         rvads.read_runs(path)
 
 
 @pytest.mark.parametrize("name", ["drive.xosc", "drive.xml"])
-def test_a_tag_without_an_end_is_not_read_for_ever(name: str, tmp_path: Path) -> None:
+def test_endless_tag_is_refused(name: str, tmp_path: Path) -> None:
     path = tmp_path / name
     path.write_bytes(gzip.compress(b'<a b="' + b"x" * 2**24, 1))
     with pytest.raises(RunError, match=rf"^{name}: row 1: a tag or comment has more than 8 MB$"):
@@ -278,12 +280,12 @@ def test_missing_map_of_a_run_is_refused(rolls: Path) -> None:
     assert rvads.read_tracks(rolls, "1", map=path_of("stop4")).tracks
 
 
-def test_run_away_from_the_junction_is_refused(tmp_path: Path) -> None:
-    moved = re.sub(r'<WorldPosition x="([^"]*)"', lambda found: f'<WorldPosition x="{float(found[1]) + 500}"', GOOD)
-    with pytest.raises(RunError, match=r"nobody in drive\.xosc passes junction 'stop4\.1'.*--offset"):
+def test_log_without_a_vehicle_at_the_junction_is_refused(tmp_path: Path) -> None:
+    moved = re.sub(r'<WorldPosition x="([^"]*)"', lambda match: f'<WorldPosition x="{float(match[1]) + 500}"', GOOD)
+    with pytest.raises(RunError, match=r"no vehicle in drive\.xosc passes junction 'stop4\.1'.*--offset"):
         rvads.read_tracks(put(tmp_path, moved))
 
 
-def test_columns_are_known(rolls: Path) -> None:
-    with pytest.raises(RunError, match="the attributes of OpenSCENARIO are known, leave --columns out"):
+def test_columns_option_is_refused(rolls: Path) -> None:
+    with pytest.raises(RunError, match=r"drive\.xosc: .*leave --columns out"):
         rvads.read_tracks(rolls, columns={"x": "x"})

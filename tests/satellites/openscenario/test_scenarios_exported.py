@@ -1,4 +1,4 @@
-"""Scenarios for somebody else's controller: what comes back is what went out, also without what only we know of."""
+"""Exported scenarios are read back unchanged, and their visible part also without the note of the export."""
 
 import re
 from collections.abc import Callable
@@ -22,7 +22,7 @@ PLACES = ["stop4", "stop3", "light4", "light3", "lanes4", "yield4", "left", "fiv
 
 @st.composite
 def scenarios(draw: st.DrawFn, maps: Path) -> rvads.Scenario:
-    """Draw any scenario at all, rounded to millimetres."""
+    """Draw a scenario, with distances and speeds rounded to a thousandth."""
     name = draw(st.sampled_from(PLACES))
     place = rvads.find("1", maps / f"{name}.xodr") if name in ("left", "five", "setback") else rvads.find(name)
     lanes = range(len(place.entrances))
@@ -48,17 +48,17 @@ def scenarios(draw: st.DrawFn, maps: Path) -> rvads.Scenario:
 
 
 def foreign(path: Path) -> Path:
-    """Return a copy of a file without what only we read."""
+    """Return a copy of a file without the note of the export."""
     text, count = re.subn("<Properties>.*?</Properties>", "", path.read_text("utf-8"), count=1, flags=re.DOTALL)
     assert count == 1
-    other = path.with_name("foreign.xosc")
-    other.write_text(text, encoding="utf-8")
-    return other
+    copy = path.with_name("foreign.xosc")
+    copy.write_text(text, encoding="utf-8")
+    return copy
 
 
 @given(data=st.data())
 @QUICK
-def test_any_scenario_comes_back(maps: Path, tmp_path: Path, data: st.DataObject) -> None:
+def test_scenario_survives_export(maps: Path, tmp_path: Path, data: st.DataObject) -> None:
     scenario = data.draw(scenarios(maps))
     path = tmp_path / "scenario.xosc"
     rvads.save_scenario(scenario, path)
@@ -71,14 +71,14 @@ def test_scenario_comes_back_from_a_foreign_file(maps: Path, tmp_path: Path, dat
     scenario = data.draw(scenarios(maps))
     path = tmp_path / "scenario.xosc"
     rvads.save_scenario(scenario, path)
-    found = rvads.load_scenario(foreign(path))
-    assert (found.placed, found.creation, found.followers) == (scenario.placed, scenario.creation, scenario.followers)
-    assert found.duration == scenario.duration
+    copy = rvads.load_scenario(foreign(path))
+    assert (copy.placed, copy.creation, copy.followers) == (scenario.placed, scenario.creation, scenario.followers)
+    assert copy.duration == scenario.duration
     times = [0.5 * k for k in range(round(2 * scenario.duration))]
     shown = [scenario.signals().colours(time, len(scenario.placed)) for time in times]
-    assert [found.signals().colours(time, len(scenario.placed)) for time in times] == shown
-    for one, other in zip(found.starts(), scenario.starts(), strict=True):
-        assert one == pytest.approx(other, abs=1e-5)
+    assert [copy.signals().colours(time, len(scenario.placed)) for time in times] == shown
+    for start, expected in zip(copy.starts(), scenario.starts(), strict=True):
+        assert start == pytest.approx(expected, abs=1e-5)
 
 
 def test_equal_scenarios_give_equal_files(tmp_path: Path) -> None:
@@ -87,7 +87,7 @@ def test_equal_scenarios_give_equal_files(tmp_path: Path) -> None:
     assert (tmp_path / "a" / "s.xosc").read_bytes() == (tmp_path / "b" / "s.xosc").read_bytes()
 
 
-def test_a_scenario_that_was_read_can_be_driven(tmp_path: Path) -> None:
+def test_imported_scenario_gives_the_same_run(tmp_path: Path) -> None:
     scenario = rvads.Scenario(rvads.find("stop4"), "2030", duration=5.0)
     rvads.save_scenario(scenario, tmp_path / "x.xosc")
     run = rvads.simulate(rvads.Case(rvads.load_scenario(tmp_path / "x.xosc"), rvads.Reference))
@@ -100,18 +100,18 @@ def test_vehicles_are_declared_in_the_order_of_their_creation(tmp_path: Path) ->
     assert declared == ["a2", "a2+1", "a0", "a0+1", "a3", "a3+1", "a1", "a1+1"]
 
 
-def test_bodies_stand_as_where_we_simulate(tmp_path: Path) -> None:
+def test_exported_bodies_start_at_their_simulated_places(tmp_path: Path) -> None:
     scenario = rvads.Scenario(rvads.find("stop4"), "2000", duration=0.1)
     fleet = rvads.Fleet(others={"a0": TRUCK})
     rvads.save_scenario(scenario, tmp_path / "s.xosc", fleet=fleet)
     rvads.export_run(rvads.simulate(rvads.Case(scenario, rvads.Reference, fleet=fleet)), tmp_path / "r.xosc")
     starts = [re.search(r'<WorldPosition x="(\S+)" y="(\S+)"', (tmp_path / n).read_text("utf-8")) for n in ("s.xosc", "r.xosc")]
-    one, other = ([float(number) for number in found.groups()] for found in starts if found)
-    assert one == pytest.approx(other, abs=1e-9)
+    exported, simulated = ([float(number) for number in match.groups()] for match in starts if match)
+    assert exported == pytest.approx(simulated, abs=1e-9)
     assert 'vehicleCategory="truck"' in (tmp_path / "s.xosc").read_text("utf-8")
 
 
-def test_a_position_to_acquire_does_for_a_route(tmp_path: Path) -> None:
+def test_position_to_acquire_replaces_a_route(tmp_path: Path) -> None:
     scenario = rvads.Scenario(rvads.find("stop4"), "1000", speed=3)
     rvads.save_scenario(scenario, tmp_path / "s.xosc")
     path = foreign(tmp_path / "s.xosc")
@@ -130,12 +130,12 @@ def test_missing_headings_are_those_of_lanes(tmp_path: Path) -> None:
     assert [start[0] for start in rvads.load_scenario(path).starts()] == pytest.approx([3.0, 4.0], abs=1e-5)
 
 
-def test_a_junction_may_be_named(tmp_path: Path) -> None:
+def test_named_junction_ignores_the_note(tmp_path: Path) -> None:
     scenario = rvads.Scenario(rvads.find("stop4"), "1133", subject=1)
     rvads.save_scenario(scenario, tmp_path / "s.xosc")
-    found = rvads.load_scenario(tmp_path / "s.xosc", junction="stop4")
-    assert found.place is scenario.place
-    assert found.subject is None  # as from a file of others
+    copy = rvads.load_scenario(tmp_path / "s.xosc", junction="stop4")
+    assert copy.place is scenario.place
+    assert copy.subject is None  # the note is ignored
 
 
 def happens(action: str) -> Callable[[str], str]:
@@ -146,7 +146,7 @@ def happens(action: str) -> Callable[[str], str]:
 
 
 def without(tag: str) -> Callable[[str], str]:
-    """Return a change that takes elements out."""
+    """Return a change that removes elements."""
     return lambda text: re.sub(rf"<{tag}\b[^>]*/>|<{tag}\b.*?</{tag}>", "", text, flags=re.DOTALL)
 
 
@@ -166,19 +166,19 @@ def renamed(old: str, new: str, count: int = -1) -> Callable[[str], str]:
         (renamed("AssignRouteAction", "SynchronizeAction"), r"<SynchronizeAction> at the start is not read"),
         (renamed("TeleportAction", "VisibilityAction"), r"<VisibilityAction> at the start is not read"),
         (renamed("WorldPosition", "LanePosition", 1), r"<TeleportAction> must have a <WorldPosition>, got <LanePosition>"),
-        (renamed("AbsoluteTargetSpeed", "RelativeTargetSpeed"), r"another target than an <AbsoluteTargetSpeed>"),
-        (renamed('entityRef="a0"', 'entityRef="b"'), r"'a0' has no <Private> that says where it starts"),
+        (renamed("AbsoluteTargetSpeed", "RelativeTargetSpeed"), r"expected an <AbsoluteTargetSpeed>"),
+        (renamed('entityRef="a0"', 'entityRef="b"'), r"'a0' has no start, expected a <Private>"),
         (
             lambda text: re.sub(r"<PrivateAction>\s*<Tele.*?</PrivateAction>", "", text, flags=re.DOTALL),
             "'a0' needs a <TeleportAction>",
         ),
         (without("Waypoint"), r"for 'a0' needs an <AssignRouteAction>"),
-        (without("ScenarioObject"), r"it has no vehicles"),
+        (without("ScenarioObject"), r"s\.xosc: the file has no vehicles"),
         (without("BoundingBox"), r"needs a <BoundingBox> of its own"),
-        (without("LogicFile"), r"it names no map in <LogicFile>"),
+        (without("LogicFile"), r"s\.xosc: <LogicFile> names no map"),
         (lambda text: re.sub(r'length="[^"]*"', 'length="-4"', text), r"s\.xosc: 'a0' is -4 m long, expected more than 0"),
         (renamed('TargetSpeed value="0.0"', 'TargetSpeed value="-3"'), r"s\.xosc: speed must be 0 or more"),
-        (renamed('x="1.7', 'x="7.7', 1), r"'a0' must start on an approach and have a route down an exit road"),
+        (renamed('x="1.7', 'x="7.7', 1), r"must start on approaches .* got 'a0'"),
     ],
 )
 def test_unsupported_elements_are_refused_by_name(change: Callable[[str], str], message: str, tmp_path: Path) -> None:
@@ -195,15 +195,15 @@ def test_unsupported_elements_are_refused_by_name(change: Callable[[str], str], 
     [
         (
             lambda text: text.replace('AbsoluteTargetSpeed value="3.0"', 'AbsoluteTargetSpeed value="4.0"'),
-            "the start or route of a0",
+            "start or route of a0",
         ),
         (
             lambda text: text.replace('SimulationTimeCondition value="60.0"', 'SimulationTimeCondition value="50.0"'),
             "an end at 50",
         ),
-        (lambda text: text.replace('duration="15.0"', 'duration="10.0"', 1), "what the lights show"),
-        (lambda text: text.replace('"a0"', '"ego"'), "vehicles ego is not what"),
-        (lambda text: text.replace("version&quot;:1", "version&quot;:7"), "written in version 7"),
+        (lambda text: text.replace('duration="15.0"', 'duration="10.0"', 1), "colours of the lights"),
+        (lambda text: text.replace('"a0"', '"ego"'), "the file has vehicles ego, "),
+        (lambda text: text.replace("version&quot;:1", "version&quot;:7"), "has version 7, expected 1"),
         (
             lambda text: text.replace("&quot;aggression&quot;:1", "&quot;aggression&quot;:9"),
             r"s\.xosc: the property rvads\.scenario: aggression must be 1, 2 or 3",
@@ -211,7 +211,7 @@ def test_unsupported_elements_are_refused_by_name(change: Callable[[str], str], 
         (lambda text: text.replace("&quot;wait&quot;:1.5,", ""), "the field 'wait' is missing"),
     ],
 )
-def test_a_file_that_was_changed_does_not_say_two_things(change: Callable[[str], str], message: str, tmp_path: Path) -> None:
+def test_file_that_contradicts_its_note_is_refused(change: Callable[[str], str], message: str, tmp_path: Path) -> None:
     path = tmp_path / "s.xosc"
     rvads.save_scenario(rvads.Scenario(rvads.find("light4"), "2000", speed=3), path)
     path.write_text(change(path.read_text("utf-8")), encoding="utf-8")
@@ -219,15 +219,15 @@ def test_a_file_that_was_changed_does_not_say_two_things(change: Callable[[str],
         rvads.load_scenario(path)
 
 
-def test_queues_are_as_ours_or_refused(tmp_path: Path) -> None:
+def test_queue_at_other_places_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "s.xosc"
     rvads.save_scenario(rvads.Scenario(rvads.find("stop4"), "2000", followers=1), path)
-    other = foreign(path)
-    text = other.read_text("utf-8")
+    copy = foreign(path)
+    text = copy.read_text("utf-8")
     y = re.findall(r'<WorldPosition x="\S+" y="(\S+)"', text[text.index('entityRef="a0+1"') :])[0]
-    other.write_text(text.replace(f'y="{y}"', f'y="{float(y) - 2.0}"'), encoding="utf-8")
+    copy.write_text(text.replace(f'y="{y}"', f'y="{float(y) - 2.0}"'), encoding="utf-8")
     with pytest.raises(ScenarioError, match=r"'a0\+1' starts 28\.60 m before its line at 0 m/s, expected 26\.60 m at 0 m/s"):
-        rvads.load_scenario(other)
+        rvads.load_scenario(copy)
 
 
 @pytest.mark.parametrize(
@@ -244,7 +244,7 @@ def test_queues_are_as_ours_or_refused(tmp_path: Path) -> None:
         (lambda path: rvads.load_scenario(path.parent), ScenarioError, "can't be read"),
     ],
 )
-def test_misuse_is_told(make: Callable[[Any], Any], error: type[RvadsError], message: str, tmp_path: Path) -> None:
+def test_misuse_is_refused(make: Callable[[Any], Any], error: type[RvadsError], message: str, tmp_path: Path) -> None:
     with pytest.raises(error, match=message):
         make(tmp_path / "x.xosc")
 
@@ -253,11 +253,11 @@ def _scenario(**more: Any) -> rvads.Scenario:
     return rvads.Scenario(rvads.find("stop4"), "1000", **more)
 
 
-def test_a_junction_without_a_map_can_not_be_exported(maps: Path, tmp_path: Path) -> None:
+def test_junction_without_a_map_is_refused(maps: Path, tmp_path: Path) -> None:
     from dataclasses import replace
 
     place = replace(rvads.find("1", maps / "five.xodr"), map=None)
-    with pytest.raises(MapError, match=r"junction 'five\.1' is from no map file that is known"):
+    with pytest.raises(MapError, match=r"the map file of junction 'five\.1' is not known"):
         rvads.save_scenario(rvads.Scenario(place, "10000"), tmp_path / "x.xosc")
     rvads.save_scenario(rvads.Scenario(place, "10000"), tmp_path / "x.xosc", map=maps / "five.xodr")
     assert rvads.load_scenario(tmp_path / "x.xosc").place == place

@@ -1,4 +1,4 @@
-"""Junctions as networks of SUMO: where lanes lie, who gives way, what lights show, what is refused."""
+"""Networks of SUMO have the lanes, the right of way and the lights of the junction; other junctions are refused."""
 
 import json
 import subprocess
@@ -50,25 +50,25 @@ def points(lane: ET.Element) -> np.ndarray[Any, Any]:
 
 
 def ways(root: ET.Element, place: rvads.Junction) -> dict[tuple[int, int], list[ET.Element]]:
-    """Return the lanes of SUMO along every movement: the one in, those within the node, the one out."""
+    """Return the lanes of SUMO along every movement: the lane in, the lanes within the node, the lane out."""
     lanes = {lane.attrib["id"]: lane for lane in root.iter("lane")}
     links = {
         (f"{c.attrib['from']}_{c.attrib['fromLane']}", f"{c.attrib['to']}_{c.attrib['toLane']}"): c.get("via")
         for c in root.iter("connection")
     }
-    found = {}
+    lanes_along = {}
     for entrance, exit in place.movements:
-        one, two = place.entrances[entrance], place.exits[exit]
-        start, end = f"in{one.arm}_{one.lane}", f"out{two.arm}_{two.lane}"
+        lane_in, lane_out = place.entrances[entrance], place.exits[exit]
+        start, end = f"in{lane_in.arm}_{lane_in.lane}", f"out{lane_out.arm}_{lane_out.lane}"
         within = [links[start, end]]
         while (via := links[within[-1], end]) is not None:  # those who turn left may wait in the middle
             within.append(via)
-        found[entrance, exit] = [lanes[name] for name in (start, *within, end)]
-    return found
+        lanes_along[entrance, exit] = [lanes[name] for name in (start, *within, end)]
+    return lanes_along
 
 
 @pytest.mark.parametrize("name", LAYOUTS)
-def test_lanes_lie_where_itineraries_do(name: str) -> None:
+def test_lanes_follow_the_itineraries(name: str) -> None:
     place = rvads.find(name)
     for (entrance, exit), lanes in ways(made(place), place).items():
         way = itinerary(place, entrance, exit)
@@ -82,7 +82,7 @@ def test_lanes_lie_where_itineraries_do(name: str) -> None:
         assert float(lanes[0].attrib["length"]) == pytest.approx(place.approach(entrance), abs=1e-6)
 
 
-def test_a_lane_ends_at_the_stopping_line_and_lanes_of_an_arm_may_end_apart() -> None:
+def test_each_lane_ends_at_its_own_stopping_line() -> None:
     place = rvads.find("lanes4")
     lanes = tuple(replace(lane, setback=2.5 + lane.lane) for lane in place.entrances)
     place = replace(place, name="set back", entrances=lanes)
@@ -107,7 +107,7 @@ def test_a_lane_ends_at_the_stopping_line_and_lanes_of_an_arm_may_end_apart() ->
     ],
     ids=lambda item: item if isinstance(item, str) else item.name,
 )
-def test_a_junction_becomes_a_node_of_its_kind(place: rvads.Junction, kind: str) -> None:
+def test_junction_gives_a_node_of_its_kind(place: rvads.Junction, kind: str) -> None:
     (node,) = [item for item in made(place).iter("junction") if item.get("id") == "J"]
     assert node.get("type") == kind
 
@@ -130,7 +130,7 @@ def test_junctions_beyond_sumo_are_refused(place: rvads.Junction, why: str) -> N
 
 
 @pytest.mark.parametrize(("name", "rotation"), [("light4", 0), ("light4", 1), ("light3", 0), ("lanes4", 0)])
-def test_lights_show_in_every_step_what_the_scenario_says(name: str, rotation: int, tmp_path: Path) -> None:
+def test_lights_follow_the_signal_plan_in_every_step(name: str, rotation: int, tmp_path: Path) -> None:
     place = rvads.find(name)
     signals = plan(place, rotation)
     steps = 2000 * len(signals.groups) + 200  # a cycle, and a little of the next one
@@ -152,7 +152,7 @@ def test_lights_show_in_every_step_what_the_scenario_says(name: str, rotation: i
         assert all(shown[step][link] in letters[colours[entrance]] for link, entrance in links.items()), step
 
 
-def test_traffic_that_keeps_left_does_so_in_sumo(shared: Path) -> None:
+def test_left_hand_traffic_keeps_left_in_sumo(shared: Path) -> None:
     path = shared / "maps" / "simple_3way_intersection_lht.xodr"
     place = rvads.find("1", map=path)
     assert place.left_hand

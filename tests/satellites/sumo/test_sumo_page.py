@@ -1,4 +1,4 @@
-"""docs/sumo.md tells the truth: its tables are what SUMO does, its commands print what it says."""
+"""The tables and outputs in docs/sumo.md match SUMO and the commands."""
 
 import importlib.util
 import re
@@ -52,13 +52,13 @@ def test_all_tables_match_sumo(tables: ModuleType) -> None:
 
 @pytest.mark.extended
 @pytest.mark.parametrize("command", [command for command in SHOWN if command.startswith("pytest")], ids=["alone", "traffic"])
-def test_sessions_print_what_the_page_says(pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch, command: str) -> None:
-    """The page shows what a terminal of 80 columns does, and leaves the version out, which every release changes."""
+def test_sessions_print_the_output_of_the_page(pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch, command: str) -> None:
+    """The page shows the output of a terminal of 80 columns, without the version."""
     monkeypatch.setenv("COLUMNS", "80")
     (code,) = re.findall(r"^```python\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)
     pytester.makepyfile(test_sumo=code)
-    said = pytester.runpytest(*command.split()[1:]).outlines
-    printed = [re.sub(r"\(pytest-rvads [^)]*\)", "(pytest-rvads ...)", line).strip() for line in said]
+    lines = pytester.runpytest(*command.split()[1:]).outlines
+    printed = [re.sub(r"\(pytest-rvads [^)]*\)", "(pytest-rvads ...)", line).strip() for line in lines]
     for line in SHOWN[command]:
         assert line in printed
 

@@ -1,4 +1,4 @@
-"""Runs in SUMO: they start where they shall, are the same every time, and end by a fault where SUMO does."""
+"""Runs in SUMO start as the case says, are reproducible, and end with a fault if SUMO fails."""
 
 import os
 import shutil
@@ -36,7 +36,7 @@ print(rvads.simulate(rvads.Case(scenario, rvads.SumoDriver), rvads.sumo).hash)
 
 
 class Rammer(rvads.Follower):
-    """Follows its way and looks at nothing."""
+    """Follows its way and ignores all other vehicles."""
 
     def target_speed(self, _seen: rvads.Observation) -> float:
         return 8.0
@@ -61,7 +61,7 @@ def entered(run: rvads.Run) -> list[int]:
 
 @pytest.mark.extended
 @pytest.mark.parametrize("place", ["stop4", "lanes4", "roundabout4"])
-def test_the_first_state_is_the_start_of_the_case(place: str) -> None:
+def test_first_state_is_the_start_of_the_case(place: str) -> None:
     junction = rvads.find(place)
     codes = [junction.directions(entrance)[-1] for entrance in range(len(junction.entrances))]
     run = simulated(junction, codes, distance=[3.0 + k for k in range(len(codes))], speed=0.5)
@@ -80,7 +80,7 @@ def test_too_fast_start_of_a_sumo_driver_is_refused() -> None:
     assert run.need("speed")[0] == pytest.approx([15.0, 5.0])
 
 
-def test_a_vehicle_keeps_to_its_lane_stops_at_the_line_and_leaves() -> None:
+def test_vehicle_keeps_its_lane_stops_at_the_line_and_leaves() -> None:
     run = simulated("stop4", "1233")
     assert (run.provenance["end"], run.fault, run.collisions) == ("left", None, ())
     assert rvads.check(run, "full_stop").status == "PASS"
@@ -122,7 +122,7 @@ def _hash() -> str:
     return simulated("stop4", "1133").hash
 
 
-def test_how_many_steps_are_taken_at_once_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_number_of_steps_per_call_does_not_change_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
     first = simulated("right4", "1233").hash
     monkeypatch.setattr(sumo_world, "_AHEAD", 7)
     assert simulated("right4", "1233").hash == first
@@ -146,15 +146,15 @@ def test_provenance_names_the_simulator_and_its_versions() -> None:
 
 @pytest.mark.extended
 @pytest.mark.parametrize(("driver", "traffic"), [(rvads.Reference, rvads.SumoDriver), (rvads.SumoDriver, rvads.Reference)])
-def test_a_driver_of_ours_and_those_of_sumo_drive_together(driver: Any, traffic: Any) -> None:
+def test_drivers_of_the_package_and_of_sumo_share_a_run(driver: Any, traffic: Any) -> None:
     run = among("2222", driver, traffic)
     assert (run.fault, run.collisions, run.provenance["end"]) == (None, (), "left")
     assert rvads.check(run, "no_conflict").status == "PASS", "each saw the other"
     assert among("2222", driver, traffic).hash == run.hash
 
 
-def test_sumo_waits_for_who_stands_in_the_junction() -> None:
-    """Ours stands where it crosses the way of SUMO's, who comes from its right and alone would be gone after ten seconds."""
+def test_vehicle_of_sumo_waits_for_a_vehicle_in_the_junction() -> None:
+    """A standing vehicle blocks a vehicle of SUMO, which alone would pass the junction within ten seconds."""
     alone = simulated("stop4", "0200", speed=0.0)
     assert (alone.provenance["end"], alone.steps < 1300) == ("left", True)
     run = among("2200", Stuck, rvads.SumoDriver, duration=20.0)
@@ -164,8 +164,8 @@ def test_sumo_waits_for_who_stands_in_the_junction() -> None:
     assert theirs < rvads.find("stop4").stretches[(1, 3), (0, 2)].mine.start
 
 
-def test_collision_in_sumo_ends_the_run_at_the_overlap_of_boxes() -> None:
-    """SUMO's vehicle stops at the line, and who follows drives into it."""
+def test_overlapping_boxes_end_the_run_with_a_collision() -> None:
+    """A vehicle of SUMO stops at the line, and its follower drives into it."""
     run = among("2000", rvads.SumoDriver, Rammer, followers=1, speed=5.0)
     assert run.provenance["end"] == "collision"
     assert run.collisions[0].agents == ("a0", "a0+1")
@@ -174,7 +174,7 @@ def test_collision_in_sumo_ends_the_run_at_the_overlap_of_boxes() -> None:
     assert ticks[0] == round(run.collisions[0].time / 0.01)
 
 
-def test_sumos_driver_drives_nowhere_else() -> None:
+def test_driver_of_sumo_is_refused_in_other_simulators() -> None:
     scenario = rvads.Scenario(rvads.find("stop4"), "2000")
     run = rvads.simulate(rvads.Case(scenario, rvads.SumoDriver), usual())
     assert "SUMO's driver drives in the simulator sumo alone" in run.fault.reason
@@ -185,14 +185,14 @@ def test_sumos_driver_drives_nowhere_else() -> None:
 def test_sumo_without_a_sumo_driver_is_not_started() -> None:
     scenario = rvads.Scenario(rvads.find("stop4"), "2000")
     case = rvads.Case(scenario, rvads.Reference)
-    ours, other = rvads.simulate(case, rvads.sumo), rvads.simulate(case)
-    assert ours.hash == other.hash
-    assert ours.provenance["simulator"] == usual().name
+    run, default = rvads.simulate(case, rvads.sumo), rvads.simulate(case)
+    assert run.hash == default.hash
+    assert run.provenance["simulator"] == usual().name
 
 
-def test_senses_that_are_not_ideal_are_refused_for_sumos_driver_only() -> None:
+def test_senses_that_are_not_ideal_are_refused_for_the_driver_of_sumo() -> None:
     blurred = rvads.Senses(delay=0.2)
-    with pytest.raises(ScenarioError, match=r"^SUMO's driver sees everything as it is .*got senses with delay00.20 in stop4"):
+    with pytest.raises(ScenarioError, match=r"^SUMO's driver has ideal senses .*got senses with delay00.20 in stop4"):
         simulated("stop4", "2000", senses=blurred)
     assert among("2020", rvads.Reference, rvads.SumoDriver, senses=blurred).fault is None
 
@@ -200,24 +200,24 @@ def test_senses_that_are_not_ideal_are_refused_for_sumos_driver_only() -> None:
 def test_missing_libsumo_names_the_package_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sumo_simulator, "find_spec", lambda _name: None)
     says = r"^simulator 'sumo' needs the package libsumo, which is not installed: pip install 'pytest-rvads\[sumo\]'$"
-    for asked in (lambda: simulated("stop4", "2000"), lambda: rvads.sumo.vmax(1.0)):
+    for call in (lambda: simulated("stop4", "2000"), lambda: rvads.sumo.vmax(1.0)):
         with pytest.raises(ScenarioError, match=says):
-            asked()
+            call()
 
 
 def braked(speed: float, decel: float) -> float:
-    """Return how far a vehicle gets whose speed falls by `decel` in steps of 0.01 s, each of which it makes at its new speed."""
+    """Return the braking distance of a vehicle with steps of 0.01 s, each driven at the reduced speed [m]."""
     speeds = [max(speed - k * decel * 0.01, 0.0) for k in range(1, ceil(speed / decel / 0.01) + 1)]
     return sum(speeds) * 0.01
 
 
 @pytest.mark.parametrize(("aggression", "decel"), [(1, 4.0), (3, 8.0)])
-def test_the_limit_of_brakes_without_a_lag_is_that_of_sumo(aggression: int, decel: float) -> None:
+def test_safe_speed_without_a_lag_is_the_safe_speed_of_sumo(aggression: int, decel: float) -> None:
     quick = rvads.Vehicle(brake_lag=1e-6)  # whose resistances stop it sooner by our dynamics
     for distance in (0.3, 3.0, 5.0):
-        found = rvads.vmax(distance, aggression, quick, simulator=rvads.sumo)
-        assert braked(found - 0.005, decel) <= distance
-        assert braked(found + 0.015, decel) > distance
+        speed = rvads.vmax(distance, aggression, quick, simulator=rvads.sumo)
+        assert braked(speed - 0.005, decel) <= distance
+        assert braked(speed + 0.015, decel) > distance
     assert rvads.vmax(30.0, aggression, simulator=rvads.sumo) == pytest.approx(11.176)
     with pytest.raises(ScenarioError, match="must be 0 m or more"):
         rvads.vmax(-1.0, simulator=rvads.sumo)
@@ -231,13 +231,13 @@ def test_vmax_with_a_brake_lag_equals_the_default_simulator(distance: float) -> 
 @pytest.mark.extended
 def test_vmax_of_feeble_brakes_follows_from_the_deceleration() -> None:
     feeble = rvads.Vehicle(brake=(0.01, 0.01, 0.01))
-    found = rvads.vmax(50.0, 1, feeble, simulator=rvads.sumo)
-    assert found == pytest.approx((2 * 0.01 * 50.0) ** 0.5, abs=0.02), "v squared over twice the deceleration"
+    speed = rvads.vmax(50.0, 1, feeble, simulator=rvads.sumo)
+    assert speed == pytest.approx((2 * 0.01 * 50.0) ** 0.5, abs=0.02), "v squared over twice the deceleration"
 
 
 @pytest.fixture
 def processes(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[SumoProcess]]:
-    """The processes that simulate within the test, the last one at the end."""
+    """The processes that simulate within the test, in the order of their start."""
     seen: list[SumoProcess] = []
     load = SumoProcess.load
 
@@ -284,7 +284,7 @@ def test_hanging_sumo_is_a_fault(processes: list[SumoProcess]) -> None:
         os.kill(processes[-1].pid, 0)
 
 
-def test_a_sumo_that_was_killed_between_runs_is_replaced(processes: list[SumoProcess]) -> None:
+def test_sumo_killed_between_runs_is_replaced(processes: list[SumoProcess]) -> None:
     assert simulated("stop4", "2000").fault is None
     os.kill(processes[-1].pid, signal.SIGKILL)
     until = time.monotonic() + 5.0
@@ -304,11 +304,11 @@ def test_sumo_with_a_removed_folder_is_replaced(processes: list[SumoProcess]) ->
 
 @pytest.mark.extended
 def test_folders_may_have_any_name(tmp_path: Path) -> None:
-    """SUMO reads lists of files, with commas between them."""
+    """SUMO reads lists of files with commas, and so a comma in the name of a folder must not reach SUMO."""
     odd = tmp_path / "a, b;c & d"
     odd.mkdir()
-    told = os.environ | {"PYTHONPATH": str(Path(rvads.__file__).parents[1]), "TMPDIR": str(odd)}
-    done = subprocess.run([sys.executable, "-c", PRINT], capture_output=True, text=True, check=True, env=told)
+    environment = os.environ | {"PYTHONPATH": str(Path(rvads.__file__).parents[1]), "TMPDIR": str(odd)}
+    done = subprocess.run([sys.executable, "-c", PRINT], capture_output=True, text=True, check=True, env=environment)
     assert done.stdout.split() == [_hash()]
     assert not list(odd.iterdir())
 
@@ -325,12 +325,12 @@ def test_folders_may_have_any_name(tmp_path: Path) -> None:
         ({"sigma": None}, r"^rvads.Sumo\(sigma=\) takes a number or a text, got None$"),
     ],
 )
-def test_what_can_t_be_an_attribute_of_its_vehicles_is_refused(attributes: dict[str, Any], says: str) -> None:
+def test_wrong_attribute_of_vehicles_is_refused(attributes: dict[str, Any], says: str) -> None:
     with pytest.raises(ScenarioError, match=says):
         rvads.Sumo(**attributes)
 
 
-def test_every_seed_of_the_senses_is_one_of_sumo() -> None:
+def test_every_seed_of_the_senses_gives_a_seed_of_sumo() -> None:
     run = simulated("stop4", "2000", senses=rvads.Senses(seed=2**31 - 23423 + 5), duration=1.0)
     assert run.provenance["sumo"]["seed"] == 5
 

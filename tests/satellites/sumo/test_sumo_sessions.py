@@ -26,7 +26,7 @@ AMONG = """
 SUMO = "--rvads-simulator=sumo"
 
 
-def test_an_example_runs_in_sumo_with_its_driver(pytester: pytest.Pytester) -> None:
+def test_example_runs_in_sumo_with_its_driver(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(test_1=EXAMPLE.read_text(encoding="utf-8"))
     result = pytester.runpytest(SUMO, "--rvads-autopilot=sumo", "-k", "class01 and cfgC", "--rvads-report=report.json")
     result.stdout.fnmatch_lines(
@@ -45,7 +45,7 @@ def test_an_example_runs_in_sumo_with_its_driver(pytester: pytest.Pytester) -> N
     assert '"simulator": "sumo"' in report or '"simulator":"sumo"' in report
 
 
-def test_sumo_is_the_traffic_around_a_driver_of_ours_and_ids_name_it(pytester: pytest.Pytester) -> None:
+def test_ids_name_sumo_as_the_traffic_around_another_driver(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(AMONG)
     result = pytester.runpytest(SUMO, "--rvads-autopilot=reference", "-v")
     result.assert_outcomes(passed=4)
@@ -60,7 +60,7 @@ def test_records_name_the_simulator(pytester: pytest.Pytester) -> None:
     assert {(r["traffic"], r["simulator"]) for r in records} == {("reference", usual().name), ("sumo", "sumo")}
 
 
-def test_where_no_run_was_made_nothing_simulated(pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_session_without_runs_names_no_simulator(pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch) -> None:
     pytester.makeconftest("""
         import pytest
         import pytest_rvads as rvads
@@ -84,9 +84,7 @@ def test_sumo_driver_in_another_simulator_is_an_error(pytester: pytest.Pytester)
     assert result.parseoutcomes() == {"errors": 2, "deselected": 2}
 
 
-def test_without_libsumo_the_session_ends_before_anything_runs(
-    pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_missing_libsumo_ends_the_session_before_any_run(pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch) -> None:
     pytester.makepyfile(AMONG)
     monkeypatch.setattr(choosing, "find_spec", lambda _name: None)
     result = pytester.runpytest(SUMO)
@@ -95,7 +93,7 @@ def test_without_libsumo_the_session_ends_before_anything_runs(
     result.stderr.fnmatch_lines([says])
 
 
-def test_a_simulator_of_ones_own_may_say_what_does_not_carry_over(pytester: pytest.Pytester) -> None:
+def test_custom_simulator_may_state_a_caveat(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(
         own="""
         from pytest_rvads.simulators.planar import usual

@@ -1,4 +1,4 @@
-"""Which tests need SUMO, and what they share."""
+"""Marks and helpers of tests that need SUMO."""
 
 from dataclasses import replace
 from importlib.util import find_spec
@@ -12,7 +12,7 @@ from pytest_rvads.satellites.sumo.netconvert import program_and_home
 
 
 def installed() -> bool:
-    """Whether libsumo and netconvert are there."""
+    """Return whether libsumo and netconvert are installed."""
     try:
         program_and_home()
     except RunError:
@@ -24,7 +24,7 @@ needs_sumo = pytest.mark.skipif(not installed(), reason="pip install 'pytest-rva
 
 
 def simulated(junction: str | rvads.Junction, directions: Any, simulator: rvads.Sumo = rvads.sumo, **more: Any) -> rvads.Run:
-    """Have SUMO drive everybody, 20 m before the line at 10 m/s where nothing else is said."""
+    """Return a run in which SUMO drives every vehicle, by default from 20 m before the line at 10 m/s."""
     place = rvads.find(junction) if isinstance(junction, str) else junction
     scenario = rvads.Scenario(place, directions, **{"distance": 20.0, "speed": 10.0, **more})
     return rvads.simulate(rvads.Case(scenario, rvads.SumoDriver), simulator)

@@ -1,4 +1,4 @@
-"""Tracks made by hand: vehicles whose places at every time follow from a formula, sampled as logs have them."""
+"""Vehicles of logs for tests, sampled from positions that a formula gives."""
 
 import csv
 from collections.abc import Sequence
@@ -17,7 +17,7 @@ LENGTH, WIDTH = 4.6, 1.8
 
 @dataclass(frozen=True, slots=True)
 class Drive:
-    """What a log has of one vehicle, the middle of its front bumper among it."""
+    """Samples of a vehicle; the points are the middle of its front bumper."""
 
     name: str
     times: np.ndarray
@@ -25,14 +25,14 @@ class Drive:
     heading: np.ndarray
     speed: np.ndarray
     crosses: float
-    """When it crosses the entrance vertex [s]."""
+    """Time at which the vehicle crosses the entrance vertex [s]."""
 
     def moved(self, back: float) -> np.ndarray:
-        """Return the points `back` metres behind its front."""
+        """Return the points `back` metres behind the front."""
         return self.points - back * np.column_stack((np.cos(self.heading), np.sin(self.heading)))
 
 
-def drive(  # noqa: PLR0913 - what a log can differ in
+def drive(  # noqa: PLR0913 - the properties of a vehicle in a log
     place: Junction,
     key: tuple[int, int],
     name: str = "v",
@@ -55,11 +55,21 @@ def write_csv(path: Path, drives: Sequence[Drive], *, back: float = LENGTH / 2, 
     with path.open("w", newline="", encoding="utf-8") as file:
         out = csv.writer(file)
         out.writerow(["time", "id", "x", "y", "heading", "speed", "length", "width", "class"])
-        for one in drives:
-            points = one.moved(back) + noise * rng.standard_normal((len(one.times), 2))
-            for k, time in enumerate(one.times):
+        for vehicle in drives:
+            points = vehicle.moved(back) + noise * rng.standard_normal((len(vehicle.times), 2))
+            for k, time in enumerate(vehicle.times):
                 x, y = points[k].tolist()
                 out.writerow(
-                    [repr(float(time)), one.name, x, y, float(one.heading[k]), float(one.speed[k]), LENGTH, WIDTH, "car"]
+                    [
+                        repr(float(time)),
+                        vehicle.name,
+                        x,
+                        y,
+                        float(vehicle.heading[k]),
+                        float(vehicle.speed[k]),
+                        LENGTH,
+                        WIDTH,
+                        "car",
+                    ]
                 )
     return path

@@ -15,7 +15,7 @@ from pytest_rvads.errors import RunError
 from pytest_rvads.junctions.finder import find
 from pytest_rvads.runs.itineraries import itinerary
 from pytest_rvads.runs.run import Run
-from pytest_rvads.satellites.tracks.intake import Intake
+from pytest_rvads.satellites.tracks.importing import Intake
 from pytest_rvads.satellites.tracks.streaming import GONE_AFTER, LONGEST, Stream
 
 RVADS = str(Path(sys.executable).with_name("rvads"))
@@ -185,7 +185,7 @@ def test_two_of_one_name_are_refused() -> None:
         list(stream.read(json.dumps({"t": 0.0, "vehicles": twice}).encode(), "here"))
 
 
-def test_a_clock_may_count_from_1970() -> None:
+def test_clock_may_count_from_1970() -> None:
     stream = Stream("drive", find("stop4"), Intake("center"))
     runs: list[Run] = []
     for line in log({"reckless": 0.0}, 12.0):

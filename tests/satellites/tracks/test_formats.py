@@ -1,4 +1,4 @@
-"""Logs of programs: what SUMO, CARLA, OSI and ROS write gives the same tracks."""
+"""Logs of SUMO, CARLA, OSI and ROS with the same vehicles give the same tracks."""
 
 import gzip
 import json
@@ -18,38 +18,37 @@ from pytest_rvads.satellites.tracks.importing import read_tracks
 from .drives import LENGTH, WIDTH, Drive, drive
 
 STOP = find("stop4")
-ONE, TWO = drive(STOP, (0, 2), "1"), drive(STOP, (1, 2), "2", start=3.0)
+FIRST, SECOND = drive(STOP, (0, 2), "1"), drive(STOP, (1, 2), "2", start=3.0)
 
 
 def ticks() -> list[tuple[float, list[tuple[Drive, int]]]]:
-    """Return who is there at every time, with the number of its sample."""
-    found: dict[float, list[tuple[Drive, int]]] = defaultdict(list)
-    for one in (ONE, TWO):
-        for k, time in enumerate(one.times.tolist()):
-            found[round(time, 6)].append((one, k))
-    return sorted(found.items())
+    """Return the vehicles of every time, each with the number of its sample."""
+    vehicles: dict[float, list[tuple[Drive, int]]] = defaultdict(list)
+    for vehicle in (FIRST, SECOND):
+        for k, time in enumerate(vehicle.times.tolist()):
+            vehicles[round(time, 6)].append((vehicle, k))
+    return sorted(vehicles.items())
 
 
 def hold(path: Path, names: tuple[str, str] = ("1", "2"), **options: Any) -> None:
     recording = read_tracks(path, STOP, strict=True, **options)
     assert [track.agent.name for track in recording.tracks] == [*names]
-    for track, one in zip(recording.tracks, (ONE, TWO), strict=True):
-        assert np.allclose(track.pose[:, :2], one.points, atol=1e-5)
-        assert np.allclose(track.times, one.times, atol=1e-6)
-        assert np.allclose(track.speed, one.speed, atol=1e-5)
+    for track, vehicle in zip(recording.tracks, (FIRST, SECOND), strict=True):
+        assert np.allclose(track.pose[:, :2], vehicle.points, atol=1e-5)
+        assert np.allclose(track.times, vehicle.times, atol=1e-6)
+        assert np.allclose(track.speed, vehicle.speed, atol=1e-5)
         assert track.agent.size == pytest.approx((LENGTH, WIDTH))
 
 
 def fcd() -> str:
     lines = ["<fcd-export>"]
-    for time, there in ticks():
+    for time, vehicles in ticks():
         lines.append(f'<timestep time="{time}">')
-        for one, k in there:
-            x, y = one.points[k]
-            angle = (90 - math.degrees(one.heading[k])) % 360
-            lines.append(
-                f'<vehicle id="{one.name}" x="{x:.9f}" y="{y:.9f}" angle="{angle:.9f}" type="car" speed="{one.speed[k]}"/>'
-            )
+        for vehicle, k in vehicles:
+            x, y = vehicle.points[k]
+            angle = (90 - math.degrees(vehicle.heading[k])) % 360
+            pose = f'x="{x:.9f}" y="{y:.9f}" angle="{angle:.9f}"'
+            lines.append(f'<vehicle id="{vehicle.name}" {pose} type="car" speed="{vehicle.speed[k]}"/>')
         lines.append("</timestep>")
     return "\n".join([*lines, "</fcd-export>"])
 
@@ -64,36 +63,36 @@ def test_sumo(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("change", "told"),
+    ("change", "message"),
     [
         (('speed="8.0"', 'speed="fast"'), r"t\.xml: row 3, column speed: 'fast' is no number"),
         (('<timestep time="0.0">', '<timestep time="soon">'), r"t\.xml: row 3, column time: 'soon' is no time"),
         (("<fcd-export>", "<!DOCTYPE x [<!ENTITY a 'b'>]><fcd-export>"), "document type declaration"),
         (("</fcd-export>", ""), r"t\.xml: row \d+, column \d+: not XML: no element found"),
-        (("fcd-export", "fcd-import"), "has no <fcd-export>"),
+        (("fcd-export", "fcd-import"), "<fcd-export> is missing"),
     ],
 )
-def test_damaged_files_of_sumo_are_told(tmp_path: Path, change: tuple[str, str], told: str) -> None:
+def test_damaged_file_of_sumo_is_refused(tmp_path: Path, change: tuple[str, str], message: str) -> None:
     path = tmp_path / "t.xml"
     path.write_text(fcd().replace(*change), encoding="utf-8")
-    with pytest.raises(RunError, match=told):
+    with pytest.raises(RunError, match=message):
         read_tracks(path, STOP, strict=True, size=(LENGTH, WIDTH))
 
 
 def carla() -> list[dict[str, Any]]:
-    """Return the records of autoware-carla-scenario: left-handed, the origin of an actor is not the centre of its box."""
+    """Return records of autoware-carla-scenario, in a left-handed frame; the origin of an actor is not the centre of its box."""
     records: list[dict[str, Any]] = [{"type": "world", "schema_version": 2, "map": "Town", "episode": 1}]
     light = {"type": "traffic_light", "id": 90, "opendrive_id": "0", "location": [0.0, 0.0, 5.0], "boxes": [], "stops": []}
     records.append(light)
     half, centre = [LENGTH / 2, WIDTH / 2, 0.7], [0.1, 0.0, 0.7]
     fixed = {"type_id": "vehicle.x", "role": "", "extent": half, "center": centre}
-    records += [{"type": "actor", "id": int(one.name), **fixed} for one in (ONE, TWO)]
-    for number, (time, there) in enumerate(ticks()):
+    records += [{"type": "actor", "id": int(vehicle.name), **fixed} for vehicle in (FIRST, SECOND)]
+    for number, (time, vehicles) in enumerate(ticks()):
         states = []
-        for one, k in there:
-            (x, y), heading = one.moved(LENGTH / 2 + 0.1)[k], float(one.heading[k])
+        for vehicle, k in vehicles:
+            (x, y), heading = vehicle.moved(LENGTH / 2 + 0.1)[k], float(vehicle.heading[k])
             vx, vy = 8 * math.cos(heading), -8 * math.sin(heading)
-            states.append([int(one.name), x, -y, 0.0, 0.0, 0.0, -math.degrees(heading), vx, vy, 0.0])
+            states.append([int(vehicle.name), x, -y, 0.0, 0.0, 0.0, -math.degrees(heading), vx, vy, 0.0])
         tick: dict[str, Any] = {"type": "tick", "frame": number, "t": time, "actors": states, "control": {}}
         if number in (0, 20):
             tick["lights"] = {"90": "Red" if number == 0 else "Green"}
@@ -113,24 +112,24 @@ def test_carla(tmp_path: Path) -> None:
         read_tracks(path, STOP)
 
 
-def write_osi(path: Path, **nobody: Any) -> None:
-    """Write a trace; its first ground truth also has a moving object with nothing but what is given."""
+def write_osi(path: Path, **fields: Any) -> None:
+    """Write a trace; its first ground truth has a further moving object with only these fields."""
     osi = pytest.importorskip("betterosi")
     with osi.Writer(path) as out:
-        for number, (time, there) in enumerate(ticks()):
+        for number, (time, vehicles) in enumerate(ticks()):
             nanos = round(time * 1e9)
             truth = osi.GroundTruth(timestamp=osi.Timestamp(seconds=nanos // 10**9, nanos=nanos % 10**9))
-            for one, k in there:
-                (x, y), heading = one.moved(LENGTH / 2)[k].tolist(), float(one.heading[k])
+            for vehicle, k in vehicles:
+                (x, y), heading = vehicle.moved(LENGTH / 2)[k].tolist(), float(vehicle.heading[k])
                 base = osi.BaseMoving(
                     position=osi.Vector3d(x=x, y=y),
                     orientation=osi.Orientation3d(yaw=heading),
                     dimension=osi.Dimension3d(length=LENGTH, width=WIDTH, height=1.5),
                     velocity=osi.Vector3d(x=8 * math.cos(heading), y=8 * math.sin(heading)),
                 )
-                truth.moving_object.append(osi.MovingObject(id=osi.Identifier(value=int(one.name)), type=2, base=base))
-            if nobody and number == 0:
-                truth.moving_object.append(osi.MovingObject(**nobody))
+                truth.moving_object.append(osi.MovingObject(id=osi.Identifier(value=int(vehicle.name)), type=2, base=base))
+            if fields and number == 0:
+                truth.moving_object.append(osi.MovingObject(**fields))
             out.add(truth)
 
 
@@ -140,7 +139,7 @@ def test_osi(tmp_path: Path, name: str) -> None:
     hold(tmp_path / name)
 
 
-def test_object_of_osi_without_an_id_costs_itself(tmp_path: Path) -> None:
+def test_object_of_osi_without_an_id_is_left_out(tmp_path: Path) -> None:
     write_osi(tmp_path / "t.mcap", type=2)
     recording = read_tracks(tmp_path / "t.mcap", STOP)
     assert len(recording.tracks) == 2
@@ -153,46 +152,44 @@ def test_ros(tmp_path: Path) -> None:
     from rosbags.typesys import Stores, get_typestore
 
     store = get_typestore(Stores.ROS2_HUMBLE)
-    kinds, odometry = store.types, "nav_msgs/msg/Odometry"
-    vector, covariance = kinds["geometry_msgs/msg/Vector3"], np.zeros(36)
+    types, odometry = store.types, "nav_msgs/msg/Odometry"
+    vector, covariance = types["geometry_msgs/msg/Vector3"], np.zeros(36)
     with Writer(tmp_path / "bag", version=9) as out:
-        for one in (ONE, TWO):
-            topic = out.add_connection(f"/{one.name}", odometry, typestore=store)
-            for time, (x, y), heading in zip(one.times.tolist(), one.moved(0.8 * LENGTH), one.heading, strict=True):
+        for vehicle in (FIRST, SECOND):
+            topic = out.add_connection(f"/{vehicle.name}", odometry, typestore=store)
+            for time, (x, y), heading in zip(vehicle.times.tolist(), vehicle.moved(0.8 * LENGTH), vehicle.heading, strict=True):
                 nanos = round(time * 1e9)
-                stamp = kinds["builtin_interfaces/msg/Time"](sec=nanos // 10**9, nanosec=nanos % 10**9)
+                stamp = types["builtin_interfaces/msg/Time"](sec=nanos // 10**9, nanosec=nanos % 10**9)
                 turned = {"x": 0.0, "y": 0.0, "z": math.sin(heading / 2), "w": math.cos(heading / 2)}
-                pose = kinds["geometry_msgs/msg/Pose"](
-                    position=kinds["geometry_msgs/msg/Point"](x=float(x), y=float(y), z=0.0),
-                    orientation=kinds["geometry_msgs/msg/Quaternion"](**turned),
+                pose = types["geometry_msgs/msg/Pose"](
+                    position=types["geometry_msgs/msg/Point"](x=float(x), y=float(y), z=0.0),
+                    orientation=types["geometry_msgs/msg/Quaternion"](**turned),
                 )
-                twist = kinds["geometry_msgs/msg/Twist"](linear=vector(x=8.0, y=0.0, z=0.0), angular=vector(x=0.0, y=0.0, z=0.0))
-                message = kinds[odometry](
-                    header=kinds["std_msgs/msg/Header"](stamp=stamp, frame_id="map"),
+                twist = types["geometry_msgs/msg/Twist"](linear=vector(x=8.0, y=0.0, z=0.0), angular=vector(x=0.0, y=0.0, z=0.0))
+                message = types[odometry](
+                    header=types["std_msgs/msg/Header"](stamp=stamp, frame_id="map"),
                     child_frame_id="base_link",
-                    pose=kinds["geometry_msgs/msg/PoseWithCovariance"](pose=pose, covariance=covariance),
-                    twist=kinds["geometry_msgs/msg/TwistWithCovariance"](twist=twist, covariance=covariance),
+                    pose=types["geometry_msgs/msg/PoseWithCovariance"](pose=pose, covariance=covariance),
+                    twist=types["geometry_msgs/msg/TwistWithCovariance"](twist=twist, covariance=covariance),
                 )
                 out.write(topic, nanos, store.serialize_cdr(message, odometry))
     hold(tmp_path / "bag", size=(LENGTH, WIDTH))
 
 
 @pytest.mark.parametrize(("name", "extra"), [("t.mcap", "osi"), ("t.db3", "rosbag")])
-def test_missing_extra_names_the_package_to_install(
-    tmp_path: Path, name: str, extra: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_missing_extra_is_named(tmp_path: Path, name: str, extra: str, monkeypatch: pytest.MonkeyPatch) -> None:
     for module in ("betterosi", "rosbags", "rosbags.highlevel"):
         monkeypatch.setitem(__import__("sys").modules, module, None)
     with pytest.raises(RunError, match=rf"install pytest-rvads\[{extra}\]"):
         read_tracks(tmp_path / name, STOP)
 
 
-def test_an_unknown_format_is_told(tmp_path: Path) -> None:
-    with pytest.raises(RunError, match=r"its name says no format of tracks \(.csv.*name one by --format"):
+def test_unknown_format_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(RunError, match=r"t\.dat: .*\.csv.*--format"):
         read_tracks(tmp_path / "t.dat", STOP)
     with pytest.raises(RunError, match=r"'fdc' is no format of tracks, .* did you mean 'fcd'\?"):
         read_tracks(tmp_path / "t.dat", STOP, format="fdc")
     with pytest.raises(RunError, match=r"none\.csv: can't be read: No such file"):
         read_tracks(tmp_path / "none.csv", STOP)
-    with pytest.raises(RunError, match="tracks are read from a file or a table, got int"):
+    with pytest.raises(RunError, match="a file or a table, got int"):
         read_tracks(7, STOP)

@@ -1,4 +1,4 @@
-"""Recordings are kept and read again as they were; `rvads import` makes them, and says what came in."""
+"""Recordings survive writing and reading, and `rvads import` writes them and prints a summary."""
 
 import json
 from pathlib import Path
@@ -39,18 +39,18 @@ def lights(tmp_path: Path) -> Path:
     return path
 
 
-def test_a_recording_is_read_as_it_was_kept(log: Path, lights: Path, tmp_path: Path) -> None:
+def test_recording_survives_writing_and_reading(log: Path, lights: Path, tmp_path: Path) -> None:
     recording = read_tracks(log, LIGHT, lights=lights, speed_accuracy=0.2, speed_limit=13.9)
     path = tmp_path / "kept.npz"
     save_recording(recording, path)
-    again = load_recording(path)
-    assert [run.hash for run in again] == [run.hash for run in recording]
-    assert len(again) == len(recording) > 1
-    assert (again.left_out, again.facts, again.label) == (recording.left_out, recording.facts, "drives")
+    copy = load_recording(path)
+    assert [run.hash for run in copy] == [run.hash for run in recording]
+    assert len(copy) == len(recording) > 1
+    assert (copy.left_out, copy.facts, copy.label) == (recording.left_out, recording.facts, "drives")
     runs = read_runs(path)
-    assert isinstance(runs, Recording)  # whose runs are made one by one
+    assert isinstance(runs, Recording)  # a recording makes its runs lazily
     assert runs[0] == recording[0]
-    save_recording(again, tmp_path / "again.npz")
+    save_recording(copy, tmp_path / "again.npz")
     assert (tmp_path / "again.npz").read_bytes() == path.read_bytes()
     with pytest.raises(RunError, match="not a run kept by rvads: its format is 'rvads-recording'"):
         load_run(path)
@@ -70,39 +70,39 @@ def test_lights_hold_until_the_next_row(log: Path, lights: Path) -> None:
 
 @pytest.fixture
 def sumo(shared: Path) -> Junction:
-    """A junction with a light for each turn, whose ids say which entrance they are at."""
+    """A junction with a light for each turn; the ids of the lights contain their entrance."""
     return next(
         find(report.id, shared / "maps" / "sumo_lights4.xodr") for report in load(shared / "maps" / "sumo_lights4.xodr").junctions
     )
 
 
 def own_signals(place: Junction, entrance: int) -> list[str]:
-    """Return the ids of the signals of an entrance: those on the road that leads there, as SUMO writes them."""
+    """Return the ids of the signals of an entrance; SUMO writes these signals on the road that leads to the entrance."""
     road = place.entrances[entrance].approach.id.split("+")[-1].split(".")[0]
     root = ElementTree.parse(place.map).getroot()
     return [signal.get("id") for signal in root.iterfind(f"road[@id='{road}']/signals/signal")]
 
 
-def test_signals_of_the_map_are_known_by_their_ids(sumo: Junction, tmp_path: Path) -> None:
+def test_signals_are_matched_by_their_ids_on_the_map(sumo: Junction, tmp_path: Path) -> None:
     for entrance in range(4):
         name = own_signals(sumo, entrance)[0]
         path = tmp_path / "lights.csv"
         path.write_text(f"time;signal;color\n1;{name};r\n2;{name};y\n3;elsewhere;g", encoding="utf-8")
-        ((at, light),) = lights_at(sumo, read_lights(path)).items()
-        assert at == entrance
+        ((number, light),) = lights_at(sumo, read_lights(path)).items()
+        assert number == entrance
         assert (light.times.tolist(), light.colours.tolist()) == ([1.0, 2.0], [Colour.RED, Colour.YELLOW])
 
 
-def test_lights_of_sumo_agree_or_are_not_known(sumo: Junction, tmp_path: Path) -> None:
-    (one,) = own_signals(sumo, 1)
-    light, number = one.rsplit("_", 1)
-    states = [(0, "Gr"), (1, "Gr"), (5, "yr"), (8, "rr"), (9, "rG")]  # of this signal, and of another one there
+def test_colour_is_unknown_while_the_lights_of_sumo_differ(sumo: Junction, tmp_path: Path) -> None:
+    (signal,) = own_signals(sumo, 1)
+    light, number = signal.rsplit("_", 1)
+    states = [(0, "Gr"), (1, "Gr"), (5, "yr"), (8, "rr"), (9, "rG")]  # of two signals of the same light
     rows = "".join(f'<tlsState time="{t}" id="{light}" state="{"O" * int(number)}{state}"/>' for t, state in states)
     path = tmp_path / "tls.xml"
     path.write_text(f"<tlsStates>{rows}</tlsStates>", encoding="utf-8")
     shown = read_lights(path)
-    assert shown[one].times.tolist() == [0.0, 5.0, 8.0]
-    together = lights_at(sumo, {one: shown[one], "entrance 1": shown[f"{light}_{int(number) + 1}"]})[1]
+    assert shown[signal].times.tolist() == [0.0, 5.0, 8.0]
+    together = lights_at(sumo, {signal: shown[signal], "entrance 1": shown[f"{light}_{int(number) + 1}"]})[1]
     assert dict(zip(together.times.tolist(), together.colours.tolist(), strict=True)) == {
         0.0: Colour.NONE,
         5.0: Colour.NONE,
@@ -112,60 +112,58 @@ def test_lights_of_sumo_agree_or_are_not_known(sumo: Junction, tmp_path: Path) -
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "message"),
     [
-        ("time,colour\n", "row 1 must name the columns time, signal or entrance, and colour, got time, colour"),
+        ("time,colour\n", "row 1 must have the columns time, signal or entrance, and colour, got time, colour"),
         ("time,signal,colour\n1,a,pink", "row 2, column colour: 'pink' is no colour, expected green, yellow, red, off"),
         ("time,signal,colour\n1,a,red\nx,a,red", "row 3, column time: 'x' is no time"),
-        ("time,signal,colour\n2,a,red\n1,a,green", "row 3, column time: 'a' had a colour at 2 s, expected a later time than 1 s"),
+        ("time,signal,colour\n2,a,red\n1,a,green", "row 3, column time: 1 s is too early for 'a', expected more than 2 s"),
         ('time,signal,colour\n1,a,red\n2,"a,green\n3,a,red', "row 3: a quote in the row is not closed"),
-        ("time,signal,colour\n", "it has no row but the names of its columns"),
+        ("time,signal,colour\n", "wrong.csv: the file has only the names of columns"),
         ("time,signal,colour\n1,a", "row 2: the row has 2 cells, expected 3 as in row 1"),
         (
             "time,signal,colour\n1,north,red",
-            "none of the lights (north) is at junction 'light4', which knows 0, 1, 2, 3, entrance 0",
+            "none of the lights (north) is at junction 'light4', which has the lights 0, 1, 2, 3, entrance 0",
         ),
     ],
 )
-def test_damaged_files_of_lights_are_told(log: Path, tmp_path: Path, text: str, told: str) -> None:
+def test_damaged_file_of_lights_is_refused(log: Path, tmp_path: Path, text: str, message: str) -> None:
     path = tmp_path / "wrong.csv"
     path.write_text(text, encoding="utf-8")
     with pytest.raises(RunError) as error:
         read_tracks(log, LIGHT, lights=path)
-    assert told in str(error.value)
+    assert message in str(error.value)
 
 
 @pytest.mark.extended
-def test_import_command_counts_tracks_and_lights(
-    log: Path, lights: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_command_prints_a_summary(log: Path, lights: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "out.npz"
     command = ["import", str(log), "--junction", "light4", "--lights", str(lights), "-o", str(out)]
     assert main(command) == 0
-    said = capsys.readouterr().out
+    text = capsys.readouterr().out
     count = len(LIGHT.movements)
-    assert f"{count} vehicles at light4, 2 busy periods" in said
-    assert "1 from 0 to 1, right" in said
-    assert "m accurate (estimated)" in said
-    assert "lights at entrances 0, 1, 2, 3" in said
+    assert f"{count} vehicles at light4, 2 busy periods" in text
+    assert "1 from 0 to 1, right" in text
+    assert "m accurate (estimated)" in text
+    assert "lights at entrances 0, 1, 2, 3" in text
     assert main([*command, "--json", "--position-accuracy", "0.1"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert (told["vehicles"], told["accuracy"]) == (count, {"position": 0.1, "speed": 0.0, "stated": True})
-    assert sum(told["movements"].values()) == count
+    summary = json.loads(capsys.readouterr().out)
+    assert (summary["vehicles"], summary["accuracy"]) == (count, {"position": 0.1, "speed": 0.0, "stated": True})
+    assert sum(summary["movements"].values()) == count
     assert len(load_recording(out).tracks) == count
     assert main(["check", str(out), "--rules", "red"]) in (0, 1)
 
 
-def test_the_command_takes_all_junctions_of_a_map(log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_command_imports_all_junctions_of_a_map(log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     map = str(path_of("light4"))
     assert main(["import", str(log), "--map", map, "--junction", "all", "-o", str(tmp_path / "cut")]) == 0
     (file,) = (tmp_path / "cut").glob("*.npz")
     assert len(load_recording(file).tracks) == len(LIGHT.movements)
     assert main(["import", str(log), "--map", map, "--junction", "all", "--offset", "900,0", "-o", str(tmp_path / "cut")]) == 2
-    assert "--offset=X,Y (offset=) moves them to the origin of the map" in capsys.readouterr().err
+    assert "--offset=X,Y (offset=)" in capsys.readouterr().err
 
 
-def test_lights_of_another_place_import_nothing(log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_lights_of_another_place_are_refused(log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     shown, out = tmp_path / "lights.csv", tmp_path / "out.npz"
     shown.write_text("time,signal,colour\n0,north,red\n", encoding="utf-8")
     assert main(["import", str(log), "--junction", "light4", "--lights", str(shown), "-o", str(out)]) == 2
@@ -173,33 +171,33 @@ def test_lights_of_another_place_import_nothing(log: Path, tmp_path: Path, capsy
     assert not out.exists()
 
 
-def test_map_without_a_usable_junction(log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_map_without_a_usable_junction_is_refused(log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     tree = ElementTree.parse(path_of("light4"))
     for lane in [lane for lane in tree.iter("lane") if lane.get("type") == "driving"][2:]:
         lane.set("type", "sidewalk")
     map = tmp_path / "closed.xodr"
     tree.write(map)
     assert main(["import", str(log), "--map", str(map), "--junction", "all", "-o", str(tmp_path / "cut")]) == 2
-    told = capsys.readouterr().err
-    assert f"map file {map} has no usable junction (" in told
-    assert load(map).junctions[0].reason in told
+    message = capsys.readouterr().err
+    assert f"map file {map} has no usable junction (" in message
+    assert load(map).junctions[0].reason in message
 
 
-def test_what_is_left_out_is_counted_and_listed(log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_omitted_vehicles_are_counted_and_listed(log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     lines = log.read_text(encoding="utf-8").splitlines()
-    log.write_text("\n".join(lines[:-30]), encoding="utf-8")  # the last one is cut off early, on its way out
+    log.write_text("\n".join(lines[:-30]), encoding="utf-8")  # the last vehicle disappears on its exit road
     with log.open("a", encoding="utf-8") as file:
         file.write("\n0,parked,0,0,0,0,4,2,car\n1,parked,0,0,0,0,4,2,car\n1,walks,0,0,0,1,1,1,pedestrian")
     command = ["import", str(log), "--junction", "light4", "-o", str(tmp_path / "out.npz")]
     assert main([*command, "-v"]) == 0
-    said = capsys.readouterr().out
-    assert "left out: 2" in said
-    assert "parked: it does not move" in said
-    assert "walks: it is a pedestrian" in said
+    text = capsys.readouterr().out
+    assert "left out: 2" in text
+    assert "parked: it does not move" in text
+    assert "walks: it is a pedestrian" in text
 
 
 @pytest.mark.parametrize(
-    ("arguments", "told"),
+    ("arguments", "message"),
     [
         (["--size", "long"], "--size L,W takes two numbers in metres, got 'long'"),
         (["--size", "0,0"], "size must be a length and a width from 0.1 to 100 m"),
@@ -210,16 +208,16 @@ def test_what_is_left_out_is_counted_and_listed(log: Path, tmp_path: Path, capsy
         (["--point", "nose"], "point must be front, center, rear_axle"),
     ],
 )
-def test_wrong_options_are_told(
-    log: Path, tmp_path: Path, arguments: list[str], told: str, capsys: pytest.CaptureFixture[str]
+def test_wrong_options_are_refused(
+    log: Path, tmp_path: Path, arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["import", str(log), "--junction", "light4", "-o", str(tmp_path / "o.npz"), *arguments]) == 2
     error = capsys.readouterr().err
-    assert told in error
-    assert error.count("\n") <= 5  # a bar may have been drawn before
+    assert message in error
+    assert error.count("\n") <= 5  # a progress bar may stand above the error
 
 
-def test_no_recording_is_read_as_none(tmp_path: Path, log: Path) -> None:
+def test_file_that_is_no_recording_is_refused(tmp_path: Path, log: Path) -> None:
     path = tmp_path / "x.npz"
     recording = read_tracks(log, LIGHT)
     np.savez(path, times=np.zeros(3))

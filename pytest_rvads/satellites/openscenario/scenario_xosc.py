@@ -1,0 +1,301 @@
+"""Scenarios in OpenSCENARIO XML: `save_scenario` writes a scenario, and `load_scenario` reads the same subset of elements.
+
+A written file has the start, speed and route of every vehicle, for another tool's controller to drive. Its note (`ScenarioNote`)
+holds the values of the scenario that the elements can't express.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections import defaultdict
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from pytest_rvads.decoding import decode, encode
+from pytest_rvads.errors import RunError, ScenarioError, require
+from pytest_rvads.junctions.finder import find, load, names
+from pytest_rvads.junctions.junction import Junction
+from pytest_rvads.maps.segment import Pose
+from pytest_rvads.runs.itineraries import Itinerary
+from pytest_rvads.runs.states import Colour
+from pytest_rvads.runs.vehicle import Vehicle
+from pytest_rvads.satellites.openscenario.document import Actor, Document, body_of, mapped, moved_back, phases_of_plan, put_map
+from pytest_rvads.satellites.openscenario.intentions import Drive, Intention, intentions, matched
+from pytest_rvads.satellites.openscenario.playedfile import Site, site_of
+from pytest_rvads.satellites.openscenario.run_export import write
+from pytest_rvads.satellites.openscenario.writing import library
+from pytest_rvads.satellites.openscenario.xosc import lights_of, map_of, note_of
+from pytest_rvads.satellites.openscenario.xosctree import Node, read_tree
+from pytest_rvads.satellites.tracks.lightlog import lights_at
+from pytest_rvads.scenarios.case import Fleet
+from pytest_rvads.scenarios.orbits import Orbits, rotate
+from pytest_rvads.scenarios.recalling import recalled
+from pytest_rvads.scenarios.scenario import QUEUE_GAP, QUEUE_TIME, Scenario, usual_duration
+from pytest_rvads.wording import one_line
+
+__all__ = ["VERSION", "ScenarioNote", "load_scenario", "save_scenario"]
+
+
+VERSION = 1
+"""Version of the note."""
+
+
+class ScenarioNote(msgspec.Struct, frozen=True):
+    """The scenario of a file with the values that its elements can't hold."""
+
+    version: int
+    site: Site
+    scenario: Mapping[str, Any]
+    """Result of `Scenario.record`."""
+
+
+def save_scenario(
+    scenario: Scenario, path: str | Path, *, map: str | os.PathLike[str] | None = None, fleet: Fleet | None = None
+) -> None:
+    """Write a scenario as OpenSCENARIO XML 1.2, and the map of its junction into the same folder.
+
+    Equal scenarios give equal files.
+    Vehicles are declared in the order of their creation. Each vehicle is teleported to its start, and has its initial speed and
+    its route. The lights follow their plan. The end is the end of the longest run of the scenario. `load_scenario` reads the
+    file.
+
+    Args:
+        scenario: the scenario.
+        path: path of the file, by convention ``.xosc``; missing folders are made.
+        map: OpenDRIVE file of the junction; by default the file that the junction names.
+        fleet: the bodies of the vehicles; passenger cars by default.
+
+    Raises:
+        ScenarioError: a vehicle does not fit on its approach.
+        MapError: the map of the junction is unknown.
+        RvadsError: the library scenariogeneration is not installed, or the file can't be written.
+    """
+    require(scenario, Scenario, "save_scenario takes a rvads.Scenario(rvads.find('stop4'), '1133')", ScenarioError)
+    require(fleet, Fleet | None, "fleet= must be a rvads.Fleet(vehicle)", ScenarioError)
+    library()
+    path, bodies = Path(path), fleet or Fleet()
+    place = mapped(scenario.place, map)
+    rows = list(zip(scenario.agents(), scenario.itineraries(), scenario.starts(bodies.of), strict=True))
+    created = scenario.creation.index
+    actors = []
+    for agent, way, (distance, speed) in sorted(rows, key=lambda row: created(row[0].entrance)):
+        vehicle = bodies.of(agent.name)
+        body = body_of(replace(agent, kind=vehicle.kind), vehicle)
+        start = moved_back(_front_pose(way, way.start(distance), body.back), body.back)
+        ahead = [way.pose(station) for station in (0.0, way.length / 2, way.length, way.leave)]
+        actors.append(Actor(agent.name, body, start, speed, route=(start, *ahead)))
+    site = Site(scenario.place.name, scenario.place.id, scenario.place.digest)
+    note = ScenarioNote(VERSION, site, scenario.record())
+    document = Document(
+        one_line(scenario.describe()),
+        put_map(place, path.parent),
+        ("rvads.scenario", encode(note).decode()),
+        tuple(actors),
+        phases_of_plan(place, scenario.signals()),
+        scenario.duration,
+    )
+    write(path, document)
+
+
+def _front_pose(way: Itinerary, station: float, back: float) -> Pose:
+    """Return the pose of a front at a station; the rear axle is on the centre line, too, as at the start of a simulation."""
+    front, axle = way.pose(station), way.pose(station - back)
+    return Pose(front.x, front.y, math.atan2(front.y - axle.y, front.x - axle.x))
+
+
+_TOLERANCE = 1e-3
+"""Largest difference between equal positions [m] and equal speeds [m/s]."""
+_EVERY, _WITHIN = 0.25, 0.1
+"""Lights are compared every `_EVERY` [s], each time `_WITHIN` [s] after a multiple of a quarter of a second, at which plans may
+change colours."""
+
+
+def load_scenario(path: str | Path, *, junction: str | None = None, map: str | os.PathLike[str] | None = None) -> Scenario:
+    """Read a scenario that `save_scenario` wrote, or a scenario of another tool with the same kinds of elements.
+
+    In a file of another tool, every vehicle is projected onto an approach, and its route onto a movement. An element that is not
+    supported is an error. Names and bodies of the vehicles are dropped, because a `Scenario` has none.
+
+    Args:
+        path: path of the file.
+        junction: argument of `find`; by default the single junction of the map through which all routes lead.
+        map: OpenDRIVE file; by default the file that the scenario names, relative to its folder.
+
+    Raises:
+        ScenarioError: the file can't be read, or holds elements that no `Scenario` has; the message names file, line and element.
+        MapError: the map can't be read, or has no such junction.
+    """
+    path = Path(path)
+    try:
+        root = read_tree(path)
+        note, map_beside = note_of(root, "scenario"), map_of(root, path)
+        by_name = intentions(root, path.name)
+        has_note = note is not None and junction is None
+        if has_note:
+            content = decode(str(note).encode(), ScenarioNote, f"{path.name}: the property rvads.scenario", RunError)
+            if content.version != VERSION:
+                raise ScenarioError(f"{path.name}: the property rvads.scenario has version {content.version}, expected {VERSION}")
+            place = site_of(content.site, map_beside if map is None else Path(map), path.name)
+            scenario = recalled(content.scenario, place, f"{path.name}: the property rvads.scenario")
+            _check_note(scenario, by_name, root, path.name)
+            return scenario
+        return _foreign_scenario(
+            by_name, root, _candidate_junctions(junction, map_beside if map is None else Path(map), path.name), path.name
+        )
+    except RunError as error:
+        raise ScenarioError(str(error)) from error
+
+
+def _check_note(scenario: Scenario, by_name: Mapping[str, Intention], root: Node, where: str) -> None:
+    """Check that the elements of an exported file still agree with its note.
+
+    Raises:
+        ScenarioError: the vehicles, a start or route, the end or the lights differ from the note.
+    """
+    agents = scenario.agents()
+    if {agent.name for agent in agents} != by_name.keys():
+        raise _contradiction(where, f"vehicles {', '.join(sorted(by_name))}")
+    lengths = {name: _vehicle_of_length(intention.length) for name, intention in by_name.items()}
+    starts = scenario.starts(lengths.__getitem__)
+    for agent, start in zip(agents, starts, strict=True):
+        drive = matched(by_name[agent.name], scenario.place)
+        begin = None if drive is None else (drive.distance, drive.speed)
+        if drive is None or drive.key != agent.route.key or not np.allclose(begin or (), start, rtol=0.0, atol=_TOLERANCE):
+            raise _contradiction(where, f"a start or route of {agent.name}")
+    duration = _duration(root)
+    if duration is None or abs(duration - scenario.duration) > _TOLERANCE:
+        raise _contradiction(where, f"an end at {duration} s")
+    if not _lights_match(scenario, root):
+        raise _contradiction(where, "colours of the lights")
+
+
+def _contradiction(where: str, what: str) -> ScenarioError:
+    return ScenarioError(
+        f"{where}: the file has {what}, and the property rvads.scenario has another value: remove the property if the file was "
+        "changed on purpose"
+    )
+
+
+def _vehicle_of_length(length: float | None) -> Vehicle:
+    """Return a vehicle of a length [m]; the places of vehicles in a queue depend on their lengths alone."""
+    usual = Vehicle()
+    share = usual.length if length is None else length
+    return Vehicle(length=share, front_axle=share / 4, rear_axle=share / 4)
+
+
+def _candidate_junctions(junction: str | None, map: Path | None, where: str) -> list[Junction]:
+    if junction is not None:
+        return [find(junction, None if junction in names() else map)]
+    if map is None:
+        raise ScenarioError(f"{where}: <LogicFile> names no map: give a map (map=), or a built-in junction (junction=)")
+    return [find(report.id, map) for report in load(map).junctions if report.usable]
+
+
+def _foreign_scenario(by_name: Mapping[str, Intention], root: Node, places: list[Junction], where: str) -> Scenario:
+    """Return the scenario of a file of another tool, at the single junction that fits.
+
+    Raises:
+        ScenarioError: no junction fits, or several junctions fit.
+    """
+    fitting: list[tuple[Junction, list[Drive]]] = []
+    unplaced = next(iter(by_name))
+    for place in places:
+        drives = {name: matched(intention, place) for name, intention in by_name.items()}
+        unplaced = next((name for name, drive in drives.items() if drive is None), unplaced)
+        if None not in drives.values():
+            fitting.append((place, [drive for drive in drives.values() if drive is not None]))
+    if not fitting:
+        raise ScenarioError(
+            f"{where}: all vehicles must start on approaches of the same junction and have routes to its exit roads, got "
+            f"{unplaced!r:.60} without such a junction among the {len(places)} usable junctions of the map"
+        )
+    if len(fitting) > 1:
+        ids = ", ".join(place.id for place, _ in fitting)
+        raise ScenarioError(
+            f"{where}: all routes lead through {len(fitting)} junctions ({ids:.100}): name a junction (junction=)"
+        )
+    return _scenario_of_drives(*fitting[0], root, where)
+
+
+def _scenario_of_drives(place: Junction, drives: list[Drive], root: Node, where: str) -> Scenario:
+    queues: dict[int, list[Drive]] = defaultdict(list)
+    for drive in drives:
+        queues[drive.key[0]].append(drive)
+    order = [*queues, *(e for e in range(len(place.entrances)) if e not in queues)]
+    heads = {entrance: min(queue, key=lambda drive: drive.distance) for entrance, queue in queues.items()}
+    counts = {len(queue) for queue in queues.values()}
+    if len(counts) > 1 or any(drive.key != heads[drive.key[0]].key for drive in drives):
+        raise ScenarioError(f"{where}: every entrance must have equally many vehicles, and all of an entrance the same route")
+    by_key = {movement.key: direction for (_, direction), movement in place.by_direction.items()}
+    lanes = range(len(place.entrances))
+    spare = next(iter(heads.values()))
+    alike = {(head.distance, head.speed) for head in heads.values()} == {(spare.distance, spare.speed)}
+    start_of = {e: (head.distance, head.speed) for e, head in heads.items()}
+    starts = [start_of.get(e, (spare.distance, spare.speed) if alike else (0.0, 0.0)) for e in lanes]
+    code = tuple(by_key[heads[e].key] if e in heads else 0 for e in lanes)
+    duration = _duration(root)
+    for row in Orbits.at(place).rows:
+        try:
+            scenario = Scenario(
+                place,
+                rotate(code, -row),
+                distance=rotate(tuple(distance for distance, _ in starts), -row),
+                speed=rotate(tuple(speed for _, speed in starts), -row),
+                rotation=row,
+                duration=usual_duration(place) if duration is None else duration,
+                followers=max(counts) - 1,
+            )
+        except ScenarioError as error:
+            raise ScenarioError(f"{where}: {error}") from error
+        if scenario.creation != (*queues,):
+            scenario = scenario.but(order=tuple((entrance - row) % len(lanes) for entrance in order))
+        if _lights_match(scenario, root):
+            break
+    else:
+        raise ScenarioError(f"{where}: the lights of the file follow none of the signal plans of junction {place.name!r}")
+    _check_queues(scenario, queues, where)
+    return scenario
+
+
+def _check_queues(scenario: Scenario, queues: Mapping[int, list[Drive]], where: str) -> None:
+    """Check that queued vehicles start at the places at which a `Scenario` puts followers.
+
+    Raises:
+        ScenarioError: a vehicle starts at another place, or at another speed.
+    """
+    rows = [drive for entrance in sorted(queues) for drive in sorted(queues[entrance], key=lambda drive: drive.distance)]
+    lengths = {agent.name: _vehicle_of_length(drive.length) for agent, drive in zip(scenario.agents(), rows, strict=True)}
+    for drive, start in zip(rows, scenario.starts(lengths.__getitem__), strict=True):
+        if not np.allclose((drive.distance, drive.speed), start, rtol=0.0, atol=_TOLERANCE):
+            raise ScenarioError(
+                f"{where}: {drive.name!r:.60} starts {drive.distance:.2f} m before its line at {drive.speed:g} m/s, expected "
+                f"{start[0]:.2f} m at {start[1]:g} m/s: a follower starts at the speed of its leader, {QUEUE_GAP:g} m and "
+                f"{QUEUE_TIME:g} s behind"
+            )
+
+
+def _duration(root: Node) -> float | None:
+    end = root.first("StopTrigger", "SimulationTimeCondition")
+    return None if end is None else end.number("value")
+
+
+def _lights_match(scenario: Scenario, root: Node) -> bool:
+    """Return whether the colours in a file are the colours of the signal plan of a scenario, or the file has no lights."""
+    place, plan = scenario.place, scenario.signals()
+    shown = lights_of(root, scenario.duration)
+    lights = lights_at(place, shown) if shown else {}
+    if not lights:
+        return not shown
+    times = np.arange(0.0, scenario.duration, _EVERY) + _WITHIN
+    expected = np.array([plan.colours(time, len(place.entrances)) for time in times.tolist()], dtype=np.int8)
+    for entrance, light in lights.items():
+        colours = np.concatenate(([Colour.NONE], light.colours))[np.searchsorted(light.times, times, side="right")]
+        if not np.array_equal(colours, expected[:, entrance]):
+            return False
+    return True
