@@ -141,7 +141,10 @@ SEARCHES = [
     ('"stop4", rule="p1", near=20, far=5', "near must be less than far, got 20 and 5 m: vehicles start between them"),
     ('"stop4", rule="p1", near=30', "near must be less than far, got 30 and 30.0 m"),
     ('"stop4", rule="p1", near=900, far=1000', "near must be less than the shortest approach of 'stop4', "),
-    ('rvads.find("stop4"), rule="p1", map="x.xodr"', "map= names the map of a junction given by id, got map= with junction 'stop4'"),
+    (
+        'rvads.find("stop4"), rule="p1", map="x.xodr"',
+        "map= names the map of a junction given by id, got map= with junction 'stop4'",
+    ),
     ('"stop4", rule=rvads.Rule("p1", "forall a. F a@j & true")', "'p1' is a shipped rule and "),
     ('"stop4", rule="p1", pace=2', "pace must be a share of v(d)max, from 0 to 1, got 2"),
     ('"stop4", rule="p1", wait=3', "wait must be the least and the greatest number of seconds, such as (0, 4), got 3"),
