@@ -76,7 +76,7 @@ class Spread:
         if bad:
             raise RuleViolation(f"{self.rule} depends on the draw in {self.scenario.name}: {', '.join(map(str, bad))}")
         if self.status is Status.NA:
-            raise ScenarioError(f"{self.rule} applies for no draw in {self.scenario.name}, so nothing was tried")
+            raise ScenarioError(f"{self.rule} never applies in {self.scenario.name} for any draw, so nothing was tried")
 
     def __str__(self) -> str:
         shares = ", ".join(f"{share:.1%} {status}" for status, share in self.shares.items())
