@@ -7,7 +7,7 @@ a carry, which one block hands on to the next block: so the values are the same 
 from __future__ import annotations
 
 import weakref
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, Generic, TypeVar, overload
@@ -19,8 +19,8 @@ from pytest_rvads.conduct.cast import Cast, Pairs
 from pytest_rvads.conduct.memo import given, once
 from pytest_rvads.errors import RunError
 from pytest_rvads.junctions.junction import Junction
-from pytest_rvads.runs.run import DT, Collision, Facts, Run
-from pytest_rvads.runs.states import Agent, Zone
+from pytest_rvads.runs.run import DT, Collision, Run
+from pytest_rvads.runs.states import Zone
 
 __all__ = [
     "ABSENT",
@@ -31,14 +31,12 @@ __all__ = [
     "JUNCTION",
     "Block",
     "Signal",
-    "Stream",
     "as_blocks",
     "assume",
-    "lasting",
-    "latched",
     "signal",
     "sized",
     "tick_of",
+    "unless_equal",
 ]
 
 _Value = TypeVar("_Value")
@@ -80,6 +78,8 @@ class Signal(Generic[_Value]):
     """The value for two vehicles that make no pair, and for a vehicle in a block from which the vehicle is absent."""
     of_entrances: bool = False
     """Whether the columns of the value are about entrances."""
+    steady: bool = False
+    """Whether the value stays the same as long as zones, lights, the carry and all signals that `work` reads stay the same."""
 
     @overload
     def __call__(self, states: Block | Run) -> _Value: ...
@@ -101,9 +101,9 @@ class Signal(Generic[_Value]):
                 parts = [self(block, *(own or [block.columns.get(column, -1) for column in columns])) for block in blocks]
                 return np.concatenate(parts)
             states = blocks[0]
-        values = states.values
         if not columns:
-            return values[self] if self in values else states.value(self)
+            states.reading.append(self)
+            return states.values[self] if self in states.values else states.value(self)
         column = None if min(columns) < 0 else self.column(states.cast, columns)
         if column is None:
             return np.full(len(states.zone), self.otherwise)
@@ -138,6 +138,7 @@ def signal(
     needs: Callable[[Block, Sequence[int]], None] | None = ...,
     otherwise: Any = ...,
     of_entrances: bool = ...,
+    steady: bool = ...,
 ) -> Callable[..., Signal[Any]]: ...
 
 
@@ -175,11 +176,22 @@ class Block:
     """The carry that every signal hands on to the next block."""
     values: dict[Signal[Any], Any] = field(default_factory=dict)
     """The values of the signals that have been worked out."""
+    earlier: Block | None = None
+    """The block before this block, if it has the same vehicles and arrays and as many states; steady values are taken from it."""
+    inputs: dict[Signal[Any], tuple[Sequence[Signal[Any]], tuple[NDArray[Any], ...]]] = field(default_factory=dict)
+    """The signals that every steady signal has read, and the carry that it was given."""
+    reading: list[Signal[Any]] = field(default_factory=list)
+    """The signals that the signal which is being worked out has read so far."""
 
     @property
     def junction(self) -> Junction:
         """Where the vehicles drive."""
         return self.cast.junction
+
+    @property
+    def given(self) -> tuple[bool, ...]:
+        """Whether stations, speeds and poses are given."""
+        return self.station is not None, self.speed is not None, self.pose is not None
 
     @property
     def next(self) -> Block | None:
@@ -225,14 +237,41 @@ class Block:
 
     def value(self, signal: Signal[_Value]) -> _Value:
         """Work out the value of a signal."""
-        value: _Value
-        if signal.start:
-            value, *tracks = signal.work(self, *self._carry(signal))
-            self.after[signal] = tuple([track[-1] for track in tracks])
-        else:
-            value = signal.work(self)
+        earlier, carry = self.earlier, self._carry(signal) if signal.start else ()
+        if earlier is not None and signal.steady and self._stays(signal, carry, earlier):
+            self.inputs[signal] = earlier.inputs[signal]
+            if signal.start:
+                self.after[signal] = carry
+            kept: _Value = earlier.values[signal]
+            self.values[signal] = kept
+            return kept
+        outer, self.reading = self.reading, []
+        try:
+            result: Any = signal.work(self, *carry)
+        finally:
+            read, self.reading = self.reading, outer
+        value: _Value = result[0] if signal.start else result
+        after = tuple([track[-1] for track in result[1:]]) if signal.start else ()
+        if earlier is not None:
+            value = unless_equal(value, earlier.values.get(signal))
+        if signal.steady and not self.whole:
+            self.inputs[signal], after = (read, carry), unless_equal(after, carry)
         self.values[signal] = value
+        if signal.start:
+            self.after[signal] = after
         return value
+
+    def _stays(self, signal: Signal[Any], carry: tuple[NDArray[Any], ...], earlier: Block) -> bool:
+        """Return whether all that a steady signal depends on is as in an earlier block."""
+        if self.zone is not earlier.zone or self.lights is not earlier.lights or signal not in earlier.inputs:
+            return False
+        read, given = earlier.inputs[signal]
+        if carry is not given:
+            return False
+        for part in read:  # noqa: SIM110 - half the time of all(), and most of what a quiet state costs
+            if (self.values[part] if part in self.values else self.value(part)) is not earlier.values[part]:
+                return False
+        return True
 
     def _carry(self, signal: Signal[Any]) -> tuple[NDArray[Any], ...]:
         """Return the carry of a signal at the end of the block before, in the columns of this block."""
@@ -266,49 +305,16 @@ def _fresh(signal: Signal[Any], cast: Cast, dt: float) -> tuple[NDArray[Any], ..
     return tuple(np.repeat(np.asarray(start)[..., None], count, axis=-1) for start in starts)
 
 
-class Stream:
-    """Makes blocks of states as the states come, and hands the carry of every block on to the next block.
-
-    Args:
-        junction: the junction that the vehicles drive through.
-        dt: time between two states [s].
-        facts: the facts of the run; they may state a speed limit.
-    """
-
-    def __init__(self, junction: Junction, dt: float, facts: Facts) -> None:
-        self.dt, self._facts = dt, facts
-        self.cast = Cast(junction, (), facts)
-        self._kept: Sequence[int | None] | None = None
-        self._last: Block | None = None
-        self._tick = 0
-
-    def recast(self, agents: Sequence[Agent], kept: Sequence[int | None]) -> None:
-        """Replace the vehicles, because a vehicle has come or gone.
-
-        Args:
-            agents: the vehicles of the next block, in the order of its columns.
-            kept: for every vehicle its column in the last block, None for a vehicle that has just come.
-        """
-        self.cast, self._kept = Cast(self.cast.junction, agents, self._facts), kept
-
-    def feed(self, signals: Iterable[Signal[Any]], zone: NDArray[np.int8], lights: NDArray[np.int8], **arrays: Any) -> Block:
-        """Return the next states as a block.
-
-        Args:
-            signals: the signals with a carry; each is worked out, because later blocks depend on its carry.
-            zone: `Zone` of every vehicle, shape ``(n, agents)``.
-            lights: `Colour` at every entrance, shape ``(n, entrances)``.
-            **arrays: the other arrays of `Block` that are known.
-        """
-        block = Block(self.cast, zone, lights, self.dt, **arrays, tick=self._tick, previous=self._last, kept=self._kept)
-        for signal in signals:
-            try:
-                signal(block)
-            except RunError:
-                continue  # what is not known now has no carry either
-        block.previous = None
-        self._last, self._kept, self._tick = block, None, self._tick + len(zone)
-        return block
+def unless_equal(new: Any, old: Any) -> Any:
+    """Return the old arrays where the new arrays are equal to them, so that comparing identities tells what has changed."""
+    if isinstance(new, np.ndarray):
+        return old if old is not None and new.dtype.kind in "bi" and new.tobytes() == old.tobytes() else new
+    if isinstance(new, tuple) and old is not None:
+        for part, known in zip(new, old, strict=True):
+            if unless_equal(part, known) is not known:
+                return new
+        return old
+    return new
 
 
 _WORK = 150_000
@@ -373,29 +379,3 @@ def assume(run: Run, block: Block) -> None:
 def tick_of(run: Run, collision: Collision) -> int:
     """Return the tick of a collision."""
     return min(max(round(collision.time / run.dt), 0), run.steps - 1)
-
-
-def lasting(truths: NDArray[np.bool_], before: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return for how many states, up to each, something has been true without a break.
-
-    Args:
-        truths: shape ``(n, columns)``.
-        before: for how many states it had been true before the first state, shape ``(columns,)``.
-    """
-    count = np.arange(1, len(truths) + 1)[:, None]
-    return count - np.maximum.accumulate(np.where(truths, -before, count), axis=0)
-
-
-def latched(set_: NDArray[np.bool_], reset: NDArray[np.bool_], before: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return what is true from the states in which it is set up to the states in which it is reset; never both in one state.
-
-    Args:
-        set_: where it is set, shape ``(n, columns)``.
-        reset: where it is reset, likewise.
-        before: whether it was true before the first state, shape ``(columns,)``.
-    """
-    count = np.arange(1, len(set_) + 1)[:, None]
-    last_set = np.maximum.accumulate(np.where(set_, count, 0), axis=0)
-    last_reset = np.maximum.accumulate(np.where(reset, count, 0), axis=0)
-    found: NDArray[np.bool_] = (last_set > last_reset) | (before & (last_reset == 0))
-    return found

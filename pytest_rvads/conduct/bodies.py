@@ -130,26 +130,31 @@ def headings(block: Block) -> NDArray[np.float64]:
     return found
 
 
-def _circles(cast: Cast) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return, for circles around the bodies, the distances of their centres behind the fronts and their radii [m]."""
-    length, width = np.nan_to_num(cast.length), np.nan_to_num(cast.width)
-    return length / 2, np.hypot(length, width) / 2 + _MARGIN / 2
+def _circles(cast: Cast) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Return circles around the bodies: the distances of their centres behind the fronts, and their radii [m].
+
+    The third array holds, per pair of `couples`, the square of the distance at which the two circles touch [m^2].
+    """
+    length, width, both = np.nan_to_num(cast.length), np.nan_to_num(cast.width), cast.static(couples)
+    radius = np.hypot(length, width) / 2 + _MARGIN / 2
+    return length / 2, radius, (both.first(radius) + both.second(radius)) ** 2
 
 
 @signal
 def _close(block: Block) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return the rows and the pair numbers at which the circles around two bodies touch, or nearly touch."""
-    pose, both, (half, reach) = block.need("pose"), block.cast.static(couples), block.cast.static(_circles)
+    pose, both, (half, radius, squares) = block.need("pose"), block.cast.static(couples), block.cast.static(_circles)
     centre = pose[..., :2] - half[:, None] * headings(block)
     if len(pose) > _BLOCK:
-        rows, numbers = np.nonzero(np.repeat(_near(block, centre, reach), _BLOCK, axis=0)[: len(pose)])
+        rows, numbers = np.nonzero(np.repeat(_near(block, centre, radius), _BLOCK, axis=0)[: len(pose)])
+        apart = centre[rows, both.one[numbers]] - centre[rows, both.two[numbers]]
+        near = np.einsum("ij,ij->i", apart, apart) <= squares[numbers]
+        rows, numbers = rows[near], numbers[near]
     else:
-        rows, numbers = (part.ravel() for part in np.indices((len(pose), len(both))))
-    one, two = both.one[numbers], both.two[numbers]
-    apart = centre[rows, one] - centre[rows, two]
-    near = np.einsum("ij,ij->i", apart, apart) <= (reach[one] + reach[two]) ** 2
-    near &= block.here[rows, one] & block.here[rows, two]
-    return rows[near], numbers[near]
+        apart = centre.take(both.one, axis=1) - centre.take(both.two, axis=1)
+        rows, numbers = np.nonzero(np.einsum("ijk,ijk->ij", apart, apart) <= squares)
+    there = block.here[rows, both.one[numbers]] & block.here[rows, both.two[numbers]]
+    return rows[there], numbers[there]
 
 
 def _near(block: Block, centre: NDArray[np.float64], reach: NDArray[np.float64]) -> NDArray[np.bool_]:
@@ -165,8 +170,9 @@ def _near(block: Block, centre: NDArray[np.float64], reach: NDArray[np.float64])
     wide = np.add.reduceat(moved, starts, axis=0) + reach
     there, place = np.logical_or.reduceat(block.here, starts, axis=0), place[starts]
     apart = place[:, both.one] - place[:, both.two]
-    found: NDArray[np.bool_] = np.hypot(apart[..., 0], apart[..., 1]) <= wide[:, both.one] + wide[:, both.two]
-    return found & there[:, both.one] & there[:, both.two]
+    found: NDArray[np.bool_] = np.hypot(apart[..., 0], apart[..., 1]) <= both.first(wide) + both.second(wide)
+    found &= both.first(there) & both.second(there)
+    return found
 
 
 def _box(pose: NDArray[np.float64], length: _Size, width: _Size) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

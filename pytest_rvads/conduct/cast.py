@@ -15,6 +15,7 @@ from pytest_rvads.runs.states import Agent
 __all__ = ["Cast", "Pairs", "everybody", "pairs"]
 
 _Value = TypeVar("_Value")
+_Scalar = TypeVar("_Scalar", bound=np.generic)
 
 
 class Pairs:
@@ -36,6 +37,14 @@ class Pairs:
     def __len__(self) -> int:
         return len(self.one)
 
+    def first(self, values: NDArray[_Scalar]) -> NDArray[_Scalar]:
+        """Return the values of the first vehicle of every pair, given values of all vehicles, shape ``(..., agents)``."""
+        return _gathered(values, self.one)
+
+    def second(self, values: NDArray[_Scalar]) -> NDArray[_Scalar]:
+        """Return the values of the second vehicle of every pair, see `first`."""
+        return _gathered(values, self.two)
+
     def any(self, truths: NDArray[np.bool_], agents: int) -> NDArray[np.bool_]:
         """Return which vehicles are the first of a pair for which `truths` holds, shape ``(n, agents)``; see `count`."""
         found = np.zeros((len(truths), agents), dtype=np.bool_)
@@ -54,6 +63,15 @@ class Pairs:
         if len(self):
             found[:, self._firsts] = np.add.reduceat(truths, self._starts, axis=1, dtype=np.int64)
         return found
+
+
+def _gathered(values: NDArray[_Scalar], columns: NDArray[np.int64]) -> NDArray[_Scalar]:
+    # For one state `take` is more than twice as fast as an index, for a whole run an index is nearly twice as fast.
+    return values.take(columns, axis=-1) if values.size < _FEW else values[..., columns]
+
+
+_FEW = 1000
+"""Fewer values than this are gathered by `take`."""
 
 
 class Cast:

@@ -84,10 +84,11 @@ class Ways:
             way: number of the way of every place.
             station: station of every place [m].
         """
-        along = station + self._origin[way]
+        along = station + self._origin.take(way)
         # A way of k pieces has k - 1 points between them.
         piece = np.searchsorted(self._inner, along + way * _FAR, side="right") + way
-        return self._points[piece] + (along - self._arc[piece])[:, None] * self._ahead[piece], self._ahead[piece]
+        ahead = self._ahead.take(piece, axis=0)
+        return self._points.take(piece, axis=0) + (along - self._arc.take(piece))[:, None] * ahead, ahead
 
     def offset(self, way: NDArray[np.int64], points: NDArray[np.float64], station: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the offsets of points to the left of their ways at given stations, shape ``(places,)`` [m]."""
@@ -143,8 +144,8 @@ def off_route(block: Block) -> NDArray[np.bool_]:
     found = np.zeros(block.zone.shape, dtype=np.bool_)
     rows, columns, (offset, _), _ = _beside(block)
     # Projecting takes long, so only vehicles whose offset at their station is large are projected.
-    far = np.abs(offset) > MAX_OFFSET - 2 * NEAR
-    for row, column in zip(rows[far].tolist(), columns[far].tolist(), strict=True):
+    far = np.flatnonzero(np.abs(offset) > MAX_OFFSET - 2 * NEAR).tolist()
+    for row, column in ((int(rows[k]), int(columns[k])) for k in far):
         x, y, heading = pose[row, column].tolist()
         length = float(block.cast.length[column])
         found[row, column] = beside(ways.ways[column], x, y, heading, float(station[row, column]), length)
@@ -188,11 +189,12 @@ def _beside(block: Block) -> tuple[NDArray[Any], ...]:
         Row and column of every present vehicle; the offsets of the middles of front and rear to the left of the way, shape
         ``(2, places)`` [m]; and the distances of these middles from the way, shape ``(2, places)`` [m].
     """
-    ways, (rows, columns) = block.cast.static(_ways), np.nonzero(block.here)
-    front, station = block.need("pose")[rows, columns, :2], block.need("station")[rows, columns]
-    length = block.cast.length[columns]
-    points = np.concatenate((front, front - length[:, None] * headings(block)[rows, columns]))
-    place, ahead = ways.centre(np.tile(columns, 2), np.concatenate((station, station - length)))
+    ways, there = block.cast.static(_ways), np.flatnonzero(block.here)
+    rows, columns = np.divmod(there, len(block.cast) or 1)
+    front, station = block.need("pose")[..., :2].reshape(-1, 2).take(there, axis=0), block.need("station").take(there)
+    length = block.cast.length.take(columns)
+    points = np.concatenate((front, front - length[:, None] * headings(block).reshape(-1, 2).take(there, axis=0)))
+    place, ahead = ways.centre(np.concatenate((columns, columns)), np.concatenate((station, station - length)))
     apart = points - place
     offset = ahead[:, 0] * apart[:, 1] - ahead[:, 1] * apart[:, 0]
     return rows, columns, offset.reshape(2, -1), np.hypot(apart[:, 0], apart[:, 1]).reshape(2, -1)

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.conduct.blocks import ENTRANCE, JUNCTION, Block, signal, sized
+from pytest_rvads.conduct.latches import lasting
 
 __all__ = ["NEVER", "advance", "entered", "facing", "inside", "wt"]
 
@@ -16,21 +17,19 @@ NEVER = int(np.iinfo(np.int64).max)
 @signal(start=(0,))
 def wt(block: Block, before: NDArray[np.int32]) -> tuple[NDArray[np.int32], ...]:
     """Waiting times in ticks, see `Run.wt`."""
-    count = np.arange(1, len(block.zone) + 1, dtype=np.int32)[:, None]
     # The first state of all counts nothing.
-    since = -(before.astype(np.int32) - (block.tick == 0))
-    found: NDArray[np.int32] = count - np.maximum.accumulate(np.where(block.zone == ENTRANCE, since, count), axis=0)
+    found = lasting(block.zone == ENTRANCE, before - (block.tick == 0)).astype(np.int32)
     return found, found
 
 
-@signal(start=(NEVER,), otherwise=NEVER)
+@signal(start=(NEVER,), otherwise=NEVER, steady=True)
 def entered(block: Block, before: NDArray[np.int64]) -> tuple[NDArray[np.int64], ...]:
     """The tick in which every vehicle entered the junction, as far as it has by then; see `NEVER`."""
     found = np.minimum(np.minimum.accumulate(np.where(block.zone >= JUNCTION, block.ticks, NEVER), axis=0), before)
     return found, found
 
 
-@signal(start=(0,))
+@signal(start=(0,), steady=True)
 def facing(block: Block, before: NDArray[np.int8]) -> tuple[NDArray[np.int8], ...]:
     """The colour of the light at the start of the way of every agent; from its entry on, as it was then."""
     colours, entry = block.lights[:, block.cast.entrance], entered(block)

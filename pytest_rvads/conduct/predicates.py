@@ -157,28 +157,28 @@ def _by_arrival(run: Run) -> frozenset[tuple[int, int]]:
     return frozenset((one, two) for one, two in pairs if in_turn(run.junction, ways[one], ways[two]))
 
 
-@signal
+@signal(steady=True)
 def in_junction(block: Block) -> NDArray[np.bool_]:
     """Which vehicle is in the junction, ``a@j``: the reference point is on a movement of the junction."""
     found: NDArray[np.bool_] = block.zone == JUNCTION
     return found
 
 
-@signal
+@signal(steady=True)
 def at_entrance(block: Block) -> NDArray[np.bool_]:
     """Which vehicle is at the entrance that it comes to, ``a@j.en``."""
     found: NDArray[np.bool_] = block.zone == ENTRANCE
     return found
 
 
-@signal
+@signal(steady=True)
 def on_approach(block: Block) -> NDArray[np.bool_]:
     """Which vehicle is on the road that leads to its entrance, ``a@r``; the entrance zone is part of that road."""
     found: NDArray[np.bool_] = (block.zone == APPROACH) | (block.zone == ENTRANCE)
     return found
 
 
-@signal
+@signal(steady=True)
 def on_exit(block: Block) -> NDArray[np.bool_]:
     """Which vehicle is on the road that it leaves by, ``a@j.ex`` and ``a@r``; that road begins with the exit vertex."""
     found: NDArray[np.bool_] = block.zone == EXIT
@@ -196,7 +196,7 @@ def speed(block: Block) -> NDArray[np.float64]:
     return block.need("speed")
 
 
-@signal(of_entrances=True)
+@signal(of_entrances=True, steady=True)
 def colour(block: Block) -> NDArray[np.int8]:
     """The colour of the light at every entrance, ``lt.cl``."""
     return block.lights

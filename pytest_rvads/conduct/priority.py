@@ -14,9 +14,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.conduct.blocks import ENTRANCE, JUNCTION, Block, lasting, signal, sized
+from pytest_rvads.conduct.blocks import ENTRANCE, JUNCTION, Block, signal, sized
 from pytest_rvads.conduct.bodies import collide, couples
 from pytest_rvads.conduct.cast import Cast
+from pytest_rvads.conduct.latches import lasting
 from pytest_rvads.conduct.motion import entered, facing
 from pytest_rvads.conduct.rights import (
     GREEN,
@@ -31,7 +32,7 @@ from pytest_rvads.conduct.rights import (
     waives,
     yields,
 )
-from pytest_rvads.conduct.standing import STANDSTILL, lane
+from pytest_rvads.conduct.standing import lane, stands
 from pytest_rvads.conduct.stretches import contested, neighbours
 from pytest_rvads.junctions.conflicts import Shared
 from pytest_rvads.maps.control import Sign
@@ -80,8 +81,8 @@ def unhindered(block: Block) -> NDArray[np.bool_]:
     cast, both = block.cast, block.cast.static(lane)
     front = block.need("station")
     rear = front - cast.length
-    near = rear[:, both.two] - front[:, both.one] < HEADWAY * block.need("speed")[:, both.one]
-    behind = (front[:, both.two] > front[:, both.one]) & near & (block.zone[:, both.two] <= JUNCTION)
+    near = both.second(rear) - both.first(front) < HEADWAY * both.first(block.need("speed"))
+    behind = (both.second(front) > both.first(front)) & near & (both.second(block.zone) <= JUNCTION)
     lit, sign = cast.static(lights), cast.static(_stop_signs)
     found: NDArray[np.bool_] = ~held(block) & ~both.any(behind, len(cast))
     return found & np.where(lit, facing(block) == GREEN, ~sign | (block.zone >= JUNCTION))
@@ -95,16 +96,33 @@ def _hard(cast: Cast) -> NDArray[np.float64]:
     return np.array([HARD_BRAKING if agent.turn is Turn.STRAIGHT else BEND_BRAKING for agent in cast.agents])
 
 
+class _Past(NamedTuple):
+    """What vehicles did up to every state."""
+
+    speeds: NDArray[np.float64]
+    """The speeds in the states before the block, as far as `WINDOW`, and in the block [m/s]."""
+    present: NDArray[np.int64]
+    """For how many states each vehicle has been present, shape ``(n, agents)``."""
+
+
 @signal(start=lambda dt: (0, np.full(_window(dt), np.nan)))
-def brakes_hard(block: Block, count: NDArray[np.int64], past: NDArray[np.float64]) -> tuple[NDArray[Any], ...]:
+def past(block: Block, count: NDArray[np.int64], before: NDArray[np.float64]) -> tuple[_Past, NDArray[Any], NDArray[Any]]:
+    """What vehicles did up to every state, see `_Past`."""
+    speed = block.need("speed")
+    found = _Past(np.concatenate((before, speed)), lasting(~np.isnan(speed), count))
+    return found, found.present, found.speeds[None, -_window(block.dt) :]
+
+
+@signal
+def brakes_hard(block: Block) -> NDArray[np.bool_]:
     """Whether each vehicle brakes harder than it would by itself, over `WINDOW` or as long as the vehicle has been present."""
+    speeds, present = past(block)
     speed, most = block.need("speed"), _window(block.dt)
-    speeds = np.concatenate((past, speed))
-    lasts = lasting(~np.isnan(speed), count)
-    steps = np.minimum(lasts - 1, most)
+    steps = np.minimum(present - 1, most)
     row = np.arange(most, most + len(speed))[:, None] - np.maximum(steps, 0)
     slower = np.take_along_axis(speeds, row, axis=0) - speed
-    return (steps > 0) & (slower > block.cast.static(_hard) * steps * block.dt), lasts, speeds[None, -most:]
+    found: NDArray[np.bool_] = (steps > 0) & (slower > block.cast.static(_hard) * steps * block.dt)
+    return found
 
 
 class _Debts(NamedTuple):
@@ -114,12 +132,12 @@ class _Debts(NamedTuple):
     obstructs: NDArray[np.bool_]
 
 
-@signal(pairs=owing)
+@signal(pairs=owing, steady=True)
 def _bound(block: Block) -> NDArray[np.bool_]:
     """Whether the first vehicle of each pair has to give way to the second vehicle, and the second vehicle is due."""
     both, owed = block.cast.static(owing), yields(block) & ~np.isnan(block.cast.static(owed_places).begin)
-    due = (comes(block) | ready(block)[:, both.two]) & block.here[:, both.two]
-    found: NDArray[np.bool_] = owed & due & block.here[:, both.one]
+    due = (comes(block) | both.second(ready(block))) & both.second(block.here)
+    found: NDArray[np.bool_] = owed & due & both.first(block.here)
     return found
 
 
@@ -136,18 +154,20 @@ def _bound_later(block: Block) -> frozenset[tuple[Agent, Agent]]:
 def _debts(block: Block, before: NDArray[np.object_]) -> tuple[_Debts, NDArray[np.object_]]:
     """Follow all encounters, from the entry of the first vehicle on."""
     cast, both, entry = block.cast, block.cast.static(owing), entered(block)[-1]
-    bound = _bound(block)
-    if not block.whole:
-        for carried in (brakes_hard, kept_by, starting, waives):  # a later encounter needs what happens in this block
+    bound, known = _bound(block), before.tolist()
+    owed, broken, encounters = bound & (both.first(block.zone) == ENTRANCE), np.zeros_like(bound), before.copy()
+    followed = both.first(entry < block.tick + len(bound)) & ~np.isnan(cast.static(owed_places).begin)
+    followed &= np.array([encounter is None or not encounter.over for encounter in known], dtype=np.bool_)
+    again = np.ones(len(both), dtype=np.bool_)
+    if block.whole:
+        # As the later blocks of the run are known, only pairs bound in a later block and pairs that owed the way are followed on.
+        later = _bound_later(block.next) if block.next is not None else frozenset()
+        again = np.array([(cast.agents[a], cast.agents[b]) in later for a, b in both.column], dtype=np.bool_)
+        owed_before = np.array([encounter is not None and encounter.owed for encounter in known], dtype=np.bool_)
+        followed &= bound.any(axis=0) | again | owed_before
+    else:
+        for carried in (past, kept_by, starting, waives):  # a later encounter needs what happens in this block
             carried(block)
-    # If the later blocks of the run are known, only pairs bound in a later block and pairs that owed the way are followed on.
-    later = _bound_later(block.next) if block.next is not None else frozenset()
-    again = np.array([not block.whole or (cast.agents[a], cast.agents[b]) in later for a, b in both.column], dtype=np.bool_)
-    owed_before = np.array([encounter is not None and encounter.owed for encounter in before], dtype=np.bool_)
-    followed = (entry < block.tick + len(bound))[both.one] & (bound.any(axis=0) | again | owed_before)
-    owed, broken, encounters = bound & (block.zone[:, both.one] == ENTRANCE), np.zeros_like(bound), before.copy()
-    followed &= np.array([encounter is None or not encounter.over for encounter in before], dtype=np.bool_)
-    followed &= ~np.isnan(cast.static(owed_places).begin)
     chosen = np.flatnonzero(followed)
     firsts = np.maximum(entry[both.one[chosen]] - block.tick, 0).tolist()
     for pair, first, meetings in zip(chosen.tolist(), firsts, _meetings(block, chosen, firsts), strict=True):
@@ -236,21 +256,21 @@ def _meetings(block: Block, chosen: NDArray[np.int64], firsts: Sequence[int]) ->
     touching, close = (columns[chosen] for columns in cast.static(_columns))
     station, speed, kept = block.need("station"), block.need("speed"), kept_by(block)
     keeping = near.count(kept, len(cast))
-    by_other = np.where(close >= 0, kept[:, close], False) if len(near) else np.zeros((len(kept), len(chosen)), dtype=np.bool_)
+    by_other = (close >= 0) & kept.take(close, axis=1) if len(near) else False
     columns = (
-        _bound(block)[:, chosen],
-        collide(block)[:, touching],
-        station[:, one],
+        _bound(block).take(chosen, axis=1),
+        collide(block).take(touching, axis=1),
+        station.take(one, axis=1),
         # A short exit road may end before the rear of the vehicle has left the stretch.
-        np.where(block.here[:, one], station[:, one] - cast.length[one], math.inf),
-        np.abs(speed[:, one]) <= STANDSTILL,
-        station[:, two],
-        speed[:, two],
-        unhindered(block)[:, two],
-        starting(block)[:, two],
-        waives(block)[:, two],
-        keeping[:, one] > by_other,
-        brakes_hard(block)[:, two],
+        np.where(block.here, station - cast.length, math.inf).take(one, axis=1),
+        stands(block).take(one, axis=1),
+        station.take(two, axis=1),
+        speed.take(two, axis=1),
+        unhindered(block).take(two, axis=1),
+        starting(block).take(two, axis=1),
+        waives(block).take(two, axis=1),
+        keeping.take(one, axis=1) > by_other,
+        brakes_hard(block).take(two, axis=1),
     )
     rows = [column[begin:].T.tolist() for column in columns]
     for number, first in enumerate(firsts):

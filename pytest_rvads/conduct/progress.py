@@ -52,15 +52,26 @@ def _before_lights(cast: Cast) -> NDArray[np.float64]:
 @signal
 def _at_light(block: Block) -> NDArray[np.bool_]:
     """The light of which vehicle is not green, with its front near the line or beyond it, before the first shared stretch."""
-    light, station, (begin, end) = block.lights[:, block.cast.entrance], block.need("station"), block.cast.static(_before_lights)
-    found: NDArray[np.bool_] = ((light == RED) | (light == YELLOW)) & (station > begin) & (station < end)
+    found: NDArray[np.bool_] = _dark(block)
+    if found.any():
+        station, (begin, end) = block.need("station"), block.cast.static(_before_lights)
+        found = found & (station > begin) & (station < end)
+    return found
+
+
+@signal(steady=True)
+def _dark(block: Block) -> NDArray[np.bool_]:
+    """Which vehicle comes to an entrance whose light is not green now."""
+    light = block.lights.take(block.cast.entrance, axis=1)
+    found: NDArray[np.bool_] = (light == RED) | (light == YELLOW)
     return found
 
 
 def _slowness(block: Block, speed: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the part of every step that is lost against walking pace [s]."""
     # Rounded, so that three hundred steps at rest are three seconds.
-    return np.round((1.0 - np.minimum(np.maximum(speed / PACE, 0.0), 1.0)) * block.dt, 12)
+    lost: NDArray[np.float64] = (1.0 - np.minimum(np.maximum(speed / PACE, 0.0), 1.0)) * block.dt
+    return lost.round(12)
 
 
 @signal
@@ -69,18 +80,39 @@ def _may_lose(block: Block) -> NDArray[np.float64]:
     return _slowness(block, advance(block))
 
 
-@signal(needs=_known)
+@signal
+def _loses(block: Block) -> NDArray[np.bool_]:
+    """Which vehicle loses time if it could go."""
+    found: NDArray[np.bool_] = _may_lose(block) > 0.0
+    return found
+
+
+@signal
+def _far_down(block: Block) -> NDArray[np.bool_]:
+    """Which vehicle is so far down its exit road that it has arrived."""
+    found: NDArray[np.bool_] = block.need("station") - block.cast.way >= LEAVE
+    return found
+
+
+@signal(pairs=neighbours)
+def _trails(block: Block) -> NDArray[np.bool_]:
+    """Which first vehicle is so near behind the second vehicle that it belongs to the same queue."""
+    found: NDArray[np.bool_] = ahead_by(block) < QUEUE_GAP
+    return found
+
+
+@signal(needs=_known, steady=True)
 def may_go(block: Block) -> NDArray[np.bool_]:
     """Which vehicle could go: its light allows it, and it waits for no vehicle, or in a circle of waiting vehicles only.
 
     In the queue before the junction, a vehicle behind a vehicle that loses no time could not go. A vehicle far down its exit road
     has arrived.
     """
-    cast, near, slow = block.cast, block.cast.static(neighbours), _may_lose(block) > 0.0
-    free = block.here & (block.need("station") - cast.way < LEAVE) & ~_at_light(block) & ~circles(block).held
-    trailing = (block.zone <= ENTRANCE)[:, near.one] & (ahead_by(block) < QUEUE_GAP)
+    cast, near, slow = block.cast, block.cast.static(neighbours), _loses(block)
+    free: NDArray[np.bool_] = block.here & ~_far_down(block) & ~_at_light(block) & ~circles(block).held
+    trailing = near.first(block.zone <= ENTRANCE) & _trails(block)
     while trailing.any():
-        excused = free & near.any(trailing & ~(free & slow)[:, near.two], len(cast))
+        excused = free & near.any(trailing & ~near.second(free & slow), len(cast))
         if not excused.any():
             break
         free &= ~excused
@@ -120,19 +152,20 @@ def losses(
     parts = np.maximum(np.maximum.accumulate(passed, axis=0), part)
     goes_on = parts > np.concatenate((part[None], parts[:-1]))
     # A vehicle that overran its line on yellow or red, and now waits, does not stay in the junction.
-    stays = inside(block) & (speed <= CRAWL) & ~(_at_light(block) & (facing(block) != GREEN))
-    stuck = stays & wait.stuck
+    stays = inside(block) & (speed <= CRAWL)
     total, restarts = np.zeros((len(speed) + 1, *before.shape)), np.zeros((len(speed), *before.shape), dtype=np.bool_)
     total[0], lost, outside = before, np.where(free, _may_lose(block), 0.0), ~wait.circling
     total[1:, 0], total[1:, 1] = lost * outside, lost * wait.circling
+    restarts[:, 0], restarts[:, 1], restarts[:, 3] = goes_on, goes_on | outside, True
     if stays.any():
+        stays &= ~(_at_light(block) & (facing(block) != GREEN))
+        stuck = stays & wait.stuck
         total[1:, 2] = np.where(stays & ~wait.held, _slowness(block, speed), 0.0)
-        total[1:, 3] = stuck * block.dt
-    restarts[:, 0], restarts[:, 1], restarts[:, 3] = goes_on, goes_on | outside, ~stuck
-    total = np.cumsum(total, axis=0)
+        total[1:, 3], restarts[:, 3] = stuck * block.dt, ~stuck
+    total = np.add.accumulate(total, axis=0)
     gone = np.maximum.accumulate(np.where(restarts, total[:-1], gone), axis=0)
     # Rounded, so that three hundred steps at rest are three seconds, whatever went before.
-    sums = np.round(total[1:] - gone, 9)
+    sums = (total[1:] - gone).round(9)
     return Lost(parts, *sums.swapaxes(0, 1)), parts, total, gone
 
 

@@ -15,12 +15,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.conduct.blocks import ABSENT, EXIT, Block, lasting, signal, sized
+from pytest_rvads.conduct.blocks import ABSENT, EXIT, Block, signal, sized
 from pytest_rvads.conduct.cast import Cast, Pairs, everybody, pairs
 from pytest_rvads.conduct.grounds import ground_of, in_turn, lit, may_owe
+from pytest_rvads.conduct.latches import lasting
 from pytest_rvads.conduct.motion import entered, facing
 from pytest_rvads.conduct.standing import TIE, arrivals, arrived, leads, stands, waited
-from pytest_rvads.conduct.stretches import Places, ahead_by, contested, contested_places, neighbours, places, roads
+from pytest_rvads.conduct.stretches import Places, ahead_by, contested, contested_places, neighbours, passed, places, roads
 from pytest_rvads.maps.control import JunctionControl
 from pytest_rvads.runs.states import Colour
 
@@ -72,7 +73,7 @@ def lights(cast: Cast) -> NDArray[np.bool_]:
     return np.array([lit(cast.junction, agent.entrance) for agent in cast.agents], dtype=np.bool_)
 
 
-@signal
+@signal(steady=True)
 def has_way(block: Block) -> NDArray[np.bool_]:
     """Which vehicle no light keeps from going: its light is or was at its entry green or yellow, or its entrance has no light."""
     colour = facing(block)
@@ -106,7 +107,7 @@ def _always(cast: Cast) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     return always, near_side
 
 
-@signal(pairs=owing)
+@signal(pairs=owing, steady=True)
 def yields(block: Block) -> NDArray[np.bool_]:
     """Which first vehicle has to give way to the second where their ways meet, as the lights are.
 
@@ -116,12 +117,12 @@ def yields(block: Block) -> NDArray[np.bool_]:
     that vehicle go.
     """
     both, (always, near) = block.cast.static(owing), block.cast.static(_always)
-    mine = always | ((facing(block)[:, both.one] == RED) == near)
-    found: NDArray[np.bool_] = mine & has_way(block)[:, both.two]
+    mine = always | ((both.first(facing(block)) == RED) == near)
+    found: NDArray[np.bool_] = mine & both.second(has_way(block))
     return found
 
 
-@signal
+@signal(steady=True)
 def ready(block: Block) -> NDArray[np.bool_]:
     """Which vehicle is due by standing at its line: it is first there, may go, and does not waive its right."""
     found: NDArray[np.bool_] = next_to_go(block) & ~waives(block)
@@ -138,8 +139,8 @@ def coming(block: Block, both: Pairs, at: Places) -> NDArray[np.bool_]:
     """
     front, reach = block.need("station"), DUE * np.maximum(block.need("speed"), 0.0)
     rear = front - block.cast.length
-    found: NDArray[np.bool_] = at.begin_of_two - front[:, both.two] <= reach[:, both.two]
-    found &= (rear[:, both.two] <= at.end_of_two) & block.here[:, both.two]
+    found: NDArray[np.bool_] = at.begin_of_two - both.second(front) <= both.second(reach)
+    found &= (both.second(rear) <= at.end_of_two) & both.second(block.here)
     return found
 
 
@@ -150,14 +151,14 @@ def comes(block: Block) -> NDArray[np.bool_]:
     return found
 
 
-@signal
+@signal(steady=True)
 def first_at_line(block: Block) -> NDArray[np.bool_]:
     """Which vehicle has arrived and leads."""
     found: NDArray[np.bool_] = arrived(block)
     return found & leads(block) if found.any() else found
 
 
-@signal
+@signal(steady=True)
 def held(block: Block) -> NDArray[np.bool_]:
     """Which vehicle owes the way to a vehicle that comes or is first at its line.
 
@@ -168,8 +169,8 @@ def held(block: Block) -> NDArray[np.bool_]:
     if block.junction.control is _ALL_WAY:
         return cast.static(in_turns).any(comes_first(block), len(cast))
     both, at = cast.static(owing), cast.static(owed_places)
-    there = comes(block) | (first[:, both.two] & ~np.isnan(at.begin))
-    return both.any(there & yields(block) & (block.zone[:, both.one] != ABSENT), len(cast))
+    there = comes(block) | (both.second(first) & ~np.isnan(at.begin))
+    return both.any(there & yields(block) & (both.first(block.zone) != ABSENT), len(cast))
 
 
 def in_turns(cast: Cast) -> Pairs:
@@ -177,7 +178,7 @@ def in_turns(cast: Cast) -> Pairs:
     return pairs(cast, lambda one, two: in_turn(cast.junction, cast.agents[one].way.key, cast.agents[two].way.key))
 
 
-@signal(pairs=in_turns)
+@signal(pairs=in_turns, steady=True)
 def comes_first(block: Block) -> NDArray[np.bool_]:
     """Which second vehicle goes before the first: their movements meet, and it came first, see `came_first`."""
     both, cast = block.cast.static(everybody), block.cast
@@ -193,16 +194,18 @@ def _on_the_right(cast: Cast) -> NDArray[np.bool_]:
     return np.array(right, dtype=np.bool_)
 
 
-@signal(pairs=everybody)
+@signal(pairs=everybody, steady=True)
 def came_first(block: Block) -> NDArray[np.bool_]:
     """Which two vehicles have arrived, the second clearly earlier, or within `TIE` of the first and on its right."""
-    both, there, since = block.cast.static(everybody), arrived(block), waited(block)
-    later, tie = since[:, both.two] - since[:, both.one], round(TIE / block.dt)
+    both, there, blind = block.cast.static(everybody), arrived(block), block.station is None or block.speed is None
+    since = waited(block) if blind else -arrivals(block).tick
+    later, tie = both.second(since) - both.first(since), round(TIE / block.dt)
     found: NDArray[np.bool_] = (later > tie) | (block.cast.static(_on_the_right) & (later >= -tie))
-    return found & there[:, both.one] & there[:, both.two]
+    found &= both.first(there) & both.second(there)
+    return found
 
 
-@signal
+@signal(steady=True)
 def next_to_go(block: Block) -> NDArray[np.bool_]:
     """Which vehicle is first at its line and has the right to go."""
     green = ~block.cast.static(lights) | (facing(block) == GREEN)
@@ -223,17 +226,23 @@ def starting(block: Block, before: NDArray[np.int64], last: NDArray[np.int64]) -
     return next_to_go(block) & np.where(standing, count <= most, block.ticks - since < most), count, since
 
 
+@signal(steady=True)
+def _free(block: Block) -> NDArray[np.bool_]:
+    """Which vehicle stands first at its line, free to go."""
+    free: NDArray[np.bool_] = next_to_go(block) & stands(block)
+    if free.any():
+        free &= ~block.cast.static(neighbours).any(_keeps(block), len(block.cast))
+    return free
+
+
 @signal(start=(0,))
 def waives(block: Block, before: NDArray[np.int64]) -> tuple[NDArray[Any], ...]:
     """Which vehicle has stood first at its line, free to go, for `WAIVER` without a break."""
-    free = next_to_go(block) & stands(block)
-    if free.any():
-        free &= ~block.cast.static(neighbours).any(_keeps(block), len(block.cast))
-    count = lasting(free, before)
+    count = lasting(_free(block), before)
     return count > round(WAIVER / block.dt), count
 
 
-@signal
+@signal(steady=True)
 def gives_up(block: Block) -> NDArray[np.bool_]:
     """Which vehicle waives its right, or has not arrived; without positions nothing tells which vehicle waives its right."""
     gone: NDArray[np.bool_] = ~arrived(block)
@@ -248,20 +257,21 @@ def _debts(cast: Cast) -> NDArray[np.int64]:
     return np.array([debts.get((two, one), -1) for one, two in cast.static(neighbours).column], dtype=np.int64)
 
 
-@signal(pairs=neighbours)
+@signal(pairs=neighbours, steady=True)
 def _keeps(block: Block) -> NDArray[np.bool_]:
     """Which second vehicle keeps the first, first at its line, from going: it is slow ahead, or occupies the first one's way.
 
     A vehicle that arrived later, or owes the agent the way, does not keep the agent from going.
     """
+    passed(block)  # for the stations
     cast, both, at = block.cast, block.cast.static(neighbours), block.cast.static(contested_places)
-    ahead = block.need("station")[:, both.two]
+    ahead = both.second(block.need("station"))
     there: NDArray[np.bool_] = (
-        (ahead >= at.begin_of_two) & (ahead - cast.length[both.two] <= at.end_of_two) & block.here[:, both.two]
+        (ahead >= at.begin_of_two) & (ahead - both.second(cast.length) <= at.end_of_two) & both.second(block.here)
     )
     if block.junction.control is _ALL_WAY:
         tick = arrivals(block).tick
-        there &= tick[:, both.two] <= tick[:, both.one]
+        there &= both.second(tick) <= both.first(tick)
     else:
         debts = cast.static(_debts)
         there[:, debts >= 0] &= ~yields(block)[:, debts[debts >= 0]]
@@ -273,17 +283,27 @@ def _keeps(block: Block) -> NDArray[np.bool_]:
 def close_behind(block: Block) -> NDArray[np.bool_]:
     """Which second vehicle is slow and near ahead on the way of the first, or leaves it no room on its exit road."""
     cast, both, rear = block.cast, block.cast.static(neighbours), ahead_by(block)
-    room = (block.need("station")[:, both.one] - cast.way[both.one]) + rear
-    at_line = arrived(block)[:, both.one] & (block.zone[:, both.two] == EXIT)
-    near = (rear < GAP) | (cast.static(roads).exit & at_line & (room < cast.length[both.one] + ROOM))
-    found: NDArray[np.bool_] = near & (block.need("speed")[:, both.two] < PACE)
+    near: NDArray[np.bool_] = rear < GAP
+    at_line = _at_line_before_exit(block)
+    if at_line.any():
+        room = (both.first(block.need("station")) - both.first(cast.way)) + rear
+        near |= at_line & (room < both.first(cast.length) + ROOM)
+    near &= both.second(block.need("speed") < PACE)
+    return near
+
+
+@signal(pairs=neighbours, steady=True)
+def _at_line_before_exit(block: Block) -> NDArray[np.bool_]:
+    """Which first vehicle has arrived at its line while the second is on the exit road that the first leaves by."""
+    both = block.cast.static(neighbours)
+    found: NDArray[np.bool_] = both.first(arrived(block)) & both.second(block.zone == EXIT) & block.cast.static(roads).exit
     return found
 
 
-@signal(pairs=neighbours, start=(False,))
+@signal(pairs=neighbours, start=(False,), steady=True)
 def kept_by(block: Block, before: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], ...]:
     """Which second vehicle stands or creeps close ahead of the first and did not when the first entered."""
     both, entry = block.cast.static(neighbours), entered(block)
-    enters = (entry == block.ticks)[:, both.one]
-    slow = before | np.logical_or.accumulate(enters & (block.need("speed")[:, both.two] <= PACE), axis=0)
-    return close_behind(block) & (entry <= block.ticks)[:, both.one] & ~slow, slow
+    enters = both.first(entry == block.ticks)
+    slow = before | np.logical_or.accumulate(enters & (both.second(block.need("speed")) <= PACE), axis=0)
+    return close_behind(block) & both.first(entry <= block.ticks) & ~slow, slow

@@ -13,8 +13,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.conduct.blocks import APPROACH, ENTRANCE, Block, latched, signal
+from pytest_rvads.conduct.blocks import APPROACH, ENTRANCE, Block, signal
 from pytest_rvads.conduct.cast import Cast, Pairs, pairs
+from pytest_rvads.conduct.latches import latched
 from pytest_rvads.conduct.motion import wt
 from pytest_rvads.errors import RunError
 from pytest_rvads.junctions.conflicts import Key
@@ -89,7 +90,7 @@ def stands(block: Block) -> NDArray[np.bool_]:
 def leads(block: Block) -> NDArray[np.bool_]:
     """Whether no vehicle is ahead of each vehicle in its lane before the junction."""
     both, station = block.cast.static(lane), block.need("station")
-    ahead = (block.zone[:, both.two] <= ENTRANCE) & (station[:, both.two] > station[:, both.one])
+    ahead = (both.second(block.zone) <= ENTRANCE) & (both.second(station) > both.first(station))
     return ~both.any(ahead, len(block.cast))
 
 
@@ -111,7 +112,7 @@ def in_stop_place(block: Block) -> NDArray[np.bool_]:
     return stops(block)[0]
 
 
-@signal(start=(False, False))
+@signal(start=(False, False), steady=True)
 def stopped(block: Block, had_driven: NDArray[np.bool_], before: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], ...]:
     """Whether each vehicle has stopped in the stop place, and has since neither entered the junction nor backed out of the place.
 
@@ -132,7 +133,7 @@ class Arrivals(NamedTuple):
     """Tick of the latest arrival of every vehicle so far, -1 before its first arrival, shape ``(steps, agents)``."""
 
 
-@signal(start=(False, -1))
+@signal(start=(False, -1), steady=True)
 def arrivals(block: Block, before: NDArray[np.bool_], last: NDArray[np.int64]) -> tuple[Arrivals, NDArray[Any], NDArray[Any]]:
     """The arrivals of the vehicles, see `Arrivals`.
 
@@ -148,7 +149,7 @@ def arrivals(block: Block, before: NDArray[np.bool_], last: NDArray[np.int64]) -
     return Arrivals(found, tick), found, tick
 
 
-@signal
+@signal(steady=True)
 def arrived(block: Block) -> NDArray[np.bool_]:
     """Whether each vehicle has arrived at its line, see `arrivals`, and has not entered the junction."""
     found: Arrivals = arrivals(block)

@@ -27,6 +27,7 @@ __all__ = [
     "meeting",
     "neighbours",
     "parting",
+    "passed",
     "places",
     "roads",
     "shared",
@@ -99,6 +100,34 @@ def meeting(cast: Cast) -> Pairs:
     return pairs(cast, lambda one, two: shared(cast, one, two) is not None)
 
 
+@lru_cache(maxsize=4096)
+def _ends_of(junction: Junction, way: Key) -> tuple[float, ...]:
+    """Return the stations at which the stretches that a movement shares begin and end [m]."""
+    mine = [common.mine for (one, _), common in (junction.stretches or {}).items() if one == way]
+    return tuple({station for part in mine for station in (part.start, part.end)})
+
+
+def _borders(cast: Cast) -> NDArray[np.float64]:
+    """Return the stations at which stretches begin and end, of `shared` and `contested`, each row padded to the longest row."""
+    rows = [(agent.route.length + LEAVE, *_ends_of(cast.junction, agent.route.key)) for agent in cast.agents]
+    most = max(map(len, rows), default=0)
+    return np.array([(*row, *[math.inf] * (most - len(row))) for row in rows]).reshape(len(rows), most)
+
+
+@signal
+def passed(block: Block) -> tuple[NDArray[np.int64], ...]:
+    """How many borders of the stretches on its way each vehicle has passed, with its front and with its rear.
+
+    As long as the numbers stay the same, comparisons of stations with `Places` of any pairs stay the same, too. A steady signal
+    that makes only such comparisons reads the numbers for the stations; in a run that is known to its end nothing asks for them.
+    """
+    if block.whole:
+        return ()
+    front, borders = block.need("station")[..., None], block.cast.static(_borders)
+    rear = front - block.cast.length[:, None]
+    return (front >= borders).sum(axis=-1), (rear > borders).sum(axis=-1)
+
+
 class Places(NamedTuple):
     """Where the stretches lie that pairs of vehicles share, each of shape ``(pairs,)`` [m]."""
 
@@ -125,21 +154,31 @@ def _meeting_places(cast: Cast) -> Places:
     return places(shared(cast, one, two) for one, two in both.column)
 
 
+@signal(pairs=meeting, steady=True)
+def _both_there(block: Block) -> NDArray[np.bool_]:
+    """Which two vehicles are both on the stretch that their movements share."""
+    passed(block)  # for the stations
+    cast, both, at = block.cast, block.cast.static(meeting), block.cast.static(_meeting_places)
+    front = block.need("station")
+    rear = front - cast.length
+    found: NDArray[np.bool_] = (both.first(front) >= at.begin) & (both.first(rear) <= at.end)
+    found &= (both.second(front) >= at.begin_of_two) & (both.second(rear) <= at.end_of_two)
+    found &= both.first(block.here) & both.second(block.here)
+    return found
+
+
 @signal(pairs=meeting, needs=sized)
 def meet(block: Block) -> NDArray[np.bool_]:
     """Which two agents are both on the stretch that their ways share.
 
     Vehicles with movements into the same exit meet while they are side by side, not while one vehicle follows the other.
     """
-    cast, both, at = block.cast, block.cast.static(meeting), block.cast.static(_meeting_places)
-    front = block.need("station")
-    rear = front - cast.length
-    found: NDArray[np.bool_] = (front[:, both.one] >= at.begin) & (rear[:, both.one] <= at.end)
-    found &= (front[:, both.two] >= at.begin_of_two) & (rear[:, both.two] <= at.end_of_two)
-    found &= block.here[:, both.one] & block.here[:, both.two]
-    front, rear = front - cast.way, rear - cast.way
-    found &= ~at.merges | ((front[:, both.one] > rear[:, both.two]) & (front[:, both.two] > rear[:, both.one]))
-    return found
+    cast, both, at, found = block.cast, block.cast.static(meeting), block.cast.static(_meeting_places), _both_there(block)
+    if found.any():
+        front = block.need("station") - cast.way
+        rear = block.need("station") - cast.length - cast.way
+        found = found & (~at.merges | (both.first(front) > both.second(rear)) & (both.second(front) > both.first(rear)))
+    return np.asarray(found)
 
 
 def neighbours(cast: Cast) -> Pairs:
@@ -164,37 +203,36 @@ def contested_places(cast: Cast) -> Places:
 class _Roads(NamedTuple):
     """Where the roads lie that `neighbours` share, each of shape ``(pairs,)``."""
 
-    entrance: NDArray[np.bool_]
-    """Whether they come to one entrance."""
     exit: NDArray[np.bool_]
     """Whether they leave by one exit."""
     parting: NDArray[np.float64]
-    """See `parting` [m]."""
+    """Up to which station the second vehicle, which comes to the same entrance, is in the lane of the first vehicle [m]."""
     joining: NDArray[np.float64]
-    """From which station on the second vehicle is in the lane of the first vehicle, where both leave by one exit [m]."""
+    """From which station on the second vehicle, which comes to another entrance, is in the lane of the first vehicle [m]."""
     shift: NDArray[np.float64]
-    """How much longer the movement of the second vehicle is [m]."""
+    """How much longer the movement of the second vehicle is, which comes to another entrance [m]."""
 
 
 def roads(cast: Cast) -> _Roads:
     """Return what roads `neighbours` share."""
     both, agents = cast.static(neighbours), cast.agents
     commons = [shared(cast, one, two) for one, two in both.column]
-    entrance, exit = cast.entrance[both.one] == cast.entrance[both.two], cast.exit[both.one] == cast.exit[both.two]
+    entrance, exit = both.first(cast.entrance) == both.second(cast.entrance), both.first(cast.exit) == both.second(cast.exit)
     partings = [
-        parting(cast.junction, agents[one].way.key, agents[two].way.key) if same else 0.0
+        parting(cast.junction, agents[one].way.key, agents[two].way.key) if same else -math.inf
         for (one, two), same in zip(both.column, entrance.tolist(), strict=True)
     ]
     joins = [c.yours.start if c else agents[two].way.length for (_, two), c in zip(both.column, commons, strict=True)]
-    return _Roads(entrance, exit, np.array(partings), np.array(joins), cast.way[both.two] - cast.way[both.one])
+    joining = np.where(exit & ~entrance, np.array(joins, dtype=np.float64), np.inf)
+    shift = np.where(entrance, 0.0, both.second(cast.way) - both.first(cast.way))
+    return _Roads(exit, np.array(partings), joining, shift)
 
 
 @signal(pairs=neighbours, needs=sized, otherwise=math.inf)
 def ahead_by(block: Block) -> NDArray[np.float64]:
     """How far ahead of the first vehicle, in its lane or on its exit road, the rear of the second is [m], else infinity."""
     both, road, station = block.cast.static(neighbours), block.cast.static(roads), block.need("station")
-    front, ahead = station[:, both.one], station[:, both.two]
-    behind = ahead - block.cast.length[both.two]
-    way = np.where(road.entrance, behind < road.parting, road.exit & (ahead >= road.joining))
-    front = np.where(road.entrance, front, front + road.shift)
-    return np.where(way & (ahead > front) & block.here[:, both.two], behind - front, np.inf)
+    front, ahead = both.first(station), both.second(station)
+    behind = ahead - both.second(block.cast.length)
+    way, front = (behind < road.parting) | (ahead >= road.joining), front + road.shift
+    return np.where(way & (ahead > front) & both.second(block.here), behind - front, np.inf)

@@ -27,7 +27,7 @@ from pytest_rvads.conduct.rights import (
     waives,
     yields,
 )
-from pytest_rvads.conduct.stretches import Places, ahead_by, neighbours, places, roads, shared
+from pytest_rvads.conduct.stretches import Places, ahead_by, neighbours, passed, places, roads, shared
 from pytest_rvads.junctions.conflicts import Key
 from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.maps.control import JunctionControl, Sign
@@ -106,7 +106,7 @@ class _Debts(NamedTuple):
     """The second to the first."""
 
 
-@signal
+@signal(steady=True)
 def _debts(block: Block) -> _Debts:
     """See `_Debts`."""
     shape = len(block.zone), len(block.cast.static(partners))
@@ -132,39 +132,53 @@ def due(block: Block) -> NDArray[np.bool_]:
     A vehicle that waives its right is not due by standing at its line.
     """
     both, at = block.cast.static(partners), block.cast.static(_places)
-    standing = (ready(block) & block.here)[:, both.two] & ~np.isnan(at.begin)
+    standing = both.second(ready(block) & block.here) & ~np.isnan(at.begin)
     found: NDArray[np.bool_] = coming(block, both, at) | standing
     return found
 
 
-@signal(pairs=partners)
-def lets_pass(block: Block) -> NDArray[np.bool_]:
-    """Which first vehicle has a reason to let the second pass."""
-    cast, both, at = block.cast, block.cast.static(partners), block.cast.static(_places)
-    one, two, apart = both.one, both.two, np.isnan(at.begin)
-    station, speed, here, within = block.need("station"), block.need("speed"), block.here, block.zone == JUNCTION
-    rear, pace = station - cast.length, np.maximum(speed, 0.0)
-    front, their_front, their_rear, before = station[:, one], station[:, two], rear[:, two], at_line(block)[:, one]
-    waiving = waives(block)
-    found: NDArray[np.bool_]
-    if block.junction.control is JunctionControl.STOP:
-        found = before & within[:, two] | came_first(block) & ~(apart & waiving[:, two])
-    else:
-        turning = (block.zone <= ENTRANCE) & here & has_way(block)
-        found = before & turning[:, two] & ((station + DUE * pace)[:, two] >= cast.static(_first_turns))
-    ahead = front < at.begin
-    on_mine = (front >= at.begin) & (rear[:, one] <= at.end) & here[:, one]
-    there = (their_front >= at.begin_of_two) & (their_rear <= at.end_of_two) & here[:, two]
-    found |= there & (ahead | on_mine)
-    comes, debts = due(block), _debts(block)
-    found |= ahead & within[:, two] & (their_front < at.begin_of_two) & ~debts.given
-    found |= before & comes & (speed > PACE)[:, two]
-    found |= ahead & debts.owed & (comes | first_at_line(block)[:, two])
-    found &= before | within[:, one] | apart
+@signal
+def _walks(block: Block) -> NDArray[np.bool_]:
+    """Which vehicle is faster than walking pace."""
+    found: NDArray[np.bool_] = block.need("speed") > PACE
     return found
 
 
-@signal(pairs=neighbours, start=(False,))
+@signal(pairs=partners)
+def _about_to_turn(block: Block) -> NDArray[np.bool_]:
+    """Which second vehicle would be on a way to which the first gives way by its sign within `DUE`, if it turned there."""
+    reach = block.need("station") + DUE * np.maximum(block.need("speed"), 0.0)
+    found: NDArray[np.bool_] = block.cast.static(partners).second(reach) >= block.cast.static(_first_turns)
+    return found
+
+
+@signal(pairs=partners, steady=True)
+def lets_pass(block: Block) -> NDArray[np.bool_]:
+    """Which first vehicle has a reason to let the second pass."""
+    passed(block)  # for the stations
+    cast, both, at = block.cast, block.cast.static(partners), block.cast.static(_places)
+    station, within, apart = block.need("station"), block.zone == JUNCTION, np.isnan(at.begin)
+    front, their_front, rear = both.first(station), both.second(station), station - cast.length
+    before, their_within, waiving = both.first(at_line(block)), both.second(within), waives(block)
+    found: NDArray[np.bool_]
+    if block.junction.control is JunctionControl.STOP:
+        found = before & their_within | came_first(block) & ~(apart & both.second(waiving))
+    else:
+        turning = (block.zone <= ENTRANCE) & block.here & has_way(block)
+        found = before & both.second(turning) & _about_to_turn(block)
+    ahead = front < at.begin
+    on_mine = (front >= at.begin) & (both.first(rear) <= at.end) & both.first(block.here)
+    there = (their_front >= at.begin_of_two) & (both.second(rear) <= at.end_of_two) & both.second(block.here)
+    found |= there & (ahead | on_mine)
+    comes, debts = due(block), _debts(block)
+    found |= ahead & their_within & (their_front < at.begin_of_two) & ~debts.given
+    found |= before & comes & both.second(_walks(block))
+    found |= ahead & debts.owed & (comes | both.second(first_at_line(block)))
+    found &= before | both.first(within) | apart
+    return found
+
+
+@signal(pairs=neighbours, start=(False,), steady=True)
 def no_room(block: Block, before: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], ...]:
     """Which second vehicle left the first no room when the first entered the junction.
 
@@ -172,17 +186,17 @@ def no_room(block: Block, before: NDArray[np.bool_]) -> tuple[NDArray[np.bool_],
     road or along it, and its rear left less room there than the length of the first vehicle and `SPARE`.
     """
     cast, both = block.cast, block.cast.static(neighbours)
-    enters, found = (entered(block) == block.ticks)[:, both.one], np.zeros((len(block.zone), len(both)), dtype=np.bool_)
+    enters, found = both.first(entered(block) == block.ticks), np.zeros((len(block.zone), len(both)), dtype=np.bool_)
     if enters.any():
         rear = ahead_by(block)
-        room = block.need("station")[:, both.one] + rear - cast.way[both.one]
-        rolling = cast.static(roads).exit & (room < cast.length[both.one] + SPARE)
-        found = enters & (rear < math.inf) & (rolling | (block.need("speed")[:, both.two] < PACE))
+        room = both.first(block.need("station")) + rear - both.first(cast.way)
+        rolling = cast.static(roads).exit & (room < both.first(cast.length) + SPARE)
+        found = enters & (rear < math.inf) & (rolling | (both.second(block.need("speed")) < PACE))
     found = before | np.logical_or.accumulate(found, axis=0)
     return found, found
 
 
-@signal
+@signal(steady=True)
 def _intruders(block: Block) -> NDArray[np.bool_]:
     """Which vehicle is an intruder.
 
@@ -192,7 +206,7 @@ def _intruders(block: Block) -> NDArray[np.bool_]:
     found: NDArray[np.bool_] = (block.zone >= JUNCTION) & (facing(block) == RED)
     late = lets_pass(block) & _debts(block).given
     if late.any():
-        late &= (entry[:, both.one] < entry[:, both.two]) & (block.zone == JUNCTION)[:, both.two]
+        late &= (both.first(entry) < both.second(entry)) & both.second(block.zone == JUNCTION)
         rows, columns = np.nonzero(late)
         found[rows, both.two[columns]] = True
     return found
@@ -213,32 +227,20 @@ class Circles(NamedTuple):
     """Which vehicle lets nobody pass, and is close behind a vehicle that left it no room when it entered."""
 
 
-@signal
+@signal(steady=True)
 def circles(block: Block) -> Circles:
     """Which vehicles wait, see `Circles`.
 
     A vehicle that waits for an intruder, see `_intruders`, is held by the intruder, even where both wait for each other.
     """
     queued, giving, late = close_behind(block), lets_pass(block), _intruders(block)
-    blocked, known = queued & no_room(block), block.cast.static(_situations)
+    blocked = queued & no_room(block)
+    # From one state to the next, who waits for whom seldom changes.
     keys = [row.tobytes() for row in np.concatenate((queued, blocked, giving, late), axis=1)]
-    new = {key: row for row, key in enumerate(keys) if key not in known}
-    if new:
-        if len(known) > _MOST:
-            known.clear()
-            new = {key: row for row, key in enumerate(keys)}
-        rows = list(new.values())
-        known.update(zip(new, _wait(block.cast, queued[rows], blocked[rows], giving[rows], late[rows]), strict=True))
-    return Circles(*np.stack([known[key] for key in keys], axis=1))
-
-
-_MOST = 4096
-"""Situations of a cast that are kept."""
-
-
-def _situations(_cast: Cast) -> dict[bytes, NDArray[np.bool_]]:
-    """Return a place for the circles of situations: from one state to the next, who waits for whom seldom changes."""
-    return {}
+    rows = {key: row for row, key in enumerate(keys)}
+    parts = (part[list(rows.values())] for part in (queued, blocked, giving, late))
+    situations = dict(zip(rows, _wait(block.cast, *parts), strict=True))
+    return Circles(*np.stack([situations[key] for key in keys], axis=1))
 
 
 def _wait(

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pytest_rvads.conduct.blocks import Block, Signal, Stream, as_blocks, signal
+from pytest_rvads.conduct.blocks import Block, Signal, as_blocks, signal
 from pytest_rvads.conduct.bodies import overlap
 from pytest_rvads.conduct.lane import off_lane, off_route
 from pytest_rvads.conduct.motion import advance, entered, facing, inside, wt
@@ -16,6 +16,7 @@ from pytest_rvads.conduct.priority import brakes_hard, obstructs, owes, unhinder
 from pytest_rvads.conduct.progress import Lost, blocks, idles, losses, may_go
 from pytest_rvads.conduct.rights import close_behind, held, kept_by, next_to_go, starting, waives
 from pytest_rvads.conduct.standing import arrived, leads, speeding, stands, stopped, waited
+from pytest_rvads.conduct.stream import Stream
 from pytest_rvads.conduct.stretches import meet
 from pytest_rvads.conduct.waiting import Circles, circles, lets_pass, no_room
 from pytest_rvads.junctions.finder import find
@@ -143,6 +144,48 @@ def test_signals_of_blocks_are_those_of_the_whole_run(place: str, size: int) -> 
         for quantity in SIGNALS:
             whole, parts = alone(run, quantity, there, part, block)
             assert np.array_equal(whole, parts, equal_nan=whole.dtype == np.float64), (quantity.work.__name__, part)
+
+
+def test_steady_signal_is_worked_out_again_only_where_a_value_that_it_reads_has_changed() -> None:
+    run, worked_out = traffic("stop4", 1), []
+
+    @signal
+    def fast(block: Block) -> NDArray[np.bool_]:
+        found: NDArray[np.bool_] = block.need("speed") > 1.0
+        return found
+
+    @signal(steady=True)
+    def fast_at_entrance(block: Block) -> NDArray[np.bool_]:
+        worked_out.append(block.tick)
+        return fast(block) & (block.zone == Zone.ENTRANCE)
+
+    stream, there = Stream(run.junction, run.dt, run.facts), run.agents[:1]
+    stream.recast(there, [None])
+    motion = [
+        (2.0, Zone.APPROACH),
+        (2.5, Zone.APPROACH),
+        (2.6, Zone.APPROACH),
+        (2.7, Zone.ENTRANCE),
+        (2.8, Zone.ENTRANCE),
+        (0.5, Zone.ENTRANCE),
+    ]
+    values = []
+    for speed, zone in motion:
+        block = stream.feed((), np.array([[zone]], dtype=np.int8), run.lights[:1], speed=np.array([[speed]]))
+        values.append(bool(fast_at_entrance(block)[0, 0]))
+    assert values == [False, False, False, True, True, False]
+    assert worked_out == [0, 3, 5]
+
+
+def test_steady_signal_is_worked_out_again_where_positions_are_given_from_now_on() -> None:
+    run = traffic("stop4", 1)
+    stream, agent = Stream(run.junction, run.dt, run.facts), run.agents[0]
+    stream.recast([agent], [None])
+    at_line = np.array([[itinerary(run.junction, *agent.route.key).line - 1.0]])
+    zone = np.array([[Zone.APPROACH]], dtype=np.int8)
+    motions: tuple[dict[str, NDArray[np.float64]], ...] = ({}, {}, {"station": at_line, "speed": np.zeros((1, 1))})
+    values = [bool(arrived(stream.feed((arrived,), zone, run.lights[:1], **motion))[0, 0]) for motion in motions]
+    assert values == [False, False, True]
 
 
 @pytest.mark.parametrize("word", [owes, obstructs, idles, blocks, may_go], ids=lambda word: word.work.__name__)

@@ -148,11 +148,24 @@ def _between(sign: str, left: str, right: str, ticks: int) -> Signal[NDArray[np.
     """Return the signal that compares an attribute of the first vehicle of every pair with an attribute of the second."""
 
     def work(block: Block) -> NDArray[np.bool_]:
-        both = block.cast.static(everybody)
-        one, two = ATTRIBUTES[left].read(block)[:, both.one], ATTRIBUTES[right].read(block)[:, both.two]
         if ATTRIBUTES[left].waited:
-            return _untied(sign, one, two, ticks)
+            return OPERATORS[sign](_order(left, right, ticks)(block), 0)
+        both = block.cast.static(everybody)
+        one, two = both.first(ATTRIBUTES[left].read(block)), both.second(ATTRIBUTES[right].read(block))
         return OPERATORS[sign](one, _seconds(right, two, block.dt))
+
+    return Signal(work, pairs=everybody, steady=True)
+
+
+@lru_cache(maxsize=256)
+def _order(left: str, right: str, ticks: int) -> Signal[NDArray[np.int8]]:
+    """Return the signal that is 1 where the first vehicle of a pair has waited longer, -1 where the second has, else 0."""
+
+    def work(block: Block) -> NDArray[np.int8]:
+        both = block.cast.static(everybody)
+        longer = both.first(ATTRIBUTES[left].read(block)) - both.second(ATTRIBUTES[right].read(block))
+        order: NDArray[np.int8] = (longer > ticks).view(np.int8) - (longer < -ticks).view(np.int8)
+        return order
 
     return Signal(work, pairs=everybody)
 
@@ -164,7 +177,7 @@ def _against(sign: str, attribute: str, constant: float) -> Signal[NDArray[np.bo
     def work(block: Block) -> NDArray[np.bool_]:
         return OPERATORS[sign](_seconds(attribute, ATTRIBUTES[attribute].read(block), block.dt), constant)
 
-    return Signal(work, of_entrances=ATTRIBUTES[attribute].read.of_entrances)
+    return Signal(work, of_entrances=ATTRIBUTES[attribute].read.of_entrances, steady=True)
 
 
 class Part(Mapping[f.Atom, NDArray[np.bool_]]):

@@ -10,10 +10,9 @@ from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from typing import Any, TypeVar
 
-from pytest_rvads.conduct.blocks import Signal
+from pytest_rvads.conduct.blocks import Block, Signal
 from pytest_rvads.conduct.cast import Cast
 from pytest_rvads.logic.judging.evaluate import OPERATORS, Values, signal_of
-from pytest_rvads.logic.live.ground_atoms import element_of, in_columns, key_of
 from pytest_rvads.logic.live.instant import Instant, Mover
 from pytest_rvads.logic.live.watch import Fact
 from pytest_rvads.logic.ltl import formula as f
@@ -43,6 +42,9 @@ class Board:
         self._cast: Cast | None = None
         self._rows: dict[Signal[Any], list[bool]] = {}
         """Of every signal the state before."""
+        self._block: Block | None = None
+        self._values: list[tuple[Signal[Any], list[list[bool]]]] = []
+        """The states of every signal in the block, for the signals that facts are about."""
         self._followed: list[tuple[Fact, Follower]] = []
         self._bodily: dict[Mover, set[Fact]] = {}
         self._ends: dict[Mover, list[Callable[[], None]]] = {}
@@ -70,8 +72,11 @@ class Board:
             self._cast = now.block.cast
             self._columns.clear()
             self._rows.clear()
-        for signal in self._signals:
-            row = signal(now.block)[now.row].tolist()
+        if now.block is not self._block:
+            self._block = now.block
+            self._values = [(signal, signal(now.block).tolist()) for signal, facts in self._signals.items() if facts]
+        for signal, rows in self._values:
+            row = rows[now.row]
             if row != self._rows.get(signal):
                 self._rows[signal] = row
                 for fact, column in self._columns_of(signal):
@@ -93,10 +98,11 @@ class Board:
         Raises:
             RunError: something is not given that it asks for.
         """
-        key = (atom.word or atom.name, tuple(key_of(term, movers) for term in atom.terms), tie if atom.name in OPERATORS else 0.0)
+        terms = tuple(_key_of(term, movers) for term in atom.terms)
+        key = (atom.word or atom.name, terms, tie if atom.name in OPERATORS else 0.0)
         found = self._facts.get(key)
         if found is None:
-            elements = [element for element in map(element_of, atom.terms) if element is not None]
+            elements = [element for element in map(_element_of, atom.terms) if element is not None]
             agents = [movers[element.index] for element in elements if element.sort == Sort.AGENT]
             signal = signal_of(atom, len(self.now.junction.entrances), round(tie / self.now.dt))
             if signal is None:
@@ -115,6 +121,7 @@ class Board:
         """Return a fact that is one column of a signal, about vehicles or an entrance."""
         fact = Fact(bool(signal(self.now.block, *map(_column, places))[self.now.row]))
         self._columns.pop(signal, None)
+        self._block = None
         return self._keep(fact, self._signals.setdefault(signal, []), (fact, tuple(places)))
 
     def _columns_of(self, signal: Signal[Any]) -> list[tuple[Fact, int]]:
@@ -128,7 +135,7 @@ class Board:
 
     def _general(self, atom: f.Atom, movers: Sequence[Mover], tie: float) -> Fact:
         """Return a fact that is worked out on a run of one state."""
-        now, moved, word = self.now, in_columns(atom, movers), word_of(atom)
+        now, moved, word = self.now, _in_columns(atom, movers), word_of(atom)
         if word is not None and word.follow is not None:
             follow = word.follow(now.run, *word.arguments(moved))
             fact = Fact(bool(follow(now.run)))
@@ -153,3 +160,35 @@ class Board:
 
 def _column(place: Mover | int) -> int:
     return place if isinstance(place, int) else place.slot
+
+
+def _element_of(term: f.Term) -> f.Element | None:
+    """Return the element of a term; None for a value."""
+    inner = term.of if isinstance(term, f.Attr) else term
+    return inner if isinstance(inner, f.Element) else None
+
+
+def _key_of(term: f.Term, movers: Sequence[Mover]) -> object:
+    """Return a key of a term: for an agent its mover, together with the name of an attribute; else the term."""
+    element = _element_of(term)
+    if element is None or element.sort != Sort.AGENT:
+        return term
+    mover = movers[element.index]
+    return (mover, term.name) if isinstance(term, f.Attr) else mover
+
+
+def _in_columns(atom: f.Atom, movers: Sequence[Mover]) -> f.Atom:
+    """Return an atom whose agents are numbered by their columns."""
+
+    def move(term: f.Term) -> f.Term:
+        if isinstance(term, f.Attr) and isinstance(term.of, f.Element):
+            return f.Attr(element(term.of), term.name)
+        return element(term) if isinstance(term, f.Element) else term
+
+    def element(old: f.Element) -> f.Element:
+        if old.sort != Sort.AGENT:
+            return old
+        mover = movers[old.index]
+        return f.Element(old.sort, mover.slot, mover.agent.name)
+
+    return f.Atom(atom.name, tuple(map(move, atom.terms)), atom.at, atom.word)

@@ -11,14 +11,17 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.conduct.blocks import Block, Signal, Stream, assume
+from pytest_rvads.conduct.blocks import Block, Signal, assume
 from pytest_rvads.conduct.motion import advance, entered, facing, wt
-from pytest_rvads.conduct.standing import arrivals
+from pytest_rvads.conduct.stream import Stream
 from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.runs.run import Collision, Facts, Run
 from pytest_rvads.runs.states import ABSENT, Agent
 
-__all__ = ["Instant", "Mover", "State"]
+__all__ = ["OF_RUNS", "Instant", "Mover", "State"]
+
+OF_RUNS = (wt, entered, facing, advance)
+"""The signals with a carry that a run of one state has to offer."""
 
 
 @dataclass(slots=True, eq=False)
@@ -81,17 +84,16 @@ class Instant:
         junction: where they drive.
         dt: time between two states [s].
         facts: the speed limit.
+        signals: the signals that are worked out in every state, because later states depend on their carries.
     """
 
-    def __init__(self, junction: Junction, dt: float, facts: Facts) -> None:
-        self.junction, self.dt, self.facts = junction, dt, facts
+    def __init__(self, junction: Junction, dt: float, facts: Facts, signals: Iterable[Signal[Any]]) -> None:
+        self.junction, self.dt, self.facts, self._signals = junction, dt, facts, tuple(signals)
         self.tick = -1
         self.slots: list[Mover] = []
         """The vehicles by column; a vehicle that is absent keeps its column until another vehicle takes it."""
         self._run: Run | None = None
         self._stream = Stream(junction, dt, facts)
-        self.signals: list[Signal[Any]] = [wt, entered, facing, arrivals]
-        """Signals that are worked out in every state, because later states depend on them."""
         self._cast: list[Mover] = []
         lights = np.zeros((1, len(junction.starts)), dtype=np.int8)
         self.block = Block(self._stream.cast, np.empty((1, 0), dtype=np.int8), lights)
@@ -115,7 +117,7 @@ class Instant:
         pose = None if poses[0] is None else np.array(poses).reshape(len(states), -1, 3)
         hits = None if touching[0] is None else [(pair, row) for row, pairs in enumerate(touching) for pair in pairs]
         arrays = np.array(zones, dtype=np.int8), np.array(lights, dtype=np.int8)
-        self.block = self._stream.feed(self.signals, *arrays, station=station, speed=speed, pose=pose, touching=hits)
+        self.block = self._stream.feed(self._signals, *arrays, station=station, speed=speed, pose=pose, touching=hits)
         self.row = -1
 
     def go_on(self) -> None:

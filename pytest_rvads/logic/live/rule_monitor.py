@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,13 +22,14 @@ from pytest_rvads.junctions.junction import Junction
 from pytest_rvads.logic.judging.prepare import Template, prepare
 from pytest_rvads.logic.live.board import Board
 from pytest_rvads.logic.live.instances import Instances
-from pytest_rvads.logic.live.instant import Instant, Mover, State
+from pytest_rvads.logic.live.instant import OF_RUNS, Instant, Mover, State
 from pytest_rvads.logic.live.seeing import Decided, Seen, row_of, sizes_of
 from pytest_rvads.logic.live.watch import Fact, Reading, Watch
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.ltl.ltl3 import Machine, Truth
 from pytest_rvads.logic.rules.book import RuleBook, rules_for
-from pytest_rvads.logic.rules.lexicon import word_of
+from pytest_rvads.logic.rules.current import PACKAGE
+from pytest_rvads.logic.rules.lexicon import ATTRIBUTES, word_of
 from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.logic.rules.sorts import Sort
 from pytest_rvads.logic.telling.phrase import element_name
@@ -94,9 +96,7 @@ class RuleMonitor:
             sizes = sizes_of(vehicle_size, len(self._agents))
             self._agents = tuple(replace(a, size=size) for a, size in zip(self._agents, sizes, strict=True))
         self._size = None if vehicle_size is None or agents is not None else sizes_of(vehicle_size, 1)[0]
-        self._now = Instant(junction, dt, Facts(speed_limit=speed_limit))
-        words = {word_of(atom) for rule in self.rules for atom in f.atoms(rule.formula)}
-        self._now.signals += [word.holds for word in words if word is not None and isinstance(word.holds, Signal)]
+        self._now = Instant(junction, dt, Facts(speed_limit=speed_limit), _signals_of(self.rules))
         self._board = Board(self._now)
         self._queue: list[Watch] = []
         self._readings: dict[tuple[int, tuple[int, ...]], tuple[Machine, Reading]] = {}
@@ -180,7 +180,7 @@ class RuleMonitor:
         self._states.append(state)
         if len(self._states) >= self._block:
             self.flush()
-        return Truth.FALSE if self._failed else self.verdict
+        return Truth.FALSE if self._failed else Truth.UNKNOWN if self._watches else self.verdict
 
     def see(self, vehicles: Iterable[Seen], lights: ArrayLike | None = None) -> tuple[Decided, ...]:
         """Read the vehicles that are present in one state, and return the instances that are decided, each instance once.
@@ -386,6 +386,15 @@ _SPARE = 4
 _NOWHERE = (math.nan,) * 6
 """Station, speed, pose and spread of a vehicle that is not there."""
 _WORST = (Truth.FALSE, Truth.UNKNOWN, Truth.TRUE)
+
+
+def _signals_of(rules: Sequence[Rule]) -> dict[Signal[Any], None]:
+    """Return the signals of the words and attributes of rules; a user's word may read all that a run of one state offers."""
+    atoms = dict.fromkeys(atom for rule in rules for atom in f.atoms(rule.formula))
+    words = [word for word in map(word_of, atoms) if word is not None]
+    attributes = [ATTRIBUTES[term.name].read for atom in atoms for term in atom.terms if isinstance(term, f.Attr)]
+    offered = OF_RUNS if any(word.place != PACKAGE for word in words) else ()
+    return dict.fromkeys((*offered, *attributes, *(word.holds for word in words if isinstance(word.holds, Signal))))
 
 
 def _binding(template: Template, movers: Sequence[Mover]) -> dict[str, str]:

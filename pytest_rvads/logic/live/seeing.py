@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -67,7 +68,7 @@ def row_of(name: str, values: ArrayLike, shape: tuple[int, ...]) -> list[Any]:
         RunError: the numbers have another shape than `shape`, or are not finite; the message gives their `name`.
     """
     row = np.asarray(values, dtype=np.float64)
-    if row.shape != shape or not np.isfinite(row).all():
+    if row.shape != shape or not all(map(math.isfinite, row.ravel().tolist())):
         what = f"{shape[0]} finite numbers" if len(shape) == 1 else f"finite numbers of shape {shape}"
         raise RunError(f"{name} of a state must be {what}, got {values!r:.60}")
     found: list[Any] = row.tolist()
