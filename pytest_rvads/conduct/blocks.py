@@ -268,7 +268,7 @@ class Block:
         read, given = earlier.inputs[signal]
         if carry is not given:
             return False
-        for part in read:  # noqa: SIM110 - half the time of all(), and most of what a quiet state costs
+        for part in read:  # noqa: SIM110 - a loop costs less than a generator in all()
             if (self.values[part] if part in self.values else self.value(part)) is not earlier.values[part]:
                 return False
         return True

@@ -109,7 +109,7 @@ def _ends_of(junction: Junction, way: Key) -> tuple[float, ...]:
 
 def _borders(cast: Cast) -> NDArray[np.float64]:
     """Return the stations at which stretches begin and end, of `shared` and `contested`, each row padded to the longest row."""
-    rows = [(agent.route.length + LEAVE, *_ends_of(cast.junction, agent.route.key)) for agent in cast.agents]
+    rows = [(agent.way.length + LEAVE, *_ends_of(cast.junction, agent.way.key)) for agent in cast.agents]
     most = max(map(len, rows), default=0)
     return np.array([(*row, *[math.inf] * (most - len(row))) for row in rows]).reshape(len(rows), most)
 

@@ -166,7 +166,7 @@ def _check_note(scenario: Scenario, by_name: Mapping[str, Intention], root: Node
     for agent, start in zip(agents, starts, strict=True):
         drive = matched(by_name[agent.name], scenario.place)
         begin = None if drive is None else (drive.distance, drive.speed)
-        if drive is None or drive.key != agent.route.key or not np.allclose(begin or (), start, rtol=0.0, atol=_TOLERANCE):
+        if drive is None or drive.key != agent.way.key or not np.allclose(begin or (), start, rtol=0.0, atol=_TOLERANCE):
             raise _contradiction(where, f"a start or route of {agent.name}")
     duration = _duration(root)
     if duration is None or abs(duration - scenario.duration) > _TOLERANCE:
