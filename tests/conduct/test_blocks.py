@@ -181,7 +181,7 @@ def test_steady_signal_is_worked_out_again_where_positions_are_given_from_now_on
     run = traffic("stop4", 1)
     stream, agent = Stream(run.junction, run.dt, run.facts), run.agents[0]
     stream.recast([agent], [None])
-    at_line = np.array([[itinerary(run.junction, *agent.route.key).line - 1.0]])
+    at_line = np.array([[itinerary(run.junction, *agent.way.key).line - 1.0]])
     zone = np.array([[Zone.APPROACH]], dtype=np.int8)
     motions: tuple[dict[str, NDArray[np.float64]], ...] = ({}, {}, {"station": at_line, "speed": np.zeros((1, 1))})
     values = [bool(arrived(stream.feed((arrived,), zone, run.lights[:1], **motion))[0, 0]) for motion in motions]

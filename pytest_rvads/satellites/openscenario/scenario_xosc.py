@@ -34,8 +34,8 @@ from pytest_rvads.satellites.openscenario.xosc import lights_of, map_of, note_of
 from pytest_rvads.satellites.openscenario.xosctree import Node, read_tree
 from pytest_rvads.satellites.tracks.lightlog import lights_at
 from pytest_rvads.scenarios.case import Fleet
+from pytest_rvads.scenarios.ids import recalled
 from pytest_rvads.scenarios.orbits import Orbits, rotate
-from pytest_rvads.scenarios.recalling import recalled
 from pytest_rvads.scenarios.scenario import QUEUE_GAP, QUEUE_TIME, Scenario, usual_duration
 from pytest_rvads.wording import one_line
 

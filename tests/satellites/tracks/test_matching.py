@@ -181,7 +181,7 @@ def test_vehicles_on_maps_from_elsewhere_are_matched_to_their_movements(shared: 
     log = write_csv(tmp_path / "t.csv", [*drives.values()], noise=0.1)
     for place in places:
         recording = read_tracks(log, place)
-        movements = {track.agent.name: track.agent.route.key for track in recording.tracks}
+        movements = {track.agent.name: track.agent.way.key for track in recording.tracks}
         wrong = {name: key for name, key in movements.items() if name != f"{place.id} {key[0]} {key[1]}"}
         missing = [name for name in drives if name.startswith(f"{place.id} ") and name not in movements]
         assert (wrong, missing) == ({}, [])

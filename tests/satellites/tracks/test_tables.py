@@ -248,7 +248,7 @@ def test_reused_id_gives_a_second_vehicle(table: dict[str, np.ndarray], message:
     first, second = read_tracks(table, STOP).tracks
     assert (first.agent.name, second.agent.name) == ("7", "7#2")
     assert (first.agent.size, second.agent.size) == ((4.6, 1.8), (table["length"][-1], 1.8))
-    assert (first.agent.route, second.agent.route) == (STOP.movements[0, 2], STOP.movements[1, 2])
+    assert (first.agent.way, second.agent.way) == (STOP.movements[0, 2], STOP.movements[1, 2])
     log, _ = read_log(table)
     (sentence,) = log.reused_ids
     assert sentence.startswith(f"table: {message}")
