@@ -10,7 +10,7 @@ from collections.abc import Callable
 import pytest
 
 from pytest_rvads.drivers.reference import Reference
-from pytest_rvads.junctions.finder import find
+from pytest_rvads.geometry.finder import find
 from pytest_rvads.physics.engines import BULLET, MUJOCO, Engine
 from pytest_rvads.physics.world import Motion
 from pytest_rvads.runs.vehicle import Vehicle

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from pytest_rvads.drivers.reference import Reference
-from pytest_rvads.junctions.finder import find
+from pytest_rvads.geometry.finder import find
 from pytest_rvads.logic.live import RuleMonitor, Seen
 from pytest_rvads.runs.run import Run
 from pytest_rvads.scenarios.case import Case

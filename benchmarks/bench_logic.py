@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pytest_rvads.junctions.finder import find
+from pytest_rvads.geometry.finder import find
 from pytest_rvads.logic.check import check, extract
 from pytest_rvads.logic.judging.ground import ground
 from pytest_rvads.logic.judging.prepare import forget

@@ -11,7 +11,7 @@ import pytest
 from pytest_benchmark.fixture import BenchmarkFixture
 
 from pytest_rvads.drivers.reference import Reference
-from pytest_rvads.junctions.finder import find
+from pytest_rvads.geometry.finder import find
 from pytest_rvads.physics.braking import _vmax, stopping_distance, vmax
 from pytest_rvads.physics.bullet_world import BulletWorld
 from pytest_rvads.physics.world import Motion

@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 from pytest_rvads.drivers.reference import Reference
-from pytest_rvads.junctions.finder import find
+from pytest_rvads.geometry.finder import find
 from pytest_rvads.runs.recording import Recording, Track
 from pytest_rvads.runs.recordingfile import save_recording
 from pytest_rvads.runs.run import Run

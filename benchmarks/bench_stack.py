@@ -19,7 +19,7 @@ from pytest_benchmark.fixture import BenchmarkFixture
 from pytest_rvads.drivers.interface import Observation, TargetSpeed
 from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.drivers.stacks.process import Process
-from pytest_rvads.junctions.finder import find
+from pytest_rvads.geometry.finder import find
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.simulators.simulator import simulate

@@ -14,7 +14,7 @@ from pytest_rvads.physics.braking import FASTEST, STANDING, greatest_safe
 from pytest_rvads.physics.world import Motion
 from pytest_rvads.runs.run import DT
 from pytest_rvads.simulators.loop import Loop
-from pytest_rvads.versions import versions
+from pytest_rvads.support.versions import versions
 
 SAME_SIZE = 0.1
 """How much longer or wider than the vehicle of a case a blueprint may be [m]."""

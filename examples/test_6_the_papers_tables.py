@@ -9,7 +9,7 @@ import pytest
 
 import pytest_rvads as rvads
 from pytest_rvads.drivers.lgsvl import LgsvlLike
-from pytest_rvads.paper.experiment import WAIT
+from pytest_rvads.satellites.paper.experiment import WAIT
 
 
 @pytest.fixture(scope="session")

@@ -11,9 +11,9 @@ from pytest_rvads.drivers.playback import Replay as Replay
 from pytest_rvads.drivers.traffic import traffic as traffic
 from pytest_rvads.satellites.campaigns.campaign import campaign as campaign
 from pytest_rvads.satellites.campaigns.resultsfile import Results as Results
-from pytest_rvads.collection.marks import known as known, recorded as recorded, scenario as scenario
-from pytest_rvads.collection.searching import falsify as falsify
-from pytest_rvads.errors import (
+from pytest_rvads.session.collection.marks import known as known, recorded as recorded, scenario as scenario
+from pytest_rvads.session.collection.searching import falsify as falsify
+from pytest_rvads.support.errors import (
     AutopilotError as AutopilotError,
     FormulaError as FormulaError,
     MapError as MapError,
@@ -31,10 +31,10 @@ from pytest_rvads.logic.rules.rule import Rule as Rule
 from pytest_rvads.logic.rules.rulefile import load_rules as load_rules
 from pytest_rvads.logic.rules.vocabulary import Word as Word
 from pytest_rvads.logic.judging.verdicts import Status as Status, Verdict as Verdict
-from pytest_rvads.junctions.finder import find as find
-from pytest_rvads.junctions.junction import Entrance as Entrance, Exit as Exit, Junction as Junction, Movement as Movement
-from pytest_rvads.maps.control import Sign as Sign
-from pytest_rvads.maps.segment import Turn as Turn
+from pytest_rvads.geometry.finder import find as find
+from pytest_rvads.geometry.junction import Entrance as Entrance, Exit as Exit, Junction as Junction, Movement as Movement
+from pytest_rvads.geometry.control import Sign as Sign
+from pytest_rvads.geometry.segment import Turn as Turn
 from pytest_rvads.simulators.choice import limits as limits
 from pytest_rvads.simulators.planar import bullet as bullet, mujoco as mujoco
 from pytest_rvads.satellites.sumo.sumo_simulator import Sumo as Sumo, sumo as sumo
@@ -50,7 +50,7 @@ from pytest_rvads.search.chance import sweep as sweep
 from pytest_rvads.search.metamorphic import equivalent as equivalent
 from pytest_rvads.search.metamorphic import determinate as determinate, rational as rational
 from pytest_rvads.runs.itineraries import Itinerary as Itinerary
-from pytest_rvads.conduct.kpis import kpis as kpis
+from pytest_rvads.logic.conduct.kpis import kpis as kpis
 from pytest_rvads.runs.readers import read_runs as read_runs
 from pytest_rvads.runs.recorded import read_recorded as read_recorded
 from pytest_rvads.runs.measured import Kpis as Kpis
@@ -71,7 +71,7 @@ from pytest_rvads.drivers.interface import (
     Trajectory as Trajectory,
     Waypoint as Waypoint,
 )
-from pytest_rvads.conduct.validate import Finding as Finding, validate as validate
+from pytest_rvads.logic.conduct.validate import Finding as Finding, validate as validate
 from pytest_rvads.runs.vehicle import Vehicle as Vehicle
 from pytest_rvads.drivers.stacks.process import Process as Process
 

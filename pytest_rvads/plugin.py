@@ -14,28 +14,28 @@ from typing import TypeVar
 
 import pytest
 
-from pytest_rvads import hooks
-from pytest_rvads.collection.books import open_book, open_session, outliving
-from pytest_rvads.collection.expansion import expand, expand_recorded, idle, is_recorded, unused
-from pytest_rvads.collection.marks import register_marks
 from pytest_rvads.drivers.chosen import chosen
-from pytest_rvads.errors import RvadsError
 from pytest_rvads.fixtures.monitoring import monitor, rule, settle
 from pytest_rvads.fixtures.running import run, rvads_cell, rvads_recorded, rvads_run, rvads_runs
 from pytest_rvads.fixtures.systems import rvads_autopilot, rvads_map, rvads_simulator, rvads_sut, rvads_vehicle
-from pytest_rvads.options import OPTIONS, Options, declare
+from pytest_rvads.session import hooks
 from pytest_rvads.session.artefacts import check_library
 from pytest_rvads.session.bundled import offer
 from pytest_rvads.session.chosen_driver import code_of_driver, code_of_simulator
 from pytest_rvads.session.closing import Causes, Verdicts
+from pytest_rvads.session.collection.books import open_book, open_session, outliving
+from pytest_rvads.session.collection.expansion import expand, expand_recorded, idle, is_recorded, unused
+from pytest_rvads.session.collection.marks import register_marks
 from pytest_rvads.session.interrupts import end_with_parent, heed, limits
 from pytest_rvads.session.items import RECORD, attach, letter, prepare
 from pytest_rvads.session.main_process import Session
+from pytest_rvads.session.options import OPTIONS, Options, declare
 from pytest_rvads.session.outputs import FOLDER, SessionFolder, claim
 from pytest_rvads.session.plan import Planner, in_part
 from pytest_rvads.session.time_budget import BUDGET, Budget
 from pytest_rvads.simulators.choice import Choice, choice, choosing
-from pytest_rvads.wording import encode_all, one_line
+from pytest_rvads.support.errors import RvadsError
+from pytest_rvads.support.wording import encode_all, one_line
 
 __all__ = [
     "monitor",

@@ -9,12 +9,12 @@ from dataclasses import dataclass, field
 from functools import partial
 from itertools import combinations
 
-from pytest_rvads.errors import RvadsError
-from pytest_rvads.executors import Progress, spread
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.judging.verdicts import Verdict
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.simulators.simulator import named, simulate
+from pytest_rvads.support.errors import RvadsError
+from pytest_rvads.support.executors import Progress, spread
 from studies.killing import killed_by
 
 __all__ = ["Agreement", "Entries", "Mutant", "Trial", "agree", "differences", "same_order", "text_agreements"]

@@ -9,7 +9,7 @@ from typing import Any
 
 from pytest_rvads.drivers.follower import Follower
 from pytest_rvads.drivers.interface import Observation
-from pytest_rvads.junctions.finder import find
+from pytest_rvads.geometry.finder import find
 from pytest_rvads.runs.states import Kind
 from pytest_rvads.runs.vehicle import Vehicle
 from pytest_rvads.scenarios.case import Case, Fleet

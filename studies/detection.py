@@ -17,13 +17,13 @@ from statistics import median
 from pytest_rvads.drivers.interface import Factory
 from pytest_rvads.drivers.lgsvl import LgsvlLike
 from pytest_rvads.drivers.traffic import traffic
-from pytest_rvads.executors import Progress, spread
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.rules.book import rules_for
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.search.falsify import avoidable, broken
 from pytest_rvads.simulators.simulator import Simulator, named, simulate
+from pytest_rvads.support.executors import Progress, spread
 from studies.methods import METHODS
 
 __all__ = ["DEFICIENCIES", "Power", "broken_rules", "interval", "measure"]

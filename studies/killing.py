@@ -8,8 +8,7 @@ from functools import lru_cache, partial
 
 from pytest_rvads.drivers.interface import Factory
 from pytest_rvads.drivers.reference import Reference
-from pytest_rvads.executors import Progress, spread
-from pytest_rvads.junctions.finder import find
+from pytest_rvads.geometry.finder import find
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.rules.book import rules_for
 from pytest_rvads.scenarios.case import Case
@@ -19,6 +18,7 @@ from pytest_rvads.search.falsify import broken
 from pytest_rvads.search.metamorphic import compare
 from pytest_rvads.search.relations import RELATIONS
 from pytest_rvads.simulators.simulator import named, simulate
+from pytest_rvads.support.executors import Progress, spread
 from studies.mutants import MUTANTS
 
 __all__ = ["CELLS", "Killing", "kill_all", "killed_by"]

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Mapping
 from itertools import combinations, product
 from random import Random
 
-from pytest_rvads.junctions.finder import find
+from pytest_rvads.geometry.finder import find
 from pytest_rvads.physics.braking import vmax
 from pytest_rvads.scenarios.classes import Directions, classes, rotations
 from pytest_rvads.scenarios.configurations import Configuration, grid

@@ -11,9 +11,9 @@ from pathlib import Path
 from pytest_rvads.cli import answer, executor_options
 from pytest_rvads.cli.common import progress
 from pytest_rvads.drivers.traffic import traffic
-from pytest_rvads.errors import ScenarioError
 from pytest_rvads.simulators.simulator import named
-from pytest_rvads.storage import write_file
+from pytest_rvads.support.errors import ScenarioError
+from pytest_rvads.support.storage import write_file
 from studies.detection import DEFICIENCIES, measure
 from studies.killing import kill_all
 from studies.power_tables import plot, table_of_mutants, table_of_power

@@ -16,16 +16,16 @@ from pathlib import Path
 import numpy as np
 
 from pytest_rvads.drivers.lgsvl import LgsvlLike
-from pytest_rvads.errors import RunError
-from pytest_rvads.executors import Progress, spread
-from pytest_rvads.maps.control import JunctionControl
-from pytest_rvads.maps.segment import Turn
-from pytest_rvads.paper.experiment import outcome
+from pytest_rvads.geometry.control import JunctionControl
+from pytest_rvads.geometry.segment import Turn
 from pytest_rvads.runs.recorded import read_recorded
 from pytest_rvads.runs.run import Run
+from pytest_rvads.satellites.paper.experiment import outcome
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.simulators.simulator import named, simulate
+from pytest_rvads.support.errors import RunError
+from pytest_rvads.support.executors import Progress, spread
 from studies.agreement import Entries, same_order
 from studies.requests import DEFAULT_WAIT, DURATION, RULES
 from studies.site import build_junction

@@ -8,17 +8,17 @@ from typing import Any, Literal
 
 from msgspec import Struct
 
-from pytest_rvads.decoding import typed
 from pytest_rvads.drivers.traffic import traffic
-from pytest_rvads.errors import MapError, RvadsError, ScenarioError
-from pytest_rvads.maps.control import JunctionControl
-from pytest_rvads.maps.segment import Turn
-from pytest_rvads.paper.experiment import outcome
+from pytest_rvads.geometry.control import JunctionControl
+from pytest_rvads.geometry.segment import Turn
 from pytest_rvads.runs.recorded import Edge
 from pytest_rvads.runs.run import Run
+from pytest_rvads.satellites.paper.experiment import outcome
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.simulators.simulator import Simulator, simulate
+from pytest_rvads.support.decoding import typed
+from pytest_rvads.support.errors import MapError, RvadsError, ScenarioError
 from studies.site import Lengths, build_junction
 
 __all__ = ["Graph", "answer", "predict", "site_lengths"]

@@ -10,8 +10,8 @@ from pathlib import Path
 
 from pytest_rvads.cli import answer, executor_options
 from pytest_rvads.cli.common import progress, say
-from pytest_rvads.errors import ScenarioError, suggest
 from pytest_rvads.simulators.simulator import named
+from pytest_rvads.support.errors import ScenarioError, suggest
 from studies.agreement import agree, text_agreements
 from studies.case_sets import SETS, recorded_trials
 

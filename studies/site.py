@@ -14,11 +14,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.errors import MapError
-from pytest_rvads.junctions.analysis import opposite_pairs, right_of_pairs
-from pytest_rvads.junctions.junction import Junction, Movement, cross
-from pytest_rvads.maps.control import JunctionControl, Sign, phase_groups
-from pytest_rvads.maps.segment import Segment, Turn
+from pytest_rvads.geometry.analysis import opposite_pairs, right_of_pairs
+from pytest_rvads.geometry.control import JunctionControl, Sign, phase_groups
+from pytest_rvads.geometry.junction import Junction, Movement, cross
+from pytest_rvads.geometry.segment import Segment, Turn
+from pytest_rvads.support.errors import MapError
 
 __all__ = ["TOLERANCE", "Lengths", "build_junction", "fit_shape"]
 

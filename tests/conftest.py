@@ -13,13 +13,13 @@ import pytest
 from msgspec import structs
 
 import pytest_rvads
-from pytest_rvads.junctions.finder import find
-from pytest_rvads.junctions.junction import Junction
+from pytest_rvads.geometry.finder import find
+from pytest_rvads.geometry.junction import Junction
+from pytest_rvads.geometry.opendrive.writer import Layout, opendrive
 from pytest_rvads.logic import check as checking
 from pytest_rvads.logic.judging.verdicts import Status, Verdict
 from pytest_rvads.logic.rules.current import own_desk
 from pytest_rvads.logic.rules.rule import Rule
-from pytest_rvads.opendrive.writer import Layout, opendrive
 from pytest_rvads.runs.itineraries import Itinerary
 from pytest_rvads.runs.run import Collision, Facts, Run
 from pytest_rvads.runs.states import Agent, Colour, Zone
@@ -38,8 +38,8 @@ for _name in pytest_rvads.__all__:
 for _name in (
     "hypothesis",
     "numpy.fft",
-    "pytest_rvads.draw.picture",
-    "pytest_rvads.failure_page",
+    "pytest_rvads.report.draw.picture",
+    "pytest_rvads.report.failure_page",
     "pytest_rvads.report.terminal",
 ):
     import_module(_name)

@@ -7,12 +7,12 @@ from typing import Any
 
 import pytest
 
-from pytest_rvads.boundedxml import DEEPEST, LONGEST_TAG
-from pytest_rvads.errors import MapError, RunError
-from pytest_rvads.junctions.road_map import read_map
+from pytest_rvads.geometry.road_map import read_map
 from pytest_rvads.satellites.openscenario.xosctree import read_tree
 from pytest_rvads.satellites.tracks.lightlog import read_lights
 from pytest_rvads.satellites.tracks.logformats import read_log
+from pytest_rvads.support.boundedxml import DEEPEST, LONGEST_TAG
+from pytest_rvads.support.errors import MapError, RunError
 
 READERS: dict[str, tuple[str, Callable[[Path], Any]]] = {
     "town.xodr": ("OpenDRIVE", read_map),

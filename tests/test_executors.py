@@ -15,8 +15,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pytest_rvads.errors import RvadsError
-from pytest_rvads.executors import ExecutorGone, Failed, gathered, spread
+from pytest_rvads.support.errors import RvadsError
+from pytest_rvads.support.executors import ExecutorGone, Failed, gathered, spread
 
 
 def square(number: int) -> int:
@@ -231,7 +231,7 @@ def test_an_executor_that_loses_everything_is_given_up() -> None:
 
 PARENT = """
 import os, sys, time
-from pytest_rvads.executors import gathered
+from pytest_rvads.support.executors import gathered
 def work(job):
     os.write(1, b"%d\\n" % os.getpid())  # in one piece
     time.sleep(60)

@@ -18,12 +18,12 @@ import pytest
 from msgspec import structs
 
 import pytest_rvads as rvads
-from pytest_rvads.draw.curves import draw_braking
-from pytest_rvads.junctions.finder import find, names
-from pytest_rvads.junctions.junction import Junction
+from pytest_rvads.cli.notebook import _MARKS, Picture, html, telling
+from pytest_rvads.geometry.finder import find, names
+from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.logic.judging.verdicts import InstanceVerdict, Status, Verdict
-from pytest_rvads.notebook import _MARKS, Picture, html, telling
-from pytest_rvads.outcome import Outcome
+from pytest_rvads.logic.outcome import Outcome
+from pytest_rvads.report.draw.curves import draw_braking
 from pytest_rvads.runs.run import Excerpt, Fault, Run
 from pytest_rvads.runs.states import Zone
 from pytest_rvads.scenarios.scenario import Scenario
@@ -273,9 +273,9 @@ import pytest_rvads as rvads
 scenario = rvads.Scenario(rvads.find("stop4"), "1000", distance=2, duration=0.1)
 run = rvads.simulate(rvads.Case(scenario, rvads.Reference))
 rvads.check(run, "full_stop")
-print("pytest_rvads.notebook" in sys.modules)
+print("pytest_rvads.cli.notebook" in sys.modules)
 run._repr_html_()
-print("pytest_rvads.notebook" in sys.modules)
+print("pytest_rvads.cli.notebook" in sys.modules)
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout == "False\nTrue\n"

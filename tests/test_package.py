@@ -12,7 +12,7 @@ import pytest
 
 import pytest_rvads
 from pytest_rvads.cli import main
-from pytest_rvads.wording import SITE, page
+from pytest_rvads.support.wording import SITE, page
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = Path(pytest_rvads.__file__).parent

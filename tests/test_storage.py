@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from pytest_rvads.storage import read_file, write_file
+from pytest_rvads.support.storage import read_file, write_file
 
 
 def test_what_was_written_is_read(tmp_path: Path) -> None:

@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pytest_rvads.errors import RvadsError
-from pytest_rvads.stratified import draw
+from pytest_rvads.support.errors import RvadsError
+from pytest_rvads.support.stratified import draw
 
 Thing = tuple[str, str, str, int]
 """Junction, class, configuration, number: the first three are the strata, all together the name."""
@@ -66,7 +66,7 @@ def test_seeds_draw_others_and_every_thing_is_drawn_by_some_seed() -> None:
 
 
 def test_a_sample_is_the_same_in_another_process() -> None:
-    code = "from pytest_rvads.stratified import draw; print(draw(range(1000), 9, 4, lambda k: (str(k % 7),), str))"
+    code = "from pytest_rvads.support.stratified import draw; print(draw(range(1000), 9, 4, lambda k: (str(k % 7),), str))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == str(draw(range(1000), 9, 4, lambda k: (str(k % 7),), str))
 

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pytest_rvads.wording import encode_all, markup, one_line, printable, quoted
+from pytest_rvads.support.wording import encode_all, markup, one_line, printable, quoted
 
 
 def test_what_steers_a_terminal_or_turns_the_writing_is_escaped() -> None:

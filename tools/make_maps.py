@@ -1,8 +1,8 @@
 """Write the built-in maps anew: ``python tools/make_maps.py``."""
 
-from pytest_rvads.junctions.builtin import LAYOUTS, path_of
-from pytest_rvads.opendrive.roundabout import Roundabout, roundabout
-from pytest_rvads.opendrive.writer import opendrive
+from pytest_rvads.geometry.builtin import LAYOUTS, path_of
+from pytest_rvads.geometry.opendrive.roundabout import Roundabout, roundabout
+from pytest_rvads.geometry.opendrive.writer import opendrive
 
 
 def main() -> None:

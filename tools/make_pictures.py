@@ -13,10 +13,10 @@ import numpy as np
 
 import pytest_rvads as rvads
 from pytest_rvads.cli import main as command
-from pytest_rvads.draw.picture import picture
-from pytest_rvads.draw.scene import path
-from pytest_rvads.failure_page import moment
-from pytest_rvads.storage import write_file
+from pytest_rvads.report.draw.picture import picture
+from pytest_rvads.report.draw.scene import path
+from pytest_rvads.report.failure_page import moment
+from pytest_rvads.support.storage import write_file
 
 FOLDER = Path(__file__).parents[1] / "docs" / "concepts"
 ROOM, TITLE = 26.0, 4.0

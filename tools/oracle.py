@@ -27,8 +27,8 @@ import numpy as np
 import pytest_rvads as rvads
 from pytest_rvads.cli import main as command
 from pytest_rvads.logic.rules.book import rules_for
-from pytest_rvads.paper.experiment import TABLES, Setup, entries, run_entry
 from pytest_rvads.runs.recording import zones
+from pytest_rvads.satellites.paper.experiment import TABLES, Setup, entries, run_entry
 from pytest_rvads.scenarios.configurations import grid
 from pytest_rvads.scenarios.selection import Selection
 

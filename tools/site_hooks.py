@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, cast
 from unittest.mock import patch
 
 from pytest_rvads.cli import main
-from pytest_rvads.options import declare
+from pytest_rvads.session.options import declare
 
 if TYPE_CHECKING:
     from mkdocs.structure.files import Files

@@ -12,17 +12,17 @@ from collections.abc import Callable, Sequence
 
 from pytest_rvads import __version__
 from pytest_rvads.cli import (
+    braking_command,
     check_commands,
     init_command,
     map_commands,
     replay_command,
     report_commands,
-    simulate_commands,
 )
 from pytest_rvads.cli.common import warn
-from pytest_rvads.entrypoints import entries, load
-from pytest_rvads.errors import RvadsError
-from pytest_rvads.wording import encode_all, page
+from pytest_rvads.support.entrypoints import entries, load
+from pytest_rvads.support.errors import RvadsError
+from pytest_rvads.support.wording import encode_all, page
 
 __all__ = ["answer", "main"]
 
@@ -99,7 +99,7 @@ def _parser() -> argparse.ArgumentParser:
         init_command,
         map_commands,
         check_commands,
-        simulate_commands,
+        braking_command,
         report_commands,
         replay_command,
     ):

@@ -9,8 +9,8 @@ from functools import partial
 from pathlib import Path
 
 from pytest_rvads.cli.common import Subparsers, lines, progress, say
-from pytest_rvads.entrypoints import load
-from pytest_rvads.errors import RunError, ScenarioError
+from pytest_rvads.support.entrypoints import load
+from pytest_rvads.support.errors import RunError, ScenarioError
 
 __all__ = ["declare"]
 
@@ -68,8 +68,8 @@ def _declare_rules_check(rules: argparse.ArgumentParser) -> None:
 
 def _rules_check(options: argparse.Namespace) -> int:
     from pytest_rvads.cli.answers import named_rules
-    from pytest_rvads.junctions.finder import find
-    from pytest_rvads.maps.control import JunctionControl
+    from pytest_rvads.geometry.control import JunctionControl
+    from pytest_rvads.geometry.finder import find
     from pytest_rvads.scenarios.classes import parse
     from pytest_rvads.search.survey import show, survey
 

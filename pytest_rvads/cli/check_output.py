@@ -15,15 +15,15 @@ from msgspec.structs import replace
 
 from pytest_rvads.cli.common import clear, progress, say, warn
 from pytest_rvads.cli.run_answers import NOTABLE, Batch, RunAnswer
-from pytest_rvads.conduct.kpis import describe
-from pytest_rvads.failure_page import when
+from pytest_rvads.logic.conduct.kpis import describe
 from pytest_rvads.logic.judging.verdicts import InstanceVerdict, Status, Verdict
-from pytest_rvads.outcome import Outcome
+from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.report.anew import Spool
 from pytest_rvads.report.at_junctions import AtJunctions
+from pytest_rvads.report.failure_page import when
 from pytest_rvads.report.rollup import sums
 from pytest_rvads.report.session_report import NOTHING_JUDGED, UNFINISHED, Report, exit_status
-from pytest_rvads.wording import plural
+from pytest_rvads.support.wording import plural
 
 __all__ = ["VERSION", "Output", "Teller", "Totals", "line", "measured", "output", "unsure"]
 
@@ -244,7 +244,7 @@ class Teller:
         if not self._reports:
             return
         from pytest_rvads.report.files import save
-        from pytest_rvads.versions import versions
+        from pytest_rvads.support.versions import versions
 
         notes = () if whole else ("INCOMPLETE: rvads check did not come to its end, so runs are missing",)
         report = Report(

@@ -7,18 +7,18 @@ import shutil
 import signal
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from itertools import count
 from typing import TYPE_CHECKING, TypeAlias
 
-from pytest_rvads.errors import RvadsError
-from pytest_rvads.wording import printable
+from pytest_rvads.support.errors import RvadsError
+from pytest_rvads.support.wording import printable
 
 if TYPE_CHECKING:
     from pytest_rvads.report.session_report import Report
 
-__all__ = ["LINE_LIMIT", "Subparsers", "clear", "lines", "progress", "say", "show", "terminable", "warn"]
+__all__ = ["LINE_LIMIT", "Subparsers", "clear", "lines", "progress", "progress_for", "say", "show", "terminable", "warn"]
 
 LINE_LIMIT = 2**20
 """Longest line that is read [bytes]; to answer it may take a hundred times as much memory."""
@@ -50,6 +50,11 @@ def progress(done: int, total: int, what: str = "runs") -> None:
         print(f"\r[{'#' * full}{' ' * (40 - full)}] {done}/{total} {what}", end=end, file=sys.stderr, flush=True)
     elif 4 * done // total > 4 * (done - 1) // total:
         print(f"{done}/{total} {what}", file=sys.stderr)
+
+
+def progress_for(options: argparse.Namespace) -> Callable[[int, int], None] | None:
+    """Return the progress display; None for a program that wants JSON, which may read standard error together with it."""
+    return None if options.json and not sys.stderr.isatty() else progress
 
 
 def clear() -> None:

@@ -11,7 +11,7 @@ from concurrent.futures import Executor
 from contextlib import contextmanager
 from importlib.util import find_spec
 
-from pytest_rvads.errors import RvadsError, ScenarioError, needs
+from pytest_rvads.support.errors import RvadsError, ScenarioError, needs
 
 __all__ = ["declare", "opened"]
 

@@ -12,8 +12,8 @@ from pathlib import Path
 from string import Template
 
 from pytest_rvads.cli.common import Subparsers, say
-from pytest_rvads.errors import MapError, RunError, RvadsError, ScenarioError
-from pytest_rvads.wording import page
+from pytest_rvads.support.errors import MapError, RunError, RvadsError, ScenarioError
+from pytest_rvads.support.wording import page
 
 __all__ = ["WORKFLOW", "declare", "template"]
 
@@ -128,10 +128,10 @@ def _command(text: str) -> list[str]:
 
 def _place(file: str, wanted: str | None) -> dict[str, object]:
     """Return a junction of a map and the starts of its vehicles: the given junction, or the first junction with meeting ways."""
-    from pytest_rvads.junctions.conflicts import JunctionKind
-    from pytest_rvads.junctions.finder import find
-    from pytest_rvads.junctions.road_map import describe, read_map
-    from pytest_rvads.maps.control import JunctionControl
+    from pytest_rvads.geometry.conflicts import JunctionKind
+    from pytest_rvads.geometry.control import JunctionControl
+    from pytest_rvads.geometry.finder import find
+    from pytest_rvads.geometry.road_map import describe, read_map
     from pytest_rvads.scenarios.classes import label
     from pytest_rvads.scenarios.selection import alone
 

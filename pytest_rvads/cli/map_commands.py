@@ -14,9 +14,9 @@ from pathlib import Path
 from typing import Any
 
 from pytest_rvads.cli.common import Subparsers, say, warn
-from pytest_rvads.maps.segment import NO_LIMIT
-from pytest_rvads.storage import write_file
-from pytest_rvads.wording import plural
+from pytest_rvads.geometry.segment import NO_LIMIT
+from pytest_rvads.support.storage import write_file
+from pytest_rvads.support.wording import plural
 
 __all__ = ["declare"]
 
@@ -48,11 +48,11 @@ def declare(commands: Subparsers) -> None:
 
 
 def _classes(options: argparse.Namespace) -> int:
-    from pytest_rvads.draw.class_table import draw_classes
-    from pytest_rvads.errors import ScenarioError
-    from pytest_rvads.junctions.finder import find
+    from pytest_rvads.geometry.finder import find
+    from pytest_rvads.report.draw.class_table import draw_classes
     from pytest_rvads.scenarios.classes import label
     from pytest_rvads.scenarios.orbits import Orbits
+    from pytest_rvads.support.errors import ScenarioError
 
     place = find(options.junction, options.map) if options.junction else None
     if place is None and options.map:
@@ -78,9 +78,9 @@ def _classes(options: argparse.Namespace) -> int:
 
 
 def _map(options: argparse.Namespace) -> int:
-    from pytest_rvads.conduct.room import narrow_lines
-    from pytest_rvads.draw.map_picture import draw_map
-    from pytest_rvads.junctions.road_map import describe, read_map
+    from pytest_rvads.geometry.road_map import describe, read_map
+    from pytest_rvads.logic.conduct.room import narrow_lines
+    from pytest_rvads.report.draw.map_picture import draw_map
 
     road_map = read_map(options.file, uturns=options.uturns, clusters=options.clusters)
     found = describe(road_map)
@@ -106,7 +106,7 @@ def _map(options: argparse.Namespace) -> int:
 
 def _summed(junctions: list[dict[str, Any]]) -> str:
     """Return a line on the usable junctions: their number, their kinds, and the length of the longest approaches."""
-    from pytest_rvads.junctions.conflicts import JunctionKind
+    from pytest_rvads.geometry.conflicts import JunctionKind
 
     usable = [junction for junction in junctions if junction["usable"]]
     share = f"{len(usable)} of {len(junctions)} usable"

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pytest_rvads.cli.common import Subparsers, progress, say, warn
-from pytest_rvads.errors import RunError, RvadsError
-from pytest_rvads.wording import first, one_line, plural, quoted
+from pytest_rvads.support.errors import RunError, RvadsError
+from pytest_rvads.support.wording import first, one_line, plural, quoted
 
 if TYPE_CHECKING:
     from pytest_rvads.cli.replayed import Replayed
@@ -70,7 +70,7 @@ class _Session:
     def page(self, record: Record) -> Path:
         """Return the path of the page of a failure, whether the page exists or not."""
         from pytest_rvads.report.folders import shown
-        from pytest_rvads.storage import slug
+        from pytest_rvads.support.storage import slug
 
         return shown(self.folder, slug(record.nodeid))
 
@@ -145,7 +145,7 @@ def _file(options: argparse.Namespace, file: Path) -> int:
 
 def _write(shown: Replayed, page: Path, output: str | None, svg: str | None) -> None:
     """Write the page of a replay, or an animated picture, or both, and print the paths and the message of the verdict."""
-    from pytest_rvads.storage import write_file
+    from pytest_rvads.support.storage import write_file
 
     if shown.doubt:
         warn(f"rvads: {shown.doubt}")
@@ -244,7 +244,7 @@ def _one(chosen: Sequence[Record], session: _Session, what: str, rule: str | Non
 
 def _all(session: _Session, chosen: Sequence[Record]) -> int:
     """Draw all failures without a page; a failure that can't be drawn does not stop the others."""
-    from pytest_rvads.storage import write_file
+    from pytest_rvads.support.storage import write_file
 
     todo, lost = [record for record in chosen if not session.page(record).exists()], 0
     for number, record in enumerate(todo, 1):

@@ -9,16 +9,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pytest_rvads.cli.answers import named_rules
-from pytest_rvads.draw.animated import animated
-from pytest_rvads.draw.replay import Beside, replay
-from pytest_rvads.errors import FormulaError, RunError, RvadsError
-from pytest_rvads.failure_page import failure_pages, moment, other_verdicts, usual_rules
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.judging.verdicts import Verdict
 from pytest_rvads.logic.rules.book import get_rule
 from pytest_rvads.logic.rules.rule import Rule
+from pytest_rvads.report.draw.animated import animated
+from pytest_rvads.report.draw.replay import Beside, replay
 from pytest_rvads.report.earlier import earlier_run
 from pytest_rvads.report.facts import facts
+from pytest_rvads.report.failure_page import failure_pages, moment, other_verdicts, usual_rules
 from pytest_rvads.report.folders import INDEX, run_file
 from pytest_rvads.report.record import Record, RecordedItem
 from pytest_rvads.report.run_record import summed
@@ -27,7 +26,8 @@ from pytest_rvads.runs.readers import read_runs
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.runfile import load_run
 from pytest_rvads.scenarios.ids import recalled
-from pytest_rvads.wording import quoted
+from pytest_rvads.support.errors import FormulaError, RunError, RvadsError
+from pytest_rvads.support.wording import quoted
 
 __all__ = ["Replayed", "failed_run", "run_of_file"]
 

@@ -7,9 +7,9 @@ import shutil
 from pathlib import Path
 
 from pytest_rvads.cli.common import Subparsers, say, show, warn
-from pytest_rvads.errors import RvadsError
 from pytest_rvads.report.session_report import UNFINISHED
-from pytest_rvads.wording import one_line
+from pytest_rvads.support.errors import RvadsError
+from pytest_rvads.support.wording import one_line
 
 __all__ = ["declare"]
 
@@ -146,8 +146,8 @@ def _compare(options: argparse.Namespace) -> int:
 
 
 def _make(options: argparse.Namespace) -> int:
-    from pytest_rvads.entrypoints import load
     from pytest_rvads.report.files import fitting, save
+    from pytest_rvads.support.entrypoints import load
 
     paths = list(map(fitting, options.output))
     with load("results", "campaign")(options.files) as results:

@@ -19,20 +19,20 @@ from shlex import quote
 from msgspec.structs import replace
 
 from pytest_rvads.cli.answers import named_rules
-from pytest_rvads.conduct.kpis import kpis
-from pytest_rvads.conduct.validate import damage, validate
-from pytest_rvads.draw.replay import Beside
-from pytest_rvads.executors import Failed, gathered
-from pytest_rvads.failure_page import failure_pages
+from pytest_rvads.logic.conduct.kpis import kpis
+from pytest_rvads.logic.conduct.validate import damage, validate
 from pytest_rvads.logic.judging.verdicts import Status, Verdict
 from pytest_rvads.logic.rules.rule import Rule
+from pytest_rvads.report.draw.replay import Beside
+from pytest_rvads.report.failure_page import failure_pages
 from pytest_rvads.report.record import Record, planned_record
 from pytest_rvads.report.run_record import by_rule, of_run, sentence, summed, verdict_by
 from pytest_rvads.runs.measured import Kpis
 from pytest_rvads.runs.readers import READERS, read_runs
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.run_paths import files_of, matching
-from pytest_rvads.storage import slug, write_file
+from pytest_rvads.support.executors import Failed, gathered
+from pytest_rvads.support.storage import slug, write_file
 
 __all__ = ["NOTABLE", "Batch", "Question", "RunAnswer", "judged"]
 

@@ -9,7 +9,6 @@ from dataclasses import replace
 
 from pytest_rvads.conformance.bench import Bench, Broken, NotTried, crowd, own_row, set_back
 from pytest_rvads.conformance.probes import Brakes
-from pytest_rvads.errors import MapError, RunError, RvadsError, ScenarioError
 from pytest_rvads.physics.body import start
 from pytest_rvads.physics.braking import FASTEST
 from pytest_rvads.runs.run import DT, Run
@@ -17,7 +16,8 @@ from pytest_rvads.runs.states import Zone
 from pytest_rvads.runs.vehicle import Vehicle
 from pytest_rvads.scenarios.case import Case, Fleet
 from pytest_rvads.simulators.simulator import usable, vmax
-from pytest_rvads.wording import one_line
+from pytest_rvads.support.errors import MapError, RunError, RvadsError, ScenarioError
+from pytest_rvads.support.wording import one_line
 
 __all__ = ["envelope_is_a_curve", "has_a_name", "impossible_cases", "start_places"]
 

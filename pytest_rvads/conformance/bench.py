@@ -8,12 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from pytest_rvads.conduct.validate import damage
 from pytest_rvads.conformance.probes import Brakes, Cruises
 from pytest_rvads.drivers.interface import Factory
-from pytest_rvads.errors import ScenarioError
-from pytest_rvads.junctions.junction import Junction, Movement
-from pytest_rvads.maps.segment import Turn
+from pytest_rvads.geometry.junction import Junction, Movement
+from pytest_rvads.geometry.segment import Turn
+from pytest_rvads.logic.conduct.validate import damage
 from pytest_rvads.runs.itineraries import itinerary
 from pytest_rvads.runs.run import Run
 from pytest_rvads.scenarios.case import Case
@@ -21,6 +20,7 @@ from pytest_rvads.scenarios.orbits import Orbits
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.simulators.choice import limits
 from pytest_rvads.simulators.simulator import Simulator, answered
+from pytest_rvads.support.errors import ScenarioError
 
 __all__ = ["JUNCTIONS", "Bench", "Broken", "Look", "NotTried", "among", "crowd", "meeting", "own_row", "set_back", "straight"]
 

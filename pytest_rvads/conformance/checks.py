@@ -9,9 +9,9 @@ from typing import Any
 
 from pytest_rvads.conformance import at_start, events, in_motion, repetition, with_drivers
 from pytest_rvads.conformance.bench import Bench, Broken, Look, NotTried
-from pytest_rvads.errors import ScenarioError, require, suggest
 from pytest_rvads.simulators.simulator import Simulator
-from pytest_rvads.wording import one_line
+from pytest_rvads.support.errors import ScenarioError, require, suggest
+from pytest_rvads.support.wording import one_line
 
 __all__ = ["CHECKS", "demand", "faults", "unsupported"]
 

@@ -9,11 +9,11 @@ from functools import partial
 
 import numpy as np
 
-from pytest_rvads.conduct.bodies import overlap
 from pytest_rvads.conformance.bench import Bench, NotTried, among, meeting, straight
 from pytest_rvads.conformance.probes import Cast, Cruises, Witness
 from pytest_rvads.drivers.interface import Observation
-from pytest_rvads.junctions.sweep import EXIT_LENGTH
+from pytest_rvads.geometry.sweep import EXIT_LENGTH
+from pytest_rvads.logic.conduct.bodies import overlap
 from pytest_rvads.runs.run import DT, Run
 from pytest_rvads.runs.states import Zone
 from pytest_rvads.runs.vehicle import Vehicle

@@ -8,10 +8,10 @@ from functools import partial
 
 import numpy as np
 
-from pytest_rvads.conduct.validate import validate
 from pytest_rvads.conformance.bench import Bench, crowd, own_row
 from pytest_rvads.conformance.probes import Brakes, Cruises, Witness
 from pytest_rvads.drivers.interface import Observation
+from pytest_rvads.logic.conduct.validate import validate
 from pytest_rvads.runs.itineraries import Itinerary
 from pytest_rvads.runs.lights import CLEARANCE, GREEN, YELLOW
 from pytest_rvads.runs.run import DT, Run

@@ -16,7 +16,7 @@ from pytest_rvads.conformance.probes import Brakes
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.simulators.choice import limits
 from pytest_rvads.simulators.simulator import Simulator, made_by, named, simulate, simulators
-from pytest_rvads.wording import one_line
+from pytest_rvads.support.wording import one_line
 
 __all__ = ["another_process", "answer", "provenance", "repeatable"]
 
@@ -134,5 +134,5 @@ def provenance(bench: Bench) -> Iterator[str]:
         yield (
             f"{run.label}: its provenance has versions {got}, expected {{'pytest-rvads': {__version__!r}, ...}} with all that "
             "decides "
-            "what it does: pytest_rvads.versions.versions(...) tells them"
+            "what it does: pytest_rvads.support.versions.versions(...) tells them"
         )

@@ -11,8 +11,8 @@ import pytest
 from pytest_rvads.conformance.bench import JUNCTIONS, Bench, NotTried
 from pytest_rvads.conformance.checks import CHECKS, demand, faults, unsupported
 from pytest_rvads.drivers.reference import Reference
-from pytest_rvads.junctions.finder import find
-from pytest_rvads.options import Options
+from pytest_rvads.geometry.finder import find
+from pytest_rvads.session.options import Options
 from pytest_rvads.simulators.simulator import Simulator, meant
 
 

@@ -7,7 +7,6 @@ from functools import partial
 
 import numpy as np
 
-from pytest_rvads.conduct.lane import off_route
 from pytest_rvads.conformance.bench import Bench, Broken, NotTried, crowd, own_row
 from pytest_rvads.conformance.probes import (
     FAULTY_FROM,
@@ -21,9 +20,10 @@ from pytest_rvads.conformance.probes import (
     unmade,
 )
 from pytest_rvads.drivers.interface import Observation
+from pytest_rvads.geometry.segment import SPEED_LIMIT
 from pytest_rvads.logic.check import check
+from pytest_rvads.logic.conduct.lane import off_route
 from pytest_rvads.logic.judging.verdicts import Status
-from pytest_rvads.maps.segment import SPEED_LIMIT
 from pytest_rvads.physics.braking import STANDING
 from pytest_rvads.runs.run import DT, Run
 from pytest_rvads.runs.vehicle import Vehicle

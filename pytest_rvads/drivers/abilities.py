@@ -12,7 +12,7 @@ from inspect import getattr_static
 from numbers import Real
 from typing import Any
 
-from pytest_rvads.errors import AutopilotError
+from pytest_rvads.support.errors import AutopilotError
 
 __all__ = ["OF_AUTOPILOTS", "OF_SYSTEMS", "check_factory", "refuse", "spelling"]
 

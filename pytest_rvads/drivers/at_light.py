@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from pytest_rvads.conduct.standing import stop_place
 from pytest_rvads.drivers.crossing import conflicts, exit_blocked, not_queued, runs_through
 from pytest_rvads.drivers.follower import STANDING
 from pytest_rvads.drivers.interface import Observation
 from pytest_rvads.drivers.spacing import can_stop, time_to
 from pytest_rvads.drivers.stop_sign import WAIVER
-from pytest_rvads.maps.segment import Turn
+from pytest_rvads.geometry.segment import Turn
+from pytest_rvads.logic.conduct.standing import stop_place
 from pytest_rvads.runs.itineraries import ENTRANCE_ZONE
 from pytest_rvads.runs.states import APPROACH, ENTRANCE, JUNCTION, Colour, VehicleState
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from pytest_rvads.drivers.naming import at
-from pytest_rvads.errors import AutopilotError
+from pytest_rvads.support.errors import AutopilotError
 
 __all__ = ["chosen"]
 

@@ -9,10 +9,10 @@ from typing import NamedTuple
 
 from pytest_rvads.drivers.interface import Observation
 from pytest_rvads.drivers.way_ahead import track
-from pytest_rvads.junctions.conflicts import Key, Shared
-from pytest_rvads.junctions.junction import Junction
-from pytest_rvads.junctions.yielding import Reason
-from pytest_rvads.maps.segment import Turn
+from pytest_rvads.geometry.conflicts import Key, Shared
+from pytest_rvads.geometry.junction import Junction
+from pytest_rvads.geometry.segment import Turn
+from pytest_rvads.geometry.yielding import Reason
 from pytest_rvads.runs.itineraries import Itinerary, itinerary
 from pytest_rvads.runs.states import APPROACH, ENTRANCE, EXIT, JUNCTION, VehicleState
 

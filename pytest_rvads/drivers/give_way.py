@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 
-from pytest_rvads.conduct.room import stand_back
 from pytest_rvads.drivers.at_light import EAGER, SET_OFF, YELLOW, Light
 from pytest_rvads.drivers.crossing import ROLLING, Meeting, Meetings, exit_blocked, may_meet, may_yield, not_queued, runs_through
 from pytest_rvads.drivers.follower import STANDING
@@ -17,7 +16,8 @@ from pytest_rvads.drivers.order import Queue
 from pytest_rvads.drivers.spacing import BEFORE, LEEWAY, can_stop, stop_before, time_to
 from pytest_rvads.drivers.stop_sign import HOLD, WAIVER
 from pytest_rvads.drivers.way_ahead import Track
-from pytest_rvads.maps.control import JunctionControl, Sign
+from pytest_rvads.geometry.control import JunctionControl, Sign
+from pytest_rvads.logic.conduct.room import stand_back
 from pytest_rvads.runs.itineraries import LEAVE
 from pytest_rvads.runs.states import APPROACH, ENTRANCE, JUNCTION, Colour, VehicleState
 

@@ -22,8 +22,8 @@ from typing import Any
 from pytest_rvads import __version__
 from pytest_rvads.drivers.stacks.process import Process
 from pytest_rvads.logic.rules.sameness import codes, content
-from pytest_rvads.versions import code
-from pytest_rvads.wording import one_line
+from pytest_rvads.support.versions import code
+from pytest_rvads.support.wording import one_line
 
 __all__ = ["identity", "source"]
 

@@ -12,8 +12,8 @@ from functools import lru_cache
 from typing import Any, NamedTuple, Protocol
 
 from pytest_rvads.drivers.abilities import OF_AUTOPILOTS, OF_SYSTEMS, refuse
-from pytest_rvads.junctions.junction import Junction
-from pytest_rvads.maps.segment import Turn
+from pytest_rvads.geometry.junction import Junction
+from pytest_rvads.geometry.segment import Turn
 from pytest_rvads.runs.itineraries import Itinerary, itinerary
 from pytest_rvads.runs.run import DT
 from pytest_rvads.runs.states import Agent, Colour, VehicleState

@@ -11,7 +11,7 @@ from pathlib import Path
 from traceback import extract_tb
 from typing import TYPE_CHECKING, Any
 
-from pytest_rvads.wording import one_line
+from pytest_rvads.support.wording import one_line
 
 if TYPE_CHECKING:
     from pytest_rvads.drivers.interface import Factory

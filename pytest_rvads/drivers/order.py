@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from pytest_rvads.conduct.standing import STANDSTILL, stop_place
 from pytest_rvads.drivers.crossing import may_meet
 from pytest_rvads.drivers.interface import Observation
+from pytest_rvads.logic.conduct.standing import STANDSTILL, stop_place
 from pytest_rvads.runs.run import DT
 from pytest_rvads.runs.states import APPROACH, ENTRANCE, VehicleState
 

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from pytest_rvads.drivers.follower import STANDING, Follower
 from pytest_rvads.drivers.interface import Control, Drives, Observation, TrafficSystem
 from pytest_rvads.drivers.tracker import PLACE_GAIN, SPEED_GAIN
-from pytest_rvads.errors import RunError, ScenarioError
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.runfile import load_run
 from pytest_rvads.runs.states import Agent
+from pytest_rvads.support.errors import RunError, ScenarioError
 
 __all__ = ["Replay"]
 

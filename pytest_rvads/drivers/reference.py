@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from typing import Protocol
 
-from pytest_rvads.conduct.room import room
 from pytest_rvads.drivers.at_light import Light
 from pytest_rvads.drivers.crossing import Meetings, ahead_in_lane
 from pytest_rvads.drivers.follower import Follower
@@ -22,10 +21,11 @@ from pytest_rvads.drivers.spacing import (
     no_room,
 )
 from pytest_rvads.drivers.stop_sign import HOLD, StopSign
-from pytest_rvads.errors import AutopilotError
-from pytest_rvads.junctions.junction import Junction
-from pytest_rvads.maps.control import JunctionControl
+from pytest_rvads.geometry.control import JunctionControl
+from pytest_rvads.geometry.junction import Junction
+from pytest_rvads.logic.conduct.room import room
 from pytest_rvads.runs.states import APPROACH, ENTRANCE, JUNCTION
+from pytest_rvads.support.errors import AutopilotError
 
 __all__ = ["Gate", "Reference", "by_zones"]
 

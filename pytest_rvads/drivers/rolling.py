@@ -10,7 +10,7 @@ from pytest_rvads.drivers.give_way import GiveWay
 from pytest_rvads.drivers.interface import Observation
 from pytest_rvads.drivers.reference import Gate, Reference, by_zones
 from pytest_rvads.drivers.stop_sign import PATIENCE, PATIENCE_STEP
-from pytest_rvads.maps.control import JunctionControl, Sign
+from pytest_rvads.geometry.control import JunctionControl, Sign
 from pytest_rvads.runs.itineraries import ENTRANCE_ZONE
 from pytest_rvads.runs.states import Colour, Zone
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pytest_rvads.drivers.interface import Autopilot, Command, Observation
-from pytest_rvads.errors import AutopilotError
+from pytest_rvads.support.errors import AutopilotError
 
 __all__ = ["SumoDriver"]
 

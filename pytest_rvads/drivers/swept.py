@@ -9,8 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pytest_rvads.junctions.sweep import STEP, Course, Plan, plan, with_roads
-from pytest_rvads.maps.segment import Pose, Segment
+from pytest_rvads.geometry.segment import Pose, Segment
+from pytest_rvads.geometry.sweep import STEP, Course, Plan, plan, with_roads
 from pytest_rvads.runs.itineraries import Itinerary
 from pytest_rvads.runs.vehicle import Vehicle
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import partial
 
-from pytest_rvads.conduct.standing import TIE
 from pytest_rvads.drivers.interface import Factory
 from pytest_rvads.drivers.lgsvl import LgsvlLike
 from pytest_rvads.drivers.naming import in_ids
@@ -13,7 +12,8 @@ from pytest_rvads.drivers.policies import Hesitant, LateYielder, RedLightRunner,
 from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.drivers.rolling import RollingStop
 from pytest_rvads.drivers.sumo_driver import SumoDriver
-from pytest_rvads.errors import ScenarioError, suggest
+from pytest_rvads.logic.conduct.standing import TIE
+from pytest_rvads.support.errors import ScenarioError, suggest
 
 __all__ = ["DEFAULT", "EVERYWHERE", "POLICIES", "Policy", "policy_name", "traffic"]
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from functools import lru_cache
 
 from pytest_rvads.drivers.swept import AxlePath, approach_pace
-from pytest_rvads.maps.segment import SPEED_LIMIT, Pose, Segment
+from pytest_rvads.geometry.segment import SPEED_LIMIT, Pose, Segment
 from pytest_rvads.runs.itineraries import Itinerary
 from pytest_rvads.runs.vehicle import Vehicle
 

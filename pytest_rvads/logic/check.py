@@ -8,13 +8,13 @@ from dataclasses import replace
 
 from msgspec import structs
 
-from pytest_rvads.conduct.memo import once
-from pytest_rvads.conduct.predicates import extract
-from pytest_rvads.conduct.presence import cut_off
-from pytest_rvads.conduct.sampling import without_jumps
-from pytest_rvads.conduct.validate import damage
-from pytest_rvads.errors import RunError, require
-from pytest_rvads.junctions.junction import Junction
+from pytest_rvads.geometry.control import JunctionControl
+from pytest_rvads.geometry.junction import Junction
+from pytest_rvads.logic.conduct.memo import once
+from pytest_rvads.logic.conduct.predicates import extract
+from pytest_rvads.logic.conduct.presence import cut_off
+from pytest_rvads.logic.conduct.sampling import without_jumps
+from pytest_rvads.logic.conduct.validate import damage
 from pytest_rvads.logic.judging.attribution import attribute, companions
 from pytest_rvads.logic.judging.cycle import Cycle, find_cycle
 from pytest_rvads.logic.judging.evaluate import Values
@@ -23,14 +23,14 @@ from pytest_rvads.logic.judging.judge import Near, judge, nearest_miss
 from pytest_rvads.logic.judging.prepare import Template, prepare
 from pytest_rvads.logic.judging.readings import doubted
 from pytest_rvads.logic.judging.verdicts import Status, Verdict
+from pytest_rvads.logic.outcome import Outcome, counted
 from pytest_rvads.logic.rules.book import RuleBook, current_book, get_rule, is_rulebook, rules_for
 from pytest_rvads.logic.rules.rule import LONGEST_TIE, Rule
 from pytest_rvads.logic.rules.shape import shape_of
 from pytest_rvads.logic.telling.explain import tell
 from pytest_rvads.logic.telling.story import Story
-from pytest_rvads.maps.control import JunctionControl
-from pytest_rvads.outcome import Outcome, counted
 from pytest_rvads.runs.run import Run
+from pytest_rvads.support.errors import RunError, require
 
 __all__ = ["check", "extract", "ground", "simplify", "unfold"]
 

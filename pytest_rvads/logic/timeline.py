@@ -6,9 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pytest_rvads.conduct.predicates import extract
-from pytest_rvads.conduct.sampling import without_jumps
-from pytest_rvads.errors import RunError
+from pytest_rvads.logic.conduct.predicates import extract
+from pytest_rvads.logic.conduct.sampling import without_jumps
 from pytest_rvads.logic.judging.evaluate import Values
 from pytest_rvads.logic.judging.judge import walk
 from pytest_rvads.logic.judging.prepare import prepare
@@ -17,6 +16,7 @@ from pytest_rvads.logic.rules.book import get_rule
 from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.logic.telling.story import bound_names
 from pytest_rvads.runs.run import Run
+from pytest_rvads.support.errors import RunError
 
 __all__ = ["Timeline", "timelines"]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from pytest_rvads.conduct.lane import MAX_OFFSET, beside
+from pytest_rvads.logic.conduct.lane import MAX_OFFSET, beside
 from pytest_rvads.physics.dynamics import Dynamics
 from pytest_rvads.physics.world import Motion
 from pytest_rvads.runs.itineraries import Itinerary

@@ -13,14 +13,14 @@ from dataclasses import asdict
 from functools import lru_cache
 from itertools import pairwise
 
-from pytest_rvads.errors import RunError, ScenarioError
-from pytest_rvads.maps.segment import SPEED_LIMIT
+from pytest_rvads.geometry.segment import SPEED_LIMIT
 from pytest_rvads.physics.cache import cached
 from pytest_rvads.physics.dynamics import Dynamics
 from pytest_rvads.physics.engines import Engine, usual
 from pytest_rvads.physics.world import Motion
 from pytest_rvads.runs.run import DT
 from pytest_rvads.runs.vehicle import Vehicle
+from pytest_rvads.support.errors import RunError, ScenarioError
 
 __all__ = ["FASTEST", "RESOLUTION", "STANDING", "check_start", "envelope", "greatest_safe", "stopping_distance", "vmax"]
 

@@ -13,10 +13,10 @@ import os
 from collections.abc import Iterator, Sequence
 from types import ModuleType
 
-from pytest_rvads.errors import RunError, needs
 from pytest_rvads.physics.world import Motion
 from pytest_rvads.runs.run import DT
 from pytest_rvads.runs.vehicle import Vehicle
+from pytest_rvads.support.errors import RunError, needs
 
 __all__ = ["BulletWorld"]
 

@@ -19,8 +19,8 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
-from pytest_rvads.storage import read_file, write_file
-from pytest_rvads.versions import code, versions
+from pytest_rvads.support.storage import read_file, write_file
+from pytest_rvads.support.versions import code, versions
 
 __all__ = ["VARIABLE", "cached", "folder"]
 

@@ -10,11 +10,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from pytest_rvads.errors import RunError, ScenarioError, needs
 from pytest_rvads.physics.world import Motion
 from pytest_rvads.runs.run import DT
 from pytest_rvads.runs.vehicle import Vehicle
-from pytest_rvads.wording import one_line
+from pytest_rvads.support.errors import RunError, ScenarioError, needs
+from pytest_rvads.support.wording import one_line
 
 __all__ = ["MujocoWorld"]
 

@@ -11,8 +11,8 @@ from tempfile import TemporaryFile
 
 import msgspec
 
-from pytest_rvads.decoding import encode
 from pytest_rvads.report.record import Record
+from pytest_rvads.support.decoding import encode
 
 __all__ = ["Anew", "Spool"]
 

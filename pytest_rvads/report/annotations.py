@@ -13,7 +13,7 @@ from pathlib import Path
 from pytest_rvads.report.record import Record
 from pytest_rvads.report.session_report import Report
 from pytest_rvads.report.triage import Cause, causes
-from pytest_rvads.wording import one_line, plural, quoted
+from pytest_rvads.support.wording import one_line, plural, quoted
 
 __all__ = ["annotate"]
 

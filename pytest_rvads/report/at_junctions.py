@@ -6,10 +6,10 @@ from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping, Sized
 from itertools import combinations
 
-from pytest_rvads.outcome import Outcome, Tallied, counted
+from pytest_rvads.logic.outcome import Outcome, Tallied, counted
 from pytest_rvads.report.record import Record, RecordedItem, SimulatedItem
 from pytest_rvads.report.session_report import Extent, Move
-from pytest_rvads.wording import first, plural
+from pytest_rvads.support.wording import first, plural
 
 __all__ = ["FEW", "AtJunction", "AtJunctions"]
 

@@ -15,10 +15,10 @@ from dataclasses import dataclass, field, replace
 
 from msgspec import structs
 
-from pytest_rvads.outcome import BAD, Outcome
+from pytest_rvads.logic.outcome import BAD, Outcome
 from pytest_rvads.report.record import Record, SimulatedItem
 from pytest_rvads.report.session_report import Change, Comparison, Report
-from pytest_rvads.wording import first, plural
+from pytest_rvads.support.wording import first, plural
 
 __all__ = ["MATTERS", "compare", "with_baseline"]
 

@@ -12,10 +12,10 @@ from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from pytest_rvads.outcome import Outcome, Tallied, counted
+from pytest_rvads.logic.outcome import Outcome, Tallied, counted
 from pytest_rvads.report.record import Record
 from pytest_rvads.report.session_report import Cell, Report, cell_of
-from pytest_rvads.wording import first
+from pytest_rvads.support.wording import first
 
 __all__ = ["Cells", "Coverage", "Requirements", "dropped", "measure", "shortfall"]
 

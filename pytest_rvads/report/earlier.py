@@ -6,12 +6,12 @@ import re
 from contextlib import suppress
 from pathlib import Path
 
-from pytest_rvads.errors import RunError
 from pytest_rvads.report.folders import run_file
 from pytest_rvads.report.session_report import Report
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.runfile import load_run
-from pytest_rvads.storage import slug
+from pytest_rvads.support.errors import RunError
+from pytest_rvads.support.storage import slug
 
 __all__ = ["earlier_run"]
 

@@ -7,7 +7,7 @@ import re
 from collections.abc import Hashable
 
 from pytest_rvads.logic.judging.verdicts import Status, Verdict
-from pytest_rvads.outcome import Outcome
+from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.report.record import Record
 
 __all__ = ["explains", "first_line", "hanging", "signature", "time_of", "verdict_of", "violated"]

@@ -9,7 +9,7 @@ from typing import Any
 
 from pytest_rvads.report.record import Computing, Record, SimulatedItem
 from pytest_rvads.runs.measured import Kpis, PairKpis, VehicleKpis
-from pytest_rvads.wording import first, plural
+from pytest_rvads.support.wording import first, plural
 
 __all__ = ["Extremes", "Makers", "Timing", "Titles", "slowest"]
 

@@ -10,17 +10,17 @@ from typing import Any
 
 import msgspec
 
-from pytest_rvads.decoding import decode, encode
-from pytest_rvads.entrypoints import entries
-from pytest_rvads.entrypoints import load as load_entry
-from pytest_rvads.errors import RvadsError
 from pytest_rvads.report.junit import junit
 from pytest_rvads.report.markdown import markdown
 from pytest_rvads.report.outline import outline
 from pytest_rvads.report.page import page
 from pytest_rvads.report.session_report import Report
 from pytest_rvads.report.traceability import table
-from pytest_rvads.storage import read_file, write_file
+from pytest_rvads.support.decoding import decode, encode
+from pytest_rvads.support.entrypoints import entries
+from pytest_rvads.support.entrypoints import load as load_entry
+from pytest_rvads.support.errors import RvadsError
+from pytest_rvads.support.storage import read_file, write_file
 
 __all__ = ["FORMATS", "MOST", "append_summary", "fitting", "load", "read", "save", "write"]
 

@@ -13,8 +13,8 @@ from contextlib import suppress
 from errno import EEXIST
 from pathlib import Path
 
-from pytest_rvads.errors import RunError
-from pytest_rvads.wording import quoted
+from pytest_rvads.support.errors import RunError
+from pytest_rvads.support.wording import quoted
 
 __all__ = ["INDEX", "REPORT", "ROOT", "claimed", "option", "run_file", "sessions", "shown", "used"]
 

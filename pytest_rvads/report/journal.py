@@ -17,12 +17,12 @@ from typing import IO
 
 import msgspec
 
-from pytest_rvads.decoding import encode
-from pytest_rvads.errors import RvadsError
 from pytest_rvads.report.files import MOST, read
 from pytest_rvads.report.record import Record
 from pytest_rvads.report.session_report import UNFINISHED, Report, in_order
-from pytest_rvads.storage import read_file
+from pytest_rvads.support.decoding import encode
+from pytest_rvads.support.errors import RvadsError
+from pytest_rvads.support.storage import read_file
 
 __all__ = ["Journal", "claim", "journal_of", "recovered"]
 

@@ -6,11 +6,11 @@ from collections import Counter
 from collections.abc import Iterator
 from xml.sax.saxutils import escape, quoteattr
 
-from pytest_rvads.outcome import Outcome
+from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.report.outline import outline
 from pytest_rvads.report.record import Record, properties
 from pytest_rvads.report.session_report import Report
-from pytest_rvads.wording import printable
+from pytest_rvads.support.wording import printable
 
 __all__ = ["junit"]
 

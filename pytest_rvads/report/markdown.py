@@ -9,7 +9,7 @@ from itertools import groupby
 from pytest_rvads.report.outline import FAILURES, Block, Causes, Changes, Figures, Head, Notes, RollUp, Section, Verdicts, outline
 from pytest_rvads.report.rollup import WORST
 from pytest_rvads.report.session_report import Report
-from pytest_rvads.wording import printable, quoted
+from pytest_rvads.support.wording import printable, quoted
 
 __all__ = ["markdown", "section"]
 

@@ -9,10 +9,10 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, NamedTuple
 
-from pytest_rvads.outcome import Outcome
+from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.report.record import Record, RecordedItem
 from pytest_rvads.report.rollup import natural
-from pytest_rvads.wording import first
+from pytest_rvads.support.wording import first
 
 __all__ = ["SAME", "Entry", "Matrices", "Matrix", "Place", "group_of", "member_of", "place_of"]
 

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
-from pytest_rvads.outcome import Tallied, counted
+from pytest_rvads.logic.outcome import Tallied, counted
 from pytest_rvads.report.at_junctions import FEW, AtJunction, AtJunctions
 from pytest_rvads.report.coverage import Cells, Requirements, dropped
 from pytest_rvads.report.figures import Extremes, Makers, Timing, Titles, slowest
@@ -19,7 +19,7 @@ from pytest_rvads.report.record import Record
 from pytest_rvads.report.rollup import Sums, ranked, sums
 from pytest_rvads.report.session_report import Comparison, Report
 from pytest_rvads.report.triage import ByText, Cause, causes, idle, known, provoked, unavoidable, unsure
-from pytest_rvads.wording import first, plural, quoted
+from pytest_rvads.support.wording import first, plural, quoted
 
 __all__ = ["FAILURES", "Block", "Causes", "Changes", "Figures", "Head", "Notes", "RollUp", "Section", "Verdicts", "outline"]
 

@@ -12,15 +12,15 @@ from heapq import nsmallest
 from pathlib import Path
 from typing import Any, TypeVar
 
-from pytest_rvads.outcome import Outcome
+from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.report.folders import option, sessions
 from pytest_rvads.report.matrix import SAME, member_of, place_of
 from pytest_rvads.report.outline import FAILURES, Block, Causes, Changes, Figures, Head, Notes, RollUp, Section, Verdicts, outline
 from pytest_rvads.report.record import Record, SimulatedItem
 from pytest_rvads.report.rollup import Sums
 from pytest_rvads.report.session_report import TOLD, Report
-from pytest_rvads.webpage import webpage
-from pytest_rvads.wording import markup, printable, quoted
+from pytest_rvads.report.webpage import webpage
+from pytest_rvads.support.wording import markup, printable, quoted
 
 __all__ = ["page", "rendered"]
 

@@ -16,10 +16,10 @@ from typing import Annotated, Any, TypeAlias
 import msgspec
 from msgspec.structs import replace
 
-from pytest_rvads.decoding import encode
 from pytest_rvads.logic.judging.verdicts import Verdict
-from pytest_rvads.outcome import Outcome, Tallied
+from pytest_rvads.logic.outcome import Outcome, Tallied
 from pytest_rvads.runs.measured import Divergence, Kpis
+from pytest_rvads.support.decoding import encode
 
 __all__ = [
     "AgentRecord",

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from pytest_rvads.outcome import Tallied, counted, told_in
+from pytest_rvads.logic.outcome import Tallied, counted, told_in
 from pytest_rvads.report.at_junctions import AtJunction
 
 __all__ = ["WORST", "Row", "Sums", "natural", "ranked", "sums"]

@@ -8,14 +8,14 @@ from typing import Any
 
 import msgspec
 
-from pytest_rvads.errors import RvadsError
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.judging.verdicts import Status, Verdict
+from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.logic.rules.rule import Rule
-from pytest_rvads.outcome import Outcome
 from pytest_rvads.report.record import AgentRecord, Computing, Record, RecordedItem, SimulatedItem, conclude
 from pytest_rvads.runs.run import Run
-from pytest_rvads.wording import one_line
+from pytest_rvads.support.errors import RvadsError
+from pytest_rvads.support.wording import one_line
 
 __all__ = ["by_rule", "computing", "of_run", "sentence", "summed", "took_part", "unjudged", "verdict_by"]
 

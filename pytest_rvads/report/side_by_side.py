@@ -10,15 +10,15 @@ from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from pytest_rvads.errors import RvadsError
-from pytest_rvads.outcome import Outcome, Tallied
+from pytest_rvads.logic.outcome import Outcome, Tallied
 from pytest_rvads.report import triage
 from pytest_rvads.report.baseline import compare, with_baseline
 from pytest_rvads.report.matrix import SAME, Entry, Matrices, Matrix, Place, place_of
 from pytest_rvads.report.outline import Head, outline
 from pytest_rvads.report.record import Record
 from pytest_rvads.report.session_report import Comparison, Report, cell_of
-from pytest_rvads.wording import plural
+from pytest_rvads.support.errors import RvadsError
+from pytest_rvads.support.wording import plural
 
 __all__ = ["Ruled", "Shared", "Side", "SideBySide", "changed", "differing", "side_by_side"]
 

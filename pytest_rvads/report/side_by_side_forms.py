@@ -12,15 +12,15 @@ from typing import Any
 
 import msgspec
 
-from pytest_rvads.decoding import encode
-from pytest_rvads.outcome import Tallied, counted
+from pytest_rvads.logic.outcome import Tallied, counted
 from pytest_rvads.report.files import FORMATS, fitting, write
 from pytest_rvads.report.markdown import section
 from pytest_rvads.report.matrix import Entry, Matrix
 from pytest_rvads.report.outline import Section
 from pytest_rvads.report.page import rendered
 from pytest_rvads.report.side_by_side import Ruled, Shared, SideBySide, changed, differing
-from pytest_rvads.wording import first, one_line, plural
+from pytest_rvads.support.decoding import encode
+from pytest_rvads.support.wording import first, one_line, plural
 
 __all__ = ["save", "sections", "text"]
 

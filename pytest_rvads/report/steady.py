@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 
 from msgspec.structs import replace
 
-from pytest_rvads.outcome import Outcome
+from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.report.record import Record, SimulatedItem
 from pytest_rvads.runs.measured import Divergence
 

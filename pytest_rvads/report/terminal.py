@@ -12,14 +12,14 @@ from dataclasses import dataclass
 from rich.console import Console
 from rich.text import Text
 
-from pytest_rvads.outcome import Outcome
+from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.report.columns import Block as Part
 from pytest_rvads.report.columns import Cell, Column, blocks, wrapped
 from pytest_rvads.report.matrix import Matrix
 from pytest_rvads.report.outline import FAILURES, Block, Causes, Changes, Figures, Head, RollUp, Verdicts, outline
 from pytest_rvads.report.rollup import WORST, Sums
 from pytest_rvads.report.session_report import Report
-from pytest_rvads.wording import plural, printable
+from pytest_rvads.support.wording import plural, printable
 
 __all__ = ["Summary", "summarise", "summary"]
 

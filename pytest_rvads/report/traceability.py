@@ -13,7 +13,7 @@ from typing import IO
 
 from pytest_rvads.report.outline import outline
 from pytest_rvads.report.session_report import Report
-from pytest_rvads.wording import printable
+from pytest_rvads.support.wording import printable
 
 __all__ = ["table"]
 

@@ -15,11 +15,11 @@ from collections.abc import Callable, Hashable, Iterable
 from dataclasses import dataclass
 
 from pytest_rvads.logic.judging.verdicts import Verdict
-from pytest_rvads.outcome import Outcome
+from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.report.faults import explains, first_line, hanging, signature, time_of, verdict_of, violated
 from pytest_rvads.report.record import Record, SimulatedItem
 from pytest_rvads.report.variants import Variant, Variants, variant_of
-from pytest_rvads.wording import first, plural
+from pytest_rvads.support.wording import first, plural
 
 __all__ = ["ByCause", "ByText", "Cause", "causes", "gravity", "idle", "known", "provoked", "unavoidable", "unsure"]
 

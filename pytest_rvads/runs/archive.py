@@ -19,11 +19,11 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.decoding import decode, typed
-from pytest_rvads.errors import MapError, RunError
-from pytest_rvads.maps.segment import Segment
-from pytest_rvads.storage import open_file, read_file, write_file
-from pytest_rvads.wording import one_line
+from pytest_rvads.geometry.segment import Segment
+from pytest_rvads.support.decoding import decode, typed
+from pytest_rvads.support.errors import MapError, RunError
+from pytest_rvads.support.storage import open_file, read_file, write_file
+from pytest_rvads.support.wording import one_line
 
 __all__ = ["MOST_BYTES", "Kept", "peek", "unpack"]
 

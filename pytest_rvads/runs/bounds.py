@@ -7,7 +7,7 @@ from typing import Annotated
 
 from msgspec import Meta
 
-from pytest_rvads.errors import RunError
+from pytest_rvads.support.errors import RunError
 
 __all__ = ["FARTHEST", "MOST_LANES", "Name", "Size", "Step", "check_size"]
 

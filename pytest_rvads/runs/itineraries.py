@@ -13,11 +13,11 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.errors import MapError
-from pytest_rvads.junctions.junction import Junction
-from pytest_rvads.junctions.sweep import BEFORE, Course, through
-from pytest_rvads.maps.segment import ADVISED, SPEED_LIMIT, Limits, Pose, Segment, Turn, fixed, limit_in
+from pytest_rvads.geometry.junction import Junction
+from pytest_rvads.geometry.segment import ADVISED, SPEED_LIMIT, Limits, Pose, Segment, Turn, fixed, limit_in
+from pytest_rvads.geometry.sweep import BEFORE, Course, through
 from pytest_rvads.runs.states import APPROACH, ENTRANCE, EXIT, GONE, JUNCTION, Zone
+from pytest_rvads.support.errors import MapError
 
 __all__ = ["ENTRANCE_ZONE", "LEAVE", "Itinerary", "itinerary"]
 

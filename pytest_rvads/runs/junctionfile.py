@@ -11,11 +11,11 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.errors import RunError
-from pytest_rvads.junctions.junction import Entrance, Exit, Junction, Movement
-from pytest_rvads.maps.control import Sign
-from pytest_rvads.maps.segment import NO_LIMIT, Segment, Turn
+from pytest_rvads.geometry.control import Sign
+from pytest_rvads.geometry.junction import Entrance, Exit, Junction, Movement
+from pytest_rvads.geometry.segment import NO_LIMIT, Segment, Turn
 from pytest_rvads.runs.bounds import FARTHEST, MOST_LANES, Name, Size
+from pytest_rvads.support.errors import RunError
 
 __all__ = ["Count", "JunctionRecord", "Key", "get_junction", "put_junction"]
 

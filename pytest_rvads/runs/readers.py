@@ -6,13 +6,13 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 
-from pytest_rvads.entrypoints import entries, load
-from pytest_rvads.errors import RunError
 from pytest_rvads.runs.archive import peek
 from pytest_rvads.runs.recorded import read_recorded
 from pytest_rvads.runs.recordingfile import FORMAT, load_recording
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.runfile import load_run
+from pytest_rvads.support.entrypoints import entries, load
+from pytest_rvads.support.errors import RunError
 
 __all__ = ["READERS", "read_runs"]
 

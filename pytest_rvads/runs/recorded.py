@@ -19,15 +19,15 @@ import numpy as np
 from msgspec import Meta, Struct
 from numpy.typing import NDArray
 
-from pytest_rvads.decoding import decode, typed
-from pytest_rvads.errors import MapError, RunError
-from pytest_rvads.junctions.junction import Junction, Movement, cross
-from pytest_rvads.maps.control import Sign, phase_groups
-from pytest_rvads.maps.segment import Turn
+from pytest_rvads.geometry.control import Sign, phase_groups
+from pytest_rvads.geometry.junction import Junction, Movement, cross
+from pytest_rvads.geometry.segment import Turn
 from pytest_rvads.runs.bounds import MOST_LANES, Name, Size, Step, check_size
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Agent, Colour, Kind, Zone
-from pytest_rvads.storage import read_file
+from pytest_rvads.support.decoding import decode, typed
+from pytest_rvads.support.errors import MapError, RunError
+from pytest_rvads.support.storage import read_file
 
 __all__ = ["Edge", "read_recorded"]
 

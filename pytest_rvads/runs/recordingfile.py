@@ -18,9 +18,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.decoding import typed
-from pytest_rvads.errors import RunError, require
-from pytest_rvads.maps.segment import Segment
+from pytest_rvads.geometry.segment import Segment
 from pytest_rvads.runs.archive import Kept
 from pytest_rvads.runs.bounds import FARTHEST, Name, Size, Step
 from pytest_rvads.runs.itineraries import itinerary
@@ -28,7 +26,9 @@ from pytest_rvads.runs.junctionfile import Count, JunctionRecord, Key, get_junct
 from pytest_rvads.runs.recording import Changes, Recording, Track
 from pytest_rvads.runs.run import Facts
 from pytest_rvads.runs.states import Agent, Colour, Kind
-from pytest_rvads.wording import one_line
+from pytest_rvads.support.decoding import typed
+from pytest_rvads.support.errors import RunError, require
+from pytest_rvads.support.wording import one_line
 
 __all__ = ["FORMAT", "VERSION", "load_recording", "save_recording"]
 

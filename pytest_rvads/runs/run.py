@@ -20,11 +20,11 @@ import numpy as np
 from msgspec import Meta
 from numpy.typing import NDArray
 
-from pytest_rvads.decoding import typed
-from pytest_rvads.displayed import shown
-from pytest_rvads.errors import RunError
-from pytest_rvads.junctions.junction import Junction
+from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.runs.states import Agent, Zone
+from pytest_rvads.support.decoding import typed
+from pytest_rvads.support.displayed import shown
+from pytest_rvads.support.errors import RunError
 
 __all__ = ["ARRAYS", "DT", "FAULT", "LATE", "Collision", "Excerpt", "Facts", "Fault", "Halt", "Positive", "Run"]
 

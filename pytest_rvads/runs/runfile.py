@@ -19,16 +19,16 @@ import numpy as np
 from msgspec import structs
 from numpy.typing import NDArray
 
-from pytest_rvads.decoding import typed
-from pytest_rvads.errors import MapError, RunError, require
-from pytest_rvads.junctions.junction import Junction
-from pytest_rvads.maps.segment import Segment
+from pytest_rvads.geometry.junction import Junction
+from pytest_rvads.geometry.segment import Segment
 from pytest_rvads.runs.archive import MOST_BYTES, Kept, peek
 from pytest_rvads.runs.bounds import FARTHEST, Name, Size, Step, check_size
 from pytest_rvads.runs.itineraries import itinerary
 from pytest_rvads.runs.junctionfile import JunctionRecord, Key, get_junction, put_junction
 from pytest_rvads.runs.run import Collision, Excerpt, Facts, Fault, Run
 from pytest_rvads.runs.states import Agent, Kind
+from pytest_rvads.support.decoding import typed
+from pytest_rvads.support.errors import MapError, RunError, require
 
 __all__ = ["FORMAT", "VERSION", "glance", "load_run", "save_run"]
 

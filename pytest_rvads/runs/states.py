@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from enum import IntEnum, StrEnum
 from typing import NamedTuple
 
-from pytest_rvads.junctions.conflicts import Way
-from pytest_rvads.maps.segment import Turn
+from pytest_rvads.geometry.conflicts import Way
+from pytest_rvads.geometry.segment import Turn
 
 __all__ = [
     "ABSENT",

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, fields
 
-from pytest_rvads.errors import ScenarioError, require
-from pytest_rvads.junctions.sweep import CAR, Body
+from pytest_rvads.geometry.sweep import CAR, Body
 from pytest_rvads.runs.states import Kind
+from pytest_rvads.support.errors import ScenarioError, require
 
 __all__ = ["GRAVITY", "Vehicle", "usual_body"]
 

@@ -14,10 +14,10 @@ from typing import Any
 from pytest_rvads.drivers.abilities import check_factory
 from pytest_rvads.drivers.interface import Factory
 from pytest_rvads.drivers.traffic import DEFAULT, POLICIES
-from pytest_rvads.errors import ScenarioError, require
 from pytest_rvads.runs.states import Agent
 from pytest_rvads.runs.vehicle import Vehicle
 from pytest_rvads.scenarios.scenario import Scenario
+from pytest_rvads.support.errors import ScenarioError, require
 
 __all__ = ["Case", "Fleet"]
 

@@ -13,8 +13,8 @@ from collections.abc import Iterator, Sequence
 from itertools import accumulate
 from operator import index
 
-from pytest_rvads.errors import ScenarioError
 from pytest_rvads.scenarios.orbits import WAYS, Directions, Orbits, rotate
+from pytest_rvads.support.errors import ScenarioError
 
 __all__ = [
     "WAYS",

@@ -15,9 +15,9 @@ from typing import Any
 
 import numpy as np
 
-from pytest_rvads.errors import ScenarioError, suggest
-from pytest_rvads.maps.control import JunctionControl
+from pytest_rvads.geometry.control import JunctionControl
 from pytest_rvads.scenarios.orbits import rotate
+from pytest_rvads.support.errors import ScenarioError, suggest
 
 __all__ = [
     "ARRIVALS",

@@ -16,8 +16,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.junctions.junction import Junction
-from pytest_rvads.maps.segment import Segment
+from pytest_rvads.geometry.junction import Junction
+from pytest_rvads.geometry.segment import Segment
 
 __all__ = ["Fork", "forks", "near"]
 

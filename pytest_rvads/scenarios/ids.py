@@ -41,16 +41,16 @@ from typing import Annotated, Any
 
 import msgspec
 
-from pytest_rvads.decoding import typed
 from pytest_rvads.drivers.traffic import DEFAULT
-from pytest_rvads.errors import ScenarioError, suggest
-from pytest_rvads.junctions.finder import called, find
-from pytest_rvads.junctions.junction import Junction
+from pytest_rvads.geometry.finder import called, find
+from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.scenarios.classes import parse
 from pytest_rvads.scenarios.configurations import configuration
 from pytest_rvads.scenarios.orbits import rotate
 from pytest_rvads.scenarios.scenario import Scenario, started
 from pytest_rvads.scenarios.senses import Senses
+from pytest_rvads.support.decoding import typed
+from pytest_rvads.support.errors import ScenarioError, suggest
 
 __all__ = ["from_id", "recalled", "run_id"]
 

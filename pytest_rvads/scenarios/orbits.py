@@ -15,8 +15,8 @@ from itertools import product
 from math import gcd, prod
 from typing import TypeVar
 
-from pytest_rvads.errors import ScenarioError
-from pytest_rvads.junctions.junction import Junction
+from pytest_rvads.geometry.junction import Junction
+from pytest_rvads.support.errors import ScenarioError
 
 __all__ = ["OCCUPANCIES", "WAYS", "Directions", "Orbits", "rotate"]
 

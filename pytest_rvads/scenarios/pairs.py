@@ -10,10 +10,10 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from itertools import combinations, product
 
-from pytest_rvads.errors import ScenarioError
-from pytest_rvads.junctions.conflicts import Key
-from pytest_rvads.junctions.junction import Junction
+from pytest_rvads.geometry.conflicts import Key
+from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.scenarios.orbits import Directions, Orbits
+from pytest_rvads.support.errors import ScenarioError
 
 __all__ = ["PAIRED", "Pair", "covering", "pairs_at", "pairs_in"]
 

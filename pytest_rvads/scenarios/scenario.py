@@ -12,12 +12,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from pytest_rvads.conduct.bodies import touch
-from pytest_rvads.displayed import shown
 from pytest_rvads.drivers.way_ahead import fastest
-from pytest_rvads.errors import ScenarioError, require
-from pytest_rvads.junctions.junction import Junction
-from pytest_rvads.maps.segment import SPEED_LIMIT
+from pytest_rvads.geometry.junction import Junction
+from pytest_rvads.geometry.segment import SPEED_LIMIT
+from pytest_rvads.logic.conduct.bodies import touch
 from pytest_rvads.runs.itineraries import Itinerary, itinerary
 from pytest_rvads.runs.lights import CLEARANCE, GREEN, YELLOW, SignalPlan
 from pytest_rvads.runs.states import Agent
@@ -27,6 +25,8 @@ from pytest_rvads.scenarios.configurations import Configuration, explicit_label,
 from pytest_rvads.scenarios.forks import forks, near
 from pytest_rvads.scenarios.orbits import OCCUPANCIES, Directions, Orbits, rotate
 from pytest_rvads.scenarios.senses import IDEAL, Senses
+from pytest_rvads.support.displayed import shown
+from pytest_rvads.support.errors import ScenarioError, require
 
 __all__ = [
     "MOST_FOLLOWERS",

@@ -13,8 +13,7 @@ from zlib import crc32
 
 from msgspec.structs import replace
 
-from pytest_rvads.errors import ScenarioError
-from pytest_rvads.junctions.junction import Junction
+from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.report.session_report import Extent, Move
 from pytest_rvads.scenarios.configurations import Configuration
 from pytest_rvads.scenarios.forks import near
@@ -22,6 +21,7 @@ from pytest_rvads.scenarios.orbits import WAYS, Directions, Orbits, rotate
 from pytest_rvads.scenarios.pairs import PAIRED, covering, pairs_at
 from pytest_rvads.scenarios.scenario import Scenario, started
 from pytest_rvads.scenarios.senses import IDEAL, Senses
+from pytest_rvads.support.errors import ScenarioError
 
 __all__ = ["CHOOSING", "COVERS", "TOO_SHORT", "TOO_TIGHT", "Selection", "alone", "extended"]
 

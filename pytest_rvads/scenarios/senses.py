@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields
 from itertools import product
 from typing import Any
 
-from pytest_rvads.errors import ScenarioError, suggest
+from pytest_rvads.support.errors import ScenarioError, suggest
 
 __all__ = ["IDEAL", "Senses"]
 

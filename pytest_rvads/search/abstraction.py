@@ -15,8 +15,8 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.conduct.predicates import Static, extract
-from pytest_rvads.junctions.junction import Junction
+from pytest_rvads.geometry.junction import Junction
+from pytest_rvads.logic.conduct.predicates import Static, extract
 from pytest_rvads.logic.judging.evaluate import Values
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.rules.lexicon import ATTRIBUTES, word_of

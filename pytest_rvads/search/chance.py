@@ -12,8 +12,6 @@ from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
 
-from pytest_rvads.errors import RuleViolation, RunError, ScenarioError, require
-from pytest_rvads.executors import spread
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.judging.verdicts import Status
 from pytest_rvads.logic.rules.book import get_rule, rules_for
@@ -23,6 +21,8 @@ from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.simulators.choice import Choice, choice, choosing
 from pytest_rvads.simulators.simulator import Simulator, meant, simulate
+from pytest_rvads.support.errors import RuleViolation, RunError, ScenarioError, require
+from pytest_rvads.support.executors import spread
 
 __all__ = ["Interval", "Spread", "intervals", "sweep"]
 

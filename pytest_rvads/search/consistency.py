@@ -15,7 +15,6 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.errors import FormulaError
 from pytest_rvads.logic.judging.prepare import Template, prepare, template
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.ltl.ending import ALIVE, with_ending
@@ -23,6 +22,7 @@ from pytest_rvads.logic.ltl.ltl3 import Machine, Truth, synthesize
 from pytest_rvads.logic.ltl.monitor import encode
 from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.search.abstraction import Abstracted, Model
+from pytest_rvads.support.errors import FormulaError
 
 __all__ = ["Answer", "core", "decide"]
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from pytest_rvads.errors import OpenObligation, RuleViolation
 from pytest_rvads.logic.judging.verdicts import Status, Verdict
 from pytest_rvads.scenarios.classes import label
 from pytest_rvads.scenarios.scenario import Scenario, usual_duration
+from pytest_rvads.support.errors import OpenObligation, RuleViolation
 
 __all__ = ["Counterexample", "pasteable", "violation"]
 

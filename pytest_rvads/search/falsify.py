@@ -17,14 +17,12 @@ from typing import NamedTuple, Unpack
 
 import numpy as np
 
-from pytest_rvads.conduct.blame import cut_short_by
-from pytest_rvads.conduct.presence import crossed
 from pytest_rvads.drivers.interface import Factory
 from pytest_rvads.drivers.traffic import Policy
-from pytest_rvads.errors import RunError, ScenarioError
-from pytest_rvads.executors import spread
-from pytest_rvads.junctions.junction import Junction
+from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.logic.check import check
+from pytest_rvads.logic.conduct.blame import cut_short_by
+from pytest_rvads.logic.conduct.presence import crossed
 from pytest_rvads.logic.judging.verdicts import Status, Verdict
 from pytest_rvads.logic.rules.book import get_rule, rules_for
 from pytest_rvads.logic.rules.rule import Rule
@@ -40,6 +38,8 @@ from pytest_rvads.search.space import Space, explored
 from pytest_rvads.simulators.choice import Choice, choice, choosing
 from pytest_rvads.simulators.patience import Limits
 from pytest_rvads.simulators.simulator import Simulator, meant, simulate
+from pytest_rvads.support.errors import RunError, ScenarioError
+from pytest_rvads.support.executors import spread
 
 __all__ = ["Search", "avoidable", "look_for", "score"]
 

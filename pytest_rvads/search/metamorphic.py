@@ -14,9 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pytest_rvads.conduct.presence import crossed
-from pytest_rvads.errors import MetamorphicViolation, RunError, ScenarioError, require, suggest
 from pytest_rvads.logic.check import check
+from pytest_rvads.logic.conduct.presence import crossed
 from pytest_rvads.logic.judging.verdicts import Status, Verdict
 from pytest_rvads.logic.rules.book import rules_for
 from pytest_rvads.logic.rules.rule import Rule
@@ -26,6 +25,7 @@ from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.orbits import rotate
 from pytest_rvads.search.relations import RELATIONS, Incomparable, Variant
 from pytest_rvads.simulators.simulator import Simulator, simulate
+from pytest_rvads.support.errors import MetamorphicViolation, RunError, ScenarioError, require, suggest
 
 __all__ = ["Comparison", "Difference", "compare", "determinate", "equivalent", "judged", "rational", "side_by_side"]
 

@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.drivers.renaming import renamed
-from pytest_rvads.junctions.junction import Junction
+from pytest_rvads.geometry.control import JunctionControl
+from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.rules.rule import Rule
-from pytest_rvads.maps.control import JunctionControl
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.orbits import Orbits, rotate
 from pytest_rvads.scenarios.scenario import first_green

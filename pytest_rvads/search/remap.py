@@ -9,11 +9,11 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from xml.etree.ElementTree import Element, ElementTree
 
-from pytest_rvads.errors import MapError
-from pytest_rvads.junctions.builtin import LAYOUTS, path_of
-from pytest_rvads.junctions.finder import find
-from pytest_rvads.junctions.junction import Junction
-from pytest_rvads.opendrive.xmlfile import load
+from pytest_rvads.geometry.builtin import LAYOUTS, path_of
+from pytest_rvads.geometry.finder import find
+from pytest_rvads.geometry.junction import Junction
+from pytest_rvads.geometry.opendrive.xmlfile import load
+from pytest_rvads.support.errors import MapError
 
 __all__ = ["Motion", "Symmetry", "broken_by", "mirrored", "moved", "rotations_of"]
 

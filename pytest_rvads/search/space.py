@@ -8,10 +8,10 @@ from collections.abc import Callable
 from numbers import Real
 from typing import Any, TypedDict
 
-from pytest_rvads.errors import ScenarioError, suggest
-from pytest_rvads.junctions.finder import find
-from pytest_rvads.junctions.junction import Junction
+from pytest_rvads.geometry.finder import find
+from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.scenarios.scenario import check_numbers
+from pytest_rvads.support.errors import ScenarioError, suggest
 
 __all__ = ["FARTHEST", "NEAREST", "Space", "explored"]
 

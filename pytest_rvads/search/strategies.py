@@ -14,15 +14,15 @@ from typing import Any
 from hypothesis import strategies as st
 from hypothesis.strategies import SearchStrategy
 
-from pytest_rvads.errors import ScenarioError
-from pytest_rvads.junctions.finder import find, names
-from pytest_rvads.junctions.junction import Junction
-from pytest_rvads.maps.control import JunctionControl
+from pytest_rvads.geometry.control import JunctionControl
+from pytest_rvads.geometry.finder import find, names
+from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.runs.vehicle import Vehicle
 from pytest_rvads.scenarios.orbits import Directions, Orbits
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.search.space import FARTHEST, NEAREST, Space, explored
 from pytest_rvads.simulators.simulator import Simulator, vmax
+from pytest_rvads.support.errors import ScenarioError
 
 __all__ = ["abstract_scenarios", "distances", "junctions", "scenarios", "waits"]
 

@@ -6,8 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 
-from pytest_rvads.errors import ScenarioError
-from pytest_rvads.junctions.junction import Junction
+from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.scenarios.classes import label
 from pytest_rvads.scenarios.orbits import Directions, Orbits, rotate
@@ -15,6 +14,7 @@ from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.search.abstraction import Model, weak_orders
 from pytest_rvads.search.consistency import core, decide
 from pytest_rvads.search.remap import rotations_of
+from pytest_rvads.support.errors import ScenarioError
 
 __all__ = ["Contradiction", "Survey", "show", "show_order", "survey"]
 

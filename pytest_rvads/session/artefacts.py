@@ -15,17 +15,17 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from pytest_rvads.entrypoints import load
-from pytest_rvads.errors import RvadsError
-from pytest_rvads.options import Options
+from pytest_rvads.session.options import Options
 from pytest_rvads.session.outputs import FOLDER
-from pytest_rvads.storage import open_file, slug, write_file
-from pytest_rvads.wording import named_error, one_line, quoted
+from pytest_rvads.support.entrypoints import load
+from pytest_rvads.support.errors import RvadsError
+from pytest_rvads.support.storage import open_file, slug, write_file
+from pytest_rvads.support.wording import named_error, one_line, quoted
 
 if TYPE_CHECKING:
-    from pytest_rvads.draw.replay import Beside
     from pytest_rvads.logic.judging.verdicts import Verdict
     from pytest_rvads.logic.rules.rule import Rule
+    from pytest_rvads.report.draw.replay import Beside
     from pytest_rvads.report.record import Record
     from pytest_rvads.report.session_report import Report
     from pytest_rvads.runs.run import Run
@@ -90,7 +90,7 @@ def look(item: pytest.Item, run: Run, verdict: Verdict, rule: str | Rule, notes:
     except Exception as error:
         return Shown(f"not drawn: {named_error(error)}")
     drawn[verdict.rule] += 1
-    from pytest_rvads.failure_page import moment
+    from pytest_rvads.report.failure_page import moment
 
     address = f"{session.relative(page)}#t={moment(run, verdict):.2f}"
     return Shown(address, address, image)
@@ -128,7 +128,7 @@ def _draw(  # noqa: PLR0913 - a failure and its texts
     folder: Path, item: pytest.Item, run: Run, verdict: Verdict, rule: str | Rule, notes: str, beside: Beside
 ) -> tuple[Path, str]:
     """Write the replay page and the picture of a failure; return the path of the page and the picture."""
-    from pytest_rvads.failure_page import failure_pages, failure_picture
+    from pytest_rvads.report.failure_page import failure_pages, failure_picture
     from pytest_rvads.report.folders import shown
 
     path = shown(folder, slug(item.nodeid))
@@ -152,9 +152,9 @@ def beside(item: pytest.Item, options: Options, record: Record, run: Run, start:
         start: the start of the run, or the file that the run was recorded in.
         rerun: the command that runs the item once more.
     """
-    from pytest_rvads.draw.replay import Beside
-    from pytest_rvads.failure_page import other_verdicts
+    from pytest_rvads.report.draw.replay import Beside
     from pytest_rvads.report.facts import facts
+    from pytest_rvads.report.failure_page import other_verdicts
     from pytest_rvads.report.folders import INDEX
 
     verdicts = other_verdicts(run, _rules(item, run), record.verdicts[-1].rule)
@@ -165,8 +165,8 @@ def beside(item: pytest.Item, options: Options, record: Record, run: Run, start:
 
 def _rules(item: pytest.Item, run: Run) -> tuple[Rule, ...]:
     """Return the rules that the marks of a test name for its runs, whether selected or not; without names the usual rules."""
-    from pytest_rvads.failure_page import usual_rules
     from pytest_rvads.logic.rules.book import rules_for
+    from pytest_rvads.report.failure_page import usual_rules
 
     marks = [pair for name in ("scenario", "recorded") for pair in item.iter_markers_with_node(f"rvads_{name}")]
     named = [rule for node, mark in marks if node is marks[0][0] for rule in mark.args[0].rules or ()]

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from pytest_rvads.session.main_process import Session, has_run
-from pytest_rvads.wording import encode_all, named_error, plural, printable
+from pytest_rvads.support.wording import encode_all, named_error, plural, printable
 
 if TYPE_CHECKING:
     from pytest_rvads.report.terminal import Summary

@@ -15,7 +15,7 @@ from typing import Any
 
 import pytest
 
-from pytest_rvads.options import OPTIONS
+from pytest_rvads.session.options import OPTIONS
 from pytest_rvads.simulators.patience import Limits
 
 __all__ = ["end_with_parent", "heed", "leave_in_time", "limits", "put_off"]

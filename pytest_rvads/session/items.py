@@ -13,23 +13,23 @@ from typing import TYPE_CHECKING, Any, cast
 
 import pytest
 
-from pytest_rvads.collection.cells import RecordedCell, run_name
 from pytest_rvads.drivers.naming import stand_in
-from pytest_rvads.options import OPTIONS
-from pytest_rvads.outcome import Outcome
+from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.session.artefacts import beside, export, look, show
 from pytest_rvads.session.chosen_driver import where_else
+from pytest_rvads.session.collection.cells import RecordedCell, run_name
+from pytest_rvads.session.options import OPTIONS
 from pytest_rvads.session.plan import start
 from pytest_rvads.session.time_budget import OutOfTime
-from pytest_rvads.wording import named_error, printable, quoted
+from pytest_rvads.support.wording import named_error, printable, quoted
 
 if TYPE_CHECKING:
-    from pytest_rvads.collection.cells import Cell
     from pytest_rvads.logic.judging.verdicts import Verdict
     from pytest_rvads.report.record import Record, SimulatedItem
     from pytest_rvads.runs.measured import Divergence
     from pytest_rvads.runs.run import Run
     from pytest_rvads.scenarios.scenario import Scenario
+    from pytest_rvads.session.collection.cells import Cell
     from pytest_rvads.simulators.simulator import Simulator
 
 __all__ = [

@@ -13,15 +13,15 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from pytest_rvads.errors import RvadsError
-from pytest_rvads.options import OPTIONS
-from pytest_rvads.outcome import Outcome
+from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.session.interrupts import leave_in_time, put_off
+from pytest_rvads.session.options import OPTIONS
 from pytest_rvads.session.outputs import Outputs, totals
 from pytest_rvads.session.plan import Planner
 from pytest_rvads.session.reasons import Ending, reasons
 from pytest_rvads.session.time_budget import BUDGET
-from pytest_rvads.wording import named_error, plural, printable
+from pytest_rvads.support.errors import RvadsError
+from pytest_rvads.support.wording import named_error, plural, printable
 
 if TYPE_CHECKING:
     from pytest_rvads.report.record import Record
@@ -202,7 +202,7 @@ class Session:
         """
         from pytest_rvads.report.coverage import shortfall
         from pytest_rvads.report.session_report import Report, in_order
-        from pytest_rvads.versions import ENGINES, versions
+        from pytest_rvads.support.versions import ENGINES, versions
 
         plan = self.planner.plan()
         records = in_order(list(self.records.values()))

@@ -17,8 +17,8 @@ from uuid import uuid4
 
 import pytest
 
-from pytest_rvads.options import OPTIONS, Options
-from pytest_rvads.wording import named_error
+from pytest_rvads.session.options import OPTIONS, Options
+from pytest_rvads.support.wording import named_error
 
 if TYPE_CHECKING:
     from pytest_rvads.report.journal import Journal

@@ -14,13 +14,13 @@ from typing import TYPE_CHECKING, Any, cast
 
 import pytest
 
-from pytest_rvads.collection.planned import DRAWN, EXTENTS, LEFT_OUT, REFUSED, UNFIT
+from pytest_rvads.session.collection.planned import DRAWN, EXTENTS, LEFT_OUT, REFUSED, UNFIT
 
 if TYPE_CHECKING:
-    from pytest_rvads.collection.cells import Cell as Parameter
-    from pytest_rvads.collection.cells import RecordedCell
     from pytest_rvads.report.record import Record
     from pytest_rvads.report.session_report import Cell, Drawn, Extent
+    from pytest_rvads.session.collection.cells import Cell as Parameter
+    from pytest_rvads.session.collection.cells import RecordedCell
 
 __all__ = ["Plan", "Planner", "in_part", "start"]
 
@@ -58,7 +58,7 @@ class Plan:
         of_all_tests = sorted(self.deselected), sorted(self.files), self.left_out, self.unfit
         if not self.cells:  # msgspec is not imported in a session without items of this plugin
             return json.dumps([[], [], [], *of_all_tests, {}, {}, []])
-        from pytest_rvads.decoding import encode
+        from pytest_rvads.support.decoding import encode
 
         records = map(list, (self.items.values(), self.vanished.values()))
         return encode([list(self.cells), *records, *of_all_tests, self.extents, self.refused, list(self.drawn)]).decode()

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from pytest_rvads.outcome import Outcome
-from pytest_rvads.wording import plural
+from pytest_rvads.logic.outcome import Outcome
+from pytest_rvads.support.wording import plural
 
 if TYPE_CHECKING:
     from pytest_rvads.report.record import Record

@@ -12,8 +12,8 @@ from contextlib import contextmanager
 from numbers import Real
 from typing import Any, NamedTuple
 
-from pytest_rvads.errors import ScenarioError
 from pytest_rvads.simulators.patience import Limits
+from pytest_rvads.support.errors import ScenarioError
 
 __all__ = ["Choice", "choice", "choosing", "limits"]
 

@@ -12,12 +12,10 @@ from dataclasses import asdict, replace
 
 from pytest_rvads.drivers.interface import Factory
 from pytest_rvads.drivers.traffic import traffic
-from pytest_rvads.errors import RunError, ScenarioError
-from pytest_rvads.executors import Progress, spread
-from pytest_rvads.junctions.conflicts import Key
-from pytest_rvads.junctions.finder import find
-from pytest_rvads.junctions.junction import Junction
-from pytest_rvads.maps.control import Sign
+from pytest_rvads.geometry.conflicts import Key
+from pytest_rvads.geometry.control import Sign
+from pytest_rvads.geometry.finder import find
+from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.physics.braking import STANDING, greatest_safe
 from pytest_rvads.physics.cache import cached
 from pytest_rvads.runs.run import Run
@@ -27,6 +25,8 @@ from pytest_rvads.scenarios.case import Case, Fleet
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.simulators.planar import Planar
 from pytest_rvads.simulators.simulator import Simulator, named, simulate, vmax
+from pytest_rvads.support.errors import RunError, ScenarioError
+from pytest_rvads.support.executors import Progress, spread
 
 __all__ = ["closed_by_movement", "closed_envelope", "closed_vmax"]
 

@@ -19,13 +19,12 @@ from typing import Any
 
 import numpy as np
 
-from pytest_rvads.conduct.room import room
 from pytest_rvads.drivers.interface import Control, Observation
 from pytest_rvads.drivers.naming import name_of
 from pytest_rvads.drivers.reference import by_zones
-from pytest_rvads.errors import ScenarioError
-from pytest_rvads.junctions.junction import Junction
-from pytest_rvads.maps.segment import SPEED_LIMIT
+from pytest_rvads.geometry.junction import Junction
+from pytest_rvads.geometry.segment import SPEED_LIMIT
+from pytest_rvads.logic.conduct.room import room
 from pytest_rvads.physics.body import Body, start
 from pytest_rvads.physics.world import World, WorldMaker
 from pytest_rvads.runs.lights import STEADY
@@ -35,6 +34,7 @@ from pytest_rvads.runs.vehicle import usual_body
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.simulators.patience import TooLate, watch
 from pytest_rvads.simulators.seat import Seat, crew
+from pytest_rvads.support.errors import ScenarioError
 
 __all__ = ["Loop", "Recorder"]
 

@@ -7,7 +7,7 @@ from collections import deque
 from random import Random
 
 from pytest_rvads.drivers.interface import Command, Control, Observation
-from pytest_rvads.junctions.junction import Junction
+from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.runs.itineraries import ENTRANCE_ZONE
 from pytest_rvads.runs.run import DT
 from pytest_rvads.runs.states import VehicleState, Zone

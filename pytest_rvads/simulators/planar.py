@@ -11,7 +11,7 @@ from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.vehicle import Vehicle
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.simulators.loop import Loop
-from pytest_rvads.versions import versions
+from pytest_rvads.support.versions import versions
 
 __all__ = ["Planar", "bullet", "mujoco", "usual"]
 

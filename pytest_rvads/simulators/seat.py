@@ -23,13 +23,13 @@ from pytest_rvads.drivers.commands import UnfitCommand, plain
 from pytest_rvads.drivers.interface import Autopilot, Command, Control, Factory, Observation, TrafficSystem
 from pytest_rvads.drivers.naming import name_of
 from pytest_rvads.drivers.tracker import Tracker
-from pytest_rvads.errors import AutopilotError
 from pytest_rvads.runs.run import DT, FAULT, LATE, Halt
 from pytest_rvads.runs.states import Agent
 from pytest_rvads.scenarios.senses import IDEAL, Senses
 from pytest_rvads.simulators.patience import TooLate, watch
 from pytest_rvads.simulators.perception import Latency, Perception
-from pytest_rvads.wording import one_line, printable
+from pytest_rvads.support.errors import AutopilotError
+from pytest_rvads.support.wording import one_line, printable
 
 __all__ = ["Seat", "crew"]
 

@@ -14,11 +14,9 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from pytest_rvads.conduct.validate import impossible
 from pytest_rvads.drivers.naming import at
-from pytest_rvads.entrypoints import entries
-from pytest_rvads.errors import RunError, ScenarioError, needs, require, suggest
-from pytest_rvads.maps.segment import SPEED_LIMIT
+from pytest_rvads.geometry.segment import SPEED_LIMIT
+from pytest_rvads.logic.conduct.validate import impossible
 from pytest_rvads.runs.run import DT, Run
 from pytest_rvads.runs.states import Agent, Zone
 from pytest_rvads.runs.vehicle import Vehicle
@@ -26,6 +24,8 @@ from pytest_rvads.scenarios.case import Case
 from pytest_rvads.simulators.choice import choice
 from pytest_rvads.simulators.patience import TooLate, Watch
 from pytest_rvads.simulators.planar import usual
+from pytest_rvads.support.entrypoints import entries
+from pytest_rvads.support.errors import RunError, ScenarioError, needs, require, suggest
 
 __all__ = ["Simulator", "answered", "made_by", "meant", "named", "simulate", "simulators", "usable", "vmax"]
 

@@ -10,8 +10,8 @@ from pytest_rvads.drivers.interface import Observation
 from pytest_rvads.drivers.order import Queue
 from pytest_rvads.drivers.reference import Gate, Reference, by_zones
 from pytest_rvads.drivers.stop_sign import HOLD, PATIENCE, StopSign
-from pytest_rvads.maps.control import JunctionControl
-from pytest_rvads.maps.segment import Turn
+from pytest_rvads.geometry.control import JunctionControl
+from pytest_rvads.geometry.segment import Turn
 from pytest_rvads.runs.states import Colour, VehicleState, Zone
 
 __all__ = [

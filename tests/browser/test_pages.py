@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 from msgspec import structs
 
-from pytest_rvads.draw.picture import picture
-from pytest_rvads.draw.replay import Track, replay
 from pytest_rvads.drivers.lgsvl import LgsvlLike
-from pytest_rvads.junctions.finder import find
+from pytest_rvads.geometry.finder import find
 from pytest_rvads.logic.judging.verdicts import Status, Verdict
+from pytest_rvads.report.draw.picture import picture
+from pytest_rvads.report.draw.replay import Track, replay
 from pytest_rvads.report.page import page
 from pytest_rvads.report.record import Record, conclude, planned_record
 from pytest_rvads.report.session_report import Change, Comparison, Report, in_order
@@ -28,7 +28,7 @@ from pytest_rvads.runs.states import Agent, Kind
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.simulators.simulator import simulate
-from pytest_rvads.wording import printable
+from pytest_rvads.support.wording import printable
 
 from .large_session import large_session
 

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pytest_rvads.draw.animated import animated
-from pytest_rvads.draw.replay import Beside, replay
-from pytest_rvads.junctions.finder import find
+from pytest_rvads.geometry.finder import find
+from pytest_rvads.report.draw.animated import animated
+from pytest_rvads.report.draw.replay import Beside, replay
 from pytest_rvads.runs.run import Collision, Run
 from pytest_rvads.scenarios.scenario import Scenario
 

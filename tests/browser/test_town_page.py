@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from pytest_rvads.outcome import Outcome
+from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.report.outline import Notes
 from pytest_rvads.satellites.campaigns.town_page import Site, TownMap, town_page
 from pytest_rvads.satellites.campaigns.town_picture import Spot, TownPicture

@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 
 from pytest_rvads.cli import main, run_answers
-from pytest_rvads.junctions.finder import find
+from pytest_rvads.geometry.finder import find
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.judging.verdicts import InstanceVerdict, Status, Verdict
 from pytest_rvads.logic.rules.book import rulebook

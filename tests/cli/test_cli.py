@@ -13,10 +13,10 @@ import pytest
 
 from pytest_rvads.cli import main
 from pytest_rvads.cli.common import LINE_LIMIT
-from pytest_rvads.conduct.kpis import kpis
 from pytest_rvads.drivers.reference import Reference
-from pytest_rvads.junctions.finder import find
+from pytest_rvads.geometry.finder import find
 from pytest_rvads.logic.check import check
+from pytest_rvads.logic.conduct.kpis import kpis
 from pytest_rvads.runs.runfile import load_run, save_run
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario
@@ -42,7 +42,7 @@ def test_eight_ways_answer_at_once(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_pictures_are_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    from pytest_rvads.junctions.builtin import path_of
+    from pytest_rvads.geometry.builtin import path_of
 
     assert main(["classes", "3", "--svg", str(tmp_path / "c.svg")]) == 0
     assert main(["map", str(path_of("light4")), "--json", "--svg", str(tmp_path / "m.svg")]) == 0
@@ -232,7 +232,7 @@ def test_classes_of_a_junction_by_name(capsys: pytest.CaptureFixture[str]) -> No
 
 @pytest.mark.extended
 def test_an_autopilot_s_table_has_a_row_per_movement(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("pytest_rvads.cli.simulate_commands._DISTANCES", (0.3, 500.0))
+    monkeypatch.setattr("pytest_rvads.cli.braking_command._DISTANCES", (0.3, 500.0))
     assert main(["braking", "--autopilot", "reference", "--junction", "light3", "--json"]) == 0
     rows = json.loads(capsys.readouterr().out)
     assert [(row["entrance"], row["exit"]) for row in rows] == [(0, 1), (0, 2), (1, 0), (1, 2), (2, 0), (2, 1)]
@@ -252,7 +252,7 @@ ASCII = os.environ | {"PYTHONIOENCODING": "ascii", "PYTHONPATH": os.pathsep.join
     [["rules", "--rules", "größer.rules"], ["rules"], ["map", "größe.xodr"], ["check", "→.npz"], ["monitor", "G größer"]],
 )
 def test_every_answer_can_be_written_in_every_encoding(arguments: list[str], tmp_path: Path) -> None:
-    from pytest_rvads.junctions.builtin import path_of
+    from pytest_rvads.geometry.builtin import path_of
 
     rule = 'größer = forall a. G !(a@j)\n    title: "→ größer"\n'
     (tmp_path / "größer.rules").write_text(rule, encoding="utf-8")

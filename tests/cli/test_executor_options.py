@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from pytest_rvads.cli import executor_options, main
-from pytest_rvads.errors import RvadsError
+from pytest_rvads.support.errors import RvadsError
 
 
 def parsed(*arguments: str) -> argparse.Namespace:

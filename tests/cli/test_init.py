@@ -8,8 +8,8 @@ import pytest
 
 from pytest_rvads.cli import main
 from pytest_rvads.cli.init_command import WORKFLOW
-from pytest_rvads.junctions.builtin import path_of
-from pytest_rvads.opendrive.writer import Layout, opendrive
+from pytest_rvads.geometry.builtin import path_of
+from pytest_rvads.geometry.opendrive.writer import Layout, opendrive
 
 ROOT = Path(__file__).parents[2]
 DRIVES = ROOT / "examples" / "drives"

@@ -12,10 +12,10 @@ from typing import Any
 import msgspec
 import pytest
 
-from pytest_rvads import failure_page
 from pytest_rvads.cli import main, replayed
-from pytest_rvads.draw.animated import animated
-from pytest_rvads.draw.replay import Beside
+from pytest_rvads.report import failure_page
+from pytest_rvads.report.draw.animated import animated
+from pytest_rvads.report.draw.replay import Beside
 from pytest_rvads.report.folders import claimed, run_file
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.runfile import load_run

@@ -8,18 +8,18 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pytest_rvads.conduct.blocks import Block, Signal, as_blocks, signal
-from pytest_rvads.conduct.bodies import overlap
-from pytest_rvads.conduct.lane import off_lane, off_route
-from pytest_rvads.conduct.motion import advance, entered, facing, inside, wt
-from pytest_rvads.conduct.priority import brakes_hard, obstructs, owes, unhindered
-from pytest_rvads.conduct.progress import Lost, blocks, idles, losses, may_go
-from pytest_rvads.conduct.rights import close_behind, held, kept_by, next_to_go, starting, waives
-from pytest_rvads.conduct.standing import arrived, leads, speeding, stands, stopped, waited
-from pytest_rvads.conduct.stream import Stream
-from pytest_rvads.conduct.stretches import meet
-from pytest_rvads.conduct.waiting import Circles, circles, lets_pass, no_room
-from pytest_rvads.junctions.finder import find
+from pytest_rvads.geometry.finder import find
+from pytest_rvads.logic.conduct.blocks import Block, Signal, as_blocks, signal
+from pytest_rvads.logic.conduct.bodies import overlap
+from pytest_rvads.logic.conduct.lane import off_lane, off_route
+from pytest_rvads.logic.conduct.motion import advance, entered, facing, inside, wt
+from pytest_rvads.logic.conduct.priority import brakes_hard, obstructs, owes, unhindered
+from pytest_rvads.logic.conduct.progress import Lost, blocks, idles, losses, may_go
+from pytest_rvads.logic.conduct.rights import close_behind, held, kept_by, next_to_go, starting, waives
+from pytest_rvads.logic.conduct.standing import arrived, leads, speeding, stands, stopped, waited
+from pytest_rvads.logic.conduct.stream import Stream
+from pytest_rvads.logic.conduct.stretches import meet
+from pytest_rvads.logic.conduct.waiting import Circles, circles, lets_pass, no_room
 from pytest_rvads.runs.itineraries import itinerary
 from pytest_rvads.runs.recording import zones
 from pytest_rvads.runs.run import Facts, Run

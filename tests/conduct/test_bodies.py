@@ -9,16 +9,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pytest_rvads.conduct.bodies import collide, contacts, overlap
 from pytest_rvads.drivers.follower import Follower
-from pytest_rvads.errors import RunError
-from pytest_rvads.junctions.finder import find
+from pytest_rvads.geometry.finder import find
 from pytest_rvads.logic.check import check
+from pytest_rvads.logic.conduct.bodies import collide, contacts, overlap
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Agent, Zone
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.simulators.simulator import simulate
+from pytest_rvads.support.errors import RunError
 
 Make = Callable[..., Run]
 Box = tuple[float, float, float, float, float]

@@ -7,16 +7,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pytest_rvads.conduct.lane import beside, off_lane, off_route
 from pytest_rvads.drivers.follower import Follower
 from pytest_rvads.drivers.interface import Control, Observation
 from pytest_rvads.drivers.reference import Reference
-from pytest_rvads.errors import RunError
-from pytest_rvads.junctions.finder import find
-from pytest_rvads.junctions.junction import Junction
+from pytest_rvads.geometry.finder import find
+from pytest_rvads.geometry.junction import Junction
+from pytest_rvads.geometry.opendrive.writer import Layout, opendrive
+from pytest_rvads.geometry.segment import Segment, Turn
 from pytest_rvads.logic.check import check
-from pytest_rvads.maps.segment import Segment, Turn
-from pytest_rvads.opendrive.writer import Layout, opendrive
+from pytest_rvads.logic.conduct.lane import beside, off_lane, off_route
 from pytest_rvads.physics.body import Body
 from pytest_rvads.physics.world import Motion
 from pytest_rvads.runs.itineraries import Itinerary
@@ -27,6 +26,7 @@ from pytest_rvads.runs.vehicle import Vehicle
 from pytest_rvads.scenarios.case import Case, Fleet
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.simulators.simulator import simulate
+from pytest_rvads.support.errors import RunError
 
 Make = Callable[..., Run]
 # Lanes of the built-in maps are 3.5 m wide, a body 1.86 m: 0.3 m over the border is 1.75 + 0.3 - 0.93 m beside the centre.

@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pytest_rvads.conduct.priority import BEND_BRAKING, HARD_BRAKING, MIN_GAP, obstructs, owes
-from pytest_rvads.conduct.rights import DUE
-from pytest_rvads.conduct.stretches import shared
-from pytest_rvads.conduct.waiting import due
-from pytest_rvads.junctions.conflicts import Shared
-from pytest_rvads.junctions.finder import find
+from pytest_rvads.geometry.conflicts import Shared
+from pytest_rvads.geometry.finder import find
+from pytest_rvads.logic.conduct.priority import BEND_BRAKING, HARD_BRAKING, MIN_GAP, obstructs, owes
+from pytest_rvads.logic.conduct.rights import DUE
+from pytest_rvads.logic.conduct.stretches import shared
+from pytest_rvads.logic.conduct.waiting import due
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Colour, Zone
 

@@ -7,8 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pytest_rvads.conduct.motion import inside
-from pytest_rvads.conduct.progress import (
+from pytest_rvads.geometry.finder import find
+from pytest_rvads.logic.check import check
+from pytest_rvads.logic.conduct.motion import inside
+from pytest_rvads.logic.conduct.progress import (
     BLOCKING_TIME,
     PATIENCE,
     blocks,
@@ -16,9 +18,7 @@ from pytest_rvads.conduct.progress import (
     losses,
     may_go,
 )
-from pytest_rvads.conduct.rights import PACE, comes_first
-from pytest_rvads.junctions.finder import find
-from pytest_rvads.logic.check import check
+from pytest_rvads.logic.conduct.rights import PACE, comes_first
 from pytest_rvads.logic.live import RuleMonitor
 from pytest_rvads.logic.ltl.ltl3 import Truth
 from pytest_rvads.runs.run import Run

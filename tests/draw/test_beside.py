@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pytest_rvads.draw.replay import Beside, replay
-from pytest_rvads.failure_page import failure_pages, other_verdicts
-from pytest_rvads.junctions.finder import find
+from pytest_rvads.geometry.finder import find
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.judging.verdicts import Status, Verdict
 from pytest_rvads.logic.rules.book import get_rule
 from pytest_rvads.logic.rules.rule import Rule
+from pytest_rvads.report.draw.replay import Beside, replay
+from pytest_rvads.report.failure_page import failure_pages, other_verdicts
 from pytest_rvads.runs.run import Collision, Excerpt, Facts, Run
 from pytest_rvads.scenarios.scenario import Scenario
 

@@ -12,17 +12,17 @@ from hashlib import sha256
 import numpy as np
 import pytest
 
-from pytest_rvads.draw.class_table import draw_classes
-from pytest_rvads.draw.picture import picture
-from pytest_rvads.draw.replay import events, replay
-from pytest_rvads.draw.scene import Scene
-from pytest_rvads.errors import RunError
-from pytest_rvads.junctions.finder import find
+from pytest_rvads.geometry.finder import find
+from pytest_rvads.report.draw.class_table import draw_classes
+from pytest_rvads.report.draw.picture import picture
+from pytest_rvads.report.draw.replay import events, replay
+from pytest_rvads.report.draw.scene import Scene
 from pytest_rvads.runs.run import Collision, Run
 from pytest_rvads.runs.states import Kind, Zone
 from pytest_rvads.scenarios.classes import classes, members
 from pytest_rvads.scenarios.scenario import Scenario
-from pytest_rvads.wording import printable
+from pytest_rvads.support.errors import RunError
+from pytest_rvads.support.wording import printable
 
 from ..run_builders import gliding
 

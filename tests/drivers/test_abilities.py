@@ -14,7 +14,7 @@ import pytest_rvads as rvads
 from pytest_rvads.drivers.abilities import OF_AUTOPILOTS, OF_SYSTEMS
 from pytest_rvads.drivers.naming import called, name_of
 from pytest_rvads.drivers.renaming import renamed
-from pytest_rvads.junctions.junction import Movement
+from pytest_rvads.geometry.junction import Movement
 from pytest_rvads.runs.states import Agent
 from pytest_rvads.simulators.seat import crew
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 import pytest_rvads as rvads
-from pytest_rvads.junctions.choosing import choose_among
+from pytest_rvads.geometry.choosing import choose_among
 from pytest_rvads.logic.rules.book import rules_for
 from pytest_rvads.satellites.campaigns.town_plan import Asked, Plan
 from pytest_rvads.scenarios.configurations import ARRIVALS, grid

@@ -11,8 +11,8 @@ from pytest_rvads.drivers.follower import Follower
 from pytest_rvads.drivers.interface import Observation
 from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.drivers.way_ahead import BEND, Track
-from pytest_rvads.junctions.finder import find
-from pytest_rvads.maps.segment import Pose, Turn
+from pytest_rvads.geometry.finder import find
+from pytest_rvads.geometry.segment import Pose, Turn
 from pytest_rvads.runs.run import DT, Run
 from pytest_rvads.runs.states import VehicleState, Zone
 from pytest_rvads.runs.vehicle import Vehicle

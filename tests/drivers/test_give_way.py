@@ -10,19 +10,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pytest_rvads.conduct.standing import TIE
 from pytest_rvads.drivers.give_way import GiveWay
 from pytest_rvads.drivers.interface import Observation
 from pytest_rvads.drivers.order import Queue
 from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.drivers.traffic import EVERYWHERE, traffic
 from pytest_rvads.drivers.way_ahead import Track
-from pytest_rvads.junctions.finder import find, load
-from pytest_rvads.junctions.junction import Junction
+from pytest_rvads.geometry.control import Sign
+from pytest_rvads.geometry.finder import find, load
+from pytest_rvads.geometry.junction import Junction
+from pytest_rvads.geometry.segment import Turn
 from pytest_rvads.logic.check import check
+from pytest_rvads.logic.conduct.standing import TIE
 from pytest_rvads.logic.rules.book import rules_for
-from pytest_rvads.maps.control import Sign
-from pytest_rvads.maps.segment import Turn
 from pytest_rvads.runs.itineraries import Itinerary
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Colour, VehicleState, Zone

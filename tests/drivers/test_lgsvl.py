@@ -9,14 +9,14 @@ import pytest
 
 from pytest_rvads.drivers.lgsvl import Constants, LgsvlLike, ZoneBox
 from pytest_rvads.drivers.lgsvl.scheduler import Box, Whole, frame, zone_of
-from pytest_rvads.errors import AutopilotError
-from pytest_rvads.junctions.finder import find
-from pytest_rvads.paper.experiment import LIGHT, STOP, Entry, Setup, crossing_wait, outcome, run_entry
+from pytest_rvads.geometry.finder import find
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Zone
+from pytest_rvads.satellites.paper.experiment import LIGHT, STOP, Entry, Setup, crossing_wait, outcome, run_entry
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.simulators.simulator import simulate
+from pytest_rvads.support.errors import AutopilotError
 
 ALL = ("i1", "i2", "i3", "i4", "i5")
 # The deficiency, where the paper's analysis puts it (class, configuration), and the rules that it breaks there.

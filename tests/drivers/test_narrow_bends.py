@@ -8,21 +8,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pytest_rvads.conduct.lane import off_lane, off_route
-from pytest_rvads.conduct.room import leaves_room, room, stand_back
 from pytest_rvads.drivers import reference
 from pytest_rvads.drivers.interface import Autopilot, Control, Observation
 from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.drivers.swept import AxlePath, axle_path
 from pytest_rvads.drivers.way_ahead import track
-from pytest_rvads.junctions.builtin import CROSSINGS
-from pytest_rvads.junctions.finder import find, names
-from pytest_rvads.junctions.junction import Junction
-from pytest_rvads.junctions.sweep import CAR, plan, with_roads
+from pytest_rvads.geometry.builtin import CROSSINGS
+from pytest_rvads.geometry.control import Sign
+from pytest_rvads.geometry.finder import find, names
+from pytest_rvads.geometry.junction import Junction
+from pytest_rvads.geometry.opendrive.writer import Layout, opendrive
+from pytest_rvads.geometry.segment import Pose, Segment
+from pytest_rvads.geometry.sweep import CAR, plan, with_roads
 from pytest_rvads.logic.check import check
-from pytest_rvads.maps.control import Sign
-from pytest_rvads.maps.segment import Pose, Segment
-from pytest_rvads.opendrive.writer import Layout, opendrive
+from pytest_rvads.logic.conduct.lane import off_lane, off_route
+from pytest_rvads.logic.conduct.room import leaves_room, room, stand_back
 from pytest_rvads.runs.itineraries import itinerary
 from pytest_rvads.runs.states import Zone
 from pytest_rvads.runs.vehicle import Vehicle

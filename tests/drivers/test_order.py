@@ -6,8 +6,8 @@ import pytest
 
 from pytest_rvads.drivers.interface import Observation
 from pytest_rvads.drivers.order import Queue
-from pytest_rvads.junctions.finder import find
-from pytest_rvads.maps.segment import Turn
+from pytest_rvads.geometry.finder import find
+from pytest_rvads.geometry.segment import Turn
 from pytest_rvads.runs.states import VehicleState, Zone
 from pytest_rvads.runs.vehicle import Vehicle
 from pytest_rvads.scenarios.scenario import Scenario

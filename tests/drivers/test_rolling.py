@@ -4,7 +4,7 @@ import pytest
 
 from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.drivers.rolling import RollingStop
-from pytest_rvads.junctions.finder import find
+from pytest_rvads.geometry.finder import find
 from pytest_rvads.logic.check import check
 from pytest_rvads.runs.states import Zone
 from pytest_rvads.scenarios.case import Case

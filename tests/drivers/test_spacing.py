@@ -10,8 +10,8 @@ from pytest_rvads.drivers.pursuit import lookahead, pursue
 from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.drivers.spacing import Stopping, behind_leader, can_stop, clear_of_bodies, clear_of_crossing, time_to
 from pytest_rvads.drivers.way_ahead import Track
-from pytest_rvads.junctions.finder import find
-from pytest_rvads.maps.segment import Turn
+from pytest_rvads.geometry.finder import find
+from pytest_rvads.geometry.segment import Turn
 from pytest_rvads.runs.states import VehicleState, Zone
 from pytest_rvads.runs.vehicle import Vehicle
 from pytest_rvads.scenarios.scenario import Scenario

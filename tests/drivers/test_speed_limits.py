@@ -8,9 +8,9 @@ import pytest_rvads as rvads
 from pytest_rvads.drivers.interface import Observation
 from pytest_rvads.drivers.policies import Hesitant, LateYielder, RedLightRunner
 from pytest_rvads.drivers.rolling import RollingStop
-from pytest_rvads.junctions.finder import find
-from pytest_rvads.junctions.junction import Junction
-from pytest_rvads.maps.segment import NO_LIMIT, SPEED_LIMIT, Limits
+from pytest_rvads.geometry.finder import find
+from pytest_rvads.geometry.junction import Junction
+from pytest_rvads.geometry.segment import NO_LIMIT, SPEED_LIMIT, Limits
 from pytest_rvads.runs.itineraries import itinerary
 from pytest_rvads.scenarios.configurations import configuration, explicit
 from pytest_rvads.scenarios.scenario import started

@@ -3,7 +3,7 @@
 import pytest
 
 from pytest_rvads.drivers.traffic import EVERYWHERE, traffic
-from pytest_rvads.junctions.finder import find
+from pytest_rvads.geometry.finder import find
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.configurations import configuration
 from pytest_rvads.scenarios.scenario import Scenario

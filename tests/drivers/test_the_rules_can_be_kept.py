@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pytest_rvads.conduct.standing import TIE
 from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.drivers.traffic import EVERYWHERE, traffic
-from pytest_rvads.junctions.finder import find
+from pytest_rvads.geometry.control import JunctionControl
+from pytest_rvads.geometry.finder import find
 from pytest_rvads.logic.check import check
+from pytest_rvads.logic.conduct.standing import TIE
 from pytest_rvads.logic.rules.book import rules_for
-from pytest_rvads.maps.control import JunctionControl
 from pytest_rvads.runs.run import DT, Run
 from pytest_rvads.runs.states import Zone
 from pytest_rvads.scenarios.case import Case

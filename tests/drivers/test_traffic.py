@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pytest_rvads.conduct.standing import stopped
 from pytest_rvads.drivers.chosen import chosen
 from pytest_rvads.drivers.follower import Follower
 from pytest_rvads.drivers.interface import Observation
@@ -15,9 +14,9 @@ from pytest_rvads.drivers.playback import Replay
 from pytest_rvads.drivers.policies import HESITATION
 from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.drivers.traffic import EVERYWHERE, Policy, traffic
-from pytest_rvads.errors import RunError, ScenarioError
-from pytest_rvads.junctions.finder import find
+from pytest_rvads.geometry.finder import find
 from pytest_rvads.logic.check import check
+from pytest_rvads.logic.conduct.standing import stopped
 from pytest_rvads.runs.run import DT, Run
 from pytest_rvads.runs.runfile import save_run
 from pytest_rvads.runs.states import Colour, Zone
@@ -25,6 +24,7 @@ from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.configurations import configuration
 from pytest_rvads.scenarios.scenario import Scenario, started
 from pytest_rvads.simulators.simulator import simulate
+from pytest_rvads.support.errors import RunError, ScenarioError
 
 Among = Callable[[str, str], Run]
 

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from pytest_rvads.errors import RvadsError
-from pytest_rvads.junctions.road_map import read_map
+from pytest_rvads.geometry.road_map import read_map
 from pytest_rvads.logic.rules.rulefile import load_rules
 from pytest_rvads.runs.recorded import read_recorded
 from pytest_rvads.runs.runfile import load_run
+from pytest_rvads.support.errors import RvadsError
 
 READERS: list[Callable[[Path], object]] = [read_map, load_rules, read_recorded, load_run]
 

@@ -18,17 +18,16 @@ from hypothesis import strategies as st
 from markdown_it import MarkdownIt
 from msgspec import structs
 
-from pytest_rvads.conduct.kpis import kpis
-from pytest_rvads.draw.class_table import draw_classes
-from pytest_rvads.draw.map_picture import draw_map
-from pytest_rvads.draw.picture import picture
-from pytest_rvads.draw.replay import Track, replay
 from pytest_rvads.drivers.lgsvl import LgsvlLike
-from pytest_rvads.errors import RvadsError
-from pytest_rvads.junctions.builtin import path_of
-from pytest_rvads.junctions.finder import find
-from pytest_rvads.junctions.road_map import read_map
+from pytest_rvads.geometry.builtin import path_of
+from pytest_rvads.geometry.finder import find
+from pytest_rvads.geometry.road_map import read_map
 from pytest_rvads.logic.check import check
+from pytest_rvads.logic.conduct.kpis import kpis
+from pytest_rvads.report.draw.class_table import draw_classes
+from pytest_rvads.report.draw.map_picture import draw_map
+from pytest_rvads.report.draw.picture import picture
+from pytest_rvads.report.draw.replay import Track, replay
 from pytest_rvads.report.files import FORMATS, load
 from pytest_rvads.report.merge import merge
 from pytest_rvads.report.record import Computing, conclude, planned_record
@@ -38,7 +37,8 @@ from pytest_rvads.runs.run import Fault, Run
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.simulators.simulator import simulate
-from pytest_rvads.wording import printable
+from pytest_rvads.support.errors import RvadsError
+from pytest_rvads.support.wording import printable
 
 from .mutations import QUICK, damaged, hostile_text
 

@@ -7,7 +7,6 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from pytest_rvads.errors import FormulaError
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.ltl.ltl3 import synthesize
 from pytest_rvads.logic.ltl.parser import parse_ltl
@@ -17,6 +16,7 @@ from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.logic.rules.rulebooks import PAPER, ROAD
 from pytest_rvads.logic.rules.rulefile import load_rules
 from pytest_rvads.runs.run import Run
+from pytest_rvads.support.errors import FormulaError
 
 from .mutations import QUICK, damaged, hostile_text
 

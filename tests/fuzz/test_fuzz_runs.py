@@ -12,15 +12,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pytest_rvads.conduct.kpis import kpis
-from pytest_rvads.conduct.validate import damage, validate
-from pytest_rvads.draw.picture import picture
-from pytest_rvads.draw.replay import replay
-from pytest_rvads.errors import RunError
 from pytest_rvads.logic.check import check
+from pytest_rvads.logic.conduct.kpis import kpis
+from pytest_rvads.logic.conduct.validate import damage, validate
+from pytest_rvads.report.draw.picture import picture
+from pytest_rvads.report.draw.replay import replay
 from pytest_rvads.runs.readers import read_runs
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.runfile import load_run, save_run
+from pytest_rvads.support.errors import RunError
 
 from .mutations import QUICK, damaged
 

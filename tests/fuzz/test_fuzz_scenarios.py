@@ -7,8 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import pytest_rvads as rvads
-from pytest_rvads.errors import MapError, RunError, ScenarioError
 from pytest_rvads.runs.recording import Recording
+from pytest_rvads.support.errors import MapError, RunError, ScenarioError
 
 from .mutations import QUICK, damaged, hostile_text
 

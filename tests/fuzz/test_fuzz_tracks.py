@@ -9,15 +9,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pytest_rvads.errors import RunError
-from pytest_rvads.junctions.finder import find
-from pytest_rvads.junctions.junction import Junction
+from pytest_rvads.geometry.finder import find
+from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.logic.check import check
 from pytest_rvads.runs.itineraries import Itinerary
 from pytest_rvads.runs.readers import read_runs
 from pytest_rvads.runs.recording import Recording
 from pytest_rvads.runs.recordingfile import load_recording, save_recording
 from pytest_rvads.satellites.tracks.importing import read_tracks
+from pytest_rvads.support.errors import RunError
 
 from .mutations import QUICK, damaged, hostile_text
 

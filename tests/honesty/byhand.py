@@ -29,7 +29,7 @@ def joined(one: Run, other: Run) -> Run:
 
 def until_contact(run: Run) -> Run:
     """Return a run up to the first contact of two bodies, as a simulation would end."""
-    from pytest_rvads.conduct.bodies import contacts
+    from pytest_rvads.logic.conduct.bodies import contacts
 
     run = replace(run, collisions=None)
     (first, *_) = contacts(run)

@@ -5,7 +5,7 @@ import json
 import pytest
 
 from pytest_rvads.cli import main
-from pytest_rvads.opendrive.writer import Layout, opendrive
+from pytest_rvads.geometry.opendrive.writer import Layout, opendrive
 
 from .attempts import CHECKED, FAILED, NOTHING, Session
 from .shown import shows, shows_each

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest_rvads as rvads
 from pytest_rvads.drivers.policies import LateYielder
-from pytest_rvads.opendrive.writer import Layout, opendrive
+from pytest_rvads.geometry.opendrive.writer import Layout, opendrive
 from pytest_rvads.search.remap import mirrored
 
 from .cases import Case, at

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pytest_rvads.errors import MapError, ScenarioError
-from pytest_rvads.junctions.finder import find
-from pytest_rvads.junctions.junction import Entrance, Exit, Junction, Movement
-from pytest_rvads.maps.control import Sign
-from pytest_rvads.maps.segment import Segment, Turn
+from pytest_rvads.geometry.control import Sign
+from pytest_rvads.geometry.finder import find
+from pytest_rvads.geometry.junction import Entrance, Exit, Junction, Movement
+from pytest_rvads.geometry.segment import Segment, Turn
+from pytest_rvads.support.errors import MapError, ScenarioError
 
 
 def signed(junction: Junction, *signs: Sign) -> Junction:

@@ -5,9 +5,9 @@ import time
 
 import pytest
 
-from pytest_rvads.errors import FormulaError
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.ltl.ltl3 import synthesize
+from pytest_rvads.support.errors import FormulaError
 
 UNARY = (f.Not, f.Next, f.Always, f.Eventually)
 BINARY = (f.Until, f.WeakUntil, f.Release, f.Implies, f.Iff)

@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pytest_rvads.conduct.blocks import as_blocks, assume
-from pytest_rvads.conduct.motion import wt
-from pytest_rvads.junctions.finder import find
+from pytest_rvads.geometry.finder import find
 from pytest_rvads.logic.check import check, extract, ground, simplify, unfold
+from pytest_rvads.logic.conduct.blocks import as_blocks, assume
+from pytest_rvads.logic.conduct.motion import wt
 from pytest_rvads.logic.judging.evaluate import Values
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.ltl.finite import settle

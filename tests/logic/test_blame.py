@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pytest_rvads.conduct.blame import cause_of
-from pytest_rvads.conduct.stretches import shared
 from pytest_rvads.logic.check import check
+from pytest_rvads.logic.conduct.blame import cause_of
+from pytest_rvads.logic.conduct.stretches import shared
 from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.runs.run import Collision, Facts, Run
 from pytest_rvads.runs.states import Colour, Zone

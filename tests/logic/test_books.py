@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 import pytest_rvads as rvads
-from pytest_rvads.errors import FormulaError
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.live import RuleMonitor
 from pytest_rvads.logic.rules.book import SHIPPED, RuleBook, current_book, get_rule, predicate, rule, rules_for
@@ -20,6 +19,7 @@ from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.logic.rules.sameness import same
 from pytest_rvads.logic.rules.vocabulary import Word
 from pytest_rvads.runs.run import Run
+from pytest_rvads.support.errors import FormulaError
 
 Make = Callable[..., Run]
 

@@ -6,10 +6,10 @@ from pathlib import Path
 import pytest
 
 from pytest_rvads.cli.answers import list_rules, named_rules
-from pytest_rvads.errors import RunError
 from pytest_rvads.runs.readers import read_runs
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.runfile import save_run
+from pytest_rvads.support.errors import RunError
 
 Make = Callable[..., Run]
 

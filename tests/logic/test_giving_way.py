@@ -12,22 +12,22 @@ import numpy as np
 import pytest
 
 import pytest_rvads as rvads
-from pytest_rvads.conduct.grounds import Ground, ground_of
-from pytest_rvads.conduct.lane import wrong_lanes
-from pytest_rvads.conduct.predicates import extract
-from pytest_rvads.conduct.priority import owes
-from pytest_rvads.conduct.progress import may_go
-from pytest_rvads.conduct.rights import comes_first
-from pytest_rvads.conduct.standing import stopped
-from pytest_rvads.conduct.waiting import due
-from pytest_rvads.junctions.junction import Entrance, Junction, Movement
+from pytest_rvads.geometry.control import Sign
+from pytest_rvads.geometry.junction import Entrance, Junction, Movement
+from pytest_rvads.geometry.segment import Segment, Turn
 from pytest_rvads.logic.check import check
+from pytest_rvads.logic.conduct.grounds import Ground, ground_of
+from pytest_rvads.logic.conduct.lane import wrong_lanes
+from pytest_rvads.logic.conduct.predicates import extract
+from pytest_rvads.logic.conduct.priority import owes
+from pytest_rvads.logic.conduct.progress import may_go
+from pytest_rvads.logic.conduct.rights import comes_first
+from pytest_rvads.logic.conduct.standing import stopped
+from pytest_rvads.logic.conduct.waiting import due
 from pytest_rvads.logic.judging.prepare import prepare
 from pytest_rvads.logic.live import RuleMonitor
 from pytest_rvads.logic.ltl.ltl3 import Truth
 from pytest_rvads.logic.rules.book import get_rule, rules_for
-from pytest_rvads.maps.control import Sign
-from pytest_rvads.maps.segment import Segment, Turn
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Colour, Zone
 from pytest_rvads.search.remap import mirrored

@@ -8,8 +8,7 @@ import pytest
 
 from pytest_rvads.drivers.policies import RedLightRunner
 from pytest_rvads.drivers.rolling import RollingStop
-from pytest_rvads.errors import RunError
-from pytest_rvads.junctions.finder import find
+from pytest_rvads.geometry.finder import find
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.judging.verdicts import Status
 from pytest_rvads.logic.live import RuleMonitor
@@ -21,6 +20,7 @@ from pytest_rvads.runs.states import Colour
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.simulators.simulator import simulate
+from pytest_rvads.support.errors import RunError
 
 Make = Callable[..., Run]
 GREEN, RED = Colour.GREEN, Colour.RED

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from pytest_rvads.drivers.rolling import RollingStop
-from pytest_rvads.errors import FormulaError, RunError
-from pytest_rvads.junctions.finder import find
+from pytest_rvads.geometry.finder import find
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.judging.verdicts import Status
 from pytest_rvads.logic.live import Decided, RuleMonitor, Seen
@@ -24,6 +23,7 @@ from pytest_rvads.runs.states import Agent, Colour, Zone
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.simulators.simulator import simulate
+from pytest_rvads.support.errors import FormulaError, RunError
 from studies.mutants import MUTANTS
 
 from ..run_builders import coarse

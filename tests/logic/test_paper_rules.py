@@ -10,7 +10,6 @@ from typing import Any
 
 import pytest
 
-from pytest_rvads.errors import RunError
 from pytest_rvads.logic.check import check, extract
 from pytest_rvads.logic.judging.cycle import find_cycle
 from pytest_rvads.logic.judging.evaluate import Values
@@ -22,6 +21,7 @@ from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.logic.rules.sorts import Sort
 from pytest_rvads.runs.run import Fault, Run
 from pytest_rvads.runs.states import Colour
+from pytest_rvads.support.errors import RunError
 
 G, R = Colour.GREEN, Colour.RED
 Make = Callable[..., Run]

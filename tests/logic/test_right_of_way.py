@@ -6,13 +6,13 @@ from typing import Any
 
 import pytest
 
-from pytest_rvads.conduct.blame import cause_of
-from pytest_rvads.conduct.grounds import may_owe
-from pytest_rvads.conduct.priority import HARD_BRAKING
-from pytest_rvads.conduct.stretches import contested
-from pytest_rvads.junctions.conflicts import Shared, Stretch
-from pytest_rvads.junctions.finder import find
+from pytest_rvads.geometry.conflicts import Shared, Stretch
+from pytest_rvads.geometry.finder import find
 from pytest_rvads.logic.check import check
+from pytest_rvads.logic.conduct.blame import cause_of
+from pytest_rvads.logic.conduct.grounds import may_owe
+from pytest_rvads.logic.conduct.priority import HARD_BRAKING
+from pytest_rvads.logic.conduct.stretches import contested
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Colour
 

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pytest_rvads.conduct.standing import speeding, stopped
-from pytest_rvads.conduct.stretches import shared
-from pytest_rvads.junctions.finder import find
+from pytest_rvads.geometry.finder import find
 from pytest_rvads.logic.check import check
+from pytest_rvads.logic.conduct.standing import speeding, stopped
+from pytest_rvads.logic.conduct.stretches import shared
 from pytest_rvads.logic.rules.book import rules_for
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Colour

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pytest_rvads.errors import FormulaError
+from pytest_rvads.geometry.control import JunctionControl
 from pytest_rvads.logic.check import check, extract, ground, simplify, unfold
 from pytest_rvads.logic.judging.evaluate import Values
 from pytest_rvads.logic.judging.ground import domain
@@ -21,9 +21,9 @@ from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.logic.rules.rulefile import load_rules
 from pytest_rvads.logic.rules.sorts import Sort
 from pytest_rvads.logic.rules.vocabulary import Vocabulary, Word
-from pytest_rvads.maps.control import JunctionControl
 from pytest_rvads.runs.run import Facts, Fault, Run
 from pytest_rvads.runs.states import Colour
+from pytest_rvads.support.errors import FormulaError
 
 Make = Callable[..., Run]
 RESERVED = ("G", "F", "N", "X", "U", "W", "R", "true", "false")

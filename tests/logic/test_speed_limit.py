@@ -5,12 +5,12 @@ from dataclasses import replace
 
 import pytest
 
-from pytest_rvads.junctions.finder import find
-from pytest_rvads.junctions.junction import Junction
+from pytest_rvads.geometry.finder import find
+from pytest_rvads.geometry.junction import Junction
+from pytest_rvads.geometry.segment import NO_LIMIT, Limits
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.live.rule_monitor import RuleMonitor
 from pytest_rvads.logic.ltl.ltl3 import Truth
-from pytest_rvads.maps.segment import NO_LIMIT, Limits
 from pytest_rvads.runs.run import Run
 
 Make = Callable[..., Run]
@@ -77,7 +77,7 @@ def test_partly_unknown_speed_limit_is_na(drive: Make) -> None:
 
 
 def test_the_delay_counts_from_the_time_that_the_limits_allow(drive: Make) -> None:
-    from pytest_rvads.conduct.kpis import kpis
+    from pytest_rvads.logic.conduct.kpis import kpis
 
     run = drive(FALLS, {0: (2, -60.0, [(0, 4.0)])}, 2600)
     (vehicle,) = kpis(run).vehicles

@@ -4,8 +4,7 @@ import pytest
 
 from pytest_rvads.drivers.lgsvl import LgsvlLike
 from pytest_rvads.drivers.reference import Reference
-from pytest_rvads.errors import FormulaError
-from pytest_rvads.junctions.finder import find
+from pytest_rvads.geometry.finder import find
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.judging.verdicts import Status
 from pytest_rvads.logic.rules.book import rule
@@ -13,6 +12,7 @@ from pytest_rvads.logic.timeline import timelines
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.simulators.simulator import simulate
+from pytest_rvads.support.errors import FormulaError
 
 
 @pytest.mark.parametrize(

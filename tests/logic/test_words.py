@@ -8,12 +8,12 @@ from itertools import combinations
 import pytest
 
 from pytest_rvads.cli.answers import list_rules
-from pytest_rvads.errors import FormulaError
 from pytest_rvads.logic.ltl.export import describe, to_dot, to_hoa
 from pytest_rvads.logic.ltl.ltl3 import Machine, Truth, synthesize
 from pytest_rvads.logic.ltl.monitor import Monitor
 from pytest_rvads.logic.ltl.parser import parse_ltl
 from pytest_rvads.logic.ltl.words import answer
+from pytest_rvads.support.errors import FormulaError
 
 
 def ask(formula: str, *words: str, name: object = 1) -> dict[str, object]:

@@ -7,13 +7,13 @@ from itertools import pairwise
 
 import pytest
 
-from pytest_rvads.junctions.builtin import LAYOUTS, path_of
-from pytest_rvads.junctions.finder import find, names
-from pytest_rvads.junctions.road_map import read_map
-from pytest_rvads.maps.control import JunctionControl
-from pytest_rvads.maps.segment import Turn
-from pytest_rvads.opendrive.roundabout import Roundabout, roundabout
-from pytest_rvads.opendrive.writer import Layout, opendrive
+from pytest_rvads.geometry.builtin import LAYOUTS, path_of
+from pytest_rvads.geometry.control import JunctionControl
+from pytest_rvads.geometry.finder import find, names
+from pytest_rvads.geometry.opendrive.roundabout import Roundabout, roundabout
+from pytest_rvads.geometry.opendrive.writer import Layout, opendrive
+from pytest_rvads.geometry.road_map import read_map
+from pytest_rvads.geometry.segment import Turn
 from pytest_rvads.runs.itineraries import Itinerary
 
 from .conftest import Read
@@ -109,7 +109,7 @@ def test_files_are_what_the_layouts_write(name: str) -> None:
 
 
 def test_the_graph_library_waits_for_the_first_map() -> None:
-    code = "import sys, pytest_rvads.plugin, pytest_rvads.junctions.junction; sys.exit('networkx' in sys.modules)"
+    code = "import sys, pytest_rvads.plugin, pytest_rvads.geometry.junction; sys.exit('networkx' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 

@@ -12,11 +12,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pytest_rvads.errors import MapError
-from pytest_rvads.junctions.junction import Junction
-from pytest_rvads.junctions.road_map import RoadMap, read_map
-from pytest_rvads.opendrive.centre_lines import unfolded
+from pytest_rvads.geometry.junction import Junction
+from pytest_rvads.geometry.opendrive.centre_lines import unfolded
+from pytest_rvads.geometry.road_map import RoadMap, read_map
 from pytest_rvads.runs.itineraries import Itinerary
+from pytest_rvads.support.errors import MapError
 
 from .conftest import Read, Tree
 

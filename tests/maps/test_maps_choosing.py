@@ -7,11 +7,11 @@ from typing import Any
 
 import pytest
 
-from pytest_rvads.errors import MapError
-from pytest_rvads.junctions.choosing import Choice, Kinds, choose, choose_among
-from pytest_rvads.junctions.finder import find
-from pytest_rvads.maps.control import JunctionControl
-from pytest_rvads.opendrive.writer import Layout
+from pytest_rvads.geometry.choosing import Choice, Kinds, choose, choose_among
+from pytest_rvads.geometry.control import JunctionControl
+from pytest_rvads.geometry.finder import find
+from pytest_rvads.geometry.opendrive.writer import Layout
+from pytest_rvads.support.errors import MapError
 
 STOP, LIGHTS, NONE = JunctionControl.STOP, JunctionControl.LIGHTS, JunctionControl.NONE
 

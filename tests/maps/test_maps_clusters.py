@@ -10,9 +10,9 @@ from xml.etree.ElementTree import Element, SubElement
 import pytest
 
 from pytest_rvads.cli import main
-from pytest_rvads.junctions.junction import Junction
-from pytest_rvads.junctions.road_map import RoadMap, read_map
-from pytest_rvads.maps.control import JunctionControl
+from pytest_rvads.geometry.control import JunctionControl
+from pytest_rvads.geometry.junction import Junction
+from pytest_rvads.geometry.road_map import RoadMap, read_map
 
 from .conftest import Read, Tree
 

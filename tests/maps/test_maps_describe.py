@@ -7,9 +7,9 @@ from xml.etree import ElementTree
 import pytest
 
 from pytest_rvads.cli import main
-from pytest_rvads.junctions.builtin import path_of
-from pytest_rvads.junctions.road_map import describe, read_map
-from pytest_rvads.opendrive.writer import Layout, opendrive
+from pytest_rvads.geometry.builtin import path_of
+from pytest_rvads.geometry.opendrive.writer import Layout, opendrive
+from pytest_rvads.geometry.road_map import describe, read_map
 
 from .conftest import Read, Tree
 

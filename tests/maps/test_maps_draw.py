@@ -6,14 +6,14 @@ from xml.etree import ElementTree
 
 import pytest
 
-from pytest_rvads.draw.map_picture import draw_map
-from pytest_rvads.draw.svg import arrow, wrap
-from pytest_rvads.junctions.builtin import path_of
-from pytest_rvads.junctions.finder import names
-from pytest_rvads.junctions.road_map import read_map
-from pytest_rvads.maps.control import Sign
-from pytest_rvads.maps.segment import Turn
-from pytest_rvads.opendrive.writer import Layout, opendrive
+from pytest_rvads.geometry.builtin import path_of
+from pytest_rvads.geometry.control import Sign
+from pytest_rvads.geometry.finder import names
+from pytest_rvads.geometry.opendrive.writer import Layout, opendrive
+from pytest_rvads.geometry.road_map import read_map
+from pytest_rvads.geometry.segment import Turn
+from pytest_rvads.report.draw.map_picture import draw_map
+from pytest_rvads.report.draw.svg import arrow, wrap
 
 from .conftest import Read
 

@@ -8,20 +8,20 @@ from xml.etree import ElementTree
 
 import pytest
 
-from pytest_rvads.draw.map_picture import draw_map
-from pytest_rvads.draw.picture import draw_ways
 from pytest_rvads.drivers.follower import Follower
 from pytest_rvads.drivers.interface import Observation
-from pytest_rvads.errors import MapError, ScenarioError
-from pytest_rvads.junctions.builtin import path_of
-from pytest_rvads.junctions.finder import find, load, nearest
-from pytest_rvads.junctions.road_map import describe, read_map
-from pytest_rvads.junctions.yielding import Reason
+from pytest_rvads.geometry.builtin import path_of
+from pytest_rvads.geometry.finder import find, load, nearest
+from pytest_rvads.geometry.opendrive.writer import Layout, opendrive
+from pytest_rvads.geometry.road_map import describe, read_map
+from pytest_rvads.geometry.yielding import Reason
 from pytest_rvads.logic.check import check
-from pytest_rvads.opendrive.writer import Layout, opendrive
+from pytest_rvads.report.draw.map_picture import draw_map
+from pytest_rvads.report.draw.picture import draw_ways
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.simulators.simulator import simulate
+from pytest_rvads.support.errors import MapError, ScenarioError
 
 
 @pytest.mark.parametrize(

@@ -9,12 +9,12 @@ import networkx as nx
 import numpy as np
 import pytest
 
-from pytest_rvads.errors import MapError
-from pytest_rvads.junctions.finder import find
-from pytest_rvads.junctions.formats import READERS
-from pytest_rvads.junctions.road_map import describe, read_map
-from pytest_rvads.maps.control import JunctionControl, MapObject, ObjectKind
-from pytest_rvads.maps.network import DeclaredJunction, Edge, Network
+from pytest_rvads.geometry.control import JunctionControl, MapObject, ObjectKind
+from pytest_rvads.geometry.finder import find
+from pytest_rvads.geometry.formats import READERS
+from pytest_rvads.geometry.network import DeclaredJunction, Edge, Network
+from pytest_rvads.geometry.road_map import describe, read_map
+from pytest_rvads.support.errors import MapError
 
 STAR = """\
 stop

@@ -10,12 +10,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pytest_rvads.errors import MapError
-from pytest_rvads.junctions.builtin import path_of
-from pytest_rvads.junctions.graph import MetricGraph, Position
-from pytest_rvads.junctions.road_map import RoadMap, read_map
-from pytest_rvads.maps.network import Edge, Network
-from pytest_rvads.maps.segment import Turn
+from pytest_rvads.geometry.builtin import path_of
+from pytest_rvads.geometry.graph import MetricGraph, Position
+from pytest_rvads.geometry.network import Edge, Network
+from pytest_rvads.geometry.road_map import RoadMap, read_map
+from pytest_rvads.geometry.segment import Turn
+from pytest_rvads.support.errors import MapError
 
 QUICK = settings(derandomize=True, deadline=None, max_examples=60)
 

@@ -8,11 +8,11 @@ from pathlib import Path
 import pytest
 
 from pytest_rvads.cli import main
-from pytest_rvads.errors import MapError
-from pytest_rvads.junctions.choosing import choose
-from pytest_rvads.junctions.finder import find, names
-from pytest_rvads.maps.control import JunctionControl
-from pytest_rvads.opendrive.writer import Layout
+from pytest_rvads.geometry.choosing import choose
+from pytest_rvads.geometry.control import JunctionControl
+from pytest_rvads.geometry.finder import find, names
+from pytest_rvads.geometry.opendrive.writer import Layout
+from pytest_rvads.support.errors import MapError
 
 
 def allowing(*directions: int, approach: float = 120.0) -> Layout:

@@ -6,7 +6,7 @@ from xml.etree.ElementTree import Element, SubElement
 
 import pytest
 
-from pytest_rvads.junctions.road_map import RoadMap
+from pytest_rvads.geometry.road_map import RoadMap
 
 from .conftest import Read
 

@@ -6,11 +6,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pytest_rvads.errors import MapError
-from pytest_rvads.junctions.builtin import path_of
-from pytest_rvads.junctions.projection import Track
-from pytest_rvads.junctions.road_map import RoadMap, read_map
-from pytest_rvads.maps.segment import Pose
+from pytest_rvads.geometry.builtin import path_of
+from pytest_rvads.geometry.projection import Track
+from pytest_rvads.geometry.road_map import RoadMap, read_map
+from pytest_rvads.geometry.segment import Pose
+from pytest_rvads.support.errors import MapError
 
 QUICK = settings(derandomize=True, deadline=None, max_examples=60)
 

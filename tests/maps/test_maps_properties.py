@@ -12,10 +12,10 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from pytest_rvads.junctions.analysis import JunctionReport, LaneEnd
-from pytest_rvads.junctions.road_map import RoadMap, read_map
-from pytest_rvads.maps.control import JunctionControl
-from pytest_rvads.opendrive.writer import Layout, opendrive
+from pytest_rvads.geometry.analysis import JunctionReport, LaneEnd
+from pytest_rvads.geometry.control import JunctionControl
+from pytest_rvads.geometry.opendrive.writer import Layout, opendrive
+from pytest_rvads.geometry.road_map import RoadMap, read_map
 
 FILES = (
     "cubetown",

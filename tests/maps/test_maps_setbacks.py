@@ -6,8 +6,8 @@ from typing import Any
 import pytest
 
 import pytest_rvads as rvads
-from pytest_rvads.maps.control import JunctionControl
-from pytest_rvads.opendrive.writer import Layout, opendrive
+from pytest_rvads.geometry.control import JunctionControl
+from pytest_rvads.geometry.opendrive.writer import Layout, opendrive
 from pytest_rvads.scenarios.classes import classes, label
 
 SETBACKS = (0.0, 2.0, 4.0, 8.0)

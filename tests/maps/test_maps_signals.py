@@ -5,11 +5,11 @@ from xml.etree.ElementTree import Element, SubElement
 
 import pytest
 
-from pytest_rvads.errors import MapError
-from pytest_rvads.junctions.road_map import RoadMap
-from pytest_rvads.maps.control import JunctionControl, MapObject, ObjectKind, sign_setback_of
-from pytest_rvads.opendrive.records import Signal
-from pytest_rvads.opendrive.signals import kind_of
+from pytest_rvads.geometry.control import JunctionControl, MapObject, ObjectKind, sign_setback_of
+from pytest_rvads.geometry.opendrive.records import Signal
+from pytest_rvads.geometry.opendrive.signals import kind_of
+from pytest_rvads.geometry.road_map import RoadMap
+from pytest_rvads.support.errors import MapError
 
 from .conftest import Read, Tree
 

@@ -9,11 +9,11 @@ import pytest
 
 import pytest_rvads as rvads
 from pytest_rvads.cli import main
-from pytest_rvads.errors import MapError
-from pytest_rvads.junctions.finder import find
-from pytest_rvads.maps.segment import NO_LIMIT, SPEED_LIMIT
-from pytest_rvads.opendrive.speeds import speed_of
+from pytest_rvads.geometry.finder import find
+from pytest_rvads.geometry.opendrive.speeds import speed_of
+from pytest_rvads.geometry.segment import NO_LIMIT, SPEED_LIMIT
 from pytest_rvads.runs.itineraries import itinerary
+from pytest_rvads.support.errors import MapError
 
 from .conftest import Read, Tree
 

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from pytest_rvads.errors import MapError
-from pytest_rvads.junctions.finder import find
-from pytest_rvads.junctions.road_map import RoadMap, describe, read_map
+from pytest_rvads.geometry.finder import find
+from pytest_rvads.geometry.road_map import RoadMap, describe, read_map
+from pytest_rvads.support.errors import MapError
 
 # file, junction, ways, control, shortest approach [m]
 TABLE = [

@@ -7,16 +7,16 @@ from xml.etree import ElementTree as ET
 
 import pytest
 
-from pytest_rvads.errors import MapError
-from pytest_rvads.junctions.builtin import CROSSINGS, LAYOUTS, path_of
-from pytest_rvads.junctions.finder import find
-from pytest_rvads.junctions.junction import Junction
-from pytest_rvads.junctions.road_map import read_map
-from pytest_rvads.maps.control import JunctionControl, Sign
-from pytest_rvads.maps.segment import Pose, Turn
-from pytest_rvads.opendrive.elements import joined
-from pytest_rvads.opendrive.roundabout import Roundabout, roundabout
-from pytest_rvads.opendrive.writer import Layout, opendrive
+from pytest_rvads.geometry.builtin import CROSSINGS, LAYOUTS, path_of
+from pytest_rvads.geometry.control import JunctionControl, Sign
+from pytest_rvads.geometry.finder import find
+from pytest_rvads.geometry.junction import Junction
+from pytest_rvads.geometry.opendrive.elements import joined
+from pytest_rvads.geometry.opendrive.roundabout import Roundabout, roundabout
+from pytest_rvads.geometry.opendrive.writer import Layout, opendrive
+from pytest_rvads.geometry.road_map import read_map
+from pytest_rvads.geometry.segment import Pose, Turn
+from pytest_rvads.support.errors import MapError
 
 from .conftest import Read
 

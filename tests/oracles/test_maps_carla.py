@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pytest_rvads.opendrive.builder import build
-from pytest_rvads.opendrive.draft import Chain
-from pytest_rvads.opendrive.reader import read
-from pytest_rvads.opendrive.records import Road, Shape
-from pytest_rvads.opendrive.reference_line import evaluate
+from pytest_rvads.geometry.opendrive.builder import build
+from pytest_rvads.geometry.opendrive.draft import Chain
+from pytest_rvads.geometry.opendrive.reader import read
+from pytest_rvads.geometry.opendrive.records import Road, Shape
+from pytest_rvads.geometry.opendrive.reference_line import evaluate
 
 carla = pytest.importorskip("carla")
 

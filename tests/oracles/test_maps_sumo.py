@@ -17,11 +17,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pytest_rvads.junctions.analysis import JunctionReport
-from pytest_rvads.junctions.paths import Route
-from pytest_rvads.junctions.road_map import RoadMap, read_map
-from pytest_rvads.maps.segment import Turn
-from pytest_rvads.opendrive.draft import Chain
+from pytest_rvads.geometry.analysis import JunctionReport
+from pytest_rvads.geometry.opendrive.draft import Chain
+from pytest_rvads.geometry.paths import Route
+from pytest_rvads.geometry.road_map import RoadMap, read_map
+from pytest_rvads.geometry.segment import Turn
 
 sumo = pytest.importorskip("sumo")
 

@@ -18,10 +18,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pytest_rvads.junctions.junction import Junction
-from pytest_rvads.junctions.road_map import RoadMap, read_map
-from pytest_rvads.maps.segment import Segment
-from pytest_rvads.opendrive.draft import Chain
+from pytest_rvads.geometry.junction import Junction
+from pytest_rvads.geometry.opendrive.draft import Chain
+from pytest_rvads.geometry.road_map import RoadMap, read_map
+from pytest_rvads.geometry.segment import Segment
 
 sumo = pytest.importorskip("sumo")
 

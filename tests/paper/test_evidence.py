@@ -3,10 +3,10 @@
 import pytest
 
 from pytest_rvads import cli
-from pytest_rvads.paper import evidence
-from pytest_rvads.paper.evidence import FREE, Free, Room, ablation, p1_margin, rooms, text_margins, text_rooms
-from pytest_rvads.paper.experiment import STOP, Entry, Setup, Table, outcome, run_entry
-from pytest_rvads.paper.tables import published
+from pytest_rvads.satellites.paper import evidence
+from pytest_rvads.satellites.paper.evidence import FREE, Free, Room, ablation, p1_margin, rooms, text_margins, text_rooms
+from pytest_rvads.satellites.paper.experiment import STOP, Entry, Setup, Table, outcome, run_entry
+from pytest_rvads.satellites.paper.tables import published
 
 
 @pytest.mark.parametrize(("row", "configuration"), [(0, "C"), (2, "C"), (2, "B")])

@@ -7,11 +7,11 @@ import pytest
 
 from pytest_rvads import cli
 from pytest_rvads.drivers.lgsvl import Constants, LgsvlLike
-from pytest_rvads.errors import RunError
-from pytest_rvads.paper.experiment import outcome
-from pytest_rvads.paper.snapshots import SHOWN, LastFirst, Snapshot, snapshot, snapshots
+from pytest_rvads.satellites.paper.experiment import outcome
+from pytest_rvads.satellites.paper.snapshots import SHOWN, LastFirst, Snapshot, snapshot, snapshots
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.simulators.simulator import simulate
+from pytest_rvads.support.errors import RunError
 
 # By hand, from where the vehicles stand and the verdicts' reasons; in J of class 4 both right turns enter in the same step.
 GUILTY = {"p1": {"a2"}, "p2": {"a0"}, "p3": {"a3"}, "p4": {"a1"}, "p5": {"a1", "a3"}, "p6": {"a2"}}
@@ -62,7 +62,7 @@ def test_titles_name_the_change(pictures: dict[str, Snapshot]) -> None:
 def test_command_writes_two_pictures_per_rule(
     pictures: dict[str, Snapshot], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("pytest_rvads.paper.snapshots.snapshots", lambda: pictures)
+    monkeypatch.setattr("pytest_rvads.satellites.paper.snapshots.snapshots", lambda: pictures)
     assert cli.main(["paper", "--snapshots", str(tmp_path / "new")]) == 0
     written = capsys.readouterr().out.splitlines()
     assert [Path(name).name for name in written] == [f"p{k}-{moment}.svg" for k in range(1, 7) for moment in ("before", "broken")]

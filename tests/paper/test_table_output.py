@@ -7,9 +7,9 @@ from xml.etree import ElementTree
 import pytest
 
 from pytest_rvads import cli
-from pytest_rvads.paper.experiment import TABLES, Key, entries
-from pytest_rvads.paper.table_output import disagreements, svg_tables, text_sweep, text_tables
-from pytest_rvads.paper.tables import published
+from pytest_rvads.satellites.paper.experiment import TABLES, Key, entries
+from pytest_rvads.satellites.paper.table_output import disagreements, svg_tables, text_sweep, text_tables
+from pytest_rvads.satellites.paper.tables import published
 
 
 @pytest.fixture
@@ -50,7 +50,7 @@ def test_shares_have_the_order_fail_pass_na() -> None:
 def test_command_prints_only_json(
     verdicts: dict[Key, str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: object
 ) -> None:
-    monkeypatch.setattr("pytest_rvads.paper.tables.compute", lambda *_, **__: verdicts)
+    monkeypatch.setattr("pytest_rvads.satellites.paper.tables.compute", lambda *_, **__: verdicts)
     assert cli.main(["paper", "--json", "--svg", f"{tmp_path}/tables.svg", "--strict"]) == 0
     printed = json.loads(capsys.readouterr().out)
     assert printed["stop4"]["class1"]["row3"]["C"] == {"p1": "PASS", "p2": "FAIL", "p3": "NA"}

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 import pytest_rvads
-from pytest_rvads.paper.experiment import (
+from pytest_rvads.satellites.paper.experiment import (
     LIGHT,
     ROWS,
     STOP,
@@ -27,7 +27,7 @@ from pytest_rvads.paper.experiment import (
     outcome,
     run_entry,
 )
-from pytest_rvads.paper.tables import FITTED, agreement, compute, nested, null_models, published
+from pytest_rvads.satellites.paper.tables import FITTED, agreement, compute, nested, null_models, published
 
 ENTRIES = [entry for table in TABLES for entry in entries(table)]
 KEYS = [entry.key(rule) for entry in ENTRIES for rule in entry.table.rules]
@@ -161,6 +161,6 @@ def test_halving_the_step_changes_no_verdict(verdicts: dict[Key, str], tmp_path:
     source = run.read_text()
     assert source.count("\nDT = 0.01\n") == 1
     run.write_text(source.replace("\nDT = 0.01\n", "\nDT = 0.005\n"))
-    code = "from pytest_rvads.paper.tables import compute; print(repr(compute(executor=1)))"
+    code = "from pytest_rvads.satellites.paper.tables import compute; print(repr(compute(executor=1)))"
     done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True)
     assert ast.literal_eval(done.stdout) == verdicts

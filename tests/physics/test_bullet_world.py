@@ -8,7 +8,7 @@ import pytest
 
 from pytest_rvads.drivers.interface import Control, Observation
 from pytest_rvads.drivers.reference import Reference
-from pytest_rvads.junctions.finder import find
+from pytest_rvads.geometry.finder import find
 from pytest_rvads.physics import bullet_world
 from pytest_rvads.physics.bullet_world import BulletWorld
 from pytest_rvads.physics.world import Motion

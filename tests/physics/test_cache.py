@@ -10,10 +10,10 @@ from pathlib import Path
 
 import pytest
 
-from pytest_rvads import versions
 from pytest_rvads.physics import braking, cache
 from pytest_rvads.physics.braking import vmax
 from pytest_rvads.runs.vehicle import Vehicle
+from pytest_rvads.support import versions
 
 
 @pytest.fixture(autouse=True)

@@ -8,10 +8,10 @@ from pytest_rvads.drivers.follower import Follower
 from pytest_rvads.drivers.interface import Control, Observation
 from pytest_rvads.drivers.lgsvl import LgsvlLike
 from pytest_rvads.drivers.reference import Reference
-from pytest_rvads.errors import RunError, ScenarioError
-from pytest_rvads.junctions.finder import find
+from pytest_rvads.geometry.finder import find
 from pytest_rvads.physics.braking import greatest_safe, vmax
 from pytest_rvads.simulators.closed_loop import closed_vmax
+from pytest_rvads.support.errors import RunError, ScenarioError
 
 
 def test_deficiency_i1_has_no_safe_speed_at_one_centimetre() -> None:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from pytest_rvads.drivers.interface import Acceleration, Observation, TargetSpeed, Trajectory, Waypoint
-from pytest_rvads.junctions.finder import find
+from pytest_rvads.geometry.finder import find
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.vehicle import Vehicle
 from pytest_rvads.scenarios.case import Case

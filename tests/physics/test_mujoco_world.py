@@ -13,11 +13,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pytest_rvads.conduct.bodies import overlap
 from pytest_rvads.drivers.interface import Control, Observation
 from pytest_rvads.drivers.reference import Reference
-from pytest_rvads.errors import ScenarioError
-from pytest_rvads.junctions.finder import find
+from pytest_rvads.geometry.finder import find
+from pytest_rvads.logic.conduct.bodies import overlap
 from pytest_rvads.physics.engines import BULLET, MUJOCO, Engine
 from pytest_rvads.physics.mujoco_world import MujocoWorld
 from pytest_rvads.physics.world import Motion
@@ -28,6 +27,7 @@ from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.simulators.planar import mujoco
 from pytest_rvads.simulators.simulator import simulate
+from pytest_rvads.support.errors import ScenarioError
 from studies.contact_cases import CYCLIST, TRUCK, contact_cases
 
 library = pytest.importorskip("mujoco")

@@ -9,15 +9,15 @@ from typing import Any, NoReturn
 import numpy as np
 import pytest
 
-from pytest_rvads.conduct.lane import MAX_OFFSET, off_route
 from pytest_rvads.drivers.interface import Autopilot, Control, Observation, TrafficSystem
-from pytest_rvads.errors import AutopilotError, ScenarioError
-from pytest_rvads.junctions.finder import find
+from pytest_rvads.geometry.finder import find
+from pytest_rvads.logic.conduct.lane import MAX_OFFSET, off_route
 from pytest_rvads.runs.itineraries import itinerary
 from pytest_rvads.runs.states import Agent
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.simulators.simulator import simulate
+from pytest_rvads.support.errors import AutopilotError, ScenarioError
 
 SCENARIO = Scenario(find("stop4"), "1231", distance=20, duration=0.1)
 

@@ -9,9 +9,8 @@ import pytest
 
 from pytest_rvads.drivers.interface import Control, Observation
 from pytest_rvads.drivers.reference import Reference
-from pytest_rvads.errors import ScenarioError
-from pytest_rvads.junctions.finder import find
-from pytest_rvads.maps.segment import Turn
+from pytest_rvads.geometry.finder import find
+from pytest_rvads.geometry.segment import Turn
 from pytest_rvads.runs.run import DT, Run
 from pytest_rvads.runs.states import VehicleState, Zone
 from pytest_rvads.scenarios.case import Case
@@ -19,6 +18,7 @@ from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.scenarios.senses import Senses
 from pytest_rvads.simulators.perception import Perception, hidden
 from pytest_rvads.simulators.simulator import simulate
+from pytest_rvads.support.errors import ScenarioError
 
 START: dict[str, Any] = {"distance": 20, "speed": 6, "subject": 0}
 

@@ -11,8 +11,7 @@ import pytest
 
 from pytest_rvads.drivers.interface import Control, Observation
 from pytest_rvads.drivers.reference import Reference
-from pytest_rvads.errors import RunError, ScenarioError
-from pytest_rvads.junctions.finder import find
+from pytest_rvads.geometry.finder import find
 from pytest_rvads.physics.engines import usual
 from pytest_rvads.physics.world import Motion
 from pytest_rvads.runs.run import DT
@@ -22,6 +21,7 @@ from pytest_rvads.scenarios.case import Case, Fleet
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.simulators.loop import Loop
 from pytest_rvads.simulators.simulator import simulate
+from pytest_rvads.support.errors import RunError, ScenarioError
 
 from .conftest import Cruiser, Stander
 

@@ -3,8 +3,7 @@
 import pytest
 
 from pytest_rvads.drivers.reference import Reference
-from pytest_rvads.errors import RunError
-from pytest_rvads.junctions.finder import find
+from pytest_rvads.geometry.finder import find
 from pytest_rvads.physics import bullet_world
 from pytest_rvads.physics.engines import BULLET, MUJOCO
 from pytest_rvads.physics.world import Motion, WorldMaker
@@ -14,6 +13,7 @@ from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.simulators.planar import Planar, bullet, mujoco
 from pytest_rvads.simulators.simulator import simulate
+from pytest_rvads.support.errors import RunError
 
 CAR = Vehicle()
 

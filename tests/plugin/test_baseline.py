@@ -6,7 +6,7 @@ import pytest
 
 from pytest_rvads.cli import main
 from pytest_rvads.drivers.reference import Reference
-from pytest_rvads.junctions.finder import find
+from pytest_rvads.geometry.finder import find
 from pytest_rvads.logic.check import check
 from pytest_rvads.plugin import pytest_assertrepr_compare
 from pytest_rvads.scenarios.case import Case

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from pytest_rvads.runs.runfile import load_run
-from pytest_rvads.storage import slug
+from pytest_rvads.support.storage import slug
 
 TESTS = """
 import pytest_rvads as rvads

@@ -141,7 +141,7 @@ def test_a_picture_that_fails_costs_no_verdict(pytester: pytest.Pytester) -> Non
         """
         import pytest
         import pytest_rvads as rvads
-        import pytest_rvads.failure_page
+        import pytest_rvads.report.failure_page
 
         class Racer(rvads.Follower):
             def target_speed(self, seen):
@@ -155,7 +155,7 @@ def test_a_picture_that_fails_costs_no_verdict(pytester: pytest.Pytester) -> Non
         def broken(monkeypatch):
             def fails(*args, **beside):
                 raise ValueError("no ink")
-            monkeypatch.setattr(pytest_rvads.failure_page, "replay", fails)
+            monkeypatch.setattr(pytest_rvads.report.failure_page, "replay", fails)
             yield
 
         @rvads.scenario("stop4", classes=7, grid="C", rules="p1")

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from pytest_rvads.maps.control import JunctionControl
-from pytest_rvads.opendrive.writer import Layout
+from pytest_rvads.geometry.control import JunctionControl
+from pytest_rvads.geometry.opendrive.writer import Layout
 from pytest_rvads.report.session_report import Drawn
 from pytest_rvads.session.plan import Plan
 

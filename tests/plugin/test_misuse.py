@@ -5,9 +5,9 @@ from collections.abc import Callable, Sequence
 
 import pytest
 
-from pytest_rvads.errors import ScenarioError
 from pytest_rvads.runs.readers import READERS
 from pytest_rvads.runs.run import Run
+from pytest_rvads.support.errors import ScenarioError
 
 Make = Callable[..., Run]
 
@@ -38,7 +38,7 @@ def refused(pytester: pytest.Pytester, cases: Sequence[tuple[str, int, str]]) ->
         (sentence,) = [text for text in result.outlines if text.startswith(f"{file}:{line}: ")]
         assert says.replace("FILE", file) in sentence, code
     result.stdout.no_fnmatch_line("*Traceback*")
-    result.stdout.no_fnmatch_line("*/pytest_rvads/collection/*")
+    result.stdout.no_fnmatch_line("*/pytest_rvads/session/collection/*")
     result.assert_outcomes(errors=len(cases))
 
 

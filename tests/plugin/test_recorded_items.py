@@ -14,11 +14,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import pytest_rvads as rvads
-from pytest_rvads.collection.recordings import OpenFiles, Recordings
 from pytest_rvads.logic import check as checking
 from pytest_rvads.logic.rules.book import rules_for
 from pytest_rvads.runs import readers
 from pytest_rvads.runs.recording import Recording, Track
+from pytest_rvads.session.collection.recordings import OpenFiles, Recordings
 
 from .conftest import Lines
 

@@ -3,7 +3,7 @@
 import pytest
 
 import pytest_rvads as rvads
-from pytest_rvads.junctions.finder import find
+from pytest_rvads.geometry.finder import find
 
 pytest_plugins = ["pytester"]
 

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from pytest_rvads.opendrive.writer import Layout, opendrive
+from pytest_rvads.geometry.opendrive.writer import Layout, opendrive
 
 from .conftest import Lines
 

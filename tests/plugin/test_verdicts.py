@@ -9,9 +9,9 @@ from typing import Any
 
 import pytest
 
-from pytest_rvads.errors import RuleViolation
 from pytest_rvads.fixtures.monitoring import Monitor
 from pytest_rvads.runs.run import Run
+from pytest_rvads.support.errors import RuleViolation
 
 CONFTEST = """
     import pytest

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from pytest_rvads.cli import main
-from pytest_rvads.errors import RunError
-from pytest_rvads.junctions.finder import find
+from pytest_rvads.geometry.finder import find
 from pytest_rvads.runs.itineraries import Itinerary
 from pytest_rvads.runs.readers import READERS, read_runs
 from pytest_rvads.runs.run import Run
@@ -18,6 +17,7 @@ from pytest_rvads.satellites.tracks.importing import read_tracks
 from pytest_rvads.satellites.tracks.logformats import FORMATS, Format
 from pytest_rvads.satellites.tracks.samples import Gather, Log
 from pytest_rvads.satellites.tracks.source import Watch, opened
+from pytest_rvads.support.errors import RunError
 
 ZONES = {zone.name.lower(): zone for zone in Zone}
 

@@ -20,7 +20,7 @@ from pytest_rvads.runs.run import DT
 from pytest_rvads.simulators.loop import Loop
 from pytest_rvads.simulators.planar import usual
 from pytest_rvads.simulators.simulator import named, simulators
-from pytest_rvads.versions import versions
+from pytest_rvads.support.versions import versions
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "bring-a-simulator.md").read_text(encoding="utf-8")

@@ -12,23 +12,23 @@ import numpy as np
 import pytest
 
 import pytest_rvads as rvads
-from pytest_rvads.conduct.validate import validate
-from pytest_rvads.draw.animated import animated
-from pytest_rvads.draw.picture import picture
-from pytest_rvads.draw.replay import events, replay
 from pytest_rvads.drivers.crossing import Meetings
 from pytest_rvads.drivers.stacks.messages import _map
-from pytest_rvads.errors import MapError, RunError
-from pytest_rvads.junctions.conflicts import Key, Way
-from pytest_rvads.junctions.finder import find
-from pytest_rvads.junctions.junction import Entrance, Exit, Further, Junction
-from pytest_rvads.junctions.yielding import Reason
+from pytest_rvads.geometry.conflicts import Key, Way
+from pytest_rvads.geometry.finder import find
+from pytest_rvads.geometry.junction import Entrance, Exit, Further, Junction
+from pytest_rvads.geometry.segment import Segment, Turn
+from pytest_rvads.geometry.yielding import Reason
+from pytest_rvads.logic.conduct.validate import validate
 from pytest_rvads.logic.ltl.ltl3 import Truth
 from pytest_rvads.logic.rules.book import rules_for
-from pytest_rvads.maps.segment import Segment, Turn
+from pytest_rvads.report.draw.animated import animated
+from pytest_rvads.report.draw.picture import picture
+from pytest_rvads.report.draw.replay import events, replay
 from pytest_rvads.runs.itineraries import itinerary
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Agent, Kind, VehicleState, Zone
+from pytest_rvads.support.errors import MapError, RunError
 
 STOP = find("stop4")
 HALF = 5.25

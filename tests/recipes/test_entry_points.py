@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 import pytest_rvads
-from pytest_rvads.junctions.builtin import path_of
+from pytest_rvads.geometry.builtin import path_of
 
 RVADS = [sys.executable, "-c", "from pytest_rvads.cli import main; raise SystemExit(main())"]
 PYTEST = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider"]
@@ -21,7 +21,7 @@ def test_rules(run, rule, monitor):
     monitor.verdict(rule)
 """
 MODULE = """
-from pytest_rvads.opendrive.builder import read_network
+from pytest_rvads.geometry.opendrive.builder import read_network
 from pytest_rvads.satellites.tracks.csvfile import read_csv
 from pytest_rvads.satellites.tracks.logformats import Format
 

@@ -22,7 +22,7 @@ TRIED = {
 EDITED = {
     "a rule": ["pytest_rvads/logic/rules/rulebooks.py", "tests/logic/test_road_rules.py", "docs/rules.md"],
     "a word": [
-        "pytest_rvads/conduct/",
+        "pytest_rvads/logic/conduct/",
         "tests/conduct/test_blocks.py",
         "pytest_rvads/logic/rules/lexicon.py",
         "docs/rules.md",
@@ -38,14 +38,14 @@ EDITED = {
         "clients/c/rvads.h",
         "docs/attach-your-stack.md",
         "pytest_rvads/satellites/openscenario/writing.py",
-        "pytest_rvads/draw/scene.py",
+        "pytest_rvads/report/draw/scene.py",
     ],
     "a way": [
-        "pytest_rvads/junctions/NAME.py",
-        "pytest_rvads/junctions/road_map.py",
+        "pytest_rvads/geometry/NAME.py",
+        "pytest_rvads/geometry/road_map.py",
         "pytest_rvads/runs/junctionfile.py",
         "pytest_rvads/logic/rules/lexicon.py",
-        "pytest_rvads/draw/scene.py",
+        "pytest_rvads/report/draw/scene.py",
     ],
     "a map format": ["pytest_rvads/satellites/NAME/", "pyproject.toml", "docs/maps.md"],
     "a log format": [

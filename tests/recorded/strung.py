@@ -10,7 +10,7 @@ import numpy as np
 from pytest_rvads.drivers.follower import Follower
 from pytest_rvads.drivers.lgsvl import LgsvlLike
 from pytest_rvads.drivers.reference import Reference
-from pytest_rvads.junctions.finder import find
+from pytest_rvads.geometry.finder import find
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.rules.book import get_rule, rulebook
 from pytest_rvads.logic.rules.rule import Rule

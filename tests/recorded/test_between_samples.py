@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pytest_rvads.junctions.finder import find
+from pytest_rvads.geometry.finder import find
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.judging.verdicts import Status
 from pytest_rvads.runs.itineraries import Itinerary

@@ -13,10 +13,10 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from pytest_rvads.junctions.finder import find
-from pytest_rvads.junctions.junction import Junction
-from pytest_rvads.junctions.sweep import EXIT_LENGTH
-from pytest_rvads.maps.control import Sign
+from pytest_rvads.geometry.control import Sign
+from pytest_rvads.geometry.finder import find
+from pytest_rvads.geometry.junction import Junction
+from pytest_rvads.geometry.sweep import EXIT_LENGTH
 from pytest_rvads.runs.itineraries import Itinerary
 from pytest_rvads.runs.recording import Changes, Recording, Track
 from pytest_rvads.runs.states import Agent, Colour, Kind

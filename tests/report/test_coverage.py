@@ -8,14 +8,14 @@ from typing import Any
 import pytest
 from msgspec import structs
 
-from pytest_rvads.errors import RvadsError
 from pytest_rvads.logic.judging.verdicts import Status, Verdict
-from pytest_rvads.outcome import Outcome
+from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.report.at_junctions import AtJunctions
 from pytest_rvads.report.coverage import dropped, measure, shortfall
 from pytest_rvads.report.merge import merge
 from pytest_rvads.report.record import AgentRecord, Record, conclude, planned_record
 from pytest_rvads.report.session_report import Extent, Report
+from pytest_rvads.support.errors import RvadsError
 
 
 def at_junctions(

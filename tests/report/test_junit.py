@@ -6,7 +6,7 @@ import pytest
 from msgspec import structs
 
 from pytest_rvads.logic.judging.verdicts import Status, Verdict
-from pytest_rvads.outcome import Outcome
+from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.report.junit import junit
 from pytest_rvads.report.record import Record, conclude, planned_record
 from pytest_rvads.report.session_report import Report

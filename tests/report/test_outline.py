@@ -14,9 +14,9 @@ import pytest
 from msgspec import structs
 
 import pytest_rvads as rvads
-from pytest_rvads.conduct.kpis import kpis
+from pytest_rvads.logic.conduct.kpis import kpis
 from pytest_rvads.logic.judging.verdicts import InstanceVerdict, Status, Verdict
-from pytest_rvads.outcome import Outcome
+from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.report.faults import hanging as hanging_on
 from pytest_rvads.report.files import FORMATS, load, save
 from pytest_rvads.report.outline import Block, Causes, Changes, Head, RollUp, Verdicts, outline

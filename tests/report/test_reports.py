@@ -13,10 +13,9 @@ import pytest
 from markdown_it import MarkdownIt
 from msgspec.structs import replace
 
-from pytest_rvads.errors import RvadsError
 from pytest_rvads.logic.judging.verdicts import InstanceVerdict, Status, Verdict
+from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.logic.rules.book import rulebook
-from pytest_rvads.outcome import Outcome
 from pytest_rvads.report import triage
 from pytest_rvads.report.at_junctions import AtJunctions
 from pytest_rvads.report.figures import Extremes
@@ -32,7 +31,8 @@ from pytest_rvads.report.terminal import summary
 from pytest_rvads.report.traceability import table
 from pytest_rvads.report.triage import Cause
 from pytest_rvads.runs.measured import Kpis
-from pytest_rvads.wording import printable
+from pytest_rvads.support.errors import RvadsError
+from pytest_rvads.support.wording import printable
 
 TOTALS = {4: (24, 81)}
 

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from pytest_rvads.logic.judging.verdicts import Status, Verdict
-from pytest_rvads.outcome import Outcome
+from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.report import matrix, rollup, traceability, triage
 from pytest_rvads.report.coverage import measure
 from pytest_rvads.report.files import FORMATS, load

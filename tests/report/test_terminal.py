@@ -11,7 +11,7 @@ from msgspec.structs import replace
 from rich.cells import cell_len
 
 from pytest_rvads.logic.judging.verdicts import Status, Verdict
-from pytest_rvads.outcome import Outcome
+from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.report.columns import Cell, Column, blocks, wrapped
 from pytest_rvads.report.record import Record, conclude, planned_record
 from pytest_rvads.report.session_report import Change, Comparison, Report

@@ -10,8 +10,8 @@ from msgspec.structs import replace
 
 import pytest_rvads as rvads
 from pytest_rvads.logic.judging.verdicts import InstanceVerdict, Status, Verdict
+from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.logic.rules.book import rules_for
-from pytest_rvads.outcome import Outcome
 from pytest_rvads.report import triage
 from pytest_rvads.report.record import Record, conclude, planned_record
 from pytest_rvads.scenarios.configurations import grid

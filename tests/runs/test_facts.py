@@ -10,9 +10,8 @@ import numpy as np
 import pytest
 
 from pytest_rvads.drivers.reference import Reference
-from pytest_rvads.errors import RunError
-from pytest_rvads.junctions.finder import find
-from pytest_rvads.junctions.junction import Junction
+from pytest_rvads.geometry.finder import find
+from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.logic.check import check
 from pytest_rvads.runs.run import Collision, Facts, Fault, Run
 from pytest_rvads.runs.runfile import load_run, save_run
@@ -20,6 +19,7 @@ from pytest_rvads.runs.states import Colour, Kind, Zone
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.simulators.simulator import simulate
+from pytest_rvads.support.errors import RunError
 
 Make = Callable[..., Run]
 

@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pytest_rvads.conduct.kpis import kpis
-from pytest_rvads.conduct.validate import validate
-from pytest_rvads.errors import RunError
+from pytest_rvads.geometry.control import JunctionControl, Sign
 from pytest_rvads.logic.check import check
-from pytest_rvads.maps.control import JunctionControl, Sign
+from pytest_rvads.logic.conduct.kpis import kpis
+from pytest_rvads.logic.conduct.validate import validate
 from pytest_rvads.runs.recorded import read_recorded
 from pytest_rvads.runs.states import Colour, Zone
+from pytest_rvads.support.errors import RunError
 
 
 def vehicle(road: str, way: str, leaving: str, node: str, ticks: tuple[int, int, int]) -> dict[str, Any]:

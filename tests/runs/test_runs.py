@@ -9,15 +9,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pytest_rvads.conduct.bodies import contacts
-from pytest_rvads.conduct.kpis import describe, kpis
-from pytest_rvads.conduct.validate import validate
 from pytest_rvads.drivers.reference import Reference
-from pytest_rvads.errors import RunError
-from pytest_rvads.junctions.finder import find
-from pytest_rvads.junctions.junction import Junction, Movement
+from pytest_rvads.geometry.finder import find
+from pytest_rvads.geometry.junction import Junction, Movement
+from pytest_rvads.geometry.segment import Turn
 from pytest_rvads.logic.check import check
-from pytest_rvads.maps.segment import Turn
+from pytest_rvads.logic.conduct.bodies import contacts
+from pytest_rvads.logic.conduct.kpis import describe, kpis
+from pytest_rvads.logic.conduct.validate import validate
 from pytest_rvads.runs.itineraries import Itinerary
 from pytest_rvads.runs.run import Collision, Excerpt, Facts, Fault, Run
 from pytest_rvads.runs.runfile import VERSION, load_run, save_run
@@ -25,6 +24,7 @@ from pytest_rvads.runs.states import Agent, Colour, Zone
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.simulators.simulator import simulate
+from pytest_rvads.support.errors import RunError
 
 ELSEWHERE = Movement(0, 7, Turn.LEFT, 10.0, "m")
 

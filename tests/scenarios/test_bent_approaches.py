@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pytest_rvads.junctions.finder import find, names
-from pytest_rvads.junctions.junction import Junction
-from pytest_rvads.maps.segment import Segment
+from pytest_rvads.geometry.finder import find, names
+from pytest_rvads.geometry.junction import Junction
+from pytest_rvads.geometry.segment import Segment
 from pytest_rvads.scenarios.configurations import configuration
 from pytest_rvads.scenarios.scenario import started
 

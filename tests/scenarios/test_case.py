@@ -12,13 +12,13 @@ import pytest_rvads as rvads
 from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.drivers.rolling import RollingStop
 from pytest_rvads.drivers.traffic import POLICIES
-from pytest_rvads.errors import AutopilotError, ScenarioError
-from pytest_rvads.junctions.finder import find
+from pytest_rvads.geometry.finder import find
 from pytest_rvads.runs.runfile import load_run, save_run
 from pytest_rvads.runs.vehicle import Vehicle
 from pytest_rvads.scenarios.case import Case, Fleet
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.simulators.simulator import simulate
+from pytest_rvads.support.errors import AutopilotError, ScenarioError
 
 TRUCK = Vehicle(
     length=12.0,

@@ -7,8 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pytest_rvads.errors import ScenarioError
-from pytest_rvads.junctions.finder import find
+from pytest_rvads.geometry.finder import find
 from pytest_rvads.scenarios.classes import (
     class_number,
     classes,
@@ -21,6 +20,7 @@ from pytest_rvads.scenarios.classes import (
     rotations,
 )
 from pytest_rvads.scenarios.scenario import Scenario
+from pytest_rvads.support.errors import ScenarioError
 
 codes = st.integers(3, 8).flatmap(lambda n: st.tuples(*[st.integers(1, n - 1)] * n))
 

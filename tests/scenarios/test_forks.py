@@ -6,12 +6,10 @@ from itertools import product
 import numpy as np
 import pytest
 
-from pytest_rvads.collection.cells import Unfit, runs_of
 from pytest_rvads.drivers.reference import Reference
-from pytest_rvads.errors import ScenarioError
-from pytest_rvads.junctions.finder import find
-from pytest_rvads.junctions.junction import Junction
-from pytest_rvads.maps.segment import Segment
+from pytest_rvads.geometry.finder import find
+from pytest_rvads.geometry.junction import Junction
+from pytest_rvads.geometry.segment import Segment
 from pytest_rvads.physics.body import start
 from pytest_rvads.physics.bullet_world import BulletWorld
 from pytest_rvads.runs.vehicle import Vehicle
@@ -21,7 +19,9 @@ from pytest_rvads.scenarios.configurations import explicit
 from pytest_rvads.scenarios.forks import forks, near
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.scenarios.selection import Selection
+from pytest_rvads.session.collection.cells import Unfit, runs_of
 from pytest_rvads.simulators.simulator import simulate
+from pytest_rvads.support.errors import ScenarioError
 
 PARTED, ONE = 9.0, 15.0
 """The lanes have their places up to so far before the vertex, and are one from so far on [m]."""

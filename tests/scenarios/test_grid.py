@@ -4,9 +4,9 @@ import math
 
 import pytest
 
-from pytest_rvads.errors import ScenarioError
-from pytest_rvads.maps.control import JunctionControl
+from pytest_rvads.geometry.control import JunctionControl
 from pytest_rvads.scenarios.configurations import configuration, explicit, grid, outside, probe
+from pytest_rvads.support.errors import ScenarioError
 
 
 def test_letters_of_configurations_match_the_paper() -> None:

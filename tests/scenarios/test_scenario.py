@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pytest_rvads.errors import MapError, ScenarioError
-from pytest_rvads.junctions.finder import find
+from pytest_rvads.geometry.finder import find
 from pytest_rvads.runs.states import Colour
 from pytest_rvads.scenarios.scenario import Scenario
+from pytest_rvads.support.errors import MapError, ScenarioError
 
 
 def test_name_has_junction_class_directions_and_configuration() -> None:

@@ -5,12 +5,12 @@ from typing import Any
 
 import pytest
 
-from pytest_rvads.errors import ScenarioError
-from pytest_rvads.junctions.finder import find
-from pytest_rvads.maps.control import JunctionControl
+from pytest_rvads.geometry.control import JunctionControl
+from pytest_rvads.geometry.finder import find
 from pytest_rvads.scenarios.classes import classes, count_scenarios, rotate, seats
 from pytest_rvads.scenarios.configurations import grid
 from pytest_rvads.scenarios.selection import Selection
+from pytest_rvads.support.errors import ScenarioError
 
 PLACES = {3: find("stop3"), 4: find("stop4")}
 C = {n: grid("C", n, JunctionControl.STOP) for n in PLACES}

@@ -5,12 +5,12 @@ from typing import Any
 import pytest
 
 import pytest_rvads as rvads
-from pytest_rvads.errors import ScenarioError
-from pytest_rvads.junctions.junction import Junction
+from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.scenarios.configurations import grid
 from pytest_rvads.scenarios.ids import from_id
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.scenarios.selection import Selection
+from pytest_rvads.support.errors import ScenarioError
 
 OFFSETS = {  # distance of the subject, distances of the others [m]
     "stop4": (36.0, [21.0, 26.0, 31.0, 46.0, 51.0, 56.0]),

@@ -10,7 +10,6 @@ import pytest
 
 import pytest_rvads as rvads
 from pytest_rvads.cli import main
-from pytest_rvads.errors import FormulaError
 from pytest_rvads.logic.rules.book import get_rule, rules_for
 from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.runs.run import DT, Run
@@ -19,6 +18,7 @@ from pytest_rvads.search import consistency
 from pytest_rvads.search.abstraction import Model, weak_orders
 from pytest_rvads.search.consistency import core, decide
 from pytest_rvads.search.survey import survey
+from pytest_rvads.support.errors import FormulaError
 
 PAPER = rules_for("paper")
 

@@ -7,7 +7,7 @@ from hypothesis import find, given, settings
 from hypothesis import strategies as st
 
 import pytest_rvads as rvads
-from pytest_rvads.maps.control import JunctionControl
+from pytest_rvads.geometry.control import JunctionControl
 from pytest_rvads.search import strategies
 
 LAW = settings(deadline=None, derandomize=True, max_examples=60)

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from pytest_rvads.drivers.interface import Control, Observation, TargetSpeed, Trajectory, Waypoint
-from pytest_rvads.junctions.finder import find
+from pytest_rvads.geometry.finder import find
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.simulators.simulator import simulate

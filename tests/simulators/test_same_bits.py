@@ -12,10 +12,10 @@ from typing import Any
 import pytest
 
 import pytest_rvads as rvads
-from pytest_rvads.junctions.builtin import LAYOUTS
-from pytest_rvads.junctions.road_map import read_map
-from pytest_rvads.opendrive.roundabout import Roundabout, roundabout
-from pytest_rvads.opendrive.writer import opendrive
+from pytest_rvads.geometry.builtin import LAYOUTS
+from pytest_rvads.geometry.opendrive.roundabout import Roundabout, roundabout
+from pytest_rvads.geometry.opendrive.writer import opendrive
+from pytest_rvads.geometry.road_map import read_map
 from pytest_rvads.runs.itineraries import Itinerary
 
 SUM = sum

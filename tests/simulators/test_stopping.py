@@ -7,11 +7,11 @@ from xml.etree import ElementTree
 import pytest
 
 from pytest_rvads import cli
-from pytest_rvads.cli import simulate_commands as driving
+from pytest_rvads.cli import braking_command as driving
 from pytest_rvads.cli.common import progress
-from pytest_rvads.draw.curves import draw_braking
-from pytest_rvads.errors import ScenarioError
+from pytest_rvads.report.draw.curves import draw_braking
 from pytest_rvads.simulators.closed_loop import closed_envelope
+from pytest_rvads.support.errors import ScenarioError
 
 SVG = "{http://www.w3.org/2000/svg}"
 

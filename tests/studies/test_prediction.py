@@ -12,14 +12,14 @@ import msgspec
 import pytest
 
 from pytest_rvads.drivers.lgsvl.scheduler import frame
-from pytest_rvads.errors import MapError, ScenarioError
-from pytest_rvads.junctions.finder import find
-from pytest_rvads.maps.control import JunctionControl
-from pytest_rvads.maps.segment import Turn, join
+from pytest_rvads.geometry.control import JunctionControl
+from pytest_rvads.geometry.finder import find
+from pytest_rvads.geometry.segment import Turn, join
 from pytest_rvads.physics.engines import usual
 from pytest_rvads.runs.run import Run
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.simulators.planar import Planar
+from pytest_rvads.support.errors import MapError, ScenarioError
 from studies import prediction
 from studies.requests import Graph, answer, site_lengths
 from studies.site import Lengths, build_junction

@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pytest_rvads.errors import ScenarioError
 from pytest_rvads.physics.engines import BULLET, MUJOCO
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.vehicle import Vehicle
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.simulators import simulator
 from pytest_rvads.simulators.planar import bullet
+from pytest_rvads.support.errors import ScenarioError
 from studies import agreement, simulators
 from studies.agreement import Agreement, Mutant, Trial, agree, differences, same_order, text_agreements
 from studies.case_sets import SETS, class_trials, recorded_trials

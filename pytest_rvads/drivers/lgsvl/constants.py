@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, fields
 
-from pytest_rvads.errors import AutopilotError
+from pytest_rvads.support.errors import AutopilotError
 
 __all__ = [
     "ADVANCE",

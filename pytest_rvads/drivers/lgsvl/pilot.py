@@ -15,8 +15,8 @@ from pytest_rvads.drivers.interface import Control, Observation
 from pytest_rvads.drivers.lgsvl.constants import ADVANCE, DECIDE, HOLD, RAMP, RATES, SLOW, TURN_SHARE, TURN_WAIT, Constants
 from pytest_rvads.drivers.lgsvl.scheduler import Guarded, Scheduler, zone_of
 from pytest_rvads.drivers.spacing import clear_of_bodies
-from pytest_rvads.maps.control import JunctionControl
-from pytest_rvads.maps.segment import Turn
+from pytest_rvads.geometry.control import JunctionControl
+from pytest_rvads.geometry.segment import Turn
 from pytest_rvads.runs.states import Colour, VehicleState, Zone
 
 __all__ = ["Pilot", "Switches", "listed", "oncoming", "prior_on_red"]

@@ -11,8 +11,8 @@ from typing import NamedTuple, Protocol
 
 from pytest_rvads.drivers.interface import Observation
 from pytest_rvads.drivers.lgsvl.constants import Constants, ZoneBox
-from pytest_rvads.junctions.junction import Junction
-from pytest_rvads.maps.segment import Pose, Turn
+from pytest_rvads.geometry.junction import Junction
+from pytest_rvads.geometry.segment import Pose, Turn
 from pytest_rvads.runs.states import VehicleState, Zone
 
 __all__ = ["Box", "Guarded", "Scheduler", "Whole", "frame", "zone_of"]

@@ -20,8 +20,8 @@ from uuid import uuid4
 
 from pytest_rvads.drivers.stacks import guard
 from pytest_rvads.drivers.stacks.descendants import MARK, Descendants, dismiss, kill
-from pytest_rvads.errors import AutopilotError
-from pytest_rvads.wording import one_line, printable
+from pytest_rvads.support.errors import AutopilotError
+from pytest_rvads.support.wording import one_line, printable
 
 __all__ = ["Child", "StackError", "StackTimeout", "StandardError"]
 

@@ -15,7 +15,7 @@ from msgspec import json
 from pytest_rvads.drivers.interface import Acceleration, Command, Control, Observation, TargetSpeed, Trajectory, Waypoint
 from pytest_rvads.drivers.stacks import messages
 from pytest_rvads.drivers.stacks.child import Child, StackError
-from pytest_rvads.maps.segment import Turn
+from pytest_rvads.geometry.segment import Turn
 from pytest_rvads.runs.states import Kind, VehicleState
 
 __all__ = ["Binary"]

@@ -22,8 +22,8 @@ from msgspec.json import Decoder, Encoder
 
 from pytest_rvads.drivers.interface import Acceleration, Command, Control, Observation, TargetSpeed, Trajectory, Waypoint
 from pytest_rvads.drivers.stacks.child import Child, StackError
-from pytest_rvads.junctions.junction import Junction
-from pytest_rvads.maps.segment import Pose, Segment
+from pytest_rvads.geometry.junction import Junction
+from pytest_rvads.geometry.segment import Pose, Segment
 from pytest_rvads.runs.itineraries import Itinerary
 from pytest_rvads.runs.states import Colour, VehicleState, Zone
 

@@ -22,10 +22,10 @@ from pytest_rvads.drivers.interface import Autopilot, Command, Observation, Traf
 from pytest_rvads.drivers.stacks import frames, messages
 from pytest_rvads.drivers.stacks.child import Child, StackError
 from pytest_rvads.drivers.stacks.messages import reset
-from pytest_rvads.errors import AutopilotError
 from pytest_rvads.runs.run import DT
 from pytest_rvads.runs.states import Agent
-from pytest_rvads.wording import one_line
+from pytest_rvads.support.errors import AutopilotError
+from pytest_rvads.support.wording import one_line
 
 __all__ = ["Connection", "Pilot", "Process"]
 

@@ -10,11 +10,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from pytest_rvads.conduct.blame import cut_short_by
-from pytest_rvads.conduct.predicates import extract
-from pytest_rvads.conduct.rights import held
-from pytest_rvads.conduct.standing import drives
-from pytest_rvads.errors import RunError
+from pytest_rvads.logic.conduct.blame import cut_short_by
+from pytest_rvads.logic.conduct.predicates import extract
+from pytest_rvads.logic.conduct.rights import held
+from pytest_rvads.logic.conduct.standing import drives
 from pytest_rvads.logic.judging.cycle import unavoidable
 from pytest_rvads.logic.judging.evaluate import Values
 from pytest_rvads.logic.judging.judge import Judgement, asked, judge
@@ -24,6 +23,7 @@ from pytest_rvads.logic.judging.verdicts import Status
 from pytest_rvads.logic.rules.book import RuleBook, rules_for
 from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.runs.run import Run
+from pytest_rvads.support.errors import RunError
 
 __all__ = ["Attribution", "attribute", "companions"]
 

@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.conduct.predicates import once
+from pytest_rvads.logic.conduct.predicates import once
 from pytest_rvads.runs.itineraries import ENTRANCE_ZONE, itinerary
 from pytest_rvads.runs.run import DT, Run
 from pytest_rvads.runs.states import Zone

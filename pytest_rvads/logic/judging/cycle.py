@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.conduct.presence import window
+from pytest_rvads.logic.conduct.presence import window
 from pytest_rvads.logic.judging.evaluate import Values
 from pytest_rvads.logic.judging.judge import Judgement, columns
 from pytest_rvads.logic.judging.prepare import Template

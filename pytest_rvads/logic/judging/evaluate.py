@@ -11,14 +11,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.conduct.blocks import Block, Signal
-from pytest_rvads.conduct.cast import everybody
-from pytest_rvads.conduct.predicates import ticks
-from pytest_rvads.errors import FormulaError
+from pytest_rvads.logic.conduct.blocks import Block, Signal
+from pytest_rvads.logic.conduct.cast import everybody
+from pytest_rvads.logic.conduct.predicates import ticks
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.rules.lexicon import ATTRIBUTES, at, word_of
 from pytest_rvads.logic.rules.sorts import Sort
 from pytest_rvads.runs.run import Run
+from pytest_rvads.support.errors import FormulaError
 
 __all__ = ["OPERATORS", "Part", "Values", "signal_of"]
 

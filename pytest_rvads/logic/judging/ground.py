@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from math import prod
 
-from pytest_rvads.conduct.predicates import Static
+from pytest_rvads.logic.conduct.predicates import Static
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.ltl.boolean import conj, disj, plain
 from pytest_rvads.logic.ltl.effort import Budget

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.conduct.presence import window
-from pytest_rvads.conduct.standing import drives
+from pytest_rvads.logic.conduct.presence import window
+from pytest_rvads.logic.conduct.standing import drives
 from pytest_rvads.logic.judging.evaluate import Part, Values
 from pytest_rvads.logic.judging.prepare import Template
 from pytest_rvads.logic.judging.verdicts import Status

@@ -13,8 +13,8 @@ from itertools import chain, combinations, pairwise, product
 
 import numpy as np
 
-from pytest_rvads.conduct.blocks import as_blocks, assume
-from pytest_rvads.conduct.motion import wt
+from pytest_rvads.logic.conduct.blocks import as_blocks, assume
+from pytest_rvads.logic.conduct.motion import wt
 from pytest_rvads.logic.judging.crossings import LONG_AGO, Crossings, Event
 from pytest_rvads.logic.judging.evaluate import Values
 from pytest_rvads.logic.judging.judge import Happening, Hinge, Judgement, judge, unsure

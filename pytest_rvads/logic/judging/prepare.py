@@ -8,7 +8,7 @@ from itertools import product
 
 import numpy as np
 
-from pytest_rvads.conduct.predicates import Static
+from pytest_rvads.logic.conduct.predicates import Static
 from pytest_rvads.logic.judging.ground import Binding, Instance, ground
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.ltl.boolean import evaluate

@@ -17,8 +17,8 @@ from math import ceil, log2
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.conduct.predicates import once
-from pytest_rvads.conduct.standing import STANDSTILL, in_stop_place, stands
+from pytest_rvads.logic.conduct.predicates import once
+from pytest_rvads.logic.conduct.standing import STANDSTILL, in_stop_place, stands
 from pytest_rvads.logic.judging.crossings import certain, crossings
 from pytest_rvads.logic.judging.evaluate import Values
 from pytest_rvads.logic.judging.judge import Hinge, Judgement, judge, unsure

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from pytest_rvads.conduct.blame import Cause, pushed, stuck, surprised
-from pytest_rvads.conduct.grounds import may_owe
-from pytest_rvads.conduct.progress import may_go
-from pytest_rvads.conduct.rights import WAIVER, waives
-from pytest_rvads.errors import RunError
+from pytest_rvads.logic.conduct.blame import Cause, pushed, stuck, surprised
+from pytest_rvads.logic.conduct.grounds import may_owe
+from pytest_rvads.logic.conduct.progress import may_go
+from pytest_rvads.logic.conduct.rights import WAIVER, waives
 from pytest_rvads.logic.judging.judge import Judgement
 from pytest_rvads.logic.judging.verdicts import Status
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.rules.lexicon import word_of
 from pytest_rvads.logic.rules.shape import Kind, agents_of
 from pytest_rvads.runs.run import Run
+from pytest_rvads.support.errors import RunError
 
 __all__ = ["cause_between", "is_about", "responsible", "waits"]
 

@@ -7,9 +7,9 @@ from typing import Any
 
 import msgspec
 
-from pytest_rvads.displayed import shown
-from pytest_rvads.errors import RunError
-from pytest_rvads.outcome import Outcome
+from pytest_rvads.logic.outcome import Outcome
+from pytest_rvads.support.displayed import shown
+from pytest_rvads.support.errors import RunError
 
 __all__ = ["InstanceVerdict", "NearMiss", "Status", "Verdict"]
 

@@ -10,8 +10,8 @@ from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from typing import Any, TypeVar
 
-from pytest_rvads.conduct.blocks import Block, Signal
-from pytest_rvads.conduct.cast import Cast
+from pytest_rvads.logic.conduct.blocks import Block, Signal
+from pytest_rvads.logic.conduct.cast import Cast
 from pytest_rvads.logic.judging.evaluate import OPERATORS, Values, signal_of
 from pytest_rvads.logic.live.instant import Instant, Mover
 from pytest_rvads.logic.live.watch import Fact

@@ -6,10 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from pytest_rvads.conduct.predicates import Static, extract
-from pytest_rvads.errors import FormulaError
-from pytest_rvads.junctions.conflicts import Key
-from pytest_rvads.junctions.junction import Junction
+from pytest_rvads.geometry.conflicts import Key
+from pytest_rvads.geometry.junction import Junction
+from pytest_rvads.logic.conduct.predicates import Static, extract
 from pytest_rvads.logic.judging.ground import unfold
 from pytest_rvads.logic.judging.prepare import Template, prepare
 from pytest_rvads.logic.ltl import formula as f
@@ -18,6 +17,7 @@ from pytest_rvads.logic.rules.shape import agents_of, split
 from pytest_rvads.logic.rules.sorts import Sort
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Agent
+from pytest_rvads.support.errors import FormulaError
 
 __all__ = ["Instances"]
 

@@ -11,10 +11,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.conduct.blocks import Block, Signal, assume
-from pytest_rvads.conduct.motion import advance, entered, facing, wt
-from pytest_rvads.conduct.stream import Stream
-from pytest_rvads.junctions.junction import Junction
+from pytest_rvads.geometry.junction import Junction
+from pytest_rvads.logic.conduct.blocks import Block, Signal, assume
+from pytest_rvads.logic.conduct.motion import advance, entered, facing, wt
+from pytest_rvads.logic.conduct.stream import Stream
 from pytest_rvads.runs.run import Collision, Facts, Run
 from pytest_rvads.runs.states import ABSENT, Agent
 

@@ -15,10 +15,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pytest_rvads.conduct.blocks import Signal
-from pytest_rvads.conduct.predicates import extract
-from pytest_rvads.errors import RunError
-from pytest_rvads.junctions.junction import Junction
+from pytest_rvads.geometry.junction import Junction
+from pytest_rvads.logic.conduct.blocks import Signal
+from pytest_rvads.logic.conduct.predicates import extract
 from pytest_rvads.logic.judging.prepare import Template, prepare
 from pytest_rvads.logic.live.board import Board
 from pytest_rvads.logic.live.instances import Instances
@@ -37,6 +36,7 @@ from pytest_rvads.runs.itineraries import itinerary
 from pytest_rvads.runs.recording import Before, zones
 from pytest_rvads.runs.run import DT, Facts
 from pytest_rvads.runs.states import ABSENT, Agent
+from pytest_rvads.support.errors import RunError
 
 __all__ = ["RuleMonitor"]
 

@@ -10,9 +10,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pytest_rvads.errors import RunError
 from pytest_rvads.logic.ltl.ltl3 import Truth
 from pytest_rvads.runs.states import Agent
+from pytest_rvads.support.errors import RunError
 
 __all__ = ["Decided", "Seen", "row_of", "sizes_of"]
 

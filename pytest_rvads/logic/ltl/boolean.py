@@ -14,9 +14,9 @@ from operator import and_, or_
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.errors import FormulaError
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.ltl.effort import Budget
+from pytest_rvads.support.errors import FormulaError
 
 __all__ = ["LETTER_LIMIT", "assign", "conj", "connect", "disj", "evaluate", "holds", "iff", "letters", "neg", "plain"]
 

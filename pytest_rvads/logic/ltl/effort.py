@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from pytest_rvads.errors import FormulaError
+from pytest_rvads.support.errors import FormulaError
 
 __all__ = ["Budget"]
 

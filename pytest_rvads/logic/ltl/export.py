@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from pytest_rvads.errors import FormulaError
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.ltl.boolean import conj, disj, neg
 from pytest_rvads.logic.ltl.ltl3 import Machine, Truth
+from pytest_rvads.support.errors import FormulaError
 
 __all__ = ["describe", "label", "to_dot", "to_hoa"]
 

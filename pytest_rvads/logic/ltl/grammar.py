@@ -10,9 +10,9 @@ from typing import Any
 
 from lark import Token, Transformer, v_args
 
-from pytest_rvads.errors import suggest
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.ltl.language import Language
+from pytest_rvads.support.errors import suggest
 
 __all__ = ["LTL", "Build", "Mistake", "rule_grammar"]
 

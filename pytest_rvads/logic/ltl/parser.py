@@ -15,11 +15,11 @@ from typing import Any, NamedTuple
 
 from lark import Lark, UnexpectedInput
 
-from pytest_rvads.errors import FormulaError, suggest
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.ltl.grammar import LTL, Build, Mistake, rule_grammar
 from pytest_rvads.logic.ltl.language import Language
 from pytest_rvads.logic.ltl.rewrite import replaced, substitute
+from pytest_rvads.support.errors import FormulaError, suggest
 
 __all__ = ["DEPTH_LIMIT", "LENGTH_LIMIT", "SIZE_LIMIT", "caret", "parse_ltl", "parse_rule"]
 

@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 from msgspec import Struct
 
-from pytest_rvads.decoding import decode
-from pytest_rvads.errors import FormulaError
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.ltl.finite import settle, settle_empty
 from pytest_rvads.logic.ltl.ltl3 import Machine, Truth, synthesize
 from pytest_rvads.logic.ltl.monitor import encode, run_machine
 from pytest_rvads.logic.ltl.parser import parse_ltl
-from pytest_rvads.wording import printable
+from pytest_rvads.support.decoding import decode
+from pytest_rvads.support.errors import FormulaError
+from pytest_rvads.support.wording import printable
 
 __all__ = ["answer", "holds_on", "verdicts_on"]
 

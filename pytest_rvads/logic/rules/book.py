@@ -8,14 +8,14 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.errors import FormulaError, require, suggest
-from pytest_rvads.junctions.junction import Junction
+from pytest_rvads.geometry.control import JunctionControl
+from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.logic.rules.current import Desk, desk, desks
 from pytest_rvads.logic.rules.lexicon import BUILT_IN
 from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.logic.rules.rulebooks import PAPER, ROAD, VARIANTS
 from pytest_rvads.logic.rules.vocabulary import Follower, Names, Vocabulary, Word
-from pytest_rvads.maps.control import JunctionControl
+from pytest_rvads.support.errors import FormulaError, require, suggest
 
 __all__ = [
     "SHIPPED",

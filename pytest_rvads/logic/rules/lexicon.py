@@ -12,26 +12,26 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.conduct import predicates
-from pytest_rvads.conduct.blame import Cause, blame, cause_of
-from pytest_rvads.conduct.blocks import Signal
-from pytest_rvads.conduct.bodies import collide, contacts
-from pytest_rvads.conduct.grounds import Ground
-from pytest_rvads.conduct.lane import beyond_steering, lane_allows, off_lane, off_route
-from pytest_rvads.conduct.motion import inside, wt
-from pytest_rvads.conduct.predicates import Static
-from pytest_rvads.conduct.priority import obstructs, owes
-from pytest_rvads.conduct.progress import blocks, idles, may_go
-from pytest_rvads.conduct.rights import gives_up
-from pytest_rvads.conduct.standing import arrived, speeding, standing_time, stopped, waited
-from pytest_rvads.conduct.stretches import meet
-from pytest_rvads.errors import RunError
+from pytest_rvads.logic.conduct import predicates
+from pytest_rvads.logic.conduct.blame import Cause, blame, cause_of
+from pytest_rvads.logic.conduct.blocks import Signal
+from pytest_rvads.logic.conduct.bodies import collide, contacts
+from pytest_rvads.logic.conduct.grounds import Ground
+from pytest_rvads.logic.conduct.lane import beyond_steering, lane_allows, off_lane, off_route
+from pytest_rvads.logic.conduct.motion import inside, wt
+from pytest_rvads.logic.conduct.predicates import Static
+from pytest_rvads.logic.conduct.priority import obstructs, owes
+from pytest_rvads.logic.conduct.progress import blocks, idles, may_go
+from pytest_rvads.logic.conduct.rights import gives_up
+from pytest_rvads.logic.conduct.standing import arrived, speeding, standing_time, stopped, waited
+from pytest_rvads.logic.conduct.stretches import meet
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.rules.current import PACKAGE
 from pytest_rvads.logic.rules.sorts import Sort
 from pytest_rvads.logic.rules.vocabulary import Attribute, FromZones, Measured, Vocabulary, Word
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Colour, Zone
+from pytest_rvads.support.errors import RunError
 
 __all__ = ["ATTRIBUTES", "BUILT_IN", "HERE", "at", "word_of"]
 

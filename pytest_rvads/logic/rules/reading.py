@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-from pytest_rvads.errors import FormulaError, suggest
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.ltl.parser import caret, parse_rule
 from pytest_rvads.logic.ltl.rewrite import replaced
 from pytest_rvads.logic.rules.lexicon import ATTRIBUTES, BUILT_IN
 from pytest_rvads.logic.rules.sorts import DIRECTIONS, LANGUAGE, Sort
 from pytest_rvads.logic.rules.vocabulary import Vocabulary, sorts_in
+from pytest_rvads.support.errors import FormulaError, suggest
 
 __all__ = ["COMPARISONS", "parse"]
 

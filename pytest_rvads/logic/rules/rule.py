@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from pytest_rvads.errors import FormulaError
-from pytest_rvads.junctions.junction import Junction
+from pytest_rvads.geometry.control import JunctionControl
+from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.rules.current import PACKAGE, desk, here
 from pytest_rvads.logic.rules.lexicon import BUILT_IN
 from pytest_rvads.logic.rules.shape import outermost, untimed
 from pytest_rvads.logic.rules.sorts import Sort
 from pytest_rvads.logic.rules.vocabulary import Vocabulary, Word
-from pytest_rvads.maps.control import JunctionControl
-from pytest_rvads.wording import one_line
+from pytest_rvads.support.errors import FormulaError
+from pytest_rvads.support.wording import one_line
 
 __all__ = ["LONGEST_TIE", "Rule"]
 

@@ -8,10 +8,10 @@ from __future__ import annotations
 
 from functools import partial
 
-from pytest_rvads.conduct.standing import TIE
+from pytest_rvads.geometry.control import JunctionControl
+from pytest_rvads.logic.conduct.standing import TIE
 from pytest_rvads.logic.rules.current import PACKAGE
 from pytest_rvads.logic.rules.rule import Rule
-from pytest_rvads.maps.control import JunctionControl
 
 __all__ = ["PAPER", "ROAD", "VARIANTS"]
 

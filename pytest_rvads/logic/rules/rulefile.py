@@ -15,10 +15,10 @@ from configparser import Error as IniError
 from pathlib import Path
 from typing import Any
 
-from pytest_rvads.errors import FormulaError, suggest
 from pytest_rvads.logic.rules.book import rule
 from pytest_rvads.logic.rules.rule import Rule
-from pytest_rvads.storage import read_file
+from pytest_rvads.support.errors import FormulaError, suggest
+from pytest_rvads.support.storage import read_file
 
 __all__ = ["load_rules"]
 

@@ -10,14 +10,14 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.conduct.blame import Cause
-from pytest_rvads.conduct.blocks import Signal
-from pytest_rvads.errors import FormulaError, suggest
+from pytest_rvads.logic.conduct.blame import Cause
+from pytest_rvads.logic.conduct.blocks import Signal
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.rules.current import PACKAGE, here
 from pytest_rvads.logic.rules.sameness import same
 from pytest_rvads.logic.rules.sorts import Sort
 from pytest_rvads.runs.run import Run
+from pytest_rvads.support.errors import FormulaError, suggest
 
 __all__ = ["MEASURED", "Attribute", "Follower", "FromZones", "Measured", "Names", "Vocabulary", "Word", "sorts_in"]
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pytest_rvads.junctions.turn_words import turn_word
+from pytest_rvads.geometry.turn_words import turn_word
 from pytest_rvads.logic.judging.evaluate import Values
 from pytest_rvads.logic.judging.judge import Judgement
 from pytest_rvads.logic.judging.responsibility import responsible
@@ -22,7 +22,7 @@ from pytest_rvads.logic.telling.phrase import clock, colour_at, origin, place, p
 from pytest_rvads.logic.telling.story import Story, bound_names, happened
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Zone
-from pytest_rvads.wording import one_line
+from pytest_rvads.support.wording import one_line
 
 __all__ = ["block"]
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 
-from pytest_rvads.conduct.lane import too_tight
-from pytest_rvads.conduct.presence import last_seen
-from pytest_rvads.junctions.turn_words import turn_word
+from pytest_rvads.geometry.turn_words import turn_word
+from pytest_rvads.logic.conduct.lane import too_tight
+from pytest_rvads.logic.conduct.presence import last_seen
 from pytest_rvads.logic.judging.judge import Judgement, columns
 from pytest_rvads.logic.judging.responsibility import cause_between, responsible
 from pytest_rvads.logic.judging.verdicts import InstanceVerdict, NearMiss, Status, Verdict

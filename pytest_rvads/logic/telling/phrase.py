@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from math import ceil, log10
 
-from pytest_rvads.conduct.grounds import Ground, ground_of
-from pytest_rvads.junctions.junction import Junction
-from pytest_rvads.junctions.turn_words import UTURN, turn_word
+from pytest_rvads.geometry.control import JunctionControl, Sign
+from pytest_rvads.geometry.junction import Junction
+from pytest_rvads.geometry.turn_words import UTURN, turn_word
+from pytest_rvads.logic.conduct.grounds import Ground, ground_of
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.rules.lexicon import ATTRIBUTES, word_of
 from pytest_rvads.logic.rules.sorts import Sort
-from pytest_rvads.maps.control import JunctionControl, Sign
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Agent, Colour, Zone
 

@@ -8,10 +8,8 @@ from functools import lru_cache
 
 import msgspec
 
-from pytest_rvads.conduct.kpis import kpis
-from pytest_rvads.decoding import encode
-from pytest_rvads.errors import RvadsError
-from pytest_rvads.junctions.junction import Junction
+from pytest_rvads.geometry.junction import Junction
+from pytest_rvads.logic.conduct.kpis import kpis
 from pytest_rvads.logic.rules.book import rules_for
 from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.report.run_record import of_run, sentence, unjudged, verdict_by
@@ -21,7 +19,9 @@ from pytest_rvads.scenarios.ids import run_id
 from pytest_rvads.simulators.choice import Choice, choosing
 from pytest_rvads.simulators.patience import Limits
 from pytest_rvads.simulators.simulator import Simulator, made_by, simulate
-from pytest_rvads.versions import code, versions
+from pytest_rvads.support.decoding import encode
+from pytest_rvads.support.errors import RvadsError
+from pytest_rvads.support.versions import code, versions
 
 __all__ = ["Job", "Question", "judge", "undecided"]
 

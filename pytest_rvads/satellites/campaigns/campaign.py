@@ -16,13 +16,10 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from pytest_rvads.decoding import encode
 from pytest_rvads.drivers.identity import identity
 from pytest_rvads.drivers.interface import Factory
 from pytest_rvads.drivers.naming import called
 from pytest_rvads.drivers.traffic import policy_name
-from pytest_rvads.errors import FormulaError, RvadsError, ScenarioError, require
-from pytest_rvads.executors import ExecutorGone, Failed, Progress, gathered
 from pytest_rvads.logic.rules.book import SHIPPED, get_rule, is_rulebook, rules_for
 from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.satellites.campaigns.answering import Job, Question, judge, undecided
@@ -31,7 +28,10 @@ from pytest_rvads.satellites.campaigns.resultsfile import Results
 from pytest_rvads.scenarios.case import Case, Fleet
 from pytest_rvads.simulators.choice import choice
 from pytest_rvads.simulators.simulator import Simulator, meant
-from pytest_rvads.versions import code, versions
+from pytest_rvads.support.decoding import encode
+from pytest_rvads.support.errors import FormulaError, RvadsError, ScenarioError, require
+from pytest_rvads.support.executors import ExecutorGone, Failed, Progress, gathered
+from pytest_rvads.support.versions import code, versions
 
 __all__ = ["Keys", "campaign"]
 

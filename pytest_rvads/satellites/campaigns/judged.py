@@ -6,7 +6,7 @@ from typing import Annotated
 
 import msgspec
 
-from pytest_rvads.outcome import Outcome
+from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.report.record import Count, SimulatedItem
 
 __all__ = ["Glance", "Judged"]

@@ -12,8 +12,8 @@ from contextlib import contextmanager
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from pytest_rvads import executors
 from pytest_rvads.cli.common import warn
+from pytest_rvads.support import executors
 
 __all__ = ["progressing"]
 

@@ -18,13 +18,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.errors import ScenarioError, require
-from pytest_rvads.junctions.junction import Junction
-from pytest_rvads.maps.segment import Segment
+from pytest_rvads.geometry.junction import Junction
+from pytest_rvads.geometry.segment import Segment
 from pytest_rvads.runs.lights import SignalPlan
 from pytest_rvads.scenarios.orbits import Orbits, rotate
 from pytest_rvads.scenarios.scenario import Scenario, first_green
 from pytest_rvads.scenarios.senses import IDEAL
+from pytest_rvads.support.errors import ScenarioError, require
 
 __all__ = ["REACH", "TOLERANCE", "Member", "Shape", "shapes", "twin"]
 

@@ -13,11 +13,10 @@ from typing import Any
 
 import msgspec
 
-from pytest_rvads.errors import MapError
-from pytest_rvads.junctions.choosing import Choice, Kinds, choose_among
-from pytest_rvads.junctions.finder import load, name_of
-from pytest_rvads.junctions.junction import Junction
-from pytest_rvads.outcome import Outcome
+from pytest_rvads.geometry.choosing import Choice, Kinds, choose_among
+from pytest_rvads.geometry.finder import load, name_of
+from pytest_rvads.geometry.junction import Junction
+from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.report.anew import Anew
 from pytest_rvads.report.record import Record
 from pytest_rvads.report.run_record import by_rule
@@ -31,7 +30,8 @@ from pytest_rvads.satellites.campaigns.town_plan import Asked, Plan, Planned
 from pytest_rvads.satellites.campaigns.town_tally import JunctionTally
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.selection import TOO_SHORT, TOO_TIGHT
-from pytest_rvads.wording import first, plural
+from pytest_rvads.support.errors import MapError
+from pytest_rvads.support.wording import first, plural
 
 __all__ = ["Town", "tallied", "town_records"]
 _AGENT = re.compile(r"\ba(\d+)(?=(\.\d+)?(\+\d+)?\b)")

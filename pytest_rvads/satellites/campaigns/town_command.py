@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Any
 
 from pytest_rvads.cli import executor_options
 from pytest_rvads.cli.common import Subparsers, say, terminable, warn
-from pytest_rvads.errors import AutopilotError, RvadsError, ScenarioError
 from pytest_rvads.report.session_report import NOTHING_JUDGED
-from pytest_rvads.wording import plural
+from pytest_rvads.support.errors import AutopilotError, RvadsError, ScenarioError
+from pytest_rvads.support.wording import plural
 
 if TYPE_CHECKING:
     from pytest_rvads.satellites.campaigns.town import Town
@@ -140,9 +140,9 @@ def _driver(options: argparse.Namespace) -> Iterator[Any]:
 def _understood(options: argparse.Namespace, driver: Any) -> Order:
     """Return the order that the options describe; errors in the options are raised before anything runs."""
     from pytest_rvads.drivers.traffic import DEFAULT, Policy
+    from pytest_rvads.geometry.control import JunctionControl
     from pytest_rvads.logic.rules.book import rules_for
     from pytest_rvads.logic.rules.rulefile import load_rules
-    from pytest_rvads.maps.control import JunctionControl
     from pytest_rvads.report.files import fitting
     from pytest_rvads.satellites.campaigns.town import Town
     from pytest_rvads.satellites.campaigns.town_output import Order
@@ -287,8 +287,8 @@ def _judged(order: Order, options: argparse.Namespace, folder: Path, executor: E
 def _digest(order: Order, options: argparse.Namespace) -> str:
     """Return a digest that differs for other maps, drivers, simulators, rules and choices, and for other code of these."""
     from pytest_rvads.drivers.identity import identity
-    from pytest_rvads.storage import read_file
-    from pytest_rvads.versions import code
+    from pytest_rvads.support.storage import read_file
+    from pytest_rvads.support.versions import code
 
     told: list[Any] = [sha256(read_file(map, _LARGEST)).hexdigest() for map in order.town.maps]
     told += [code(), identity(order.town.plan.asked.driver), identity(order.simulator)]

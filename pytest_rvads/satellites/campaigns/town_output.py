@@ -9,12 +9,10 @@ from pathlib import Path
 from typing import NamedTuple
 
 from pytest_rvads.cli.common import say, show
-from pytest_rvads.errors import RvadsError
-from pytest_rvads.executors import Failed, Progress, gathered
-from pytest_rvads.failure_page import failure_pages
 from pytest_rvads.logic.check import check
+from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.logic.rules.rule import Rule
-from pytest_rvads.outcome import Outcome
+from pytest_rvads.report.failure_page import failure_pages
 from pytest_rvads.report.files import save
 from pytest_rvads.report.outline import Figures, Head, Notes, outline
 from pytest_rvads.report.session_report import exit_status
@@ -26,8 +24,10 @@ from pytest_rvads.satellites.campaigns.town_page import town_page
 from pytest_rvads.satellites.campaigns.town_tally import CauseTally, JunctionTally
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.simulators.simulator import Simulator, simulate
-from pytest_rvads.storage import slug, write_file
-from pytest_rvads.wording import quoted
+from pytest_rvads.support.errors import RvadsError
+from pytest_rvads.support.executors import Failed, Progress, gathered
+from pytest_rvads.support.storage import slug, write_file
+from pytest_rvads.support.wording import quoted
 
 __all__ = ["Order", "written"]
 

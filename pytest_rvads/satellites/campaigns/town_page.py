@@ -7,12 +7,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from urllib.parse import quote
 
-from pytest_rvads.outcome import Outcome
+from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.report.outline import Block
 from pytest_rvads.report.page import rendered
 from pytest_rvads.satellites.campaigns.town_picture import Spot, TownPicture
 from pytest_rvads.satellites.campaigns.town_tally import JunctionTally, TownMark, cell
-from pytest_rvads.wording import markup, quoted
+from pytest_rvads.support.wording import markup, quoted
 
 __all__ = ["Site", "TownMap", "state", "town_page", "worst_first"]
 

@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.junctions.analysis import JunctionReport
-from pytest_rvads.junctions.road_map import RoadMap
+from pytest_rvads.geometry.analysis import JunctionReport
+from pytest_rvads.geometry.road_map import RoadMap
 
 __all__ = ["Spot", "TownPicture", "simplified", "spot", "town_picture"]
 

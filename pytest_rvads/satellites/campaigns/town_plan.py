@@ -10,8 +10,7 @@ from typing import NamedTuple
 
 from pytest_rvads.drivers.interface import Factory
 from pytest_rvads.drivers.traffic import Policy
-from pytest_rvads.errors import RvadsError, ScenarioError
-from pytest_rvads.junctions.junction import Junction
+from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.logic.rules.book import rules_for
 from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.report.session_report import Extent
@@ -19,7 +18,8 @@ from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.configurations import ARRIVALS, grid
 from pytest_rvads.scenarios.ids import run_id
 from pytest_rvads.scenarios.selection import Selection, alone, extended
-from pytest_rvads.stratified import draw
+from pytest_rvads.support.errors import RvadsError, ScenarioError
+from pytest_rvads.support.stratified import draw
 
 __all__ = ["Asked", "LeftOut", "Plan", "Planned"]
 

@@ -17,17 +17,17 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.errors import MapError
-from pytest_rvads.junctions.builtin import LAYOUTS, path_of
-from pytest_rvads.junctions.finder import find
-from pytest_rvads.junctions.junction import Junction
-from pytest_rvads.maps.segment import Pose
-from pytest_rvads.opendrive.xmlfile import MAX_BYTES
+from pytest_rvads.geometry.builtin import LAYOUTS, path_of
+from pytest_rvads.geometry.finder import find
+from pytest_rvads.geometry.junction import Junction
+from pytest_rvads.geometry.opendrive.xmlfile import MAX_BYTES
+from pytest_rvads.geometry.segment import Pose
 from pytest_rvads.runs.lights import CLEARANCE, GREEN, YELLOW, SignalPlan
 from pytest_rvads.runs.states import AXLE, Agent, Colour, Kind
 from pytest_rvads.runs.vehicle import Vehicle
 from pytest_rvads.satellites.tracks.lightlog import ENTRANCE, signal_ids
-from pytest_rvads.storage import read_file, write_file
+from pytest_rvads.support.errors import MapError
+from pytest_rvads.support.storage import read_file, write_file
 
 __all__ = [
     "Actor",

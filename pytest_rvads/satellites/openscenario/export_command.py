@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pytest_rvads.cli.common import Subparsers, say
-from pytest_rvads.errors import RunError, ScenarioError
+from pytest_rvads.support.errors import RunError, ScenarioError
 
 if TYPE_CHECKING:
     from pytest_rvads.runs.run import Run

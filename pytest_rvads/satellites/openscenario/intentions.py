@@ -6,12 +6,12 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
-from pytest_rvads.errors import RunError
-from pytest_rvads.junctions.conflicts import Key
-from pytest_rvads.junctions.junction import Junction
+from pytest_rvads.geometry.conflicts import Key
+from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.runs.itineraries import itinerary
 from pytest_rvads.satellites.openscenario.xosc import Entity, entities_of
 from pytest_rvads.satellites.openscenario.xosctree import Node
+from pytest_rvads.support.errors import RunError
 
 __all__ = ["Drive", "Intention", "intentions", "matched"]
 

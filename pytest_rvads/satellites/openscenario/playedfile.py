@@ -21,11 +21,9 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.decoding import decode, typed
-from pytest_rvads.errors import RunError
-from pytest_rvads.junctions.builtin import LAYOUTS
-from pytest_rvads.junctions.finder import find
-from pytest_rvads.junctions.junction import Junction
+from pytest_rvads.geometry.builtin import LAYOUTS
+from pytest_rvads.geometry.finder import find
+from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.runs.bounds import FARTHEST, Name, Size, Step, check_size
 from pytest_rvads.runs.itineraries import Itinerary, itinerary
 from pytest_rvads.runs.junctionfile import Key
@@ -35,6 +33,8 @@ from pytest_rvads.satellites.openscenario.xosc import FORMAT, Entity, Trajectory
 from pytest_rvads.satellites.tracks.importing import recordings_in
 from pytest_rvads.satellites.tracks.lightlog import lights_at
 from pytest_rvads.satellites.tracks.logformats import check_facing
+from pytest_rvads.support.decoding import decode, typed
+from pytest_rvads.support.errors import RunError
 
 __all__ = ["VERSION", "Judged", "Note", "Site", "read_played", "site_of"]
 

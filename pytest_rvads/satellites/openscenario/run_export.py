@@ -14,10 +14,8 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from pytest_rvads.decoding import decode, encode
-from pytest_rvads.errors import RunError, RvadsError, require
+from pytest_rvads.geometry.segment import Pose
 from pytest_rvads.logic.judging.verdicts import Verdict
-from pytest_rvads.maps.segment import Pose
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Agent, Zone
 from pytest_rvads.runs.vehicle import Vehicle
@@ -33,8 +31,10 @@ from pytest_rvads.satellites.openscenario.document import (
 )
 from pytest_rvads.satellites.openscenario.playedfile import Judged, Note
 from pytest_rvads.satellites.openscenario.writing import library, written
-from pytest_rvads.storage import write_file
-from pytest_rvads.wording import one_line
+from pytest_rvads.support.decoding import decode, encode
+from pytest_rvads.support.errors import RunError, RvadsError, require
+from pytest_rvads.support.storage import write_file
+from pytest_rvads.support.wording import one_line
 
 __all__ = ["export_run", "recorded_map", "vehicles", "write"]
 

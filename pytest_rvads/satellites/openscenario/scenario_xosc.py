@@ -17,11 +17,9 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from pytest_rvads.decoding import decode, encode
-from pytest_rvads.errors import RunError, ScenarioError, require
-from pytest_rvads.junctions.finder import find, load, names
-from pytest_rvads.junctions.junction import Junction
-from pytest_rvads.maps.segment import Pose
+from pytest_rvads.geometry.finder import find, load, names
+from pytest_rvads.geometry.junction import Junction
+from pytest_rvads.geometry.segment import Pose
 from pytest_rvads.runs.itineraries import Itinerary
 from pytest_rvads.runs.states import Colour
 from pytest_rvads.runs.vehicle import Vehicle
@@ -37,7 +35,9 @@ from pytest_rvads.scenarios.case import Fleet
 from pytest_rvads.scenarios.ids import recalled
 from pytest_rvads.scenarios.orbits import Orbits, rotate
 from pytest_rvads.scenarios.scenario import QUEUE_GAP, QUEUE_TIME, Scenario, usual_duration
-from pytest_rvads.wording import one_line
+from pytest_rvads.support.decoding import decode, encode
+from pytest_rvads.support.errors import RunError, ScenarioError, require
+from pytest_rvads.support.wording import one_line
 
 __all__ = ["VERSION", "ScenarioNote", "load_scenario", "save_scenario"]
 

@@ -15,11 +15,11 @@ from importlib import import_module
 from typing import Any
 from xml.etree import ElementTree
 
-from pytest_rvads.errors import RvadsError, needs
-from pytest_rvads.maps.segment import Pose
+from pytest_rvads.geometry.segment import Pose
 from pytest_rvads.runs.states import Kind
 from pytest_rvads.satellites.openscenario.document import Actor, Body, Document
 from pytest_rvads.satellites.openscenario.xosc import LAMPS
+from pytest_rvads.support.errors import RvadsError, needs
 
 __all__ = ["library", "written"]
 

@@ -12,8 +12,6 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.decoding import decode
-from pytest_rvads.errors import RunError
 from pytest_rvads.runs.recording import Changes
 from pytest_rvads.runs.states import Colour, Kind
 from pytest_rvads.satellites.openscenario.xosctree import Node, read_tree
@@ -21,6 +19,8 @@ from pytest_rvads.satellites.tracks.lightlog import changes_of, limit_lights
 from pytest_rvads.satellites.tracks.logformats import Format
 from pytest_rvads.satellites.tracks.samples import Gather, Log, kind_of
 from pytest_rvads.satellites.tracks.source import Watch
+from pytest_rvads.support.decoding import decode
+from pytest_rvads.support.errors import RunError
 
 __all__ = [
     "FORMAT",

@@ -18,10 +18,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.boundedxml import read_xml
-from pytest_rvads.errors import RunError
 from pytest_rvads.satellites.tracks.source import Watch, opened
-from pytest_rvads.wording import one_line
+from pytest_rvads.support.boundedxml import read_xml
+from pytest_rvads.support.errors import RunError
+from pytest_rvads.support.wording import one_line
 
 __all__ = ["VERTEX", "Node", "evaluate", "read_tree"]
 

@@ -12,8 +12,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from xml.etree.ElementTree import Element, ElementTree, ParseError, fromstring
 
-from pytest_rvads.errors import RunError, needs
-from pytest_rvads.wording import one_line
+from pytest_rvads.support.errors import RunError, needs
+from pytest_rvads.support.wording import one_line
 
 __all__ = ["netconvert", "program_and_home"]
 

@@ -19,24 +19,24 @@ from xml.etree.ElementTree import Element, SubElement, tostring
 
 from numpy.typing import NDArray
 
-from pytest_rvads.errors import ScenarioError
-from pytest_rvads.junctions.conflicts import Key
-from pytest_rvads.junctions.junction import Arm, Junction
-from pytest_rvads.junctions.sweep import EXIT_LENGTH
-from pytest_rvads.junctions.yielding import Reason
-from pytest_rvads.maps.control import Sign
-from pytest_rvads.maps.segment import SPEED_LIMIT, Segment, join
+from pytest_rvads.geometry.conflicts import Key
+from pytest_rvads.geometry.control import Sign
+from pytest_rvads.geometry.junction import Arm, Junction
+from pytest_rvads.geometry.segment import SPEED_LIMIT, Segment, join
+from pytest_rvads.geometry.sweep import EXIT_LENGTH
+from pytest_rvads.geometry.yielding import Reason
 from pytest_rvads.physics.braking import FASTEST
 from pytest_rvads.runs.lights import CLEARANCE, GREEN, YELLOW, SignalPlan
 from pytest_rvads.runs.states import Colour
 from pytest_rvads.satellites.sumo.netconvert import netconvert
+from pytest_rvads.support.errors import ScenarioError
 
 __all__ = ["Network", "lane_in", "lane_limit", "lane_out", "network", "straight"]
 
 _LETTERS = {Colour.YELLOW: "y", Colour.RED: "r"}
 """Letter of SUMO per colour other than green."""
 _RANK = {Sign.STOP: 1, Sign.YIELD: 1, Sign.NONE: 2, Sign.LIGHTS: 2, Sign.PRIORITY: 3}
-"""Rank of a sign, as in `pytest_rvads.junctions.yielding`; the movement with the higher rank goes first."""
+"""Rank of a sign, as in `pytest_rvads.geometry.yielding`; the movement with the higher rank goes first."""
 _LENGTH_TOLERANCE = 1e-6
 """Largest difference between equal lengths [m]."""
 

@@ -14,11 +14,11 @@ from tempfile import mkdtemp
 from typing import Any
 
 from pytest_rvads.drivers.stacks.child import Child, StackError, StackTimeout
-from pytest_rvads.errors import RunError
 from pytest_rvads.satellites.sumo import libsumo_server
 from pytest_rvads.satellites.sumo.road_network import Network
 from pytest_rvads.simulators.choice import choice
-from pytest_rvads.wording import one_line
+from pytest_rvads.support.errors import RunError
+from pytest_rvads.support.wording import one_line
 
 __all__ = ["SumoFailed", "SumoProcess", "acquire", "release"]
 

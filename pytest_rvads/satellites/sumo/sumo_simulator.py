@@ -16,7 +16,6 @@ from numbers import Real
 from types import MappingProxyType
 
 from pytest_rvads.drivers.sumo_driver import SumoDriver
-from pytest_rvads.errors import ScenarioError, needs, require
 from pytest_rvads.physics import engines
 from pytest_rvads.physics.braking import FASTEST, check_start, greatest_safe, vmax
 from pytest_rvads.physics.cache import cached
@@ -30,7 +29,8 @@ from pytest_rvads.scenarios.forks import forks
 from pytest_rvads.scenarios.senses import Senses
 from pytest_rvads.simulators.loop import Loop
 from pytest_rvads.simulators.planar import usual
-from pytest_rvads.versions import versions
+from pytest_rvads.support.errors import ScenarioError, needs, require
+from pytest_rvads.support.versions import versions
 
 __all__ = ["Sumo", "sumo"]
 

@@ -11,8 +11,7 @@ from collections.abc import Collection, Mapping, Sequence
 from itertools import combinations
 from xml.etree.ElementTree import Element, SubElement, tostring
 
-from pytest_rvads.conduct.bodies import Box, gap
-from pytest_rvads.errors import RunError
+from pytest_rvads.logic.conduct.bodies import Box, gap
 from pytest_rvads.physics import engines
 from pytest_rvads.physics.world import Motion, World
 from pytest_rvads.runs.run import DT, Halt
@@ -20,6 +19,7 @@ from pytest_rvads.runs.vehicle import Vehicle
 from pytest_rvads.satellites.sumo.road_network import lane_in, lane_limit, lane_out, network
 from pytest_rvads.satellites.sumo.sumo_process import SumoFailed, acquire, release
 from pytest_rvads.scenarios.case import Case
+from pytest_rvads.support.errors import RunError
 
 __all__ = ["SumoWorld", "departures", "lone_departure"]
 

@@ -10,10 +10,10 @@ from pathlib import Path
 
 import numpy as np
 
-from pytest_rvads.errors import RunError
 from pytest_rvads.satellites.tracks.samples import Log, kind_of
 from pytest_rvads.satellites.tracks.source import Source, Watch, opened
 from pytest_rvads.satellites.tracks.table import TEXTS, Column, Rows, columns_of, log_of, numbers_of
+from pytest_rvads.support.errors import RunError
 
 __all__ = ["read_csv", "read_ind", "read_interaction", "rows_of", "wrong_cells"]
 

@@ -14,8 +14,8 @@ from types import FrameType
 from typing import TYPE_CHECKING, Any
 
 from pytest_rvads.cli.common import LINE_LIMIT, say, warn
-from pytest_rvads.errors import RunError
 from pytest_rvads.satellites.tracks.import_command import INTAKE, add_intake, intake_of
+from pytest_rvads.support.errors import RunError
 
 if TYPE_CHECKING:
     from pytest_rvads.logic.judging.verdicts import Verdict
@@ -61,7 +61,7 @@ def refuse_without(options: argparse.Namespace) -> None:
 def follow(options: argparse.Namespace) -> int:
     """Judge states until the end of the input or until Ctrl-C, and return the exit status."""
     from pytest_rvads.cli.answers import named_rules
-    from pytest_rvads.junctions.finder import find
+    from pytest_rvads.geometry.finder import find
     from pytest_rvads.satellites.tracks.streaming import Stream
 
     if not options.junction:

@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pytest_rvads.cli.common import Subparsers, progress, say, warn
-from pytest_rvads.errors import RunError
-from pytest_rvads.junctions.turn_words import turn_word
+from pytest_rvads.geometry.turn_words import turn_word
+from pytest_rvads.support.errors import RunError
 
 if TYPE_CHECKING:
     from pytest_rvads.runs.recording import Recording
@@ -115,7 +115,7 @@ def _check_junction(options: argparse.Namespace) -> None:
         RunError: the junction is not named, or ``all`` is given without a map.
         MapError: the junction does not exist.
     """
-    from pytest_rvads.junctions.finder import find
+    from pytest_rvads.geometry.finder import find
 
     if options.junction is None:
         raise RunError("name the junction of the tracks: --junction ID, and --map FILE unless the junction is built in")

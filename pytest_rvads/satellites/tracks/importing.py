@@ -16,9 +16,8 @@ from typing import Any, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.errors import MapError, RunError, suggest
-from pytest_rvads.junctions.finder import find, load, names
-from pytest_rvads.junctions.junction import Junction
+from pytest_rvads.geometry.finder import find, load, names
+from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.runs.recording import Changes, Recording, Track
 from pytest_rvads.runs.run import Facts
 from pytest_rvads.runs.smoothing import DERIVED
@@ -29,7 +28,8 @@ from pytest_rvads.satellites.tracks.logformats import Point, read_log
 from pytest_rvads.satellites.tracks.matching import NEVER, STANDS, Matched, Matcher, directions
 from pytest_rvads.satellites.tracks.samples import Log, Samples
 from pytest_rvads.satellites.tracks.source import Watch
-from pytest_rvads.wording import one_line
+from pytest_rvads.support.errors import MapError, RunError, suggest
+from pytest_rvads.support.wording import one_line
 
 __all__ = [
     "Intake",

@@ -9,17 +9,17 @@ from pathlib import Path
 
 import numpy as np
 
-from pytest_rvads.boundedxml import read_xml
-from pytest_rvads.errors import RunError
-from pytest_rvads.junctions.builtin import LAYOUTS, path_of
-from pytest_rvads.junctions.finder import load
-from pytest_rvads.junctions.junction import Junction
-from pytest_rvads.maps.control import ObjectKind
+from pytest_rvads.geometry.builtin import LAYOUTS, path_of
+from pytest_rvads.geometry.control import ObjectKind
+from pytest_rvads.geometry.finder import load
+from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.runs.recording import Changes
 from pytest_rvads.runs.states import Colour
 from pytest_rvads.satellites.tracks.csvfile import rows_of, wrong_cells
 from pytest_rvads.satellites.tracks.source import opened
-from pytest_rvads.wording import one_line
+from pytest_rvads.support.boundedxml import read_xml
+from pytest_rvads.support.errors import RunError
+from pytest_rvads.support.wording import one_line
 
 __all__ = ["ENTRANCE", "changes_of", "lights_at", "limit_lights", "read_lights", "signal_ids", "signals_at"]
 

@@ -10,8 +10,6 @@ from typing import Any, Literal, Protocol
 
 import numpy as np
 
-from pytest_rvads.entrypoints import entries, load
-from pytest_rvads.errors import RunError, suggest
 from pytest_rvads.satellites.tracks.csvfile import read_csv, read_ind, read_interaction
 from pytest_rvads.satellites.tracks.matching import directions
 from pytest_rvads.satellites.tracks.message_logs import read_osi, read_rosbag
@@ -19,6 +17,8 @@ from pytest_rvads.satellites.tracks.samples import Log, Samples
 from pytest_rvads.satellites.tracks.simulator_logs import read_carla, read_fcd
 from pytest_rvads.satellites.tracks.source import Watch
 from pytest_rvads.satellites.tracks.table import PRESETS, is_table, read_table
+from pytest_rvads.support.entrypoints import entries, load
+from pytest_rvads.support.errors import RunError, suggest
 
 __all__ = ["FORMATS", "Format", "Point", "Reader", "check_facing", "formats", "read_log"]
 

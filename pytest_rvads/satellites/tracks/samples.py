@@ -16,11 +16,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.errors import RunError
 from pytest_rvads.runs.bounds import FARTHEST
 from pytest_rvads.runs.recording import Changes
 from pytest_rvads.runs.states import Kind
-from pytest_rvads.wording import one_line
+from pytest_rvads.support.errors import RunError
+from pytest_rvads.support.wording import one_line
 
 __all__ = ["FIELDS", "LATEST", "Gather", "Log", "Samples", "kind_of"]
 

@@ -11,13 +11,13 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from pytest_rvads.boundedxml import read_xml
-from pytest_rvads.decoding import decode, typed
-from pytest_rvads.errors import RunError
 from pytest_rvads.runs.states import Colour, Kind
 from pytest_rvads.satellites.tracks.lightlog import changes_of, limit_lights
 from pytest_rvads.satellites.tracks.samples import Gather, Log, kind_of
 from pytest_rvads.satellites.tracks.source import Watch, opened
+from pytest_rvads.support.boundedxml import read_xml
+from pytest_rvads.support.decoding import decode, typed
+from pytest_rvads.support.errors import RunError
 
 __all__ = ["read_carla", "read_fcd"]
 

@@ -10,10 +10,10 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO, cast
 
-from pytest_rvads.boundedxml import XmlError
-from pytest_rvads.errors import RunError
-from pytest_rvads.storage import open_file
-from pytest_rvads.wording import one_line
+from pytest_rvads.support.boundedxml import XmlError
+from pytest_rvads.support.errors import RunError
+from pytest_rvads.support.storage import open_file
+from pytest_rvads.support.wording import one_line
 
 __all__ = ["Source", "Watch", "opened"]
 

@@ -14,16 +14,16 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
-from pytest_rvads.decoding import decode
-from pytest_rvads.errors import RunError
-from pytest_rvads.junctions.junction import Junction
+from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.runs.bounds import FARTHEST, Name, Size
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Colour
 from pytest_rvads.satellites.tracks.importing import Intake, recording_of
 from pytest_rvads.satellites.tracks.lightlog import changes_of, signals_at
 from pytest_rvads.satellites.tracks.samples import LATEST, Log, Samples, kind_of
-from pytest_rvads.wording import one_line
+from pytest_rvads.support.decoding import decode
+from pytest_rvads.support.errors import RunError
+from pytest_rvads.support.wording import one_line
 
 __all__ = ["GONE_AFTER", "LONGEST", "State", "Stream"]
 

@@ -16,9 +16,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.errors import RunError, suggest
 from pytest_rvads.satellites.tracks.samples import Gather, Log, kind_of
-from pytest_rvads.wording import one_line
+from pytest_rvads.support.errors import RunError, suggest
+from pytest_rvads.support.wording import one_line
 
 __all__ = ["PRESETS", "TEXTS", "Column", "Rows", "columns_of", "is_table", "log_of", "numbers_of", "parse_columns", "read_table"]
 

@@ -7,8 +7,8 @@ from dataclasses import fields
 from pathlib import Path
 
 from pytest_rvads.drivers.traffic import POLICIES
-from pytest_rvads.options import Options
 from pytest_rvads.scenarios.senses import Senses
+from pytest_rvads.session.options import Options
 
 ROOT = Path(__file__).parents[3]
 TEXT = (ROOT / "docs" / "attach-your-stack.md").read_text(encoding="utf-8")

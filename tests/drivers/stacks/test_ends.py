@@ -14,7 +14,7 @@ import pytest
 from pytest_rvads.drivers.stacks import descendants
 from pytest_rvads.drivers.stacks.child import Child
 from pytest_rvads.drivers.stacks.process import Process
-from pytest_rvads.junctions.finder import find
+from pytest_rvads.geometry.finder import find
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.simulators.simulator import simulate

@@ -9,13 +9,13 @@ from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.drivers.stacks import messages
 from pytest_rvads.drivers.stacks.child import StackError, StackTimeout
 from pytest_rvads.drivers.stacks.process import Process
-from pytest_rvads.errors import AutopilotError
-from pytest_rvads.junctions.finder import find
+from pytest_rvads.geometry.finder import find
 from pytest_rvads.logic.check import check
 from pytest_rvads.runs.run import Run
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.simulators.simulator import simulate
+from pytest_rvads.support.errors import AutopilotError
 
 Make = Callable[..., Process]
 STRAY = "to its standard output, which carries the protocol: print to standard error instead"

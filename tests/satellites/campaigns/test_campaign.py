@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 import pytest_rvads as rvads
 from pytest_rvads.cli import main
 from pytest_rvads.drivers.interface import Observation
-from pytest_rvads.outcome import Outcome
+from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.satellites.campaigns import answering
 from pytest_rvads.satellites.campaigns.judged import Judged
 from pytest_rvads.simulators.patience import Limits

@@ -10,13 +10,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pytest_rvads.drivers.lgsvl import LgsvlLike
-from pytest_rvads.errors import ScenarioError
-from pytest_rvads.junctions.builtin import LAYOUTS, path_of
-from pytest_rvads.junctions.finder import find, load
-from pytest_rvads.junctions.junction import Junction, cross
+from pytest_rvads.geometry.builtin import LAYOUTS, path_of
+from pytest_rvads.geometry.control import Sign
+from pytest_rvads.geometry.finder import find, load
+from pytest_rvads.geometry.junction import Junction, cross
+from pytest_rvads.geometry.segment import Segment, Turn
 from pytest_rvads.logic.check import check
-from pytest_rvads.maps.control import Sign
-from pytest_rvads.maps.segment import Segment, Turn
 from pytest_rvads.satellites.campaigns.campaign import campaign
 from pytest_rvads.satellites.campaigns.shapes import Member, Shape, shapes, twin
 from pytest_rvads.satellites.campaigns.town import Twins
@@ -26,6 +25,7 @@ from pytest_rvads.scenarios.configurations import configuration
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.scenarios.selection import Selection
 from pytest_rvads.simulators.simulator import simulate
+from pytest_rvads.support.errors import ScenarioError
 
 BUILT_IN = ("stop4", "stop3", "light4", "light3", "yield4", "right4", "lanes4")
 

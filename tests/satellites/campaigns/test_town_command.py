@@ -13,9 +13,9 @@ from xml.etree import ElementTree
 import pytest
 
 from pytest_rvads.cli import main
-from pytest_rvads.junctions.builtin import path_of
-from pytest_rvads.opendrive.writer import Layout, opendrive
-from pytest_rvads.outcome import Outcome
+from pytest_rvads.geometry.builtin import path_of
+from pytest_rvads.geometry.opendrive.writer import Layout, opendrive
+from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.report.files import load
 from pytest_rvads.report.session_report import Report
 from pytest_rvads.satellites.campaigns import answering, town_output

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pytest_rvads.junctions.builtin import path_of
-from pytest_rvads.junctions.finder import load
+from pytest_rvads.geometry.builtin import path_of
+from pytest_rvads.geometry.finder import load
 from pytest_rvads.satellites.campaigns.town_picture import simplified, spot, town_picture
 
 coordinates = st.floats(-1000, 1000, allow_nan=False)

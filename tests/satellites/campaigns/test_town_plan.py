@@ -8,9 +8,9 @@ import pytest
 
 from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.drivers.traffic import Policy
-from pytest_rvads.junctions.choosing import Choice
-from pytest_rvads.junctions.finder import find
-from pytest_rvads.junctions.junction import Junction
+from pytest_rvads.geometry.choosing import Choice
+from pytest_rvads.geometry.finder import find
+from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.satellites.campaigns.town import Town
 from pytest_rvads.satellites.campaigns.town_plan import Asked, Plan
 

@@ -6,7 +6,7 @@ import pytest
 from msgspec import structs
 
 from pytest_rvads.logic.judging.verdicts import Status, Verdict
-from pytest_rvads.outcome import Outcome
+from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.satellites.campaigns.judged import Judged
 from pytest_rvads.satellites.campaigns.town_tally import JunctionTally, cell
 

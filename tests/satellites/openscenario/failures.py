@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Any
 
 from pytest_rvads.drivers.traffic import traffic
-from pytest_rvads.junctions.finder import find
-from pytest_rvads.maps.control import JunctionControl
-from pytest_rvads.opendrive.writer import Layout, opendrive
+from pytest_rvads.geometry.control import JunctionControl
+from pytest_rvads.geometry.finder import find
+from pytest_rvads.geometry.opendrive.writer import Layout, opendrive
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Kind
 from pytest_rvads.runs.vehicle import Vehicle

@@ -11,11 +11,11 @@ import pytest
 
 import pytest_rvads as rvads
 from pytest_rvads.drivers.traffic import traffic
-from pytest_rvads.errors import MapError, RunError, RvadsError
 from pytest_rvads.logic.judging.verdicts import Status, Verdict
 from pytest_rvads.logic.rules.book import rulebook
 from pytest_rvads.runs.recording import Recording
 from pytest_rvads.runs.states import Colour, Zone
+from pytest_rvads.support.errors import MapError, RunError, RvadsError
 
 from .failures import FAILURES, TRUCK, Failure
 

@@ -12,13 +12,13 @@ import numpy as np
 import pytest
 
 import pytest_rvads as rvads
-from pytest_rvads.errors import RunError, ScenarioError
-from pytest_rvads.junctions.builtin import LAYOUTS
+from pytest_rvads.geometry.builtin import LAYOUTS
 from pytest_rvads.runs.itineraries import itinerary
 from pytest_rvads.runs.lights import SignalPlan
 from pytest_rvads.runs.states import Colour
 from pytest_rvads.satellites.sumo import netconvert as converting
 from pytest_rvads.satellites.sumo.road_network import network
+from pytest_rvads.support.errors import RunError, ScenarioError
 
 from .with_sumo import needs_sumo, signed
 

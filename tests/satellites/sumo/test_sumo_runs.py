@@ -17,12 +17,12 @@ import numpy as np
 import pytest
 
 import pytest_rvads as rvads
-from pytest_rvads.conduct.bodies import overlap
-from pytest_rvads.errors import ScenarioError
+from pytest_rvads.logic.conduct.bodies import overlap
 from pytest_rvads.runs.states import Colour
 from pytest_rvads.satellites.sumo import sumo_process, sumo_simulator, sumo_world
 from pytest_rvads.satellites.sumo.sumo_process import SumoProcess
 from pytest_rvads.simulators.planar import usual
+from pytest_rvads.support.errors import ScenarioError
 
 from .with_sumo import needs_sumo, simulated
 

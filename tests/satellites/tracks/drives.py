@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pytest_rvads.junctions.junction import Junction
+from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.runs.itineraries import Itinerary
 
 __all__ = ["LENGTH", "WIDTH", "Drive", "drive", "write_csv"]

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from pytest_rvads.errors import RunError
 from pytest_rvads.satellites.tracks.lightlog import read_lights
 from pytest_rvads.satellites.tracks.logformats import read_log
+from pytest_rvads.support.errors import RunError
 
 HEADS = {
     "t.csv.gz": b"time,id,x,y\n",

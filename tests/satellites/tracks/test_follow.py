@@ -11,12 +11,12 @@ from typing import Any
 
 import pytest
 
-from pytest_rvads.errors import RunError
-from pytest_rvads.junctions.finder import find
+from pytest_rvads.geometry.finder import find
 from pytest_rvads.runs.itineraries import itinerary
 from pytest_rvads.runs.run import Run
 from pytest_rvads.satellites.tracks.importing import Intake
 from pytest_rvads.satellites.tracks.streaming import GONE_AFTER, LONGEST, Stream
+from pytest_rvads.support.errors import RunError
 
 RVADS = str(Path(sys.executable).with_name("rvads"))
 FOLLOW = [RVADS, "check", "--follow", "--junction", "stop4", "--rules", "full_stop", "--rules", "p1"]

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pytest_rvads.errors import RunError
-from pytest_rvads.junctions.finder import find
+from pytest_rvads.geometry.finder import find
 from pytest_rvads.runs.states import Colour
 from pytest_rvads.satellites.tracks.importing import read_tracks
+from pytest_rvads.support.errors import RunError
 
 from .drives import LENGTH, WIDTH, Drive, drive
 

@@ -6,13 +6,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pytest_rvads.errors import RunError
-from pytest_rvads.junctions.finder import find, load, names
+from pytest_rvads.geometry.finder import find, load, names
 from pytest_rvads.runs.itineraries import Itinerary
 from pytest_rvads.runs.recording import Recording
 from pytest_rvads.satellites.tracks.importing import read_tracks
 from pytest_rvads.satellites.tracks.logformats import Point
 from pytest_rvads.satellites.tracks.matching import BEFORE, BEHIND, BESIDE, NEVER, STANDS, UNCLEAR
+from pytest_rvads.support.errors import RunError
 
 from .drives import LENGTH, WIDTH, Drive, drive, write_csv
 

@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 
 from pytest_rvads.cli import main
-from pytest_rvads.errors import RunError
-from pytest_rvads.junctions.builtin import path_of
-from pytest_rvads.junctions.finder import find, load
-from pytest_rvads.junctions.junction import Junction
+from pytest_rvads.geometry.builtin import path_of
+from pytest_rvads.geometry.finder import find, load
+from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.runs.readers import read_runs
 from pytest_rvads.runs.recording import Recording
 from pytest_rvads.runs.recordingfile import load_recording, save_recording
@@ -19,6 +18,7 @@ from pytest_rvads.runs.runfile import load_run
 from pytest_rvads.runs.states import Colour
 from pytest_rvads.satellites.tracks.importing import read_tracks
 from pytest_rvads.satellites.tracks.lightlog import lights_at, read_lights
+from pytest_rvads.support.errors import RunError
 
 from .drives import drive, write_csv
 

@@ -13,13 +13,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pytest_rvads.cli import main
-from pytest_rvads.errors import RunError
-from pytest_rvads.junctions.finder import find
+from pytest_rvads.geometry.finder import find
 from pytest_rvads.runs.recording import Recording
 from pytest_rvads.runs.states import Kind
 from pytest_rvads.satellites.tracks.importing import read_tracks
 from pytest_rvads.satellites.tracks.logformats import read_log
 from pytest_rvads.satellites.tracks.table import columns_of, parse_columns
+from pytest_rvads.support.errors import RunError
 
 from .drives import LENGTH, WIDTH, Drive, drive, write_csv
 

@@ -1,0 +1,378 @@
+"""Analyses a junction of a file for the model: arms, movements, priorities, control, and usability."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import permutations
+
+from pytest_rvads.geometry.arms import RoadArm, arms_of, sort_arms, turns_in_order
+from pytest_rvads.geometry.conflicts import Key
+from pytest_rvads.geometry.control import (
+    JunctionControl,
+    MapObject,
+    ObjectKind,
+    Sign,
+    control_of,
+    phase_groups,
+    setback_of,
+    sign_setback_of,
+    signs_of,
+)
+from pytest_rvads.geometry.graph import MetricGraph
+from pytest_rvads.geometry.network import Doubt, MapWarning, Network
+from pytest_rvads.geometry.paths import Path, Route, paths_of, walk
+from pytest_rvads.geometry.segment import GAP_LIMIT, Turn
+from pytest_rvads.geometry.usability import MOST, unusable, widest_gap
+from pytest_rvads.support.wording import plural
+
+__all__ = ["Cut", "JunctionReport", "LaneEnd", "analyse", "cut", "joints_of", "lifted", "opposite_pairs", "right_of_pairs"]
+
+Pairs = frozenset[tuple[int, int]]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LaneEnd:
+    """The end of a lane at a junction."""
+
+    arm: int
+    lane: int
+    """Number of the lane on its arm, counted from the kerb."""
+    edge: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class JunctionReport:
+    """A junction of a file, usable or not."""
+
+    id: str
+    arms: tuple[RoadArm, ...]
+    """Arms of the junction, counter-clockwise."""
+    entrances: tuple[LaneEnd, ...]
+    """Entrances arm by arm, on each arm from the kerb; the number of an entrance is its index."""
+    exits: tuple[LaneEnd, ...]
+    """Exits arm by arm, on each arm from the kerb; the number of an exit is its index."""
+    movements: tuple[Route, ...]
+    """Movements, sorted by entrance and exit."""
+    signs: tuple[Sign, ...]
+    """Sign or light of every entrance."""
+    reason: str | None
+    """The reason why the junction cannot be used; None for a usable junction."""
+    approach: tuple[float, ...]
+    """Per entrance, length walked upstream to the previous junction or the end of the road [m]."""
+    right_of: Pairs
+    """Pairs of arms of which the first is to the right of the second (paper, table of semantics)."""
+    opposite: Pairs
+    """Pairs of opposite arms."""
+    phase_groups: tuple[frozenset[int], ...]
+    """Groups of entrances that have green together."""
+    setbacks: tuple[float, ...]
+    """Per entrance, distance of the stopping line before the vertex [m]; 0 if no line is marked."""
+    sign_setbacks: tuple[float | None, ...]
+    """Per entrance, distance of its stop sign before the vertex [m]; None without a stop sign away from the stopping line."""
+    stated: frozenset[tuple[Key, Key]]
+    """Pairs of movements of which, according to the file, the first gives way to the second."""
+    joining: frozenset[tuple[Key, Key]]
+    """Pairs of movements into one exit of which, according to the lanes and roads of the file, the first joins the second."""
+    objects: tuple[MapObject, ...]
+    left_hand: bool
+    warnings: tuple[MapWarning, ...]
+    """Doubts about the movements and priorities of a usable junction."""
+
+    @property
+    def ways(self) -> int:
+        """Number of arms."""
+        return len(self.arms)
+
+    @property
+    def control(self) -> JunctionControl:
+        """The control of the junction as a whole."""
+        return control_of(self.signs)
+
+    @property
+    def usable(self) -> bool:
+        """Whether scenarios can run at the junction."""
+        return self.reason is None
+
+    @property
+    def usable_from(self) -> float:
+        """Greatest distance before the stopping line that vehicles can start from at every entrance [m]."""
+        return min((length - back for length, back in zip(self.approach, self.setbacks, strict=True)), default=0.0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Cut:
+    """A junction cut from the metric graph: the paths through the junction, and the road ends at its border."""
+
+    id: str
+    paths: tuple[Path, ...]
+    pairs: tuple[tuple[str, str], ...]
+    """Pairs (entrance edge, exit edge) of all ways through the junction."""
+    arms: tuple[RoadArm, ...]
+    """Arms, in no particular order."""
+    left_out: tuple[str, ...] = ()
+    """Messages on paths of the file that are left out."""
+
+
+def cut(graph: MetricGraph, id: str) -> Cut:
+    """Cut junction `id` from a metric graph.
+
+    Paths across a gap are left out if leaving them out costs no arm.
+
+    Raises:
+        MapError: the lanes of the junction branch too often, see `paths_of`.
+    """
+    paths, direct = paths_of(graph, id), graph.network.junctions[id].direct
+    gaps = [widest_gap(graph, path) for path in paths]
+    whole = [path for path, (gap, _) in zip(paths, gaps, strict=True) if gap <= GAP_LIMIT]
+    pairs, arms = _ends(graph, paths, direct)
+    if len(whole) == len(paths):
+        return Cut(id, tuple(paths), pairs, arms)
+    fewer, rest = _ends(graph, whole, direct)
+    if {(bool(a.entrances), a.ends) for a in rest} != {(bool(a.entrances), a.ends) for a in arms}:
+        return Cut(id, tuple(paths), pairs, arms)
+    worst, (one, two) = max(gaps)
+    message = (
+        f"{len(paths) - len(whole)} of {len(paths)} movements of junction {id!r} are left out: lanes {one} and {two} are linked "
+        f"but {worst:.2f} m apart"
+    )
+    return Cut(id, tuple(whole), fewer, rest, (message,))
+
+
+def _ends(
+    graph: MetricGraph, paths: Sequence[Path], direct: Sequence[tuple[str, str]]
+) -> tuple[tuple[tuple[str, str], ...], tuple[RoadArm, ...]]:
+    pairs = (*((path.entrance, path.exit) for path in paths), *direct)
+    return pairs, arms_of(graph, pairs)
+
+
+def joints_of(cuts: Iterable[Cut]) -> frozenset[str]:
+    """Return the ids of junctions that only join two roads of which one has several lanes, as at the beginning of turn lanes."""
+    return frozenset(
+        cut.id
+        for cut in cuts
+        if len(cut.arms) == 2 and any(len(lanes) > 1 for arm in cut.arms for lanes in (arm.entrances, arm.exits))
+    )
+
+
+def analyse(
+    graph: MetricGraph,
+    cut: Cut,
+    objects: Sequence[MapObject],
+    *,
+    joints: frozenset[str] = frozenset(),
+    uturns: bool = False,
+) -> JunctionReport:
+    """Analyse a junction of a map.
+
+    Args:
+        graph: the metric graph of the map.
+        cut: the junction, cut from the graph.
+        objects: signs, lights and stop lines of the junction.
+        joints: ids of junctions through which approaches continue.
+        uturns: keep U-turns, which are left out otherwise.
+    """
+    network, id, paths, pairs, arms = graph.network, cut.id, cut.paths, cut.pairs, cut.arms
+
+    def turning(order: Sequence[RoadArm]) -> list[tuple[int, int, float]]:
+        entering = {edge: i for i, arm in enumerate(order) for edge in arm.entrances}
+        leaving = {edge: i for i, arm in enumerate(order) for edge in arm.exits}
+        return [(entering[p.entrance], leaving[p.exit], p.turning) for p in paths]
+
+    arms = sort_arms(arms, lambda order: turns_in_order(turning(order), len(order)))
+    entrances = _lanes([arm.entrances for arm in arms])
+    exits = _lanes([arm.exits for arm in arms])
+    numbers = {end.edge: k for k, end in enumerate(entrances)}, {end.edge: k for k, end in enumerate(exits)}
+    ways = [
+        Route(numbers[0][path.entrance], numbers[1][path.exit], Turn.of(path.turning), path.length, path.turning, path)
+        for path in paths
+    ]
+    ways.sort(key=lambda way: (way.entrance, way.exit, way.length, way.path.edges))
+    kept = [way for way in ways if uturns or entrances[way.entrance].arm != exits[way.exit].arm]
+    left_hand = any(road in network.left_hand for arm in arms for road, _ in arm.ends)
+    here = [[item for item in objects if item.edge == end.edge] for end in entrances]
+    signs = signs_of([{item.kind for item in items} for items in here])
+    # A junction with more arms than the model allows may have thousands of turns, whose priorities mean nothing.
+    turns = turns_of_arms(arms, entrances, exits, ways) if len(arms) <= MOST else {}
+    opposite, right_of = opposite_pairs(turns), right_of_pairs(turns, left_hand=left_hand)
+    reason = unusable(graph, id, arms, kept, pairs)
+    warnings = []
+    if reason is None:
+        warnings = [MapWarning(Doubt.GAP, message, None, id) for message in cut.left_out]
+        if len(kept) < len(ways):
+            count = len(ways) - len(kept)
+            message = f"{plural(count, 'U-turn')} of junction {id!r} {'is' if count == 1 else 'are'} left out"
+            warnings.append(MapWarning(Doubt.TABLE, message, None, id))
+        doubts = _doubts(id, kept, entrances, exits, signs, right_of)
+        warnings += [MapWarning(kind, message, None, id) for kind, message in doubts]
+    walks = [walk(graph, end.edge, upstream=True, joints=joints) for end in entrances]
+    return JunctionReport(
+        id=id,
+        arms=arms,
+        entrances=entrances,
+        exits=exits,
+        movements=tuple(kept),
+        signs=signs,
+        reason=reason,
+        approach=tuple(math.fsum(graph.edges[edge].length for edge in edges) for edges in walks),
+        right_of=right_of,
+        opposite=opposite,
+        phase_groups=_phases(network, entrances, opposite, here, _arrows_across(kept, here, left_hand=left_hand)),
+        setbacks=tuple(map(setback_of, here)),
+        sign_setbacks=tuple(map(sign_setback_of, here)),
+        stated=_stated(network, id, kept, graph),
+        joining=_joining(kept, graph),
+        objects=tuple(objects),
+        left_hand=left_hand,
+        warnings=tuple(warnings),
+    )
+
+
+def lifted(pairs: Pairs, entrances: Sequence[LaneEnd]) -> Pairs:
+    """Return a relation of arms as a relation of their entrances."""
+    table: dict[int, list[int]] = {}
+    for number, end in enumerate(entrances):
+        table.setdefault(end.arm, []).append(number)
+    return frozenset((a, b) for one, two in pairs for a in table.get(one, ()) for b in table.get(two, ()))
+
+
+def turns_of_arms(
+    arms: Sequence[RoadArm], entrances: Sequence[LaneEnd], exits: Sequence[LaneEnd], ways: Sequence[Route]
+) -> dict[tuple[int, int], Turn]:
+    """Return the turn from every arm to every other arm: the turn of its first movement, else from the directions of the arms."""
+    found: dict[tuple[int, int], Turn] = {}
+    for way in ways:
+        found.setdefault((entrances[way.entrance].arm, exits[way.exit].arm), way.turn)
+    for (one, here), (two, there) in permutations(enumerate(arms), 2):
+        if (one, two) not in found:
+            found[one, two] = Turn.of(math.remainder(there.outward - here.outward - math.pi, math.tau))
+    return found
+
+
+def _lanes(edges: Sequence[Sequence[str]]) -> tuple[LaneEnd, ...]:
+    return tuple(LaneEnd(arm, lane, edge) for arm, lanes in enumerate(edges) for lane, edge in enumerate(lanes))
+
+
+def right_of_pairs(turns: dict[tuple[int, int], Turn], *, left_hand: bool) -> Pairs:
+    """Return the pairs ``v1 right-of v2`` (paper, table of semantics), mirrored where traffic keeps left.
+
+    v1 is right-of v2 if a right movement from v1 and a straight movement from v2 share an exit, or a straight movement from v1
+    and a left movement from v2 do. If traffic keeps left, right and left change places.
+    """
+    near, far = (Turn.LEFT, Turn.RIGHT) if left_hand else (Turn.RIGHT, Turn.LEFT)
+    wanted = {(near, Turn.STRAIGHT), (Turn.STRAIGHT, far)}
+    return frozenset(
+        (v1, v2)
+        for (v1, exit1), one in turns.items()
+        for (v2, exit2), two in turns.items()
+        if exit1 == exit2 and v1 != v2 and (one, two) in wanted
+    )
+
+
+def opposite_pairs(turns: dict[tuple[int, int], Turn]) -> Pairs:
+    """Return the pairs of entrances with straight movements to each other's arm (paper, table of semantics)."""
+    return frozenset(
+        (a, b) for (a, b), turn in turns.items() if a != b and turn is Turn.STRAIGHT and turns.get((b, a)) is Turn.STRAIGHT
+    )
+
+
+def _phases(
+    network: Network,
+    entrances: Sequence[LaneEnd],
+    opposite: Pairs,
+    here: Sequence[Sequence[MapObject]],
+    protected: Collection[int],
+) -> tuple[frozenset[int], ...]:
+    """Return the groups of entrances with lights that have green together.
+
+    Args:
+        network: the network of the map.
+        entrances: the entrances of the junction.
+        opposite: pairs of opposite arms.
+        here: per entrance, its signs and lights.
+        protected: entrances with an arrow for the turn across oncoming traffic only.
+    """
+    signs = signs_of([{item.kind for item in items} for items in here])
+    lit = [number for number, sign in enumerate(signs) if sign is Sign.LIGHTS]
+    lights: dict[str, set[int]] = {}
+    for k, number in enumerate(lit):
+        for item in here[number]:
+            if item.kind is ObjectKind.LIGHT:
+                lights.setdefault(item.id, set()).add(k)
+    controllers = [frozenset(e for signal in signals for e in lights.get(signal, ())) for signals in network.controllers]
+    facing = lifted(opposite, [entrances[number] for number in lit])
+    arrows = {k for k, number in enumerate(lit) if number in protected and any(k == one for one, _ in facing)}
+    groups = phase_groups([entrances[number].arm for number in lit], facing, controllers, arrows)
+    return tuple(frozenset(lit[k] for k in group) for group in groups)
+
+
+def _arrows_across(ways: Sequence[Route], here: Sequence[Sequence[MapObject]], *, left_hand: bool) -> frozenset[int]:
+    """Return the entrances whose lights are arrows for the turn across oncoming traffic, and that allow no other movement."""
+    across = {Turn.RIGHT if left_hand else Turn.LEFT}
+    found = set()
+    for number, items in enumerate(here):
+        arrows = {item.arrows for item in items if item.kind is ObjectKind.LIGHT}
+        if arrows == {frozenset(across)} and {way.turn for way in ways if way.entrance == number} == across:
+            found.add(number)
+    return frozenset(found)
+
+
+def _stated(network: Network, id: str, ways: Sequence[Route], graph: MetricGraph) -> frozenset[tuple[Key, Key]]:
+    """Return the pairs of movements of which, by the priorities of roads in the file, the first gives way to the second."""
+    found = set()
+    for high, low in network.junctions[id].priorities:
+        roads = [(way, {graph.edges[edge].road for edge in (way.path.entrance, *way.path.edges)}) for way in ways]
+        found |= {
+            ((one.entrance, one.exit), (two.entrance, two.exit))
+            for one, yielding in roads
+            for two, prior in roads
+            if low in yielding and high in prior and one.entrance != two.entrance
+        }
+    return frozenset(found - {(two, one) for one, two in found})
+
+
+def _joining(ways: Sequence[Route], graph: MetricGraph) -> frozenset[tuple[Key, Key]]:
+    """Return the pairs of movements into one exit of which the first joins the second.
+
+    The first movement comes from a ramp, an entry or exit lane or a lane that ends, and the second does not; or the second
+    movement comes along a motorway, and the first does not.
+    """
+
+    def rank(way: Route) -> tuple[bool, bool]:
+        edges = [graph.edges[edge] for edge in (way.path.entrance, *way.path.edges)]
+        return not any(edge.joins for edge in edges), edges[0].road in graph.network.motorways
+
+    ranks = {(way.entrance, way.exit): rank(way) for way in reversed(ways)}  # the shortest of several comes first
+    return frozenset((one, two) for one, two in permutations(ranks, 2) if one[1] == two[1] and ranks[one] < ranks[two])
+
+
+def _doubts(
+    id: str,
+    ways: Sequence[Route],
+    entrances: Sequence[LaneEnd],
+    exits: Sequence[LaneEnd],
+    signs: Sequence[Sign],
+    right_of: Pairs,
+) -> Iterator[tuple[Doubt, str]]:
+    arms = 1 + max(end.arm for end in (*entrances, *exits))
+    if not turns_in_order(((entrances[w.entrance].arm, exits[w.exit].arm, w.turning) for w in ways), arms):
+        yield Doubt.ORDER, f"the movements of junction {id!r}, sorted by turn, do not follow the order of its exits"
+    if not right_of:
+        yield (
+            Doubt.RIGHT_OF,
+            f"no entrance of junction {id!r} is right-of another (a Y junction), so the priority rules say nothing",
+        )
+    count = Counter((way.entrance, way.exit) for way in ways)
+    for entrance, exit in sorted(pair for pair in count if count[pair] > 1):
+        message = f"junction {id!r} has several movements from entrance {entrance} to exit {exit}; the shortest was taken"
+        yield Doubt.TABLE, message
+    if control_of(signs) is JunctionControl.PARTIAL:
+        bare = [f"e{i}" for i, sign in enumerate(signs) if sign is Sign.NONE]
+        what = (
+            f"entrances {', '.join(bare)} of junction {id!r} have no sign or light"
+            if bare
+            else f"the entrances of junction {id!r} mix signs and lights"
+        )
+        yield Doubt.SIGNAL, f"{what}, so its control is partial"

@@ -1,0 +1,159 @@
+"""The arms of a junction, usable or not.
+
+An arm is a road end where the junction is entered or left, or a pair of one-way road ends that lie side by side (the paper's
+``entex``). Arms are numbered counter-clockwise. Arm 0 is the first arm counter-clockwise from direction -112.5 degrees as seen
+from the centre, so a southern arm with some slack is arm 0.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Container, Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pytest_rvads.geometry.graph import MetricGraph
+from pytest_rvads.geometry.network import Edge, facing
+from pytest_rvads.geometry.paths import walk
+
+__all__ = ["FIRST", "RoadArm", "arms_of", "sort_arms", "turns_in_order"]
+
+FIRST = math.radians(-112.5)
+"""Direction from which arms are counted [rad]."""
+_FACING = math.radians(70.0)
+_BESIDE = 30.0
+_ALONGSIDE = math.radians(30.0)
+_FURTHER_OUT = 40.0
+"""Distance from the junction up to which two one-way roads are compared to decide whether they run side by side [m].
+
+Lanes that part around an island have come together again at this distance.
+"""
+_PER_DEGREE = 0.05
+_MOST_PAIRS = 10_000
+
+RoadEnd = tuple[str, str]
+
+
+@dataclass(frozen=True, slots=True)
+class RoadArm:
+    """An arm in the map: a road end, or a pair of one-way road ends."""
+
+    ends: tuple[RoadEnd, ...]
+    entrances: tuple[str, ...]
+    """Edges that lead into the junction, counted from the kerb."""
+    exits: tuple[str, ...]
+    """Edges that lead out of the junction, counted from the kerb."""
+    x: float
+    """Mean east coordinate of the lane ends [m]."""
+    y: float
+    """Mean north coordinate of the lane ends [m]."""
+    outward: float
+    """Direction away from the junction [rad]."""
+
+
+def arms_of(graph: MetricGraph, pairs: Sequence[tuple[str, str]]) -> tuple[RoadArm, ...]:
+    """Return the arms of a junction, numbered counter-clockwise.
+
+    Args:
+        graph: the metric graph of the map.
+        pairs: (entrance edge, exit edge) of every way through the junction.
+    """
+    entering: dict[RoadEnd, list[Edge]] = {}
+    leaving: dict[RoadEnd, list[Edge]] = {}
+    for id in dict.fromkeys(one for one, _ in pairs):
+        entering.setdefault(graph.edges[id].head, []).append(graph.edges[id])
+    for id in dict.fromkeys(two for _, two in pairs):
+        leaving.setdefault(graph.edges[id].tail, []).append(graph.edges[id])
+    left_hand = graph.network.left_hand
+    arms = [_arm((end,), entering[end], leaving[end], left_hand) for end in entering if end in leaving]
+    only_in = [end for end in entering if end not in leaving]
+    only_out = [end for end in leaving if end not in entering]
+    costs = sorted(
+        (cost, one, two)
+        for one in (only_in if len(only_in) * len(only_out) <= _MOST_PAIRS else ())
+        for two in only_out
+        if (cost := _beside(graph, entering[one][0], leaving[two][0])) is not None
+    )
+    for _, one, two in costs:
+        if one in only_in and two in only_out:
+            only_in.remove(one)
+            only_out.remove(two)
+            arms.append(_arm((one, two), entering[one], leaving[two], left_hand))
+    arms += [_arm((end,), entering[end], [], left_hand) for end in only_in]
+    arms += [_arm((end,), [], leaving[end], left_hand) for end in only_out]
+    return tuple(arms)
+
+
+def sort_arms(arms: Sequence[RoadArm], in_order: Callable[[Sequence[RoadArm]], bool]) -> tuple[RoadArm, ...]:
+    """Number the arms counter-clockwise.
+
+    Args:
+        arms: the arms, in any order.
+        in_order: returns whether the turns of all movements agree with an order of the arms. The order of the positions around
+            the centre is tried first, then the order of the directions of the arms. If neither agrees, the order of the positions
+            is kept.
+    """
+    if not arms:
+        return ()
+    x, y = math.fsum(arm.x for arm in arms) / len(arms), math.fsum(arm.y for arm in arms) / len(arms)
+
+    def turned(angle: float) -> float:
+        # Rounding must not move an arm at the starting direction to the end.
+        return (angle - FIRST + 1e-9) % math.tau
+
+    around = tuple(sorted(arms, key=lambda arm: (turned(math.atan2(arm.y - y, arm.x - x)), arm.ends)))
+    if in_order(around):
+        return around
+    outward = tuple(sorted(arms, key=lambda arm: (turned(arm.outward), arm.ends)))
+    return outward if in_order(outward) else around
+
+
+def turns_in_order(turning: Iterable[tuple[int, int, float]], ways: int) -> bool:
+    """Return whether the movements of every entrance, sorted by turn, follow the cyclic order of the exits.
+
+    Args:
+        turning: (entrance arm, exit arm, total change of heading [rad]) of the movements.
+        ways: number of arms.
+    """
+    table: dict[int, list[tuple[float, int]]] = {}
+    for entrance, exit, change in turning:
+        if entrance != exit:
+            table.setdefault(entrance, []).append((change, (exit - entrance) % ways))
+    return all([d for _, d in sorted(rows)] == sorted(d for _, d in rows) for rows in table.values())
+
+
+def _arm(ends: tuple[RoadEnd, ...], entering: Sequence[Edge], leaving: Sequence[Edge], left_hand: Container[str]) -> RoadArm:
+    points = [edge.points[-1] for edge in entering] + [edge.points[0] for edge in leaving]
+    headings = [edge.end_heading + math.pi for edge in entering] + [edge.start_heading for edge in leaving]
+    outward = math.atan2(math.fsum(map(math.sin, headings)), math.fsum(map(math.cos, headings)))
+    # From the kerb beside the entrances to the kerb beside the exits.
+    across = (-math.sin(outward), math.cos(outward)) if ends[0][0] in left_hand else (math.sin(outward), -math.cos(outward))
+    return RoadArm(
+        ends,
+        tuple(edge.id for edge in sorted(entering, key=lambda edge: float(edge.points[-1] @ across))),
+        tuple(edge.id for edge in sorted(leaving, key=lambda edge: float(-(edge.points[0] @ across)))),
+        math.fsum(p[0] for p in points) / len(points),
+        math.fsum(p[1] for p in points) / len(points),
+        outward,
+    )
+
+
+def _beside(graph: MetricGraph, entrance: Edge, exit: Edge) -> float | None:
+    """Return the cost of pairing a one-way entrance with a one-way exit, or None if they are no pair.
+
+    Two one-way streets may begin next to each other and lead apart; the two sides of a dual carriageway run side by side.
+    """
+    distance, angle, left = facing(entrance, exit)
+    if angle > _FACING or distance > _BESIDE or left is (entrance.road in graph.network.left_hand):
+        return None
+    apart = math.remainder(_away(graph, entrance, upstream=True) - _away(graph, exit, upstream=False), math.tau)
+    return None if abs(apart) > _ALONGSIDE else distance + _PER_DEGREE * math.degrees(angle)
+
+
+def _away(graph: MetricGraph, edge: Edge, *, upstream: bool) -> float:
+    """Return the direction from the junction to a point `_FURTHER_OUT` along a road, or to the end of a shorter road [rad]."""
+    points = np.vstack([graph.edges[id].points[:: -1 if upstream else 1] for id in walk(graph, edge.id, upstream=upstream)])
+    far = np.hypot(*(points - points[0]).T) >= _FURTHER_OUT
+    x, y = points[int(far.argmax()) if far.any() else -1] - points[0]
+    return math.atan2(y, x)

@@ -1,0 +1,181 @@
+"""Chooses several junctions: by name or id, all junctions of a map, the junctions of some kinds, or a sample."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+
+from pytest_rvads.geometry.analysis import JunctionReport
+from pytest_rvads.geometry.builtin import path_of
+from pytest_rvads.geometry.conflicts import JunctionKind
+from pytest_rvads.geometry.finder import find, load, name_of, names, offer
+from pytest_rvads.geometry.junction import Junction
+from pytest_rvads.geometry.kinds import Kinds
+from pytest_rvads.support.errors import MapError, require
+from pytest_rvads.support.stratified import draw
+
+__all__ = ["EVERY", "Choice", "Kinds", "Refused", "choose", "choose_among", "some"]
+
+EVERY = "*"
+"""Stands for all junctions of a map."""
+_FREE = "no two of its movements meet, so nobody has to give way there: ask for it by its id to drive there all the same"
+Map = str | os.PathLike[str] | None
+
+
+@dataclass(frozen=True, slots=True)
+class Refused:
+    """A requested junction that can't be used, or whose ways do not meet."""
+
+    junction: str
+    """Id of the junction."""
+    map: str | None
+    ways: int
+    """Number of arms."""
+    control: str
+    """Control of the junction; empty if the junction has no entrances."""
+    reason: str
+
+    @property
+    def name(self) -> str:
+        """Name of the junction in ids."""
+        return name_of(self.map, self.junction) if self.map else self.junction
+
+
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """The chosen junctions, and the requested junctions that were not chosen."""
+
+    junctions: tuple[Junction, ...]
+    """The junctions in the order of the request; those of a map in the order of its file."""
+    refused: tuple[Refused, ...]
+    passed_over: int
+    """Number of suitable junctions beyond the limit."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Candidate:
+    """A suitable junction that is not yet cut from its map."""
+
+    map: Map
+    id: str
+    """Id in the map, or the name of a built-in junction."""
+    report: JunctionReport
+    alone: bool
+    """Whether the request named the junction itself, rather than several junctions."""
+
+
+def choose(
+    wanted: str | Iterable[str], map: Map = None, *, kinds: Kinds | None = None, limit: int | None = None, seed: int = 0
+) -> Choice:
+    """Return the requested junctions of a map.
+
+    Args:
+        wanted: one or several texts. A text is an id in `map`; ``"*"`` for all junctions of `map`; a type such as "4-way stop" or
+            "3-way lights with 40 m of approach" for all junctions of this type; or a place such as "nearest to 52, 149" [m].
+            Without a map, a text is a built-in name, ``"*"`` for all built-in junctions, or a type for the first built-in
+            junction of this type, as in `find`, because built-in junctions come in variants.
+        map: an OpenDRIVE file, or None for the built-in maps.
+        kinds: choose only junctions of these kinds.
+        limit: the largest number of junctions. Of more junctions, a sample is drawn, as evenly as possible from every kind
+            (control and number of arms).
+        seed: the seed of the sample.
+
+    Raises:
+        MapError: the map is unreadable, an id is unknown or unusable, or no usable junction fits.
+    """
+    return choose_among(((one, map) for one in _texts(wanted)), kinds=kinds, limit=limit, seed=seed)
+
+
+def choose_among(
+    wanted: Iterable[tuple[str, Map]], *, kinds: Kinds | None = None, limit: int | None = None, seed: int = 0
+) -> Choice:
+    """Return the requested junctions, given as pairs of text and map; see `choose` for the other arguments."""
+    if limit is not None and (isinstance(limit, bool) or not isinstance(limit, int) or limit < 1):
+        raise MapError(f"limit must be a whole number of junctions, 1 or more, got {limit!r}")
+    asked = list(wanted)
+    if not asked:
+        raise MapError(f"no junction was asked for: name some, or take {EVERY!r} for all of a map")
+    found: dict[tuple[Map, str], _Candidate] = {}
+    refused: dict[tuple[Map, str], Refused] = {}
+    for text, map in asked:
+        for one in _named(text, map, kinds, refused):
+            found.setdefault((one.map, one.id), one)
+    if not found:
+        raise MapError(f"none of {', '.join(repr(text) for text, _ in asked)} is of the kinds asked for ({kinds}): name others")
+    junctions = []
+    for one in found.values():
+        try:
+            junctions.append(_offered(one))
+        except MapError as error:
+            if one.alone:
+                raise
+            refused[one.map, one.id] = _refused(one, str(error))
+    if not junctions:
+        raise MapError(f"no junction asked for can be used, the first of them: {next(iter(refused.values())).reason}")
+    drawn = some(junctions, limit, seed)
+    return Choice(drawn, tuple(refused.values()), len(junctions) - len(drawn))
+
+
+def some(junctions: Sequence[Junction], limit: int | None, seed: int = 0) -> tuple[Junction, ...]:
+    """Return at most `limit` junctions, in order, drawn as evenly as possible from every kind: control and number of arms."""
+    if limit is None:
+        return tuple(junctions)
+    return tuple(draw(junctions, limit, seed, _kind, lambda junction: junction.name))
+
+
+def _texts(wanted: str | Iterable[str]) -> tuple[str, ...]:
+    texts = (wanted,) if isinstance(wanted, str) or not isinstance(wanted, Iterable) else tuple(wanted)
+    for text in texts:
+        require(text, str, "choose takes names, ids or types of junctions as texts, such as '*' or '4-way stop'", MapError)
+    return texts
+
+
+def _refused(one: _Candidate, reason: str) -> Refused:
+    control = one.report.control.value if one.report.entrances else ""
+    return Refused(one.id, None if one.map is None else os.fspath(one.map), one.report.ways, control, reason)
+
+
+def _offered(one: _Candidate) -> Junction:
+    """Return a junction that was named itself, or whose ways meet.
+
+    Raises:
+        MapError: the roads of the junction can't be joined, which only cutting shows, or no two of its ways meet.
+    """
+    place = find(one.id, one.map)
+    if place.kind is JunctionKind.CONFLICT_FREE and not one.alone:
+        raise MapError(_FREE)
+    return place
+
+
+def _kind(junction: Junction) -> tuple[str, ...]:
+    return (f"{junction.ways}-way {junction.control.value}",)
+
+
+def _named(text: str, map: Map, kinds: Kinds | None, refused: dict[tuple[Map, str], Refused]) -> Iterator[_Candidate]:
+    """Yield the junctions of the given kinds that a text denotes; unusable junctions are added to `refused`."""
+    if map is None:
+        chosen = names() if text == EVERY else (find(text).name,)
+        for name in chosen:
+            report = load(path_of(name)).junctions[0]
+            if kinds is None or kinds.fit(report):
+                yield _Candidate(None, name, report, alone=text != EVERY)
+        return
+    road_map = load(map)
+    type = Kinds() if text == EVERY else Kinds.parse(text)
+    if type is None or any(report.id == text for report in road_map.junctions):
+        report = road_map.report(find(text, map).id)
+        if kinds is None or kinds.fit(report):
+            yield _Candidate(map, report.id, report, alone=True)
+        return
+    both, some = [type, *([kinds] if kinds else [])], False
+    for report in road_map.junctions:
+        one = _Candidate(map, report.id, report, alone=False)
+        if all(kind.fit(report) for kind in both):
+            some = True
+            yield one
+        elif report.reason is not None and all(kind.match(report) for kind in both):
+            refused[map, report.id] = _refused(one, report.reason)
+    if not some:
+        told = f"{text!r}{f' and is of the kinds asked for ({kinds})' if kinds else ''}"
+        raise MapError(f"map file {map} has no usable junction that fits {told}; {offer(road_map)}")

@@ -1,0 +1,158 @@
+"""Signs, lights and stop lines on lanes, the control of a junction that follows from them, and green phases.
+
+A stopping line is a marked line. Without a marked line, vehicles stop before they enter the junction. The place of a sign decides
+only the station from which on a stop counts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Container, Iterable, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from itertools import combinations
+
+from pytest_rvads.geometry.segment import Turn
+
+__all__ = [
+    "JunctionControl",
+    "MapObject",
+    "ObjectKind",
+    "Sign",
+    "control_of",
+    "phase_groups",
+    "setback_of",
+    "sign_of_arm",
+    "sign_setback_of",
+    "signs_of",
+]
+
+
+_AT_LINE = 0.01
+
+
+class JunctionControl(StrEnum):
+    """Control of a whole junction."""
+
+    STOP = "stop"
+    """Stop signs at all entrances."""
+    LIGHTS = "lights"
+    """Lights at all entrances."""
+    NONE = "none"
+    """No signs and lights: right before left."""
+    YIELD = "yield"
+    """Yield or priority signs at some or all entrances, and no stop sign or light."""
+    PARTIAL = "partial"
+    """Stop signs or lights at some entrances only, or both stop signs and lights."""
+
+
+class Sign(StrEnum):
+    """Control of an entrance."""
+
+    STOP = "stop"
+    YIELD = "yield"
+    PRIORITY = "priority"
+    LIGHTS = "lights"
+    NONE = "none"
+
+
+class ObjectKind(StrEnum):
+    """Kinds of objects that matter to the rules."""
+
+    STOP = "stop"
+    YIELD = "yield"
+    PRIORITY = "priority"
+    LIGHT = "light"
+    LINE = "line"
+
+
+@dataclass(frozen=True, slots=True)
+class MapObject:
+    """A sign, light or stop line with its position on the metric graph."""
+
+    id: str
+    kind: ObjectKind
+    junction: str
+    edge: str
+    """The edge of the entrance that the object regulates."""
+    station: float
+    """Station along the edge; the end of the edge if the object stands in or beyond the junction [m]."""
+    setback: float | None
+    """Distance of a line or sign before the entrance vertex [m]; None for lights and for distant lines and signs."""
+    arrows: frozenset[Turn] = frozenset()
+    """Turns that a light with arrows regulates; empty for a light without arrows and for other objects."""
+
+
+def signs_of(controlled: Sequence[set[ObjectKind]]) -> tuple[Sign, ...]:
+    """Return the control of each entrance.
+
+    Args:
+        controlled: per entrance, the kinds of its objects. A kind of all entrances counts first, then a light, then a sign.
+    """
+    regulating = {
+        ObjectKind.LIGHT: Sign.LIGHTS,
+        ObjectKind.STOP: Sign.STOP,
+        ObjectKind.YIELD: Sign.YIELD,
+        ObjectKind.PRIORITY: Sign.PRIORITY,
+    }
+    common = set(regulating).intersection(*controlled)
+    decisive = ((kinds & common) or kinds for kinds in controlled)
+    return tuple(next((sign for kind, sign in regulating.items() if kind in kinds), Sign.NONE) for kinds in decisive)
+
+
+def sign_of_arm(signs: Sequence[Sign]) -> Sign:
+    """Return the most frequent sign of the entrances of an arm; on a tie the sign nearest to the kerb; NONE without entrances."""
+    return max(signs, key=lambda sign: (signs.count(sign), -signs.index(sign)), default=Sign.NONE)
+
+
+def control_of(signs: Iterable[Sign]) -> JunctionControl:
+    """Return the control of a junction from the signs of its entrances."""
+    kinds = set(signs)
+    for sign, control in ((Sign.STOP, JunctionControl.STOP), (Sign.LIGHTS, JunctionControl.LIGHTS)):
+        if kinds == {sign}:
+            return control
+    if kinds & {Sign.STOP, Sign.LIGHTS}:
+        return JunctionControl.PARTIAL
+    return JunctionControl.YIELD if kinds & {Sign.YIELD, Sign.PRIORITY} else JunctionControl.NONE
+
+
+def setback_of(objects: Iterable[MapObject]) -> float:
+    """Return the distance of the nearest marked stopping line before the vertex [m]; 0 without a marked line.
+
+    Without a marked line, vehicles stop before they enter the junction (California Vehicle Code 22450(a), Uniform Vehicle Code
+    11-403).
+    """
+    return min((item.setback for item in objects if item.kind is ObjectKind.LINE and item.setback is not None), default=0.0)
+
+
+def sign_setback_of(objects: Sequence[MapObject]) -> float | None:
+    """Return the distance of the nearest stop sign before the vertex [m]; None if the sign stands at the stopping line."""
+    signs = [item.setback for item in objects if item.kind is ObjectKind.STOP and item.setback is not None]
+    return min(signs) if signs and abs(min(signs) - setback_of(objects)) > _AT_LINE else None
+
+
+def phase_groups(
+    arms: Sequence[int],
+    opposite: frozenset[tuple[int, int]],
+    controllers: Iterable[frozenset[int]] = (),
+    protected: Container[int] = (),
+) -> tuple[frozenset[int], ...]:
+    """Return the groups of entrances that have green together; the group with the lowest number comes first.
+
+    Args:
+        arms: the arm of every entrance with a light.
+        opposite: pairs of entrances that face each other.
+        controllers: entrances per controller. Controllers count only if the entrances of each controller are opposite or on one
+            arm, if every entrance has one controller, and if a controller has several entrances.
+        protected: entrances with an arrow for a turn across oncoming traffic, which have green without the oncoming traffic.
+    """
+    groups = [group for group in controllers if group]
+    fits = all(arms[a] == arms[b] or (a, b) in opposite for group in groups for a in group for b in group)
+    covers = sorted(e for group in groups for e in group) == list(range(len(arms)))
+    if not (fits and covers and any(len(group) > 1 for group in groups)):
+        groups = [frozenset([entrance]) for entrance in range(len(arms))]
+        for a, b in (*sorted(opposite), *((a, b) for a, b in combinations(range(len(arms)), 2) if arms[a] == arms[b])):
+            apart = [group for group in groups if not group & {a, b}]
+            groups = [*apart, frozenset().union(*(group for group in groups if group & {a, b}))]
+        arrows = frozenset(e for e in range(len(arms)) if e in protected)
+        groups = [part for group in groups for part in (group - arrows, group & arrows) if part]
+    return tuple(sorted(groups, key=min))

@@ -1,0 +1,170 @@
+"""The Junction Finder: junctions by name, by map and id, by type, or by the nearest point."""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import lru_cache
+from pathlib import Path
+
+from pytest_rvads.geometry.analysis import JunctionReport
+from pytest_rvads.geometry.builtin import LAYOUTS, path_of
+from pytest_rvads.geometry.junction import Junction
+from pytest_rvads.geometry.kinds import Kinds
+from pytest_rvads.geometry.road_map import RoadMap, read_map
+from pytest_rvads.support.errors import MapError, require, suggest
+
+__all__ = ["called", "find", "load", "name_of", "names", "nearest", "offer"]
+
+_PLACE = re.compile(r"nearest(?:\s+to)?\s*\(?\s*(?P<x>[-+.\deE]+)\s*[,\s]\s*(?P<y>[-+.\deE]+)\s*\)?", re.IGNORECASE)
+_maps: dict[tuple[str, int, int], RoadMap] = {}
+_junctions: dict[tuple[tuple[str, int, int], str, str], Junction] = {}
+
+
+def names() -> tuple[str, ...]:
+    """Return the names of the built-in junctions."""
+    return tuple(LAYOUTS)
+
+
+def find(junction: str, map: str | os.PathLike[str] | None = None) -> Junction:
+    """Return a junction; each junction is read once per process.
+
+    Args:
+        junction: a built-in name; the id of a ``<junction>`` in `map`; a type such as "4-way all-way stop", "3-way lights",
+            "4-way none" or "4-way lights with 40 m of approach", for the first junction of this type in file order; or a place
+            such as "nearest to 52, 149" [m], see `nearest`.
+        map: an OpenDRIVE file, or None for the built-in maps.
+
+    Raises:
+        MapError: the junction is unknown or unusable, the map is unreadable, or no junction has this type.
+    """
+    require(junction, str, "find takes the name, id or type of a junction as a text, such as 'stop4'", MapError)
+    wanted = Kinds.parse(junction)
+    if map is None:
+        return _builtin(junction, wanted)
+    road_map, key = _load(map)
+    known = any(report.id == junction for report in road_map.junctions)
+    if not known and (place := _PLACE.fullmatch(junction.strip())):
+        return nearest(map, _coordinate(place["x"]), _coordinate(place["y"]))
+    id = junction
+    if wanted and not known:
+        id = _first(road_map, junction, wanted)
+    return _junction(road_map, key, id, name_of(map, id))
+
+
+def nearest(map: str | os.PathLike[str], x: float, y: float) -> Junction:
+    """Return the usable junction of `map` whose centre is nearest to the point (`x`, `y`) [m].
+
+    Raises:
+        MapError: the map is unreadable, the coordinates are not finite, or no junction is usable.
+    """
+    if not (math.isfinite(x) and math.isfinite(y)):
+        raise MapError(f"the point ({x!r}, {y!r}) is no place on a map, expected two finite coordinates in metres")
+    road_map, key = _load(map)
+    usable = [report for report in road_map.junctions if report.usable]
+    if not usable:
+        raise MapError(f"map file {map} has no usable junction; {offer(road_map)}")
+
+    def distance(report: JunctionReport) -> float:
+        arms = report.arms
+        return math.dist((x, y), (math.fsum(a.x for a in arms) / len(arms), math.fsum(a.y for a in arms) / len(arms)))
+
+    id = min(usable, key=distance).id
+    return _junction(road_map, key, id, name_of(map, id))
+
+
+def called(name: str, map: str | os.PathLike[str]) -> Junction:
+    """Return the junction of `map` with this name (``stem.id``) or this id.
+
+    Raises:
+        MapError: the map is unreadable, or no junction has this name or id.
+    """
+    ids = {name_of(map, report.id): report.id for report in load(map).junctions}
+    return find(ids.get(name, name), map)
+
+
+def load(map: str | os.PathLike[str]) -> RoadMap:
+    """Return a map file, read once per process and again when it changes.
+
+    Raises:
+        MapError: the file cannot be used.
+    """
+    return _load(map)[0]
+
+
+def name_of(map: str | os.PathLike[str], id: str) -> str:
+    """Return the name of junction `id` of a map in ids: ``stem.id``, with ``_`` for other characters."""
+    return ".".join(re.sub(r"[^A-Za-z0-9_]", "_", part) for part in (Path(map).stem, id))
+
+
+def offer(road_map: RoadMap) -> str:
+    """Return the usable junctions of a map by type, as the end of a sentence."""
+    table: dict[str, list[JunctionReport]] = {}
+    for report in road_map.junctions:
+        if report.usable:
+            table.setdefault(f"{report.ways}-way {report.control.value}", []).append(report)
+    if not table:
+        return f"none of its junctions is usable, `rvads map {road_map.path}` says why"
+    parts = []
+    for type, reports in table.items():
+        longest = max(report.usable_from for report in reports)
+        parts.append(f"{len(reports)} {type} with up to {longest:.0f} m of approach")
+    return f"it offers {'; '.join(parts)}"
+
+
+@lru_cache
+def _builtin(junction: str, wanted: Kinds | None) -> Junction:
+    """Return a built-in junction; unlike a user's file, its file is not checked for changes."""
+    if wanted is None:
+        if junction not in LAYOUTS:
+            raise MapError(
+                f"unknown junction {junction!r}: the built-in ones are {', '.join(LAYOUTS)}, "
+                f"others need a map file{suggest(junction, LAYOUTS)}"
+            )
+        candidates: Iterator[str] = iter([junction])
+    else:
+        candidates = iter(LAYOUTS)
+    for name in candidates:
+        road_map, key = _load(path_of(name))
+        report = road_map.junctions[0]
+        if wanted is None or wanted.fit(report):
+            return replace(_junction(road_map, key, report.id, name), map=None)
+    raise MapError(
+        f"no built-in junction fits {junction!r}: they are {', '.join(LAYOUTS)}, with 120 m of approach; give a map file"
+    )
+
+
+def _load(map: str | os.PathLike[str]) -> tuple[RoadMap, tuple[str, int, int]]:
+    try:
+        path = Path(map).resolve()
+        stat = path.stat()
+    except (OSError, ValueError, RuntimeError, TypeError):
+        return read_map(map), ("", 0, 0)
+    key = str(path), stat.st_mtime_ns, stat.st_size
+    if key not in _maps:
+        _maps[key] = read_map(map)
+    return _maps[key], key
+
+
+def _junction(road_map: RoadMap, key: tuple[str, int, int], id: str, name: str) -> Junction:
+    entry = key, id, name
+    if entry not in _junctions:
+        _junctions[entry] = road_map.junction(id, name=name)
+    return _junctions[entry]
+
+
+def _coordinate(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise MapError(f"{text!r} is no coordinate, expected two numbers such as in 'nearest to 52, 149'") from None
+
+
+def _first(road_map: RoadMap, text: str, wanted: Kinds) -> str:
+    for report in road_map.junctions:
+        if wanted.fit(report):
+            return report.id
+    raise MapError(f"map file {road_map.path} has no usable junction that fits {text!r}; {offer(road_map)}")

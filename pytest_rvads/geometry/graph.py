@@ -1,0 +1,213 @@
+"""Metric graphs (paper, section 4.1): vertices, and edges labelled with segments of lane centre line.
+
+The paper's ``s(-, eta)``, ``s(eta, -)``, ``s[-, eta]`` and ``s[eta, -]`` are `MetricGraph.before`, `after_end`,
+`Segment.head` and `Segment.tail`; its concatenation ``s . s'`` is `Segment.then`.
+
+The graph is made from the network of a map file before anything else. Arms, ways through a junction and walks along its roads are
+found on the graph and its line graph, by networkx, which is imported with the first map or rule.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import chain, pairwise
+
+import networkx as nx
+
+from pytest_rvads.geometry.network import Network
+from pytest_rvads.geometry.segment import Segment, Turn, join
+from pytest_rvads.support.errors import MapError
+
+__all__ = ["MetricGraph", "Position", "Ride", "Road"]
+
+_SAME = 1e-9
+
+
+@dataclass(frozen=True, slots=True)
+class Position:
+    """A position on a metric graph, the paper's ``s(-, eta)``."""
+
+    segment: str
+    """Id of the segment."""
+    eta: float
+    """Distance from the beginning of the segment [m]."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Ride:
+    """A ride: consecutive segments from one position to another, the first and last cut to the positions."""
+
+    segments: tuple[Segment, ...]
+    """The segments; empty for the ride from a position to itself."""
+    length: float
+    """Sum of the lengths of the segments [m]."""
+
+    def path(self) -> Segment | None:
+        """Return the concatenation of the segments; None for no segments, or for two segments that are not consecutive."""
+        return join(self.segments) if self.segments else None
+
+
+@dataclass(frozen=True, slots=True)
+class Road:
+    """A road: a maximal directed path whose inner vertices have one edge in and one edge out."""
+
+    entrance: str
+    """First vertex."""
+    exit: str
+    """Last vertex; the first vertex if the road is a closed loop."""
+    segments: tuple[str, ...]
+    """Ids of the segments of the road, in order."""
+
+
+class MetricGraph:
+    """The metric graph of a network, on `networkx.MultiDiGraph`, and its line graph.
+
+    Args:
+        network: the network, from a reader of map files.
+    """
+
+    def __init__(self, network: Network) -> None:
+        self.network = network
+        self.edges = network.edges
+        self.links = network.links
+        """The line graph: an arc leads from the id of a segment to the id of a segment onto which traffic can continue.
+
+        Where lanes merge and fork at a vertex, the line graph has fewer arcs than pairs of segments that meet at the vertex,
+        because a file states the links lane by lane.
+        """
+        self.graph = nx.MultiDiGraph()
+        """The metric graph: nodes are names of vertices; an edge has its segment's id as key and the length [m] as ``weight``."""
+        # Links identify lane ends: a vertex is a class of linked lane ends, named after the first lane that ends or starts there.
+        classes = nx.utils.UnionFind((id, end) for id in self.edges for end in ("start", "end"))
+        for one, two in chain(self.links.edges, *(junction.direct for junction in network.junctions.values())):
+            classes.union((one, "end"), (two, "start"))
+        names: dict[tuple[str, str], str] = {}
+        self._inside: dict[str, list[str]] = {}
+        for id, edge in self.edges.items():
+            start, end = (names.setdefault(classes[id, at], f"{id}:{at}") for at in ("start", "end"))
+            self.graph.add_edge(start, end, key=id, weight=edge.length)
+            if edge.junction is not None:
+                self._inside.setdefault(edge.junction, []).append(id)
+        self._ends: dict[str, tuple[str, str]] = {key: (u, v) for u, v, key in self.graph.edges(keys=True)}
+        self._segments: dict[str, Segment] = {}
+
+    @property
+    def segments(self) -> tuple[str, ...]:
+        """Ids of all segments."""
+        return tuple(self._ends)
+
+    def segment(self, id: str) -> Segment:
+        """Return the segment with this id.
+
+        Raises:
+            MapError: no segment has this id.
+        """
+        self.ends(id)
+        if id not in self._segments:  # most segments of a town are never used
+            edge = self.edges[id]
+            turn = Turn.STRAIGHT if edge.junction is None else Turn.of(edge.turning)
+            self._segments[id] = Segment(id, edge.points, turn, edge.junction, edge.limits)
+        return self._segments[id]
+
+    def inside(self, junction: str) -> Sequence[str]:
+        """Return the ids of the segments that lie in a junction, in file order."""
+        return self._inside.get(junction, ())
+
+    def ends(self, id: str) -> tuple[str, str]:
+        """Return the start vertex and the end vertex of segment `id`.
+
+        Raises:
+            MapError: no segment has this id.
+        """
+        try:
+            return self._ends[id]
+        except KeyError:
+            raise MapError(f"the metric graph has no segment {id!r} among its {len(self._ends)}") from None
+
+    def before(self, id: str, eta: float) -> Position:
+        """Return the paper's ``s(-, eta)``, the position `eta` after the beginning of segment `id` [m].
+
+        Raises:
+            MapError: no segment has this id, or the segment is shorter than `eta`.
+        """
+        length = self.segment(id).length
+        if not -_SAME <= eta <= length + _SAME:
+            raise MapError(f"segment {id!r} is {length:.3f} m long and has no position at {eta:.3f} m")
+        return Position(id, min(max(eta, 0.0), length))
+
+    def after_end(self, id: str, eta: float) -> Position:
+        """Return the paper's ``s(eta, -)``, the position `eta` before the end of segment `id` [m].
+
+        Raises:
+            MapError: no segment has this id, or the segment is shorter than `eta`.
+        """
+        return self.before(id, self.segment(id).length - eta)
+
+    def distance(self, one: Position, two: Position) -> float:
+        """Return the paper's ``d_G``: 0 for the same place, else the length of the shortest ride, infinite without a ride [m]."""
+        ride = self.ride(one, two)
+        return math.inf if ride is None else ride.length
+
+    def same(self, one: Position, two: Position) -> bool:
+        """Return whether two positions are the same place; the end of a segment and the start of the next are the same vertex."""
+        if one.segment == two.segment and abs(one.eta - two.eta) <= _SAME:
+            return True
+        vertex = self._vertex(one)
+        return vertex is not None and vertex == self._vertex(two)
+
+    def ride(self, one: Position, two: Position) -> Ride | None:
+        """Return the shortest ride from `one` to `two`; None if no ride exists."""
+        if self.same(one, two):
+            return Ride((), 0.0)
+        first, last = self.segment(one.segment), self.segment(two.segment)
+        if one.segment == two.segment and one.eta < two.eta:
+            part = first.tail(first.length - one.eta).head(two.eta - one.eta)
+            return Ride((part,), part.length)
+        source, target = self._ends[one.segment][1], self._ends[two.segment][0]
+        lead = first.length - one.eta
+        parts = [first.tail(lead)] if lead > _SAME else []
+        try:
+            nodes = nx.dijkstra_path(self.graph, source, target)
+        except nx.NetworkXNoPath:
+            return None
+        for u, v in pairwise(nodes):
+            options = self.graph[u][v]
+            parts.append(self.segment(min(options, key=lambda key: options[key]["weight"])))
+        if two.eta > _SAME:
+            parts.append(last.head(two.eta))
+        return Ride(tuple(parts), math.fsum(part.length for part in parts))
+
+    def roads(self) -> Iterator[Road]:
+        """Yield the roads: the maximal directed paths outside junctions, each once."""
+        outside = [(id, *ends) for id, ends in self._ends.items() if self.edges[id].junction is None]
+        starting = {u: id for id, u, _ in outside}
+        inner = {v for _, _, v in outside if self.graph.in_degree(v) == 1 == self.graph.out_degree(v) and v in starting}
+        done: set[str] = set()
+        # First the paths, from their entrances; the remaining segments form closed loops.
+        for id, u, _ in [row for row in outside if row[1] not in inner] + outside:
+            if id in done:
+                continue
+            way = [id]
+            done.add(id)
+            while self._ends[way[-1]][1] in inner and (following := starting[self._ends[way[-1]][1]]) not in done:
+                way.append(following)
+                done.add(following)
+            yield Road(u, self._ends[way[-1]][1], tuple(way))
+
+    def junction(self, id: str) -> nx.MultiDiGraph:
+        """Return the sub-graph of junction `id`: the edges in the junction, with their vertices.
+
+        Raises:
+            MapError: no segment lies in such a junction.
+        """
+        if not self.inside(id):
+            raise MapError(f"no segment of the metric graph lies in a junction {id!r}")
+        return self.graph.edge_subgraph((*self._ends[key], key) for key in self.inside(id))
+
+    def _vertex(self, position: Position) -> str | None:
+        u, v = self.ends(position.segment)
+        if position.eta <= _SAME:
+            return u
+        return v if position.eta >= self.segment(position.segment).length - _SAME else None

@@ -1,0 +1,247 @@
+"""Writing the elements of OpenDRIVE files: roads, reference lines, lanes with marks, signs, lights and stop lines."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from itertools import groupby
+from xml.etree.ElementTree import Element, SubElement, indent, tostring
+
+from pytest_rvads.geometry.control import Sign
+from pytest_rvads.geometry.segment import Pose
+from pytest_rvads.support.errors import MapError
+
+__all__ = [
+    "Lane",
+    "Piece",
+    "Post",
+    "add",
+    "add_lanes",
+    "add_plan",
+    "add_regulation",
+    "add_road",
+    "document",
+    "finished",
+    "joined",
+]
+
+_STRAIGHT = 1e-9
+_BROKEN_FROM = 30.0
+"""Distance from a junction from which on a centre line is broken, so that vehicles may cross the line to overtake [m]."""
+_MARK = 0.12
+"""Width of a road mark (Richtlinien fuer die Markierung von Strassen, narrow line on other roads) [m]."""
+_SIGNS = {
+    Sign.STOP: ("stop sign", "DE", "206", "-1"),
+    Sign.YIELD: ("yield sign", "DE", "205", "-1"),
+    Sign.PRIORITY: ("priority sign", "DE", "306", "-1"),
+    Sign.LIGHTS: ("light", "OpenDRIVE", "1000001", "-1"),
+}
+"""Name, country, type and subtype: numbers of StVO, annexes 2 and 3, and of the signal catalogue of OpenDRIVE."""
+_ARROW = "1000011"
+"""Type of a light with an arrow; the subtype is 10 for an arrow to the left, 20 for an arrow to the right."""
+_LINES = {Sign.STOP: "StopLine", Sign.LIGHTS: "StopLine", Sign.YIELD: "HoldingLine"}
+
+
+@dataclass(frozen=True, slots=True)
+class Lane:
+    """A lane to write, with the mark on its outer side."""
+
+    id: int
+    type: str = "none"
+    width: float = 0.0
+    mark: str = "none"
+    """``solid``, ``broken``, ``none``, or ``centre``: solid near the junction where the road starts, broken farther off."""
+    links: tuple[int, int] | None = None
+    """Ids of the lanes before and after the lane."""
+
+
+@dataclass(frozen=True, slots=True)
+class Piece:
+    """A piece of a reference line: straight, or an arc."""
+
+    start: Pose
+    length: float
+    curvature: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Post:
+    """A sign or light for lanes of an arm, whose traffic comes against the reference line."""
+
+    id: int
+    sign: Sign
+    lanes: tuple[int, int]
+    """Ids of the first and the last lane that the sign or light regulates."""
+    s: float
+    """Station of the sign or light [m]."""
+    t: float
+    """Lateral position of the sign or light, to the left of the reference line [m]."""
+    arrow: int | None = None
+    """Subtype of the arrow of a light; None for a light for all directions."""
+
+
+def document(name: str, reach: float) -> Element:
+    """Return the root element of a file whose roads lie within `reach` of the origin [m]."""
+    root = Element("OpenDRIVE")
+    bounds = {"north": reach, "south": -reach, "east": reach, "west": -reach}
+    add(root, "header", revMajor=1, revMinor=7, name=name, version="1.00", **bounds, vendor="pytest-rvads")
+    return root
+
+
+def finished(root: Element) -> str:
+    """Return the file of a root element as text."""
+    indent(root, "  ")
+    return '<?xml version="1.0" encoding="UTF-8"?>\n' + tostring(root, encoding="unicode") + "\n"
+
+
+def add(parent: Element, tag: str, **values: str | float) -> Element:
+    """Add an element with attributes; numbers have up to 12 digits."""
+    return SubElement(parent, tag, {name: v if isinstance(v, str) else f"{v + 0.0:.12g}" for name, v in values.items()})
+
+
+def add_road(root: Element, id: int, length: float, *, junction: str = "-1", left_hand: bool = False) -> Element:
+    """Add a road whose first child is an empty ``<link>``."""
+    road = add(root, "road", id=id, length=length, junction=junction, rule="LHT" if left_hand else "RHT")
+    add(road, "link")
+    return road
+
+
+def add_plan(road: Element, pieces: Iterable[Piece]) -> None:
+    """Add a reference line."""
+    plan, s = add(road, "planView"), 0.0
+    for piece in pieces:
+        start = piece.start
+        geometry = add(plan, "geometry", s=s, x=start.x, y=start.y, hdg=start.heading, length=piece.length)
+        add(geometry, "arc", curvature=piece.curvature) if piece.curvature else add(geometry, "line")
+        s += piece.length
+
+
+def add_lanes(road: Element, lanes: Iterable[Lane], offset: float = 0.0) -> None:
+    """Add lanes with their marks.
+
+    Args:
+        road: the road that gets the lanes.
+        lanes: lane 0 and other lanes, in any order.
+        offset: offset of lane 0 from the reference line, to the left [m].
+    """
+    group = add(road, "lanes")
+    if offset:
+        add(group, "laneOffset", s=0, a=offset, b=0, c=0, d=0)
+    section = add(group, "laneSection", s=0)
+    ordered = sorted(lanes, key=lambda lane: -lane.id)
+    sides = groupby(ordered, lambda lane: "left" if lane.id > 0 else "right" if lane.id < 0 else "center")
+    for name, lanes_of_side in sides:
+        side = add(section, name)
+        for lane in lanes_of_side:
+            _add_lane(side, lane)
+
+
+def _add_lane(side: Element, lane: Lane) -> None:
+    element = add(side, "lane", id=lane.id, type=lane.type, level="false")
+    if lane.links:
+        link = add(element, "link")
+        add(link, "predecessor", id=lane.links[0])
+        add(link, "successor", id=lane.links[1])
+    if lane.id:
+        add(element, "width", sOffset=0, a=lane.width, b=0, c=0, d=0)
+    marks = ((0.0, "solid"), (_BROKEN_FROM, "broken")) if lane.mark == "centre" else ((0.0, lane.mark),)
+    for start, type in marks:
+        width = {} if type == "none" else {"width": _MARK}
+        change = "both" if type == "broken" else "none"
+        add(element, "roadMark", sOffset=start, type=type, weight="standard", color="white", laneChange=change, **width)
+
+
+def add_regulation(road: Element, posts: Iterable[Post], lines: Iterable[tuple[Post, float, float]] = ()) -> None:
+    """Add signs, lights and stop lines.
+
+    Args:
+        road: the road that gets the signs, lights and lines.
+        posts: the signs and lights.
+        lines: per line its sign or light, the lateral position of its middle [m] and its length across the road [m].
+    """
+    flat: dict[str, float] = dict.fromkeys(("height", "hdg", "pitch", "roll"), 0)
+    objects = Element("objects")
+    for post, t, across in lines:
+        if post.sign not in _LINES:
+            continue
+        line = add(
+            objects,
+            "object",
+            id=f"line{post.id}",
+            name=_LINES[post.sign],
+            type="roadMark",
+            s=post.s,
+            t=t,
+            zOffset=0,
+            orientation="-",
+            length=0.3,
+            width=across,
+            **flat,
+        )
+        add(line, "validity", fromLane=post.lanes[0], toLane=post.lanes[1])
+    if len(objects):
+        road.append(objects)
+    signals = add(road, "signals")
+    for post in posts:
+        name, country, type, subtype = _SIGNS[post.sign]
+        light = post.sign is Sign.LIGHTS
+        element = add(
+            signals,
+            "signal",
+            id=post.id,
+            name=name,
+            s=post.s,
+            t=post.t,
+            zOffset=2.5,
+            orientation="-",
+            dynamic="yes" if light else "no",
+            country=country,
+            type=type if post.arrow is None else _ARROW,
+            subtype=subtype if post.arrow is None else f"{post.arrow}",
+            height=0.9,
+            width=0.9,
+        )
+        add(element, "validity", fromLane=post.lanes[0], toLane=post.lanes[1])
+
+
+def joined(start: Pose, end: Pose) -> tuple[Piece, ...]:
+    """Return a smooth way between two poses: a line, an arc with a line before or after the arc, or two arcs.
+
+    Raises:
+        MapError: the poses point away from each other.
+    """
+    turn = math.remainder(end.heading - start.heading, math.tau)
+    dx, dy = end.x - start.x, end.y - start.y
+    ux, uy = math.cos(start.heading), math.sin(start.heading)
+    if abs(turn) < _STRAIGHT:
+        return _beside(start, dx * ux + dy * uy, dy * ux - dx * uy)
+    vx, vy = math.cos(end.heading), math.sin(end.heading)
+    # The distances from the start to the meeting point of the two tangents, and from the meeting point to the end.
+    before, after = (dx * vy - dy * vx) / math.sin(turn), (ux * dy - uy * dx) / math.sin(turn)
+    tangent = min(before, after)
+    if tangent <= 0:
+        raise MapError(f"no arc leads from ({start.x:g}, {start.y:g}) to ({end.x:g}, {end.y:g}) without bending back")
+    lines = [length - tangent if length - tangent > _STRAIGHT else 0.0 for length in (before, after)]
+    first = Pose(start.x + lines[0] * ux, start.y + lines[0] * uy, start.heading)
+    last = Pose(end.x - lines[1] * vx, end.y - lines[1] * vy, end.heading)
+    curvature = 2 * math.sin(turn / 2) / math.hypot(last.x - first.x, last.y - first.y)
+    pieces = (Piece(start, lines[0]), Piece(first, turn / curvature, curvature), Piece(last, lines[1]))
+    return tuple(piece for piece in pieces if piece.length)
+
+
+def _beside(start: Pose, ahead: float, aside: float) -> tuple[Piece, ...]:
+    """Return the way to a pose of the same direction: a line, or two arcs of the same radius to a pose at a side."""
+    if ahead <= 0:
+        raise MapError(f"no way leads from ({start.x:g}, {start.y:g}) to a place {-ahead:g} m behind it")
+    if abs(aside) < _STRAIGHT:
+        return (Piece(start, math.hypot(ahead, aside)),)
+    swing = 2 * math.atan2(aside, ahead)
+    curvature = 2 * math.sin(swing) / ahead
+    x, y, heading = start
+    middle = Pose(
+        x + (ahead * math.cos(heading) - aside * math.sin(heading)) / 2,
+        y + (ahead * math.sin(heading) + aside * math.cos(heading)) / 2,
+        heading + swing,
+    )
+    return Piece(start, swing / curvature, curvature), Piece(middle, swing / curvature, -curvature)

@@ -1,0 +1,275 @@
+"""Centre lines of lanes: laneOffset, the widths of inner lanes and half the width of the lane, sampled along the reference line.
+
+A record of geometry, laneOffset or width holds from its station to the station of the next record. At the end of a lane section
+the value before the station counts. Otherwise lanes would jump if the next record starts at the end of the section.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pytest_rvads.geometry.network import Doubt, MapWarning
+from pytest_rvads.geometry.opendrive.records import Cubic, Lane, Road, Section, Shape
+from pytest_rvads.geometry.opendrive.reference_line import Line, evaluate
+from pytest_rvads.support.errors import MapError
+
+__all__ = ["SPACING", "LaneLine", "lane_lines", "line_warnings", "sample_count"]
+
+Array = NDArray[np.float64]
+
+SPACING = 0.5
+"""Distance between samples [m]; together with all breakpoints lengths are within 0.01 m on whole towns."""
+JOINT = 0.1
+"""Gap between two pieces of a reference line from which on a warning is given [m]."""
+_STRAIGHT_SPACING = 50.0
+_LOOKS_PER_SAMPLE = 20
+_BEND = 0.06
+"""Change of heading from sample to sample from which on curves are sampled finer: chords stay within 5 mm [rad]."""
+_FINEST = 8
+_MERGE = 1e-3
+_KINK = 0.02
+_EPS = 1e-6
+
+
+class LaneLine(NamedTuple):
+    """Centre line of a drivable lane in a lane section, in the direction of the reference line."""
+
+    points: Array
+    """Shape ``(k, 2)`` [m]."""
+    s: Array
+    """Station of each point on the road, shape ``(k,)`` [m]."""
+    turning: float
+    """Total unwrapped change of heading [rad]."""
+    width: float
+    """At mid-length [m]."""
+    ends: tuple[float, float]
+    """Width at the first and at the last station [m]."""
+    cut: float
+    """Length of the folds that were cut at kinks and at the ends [m]."""
+
+
+class _Samples(NamedTuple):
+    """The reference line of a lane section."""
+
+    s: Array
+    """Stations, shape ``(k,)`` [m]."""
+    line: Line
+    heading: Array
+    """Unwrapped, shape ``(k,)`` [rad]."""
+    joints: list[int]
+    """Indices of the first samples of the pieces of the line after the first piece."""
+
+
+def sample_count(road: Road) -> int:
+    """Return about how many samples the lanes of `road` take: a bound on the work before the work is done."""
+    tables = [
+        road.offsets,
+        *(cubics for section in road.sections for lane in section.lanes.values() for cubics in (lane.widths, lane.borders)),
+    ]
+    curved = any(row.c or row.d for rows in tables for row in rows)
+    # A curve is integrated from its start anew for every lane section.
+    again = len(road.sections) if any(shape.kind in ("spiral", "poly3", "paramPoly3") for shape in road.shapes) else 0
+    lanes = max((sum(lane.drivable for lane in section.lanes.values()) for section in road.sections), default=0)
+    straight = not curved and all(shape.kind == "line" for shape in road.shapes)
+    spacing = _STRAIGHT_SPACING if straight else SPACING
+    records = len(road.shapes) + sum(map(len, tables))
+    # Every lane section looks at all pieces and offsets of its road.
+    looks = len(road.sections) * (len(road.shapes) + len(road.offsets)) // _LOOKS_PER_SAMPLE
+    return int(road.length / spacing * max(1, lanes, again)) + records * max(1, lanes) + looks
+
+
+def lane_lines(road: Road) -> list[dict[int, LaneLine]]:
+    """Return the centre lines of the drivable lanes of `road`, per lane section by lane id.
+
+    Args:
+        road: the road, with geometry if any lane is drivable.
+
+    Raises:
+        MapError: coordinates are not finite.
+    """
+    with np.errstate(all="ignore"):
+        return [
+            _section(road, section, start, end) if any(lane.drivable for lane in section.lanes.values()) else {}
+            for section, start, end in _spans(road)
+        ]
+
+
+def line_warnings(road: Road, lines: Iterable[Mapping[int, LaneLine]]) -> Iterator[MapWarning]:
+    """Yield the warnings about a road with lanes: gaps and length of the reference line, folds of the centre lines.
+
+    Args:
+        road: the road.
+        lines: the centre lines of the road, per lane section by lane id.
+    """
+    if road.drivable:
+        with np.errstate(all="ignore"):
+            yield from _shape_warnings(road)
+    for table in lines:
+        for id, line in table.items():
+            if line.cut:
+                message = f"lane {id} of road {road.id!r} folds where the reference line bends; {line.cut:.2f} m of it were cut"
+                yield MapWarning(Doubt.KINK, message, road.id)
+
+
+def _spans(road: Road) -> Iterator[tuple[Section, float, float]]:
+    bounds = [min(max(section.s, 0.0), road.length) for section in road.sections[1:]]
+    yield from zip(road.sections, [0.0, *bounds], [*bounds, road.length], strict=True)
+
+
+def _shape_warnings(road: Road) -> Iterator[MapWarning]:
+    ends = [*(shape.s for shape in road.shapes[1:]), road.length]
+    total = math.fsum(shape.length for shape in road.shapes)
+    for shape, after, at in zip(road.shapes, road.shapes[1:], ends, strict=False):
+        line = evaluate(shape, np.array([0.0, max(at - shape.s, 0.0)]))
+        gap = math.hypot(after.x - line.x[-1], after.y - line.y[-1])
+        if not gap <= JOINT:
+            message = f"the reference line of road {road.id!r} has a gap of {gap:.2f} m at station {at:.2f} m"
+            yield MapWarning(Doubt.GAP, message, road.id)
+    if abs(total - road.length) > max(0.05, 0.002 * road.length):
+        message = f"road {road.id!r} says it is {road.length:.2f} m long, its geometry adds up to {total:.2f} m"
+        yield MapWarning(Doubt.LENGTH, message, road.id)
+
+
+def _section(road: Road, section: Section, start: float, end: float) -> dict[int, LaneLine]:
+    samples = _reference(road, section, start, end)
+    s = samples.s
+    if not np.isfinite(samples.line).all():
+        raise MapError(f"road {road.id!r} has coordinates that are not finite between stations {start:.2f} and {end:.2f} m")
+    shift = _cubic(road.offsets, s, 0.0, end)
+    lines = {}
+    for ids in (sorted(i for i in section.lanes if i > 0), sorted((i for i in section.lanes if i < 0), reverse=True)):
+        inner = np.zeros_like(s)
+        for id in ids:
+            lane = section.lanes[id]
+            outer = _outer(lane, inner, s, start, end)
+            if lane.drivable:
+                offset = shift + math.copysign(0.5, id) * (inner + outer)
+                lines[id] = _line(road, id, samples, offset, outer - inner)
+            inner = outer
+    return lines
+
+
+def _outer(lane: Lane, inner: Array, s: Array, start: float, end: float) -> Array:
+    if lane.widths or not lane.borders:
+        return inner + _cubic(lane.widths, s, start, end)
+    return math.copysign(1.0, lane.id) * _cubic(lane.borders, s, start, end)
+
+
+def _cubic(rows: Sequence[Cubic], s: Array, base: float, end: float) -> Array:
+    """Return the values of piecewise cubics at stations `s`; at `end` the value just before `end`."""
+    if not rows:
+        return np.zeros_like(s)
+    if len(rows) == 1 and rows[0].s + base <= s[0] + _EPS:
+        (_, a, b, c, d), ds = rows[0], s - rows[0].s - base
+        single: Array = a + ds * (b + ds * (c + ds * d))
+        return single
+    table = np.array(rows)
+    starts = table[:, 0] + base
+    row = np.searchsorted(starts, np.minimum(s + _EPS, end - _EPS), side="right") - 1
+    picked = table[np.maximum(row, 0)]
+    ds = s - picked[:, 0] - base
+    value: Array = picked[:, 1] + ds * (picked[:, 2] + ds * (picked[:, 3] + ds * picked[:, 4]))
+    value[row < 0] = 0.0
+    return value
+
+
+def _reference(road: Road, section: Section, start: float, end: float) -> _Samples:
+    """Sample the reference line of a section; a joint of two pieces is sampled twice, once from each side."""
+    rows = [(row.s + start, row) for lane in section.lanes.values() for row in (*lane.widths, *lane.borders)]
+    rows += [(row.s, row) for row in road.offsets]
+    curved = any(row.c or row.d for _, row in rows)
+    cuts = np.unique([at for at, _ in rows if start < at < end])
+    stations: list[Array] = []
+    lines: list[Line] = []
+    for shape, low, high in _pieces(road.shapes, start, end):
+        s = _stations(shape, low, high, curved=curved)
+        inside = cuts[(cuts > low) & (cuts < high)]
+        if len(inside):
+            s = np.unique(np.concatenate((s, inside)))
+        stations.append(s)
+        lines.append(evaluate(shape, np.maximum(s - shape.s, 0.0)))
+    joints = np.cumsum([len(s) for s in stations[:-1]]).tolist()
+    line = Line(*(np.concatenate(parts) for parts in zip(*lines, strict=True)))
+    return _Samples(np.concatenate(stations), line, np.unwrap(line.heading), joints)
+
+
+def _stations(shape: Shape, low: float, high: float, *, curved: bool) -> Array:
+    """Return the stations of the samples of a piece between two stations: closer together where the piece bends."""
+    count = 1 if shape.kind == "line" and not curved else max(1, math.ceil((high - low) / SPACING))
+    s = np.linspace(low, high, count + 1)
+    if shape.kind != "line":
+        turn = np.diff(evaluate(shape, np.maximum(s - shape.s, 0.0)).heading)
+        bend = float(np.max(np.abs(np.remainder(turn + np.pi, 2 * np.pi) - np.pi)))
+        if bend > _BEND:
+            s = np.linspace(low, high, count * min(math.ceil(bend / _BEND), _FINEST) + 1)
+    return s
+
+
+def _pieces(shapes: Sequence[Shape], start: float, end: float) -> Iterator[tuple[Shape, float, float]]:
+    """Yield each piece of the reference line with the stations it covers between `start` and `end`."""
+    bounds = [shape.s for shape in shapes[1:]] + [math.inf]
+    covered = False
+    for i, (shape, bound) in enumerate(zip(shapes, bounds, strict=True)):
+        # The first piece also covers the stations before the piece, the last piece the stations after the piece.
+        low, high = start if i == 0 else max(shape.s, start), min(bound, end)
+        if high - low > _EPS:
+            covered = True
+            yield shape, low, high
+    if not covered:
+        yield max((shape for shape in shapes if shape.s <= start + _EPS), default=shapes[0]), start, end
+
+
+def _line(road: Road, id: int, samples: _Samples, offset: Array, width: Array) -> LaneLine:
+    """Return the centre line of a lane without the folds at kinks and at the ends of the lane."""
+    s, line, heading, joints = samples
+    points = np.column_stack((line.x - offset * np.sin(line.heading), line.y + offset * np.cos(line.heading)))
+    if not np.isfinite(points).all():
+        raise MapError(f"lane {id} of road {road.id!r} has widths or offsets that are not finite")
+    slope = np.diff(offset) / np.maximum(np.diff(s), _MERGE)
+    turning = float(heading[-1] - heading[0] + math.atan(slope[-1]) - math.atan(slope[0]))
+    keep, length = np.ones(len(s), dtype=bool), _length(points)
+    for joint in joints:
+        if abs(heading[joint] - heading[joint - 1]) > _KINK:
+            _mitre(points, keep, samples, offset, joint)
+    _advance(points, keep, heading)
+    _advance(points[::-1], keep[::-1], heading[::-1] + math.pi)
+    points, s = points[keep], s[keep]
+    cut = 0.0 if keep.all() else length - _length(points)
+    far = np.concatenate(([True], np.hypot(*np.diff(points, axis=0).T) > _MERGE))
+    if not far[-1] and len(far) > 2:
+        far[-2:] = False, True
+    far[-1] = True
+    first, middle, last = (float(width[k]) for k in (0, len(width) // 2, -1))
+    return LaneLine(points[far], s[far], turning, middle, (first, last), cut)
+
+
+def _length(points: Array) -> float:
+    return float(np.hypot(*np.diff(points, axis=0).T).sum())
+
+
+def _advance(points: Array, keep: NDArray[np.bool_], heading: Array) -> None:
+    """Drop the points after the first point from which a lane would run backwards: there the lane lies inside of a tight bend."""
+    ahead = (points - points[0]) @ (math.cos(heading[0]), math.sin(heading[0])) > -_EPS
+    keep[1 : int(ahead[1:].argmax()) + 1 if ahead[1:-1].any() else 1] = False
+
+
+def _mitre(points: Array, keep: NDArray[np.bool_], samples: _Samples, offset: Array, joint: int) -> None:
+    """Cut the fold of a lane on the inner side of a kink, where the centre lines before and after the joint cross."""
+    s, line, heading, _ = samples
+    kink, t = float(heading[joint] - heading[joint - 1]), float(offset[joint])
+    reach = t * math.tan(kink / 2)
+    if reach <= _MERGE or abs(kink) > 2.0:
+        return
+    inside = (np.abs(s - s[joint]) < reach) & keep
+    inside[0] = inside[-1] = False
+    inside[joint - 1] = False
+    keep[inside] = False
+    if joint > 1:
+        middle = float(line.heading[joint - 1]) + kink / 2
+        stretch = t / math.cos(kink / 2)
+        points[joint - 1] = (line.x[joint] - stretch * math.sin(middle), line.y[joint] + stretch * math.cos(middle))

@@ -1,0 +1,364 @@
+"""Assigning signals to entrances: the entrances of every sign and light, and the places of stop lines.
+
+The `orientation` of a signal is unreliable: RoadRunner and LGSVL invert the orientation, and SUMO inverts the orientation of stop
+signs. Whole towns would have no controlled junction if the reader relied on `orientation`. So a signal regulates the entrance
+lanes at the near end of the road, or the lanes that the signal names. `orientation` only decides between the two ends of a road.
+"""
+
+from __future__ import annotations
+
+import re
+from bisect import bisect_right
+from collections import Counter, defaultdict
+from collections.abc import Container, Iterable, Iterator
+
+import networkx as nx
+
+from pytest_rvads.geometry.control import MapObject, ObjectKind
+from pytest_rvads.geometry.network import Doubt
+from pytest_rvads.geometry.opendrive.draft import Chain, Draft
+from pytest_rvads.geometry.opendrive.records import Document, Road, Signal
+from pytest_rvads.geometry.segment import Turn
+
+__all__ = ["LINE_RANGE", "attach", "kind_of"]
+
+SIGNAL_RANGE = 50.0
+"""Greatest distance of a signal before the junction that the signal regulates [m]."""
+LINE_RANGE = 10.0
+"""Greatest distance of a stopping line before the entrance vertex [m]."""
+_STANDARD = {
+    **dict.fromkeys(("206", "r1", "r1-1", "stop", "stop_sign"), ObjectKind.STOP),
+    **dict.fromkeys(("205", "r1-2", "yield", "yield_sign", "give_way", "giveway"), ObjectKind.YIELD),
+    **dict.fromkeys(("301", "306", "priority", "priority_road"), ObjectKind.PRIORITY),
+    **dict.fromkeys(("traffic_light", "traffic_lights", "traffic_signal", "traffic_signals", "trafficlight"), ObjectKind.LIGHT),
+}
+"""Numbers of the German (StVO, annexes 2 and 3) and the US catalogue (MUTCD 2B); words of OpenStreetMap and its converters."""
+_ABROAD: dict[tuple[str, ...], tuple[str, str, str]] = {
+    ("gb", "uk", "gbr"): ("601.1", "602", ""),
+    ("fr", "fra"): ("ab4", "ab3a", "ab2 ab6"),
+    ("be", "bel"): ("b5", "b1", "b9 b15"),
+    ("nl", "nld"): ("b7", "b6", "b1"),
+    ("es", "esp"): ("r2", "r1", "r3"),
+    ("pl", "pol"): ("b20", "a7", "d1"),
+    ("cz", "cze"): ("p6", "p4", "p1 p2"),
+    ("se", "swe"): ("b2", "b1", "b4"),
+    ("fi", "fin"): ("b6", "b5", "b1"),
+    ("no", "nor"): ("204", "202", "206"),
+    ("dk", "dnk"): ("b13", "b11", "b16"),
+    ("ch", "che"): ("3.01", "3.02", "3.03"),
+    ("jp", "jpn"): ("330 330a", "", ""),
+    ("ca", "can"): ("ra1", "ra2", ""),
+}
+"""Per country, in two or three letters: numbers in its own catalogue of the stop sign (Vienna Convention on Road Signs and
+Signals 1968, sign B,2), of the yield sign (B,1) and of the signs that give priority (B,3 and its like)."""
+_SIGNS_ABROAD = {
+    (country, number): kind
+    for countries, catalogue in _ABROAD.items()
+    for country in countries
+    for kind, numbers in zip((ObjectKind.STOP, ObjectKind.YIELD, ObjectKind.PRIORITY), catalogue, strict=True)
+    for number in numbers.split()
+}
+_UNTYPED = frozenset({"", "-1", "none", "unknown"})
+_STOP_NAME = re.compile(r"(?<![a-z])stop([ _-]?sign)?(?![a-z])|(?<![a-z])sign[ _-]?stop(?![a-z])")
+_YIELD_NAME = re.compile(r"(?<![a-z])(yield|give[ _-]?way)(?![a-z])")
+_LIGHT_NAME = re.compile(r"traffic[ _-]?(light|signal)|signal[ _-]?3?light")
+_OTHER_NAME = re.compile(r"pedestrian|walk|bicycle|bike|bus|tram|rail|line|ahead")
+_LIGHT = frozenset({1_000_001, *range(1_000_008, 1_000_013), *range(1_000_020, 1_000_100)})
+_ARROWS = {
+    "10": frozenset({Turn.LEFT}),
+    "20": frozenset({Turn.RIGHT}),
+    "30": frozenset({Turn.STRAIGHT}),
+    "40": frozenset({Turn.STRAIGHT, Turn.LEFT}),
+    "50": frozenset({Turn.STRAIGHT, Turn.RIGHT}),
+}
+"""Per subtype of 1000011, the light of three heads with arrows: the turns of the arrows (OpenDRIVE 1.4, list of signals)."""
+
+
+def kind_of(signal: Signal) -> ObjectKind | None:
+    """Return the kind of a signal: a stop, yield or priority sign, a light for vehicles, a stop line; None for other signals."""
+    if signal.line:
+        return ObjectKind.LINE
+    if signal.type in _UNTYPED:
+        return _kind_by_name(signal.name)
+    abroad = _SIGNS_ABROAD.get((signal.country, re.sub(r"[\s_-]", "", signal.type)))
+    if abroad is not None:
+        return abroad
+    if signal.type == "r1" and signal.subtype == "2":
+        return ObjectKind.YIELD  # the US catalogue's R1-2
+    standard = _STANDARD.get(re.sub(r"\s+", "_", signal.type))
+    if standard is ObjectKind.LIGHT and _OTHER_NAME.search(signal.name):
+        return None
+    if standard is not None:
+        return standard
+    digits = signal.type.replace(".", "")  # the catalogue of the standard writes 1.000.001
+    if signal.dynamic and digits.isascii() and digits.isdigit() and int(digits[:9]) in _LIGHT:
+        return ObjectKind.LIGHT
+    return None
+
+
+def _kind_by_name(name: str) -> ObjectKind | None:
+    """Return the kind of a signal without type from its name; None if the name is not clearly that of a signal for vehicles."""
+    if _OTHER_NAME.search(name):
+        return None
+    if _LIGHT_NAME.search(name):
+        return ObjectKind.LIGHT
+    if _YIELD_NAME.search(name):
+        return ObjectKind.YIELD
+    return ObjectKind.STOP if _STOP_NAME.search(name) else None
+
+
+def _arrows_of(signal: Signal) -> frozenset[Turn]:
+    """Return the turns that a light with arrows regulates; empty for every other signal."""
+    return _ARROWS.get(signal.subtype, frozenset()) if signal.type.replace(".", "") == "1000011" else frozenset()
+
+
+def _counts_from_kerb(document: Document) -> bool:
+    """Return whether the lanes in ``<validity>`` have the numbers of SUMO, from 0 at the kerb, as netconvert wrote until 1.15.
+
+    These files have no references, every range is one lane, and the roads are one-way without lanes of positive ids.
+    """
+    signals = [(road, signal) for road in document.roads.values() for signal in road.signals]
+    if any(signal.reference for _, signal in signals):
+        return False
+    ranges = [(road, low, high) for road, signal in signals for low, high in signal.lanes]
+    return bool(ranges) and all(
+        low == high and 0 <= low < len(_lanes_right(road)) and not any(lane > 0 for lane in _lane_ids(road))
+        for road, low, high in ranges
+    )
+
+
+def _lane_ids(road: Road) -> set[int]:
+    return {lane for section in road.sections for lane in section.lanes}
+
+
+def _lanes_right(road: Road) -> list[int]:
+    """Return the ids of the lanes on the right at the end of a road, from the kerb."""
+    return sorted(lane for lane in road.lanes_at("end") if lane < 0)
+
+
+def attach(draft: Draft) -> list[MapObject]:
+    """Return the signs, vehicle lights and stop lines of a draft with linked lanes: an object per signal and entrance.
+
+    Warnings about references to missing signals, signals without entrance and inverted signals are added to the draft.
+    """
+    return _Attacher(draft).attach()
+
+
+class _Attacher:
+    def __init__(self, draft: Draft) -> None:
+        self.draft = draft
+        self.edges = draft.edges
+        self.homes: dict[str, Signal] = {}
+        """Per id, the signal itself, which is no reference."""
+        self.by_road: dict[str, list[Chain]] = defaultdict(list)
+        self.entered: dict[str, list[str]] = defaultdict(list)
+        """Per edge, the junctions that the edge enters."""
+        self.inverted: dict[str, list[str]] = defaultdict(list)
+        """Per junction, the ids of signals that are oriented against their traffic."""
+        self.from_kerb = _counts_from_kerb(draft.document)
+        self.inside: dict[str, dict[str, None]] = defaultdict(dict)
+        """Per junction, the edges in the junction."""
+        for edge in draft.edges.values():
+            self.by_road[edge.road].append(edge)
+            if edge.junction is not None:
+                self.inside[edge.junction][edge.id] = None
+        for junction in draft.document.junctions:
+            # An edge into a junction is an entrance only if traffic can leave the junction again.
+            inside = self.inside[junction]
+            leaving = [id for id in inside if not draft.links.succ[id].keys() <= inside.keys()]
+            for id in dict.fromkeys([*self._before(leaving, inside), *(source for source, _ in draft.direct[junction])]):
+                self.entered[id].append(junction)
+        for road in draft.document.roads.values():
+            for signal in road.signals:
+                if not signal.reference and (signal.id not in self.homes or kind_of(self.homes[signal.id]) is None):
+                    self.homes[signal.id] = signal
+
+    def _before(self, starts: Iterable[str], inside: Container[str]) -> list[str]:
+        """Return the edges outside a junction from which traffic reaches an edge of `starts` inside."""
+        before = self.draft.links.pred
+
+        def predecessors(id: str | None) -> Iterator[str]:
+            return iter(starts if id is None else before[id] if id in inside else ())
+
+        reached = nx.generic_bfs_edges(self.draft.links, None, predecessors)
+        return [id for _, id in reached if id not in inside]
+
+    def attach(self) -> list[MapObject]:
+        objects: dict[tuple[ObjectKind, str, str, str], MapObject] = {}
+        for signal, kind, junction, edge in self._placed():
+            home = self.homes[signal.id] if signal.reference else signal
+            objects[kind, signal.id, junction, edge] = self._object(home, kind, junction, self.edges[edge])
+        for signal in self._signals():
+            if kind_of(signal) is ObjectKind.LINE:
+                for junction, edge in self._line_entrances(signal):
+                    key = ObjectKind.LINE, f"{signal.id}@{signal.road}:{signal.s}", junction, edge
+                    objects[key] = self._object(signal, ObjectKind.LINE, junction, self.edges[edge])
+        for junction, ids in self.inverted.items():
+            names = ", ".join(sorted(set(ids))[:5])
+            count = len(set(ids))
+            message = f"{count} signals at junction {junction!r} ({names}) are oriented against their traffic; that was ignored"
+            self.draft.warn(Doubt.ORIENTATION, message, None, junction)
+        return list(objects.values())
+
+    def _signals(self) -> Iterator[Signal]:
+        return (signal for road in self.draft.document.roads.values() for signal in road.signals)
+
+    def _placed(self) -> list[tuple[Signal, ObjectKind, str, str]]:
+        """Return signals and references with their kind and the junction and entrance edge that they regulate."""
+        at_home: list[tuple[Signal, ObjectKind, str, str]] = []
+        referred: list[tuple[Signal, ObjectKind, str, str]] = []
+        reasons: dict[tuple[str, str], str | None] = {}
+        for signal in self._signals():
+            home = self.homes.get(signal.id) if signal.reference else signal
+            if home is None:
+                message = f"road {signal.road!r} refers to signal {signal.id!r}, which does not exist"
+                self.draft.warn(Doubt.SIGNAL, message, signal.road)
+                continue
+            kind = kind_of(home)
+            if kind is None or kind is ObjectKind.LINE:
+                continue
+            places, reason = self._entrances(self.draft.document.roads[signal.road], signal, kind)
+            (referred if signal.reference else at_home).extend((signal, kind, j, e) for j, e in places)
+            # References state the entrances of a signal more reliably than the place of its mast.
+            key = home.id, home.road
+            reasons[key] = None if places or reasons.get(key, reason) is None else reason
+        self._warn_of_unassigned([reason for reason in reasons.values() if reason is not None], len(reasons))
+        far = {(signal.id, junction) for signal, _, junction, _ in referred}
+        return [entry for entry in at_home if (entry[0].id, entry[2]) not in far] + referred
+
+    def _warn_of_unassigned(self, reasons: list[str], total: int) -> None:
+        if reasons:
+            (reason, count), *_ = Counter(reasons).most_common(1)
+            most = "" if count == len(reasons) else f"{count} of them "
+            message = f"{len(reasons)} of {total} signs and lights are for no entrance: {most}{reason}"
+            self.draft.warn(Doubt.SIGNAL, message)
+
+    def _entrances(self, road: Road, signal: Signal, kind: ObjectKind) -> tuple[list[tuple[str, str]], str | None]:
+        """Return (junction, entrance edge) that a signal or reference regulates, and the reason if there are none."""
+        ranges = self._ranges(road, signal)
+        if signal.lanes and not ranges:
+            return [], "name lane 0 alone, where the pole stands"
+        section = max(bisect_right([part.s for part in road.sections], signal.s + 1e-6) - 1, 0)
+
+        def is_named(edge: Chain) -> bool:
+            if not ranges:
+                return True
+            # A lane that forks off after the signal has no number beside the signal; the number at the end of the lane counts.
+            numbers = [lane for i, lane in edge.lanes if i == section] or [edge.lanes[-1][1]]
+            return any(low <= numbers[0] <= high for low, high in ranges)
+
+        if road.junction is not None and road.junction in self.draft.document.junctions:
+            edges = [edge for edge in self.by_road[road.id] if is_named(edge)]
+            if edges and all(_against(signal, edge.forward) for edge in edges):
+                self.inverted[road.junction].append(signal.id)
+            places = [(road.junction, id) for edge in edges for id in self._before([edge.id], self.inside[road.junction])]
+            return places, None if places else "are for lanes of a connecting road that no traffic comes to"
+        near = self._near_end(road, signal)
+        places = [(junction, edge.id) for junction, edge in near if is_named(edge)]
+        if not places and kind is ObjectKind.LIGHT:
+            places = self._across(road, signal, [edge for edge in self.by_road[road.id] if is_named(edge)])
+        if places:
+            return places, None
+        return (
+            [],
+            "name lanes that lead into no junction" if near else "stand near no end of a road where lanes lead into a junction",
+        )
+
+    def _ranges(self, road: Road, signal: Signal) -> list[tuple[int, int]]:
+        """Return the ranges of lanes that a signal is valid for, in the numbers of OpenDRIVE, without lane 0."""
+        if self.from_kerb:
+            lanes = _lanes_right(road)
+            return [(lanes[low], lanes[high]) for low, high in signal.lanes]
+        return [ranged for ranged in signal.lanes if ranged != (0, 0)]
+
+    def _across(self, road: Road, signal: Signal, edges: Iterable[Chain]) -> list[tuple[str, str]]:
+        """Return (junction, entrance edge) of a light at the start of an exit road: entrances of traffic that goes straight on.
+
+        The masts of these lights stand on the far side of the junction, and no reference names the lights.
+        """
+        reach = min(SIGNAL_RANGE, road.length / 2)
+        places: dict[tuple[str, str], None] = {}
+        for edge in edges:
+            if abs((0.0 if edge.forward else road.length) - signal.s) <= reach + 1e-6:
+                inside = [self.edges[id] for id in self.draft.links.pred[edge.id] if self.edges[id].junction is not None]
+                ahead = min(inside, key=lambda way: (abs(way.turning), way.id), default=None)
+                if ahead is not None and ahead.junction is not None and Turn.of(ahead.turning) is Turn.STRAIGHT:
+                    for id in self._before([ahead.id], self.inside[ahead.junction]):
+                        places[ahead.junction, id] = None
+        return list(places)
+
+    def _near_end(self, road: Road, signal: Signal) -> list[tuple[str, Chain]]:
+        """Return (junction, entrance edge) near a signal on a road outside junctions, on this road or on the roads after it."""
+        reach = min(SIGNAL_RANGE, road.length / 2)
+        ends: dict[bool, list[tuple[str, Chain]]] = {}
+        for edge in self.by_road[road.id]:
+            distance = abs((road.length if edge.forward else 0.0) - signal.s)
+            if edge.id in self.entered:
+                if distance <= reach + 1e-6:
+                    ends.setdefault(edge.forward, []).extend((junction, edge) for junction in self.entered[edge.id])
+            elif places := self._ahead(edge, distance):
+                ends.setdefault(edge.forward, []).extend(places)
+        if len(ends) == 2:
+            return ends[signal.orientation != "-"]
+        for forward, places in ends.items():
+            if _against(signal, forward):
+                for junction, _ in places[:1]:
+                    self.inverted[junction].append(signal.id)
+            return places
+        return []
+
+    def _ahead(self, edge: Chain, distance: float) -> list[tuple[str, Chain]]:
+        """Return (junction, entrance edge) that traffic reaches within `SIGNAL_RANGE` from `distance` before the end of `edge`.
+
+        If the last road before a junction is short, its signals stand on the road before.
+        """
+        seen = {edge.id}
+        while distance <= SIGNAL_RANGE:
+            after = list(self.draft.links.succ[edge.id])
+            if len(after) != 1 or after[0] in seen:
+                return []
+            edge = self.edges[after[0]]
+            seen.add(edge.id)
+            distance += edge.length
+            if edge.junction is not None:
+                return []
+            if edge.id in self.entered:
+                return [(junction, edge) for junction in self.entered[edge.id]] if distance <= SIGNAL_RANGE else []
+        return []
+
+    def _line_entrances(self, signal: Signal) -> list[tuple[str, str]]:
+        """Return (junction, entrance edge) of a stop line, which may lie on the road before the entrance edge."""
+        road = self.draft.document.roads[signal.road]
+        places = []
+        for edge in self.by_road[road.id]:
+            ahead = edge.length - edge.station(signal.s)
+            behind = edge.length - ahead
+            if edge.id in self.entered:
+                twin = any(lane.forward != edge.forward and lane.id in self.entered for lane in self.by_road[road.id])
+                if ahead <= LINE_RANGE and not (twin and ahead > behind):
+                    places += [(junction, edge.id) for junction in self.entered[edge.id]]
+                continue
+            for id in self.draft.links.succ[edge.id]:
+                if id in self.entered and ahead + self.edges[id].length <= LINE_RANGE:
+                    places += [(junction, id) for junction in self.entered[id]]
+        return places
+
+    def _object(self, signal: Signal, kind: ObjectKind, junction: str, edge: Chain) -> MapObject:
+        """Return the object of a signal on an entrance edge."""
+        before: float = -1.0
+        if signal.road == edge.road:
+            before = edge.length - edge.station(signal.s)
+        else:
+            for id in self.draft.links.pred[edge.id]:
+                previous = self.edges[id]
+                if previous.road == signal.road and previous.junction is None:
+                    before = edge.length + previous.length - previous.station(signal.s)
+        place = max(before, 0.0)
+        setback = place if kind is not ObjectKind.LIGHT and before >= 0 and place <= LINE_RANGE else None
+        arrows = _arrows_of(signal) if kind is ObjectKind.LIGHT else frozenset[Turn]()
+        return MapObject(signal.id, kind, junction, edge.id, max(edge.length - place, 0.0), setback, arrows)
+
+
+def _against(signal: Signal, forward: bool) -> bool:
+    """Return whether the orientation of a signal contradicts the direction of the lanes that the signal regulates."""
+    return signal.orientation in ("+", "-") and (signal.orientation == "+") != forward

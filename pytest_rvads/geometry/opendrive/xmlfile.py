@@ -1,0 +1,136 @@
+"""Parsing OpenDRIVE files from unknown writers: size, depth and numbers are bounded, and every error is one sentence."""
+
+from __future__ import annotations
+
+import os
+import re
+from pathlib import Path
+from xml.etree.ElementTree import Element, TreeBuilder
+
+from pytest_rvads.support.boundedxml import XmlError, read_xml
+from pytest_rvads.support.errors import MapError
+from pytest_rvads.support.wording import one_line
+
+__all__ = ["MAX_BYTES", "MAX_ELEMENTS", "integer", "load", "number"]
+
+MAX_BYTES = 128 * 2**20
+"""Largest file that is read [bytes]; whole towns have 1 to 20 MB."""
+MAX_ELEMENTS = 300_000
+"""Most elements of a file that are read; a town has 30,000."""
+_ID = re.compile(r"[^\x00-\x1f\x7f-\x9f]{0,1000}")
+"""Pattern of ids: ids name junctions in tables, reports and files of runs."""
+_CHUNK = 2**18
+_SKIPPED = frozenset(
+    {"userData", "roadMark", "elevationProfile", "lateralProfile", "surface", "railroad", "crossSectionSurface", "outlines"}
+)
+"""Elements that do not matter to the lanes in plan view."""
+
+
+class _Builder:
+    """Builds elements without namespaces and without the elements in `_SKIPPED`."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self.tree = TreeBuilder()
+        self.skipping = 0
+        self.count = 0
+        self.projection = False
+        """Whether the parser is in ``<geoReference>``; the text of other elements is not stored."""
+
+    def start(self, tag: str, attributes: dict[str, str], _row: int) -> None:
+        tag = tag.rpartition(":")[2]
+        if self.skipping or tag in _SKIPPED:
+            self.skipping += 1
+            return
+        self.count += 1
+        if self.count > MAX_ELEMENTS:
+            raise MapError(f"{self.name} has more than {MAX_ELEMENTS:,} elements; cut the map into pieces")
+        if self.count == 1 and tag != "OpenDRIVE":
+            raise MapError(f"{self.name} is not an OpenDRIVE file: its root element is <{tag[:40]}>, expected <OpenDRIVE>")
+        if not _ID.fullmatch(attributes.get("id", "")):
+            raise MapError(
+                f"{self.name}: the id of <{one_line(tag, 40)}> must have at most 1,000 characters and no control characters, "
+                f"got {attributes['id'][:40]!r}"
+            )
+        self.tree.start(tag, attributes)
+        self.projection = tag == "geoReference"
+
+    def text(self, text: str) -> None:
+        if self.projection and not self.skipping:
+            self.tree.data(text)
+
+    def end(self, tag: str) -> None:
+        if self.skipping:
+            self.skipping -= 1
+        else:
+            self.tree.end(tag.rpartition(":")[2])
+            self.projection = False
+
+
+def load(path: str | os.PathLike[str]) -> Element:
+    """Parse an OpenDRIVE file into elements without namespaces.
+
+    Raises:
+        MapError: the file does not exist, is empty, too large, no XML, cut off, too deep or no OpenDRIVE, or has a DTD.
+    """
+    try:
+        file = Path(path)
+        if not file.is_file():
+            fault = "is not a regular file" if file.exists() else "does not exist"
+            raise MapError(f"map file {file} {fault}; give the path of an OpenDRIVE file (.xodr)")
+        size = file.stat().st_size
+        if size > MAX_BYTES:
+            raise MapError(f"map file {file} has {size / 2**20:.0f} MB, more than the {MAX_BYTES // 2**20} MB that are read")
+        if not size:
+            raise MapError(f"map file {file} is empty, expected an OpenDRIVE file")
+        builder = _Builder(f"map file {file}")
+        with file.open("rb") as stream:
+            chunks = iter(lambda: stream.read(_CHUNK), b"")
+            read_xml(chunks, "an OpenDRIVE file (.xodr)", builder.start, builder.end, builder.text)
+        return builder.tree.close()
+    except XmlError as error:
+        raise MapError(f"map file {path}: {error}") from None
+    except (OSError, ValueError, TypeError) as error:
+        raise MapError(f"map file {path} cannot be read: {error}") from None
+
+
+def number(element: Element, name: str, place: str, default: float | None = None) -> float:
+    """Return attribute `name` of `element` as a finite number.
+
+    Args:
+        element: the element with the attribute.
+        name: name of the attribute.
+        place: place of the element, for the message.
+        default: value of a missing or empty attribute; None if the attribute is required.
+
+    Raises:
+        MapError: the attribute is missing, no number, or beyond 1e12.
+    """
+    text = element.get(name)
+    if not text:
+        if default is not None:
+            return default
+        raise MapError(f"{place}: <{element.tag}> has no attribute {name!r}, expected a number")
+    try:
+        value = float(text)
+    except ValueError:
+        raise MapError(f"{place}: {name}={text[:40]!r} of <{element.tag}> is not a number") from None
+    if not -1e12 <= value <= 1e12:
+        raise MapError(f"{place}: {name}={text[:40]!r} of <{element.tag}> is not a finite number between -1e12 and 1e12")
+    return value
+
+
+def integer(element: Element, name: str, place: str) -> int:
+    """Return attribute `name` of `element` as a whole number of at most six digits.
+
+    Raises:
+        MapError: the attribute is missing or no such number.
+    """
+    text = element.get(name, "")
+    try:
+        value = int(text)
+    except ValueError:
+        raise MapError(f"{place}: {name}={text[:40]!r} of <{element.tag}> is not a whole number") from None
+    if abs(value) > 999_999:
+        raise MapError(f"{place}: {name}={text[:40]!r} of <{element.tag}> is out of range, expected at most six digits")
+    return value

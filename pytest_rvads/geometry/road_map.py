@@ -1,0 +1,278 @@
+"""A map file as the model reads it: metric graph, junctions and warnings."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from pytest_rvads.geometry.analysis import JunctionReport, analyse, cut, joints_of, lifted
+from pytest_rvads.geometry.arms import RoadArm
+from pytest_rvads.geometry.clusters import clustered
+from pytest_rvads.geometry.conflicts import Key
+from pytest_rvads.geometry.control import MapObject, sign_of_arm
+from pytest_rvads.geometry.formats import read_file
+from pytest_rvads.geometry.graph import MetricGraph
+from pytest_rvads.geometry.junction import Entrance, Exit, Junction, Movement
+from pytest_rvads.geometry.network import Doubt, Edge, MapWarning
+from pytest_rvads.geometry.paths import walk
+from pytest_rvads.geometry.projection import Locator, Track
+from pytest_rvads.geometry.segment import Segment, join
+from pytest_rvads.geometry.turn_words import turn_word
+from pytest_rvads.geometry.yielding import Reason
+from pytest_rvads.support.errors import MapError, suggest
+from pytest_rvads.support.wording import plural
+
+__all__ = ["WALK_LIMIT", "RoadMap", "describe", "read_map"]
+
+WALK_LIMIT = 600.0
+"""Longest part of an approach or exit road that becomes geometry [m]."""
+
+
+@dataclass(frozen=True, eq=False)
+class RoadMap:
+    """The content of a map file."""
+
+    path: str
+    graph: MetricGraph
+    """The metric graph of all drivable lanes."""
+    junctions: tuple[JunctionReport, ...]
+    """Reports of the junctions that the file declares, usable or not, in file order."""
+    warnings: tuple[MapWarning, ...]
+    joints: frozenset[str] = frozenset()
+    """Ids of junctions that only join two roads; approaches and exit roads continue through them."""
+
+    def walk(self, start: str, *, upstream: bool) -> list[str]:
+        """Return the edges from edge `start` to the next junction or the end of the road, see `pytest_rvads.geometry.paths`."""
+        return walk(self.graph, start, upstream=upstream, joints=self.joints)
+
+    @cached_property
+    def bends(self) -> tuple[MapWarning, ...]:
+        """Warnings about movements on which no car keeps its lane, one per junction; paths are planned at the first use."""
+        usable = ((report.id, self._cut(report, report.id, roads=True).tight) for report in self.junctions if report.usable)
+        return tuple(MapWarning(Doubt.BEND, _bend(id, tight), None, id) for id, tight in usable if tight)
+
+    @cached_property
+    def locator(self) -> Locator:
+        """The locator of the segments that a pose can be on."""
+        return Locator(map(self.graph.segment, self.graph.segments))
+
+    def track(self, id: str, entrance: int, exit: int) -> Track:
+        """Return the segments of the metric graph from the start of an approach through junction `id` down an exit road.
+
+        Args:
+            id: the id of the junction.
+            entrance: the number of the entrance.
+            exit: the number of the exit.
+
+        Raises:
+            MapError: no junction has this id, or the junction has no such movement.
+        """
+        report = self.report(id)
+        way = next((way for way in report.movements if (way.entrance, way.exit) == (entrance, exit)), None)
+        if way is None:
+            raise MapError(f"junction {id!r} of map file {self.path} has no movement from entrance {entrance} to exit {exit}")
+        before = self.walk(way.path.entrance, upstream=True)[::-1]
+        after = self.walk(way.path.exit, upstream=False)
+        return Track([self.graph.segment(edge) for edge in (*before, *way.path.edges, *after)])
+
+    def relations(self, report: JunctionReport) -> Junction | None:
+        """Return a junction without its roads, for its relations; None if the junction is unusable."""
+        return self._cut(report, report.id, roads=False) if report.usable else None
+
+    def entex(self, id: str) -> dict[str, str]:
+        """Return the paper's ``entex`` of junction `id`: per entrance vertex the neighbouring exit vertex.
+
+        Raises:
+            MapError: no junction has this id.
+        """
+        pairs = [(arm.entrances, arm.exits) for arm in self.report(id).arms]
+        return {self.graph.ends(one)[1]: self.graph.ends(twos[0])[0] for ones, twos in pairs if twos for one in ones}
+
+    def report(self, id: str) -> JunctionReport:
+        """Return the report of junction `id`.
+
+        Raises:
+            MapError: no junction has this id.
+        """
+        for report in self.junctions:
+            if report.id == id:
+                return report
+        ids = [report.id for report in self.junctions]
+        usable = [report.id for report in self.junctions if report.usable]
+        listed = ", ".join(usable[:20]) + (", ..." if len(usable) > 20 else "")
+        raise MapError(
+            f"map file {self.path} has no junction {id!r}; its {len(usable)} usable ones are {listed or 'none'}{suggest(id, ids)}"
+        )
+
+    def junction(self, id: str, *, name: str | None = None, uturns: bool = False) -> Junction:
+        """Return junction `id` with its geometry.
+
+        Args:
+            id: the id of the ``<junction>``.
+            name: the name in test ids; ``stem.id`` by default.
+            uturns: keep U-turns, which are left out otherwise; their direction is ``n``, the number of arms.
+
+        Raises:
+            MapError: no junction has this id, or the junction is unusable; the message gives the reason.
+        """
+        report = self.report(id)
+        if uturns:
+            report = analyse(self.graph, cut(self.graph, id), report.objects, joints=self.joints, uturns=True)
+        if report.reason is not None:
+            raise MapError(f"junction {id!r} of map file {self.path} cannot be used: {report.reason}")
+        return self._cut(report, name or f"{Path(self.path).stem}.{id}", roads=True)
+
+    def _cut(self, report: JunctionReport, name: str, *, roads: bool) -> Junction:
+        """Return a junction; without `roads` its approaches and exit roads, which take longest to join, have no geometry."""
+        movements: dict[tuple[int, int], Movement] = {}
+        for way in reversed(report.movements):  # of several ways between two lanes, the shortest comes first
+            edges = [self.graph.edges[e] for e in way.path.edges]
+            parts = [Segment(edge.id, edge.points, way.turn, report.id, edge.limits) for edge in edges]
+            path = self._joined(parts)
+            movements[way.entrance, way.exit] = Movement(way.entrance, way.exit, way.turn, path.length, path.id, path)
+        phases = {entrance: number for number, group in enumerate(report.phase_groups) for entrance in group}
+        edges = [self.graph.edges[end.edge] for end in report.entrances]
+        lanes = zip(report.entrances, report.signs, report.setbacks, report.sign_setbacks, strict=True)
+
+        def road(edge: str, *, upstream: bool) -> Segment | None:
+            return self._road(edge, upstream=upstream) if roads else None
+
+        return Junction(
+            name,
+            report.id,
+            tuple(
+                Entrance(end.arm, end.lane, sign, phases.get(k), back, road(end.edge, upstream=True), posted)
+                for k, (end, sign, back, posted) in enumerate(lanes)
+            ),
+            tuple(Exit(end.arm, end.lane, road(end.edge, upstream=False)) for end in report.exits),
+            dict(sorted(movements.items())),
+            lifted(report.right_of, report.entrances),
+            lifted(report.opposite, report.entrances),
+            report.left_hand,
+            math.fsum(edge.width for edge in edges) / len(edges),
+            self.path,
+            report.stated,
+            report.joining,
+        )
+
+    def _road(self, start: str, *, upstream: bool) -> Segment:
+        """Join the segments of a walk into one segment, cut to `WALK_LIMIT`."""
+        total, kept = 0.0, []
+        for id in self.walk(start, upstream=upstream):
+            kept.append(self.graph.segment(id))
+            total += self.graph.edges[id].length
+            if total >= WALK_LIMIT:
+                break
+        segment = self._joined(kept[::-1] if upstream else kept)
+        if segment.length <= WALK_LIMIT:
+            return segment
+        return segment.tail(WALK_LIMIT) if upstream else segment.head(WALK_LIMIT)
+
+    def _joined(self, parts: list[Segment]) -> Segment:
+        segment = join(parts)
+        if segment is None:
+            raise MapError(f"the lanes {', '.join(part.id for part in parts)} of map file {self.path} do not meet")
+        return segment
+
+
+def read_map(path: str | os.PathLike[str], *, uturns: bool = False, clusters: bool = True) -> RoadMap:
+    """Read a map file, by its suffix.
+
+    Args:
+        path: the map file.
+        uturns: keep U-turns at all junctions, which are left out otherwise.
+        clusters: read junctions whose ways lead into each other as one junction, if the union has 3 to 8 arms.
+
+    Raises:
+        MapError: the file cannot be used at all; the message is one sentence.
+    """
+    graph = MetricGraph(read_file(path))
+    try:
+        graph = clustered(graph) if clusters else graph
+        network = graph.network
+        objects: dict[str, list[MapObject]] = {id: [] for id in network.junctions}
+        for item in network.objects:
+            objects[item.junction].append(item)
+        cuts = {id: cut(graph, id) for id in objects}
+        joints = joints_of(cuts.values())
+        reports = tuple(analyse(graph, cuts[id], items, joints=joints, uturns=uturns) for id, items in objects.items())
+    except MapError as error:
+        raise MapError(f"map file {path}: {error}") from None
+    warnings = (*network.warnings, *(warning for report in reports for warning in report.warnings))
+    return RoadMap(str(path), graph, reports, warnings, joints)
+
+
+def describe(road_map: RoadMap) -> dict[str, Any]:
+    """Return the JSON object of ``rvads map FILE --json``, as builtins."""
+    return {
+        "file": road_map.path,
+        "junctions": [_describe(report, road_map.relations(report), road_map.graph.edges) for report in road_map.junctions],
+        "warnings": [warning.record() for warning in (*road_map.warnings, *road_map.bends)],
+    }
+
+
+def _bend(id: str, tight: Mapping[Key, float]) -> str:
+    """Return the warning about the movements of a junction on which no car keeps its lane; it names the tightest movement."""
+    entrance, exit = min(tight, key=tight.__getitem__)
+    rest = f"; nor on {plural(len(tight) - 1, 'more movement')}" if len(tight) > 1 else ""
+    return (
+        f"no path of its rear axle keeps a usual car in its lane on the movement from entrance {entrance} to exit {exit} of "
+        f"junction {id!r}, which bends with a radius of {tight[entrance, exit]:.1f} m{rest}"
+    )
+
+
+def _limits(arm: RoadArm, edges: Mapping[str, Edge]) -> list[float]:
+    """Return the speed limits that the map states for the lanes of an arm at the junction, in ascending order [m/s]."""
+    stated = [*(edges[lane].limits[-1:] for lane in arm.entrances), *(edges[lane].limits[:1] for lane in arm.exits)]
+    return sorted({round(limit, 4) for limits in stated for _, limit in limits if limit is not None})
+
+
+def _describe(report: JunctionReport, junction: Junction | None, edges: Mapping[str, Edge]) -> dict[str, Any]:
+    """Return a report as builtins; conflicts and yields are given only for a usable junction."""
+    entering = [i for i, arm in enumerate(report.arms) if arm.entrances]
+    # Of several ways between two lanes, the shortest is driven, which comes first.
+    numbers = {(way.entrance, way.exit): k for k, way in reversed([*enumerate(report.movements)])}
+    by_arm = {i: [k for k, end in enumerate(report.entrances) if end.arm == i] for i in range(report.ways)}
+    conflicts, yields = (junction.conflicts or (), junction.yields or {}) if junction else ((), {})
+    undecided = {pair for pair, reason in yields.items() if reason is Reason.UNDECIDED}
+    return {
+        "id": report.id,
+        "ways": report.ways,
+        "control": report.control.value,
+        "usable": report.usable,
+        "kind": junction.kind if junction else None,
+        "usable_from": round(report.usable_from, 4) if report.usable else None,
+        "reason": None if report.reason is None else f"{report.reason[0].upper()}{report.reason[1:]}.",
+        "entrances": [f"e{i}" for i in entering],
+        "arms": [
+            {
+                "entrances": len(arm.entrances),
+                "exits": len(arm.exits),
+                "control": sign_of_arm([report.signs[k] for k in by_arm[i]]).value,
+                "speed_limits": _limits(arm, edges),
+            }
+            for i, arm in enumerate(report.arms)
+        ],
+        "movements": [
+            {
+                "entrance": report.entrances[way.entrance].arm,
+                "lane": report.entrances[way.entrance].lane,
+                "exit": report.exits[way.exit].arm,
+                "exit_lane": report.exits[way.exit].lane,
+                "turn": turn_word(report, way),
+                "length": round(way.length, 4),
+            }
+            for way in report.movements
+        ],
+        "conflicts": sorted([numbers[one], numbers[two]] for one, two in conflicts if numbers[one] < numbers[two]),
+        "yields": sorted([numbers[one], numbers[two]] for one, two in yields.keys() - undecided),
+        "undecided": sorted([numbers[one], numbers[two]] for one, two in undecided if numbers[one] < numbers[two]),
+        "approach": [round(min(report.approach[k] for k in by_arm[i]), 4) for i in entering],
+        "right_of": sorted([list(pair) for pair in report.right_of]),
+        "opposite": sorted([list(pair) for pair in report.opposite]),
+    }

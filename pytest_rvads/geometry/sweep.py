@@ -1,0 +1,333 @@
+"""The area that a body sweeps in a bend, and the search for a path of its rear axle that keeps the body in the lane.
+
+A path is a row of offsets from the smoothed centre line, found by a Gauss-Newton descent. Drivers follow the path. The rule
+`keep_lane` and the report of a map use whether a path exists.
+
+A path is searched once per way and body, and only where a vehicle on the centre line would break `keep_lane`, on the roads as
+well. Before and behind such a path drivers pursue the centre line. Stations always stay on the centre line.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pytest_rvads.geometry.bends import LEAST_RADIUS, least_radius
+from pytest_rvads.geometry.least_squares import BAND, normal_bands, pull, solved
+from pytest_rvads.geometry.segment import Segment, join
+
+__all__ = [
+    "CAR",
+    "EXIT_LENGTH",
+    "LANE_TOLERANCE",
+    "STEP",
+    "Body",
+    "Course",
+    "Sweep",
+    "no_way",
+    "plan",
+    "through",
+    "with_roads",
+]
+
+Array = NDArray[np.float64]
+
+LANE_TOLERANCE = 0.3
+"""Longest distance by which a body may cross the border of its lane [m]; about the variation of people's lane keeping."""
+STEP = 0.5
+"""Distance between two points of the path [m]."""
+FINE = 0.25
+"""Distance between two points of the centre line that bodies are measured against [m]."""
+AROUND = 4.0
+"""Half the range of stations in which the place of a corner is searched, around its place on a straight path [m]."""
+EXIT_LENGTH = 60.0
+"""Longest part of the exit road that belongs to the way of a vehicle [m]."""
+BEFORE, BEHIND = 12.0, 15.0
+"""Range of the search before the stopping line and behind the junction [m]."""
+BLUR = 2.5
+"""Standard deviation of the smoothing of the centre line [m]; an axle can't follow sharper corners."""
+MARGIN = 0.2
+"""Distance kept from the border that `keep_lane` allows, if there is room [m]: the error of the tracking."""
+RESERVE = 0.97
+"""Share of the vehicle's sharpest curvature that is used for planning, if it suffices."""
+LEAST = 0.03
+"""Least margin of a path that counts as keeping the lane [m]: the error of the rear axle at a walking pace."""
+LITTLE, MOST = 0.08, 0.98
+"""Margin [m] and share for planning if no path fits with `MARGIN` and `RESERVE`."""
+WITHIN = math.tan(0.61) / (0.7 * 0.8 / 1.8)
+"""Least length of path in which the wheels turn from straight on to their limit [m].
+
+The wheels of a car turn by 0.61 rad, with 0.7 of their 0.8 rad/s at 1.8 m/s.
+"""
+ROUNDS = 80
+"""Most steps of the descent."""
+DONE = 0.02
+"""Sum of weighted errors that is good enough: 1 cm over the border, or an offset of 0.5 m along 25 m."""
+_STEER, _TURN, _JERK = 100.0, 10.0, 0.6
+"""Weights of curvature beyond the vehicle's limit [m], of its change beyond the wheels' limit, and of every change [m^2]."""
+_LANE, _INSIDE, _CENTRE = 20.0, 2.0, 0.02
+"""Weights of bodies over the border, of corners over the border inside the junction, and of offsets [1/m].
+
+All weights are chosen, not measured: the errors that `keep_lane` judges have priority.
+"""
+_NUDGE = 1e-4
+"""Change of an offset from which derivatives are computed [m]."""
+
+
+class Body(NamedTuple):
+    """The measures of a vehicle that decide where it can go."""
+
+    length: float
+    """Length from bumper to bumper [m]."""
+    width: float
+    """Width of the body [m]."""
+    axle: float
+    """Distance from the front bumper to the rear axle [m]."""
+    radius: float
+    """Radius of the circle of the rear axle with the wheels turned to their limit [m]."""
+
+
+class Course(NamedTuple):
+    """The centre line of an approach, a movement and an exit road, with the width of its lane."""
+
+    path: Segment
+    origin: float
+    """Arc length of the entrance vertex on `path` [m]."""
+    length: float
+    """Length of the movement [m]."""
+    start: float
+    """Station of the front at which a path begins on the centre line [m]."""
+    lane_width: float
+    """Width of the lane [m]."""
+    behind: float = BEHIND
+    """Longest part of the exit road that the course includes [m]."""
+
+
+CAR = Body(4.6, 1.86, 3.65, LEAST_RADIUS)
+"""A usual car."""
+
+
+@lru_cache(maxsize=256)
+def through(approach: Segment, movement: Segment, road: Segment) -> Segment | None:
+    """Return the centre line of a vehicle's way, joined once; None if the segments do not meet."""
+    return join((approach, movement, road if road.length <= EXIT_LENGTH else road.head(EXIT_LENGTH)))
+
+
+class Sweep:
+    """The area that a body sweeps while its rear axle follows a path beside a centre line.
+
+    Args:
+        course: the centre line.
+        body: the body.
+        margin: the distance kept from the border that `keep_lane` allows [m].
+        share: the allowed share of the vehicle's sharpest curvature.
+        firm: a factor of the weights of sharp curvature and of the border.
+    """
+
+    def __init__(self, course: Course, body: Body, margin: float, share: float, firm: float = 1.0) -> None:
+        self._firm, self._margin = firm, margin
+        self._half, self._length = course.lane_width / 2.0 + LANE_TOLERANCE - margin, course.length
+        self._back, self._rear = body.axle, body.length - body.axle
+        self._side, self._most, self._swift = body.width / 2.0, share / body.radius, 1.0 / (body.radius * WITHIN)
+        path, origin = course.path, course.origin
+        first = course.start - self._back
+        last = min(path.length - origin, course.length + course.behind)
+        self.stations = np.arange(first, last, STEP)
+        count = len(self.stations)
+        points = round((last - first + self._back + self._rear + 2.0 * AROUND) / FINE) + 4
+        fine = np.asarray(first - self._rear - AROUND + FINE * np.arange(points), dtype=np.float64)
+        self._fine, (self._places, _) = fine, path.centre(fine + origin)
+        # For the middle of the front and for the corners, the points of the centre line among which the nearest point is.
+        ahead = np.array([self._back, self._back, self._back, -self._rear, -self._rear])
+        self._shape = ahead[:, None], np.array([0.0, -self._side, self._side, -self._side, self._side])[:, None]
+        start = np.arange(count)[:, None] * round(STEP / FINE) + np.round((ahead + self._rear) / FINE).astype(np.int64)
+        self._near = start[:, :, None] + np.arange(round(2.0 * AROUND / FINE))
+        beside = np.arange(-4.0 * BLUR, 4.0 * BLUR + STEP / 2, STEP)
+        weights = np.exp(-0.5 * (beside / BLUR) ** 2)
+        spread, _ = path.centre((self.stations[:, None] + beside).ravel() + origin)
+        blurred = (spread.reshape(count, -1, 2) * weights[:, None]).sum(axis=1) / weights.sum()
+        self.centre, _ = path.centre(self.stations + origin)
+        self.free = np.ones(count, dtype=np.bool_)
+        self.free[:2] = False
+        self.free[-3:] = last == path.length - origin  # beyond the end of its way no vehicle pursues the centre line
+        self._base = np.where(self.free[:, None], blurred, self.centre)
+        # A vehicle starts with its front on the centre line, pointing away from the place of its rear axle there.
+        front, _ = path.centre(np.array([course.start + origin]))
+        ahead = (front[0] - self._base[0]) / math.dist(front[0], self._base[0])
+        self._base[:2] = front - np.array([[self._back], [self._back - STEP]]) * ahead
+        along = np.gradient(self._base, axis=0)
+        self._left = np.stack((-along[:, 1], along[:, 0]), axis=-1) / np.hypot(along[:, 0], along[:, 1])[:, None]
+
+    def way(self, offsets: Array) -> Array:
+        """Return the points of the rear axle, shape ``(stations, 2)``."""
+        points: Array = self._base + offsets[:, None] * self._left
+        return points
+
+    def _spots(self, points: Array) -> Array:
+        """Return the middle of the front and the corners of the body, shape ``(stations, 5, 2)``."""
+        along = np.gradient(points, axis=0)
+        ahead = (along / np.hypot(along[:, 0], along[:, 1])[:, None])[:, None, :]
+        left = np.stack((-ahead[..., 1], ahead[..., 0]), axis=-1)
+        x, y = self._shape
+        spots: Array = points[:, None, :] + x * ahead + y * left
+        return spots
+
+    def nearest(self, points: Array) -> NDArray[np.int64]:
+        """Return the numbers of the points of the centre line nearest to front and corners, shape ``(stations, 5)``."""
+        apart = self._spots(points)[:, :, None, :] - self._places[self._near]
+        square = apart[..., 0] ** 2 + apart[..., 1] ** 2
+        return np.take_along_axis(self._near, square.argmin(axis=-1)[..., None], axis=-1)[..., 0]
+
+    def over(self, points: Array, nearest: NDArray[np.int64]) -> tuple[Array, Array]:
+        """Return the distances of the body over the border [m]: of the points that `keep_lane` checks, and of other corners."""
+        apart = self._spots(points) - self._places[nearest]
+        far = np.maximum(np.hypot(apart[..., 0], apart[..., 1]) - self._half, 0.0)
+        place = self._fine[nearest]
+        joint = STEP if self._margin > LEAST else STEP / 2.0
+        judged = (place <= joint) | (place >= self._length - joint)
+        judged[:, 0] = (place[:, 0] > 0.0) & (place[:, 0] < self._length)
+        return np.where(judged, far, 0.0), np.where(judged, 0.0, far)
+
+    def curvature(self, points: Array) -> Array:
+        """Return the curvature at every point but the first and the last [1/m]."""
+        one, two = points[1:-1] - points[:-2], points[2:] - points[1:-1]
+        cross = one[:, 0] * two[:, 1] - one[:, 1] * two[:, 0]
+        sizes = [np.hypot(*side.T) for side in (one, two, one + two)]
+        bend: Array = 2.0 * cross / (sizes[0] * sizes[1] * sizes[2])
+        return bend
+
+    def amiss(self, points: Array) -> Array:
+        """Return the stations where a vehicle can't follow a path, or where its body violates `keep_lane` [m]."""
+        judged, _ = self.over(points, self.nearest(points))
+        stations: Array = self.stations[judged.any(axis=1) | (np.abs(np.pad(self.curvature(points), 1)) > self._most)]
+        return stations
+
+    def errors(self, offsets: Array, nearest: NDArray[np.int64]) -> Array:
+        """Return the weighted errors of a path, a row per station."""
+        points = self.way(offsets)
+        bend = np.pad(self.curvature(points), 1)
+        judged, others = self.over(points, nearest)
+        sharp = np.maximum(np.abs(bend) - self._most, 0.0)
+        change = np.diff(bend, append=0.0) / STEP
+        swift = np.maximum(np.abs(change) - self._swift, 0.0)
+        bends = self._firm * _STEER * sharp, _TURN * swift, _JERK * change
+        return np.column_stack((*bends, self._firm * _LANE * judged, _INSIDE * others, _CENTRE * offsets))
+
+    def relax(self, offsets: Array) -> Array:
+        """Return the offsets of the best path found by a descent from given `offsets` [m]."""
+        damping, damped = 1.0, True
+        nearest = self.nearest(self.way(offsets))
+        best = self.errors(offsets, nearest)
+        cost = float((best * best).sum())
+        for _ in range(ROUNDS):
+            slopes = self._slopes(offsets, best, nearest)
+            bands = normal_bands(slopes)
+            force = pull(slopes, best)
+            for _ in range(12):
+                trial = offsets - solved(bands, damping, force)
+                near = self.nearest(self.way(trial))
+                errors = self.errors(trial, near)
+                lower = float((errors * errors).sum())
+                if damped := lower < cost:
+                    break
+                damping *= 6.0
+            if not damped:
+                break
+            done = lower < DONE or cost - lower < 1e-3 * cost
+            offsets, best, nearest, cost, damping = trial, errors, near, lower, max(damping / 6.0, 1e-6)
+            if done:
+                break
+        return offsets
+
+    def _slopes(self, offsets: Array, errors: Array, nearest: NDArray[np.int64]) -> Array:
+        """Return the derivatives of a station's errors by the offsets around it, shape ``(stations, errors, BAND)`` [1/m]."""
+        station = np.arange(len(offsets))
+        slopes = np.zeros((*errors.shape, BAND))
+        for colour in range(BAND):
+            moved = np.zeros(len(offsets))
+            moved[colour::BAND] = _NUDGE
+            moved[~self.free] = 0.0
+            change = (self.errors(offsets + moved, nearest) - errors) / _NUDGE
+            slopes[station, :, (colour - station + BAND // 2) % BAND] = change
+        return slopes
+
+
+def with_roads(course: Course, start: float, body: Body) -> Course:
+    """Return a course that reaches far enough to hold the bends of the roads in which a body would leave its lane.
+
+    Args:
+        course: the way through the junction.
+        start: station of the front from which on the approach counts [m].
+        body: what drives there, with its rear axle on the centre line.
+    """
+    start = max(start, -course.origin)
+    whole = Sweep(course._replace(start=start, behind=math.inf), body, MARGIN, RESERVE)
+    judged, _ = whole.over(whole.centre, whole.nearest(whole.centre))
+    amiss = whole.stations[judged.any(axis=1)]
+    if not len(amiss):
+        return course
+    first, last = (amiss[[0, -1]] + body.axle).tolist()
+    return course._replace(
+        start=max(start, min(course.start, first - BEFORE)), behind=max(course.behind, last - course.length + BEHIND)
+    )
+
+
+class Plan(NamedTuple):
+    """A path of a rear axle that leaves the centre line."""
+
+    stations: Array
+    """Stations of the points on the centre line [m]."""
+    points: Array
+    """Points of the path, shape ``(stations, 2)`` [m]."""
+    bend: Array
+    """Curvature at every point, shape ``(stations,)`` [1/m]."""
+    amiss: Array
+    """Stations of the rear axle where the vehicle can't follow the path, or does not keep its lane [m]."""
+
+
+@lru_cache(maxsize=1024)
+def plan(course: Course, body: Body) -> Plan | None:
+    """Return the path of the rear axle that keeps a body in its lane best; None if the centre line is good enough."""
+    roomy, exact = Sweep(course, body, MARGIN, RESERVE), Sweep(course, body, LEAST, 1.0)
+    if not len(roomy.amiss(roomy.centre)):
+        return None
+    offsets = roomy.relax(np.zeros(len(roomy.stations)))
+    close = Sweep(course, body, LITTLE, MOST, 10.0)
+    if len(close.amiss(close.way(offsets))):
+        offsets = close.relax(offsets)
+    points = exact.way(offsets)
+    amiss = exact.amiss(points)
+    return Plan(exact.stations, points, np.pad(exact.curvature(points), 1), close.amiss(points) if len(amiss) else amiss)
+
+
+class Narrow(NamedTuple):
+    """A bend in which no path of the rear axle keeps a body in its lane."""
+
+    radius: float
+    """Least radius of the centre line [m]."""
+    start: float
+    """Station of the front from which on the lane certainly can't be kept [m]; at most the station of the entrance vertex."""
+    end: float
+    """Station of the front up to which the lane can't be kept [m]; at least the station at which the rear leaves the junction."""
+
+
+def no_way(course: Course, body: Body) -> Narrow | None:
+    """Return the bend in which no path of the rear axle keeps the body in its lane; None if a path is found.
+
+    No path is planned for a bend in which the ring that the body sweeps on a circle of its radius is narrower than the lane.
+    """
+    first = course.start - body.length - AROUND
+    bend, _ = course.path.centre(np.arange(first, course.length + BEHIND, STEP) + course.origin)
+    radius = least_radius(bend)
+    ring = math.hypot(radius + body.width / 2.0, body.axle) - (radius - body.width / 2.0)
+    if radius >= body.radius and ring <= course.lane_width + 2.0 * LANE_TOLERANCE:
+        return None
+    path = plan(course, body)
+    if path is None or not len(path.amiss):
+        return None
+    first, last = (path.amiss[[0, -1]] + body.axle).tolist()
+    return Narrow(radius, min(first - body.length - STEP, 0.0), max(last + STEP, course.length) + body.length)

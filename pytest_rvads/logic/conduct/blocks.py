@@ -1,0 +1,381 @@
+"""Blocks: one or more consecutive states of vehicles, and signals, which are quantities that words share on a block.
+
+A signal is worked out once per block, for all vehicles or pairs of vehicles at once. A signal that depends on earlier states has
+a carry, which one block hands on to the next block: so the values are the same whether a run is one block, or every state is.
+"""
+
+from __future__ import annotations
+
+import weakref
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any, Generic, TypeVar, overload
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pytest_rvads.geometry.junction import Junction
+from pytest_rvads.logic.conduct.cast import Cast, Pairs
+from pytest_rvads.logic.conduct.memo import given, once
+from pytest_rvads.runs.run import DT, Collision, Run
+from pytest_rvads.runs.states import Zone
+from pytest_rvads.support.errors import RunError
+
+__all__ = [
+    "ABSENT",
+    "APPROACH",
+    "ENTRANCE",
+    "EXIT",
+    "GONE",
+    "JUNCTION",
+    "Block",
+    "Signal",
+    "as_blocks",
+    "assume",
+    "signal",
+    "sized",
+    "tick_of",
+    "unless_equal",
+]
+
+_Value = TypeVar("_Value")
+APPROACH, ENTRANCE, JUNCTION, EXIT, GONE, ABSENT = map(int, Zone)
+"""The zones as plain numbers: numpy compares arrays with members of an enumeration several times as slowly."""
+
+
+def sized(block: Block, columns: Sequence[int], position: str = "station") -> None:
+    """Check that a block holds the positions of all vehicles and the sizes of some vehicles.
+
+    Args:
+        block: the states.
+        columns: the columns of the vehicles whose sizes are needed.
+        position: ``station`` or ``pose``.
+
+    Raises:
+        RunError: the position or a size is not recorded.
+    """
+    block.need(position)
+    if any(block.cast.agents[column].size is None for column in columns):
+        raise RunError("the run holds no size of its vehicles")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Signal(Generic[_Value]):
+    """A quantity on a block: an array with a row per state and a column per vehicle or pair, or a tuple of arrays."""
+
+    work: Callable[..., Any]
+    """Takes the block and the carry; returns the value, and with a carry also one array per part of it, whose last row is the
+    carry of the next block."""
+    start: tuple[Any, ...] | Callable[[float], tuple[Any, ...]] = ()
+    """The carry of a vehicle or pair that was absent in the block before. A function returns the carry for the time between two
+    states [s]. An empty tuple: the signal has no carry."""
+    pairs: Callable[[Cast], Pairs] | None = None
+    """Which pairs the columns of the value and the carry are about; None: vehicles."""
+    needs: Callable[[Block, Sequence[int]], None] | None = None
+    """Raises a `RunError` where the value about some vehicles, given by column, is not known."""
+    otherwise: Any = False
+    """The value for two vehicles that make no pair, and for a vehicle in a block from which the vehicle is absent."""
+    of_entrances: bool = False
+    """Whether the columns of the value are about entrances."""
+    steady: bool = False
+    """Whether the value stays the same as long as zones, lights, the carry and all signals that `work` reads stay the same."""
+
+    @overload
+    def __call__(self, states: Block | Run) -> _Value: ...
+
+    @overload
+    def __call__(self, states: Block | Run, *columns: int) -> NDArray[Any]: ...
+
+    def __call__(self, states: Block | Run, *columns: int) -> Any:
+        """Return the value on a block or a whole run, for all vehicles or pairs, or for the vehicle or pair of some columns.
+
+        For two vehicles that make no pair the value is `otherwise` in every state.
+        """
+        if not isinstance(states, Block):
+            blocks = once(states, as_blocks)
+            if len(blocks) > 1:
+                if not columns:
+                    return once(states, self._assembled)
+                own = columns if self.of_entrances else None
+                parts = [self(block, *(own or [block.columns.get(column, -1) for column in columns])) for block in blocks]
+                return np.concatenate(parts)
+            states = blocks[0]
+        if not columns:
+            states.reading.append(self)
+            return states.values[self] if self in states.values else states.value(self)
+        column = None if min(columns) < 0 else self.column(states.cast, columns)
+        if column is None:
+            return np.full(len(states.zone), self.otherwise)
+        if self.needs is not None:
+            self.needs(states, columns)
+        value: Any = self(states)
+        return value[:, column]
+
+    def _assembled(self, run: Run) -> NDArray[Any]:
+        """Return the values about all vehicles of a run, shape ``(steps, agents)``."""
+        blocks = once(run, as_blocks)
+        parts: list[Any] = [self(block) for block in blocks]
+        found = np.full((run.steps, len(run.agents)), self.otherwise, dtype=parts[0].dtype)
+        for block, part in zip(blocks, parts, strict=True):
+            found[block.tick : block.tick + len(part), list(block.columns)] = part
+        return found
+
+    def column(self, cast: Cast, columns: Sequence[int]) -> int | None:
+        """Return which column of the value is about a vehicle or a pair, given by its columns."""
+        return columns[0] if self.pairs is None else cast.static(self.pairs).column.get((columns[0], columns[1]))
+
+
+@overload
+def signal(work: Callable[[Block], _Value]) -> Signal[_Value]: ...
+
+
+@overload
+def signal(
+    *,
+    start: tuple[Any, ...] | Callable[[float], tuple[Any, ...]] = ...,
+    pairs: Callable[[Cast], Pairs] | None = ...,
+    needs: Callable[[Block, Sequence[int]], None] | None = ...,
+    otherwise: Any = ...,
+    of_entrances: bool = ...,
+    steady: bool = ...,
+) -> Callable[..., Signal[Any]]: ...
+
+
+def signal(work: Any = None, **more: Any) -> Any:
+    """Make a signal of a function, see `Signal`."""
+    return Signal(work) if work is not None else lambda work: Signal(work, **more)
+
+
+@dataclass(eq=False)
+class Block:
+    """Consecutive states; arrays as in `Run`, with a row per state and a column per vehicle."""
+
+    cast: Cast
+    zone: NDArray[np.int8]
+    lights: NDArray[np.int8]
+    dt: float = DT
+    station: NDArray[np.float64] | None = None
+    speed: NDArray[np.float64] | None = None
+    pose: NDArray[np.float64] | None = None
+    touching: Sequence[tuple[frozenset[str], int]] | None = None
+    """The names of two vehicles that touch for the first time, and the row of this state; None: contacts are not recorded."""
+    tick: int = 0
+    """Tick of the first state."""
+    previous: Block | None = None
+    """The block before this block."""
+    kept: Sequence[int | None] | None = None
+    """The column of every vehicle in the block before, None for a vehicle that was absent; None: the columns have not changed."""
+    whole: bool = False
+    """Whether the block is part of a run that is known to its end."""
+    following: weakref.ref[Block] | None = None
+    """The block after this block, if known; weak, because a circle of references would stay in memory for a while."""
+    columns: dict[int, int] = field(default_factory=dict)
+    """The column in the block by the column in the run, for every vehicle of the block."""
+    after: dict[Signal[Any], tuple[NDArray[Any], ...]] = field(default_factory=dict)
+    """The carry that every signal hands on to the next block."""
+    values: dict[Signal[Any], Any] = field(default_factory=dict)
+    """The values of the signals that have been worked out."""
+    earlier: Block | None = None
+    """The block before this block, if it has the same vehicles and arrays and as many states; steady values are taken from it."""
+    inputs: dict[Signal[Any], tuple[Sequence[Signal[Any]], tuple[NDArray[Any], ...]]] = field(default_factory=dict)
+    """The signals that every steady signal has read, and the carry that it was given."""
+    reading: list[Signal[Any]] = field(default_factory=list)
+    """The signals that the signal which is being worked out has read so far."""
+
+    @property
+    def junction(self) -> Junction:
+        """Where the vehicles drive."""
+        return self.cast.junction
+
+    @property
+    def given(self) -> tuple[bool, ...]:
+        """Whether stations, speeds and poses are given."""
+        return self.station is not None, self.speed is not None, self.pose is not None
+
+    @property
+    def next(self) -> Block | None:
+        """The block after this block; None if it is not known."""
+        return None if self.following is None else self.following()
+
+    @cached_property
+    def here(self) -> NDArray[np.bool_]:
+        """`Run.here`."""
+        found: NDArray[np.bool_] = (self.zone != GONE) & (self.zone != ABSENT)
+        return found
+
+    @cached_property
+    def ticks(self) -> NDArray[np.int64]:
+        """The tick of every state, shape ``(n, 1)``."""
+        return np.arange(self.tick, self.tick + len(self.zone))[:, None]
+
+    def only(self, row: int) -> Block:
+        """Return one state of the block as a block, with the values that have been worked out."""
+        if len(self.zone) == 1:
+            return self
+        part = slice(row, row + 1)
+        station, speed, pose = (None if array is None else array[part] for array in (self.station, self.speed, self.pose))
+        touching = None if self.touching is None else [(pair, 0) for pair, when in self.touching if when == row]
+        state = Block(self.cast, self.zone[part], self.lights[part], self.dt, station, speed, pose, touching, self.tick + row)
+        for signal, value in self.values.items():
+            if isinstance(value, np.ndarray):
+                state.values[signal] = value[part]
+            elif isinstance(value, tuple):
+                state.values[signal] = getattr(value, "_make", tuple)([array[part] for array in value])
+        return state
+
+    def need(self, name: str) -> NDArray[np.float64]:
+        """Return ``station``, ``speed`` or ``pose``.
+
+        Raises:
+            RunError: it is not recorded.
+        """
+        array: NDArray[np.float64] | None = getattr(self, name)
+        if array is None:
+            raise RunError(f"the run holds no {'speeds' if name == 'speed' else 'positions'}")
+        return array
+
+    def value(self, signal: Signal[_Value]) -> _Value:
+        """Work out the value of a signal."""
+        earlier, carry = self.earlier, self._carry(signal) if signal.start else ()
+        if earlier is not None and signal.steady and self._stays(signal, carry, earlier):
+            self.inputs[signal] = earlier.inputs[signal]
+            if signal.start:
+                self.after[signal] = carry
+            kept: _Value = earlier.values[signal]
+            self.values[signal] = kept
+            return kept
+        outer, self.reading = self.reading, []
+        try:
+            result: Any = signal.work(self, *carry)
+        finally:
+            read, self.reading = self.reading, outer
+        value: _Value = result[0] if signal.start else result
+        after = tuple([track[-1] for track in result[1:]]) if signal.start else ()
+        if earlier is not None:
+            value = unless_equal(value, earlier.values.get(signal))
+        if signal.steady and not self.whole:
+            self.inputs[signal], after = (read, carry), unless_equal(after, carry)
+        self.values[signal] = value
+        if signal.start:
+            self.after[signal] = after
+        return value
+
+    def _stays(self, signal: Signal[Any], carry: tuple[NDArray[Any], ...], earlier: Block) -> bool:
+        """Return whether all that a steady signal depends on is as in an earlier block."""
+        if self.zone is not earlier.zone or self.lights is not earlier.lights or signal not in earlier.inputs:
+            return False
+        read, given = earlier.inputs[signal]
+        if carry is not given:
+            return False
+        for part in read:  # noqa: SIM110 - a loop costs less than a generator in all()
+            if (self.values[part] if part in self.values else self.value(part)) is not earlier.values[part]:
+                return False
+        return True
+
+    def _carry(self, signal: Signal[Any]) -> tuple[NDArray[Any], ...]:
+        """Return the carry of a signal at the end of the block before, in the columns of this block."""
+        if self.previous is None:
+            if self.tick:
+                raise RuntimeError(
+                    f"{signal.work.__name__} depends on earlier states, and was not worked out on the block before"
+                )
+            return _fresh(signal, self.cast, self.dt)
+        signal(self.previous)
+        carry, cast = self.previous.after[signal], self.previous.cast
+        if self.kept is None:
+            return carry
+        columns = {before: now for now, before in enumerate(self.kept) if before is not None}
+        if signal.pairs is None:
+            moves = list(columns.items())
+        else:
+            now, then = self.cast.static(signal.pairs).column, cast.static(signal.pairs).column
+            moved = (((columns.get(one), columns.get(two)), number) for (one, two), number in then.items())
+            moves = [(number, now[pair]) for pair, number in moved if pair in now]
+        source, target = np.array(moves, dtype=np.int64).reshape(-1, 2).T
+        fresh = _fresh(signal, self.cast, self.dt)
+        for part, was in zip(fresh, carry, strict=True):
+            part[..., target] = was[..., source]
+        return fresh
+
+
+def _fresh(signal: Signal[Any], cast: Cast, dt: float) -> tuple[NDArray[Any], ...]:
+    count = len(cast if signal.pairs is None else cast.static(signal.pairs))
+    starts = signal.start(dt) if callable(signal.start) else signal.start
+    return tuple(np.repeat(np.asarray(start)[..., None], count, axis=-1) for start in starts)
+
+
+def unless_equal(new: Any, old: Any) -> Any:
+    """Return the old arrays where the new arrays are equal to them, so that comparing identities tells what has changed."""
+    if isinstance(new, np.ndarray):
+        return old if old is not None and new.dtype.kind in "bi" and new.tobytes() == old.tobytes() else new
+    if isinstance(new, tuple) and old is not None:
+        for part, known in zip(new, old, strict=True):
+            if unless_equal(part, known) is not known:
+                return new
+        return old
+    return new
+
+
+_WORK = 150_000
+"""States of a block times the square of its vehicles: so much fits into the cache of a processor."""
+_LEAST = 64
+"""Fewest states of a block."""
+_MOST = 4096
+"""Most states of a block."""
+_BLOCKS = 60
+"""Most blocks of a run."""
+_WHOLE = 10_000_000
+"""States times the square of the vehicles, at most, for a run without absent vehicles to be one block: 80 MB a signal."""
+
+
+def as_blocks(run: Run, size: int = 0) -> tuple[Block, ...]:
+    """Return a run as consecutive blocks; a run without absent vehicles is one block, unless it is large.
+
+    Args:
+        run: the run.
+        size: number of states of a block; 0: the number that is worked out fastest. A block holds only the vehicles that are
+            present in at least one of its states.
+    """
+    present = run.zone != ABSENT
+    most = int(present.sum(axis=1).max(initial=1))
+    size = size or max(min(_WORK // most**2, _MOST), _LEAST, -(-run.steps // _BLOCKS))
+    if run.steps <= size or (present.all() and run.steps * most**2 <= _WHOLE):
+        size = max(run.steps, 1)
+    contacts = None if run.collisions is None else [(frozenset(c.agents), tick_of(run, c)) for c in run.collisions]
+    blocks: list[Block] = []
+    for begin in range(0, max(run.steps, 1), size):
+        part = slice(begin, begin + size)
+        there = np.flatnonzero(present[part].any(axis=0)).tolist() if size < run.steps else list(range(len(run.agents)))
+        station, speed, pose = (None if array is None else array[part][:, there] for array in (run.station, run.speed, run.pose))
+        previous = blocks[-1] if blocks else None
+        block = Block(
+            Cast(run.junction, [run.agents[column] for column in there], run.facts),
+            run.zone[part][:, there],
+            run.lights[part],
+            run.dt,
+            station,
+            speed,
+            pose,
+            None if contacts is None else [(pair, tick - begin) for pair, tick in contacts if begin <= tick < begin + size],
+            begin,
+            previous,
+            None if previous is None else [previous.columns.get(column) for column in there],
+            whole=True,
+            columns={column: number for number, column in enumerate(there)},
+        )
+        if previous is not None:
+            previous.following = weakref.ref(block)
+        blocks.append(block)
+    return tuple(blocks)
+
+
+def assume(run: Run, block: Block) -> None:
+    """Have signals on a run read this block instead of blocks that are made of the run."""
+    blocks: tuple[Block, ...] = (block,)
+    given(run, as_blocks, blocks)
+
+
+def tick_of(run: Run, collision: Collision) -> int:
+    """Return the tick of a collision."""
+    return min(max(round(collision.time / run.dt), 0), run.steps - 1)

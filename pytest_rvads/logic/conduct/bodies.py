@@ -1,0 +1,231 @@
+"""Contacts of bodies: as recorded by a simulator, else computed from poses and sizes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from itertools import combinations
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pytest_rvads.logic.conduct.blocks import ABSENT, Block, as_blocks, signal, sized
+from pytest_rvads.logic.conduct.cast import Cast, Pairs
+from pytest_rvads.logic.conduct.memo import once
+from pytest_rvads.runs.run import Collision, Run
+
+__all__ = ["Box", "close", "collide", "contacts", "couples", "gap", "headings", "overlap", "touch", "velocity"]
+
+
+_Size = float | NDArray[np.float64]
+
+
+def contacts(run: Run) -> tuple[Collision, ...]:
+    """Return the first contact of every pair of vehicles: as recorded, else computed from poses and sizes.
+
+    Raises:
+        RunError: no contacts were recorded, and the run holds no positions or no sizes.
+    """
+    return once(run, _contacts) if run.collisions is None else run.collisions
+
+
+def _contacts(run: Run) -> tuple[Collision, ...]:
+    found = []
+    for one, two in combinations(range(len(run.agents)), 2):
+        touching = np.flatnonzero(overlap(run, one, two))
+        if len(touching):
+            tick = int(touching[0])
+            apart = (velocity(run, one) - velocity(run, two))[tick]
+            names = run.agents[one].name, run.agents[two].name
+            found.append(Collision(tick * run.dt, names, round(float(np.hypot(*apart)), 9)))
+    return tuple(sorted(found, key=lambda c: c.time))
+
+
+def couples(cast: Cast) -> Pairs:
+    """Return all pairs of vehicles; both orders are the same pair."""
+    return Pairs(list(combinations(range(len(cast)), 2)), ordered=False)
+
+
+def _bodies(block: Block, columns: Sequence[int]) -> None:
+    sized(block, columns, "pose")
+
+
+@signal(pairs=couples, needs=_bodies)
+def overlap(block: Block) -> NDArray[np.bool_]:
+    """Whether the bodies of each pair of vehicles overlap, see `touch`."""
+    both, cast, pose = block.cast.static(couples), block.cast, block.need("pose")
+    rows, numbers = _close(block)
+    found = np.zeros((len(pose), len(both)), dtype=np.bool_)
+    if len(rows):
+        columns = both.one[numbers], both.two[numbers]
+        found[rows, numbers] = touch([(pose[rows, k], (cast.length[k], cast.width[k])) for k in columns])
+    return found
+
+
+def _recorded_or_bodies(block: Block, columns: Sequence[int]) -> None:
+    if block.touching is None:
+        _bodies(block, columns)
+
+
+@signal(pairs=couples, needs=_recorded_or_bodies)
+def collide(block: Block) -> NDArray[np.bool_]:
+    """Whether the bodies of each pair of vehicles touch; contacts recorded by a simulator are true at the first contact only."""
+    if block.touching is None:
+        touching: NDArray[np.bool_] = overlap(block)
+        return touching
+    both, names = block.cast.static(couples), {agent.name: column for column, agent in enumerate(block.cast.agents)}
+    found = np.zeros((len(block.zone), len(both)), dtype=np.bool_)
+    for pair, row in block.touching:
+        one, two = (names.get(name, -1) for name in pair)
+        if (one, two) in both.column:
+            found[row, both.column[one, two]] = True
+    return found
+
+
+def touch(bodies: Sequence[tuple[NDArray[np.float64], tuple[_Size, _Size]]]) -> NDArray[np.bool_]:
+    """Return where the rectangles of two bodies overlap, shape ``(steps,)``: no axis separates them (Gottschalk et al. 1996).
+
+    Args:
+        bodies: for each of the two bodies, its poses, shape ``(steps, 3)`` [m, m, rad], and its length and width [m], which may
+            be arrays of the shape ``(steps,)``.
+    """
+    centres, halves = zip(*(_box(pose, *size) for pose, size in bodies), strict=True)
+    apart, sides = centres[1] - centres[0], np.concatenate(halves, axis=1)
+    units = sides / np.hypot(sides[..., :1], sides[..., 1:])
+    along = np.abs((sides[:, None] * units[:, :, None]).sum(axis=-1))
+    reach = along.reshape(len(along), -1, 2, 2).sum(axis=-1).sum(axis=-1)
+    found: NDArray[np.bool_] = (np.abs((apart[:, None] * units).sum(axis=-1)) < reach).all(axis=1)
+    return found
+
+
+def close(run: Run) -> NDArray[np.bool_]:
+    """Return which pairs of agents come so close that they might touch, shape ``(agents, agents)``, symmetric.
+
+    A body without a size counts as a point.
+
+    Raises:
+        RunError: the run holds no positions.
+    """
+    found = np.zeros((len(run.agents), len(run.agents)), dtype=np.bool_)
+    for block in once(run, as_blocks):
+        both, (_, numbers), columns = block.cast.static(couples), _close(block), np.array(list(block.columns), dtype=np.int64)
+        one, two = columns[both.one[numbers]], columns[both.two[numbers]]
+        found[one, two] = found[two, one] = True
+    return found
+
+
+_BLOCK = 50
+"""Ticks that are checked together."""
+_MARGIN = 1.0
+"""Bodies this near to each other might touch [m]; positions have smaller errors."""
+
+
+@signal
+def headings(block: Block) -> NDArray[np.float64]:
+    """The unit vector in which every vehicle points, shape ``(n, agents, 2)``."""
+    heading = block.need("pose")[..., 2]
+    found = np.empty((*heading.shape, 2))
+    found[..., 0], found[..., 1] = np.cos(heading), np.sin(heading)
+    return found
+
+
+def _circles(cast: Cast) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Return circles around the bodies: the distances of their centres behind the fronts, and their radii [m].
+
+    The third array holds, per pair of `couples`, the square of the distance at which the two circles touch [m^2].
+    """
+    length, width, both = np.nan_to_num(cast.length), np.nan_to_num(cast.width), cast.static(couples)
+    radius = np.hypot(length, width) / 2 + _MARGIN / 2
+    return length / 2, radius, (both.first(radius) + both.second(radius)) ** 2
+
+
+@signal
+def _close(block: Block) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the rows and the pair numbers at which the circles around two bodies touch, or nearly touch."""
+    pose, both, (half, radius, squares) = block.need("pose"), block.cast.static(couples), block.cast.static(_circles)
+    centre = pose[..., :2] - half[:, None] * headings(block)
+    if len(pose) > _BLOCK:
+        rows, numbers = np.nonzero(np.repeat(_near(block, centre, radius), _BLOCK, axis=0)[: len(pose)])
+        apart = centre[rows, both.one[numbers]] - centre[rows, both.two[numbers]]
+        near = np.einsum("ij,ij->i", apart, apart) <= squares[numbers]
+        rows, numbers = rows[near], numbers[near]
+    else:
+        apart = centre.take(both.one, axis=1) - centre.take(both.two, axis=1)
+        rows, numbers = np.nonzero(np.einsum("ijk,ijk->ij", apart, apart) <= squares)
+    there = block.here[rows, both.one[numbers]] & block.here[rows, both.two[numbers]]
+    return rows[there], numbers[there]
+
+
+def _near(block: Block, centre: NDArray[np.float64], reach: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return which pairs of circles might touch in which spans of `_BLOCK` ticks, shape ``(spans, pairs)``."""
+    both, starts = block.cast.static(couples), np.arange(0, len(centre), _BLOCK)
+    place, known = centre.copy(), block.zone != ABSENT
+    for column in np.flatnonzero(known.any(axis=0) & ~known.all(axis=0)).tolist():
+        ticks = np.flatnonzero(known[:, column])
+        place[: ticks[0], column], place[ticks[-1] :, column] = centre[ticks[0], column], centre[ticks[-1], column]
+    moved = np.hypot(*np.moveaxis(np.diff(place, axis=0, prepend=place[:1]), -1, 0))
+    moved[starts] = 0.0
+    # A vehicle is at most as far from its place at the start of a span as it has moved in the span.
+    wide = np.add.reduceat(moved, starts, axis=0) + reach
+    there, place = np.logical_or.reduceat(block.here, starts, axis=0), place[starts]
+    apart = place[:, both.one] - place[:, both.two]
+    found: NDArray[np.bool_] = np.hypot(apart[..., 0], apart[..., 1]) <= both.first(wide) + both.second(wide)
+    found &= both.first(there) & both.second(there)
+    return found
+
+
+def _box(pose: NDArray[np.float64], length: _Size, width: _Size) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return centres, shape ``(steps, 2)``, and half axes along and across, shape ``(steps, 2, 2)`` [m]."""
+    ahead = np.stack((np.cos(pose[:, 2]), np.sin(pose[:, 2])), axis=-1)
+    left = np.stack((-ahead[:, 1], ahead[:, 0]), axis=-1)
+    long, wide = (np.asarray(size)[..., None] / 2 for size in (length, width))
+    return pose[:, :2] - long * ahead, np.stack((long * ahead, wide * left), axis=1)
+
+
+def velocity(run: Run, agent: int) -> NDArray[np.float64]:
+    """Return the velocity of an agent, shape ``(steps, 2)`` [m/s]; zero where speeds are not recorded."""
+    if run.speed is None:
+        return np.zeros((run.steps, 2))
+    heading = run.need("pose")[:, agent, 2]
+    found: NDArray[np.float64] = run.speed[:, agent, None] * np.stack((np.cos(heading), np.sin(heading)), axis=-1)
+    return found
+
+
+_DOUBT = 1e-6
+"""Largest computed gap of two bodies that counts as contact [m]."""
+
+
+class Box(NamedTuple):
+    """The rectangle of a body, which extends backwards from its front."""
+
+    x: float
+    """East coordinate of the middle of the front [m]."""
+    y: float
+    """North coordinate of the middle of the front [m]."""
+    heading: float
+    """Counter-clockwise from east [rad]."""
+    length: float
+    """Length of the body [m]."""
+    width: float
+    """Width of the body [m]."""
+
+
+def gap(one: Box, two: Box) -> float:
+    """Return a lower bound of the distance between two bodies; at most 0 if the bodies touch [m]."""
+    _, _, heading, length, width = one
+    _, _, other_heading, other_length, other_width = two
+    cos, sin, other_cos, other_sin = math.cos(heading), math.sin(heading), math.cos(other_heading), math.sin(other_heading)
+    long, half, other_long, other_half = length / 2, width / 2, other_length / 2, other_width / 2
+    x = (two.x - other_long * other_cos) - (one.x - long * cos)
+    y = (two.y - other_long * other_sin) - (one.y - long * sin)
+    round_gap = math.hypot(x, y) - math.hypot(long, half) - math.hypot(other_long, other_half)
+    if round_gap > _DOUBT:
+        return round_gap
+    along, across = abs(cos * other_cos + sin * other_sin), abs(cos * other_sin - sin * other_cos)
+    return max(
+        abs(x * cos + y * sin) - long - other_long * along - other_half * across,
+        abs(y * cos - x * sin) - half - other_long * across - other_half * along,
+        abs(x * other_cos + y * other_sin) - other_long - long * along - half * across,
+        abs(y * other_cos - x * other_sin) - other_half - long * across - half * along,
+    )

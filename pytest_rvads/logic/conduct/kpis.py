@@ -1,0 +1,202 @@
+"""Key performance indicators of a run: waiting times, braking, and distances between vehicles in time.
+
+Surrogate safety measures as in the literature: time to collision (Hayward, Near miss determination through use of a scale of
+danger, HRB 1972), post-encroachment time (Allen, Shin, Cooper, Analysis of traffic conflicts and collisions, TRR 1978). An
+indicator that needs values which the run does not record is None, and `Kpis.unavailable` names it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pytest_rvads.logic.conduct.blocks import tick_of
+from pytest_rvads.logic.conduct.bodies import contacts, velocity
+from pytest_rvads.logic.conduct.predicates import ticks
+from pytest_rvads.logic.conduct.presence import judged
+from pytest_rvads.logic.conduct.standing import arrived, limits_of
+from pytest_rvads.logic.conduct.stretches import shared
+from pytest_rvads.runs.measured import Kpis, PairKpis, VehicleKpis
+from pytest_rvads.runs.run import Run
+from pytest_rvads.runs.states import Zone
+from pytest_rvads.support.errors import RunError, require
+
+__all__ = ["Kpis", "describe", "kpis"]
+
+WINDOW = 0.1
+"""Time over which accelerations and jerks are differences [s]: ten steps, so that single steps don't dominate."""
+_DISCS = 3
+"""Number of discs that cover a body for the time to collision."""
+
+
+def kpis(run: Run) -> Kpis:
+    """Compute the indicators of a run; indicators that the run does not record enough for are listed as unavailable.
+
+    An excerpt has the indicators of its judged vehicles, and of the pairs whose last vehicle to appear is judged in the excerpt.
+    So an indicator appears in a single excerpt only.
+    """
+    require(run, Run, "kpis takes a run, such as rvads.simulate(case) returns", RunError)
+    missing = _unavailable(run)
+    columns, told = range(len(run.agents)), judged(run)
+
+    def measure(name: str, function: Callable[..., float | None], *where: int) -> float | None:
+        return None if name in missing else function(run, *where)
+
+    vehicles = tuple(
+        VehicleKpis(
+            run.agents[i].name,
+            _arrival(run, i),
+            _rounded(float((run.zone[:, i] == Zone.ENTRANCE).sum()) * run.dt),
+            measure("delay", _delay, i),
+            measure("deceleration", _deceleration, i),
+            measure("jerk", _jerk, i),
+        )
+        for i in columns
+        if told is None or i in told
+    )
+    pairs = tuple(
+        PairKpis((run.agents[i].name, run.agents[k].name), measure("ttc", _ttc, i, k), measure("pet", _pet, i, k))
+        for i, k in combinations(columns, 2)
+        if told is None or k in told
+    )
+    ttc, pet = (
+        min((time for time in times if time is not None), default=None)
+        for times in ([pair.ttc for pair in pairs], [pair.pet for pair in pairs])
+    )
+    return Kpis(vehicles, pairs, missing, ttc, pet)
+
+
+def _unavailable(run: Run) -> tuple[str, ...]:
+    sized = all(agent.size for agent in run.agents)
+    recorded = {
+        "delay": run.station is not None and run.facts.speed_limit is not None,
+        "deceleration": run.speed is not None,
+        "jerk": run.speed is not None,
+        "ttc": run.pose is not None and run.speed is not None and sized,
+        "pet": run.station is not None and run.junction.drivable and sized,
+    }
+    return tuple(name for name, there in recorded.items() if not there)
+
+
+_NAMES = {
+    "waiting": ("waiting", "s"),
+    "delay": ("delay", "s"),
+    "deceleration": ("braking", "m/s^2"),
+    "jerk": ("jerk", "m/s^3"),
+    "ttc": ("time to collision", "s"),
+    "pet": ("post-encroachment time", "s"),
+}
+
+
+def describe(found: Kpis) -> list[str]:
+    """Return the indicators as lines for a person: a line per available indicator, then the indicators that are not recorded."""
+    record = found.record()
+    lines = []
+    for key, (name, unit) in _NAMES.items():
+        entries = [e for e in (*record["vehicles"], *record["pairs"]) if e.get(key) is not None]
+        shown = (f"{e.get('agent') or ' '.join(e['agents'])} {e[key]:.2f}" for e in entries)
+        if entries:
+            lines.append(f"{name} [{unit}]  {', '.join(shown)}")
+    if found.unavailable:
+        lines.append(f"not recorded: {', '.join(_NAMES[key][0] for key in found.unavailable)}")
+    return lines
+
+
+def _accelerations(run: Run, column: int) -> tuple[NDArray[np.float64], int]:
+    """Return the mean acceleration in every window while the vehicle drove [m/s^2], and the length of a window in steps."""
+    step = max(ticks(run, WINDOW), 1)
+    end = _impact(run, column)
+    driven = run.need("speed")[:end, column][run.here[:end, column]]
+    return (driven[step:] - driven[:-step]) / (step * run.dt), step
+
+
+def _impact(run: Run, column: int) -> int:
+    """Return the tick at which a vehicle first touches another vehicle; the number of states if it never does."""
+    try:
+        touched = contacts(run)
+    except RunError:  # no positions or no sizes: contacts are unknown
+        return run.steps
+    name = run.agents[column].name
+    return min((tick_of(run, contact) for contact in touched if name in contact.agents), default=run.steps)
+
+
+def _deceleration(run: Run, column: int) -> float | None:
+    acceleration, _ = _accelerations(run, column)
+    return _rounded(max(0.0, -float(acceleration.min()))) if len(acceleration) else None
+
+
+def _jerk(run: Run, column: int) -> float | None:
+    acceleration, step = _accelerations(run, column)
+    change = np.abs(acceleration[step:] - acceleration[:-step])
+    return _rounded(float(change.max()) / (step * run.dt)) if len(change) else None
+
+
+def _arrival(run: Run, column: int) -> float | None:
+    there = np.flatnonzero(arrived(run)[:, column])
+    return _rounded(float(there[0]) * run.dt) if len(there) else None
+
+
+def _delay(run: Run, column: int) -> float | None:
+    left = np.flatnonzero(run.zone[:, column] >= Zone.EXIT)
+    if run.facts.speed_limit is None or not len(left):
+        return None
+    begin, way = int(run.spans[column, 0]), run.agents[column].way
+    limits, start = limits_of(run.junction, way.key, run.facts), float(run.need("station")[begin, column])
+    starts = [start, *(max(station, start) for station, _ in limits[1:])]
+    ends = (min(station, way.length) for station in (*starts[1:], way.length))
+    fastest = math.fsum((b - min(a, b)) / limit for a, b, (_, limit) in zip(starts, ends, limits, strict=True))
+    return _rounded(float(left[0] - begin) * run.dt - fastest)
+
+
+def _ttc(run: Run, one: int, two: int) -> float | None:
+    """Return the shortest time until discs that cover the two bodies touch, at constant velocity."""
+    both = run.here[:, one] & run.here[:, two]
+    sizes = run.size(one), run.size(two)
+    reach = math.fsum(float(np.hypot(length / _DISCS / 2, width / 2)) for length, width in sizes)
+    first, second = (_discs(run, k, length)[both] for k, (length, _) in zip((one, two), sizes, strict=True))
+    gap = second[:, None, :, :] - first[:, :, None, :]
+    closing = (velocity(run, two) - velocity(run, one))[both][:, None, None, :]
+    # |gap + t closing| = reach, solved for the first t >= 0
+    a = (closing**2).sum(axis=-1)
+    b = (gap * closing).sum(axis=-1)
+    c = (gap**2).sum(axis=-1) - reach**2
+    root = b**2 - a * c
+    meets = (root >= 0) & (b < 0) & (a > 1e-12)
+    time = np.where(meets, (-b - np.sqrt(np.maximum(root, 0.0))) / np.where(a > 1e-12, a, 1.0), np.inf)
+    time = np.where(c <= 0, 0.0, time)
+    shortest = float(time.min()) if time.size else np.inf
+    return _rounded(shortest) if np.isfinite(shortest) else None
+
+
+def _discs(run: Run, column: int, length: float) -> NDArray[np.float64]:
+    """Return the centres of the discs of a body, shape ``(steps, discs, 2)`` [m]."""
+    pose = run.need("pose")[:, column]
+    back = -(np.arange(_DISCS) + 0.5) / _DISCS * length
+    ahead = np.stack((np.cos(pose[:, 2]), np.sin(pose[:, 2])), axis=-1)
+    found: NDArray[np.float64] = pose[:, None, :2] + back[None, :, None] * ahead[:, None, :]
+    return found
+
+
+def _pet(run: Run, one: int, two: int) -> float | None:
+    common = shared(run, one, two)
+    if common is None:
+        return None
+    spans = []
+    for column, (start, end) in zip((one, two), (common.mine, common.yours), strict=True):
+        station = run.need("station")[:, column]
+        inside = np.flatnonzero(station >= start)
+        outside = np.flatnonzero(station - run.size(column)[0] > end)
+        if not len(inside):
+            return None
+        spans.append((int(inside[0]), int(outside[0]) if len(outside) else int(run.spans[column, 1])))
+    (_, left), (entered, _) = sorted(spans)
+    return _rounded((entered - left) * run.dt)
+
+
+def _rounded(value: float) -> float:
+    """Return a plain float without the noise of sums of steps."""
+    return round(float(value), 6)

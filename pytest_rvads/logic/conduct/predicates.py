@@ -1,0 +1,202 @@
+"""The predicates of the paper's table of semantics, evaluated on a run: one truth value per state.
+
+Dynamic predicates are signals on blocks of states. Static relations (right-of, opposite, turn, the entrance of an agent, the
+light of an entrance) are gathered in `Static`, the paper's model S^s.
+
+The paper's right-of and opposite are relations of arms, lifted to the lanes of the arms. Only the paper's rules and the two rules
+of the all-way stop use them; all other rules use `Junction.yields`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, fields
+from itertools import permutations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pytest_rvads.geometry.control import JunctionControl, Sign
+from pytest_rvads.geometry.segment import Turn
+from pytest_rvads.logic.conduct.blocks import APPROACH, ENTRANCE, EXIT, JUNCTION, Block, signal
+from pytest_rvads.logic.conduct.grounds import Ground, ground_of, in_turn, lit, may_owe
+from pytest_rvads.logic.conduct.lane import wrong_lanes
+from pytest_rvads.logic.conduct.memo import once
+from pytest_rvads.logic.conduct.presence import judged, together
+from pytest_rvads.runs.run import Run
+from pytest_rvads.runs.states import Agent
+
+__all__ = ["Static", "at_entrance", "colour", "extract", "in_junction", "on_approach", "on_exit", "once", "speed", "ticks"]
+
+
+@dataclass(frozen=True, slots=True)
+class Static:
+    """The part of the model that is constant in a run: junction, signs, lights, itineraries (Algorithm 1, ``extract``)."""
+
+    entrances: int
+    """Number of entrances."""
+    exits: int
+    control: JunctionControl
+    right_of: frozenset[tuple[int, int]]
+    opposite: frozenset[tuple[int, int]]
+    entex: frozenset[tuple[int, int]]
+    """Pairs of an entrance and an exit of the same arm."""
+    beside: frozenset[tuple[int, int]]
+    """Pairs of different entrances of the same arm."""
+    lights: tuple[int, ...]
+    """Entrances with a light."""
+    signs: tuple[int, ...]
+    """Entrances with a stop sign."""
+    agents: tuple[Agent, ...]
+    conflicts: frozenset[tuple[tuple[int, int], tuple[int, int]]] | None = None
+    """Pairs of conflicting ways; None if the geometry is unknown."""
+    near: Turn = Turn.RIGHT
+    """The turn that crosses no other way."""
+    far: Turn = Turn.LEFT
+    """The turn across oncoming traffic."""
+    grounds: frozenset[tuple[int, int, Ground]] | None = frozenset()
+    """Triples of two agents, by column, and a ground other than lights on which the first has to give way to the second.
+
+    None if the geometry is unknown.
+    """
+    owing: frozenset[tuple[int, int]] | None = None
+    """Pairs of agents of which the first may owe the way to the second; None if only the run decides."""
+    by_arrival: frozenset[tuple[int, int]] | None = None
+    """Pairs of agents that enter by the order of arrival at an all-way stop; None if only the run decides."""
+    choosing: frozenset[int] = frozenset()
+    """Agents, by column, whose arm has a lane that does not lead to the agent's exit arm."""
+    together: frozenset[tuple[int, int]] | None = None
+    """Pairs of agents, in both orders, that instances may be about because the two were present together; None: all pairs."""
+    judged: frozenset[int] | None = None
+    """Agents whose instances are judged in this run, see `Excerpt.judged`; None: all agents."""
+    further: frozenset[int] = frozenset()
+    """Agents, by column, on ways that are no movements."""
+    _hash: int = field(init=False, repr=False, compare=False)
+    """The hash, computed once: the model is a key of caches that every rule looks up."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "_hash", hash(tuple(getattr(self, item.name) for item in fields(self) if item.compare)))
+
+    def __hash__(self) -> int:
+        return self._hash
+
+    def judges(self, agents: Sequence[int]) -> bool:
+        """Return whether this run judges an instance about these agents: whether it judges the last of them to appear."""
+        return self.judged is None or not agents or max(agents) in self.judged
+
+    def turns(self, agent: int, direction: str) -> bool:
+        """Return whether an agent turns ``left``, ``straight``, ``right``, or to the ``near`` or ``far`` side."""
+        wanted = {"near": self.near, "far": self.far}.get(direction, direction)
+        return self.agents[agent].turn == wanted
+
+    def __str__(self) -> str:
+        pairs = ", ".join(f"{a} right-of {b}" for a, b in sorted(self.right_of))
+        facing = ", ".join(f"{a} opposite {b}" for a, b in sorted(self.opposite) if a < b)
+        agents = ", ".join(f"{a.name}: {a.entrance} -> {a.exit} ({a.turn})" for a in self.agents)
+        kinds = (("lights", self.lights), ("stop signs", self.signs))
+        objects = ", ".join(f"{kind} at {list(places)}" for kind, places in kinds if places) or "no lights or stop signs"
+        return f"{self.entrances} entrances, {objects}; {pairs or 'no right-of'}; {facing or 'no opposite'}; {agents}"
+
+
+def extract(run: Run) -> Static:
+    """Return the static model of a run (Algorithm 1 of the paper)."""
+    return once(run, _extract)
+
+
+def _extract(run: Run) -> Static:
+    junction = run.junction
+    numbers = range(len(junction.entrances))
+    grounds = _grounds(run)
+    return Static(
+        len(junction.entrances),
+        len(junction.exits),
+        junction.control,
+        junction.right_of,
+        junction.opposite,
+        junction.entex,
+        frozenset((a, b) for arm in junction.arms for a, b in permutations(arm.entrances, 2)),
+        tuple(k for k in numbers if lit(junction, k) or run.lights[:, k].any()),
+        tuple(k for k in numbers if junction.entrances[k].sign is Sign.STOP),
+        run.agents,
+        junction.conflicts,
+        junction.near,
+        junction.far,
+        grounds,
+        _owing(run) if grounds is not None and junction.control not in _BY_STATE else None,
+        _by_arrival(run) if junction.control is JunctionControl.STOP else None,
+        frozenset(k for k, who in enumerate(run.agents) if wrong_lanes(junction, *who.way.key)),
+        together(run),
+        judged(run),
+        frozenset(k for k, who in enumerate(run.agents) if who.way.key not in junction.movements),
+    )
+
+
+_BY_STATE = (JunctionControl.STOP, JunctionControl.LIGHTS)
+"""Controls under which arrivals or lights alone decide which vehicle gives way."""
+
+
+def _grounds(run: Run) -> frozenset[tuple[int, int, Ground]] | None:
+    if run.junction.control in _BY_STATE:
+        return frozenset()
+    if run.junction.yields is None:
+        return None
+    ways = [agent.way.key for agent in run.agents]
+    pairs = ((one, two, ground_of(run.junction, ways[one], ways[two])) for one, two in permutations(range(len(ways)), 2))
+    return frozenset((one, two, ground) for one, two, ground in pairs if ground is not None)
+
+
+def _owing(run: Run) -> frozenset[tuple[int, int]]:
+    conflicts, ways = run.junction.conflicts or (), [agent.way.key for agent in run.agents]
+    pairs = permutations(range(len(ways)), 2)
+    return frozenset((one, two) for one, two in pairs if (ways[one], ways[two]) in conflicts and may_owe(run, one, two))
+
+
+def _by_arrival(run: Run) -> frozenset[tuple[int, int]]:
+    ways, there = [agent.way.key for agent in run.agents], together(run)
+    pairs = permutations(range(len(ways)), 2) if there is None else there
+    return frozenset((one, two) for one, two in pairs if in_turn(run.junction, ways[one], ways[two]))
+
+
+@signal(steady=True)
+def in_junction(block: Block) -> NDArray[np.bool_]:
+    """Which vehicle is in the junction, ``a@j``: the reference point is on a movement of the junction."""
+    found: NDArray[np.bool_] = block.zone == JUNCTION
+    return found
+
+
+@signal(steady=True)
+def at_entrance(block: Block) -> NDArray[np.bool_]:
+    """Which vehicle is at the entrance that it comes to, ``a@j.en``."""
+    found: NDArray[np.bool_] = block.zone == ENTRANCE
+    return found
+
+
+@signal(steady=True)
+def on_approach(block: Block) -> NDArray[np.bool_]:
+    """Which vehicle is on the road that leads to its entrance, ``a@r``; the entrance zone is part of that road."""
+    found: NDArray[np.bool_] = (block.zone == APPROACH) | (block.zone == ENTRANCE)
+    return found
+
+
+@signal(steady=True)
+def on_exit(block: Block) -> NDArray[np.bool_]:
+    """Which vehicle is on the road that it leaves by, ``a@j.ex`` and ``a@r``; that road begins with the exit vertex."""
+    found: NDArray[np.bool_] = block.zone == EXIT
+    return found
+
+
+def ticks(run: Run, seconds: float) -> int:
+    """Return a duration as a number of steps of the run, rounded."""
+    return round(seconds / run.dt)
+
+
+@signal(otherwise=np.nan)
+def speed(block: Block) -> NDArray[np.float64]:
+    """The speed of every vehicle, ``a.sp`` [m/s]."""
+    return block.need("speed")
+
+
+@signal(of_entrances=True, steady=True)
+def colour(block: Block) -> NDArray[np.int8]:
+    """The colour of the light at every entrance, ``lt.cl``."""
+    return block.lights

@@ -1,0 +1,357 @@
+"""Measures whether a vehicle gave way to the vehicle that it owed the way to.
+
+A vehicle obstructs the other vehicle if it takes the way nevertheless, and the other vehicle touches it, meets it, brakes hard,
+loses much of its speed, or is passed as it sets off: "neither endanger nor substantially impede" (StVO, section 8(2)). The way is
+owed until the vehicle is clear: "at any time during the turning movement" (California Vehicle Code 21801(a)).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pytest_rvads.geometry.conflicts import Shared
+from pytest_rvads.geometry.control import Sign
+from pytest_rvads.geometry.segment import Turn
+from pytest_rvads.logic.conduct.blocks import ENTRANCE, JUNCTION, Block, signal, sized
+from pytest_rvads.logic.conduct.bodies import collide, couples
+from pytest_rvads.logic.conduct.cast import Cast
+from pytest_rvads.logic.conduct.latches import lasting
+from pytest_rvads.logic.conduct.motion import entered, facing
+from pytest_rvads.logic.conduct.rights import (
+    GREEN,
+    comes,
+    held,
+    kept_by,
+    lights,
+    owed_places,
+    owing,
+    ready,
+    starting,
+    waives,
+    yields,
+)
+from pytest_rvads.logic.conduct.standing import lane, stands
+from pytest_rvads.logic.conduct.stretches import contested, neighbours
+from pytest_rvads.runs.states import Agent
+
+__all__ = [
+    "HARD_BRAKING",
+    "HEADWAY",
+    "MIN_GAP",
+    "WINDOW",
+    "Encounter",
+    "Meeting",
+    "brakes_hard",
+    "obstructs",
+    "owes",
+    "unhindered",
+]
+
+HARD_BRAKING = 2.0
+"""Deceleration beyond which a vehicle that brakes for another vehicle is impeded [m/s^2]."""
+BEND_BRAKING = 4.0
+"""Deceleration beyond which a turning vehicle, which brakes for its bend anyway, is impeded [m/s^2]."""
+MIN_GAP = 1.0
+"""Time between two vehicles at a place below which the two nearly meet [s]; the usual threshold of post-encroachment times."""
+HEADWAY = 2.0
+"""Time gap to the vehicle ahead below which a vehicle brakes for that vehicle [s].
+
+The time gap is the two-second rule (UK Highway Code, rule 126).
+"""
+WINDOW = 0.1
+"""Time over which decelerations are differences of speed [s]."""
+LOSS = 3.0
+"""Loss of speed beyond which a vehicle that goes straight on is impeded, if the loss also exceeds `SHARE` [m/s]."""
+SHARE = 1 / 3
+"""Share of its speed beyond which a loss impedes a vehicle, if the loss also exceeds `LOSS`."""
+
+
+def _stop_signs(cast: Cast) -> NDArray[np.bool_]:
+    return np.array([cast.junction.starts[agent.entrance].sign is Sign.STOP for agent in cast.agents], dtype=np.bool_)
+
+
+@signal
+def unhindered(block: Block) -> NDArray[np.bool_]:
+    """Whether each vehicle lacks an own reason to brake: a red light, stop sign, duty to give way, or vehicle close ahead."""
+    cast, both = block.cast, block.cast.static(lane)
+    front = block.need("station")
+    rear = front - cast.length
+    near = both.second(rear) - both.first(front) < HEADWAY * both.first(block.need("speed"))
+    behind = (both.second(front) > both.first(front)) & near & (both.second(block.zone) <= JUNCTION)
+    lit, sign = cast.static(lights), cast.static(_stop_signs)
+    found: NDArray[np.bool_] = ~held(block) & ~both.any(behind, len(cast))
+    return found & np.where(lit, facing(block) == GREEN, ~sign | (block.zone >= JUNCTION))
+
+
+def _window(dt: float) -> int:
+    return max(round(WINDOW / dt), 1)
+
+
+def _hard(cast: Cast) -> NDArray[np.float64]:
+    return np.array([HARD_BRAKING if agent.turn is Turn.STRAIGHT else BEND_BRAKING for agent in cast.agents])
+
+
+class _Past(NamedTuple):
+    """What vehicles did up to every state."""
+
+    speeds: NDArray[np.float64]
+    """The speeds in the states before the block, as far as `WINDOW`, and in the block [m/s]."""
+    present: NDArray[np.int64]
+    """For how many states each vehicle has been present, shape ``(n, agents)``."""
+
+
+@signal(start=lambda dt: (0, np.full(_window(dt), np.nan)))
+def past(block: Block, count: NDArray[np.int64], before: NDArray[np.float64]) -> tuple[_Past, NDArray[Any], NDArray[Any]]:
+    """What vehicles did up to every state, see `_Past`."""
+    speed = block.need("speed")
+    found = _Past(np.concatenate((before, speed)), lasting(~np.isnan(speed), count))
+    return found, found.present, found.speeds[None, -_window(block.dt) :]
+
+
+@signal
+def brakes_hard(block: Block) -> NDArray[np.bool_]:
+    """Whether each vehicle brakes harder than it would by itself, over `WINDOW` or as long as the vehicle has been present."""
+    speeds, present = past(block)
+    speed, most = block.need("speed"), _window(block.dt)
+    steps = np.minimum(present - 1, most)
+    row = np.arange(most, most + len(speed))[:, None] - np.maximum(steps, 0)
+    slower = np.take_along_axis(speeds, row, axis=0) - speed
+    found: NDArray[np.bool_] = (steps > 0) & (slower > block.cast.static(_hard) * steps * block.dt)
+    return found
+
+
+class _Debts(NamedTuple):
+    """The values of `owes` and `obstructs`, each of shape ``(n, pairs)``."""
+
+    owes: NDArray[np.bool_]
+    obstructs: NDArray[np.bool_]
+
+
+@signal(pairs=owing, steady=True)
+def _bound(block: Block) -> NDArray[np.bool_]:
+    """Whether the first vehicle of each pair has to give way to the second vehicle, and the second vehicle is due."""
+    both, owed = block.cast.static(owing), yields(block) & ~np.isnan(block.cast.static(owed_places).begin)
+    due = (comes(block) | both.second(ready(block))) & both.second(block.here)
+    found: NDArray[np.bool_] = owed & due & both.first(block.here)
+    return found
+
+
+@signal
+def _bound_later(block: Block) -> frozenset[tuple[Agent, Agent]]:
+    """The pairs of vehicles for which `_bound` holds in the block or in a later block of the run."""
+    agents, columns = block.cast.agents, np.flatnonzero(_bound(block).any(axis=0))
+    both = block.cast.static(owing)
+    found = frozenset((agents[one], agents[two]) for one, two in zip(both.one[columns], both.two[columns], strict=True))
+    return found if block.next is None else found | _bound_later(block.next)
+
+
+@signal(pairs=owing, start=(None,))
+def _debts(block: Block, before: NDArray[np.object_]) -> tuple[_Debts, NDArray[np.object_]]:
+    """Follow all encounters, from the entry of the first vehicle on."""
+    cast, both, entry = block.cast, block.cast.static(owing), entered(block)[-1]
+    bound, known = _bound(block), before.tolist()
+    owed, broken, encounters = bound & (both.first(block.zone) == ENTRANCE), np.zeros_like(bound), before.copy()
+    followed = both.first(entry < block.tick + len(bound)) & ~np.isnan(cast.static(owed_places).begin)
+    followed &= np.array([encounter is None or not encounter.over for encounter in known], dtype=np.bool_)
+    again = np.ones(len(both), dtype=np.bool_)
+    if block.whole:
+        # As the later blocks of the run are known, only pairs bound in a later block and pairs that owed the way are followed on.
+        later = _bound_later(block.next) if block.next is not None else frozenset()
+        again = np.array([(cast.agents[a], cast.agents[b]) in later for a, b in both.column], dtype=np.bool_)
+        owed_before = np.array([encounter is not None and encounter.owed for encounter in known], dtype=np.bool_)
+        followed &= bound.any(axis=0) | again | owed_before
+    else:
+        for carried in (past, kept_by, starting, waives):  # a later encounter needs what happens in this block
+            carried(block)
+    chosen = np.flatnonzero(followed)
+    firsts = np.maximum(entry[both.one[chosen]] - block.tick, 0).tolist()
+    for pair, first, meetings in zip(chosen.tolist(), firsts, _meetings(block, chosen, firsts), strict=True):
+        one, two = int(both.one[pair]), int(both.two[pair])
+        common = contested(cast, one, two) if encounters[pair] is None else None
+        if common is not None:
+            encounters[pair] = Encounter(cast.agents[one], cast.agents[two], common, block.dt)
+            if entry[one] < block.tick:
+                encounters[pair].step(_UNSEEN)
+        encounter = encounters[pair]
+        last = len(bound) if again[pair] else int(np.flatnonzero(bound[:, pair])[-1]) if bound[:, pair].any() else -1
+        for row, meeting in enumerate(meetings, first):
+            owed[row, pair], broken[row, pair] = encounter.step(meeting)
+            if encounter.over or (row > last and not encounter.owed):
+                break
+    return _Debts(owed, broken), encounters[None]
+
+
+def _placed(block: Block, columns: Sequence[int]) -> None:
+    block.cast.static(owed_places)
+    sized(block, columns)
+    block.need("speed")
+
+
+@signal(pairs=owing, needs=_placed)
+def owes(block: Block) -> NDArray[np.bool_]:
+    """Whether the first vehicle of each pair has to let the second go first; from its entrance zone until clear for `MIN_GAP`."""
+    found: _Debts = _debts(block)
+    return found.owes
+
+
+@signal(pairs=owing, needs=_placed)
+def obstructs(block: Block) -> NDArray[np.bool_]:
+    """Whether the first vehicle of each pair took the way that it owed to the second vehicle, and obstructed it."""
+    found: _Debts = _debts(block)
+    return found.obstructs
+
+
+class Meeting(NamedTuple):
+    """The states of two vehicles at an instant."""
+
+    bound: bool
+    """Whether the agent has to give way to the other vehicle, and the other vehicle is due."""
+    touching: bool
+    """Whether the bodies of the two vehicles touch."""
+    front: float
+    """Station of the front of the agent [m]."""
+    rear: float
+    """Station of the rear of the agent [m]; infinite once the agent is gone."""
+    still: bool
+    """Whether the agent stands."""
+    ahead: float
+    """Station of the front of the other vehicle [m]; NaN if the other vehicle is absent."""
+    speed: float
+    """Speed of the other vehicle [m/s]; NaN if the other vehicle is absent."""
+    unhindered: bool
+    """Whether the other vehicle has no reason of its own to brake."""
+    starting: bool
+    """Whether the other vehicle is first at its line and about to go."""
+    waives: bool
+    """Whether the other vehicle waives its right."""
+    kept: bool
+    """Whether a third vehicle, which was not present before, holds the agent up."""
+    brakes: bool
+    """Whether the other vehicle brakes harder than it would by itself."""
+
+
+def _columns(cast: Cast) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return, for the pairs of `owing`, their columns in `couples` and in `neighbours`; -1 for pairs that are no neighbours."""
+    both, near = cast.static(couples).column, cast.static(neighbours).column
+    columns = [(both[pair], near.get(pair, -1)) for pair in cast.static(owing).column]
+    touching, close = np.array(columns, dtype=np.int64).reshape(-1, 2).T
+    return touching, close
+
+
+_UNSEEN = Meeting(False, False, math.nan, math.nan, False, math.nan, math.nan, False, False, False, False, False)
+"""The first state of an encounter whose agent entered before the other vehicle came: nothing in the state is known."""
+
+
+def _meetings(block: Block, chosen: NDArray[np.int64], firsts: Sequence[int]) -> Iterator[Iterator[Meeting]]:
+    """Yield, for each chosen pair of `owing`, an iterator over its states from the first row of the pair on."""
+    if not len(chosen):
+        return
+    cast, both, near, begin = block.cast, block.cast.static(owing), block.cast.static(neighbours), min(firsts)
+    one, two = both.one[chosen], both.two[chosen]
+    touching, close = (columns[chosen] for columns in cast.static(_columns))
+    station, speed, kept = block.need("station"), block.need("speed"), kept_by(block)
+    keeping = near.count(kept, len(cast))
+    by_other = (close >= 0) & kept.take(close, axis=1) if len(near) else False
+    columns = (
+        _bound(block).take(chosen, axis=1),
+        collide(block).take(touching, axis=1),
+        station.take(one, axis=1),
+        # A short exit road may end before the rear of the vehicle has left the stretch.
+        np.where(block.here, station - cast.length, math.inf).take(one, axis=1),
+        stands(block).take(one, axis=1),
+        station.take(two, axis=1),
+        speed.take(two, axis=1),
+        unhindered(block).take(two, axis=1),
+        starting(block).take(two, axis=1),
+        waives(block).take(two, axis=1),
+        keeping.take(one, axis=1) > by_other,
+        brakes_hard(block).take(two, axis=1),
+    )
+    rows = [column[begin:].T.tolist() for column in columns]
+    for number, first in enumerate(firsts):
+        yield map(Meeting._make, zip(*(row[number][first - begin :] for row in rows), strict=True))
+
+
+class Encounter:
+    """Follows two vehicles state by state, from the entry of the agent until it has been clear of the stretch for `MIN_GAP`.
+
+    The agent *goes* when it enters the junction, or when its last standstill before the stretch ends. It *takes the stretch* when
+    its front reaches the stretch before the front of the other vehicle. It is *clear* when its rear has left the stretch.
+
+    Args:
+        agent: the vehicle that may owe the way.
+        other: the vehicle that may have the better right.
+        common: the shared stretch of the two ways.
+        dt: time between two states [s].
+    """
+
+    def __init__(self, agent: Agent, other: Agent, common: Shared, dt: float) -> None:
+        self.common, self._dt = common, dt
+        self._lengths = agent.way.length, other.way.length
+        self._passed = common.yours.end + (other.size[0] if other.size else 0.0)
+        self._straight = other.turn is Turn.STRAIGHT
+        self._tick = 0
+        self._since: int | None = None
+        self._left: int | None = None
+        self._taken = self._first = self._braked = self._started = self._excused = False
+        self._place = self._speed = self._pace = math.nan
+        self.owed = False
+        """Whether the agent has owed the way since it went."""
+        self.over = False
+        """Whether the encounter is over, so that no later state changes its values."""
+
+    def step(self, now: Meeting) -> tuple[bool, bool]:
+        """Read a state and return whether the agent owes the way, and whether it obstructs the other vehicle."""
+        tick, self._tick = self._tick, self._tick + 1
+        mine, yours = self.common.mine, self.common.yours
+        before = now.front < mine.start
+        if self._since is None or (before and now.still and not self._first):
+            self._started, self._excused = now.starting, now.waives
+            self._braked = self.owed = False
+            self._place = math.nan
+        if math.isnan(self._place):
+            self._since, self._place, self._speed, self._pace = tick, now.ahead, now.speed, now.speed
+        self.owed |= now.bound
+        if not self._taken and not self._first:
+            self._first = now.ahead >= yours.start
+            self._taken = not before and now.ahead < yours.start
+        if self._left is None and now.rear > mine.end:
+            self._left = tick
+        self._excused |= now.kept and not before and self._left is None
+        self._look_at_braking(now)
+        hit = self.owed and not self._excused and self._obstructed(tick, now)
+        owes = now.bound and not self._excused
+        passed = now.ahead > self._passed or (self._left is not None and (tick - self._left) * self._dt >= MIN_GAP)
+        self.over = self.over or passed
+        return owes or hit, hit
+
+    def _look_at_braking(self, now: Meeting) -> None:
+        """Note whether the other vehicle, before the stretch, brakes or slows down without a reason of its own."""
+        if not now.unhindered:
+            self._pace = min(self._pace, now.speed)
+        elif now.ahead < self.common.yours.start:
+            slowed = self._straight and now.speed < min(self._pace - LOSS, self._pace * (1 - SHARE))
+            self._braked |= slowed or now.brakes
+
+    def _obstructed(self, tick: int, now: Meeting) -> bool:
+        mine, yours = self.common.mine, self.common.yours
+        there = now.ahead >= yours.start
+        if now.touching and there and now.front >= mine.start and self._left is None:
+            return True
+        if not self._taken or self._since is None:
+            return False
+        if there:
+            if self._left is not None:
+                return (tick - self._left) * self._dt < MIN_GAP and not self.common.merges
+            if not self.common.merges:
+                return True
+            apart = (now.rear - self._lengths[0]) - (now.ahead - self._lengths[1])
+            return apart < MIN_GAP * now.speed
+        # At its first speed, the other vehicle would reach the stretch before the agent has been clear for `MIN_GAP`.
+        unhindered = self._place + self._speed * ((tick - self._since) * self._dt + MIN_GAP)
+        return self._started or (self._braked and self._left is None and unhindered > yours.start)

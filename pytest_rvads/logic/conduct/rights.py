@@ -1,0 +1,309 @@
+"""Which vehicle has the right of way: which vehicle is due, is first at its line, may go, is free to go, and waives its right.
+
+A vehicle gives way to a vehicle with the better right that *is due*: that comes "so closely as to be a hazard" (California
+Vehicle Code 21801(a), 21453(b)), or stands first at its line with the right to go.
+
+Conduct is judged by hazard, in seconds and metres, and not by zones: rights hold from the entrance zone until the vehicle that
+must give way is clear of the shared stretch. Rules and shipped drivers read the same definitions: the words of rules, such as
+``owes``, ``meet`` and ``may_go``, take their numbers from this package.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pytest_rvads.geometry.control import JunctionControl
+from pytest_rvads.logic.conduct.blocks import ABSENT, EXIT, Block, signal, sized
+from pytest_rvads.logic.conduct.cast import Cast, Pairs, everybody, pairs
+from pytest_rvads.logic.conduct.grounds import ground_of, in_turn, lit, may_owe
+from pytest_rvads.logic.conduct.latches import lasting
+from pytest_rvads.logic.conduct.motion import entered, facing
+from pytest_rvads.logic.conduct.standing import TIE, arrivals, arrived, leads, stands, waited
+from pytest_rvads.logic.conduct.stretches import Places, ahead_by, contested, contested_places, neighbours, passed, places, roads
+from pytest_rvads.runs.states import Colour
+
+__all__ = [
+    "DUE",
+    "GAP",
+    "PACE",
+    "ROOM",
+    "WAIVER",
+    "came_first",
+    "close_behind",
+    "comes",
+    "comes_first",
+    "coming",
+    "first_at_line",
+    "gives_up",
+    "has_way",
+    "held",
+    "in_turns",
+    "kept_by",
+    "next_to_go",
+    "owed_places",
+    "owing",
+    "starting",
+    "waives",
+    "yields",
+]
+
+GREEN, YELLOW, RED = int(Colour.GREEN), int(Colour.YELLOW), int(Colour.RED)
+_ALL_WAY = JunctionControl.STOP
+_LONG_AGO = -(10**9)
+"""Stands for the tick in which a vehicle last stood ready, for a vehicle that never stood ready."""
+DUE = 4.0
+"""A vehicle that reaches the shared stretch within this time at its present speed is due [s]: the usual critical gap of a left
+turn across oncoming traffic (Highway Capacity Manual: 4.1 s)."""
+WAIVER = 3.0
+"""A vehicle that stands first at its line, free to go, for this long waives its right [s]: perception and reaction take up to
+2.5 s (AASHTO, A Policy on Geometric Design)."""
+PACE = 1.4
+"""Walking pace [m/s]: a slower vehicle creeps, and loses time if it could go."""
+GAP = 6.0
+"""Behind a body that is this near ahead a vehicle need not go [m]."""
+ROOM = 2.5
+"""Room that a vehicle needs on its exit road behind a standing body, in addition to its length [m]."""
+
+
+def lights(cast: Cast) -> NDArray[np.bool_]:
+    """Return which vehicles come to a light, shape ``(agents,)``."""
+    return np.array([lit(cast.junction, agent.entrance) for agent in cast.agents], dtype=np.bool_)
+
+
+@signal(steady=True)
+def has_way(block: Block) -> NDArray[np.bool_]:
+    """Which vehicle no light keeps from going: its light is or was at its entry green or yellow, or its entrance has no light."""
+    colour = facing(block)
+    found: NDArray[np.bool_] = ~block.cast.static(lights) | (colour == GREEN) | (colour == YELLOW)
+    return found
+
+
+def owing(cast: Cast) -> Pairs:
+    """Return the pairs of vehicles of which the first may owe the way to the second.
+
+    Raises:
+        RunError: it is not known where the lanes lie, and this decides.
+    """
+    return pairs(cast, lambda one, two: may_owe(cast, one, two))
+
+
+def owed_places(cast: Cast) -> Places:
+    """Return the contested stretches of pairs of which the first may owe the way to the second."""
+    return places(contested(cast, one, two) for one, two in cast.static(owing).column)
+
+
+def _always(cast: Cast) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return of the pairs of `owing` which first vehicle owes the way at any colour, and which turns to the near side."""
+    rows, junction = [], cast.junction
+    for one, two in cast.static(owing).column:
+        me, you = cast.agents[one], cast.agents[two]
+        near, free = me.turn is junction.near, not lit(junction, you.entrance)
+        ground = near and free and ground_of(junction, me.way.key, you.way.key) is not None
+        rows.append((not lit(junction, me.entrance) or ground, near))
+    always, near_side = np.array(rows, dtype=np.bool_).reshape(-1, 2).T
+    return always, near_side
+
+
+@signal(pairs=owing, steady=True)
+def yields(block: Block) -> NDArray[np.bool_]:
+    """Which first vehicle has to give way to the second where their ways meet, as the lights are.
+
+    A vehicle that turns across oncoming traffic gives way to vehicles whose light lets them go (Vienna Convention on Road
+    Traffic, Art. 16(2)). A vehicle that turns to the near side on red gives way to all vehicles whose light lets them go (CVC
+    21453(b)). A vehicle without a light gives way as signs and sides say, and to a vehicle at a light only while the light lets
+    that vehicle go.
+    """
+    both, (always, near) = block.cast.static(owing), block.cast.static(_always)
+    mine = always | ((both.first(facing(block)) == RED) == near)
+    found: NDArray[np.bool_] = mine & both.second(has_way(block))
+    return found
+
+
+@signal(steady=True)
+def ready(block: Block) -> NDArray[np.bool_]:
+    """Which vehicle is due by standing at its line: it is first there, may go, and does not waive its right."""
+    found: NDArray[np.bool_] = next_to_go(block) & ~waives(block)
+    return found
+
+
+def coming(block: Block, both: Pairs, at: Places) -> NDArray[np.bool_]:
+    """Return which second vehicle is on the stretch of its way, or reaches it within `DUE` at its present speed.
+
+    Args:
+        block: the states.
+        both: pairs of vehicles.
+        at: the stretches that the pairs share.
+    """
+    front, reach = block.need("station"), DUE * np.maximum(block.need("speed"), 0.0)
+    rear = front - block.cast.length
+    found: NDArray[np.bool_] = at.begin_of_two - both.second(front) <= both.second(reach)
+    found &= (both.second(rear) <= at.end_of_two) & both.second(block.here)
+    return found
+
+
+@signal(pairs=owing)
+def comes(block: Block) -> NDArray[np.bool_]:
+    """Which second vehicle is on the contested stretch, or reaches it within `DUE` at its present speed."""
+    found: NDArray[np.bool_] = coming(block, block.cast.static(owing), block.cast.static(owed_places))
+    return found
+
+
+@signal(steady=True)
+def first_at_line(block: Block) -> NDArray[np.bool_]:
+    """Which vehicle has arrived and leads."""
+    found: NDArray[np.bool_] = arrived(block)
+    return found & leads(block) if found.any() else found
+
+
+@signal(steady=True)
+def held(block: Block) -> NDArray[np.bool_]:
+    """Which vehicle owes the way to a vehicle that comes or is first at its line.
+
+    A held vehicle that is first at its line holds other vehicles too, so no vehicle of a circle is due by standing at its line.
+    At an all-way stop the order of arrival holds vehicles.
+    """
+    cast, first = block.cast, first_at_line(block)
+    if block.junction.control is _ALL_WAY:
+        return cast.static(in_turns).any(comes_first(block), len(cast))
+    both, at = cast.static(owing), cast.static(owed_places)
+    there = comes(block) | (both.second(first) & ~np.isnan(at.begin))
+    return both.any(there & yields(block) & (both.first(block.zone) != ABSENT), len(cast))
+
+
+def in_turns(cast: Cast) -> Pairs:
+    """Return the pairs of vehicles that go by the order of arrival, see `grounds.in_turn`."""
+    return pairs(cast, lambda one, two: in_turn(cast.junction, cast.agents[one].way.key, cast.agents[two].way.key))
+
+
+@signal(pairs=in_turns, steady=True)
+def comes_first(block: Block) -> NDArray[np.bool_]:
+    """Which second vehicle goes before the first: their movements meet, and it came first, see `came_first`."""
+    both, cast = block.cast.static(everybody), block.cast
+    columns = [both.column[pair] for pair in cast.static(in_turns).column]
+    found: NDArray[np.bool_] = came_first(block)[:, columns]
+    return found
+
+
+def _on_the_right(cast: Cast) -> NDArray[np.bool_]:
+    right = [
+        (cast.agents[b].entrance, cast.agents[a].entrance) in cast.junction.right_of for a, b in cast.static(everybody).column
+    ]
+    return np.array(right, dtype=np.bool_)
+
+
+@signal(pairs=everybody, steady=True)
+def came_first(block: Block) -> NDArray[np.bool_]:
+    """Which two vehicles have arrived, the second clearly earlier, or within `TIE` of the first and on its right."""
+    both, there, blind = block.cast.static(everybody), arrived(block), block.station is None or block.speed is None
+    since = waited(block) if blind else -arrivals(block).tick
+    later, tie = both.second(since) - both.first(since), round(TIE / block.dt)
+    found: NDArray[np.bool_] = (later > tie) | (block.cast.static(_on_the_right) & (later >= -tie))
+    found &= both.first(there) & both.second(there)
+    return found
+
+
+@signal(steady=True)
+def next_to_go(block: Block) -> NDArray[np.bool_]:
+    """Which vehicle is first at its line and has the right to go."""
+    green = ~block.cast.static(lights) | (facing(block) == GREEN)
+    found: NDArray[np.bool_] = first_at_line(block) & ~held(block) & green
+    return found
+
+
+@signal(start=(0, _LONG_AGO))
+def starting(block: Block, before: NDArray[np.int64], last: NDArray[np.int64]) -> tuple[NDArray[Any], ...]:
+    """Which vehicle is about to go.
+
+    The vehicle is first at its line and may go; it has stood so for less than `WAIVER`, or set off less than `WAIVER` ago.
+    """
+    standing, most = stands(block), round(WAIVER / block.dt)
+    stood = next_to_go(block) & standing
+    count = lasting(stood, before)
+    since = np.maximum.accumulate(np.where(stood, block.ticks, last), axis=0)
+    return next_to_go(block) & np.where(standing, count <= most, block.ticks - since < most), count, since
+
+
+@signal(steady=True)
+def _free(block: Block) -> NDArray[np.bool_]:
+    """Which vehicle stands first at its line, free to go."""
+    free: NDArray[np.bool_] = next_to_go(block) & stands(block)
+    if free.any():
+        free &= ~block.cast.static(neighbours).any(_keeps(block), len(block.cast))
+    return free
+
+
+@signal(start=(0,))
+def waives(block: Block, before: NDArray[np.int64]) -> tuple[NDArray[Any], ...]:
+    """Which vehicle has stood first at its line, free to go, for `WAIVER` without a break."""
+    count = lasting(_free(block), before)
+    return count > round(WAIVER / block.dt), count
+
+
+@signal(steady=True)
+def gives_up(block: Block) -> NDArray[np.bool_]:
+    """Which vehicle waives its right, or has not arrived; without positions nothing tells which vehicle waives its right."""
+    gone: NDArray[np.bool_] = ~arrived(block)
+    if block.station is not None and block.speed is not None and block.junction.stretches is not None:
+        gone |= waives(block)
+    return gone
+
+
+def _debts(cast: Cast) -> NDArray[np.int64]:
+    """Return of `neighbours` the columns of `owing` in which the second owes the way to the first; -1 where there is none."""
+    debts = cast.static(owing).column
+    return np.array([debts.get((two, one), -1) for one, two in cast.static(neighbours).column], dtype=np.int64)
+
+
+@signal(pairs=neighbours, steady=True)
+def _keeps(block: Block) -> NDArray[np.bool_]:
+    """Which second vehicle keeps the first, first at its line, from going: it is slow ahead, or occupies the first one's way.
+
+    A vehicle that arrived later, or owes the agent the way, does not keep the agent from going.
+    """
+    passed(block)  # for the stations
+    cast, both, at = block.cast, block.cast.static(neighbours), block.cast.static(contested_places)
+    ahead = both.second(block.need("station"))
+    there: NDArray[np.bool_] = (
+        (ahead >= at.begin_of_two) & (ahead - both.second(cast.length) <= at.end_of_two) & both.second(block.here)
+    )
+    if block.junction.control is _ALL_WAY:
+        tick = arrivals(block).tick
+        there &= both.second(tick) <= both.first(tick)
+    else:
+        debts = cast.static(_debts)
+        there[:, debts >= 0] &= ~yields(block)[:, debts[debts >= 0]]
+    there |= close_behind(block)
+    return there
+
+
+@signal(pairs=neighbours, needs=sized)
+def close_behind(block: Block) -> NDArray[np.bool_]:
+    """Which second vehicle is slow and near ahead on the way of the first, or leaves it no room on its exit road."""
+    cast, both, rear = block.cast, block.cast.static(neighbours), ahead_by(block)
+    near: NDArray[np.bool_] = rear < GAP
+    at_line = _at_line_before_exit(block)
+    if at_line.any():
+        room = (both.first(block.need("station")) - both.first(cast.way)) + rear
+        near |= at_line & (room < both.first(cast.length) + ROOM)
+    near &= both.second(block.need("speed") < PACE)
+    return near
+
+
+@signal(pairs=neighbours, steady=True)
+def _at_line_before_exit(block: Block) -> NDArray[np.bool_]:
+    """Which first vehicle has arrived at its line while the second is on the exit road that the first leaves by."""
+    both = block.cast.static(neighbours)
+    found: NDArray[np.bool_] = both.first(arrived(block)) & both.second(block.zone == EXIT) & block.cast.static(roads).exit
+    return found
+
+
+@signal(pairs=neighbours, start=(False,), steady=True)
+def kept_by(block: Block, before: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], ...]:
+    """Which second vehicle stands or creeps close ahead of the first and did not when the first entered."""
+    both, entry = block.cast.static(neighbours), entered(block)
+    enters = both.first(entry == block.ticks)
+    slow = before | np.logical_or.accumulate(enters & (both.second(block.need("speed")) <= PACE), axis=0)
+    return close_behind(block) & both.first(entry <= block.ticks) & ~slow, slow

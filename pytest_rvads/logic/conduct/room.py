@@ -1,0 +1,119 @@
+"""The room that a vehicle which stands before its line leaves to the bodies that sweep past it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from functools import lru_cache
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pytest_rvads.geometry.conflicts import Key
+from pytest_rvads.geometry.junction import Junction
+from pytest_rvads.geometry.network import Doubt, MapWarning
+from pytest_rvads.geometry.road_map import RoadMap
+from pytest_rvads.geometry.sweep import BEHIND, CAR, STEP, plan
+from pytest_rvads.logic.conduct.bodies import touch
+from pytest_rvads.logic.conduct.standing import STOP_PLACE
+from pytest_rvads.runs.itineraries import itinerary
+from pytest_rvads.support.wording import plural
+
+__all__ = ["PLACES", "leaves_room", "narrow_lines", "room", "stand_back"]
+
+_MARGIN = 0.15
+"""Distance between the sweeping and the standing body [m]: the reference keeps 0.1 m, and the rear axle errs by 0.03 m."""
+_ASIDE = 1.0
+"""Longest distance by which a planned path leaves the centre line [m]; a path is planned only if a body is so near to it."""
+PLACES = np.arange(0.0, 10.0, 0.25)
+"""Distances before its line at which a car is looked at [m]: twice the stop place."""
+
+
+@lru_cache(maxsize=64)  # one table for all copies of a junction
+def room(junction: Junction) -> Mapping[tuple[int, Key], NDArray[np.bool_]]:
+    """Return the pairs of an entrance and a movement of another arm for which a car before its line is in the way of a car.
+
+    Args:
+        junction: a junction with geometry.
+
+    Returns:
+        Per pair, whether a car that stands `PLACES` before the line is in the way, shape ``(places,)``.
+    """
+    standing = {entrance: _standing(junction, entrance) for entrance in range(len(junction.entrances))}
+    table: dict[tuple[int, Key], NDArray[np.bool_]] = {}
+    for key in sorted(junction.movements):
+        others = [k for k, lane in enumerate(junction.entrances) if lane.arm != junction.entrances[key[0]].arm]
+        near = [k for k in others if _hits(_poses(junction, key, planned=False), standing[k], _MARGIN + _ASIDE).any()]
+        if near:
+            swept = _poses(junction, key, planned=True)
+            hits = {entrance: _hits(swept, standing[entrance], _MARGIN) for entrance in near}
+            table |= {(entrance, key): places for entrance, places in hits.items() if places.any()}
+    return MappingProxyType(table)
+
+
+@lru_cache(maxsize=1024)
+def stand_back(junction: Junction, entrance: int) -> float:
+    """Return how far before its line a car has to stand, within the stop place, to be in the way of the fewest movements [m]."""
+    hits = [places for (lane, _), places in room(junction).items() if lane == entrance]
+    return float(PLACES[np.sum(hits, axis=0)[PLACES < STOP_PLACE].argmin()]) if hits else 0.0
+
+
+@lru_cache(maxsize=4096)
+def leaves_room(junction: Junction, entrance: int, key: Key) -> float:
+    """Return how far before its line a car has to stand to leave room for a movement [m]; inf if no place is known."""
+    places = room(junction).get((entrance, key))
+    return 0.0 if places is None else float(next(iter(PLACES[~places]), math.inf))
+
+
+def narrow_lines(road_map: RoadMap) -> list[MapWarning]:
+    """Return a warning for every junction where a car at its line leaves no room for a movement."""
+    found = []
+    for report in road_map.junctions:
+        junction = road_map.junction(report.id) if report.usable else None
+        pairs = sorted(room(junction)) if junction else []
+        if junction and pairs:
+            far = [leaves_room(junction, *pair) for pair in pairs]
+            back, (lane, (entrance, exit)) = max(zip(far, pairs, strict=True))
+            where = f"in the last {PLACES[-1]:g} m" if back == math.inf else f"less than {back:g} m"
+            rest = f"; nor do {plural(len(pairs) - 1, 'more pair')} of line and movement" if len(pairs) > 1 else ""
+            found.append(
+                MapWarning(
+                    Doubt.ROOM,
+                    f"a usual car that stands {where} before the line of entrance {lane} of junction {report.id!r} leaves no "
+                    f"room for the movement from entrance {entrance} to exit {exit}{rest}",
+                    None,
+                    report.id,
+                )
+            )
+    return found
+
+
+def _standing(junction: Junction, entrance: int) -> NDArray[np.float64]:
+    """Return the poses of a car that stands at `PLACES` before its line, shape ``(places, 3)``."""
+    key = next(key for key in sorted(junction.movements) if key[0] == entrance)
+    way = itinerary(junction, *key)
+    return np.array([way.placed(way.start(back), CAR.axle) for back in PLACES])
+
+
+def _poses(junction: Junction, key: Key, *, planned: bool) -> NDArray[np.float64]:
+    """Return the poses of a car along a movement, shape ``(places, 3)``: its rear axle follows a path, or the centre line."""
+    way = itinerary(junction, *key)
+    course = way.course(junction.lane_width, -math.inf)
+    path = plan(course, CAR) if planned else None
+    points = path.points if path else way.centre(np.arange(course.start - CAR.axle, course.length + BEHIND, STEP))[0]
+    along = np.gradient(points, axis=0)
+    ahead = along / np.hypot(along[:, 0], along[:, 1])[:, None]
+    return np.column_stack((points + CAR.axle * ahead, np.arctan2(ahead[:, 1], ahead[:, 0])))
+
+
+def _hits(moving: NDArray[np.float64], standing: NDArray[np.float64], margin: float) -> NDArray[np.bool_]:
+    """Return for which standing cars a moving car comes nearer than a margin [m], shape ``(standing,)``."""
+    apart = np.hypot(*(moving[:, None, :2] - standing[None, :, :2]).transpose(2, 0, 1))
+    one, two = np.nonzero(apart < 2.0 * (CAR.length + margin))
+    if not len(one):
+        return np.zeros(len(standing), dtype=np.bool_)
+    front = moving[one] + margin * np.column_stack((np.cos(moving[one, 2]), np.sin(moving[one, 2]), np.zeros(len(one))))
+    wide = CAR.length + 2.0 * margin, CAR.width + 2.0 * margin
+    touching = touch([(front, wide), (standing[two], (CAR.length, CAR.width))])
+    return np.bincount(two[touching], minlength=len(standing)) > 0

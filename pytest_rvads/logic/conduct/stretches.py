@@ -1,0 +1,238 @@
+"""Where two agents are on the stretch that their ways share."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pytest_rvads.geometry.conflicts import CONFLICT_WIDTH, Key, Shared, Stretch
+from pytest_rvads.geometry.junction import Junction
+from pytest_rvads.logic.conduct.blocks import Block, signal, sized
+from pytest_rvads.logic.conduct.cast import Cast, Pairs, pairs
+from pytest_rvads.runs.itineraries import LEAVE
+from pytest_rvads.runs.run import Run
+from pytest_rvads.support.errors import RunError
+
+__all__ = [
+    "ahead_by",
+    "contested",
+    "contested_places",
+    "first_stretch",
+    "meet",
+    "meeting",
+    "neighbours",
+    "parting",
+    "passed",
+    "places",
+    "roads",
+    "shared",
+]
+
+_SPACING = 0.5
+"""Ways are compared at stations so far apart [m]."""
+
+
+def shared(run: Run | Cast, one: int, two: int) -> Shared | None:
+    """Return what the ways of two agents, given by column, share; None where they don't meet.
+
+    Raises:
+        RunError: the run holds no geometry of its junction.
+    """
+    found = run.junction.stretches
+    if found is None:
+        raise RunError("the run holds no geometry of its junction")
+    return found.get((run.agents[one].way.key, run.agents[two].way.key))
+
+
+def contested(run: Run | Cast, one: int, two: int) -> Shared | None:
+    """Return what two agents share, up to `LEAVE` down the exit road where both lead into the same exit; None as in `shared`.
+
+    On the beginning of a common exit road the vehicle that merged is still gathering speed: there the other vehicle runs into it.
+
+    Raises:
+        RunError: the run holds no geometry of its junction.
+    """
+    common = shared(run, one, two)
+    if common is None or not common.merges:
+        return common
+    ends = (run.agents[k].way.length + LEAVE for k in (one, two))
+    mine, yours = (Stretch(part.start, end) for part, end in zip((common.mine, common.yours), ends, strict=True))
+    return Shared(mine, yours, merges=True)
+
+
+@lru_cache(maxsize=4096)
+def parting(junction: Junction, one: Key, two: Key) -> float:
+    """Return the station up to which two ways from one start have no room beside each other [m].
+
+    The station is infinite for ways to the same end.
+
+    Raises:
+        RunError: the run holds no geometry of its junction.
+    """
+    paths = junction.every_way[one].path, junction.every_way[two].path
+    if paths[0] is None or paths[1] is None:
+        raise RunError("the run holds no geometry of its junction")
+    if one[1] == two[1]:
+        return math.inf
+    along = np.arange(0.0, min(path.length for path in paths if path), _SPACING)
+    first, second = (np.array([path.pose(float(s))[:2] for s in along]) for path in paths if path)
+    together = np.flatnonzero(np.hypot(*(first - second).T) < CONFLICT_WIDTH)
+    return float(along[together[-1]]) if len(together) else 0.0
+
+
+@lru_cache(maxsize=4096)
+def first_stretch(junction: Junction, way: Key) -> float:
+    """Return the station at which a way first shares a stretch with a way from another start [m], else infinity."""
+    return min((common.mine.start for (one, _), common in (junction.stretches or {}).items() if one == way), default=math.inf)
+
+
+def meeting(cast: Cast) -> Pairs:
+    """Return the pairs of agents whose ways share a stretch.
+
+    Raises:
+        RunError: the run holds no geometry of its junction.
+    """
+    return pairs(cast, lambda one, two: shared(cast, one, two) is not None)
+
+
+@lru_cache(maxsize=4096)
+def _ends_of(junction: Junction, way: Key) -> tuple[float, ...]:
+    """Return the stations at which the stretches that a movement shares begin and end [m]."""
+    mine = [common.mine for (one, _), common in (junction.stretches or {}).items() if one == way]
+    return tuple({station for part in mine for station in (part.start, part.end)})
+
+
+def _borders(cast: Cast) -> NDArray[np.float64]:
+    """Return the stations at which stretches begin and end, of `shared` and `contested`, each row padded to the longest row."""
+    rows = [(agent.way.length + LEAVE, *_ends_of(cast.junction, agent.way.key)) for agent in cast.agents]
+    most = max(map(len, rows), default=0)
+    return np.array([(*row, *[math.inf] * (most - len(row))) for row in rows]).reshape(len(rows), most)
+
+
+@signal
+def passed(block: Block) -> tuple[NDArray[np.int64], ...]:
+    """How many borders of the stretches on its way each vehicle has passed, with its front and with its rear.
+
+    As long as the numbers stay the same, comparisons of stations with `Places` of any pairs stay the same, too. A steady signal
+    that makes only such comparisons reads the numbers for the stations; in a run that is known to its end nothing asks for them.
+    """
+    if block.whole:
+        return ()
+    front, borders = block.need("station")[..., None], block.cast.static(_borders)
+    rear = front - block.cast.length[:, None]
+    return (front >= borders).sum(axis=-1), (rear > borders).sum(axis=-1)
+
+
+class Places(NamedTuple):
+    """Where the stretches lie that pairs of vehicles share, each of shape ``(pairs,)`` [m]."""
+
+    begin: NDArray[np.float64]
+    """Of the stretch on the way of the first vehicle."""
+    end: NDArray[np.float64]
+    begin_of_two: NDArray[np.float64]
+    """Of the stretch on the way of the second vehicle."""
+    end_of_two: NDArray[np.float64]
+    merges: NDArray[np.bool_]
+    """Whether both lead into the same exit."""
+
+
+def places(commons: Iterable[Shared | None]) -> Places:
+    """Return where the stretches of pairs lie; NaN where there is none."""
+    nothing = (math.nan,) * 4 + (False,)
+    rows = [nothing if c is None else (c.mine.start, c.mine.end, c.yours.start, c.yours.end, c.merges) for c in commons]
+    begin, end, begin_of_two, end_of_two, merges = np.array(rows, dtype=np.float64).reshape(-1, 5).T
+    return Places(begin, end, begin_of_two, end_of_two, merges.astype(np.bool_))
+
+
+def _meeting_places(cast: Cast) -> Places:
+    both = cast.static(meeting)
+    return places(shared(cast, one, two) for one, two in both.column)
+
+
+@signal(pairs=meeting, steady=True)
+def _both_there(block: Block) -> NDArray[np.bool_]:
+    """Which two vehicles are both on the stretch that their movements share."""
+    passed(block)  # for the stations
+    cast, both, at = block.cast, block.cast.static(meeting), block.cast.static(_meeting_places)
+    front = block.need("station")
+    rear = front - cast.length
+    found: NDArray[np.bool_] = (both.first(front) >= at.begin) & (both.first(rear) <= at.end)
+    found &= (both.second(front) >= at.begin_of_two) & (both.second(rear) <= at.end_of_two)
+    found &= both.first(block.here) & both.second(block.here)
+    return found
+
+
+@signal(pairs=meeting, needs=sized)
+def meet(block: Block) -> NDArray[np.bool_]:
+    """Which two agents are both on the stretch that their ways share.
+
+    Vehicles with movements into the same exit meet while they are side by side, not while one vehicle follows the other.
+    """
+    cast, both, at, found = block.cast, block.cast.static(meeting), block.cast.static(_meeting_places), _both_there(block)
+    if found.any():
+        front = block.need("station") - cast.way
+        rear = block.need("station") - cast.length - cast.way
+        found = found & (~at.merges | (both.first(front) > both.second(rear)) & (both.second(front) > both.first(rear)))
+    return np.asarray(found)
+
+
+def neighbours(cast: Cast) -> Pairs:
+    """Return the pairs of vehicles that share a stretch, an entrance or an exit.
+
+    Raises:
+        RunError: the run holds no geometry of its junction.
+    """
+
+    def belong(one: int, two: int) -> bool:
+        me, you = cast.agents[one], cast.agents[two]
+        return shared(cast, one, two) is not None or me.entrance == you.entrance or me.exit == you.exit
+
+    return pairs(cast, belong)
+
+
+def contested_places(cast: Cast) -> Places:
+    """Return the contested stretches of `neighbours`."""
+    return places(contested(cast, one, two) for one, two in cast.static(neighbours).column)
+
+
+class _Roads(NamedTuple):
+    """Where the roads lie that `neighbours` share, each of shape ``(pairs,)``."""
+
+    exit: NDArray[np.bool_]
+    """Whether they leave by one exit."""
+    parting: NDArray[np.float64]
+    """Up to which station the second vehicle, which comes to the same entrance, is in the lane of the first vehicle [m]."""
+    joining: NDArray[np.float64]
+    """From which station on the second vehicle, which comes to another entrance, is in the lane of the first vehicle [m]."""
+    shift: NDArray[np.float64]
+    """How much longer the movement of the second vehicle is, which comes to another entrance [m]."""
+
+
+def roads(cast: Cast) -> _Roads:
+    """Return what roads `neighbours` share."""
+    both, agents = cast.static(neighbours), cast.agents
+    commons = [shared(cast, one, two) for one, two in both.column]
+    entrance, exit = both.first(cast.entrance) == both.second(cast.entrance), both.first(cast.exit) == both.second(cast.exit)
+    partings = [
+        parting(cast.junction, agents[one].way.key, agents[two].way.key) if same else -math.inf
+        for (one, two), same in zip(both.column, entrance.tolist(), strict=True)
+    ]
+    joins = [c.yours.start if c else agents[two].way.length for (_, two), c in zip(both.column, commons, strict=True)]
+    joining = np.where(exit & ~entrance, np.array(joins, dtype=np.float64), np.inf)
+    shift = np.where(entrance, 0.0, both.second(cast.way) - both.first(cast.way))
+    return _Roads(exit, np.array(partings), joining, shift)
+
+
+@signal(pairs=neighbours, needs=sized, otherwise=math.inf)
+def ahead_by(block: Block) -> NDArray[np.float64]:
+    """How far ahead of the first vehicle, in its lane or on its exit road, the rear of the second is [m], else infinity."""
+    both, road, station = block.cast.static(neighbours), block.cast.static(roads), block.need("station")
+    front, ahead = both.first(station), both.second(station)
+    behind = ahead - both.second(block.cast.length)
+    way, front = (behind < road.parting) | (ahead >= road.joining), front + road.shift
+    return np.where(way & (ahead > front) & both.second(block.here), behind - front, np.inf)

@@ -1,0 +1,289 @@
+"""The integrity of a run: states that break the semantic model, in a simulation or in a recording from another tool."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pytest_rvads.logic.conduct.bodies import contacts
+from pytest_rvads.logic.conduct.memo import once
+from pytest_rvads.runs.itineraries import ENTRANCE_ZONE, itinerary
+from pytest_rvads.runs.run import Run
+from pytest_rvads.runs.states import Agent, Colour, Zone
+from pytest_rvads.support.errors import MapError, RunError, require
+
+__all__ = ["OFFSET_LIMIT", "PROGRESS_TOLERANCE", "Finding", "damage", "impossible", "validate"]
+
+PROGRESS_TOLERANCE = (0.005, 0.3)
+"""Largest difference of a step's progress from speed times time, as a distance [m] and a share.
+
+The bumper swings in bends, where its projection on the centre line is a quarter slower or faster than the car.
+"""
+OFFSET_LIMIT = 2.0
+"""Largest distance of a reference point from the centre line of its itinerary [m]; half a lane and a bit."""
+_PACE = (0.3, 0.2)
+"""Largest difference of a simulated vehicle's speed from the motion of its body [m/s], and as a share."""
+_LONG = 10
+"""Number of states in which the difference may be larger, because bodies that touch are thrown aside."""
+_SHORT = 0.5
+"""Length below which a vehicle may pass a part of its way in one step [m]; maps have exit roads of a few centimetres."""
+_EVERY = 10
+"""Offsets are checked in every tenth state."""
+_ORDER = {Colour.GREEN: Colour.YELLOW, Colour.YELLOW: Colour.RED, Colour.RED: Colour.GREEN}
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """An impossible state of a run."""
+
+    kind: str
+    """The kind: jump, progress, missing ticks, sampling, speed, zone, itinerary, colour, collision, values."""
+    time: float
+    """Time of the first occurrence, on the clock of the recording [s]."""
+    message: str
+    """One sentence with the vehicle or light, the time, and the error."""
+
+    def __str__(self) -> str:
+        return self.message
+
+
+def validate(run: Run) -> tuple[Finding, ...]:
+    """Find states that break the semantic model, each kind once per vehicle or light, or per run; none in an intact run.
+
+    Values that a run does not record are not checked.
+    """
+    require(run, Run, "validate takes a run, such as rvads.simulate(case) returns", RunError)
+    broken = once(run, damage)
+    if broken:
+        return broken
+    found: list[Finding] = []
+    for column, agent in enumerate(run.agents):
+        found += _zones(run, column, agent)
+        found += _progress(run, column, agent)
+        found += _itinerary(run, column, agent)
+    found += _sampling(run)
+    found += _colours(run)
+    found += _bodies(run)
+    return tuple(sorted(found, key=lambda f: f.time))
+
+
+def impossible(run: Run) -> Iterator[Finding]:
+    """Yield the findings that no simulator may cause: a run unfit to be judged, zones out of order, wrong speeds.
+
+    Every simulated run is checked, so the check takes well below a hundredth of the time of a run; `validate` checks more.
+    """
+    broken = once(run, damage)
+    yield from broken
+    for column, agent in enumerate(() if broken else run.agents):
+        yield from _zones(run, column, agent)
+        yield from _pace(run, column, agent)
+
+
+def damage(run: Run) -> tuple[Finding, ...]:
+    """Find errors that make a run unfit to be judged: no states, arrays that don't fit together, meaningless values."""
+    return (*_arrays(run), *_values(run), *_agents(run))
+
+
+def _arrays(run: Run) -> Iterator[Finding]:
+    shape = (run.steps, len(run.agents))
+    shapes: list[tuple[str, NDArray[Any] | None, tuple[int, ...]]] = [
+        ("zone", run.zone, shape),
+        ("lights", run.lights, (run.steps, len(run.junction.starts))),
+        ("station", run.station, shape),
+        ("speed", run.speed, shape),
+        ("pose", run.pose, (*shape, 3)),
+        ("spread", run.spread, shape),
+    ]
+    known = run.zone != Zone.ABSENT if run.zone.shape == shape else np.ones(shape, dtype=np.bool_)
+    if not run.steps:
+        yield Finding("values", 0.0, "the run is empty: it has no states")
+    if not (np.isfinite(run.dt) and run.dt > 0):
+        yield Finding("values", 0.0, f"the time between two states must be positive, got {run.dt} s")
+    for name, array, wanted in shapes:
+        if array is None:
+            continue
+        if array.shape != wanted:
+            yield Finding("values", 0.0, f"{name} must have shape {wanted}, got {array.shape}")
+        elif array.dtype.kind == "f" and not np.isfinite(array[known]).all():
+            tick, column, *_ = np.argwhere(~np.isfinite(array) & (known if array.ndim == 2 else known[..., None]))[0]
+            time = _clock(run, int(tick))
+            yield Finding("values", time, f"{name} of {run.agents[column].name} at {time:.2f} s is not a finite number")
+
+
+def _values(run: Run) -> Iterator[Finding]:
+    for name, codes, allowed in (("zone", run.zone, Zone), ("colour", run.lights, Colour)):
+        if codes.size and not np.isin(codes, [int(v) for v in allowed]).all():
+            yield Finding("values", 0.0, f"the run has a {name} that is none of {', '.join(v.name.lower() for v in allowed)}")
+
+
+def _agents(run: Run) -> Iterator[Finding]:
+    names = [agent.name for agent in run.agents]
+    if len(set(names)) < len(names):
+        yield Finding("values", 0.0, f"every vehicle must have a name of its own, got {', '.join(names)}")
+    collided = [name for collision in run.collisions or () for name in collision.agents]
+    for named in dict.fromkeys((run.facts.subject, *run.facts.strayed, *collided)):
+        if named not in (None, *names):
+            what = "facts" if named not in collided else "collisions"
+            yield Finding("values", 0.0, f"the {what} name {named!r}, which is none of the vehicles {', '.join(names)}")
+    for agent in run.agents:
+        way = run.junction.every_way.get(agent.way.key)
+        where = f"{agent.name} goes from entrance {agent.entrance} to exit {agent.exit}"
+        if way is None:
+            yield Finding("values", 0.0, f"{where}, where junction {run.junction.name!r} has no movement")
+        elif way.turn is not agent.turn:
+            yield Finding("values", 0.0, f"{where}, which is {way.turn.value} and not {agent.turn.value}")
+        if agent.size is not None and not (len(agent.size) == 2 and all(0 < v < np.inf for v in agent.size)):
+            yield Finding("values", 0.0, f"the size of {agent.name} must be a positive length and width, got {agent.size}")
+
+
+def _zones(run: Run, column: int, agent: Agent) -> Iterator[Finding]:
+    """Check the order of the zones of an itinerary: the vehicle skips no zone, and does not drive backwards through zones."""
+    zone = run.zone[:, column].astype(np.int64)
+    known = (zone != Zone.ABSENT)[1:] & (zone != Zone.ABSENT)[:-1]
+    road, step = run.junction.ends[agent.exit].road, np.diff(zone)
+    lengths = {Zone.JUNCTION: agent.way.length, Zone.EXIT: np.inf if road is None else road.length}
+    passed = (step == 2) & np.isin(zone[:-1] + 1, [part for part, length in lengths.items() if length < _SHORT])
+    jumps = np.flatnonzero(((step < 0) | (step > 1)) & ~passed & known) + 1
+    if len(jumps):
+        tick = int(jumps[0])
+        before, after = (Zone(int(zone[t])).name.lower() for t in (tick - 1, tick))
+        time = _clock(run, tick)
+        yield Finding(
+            "jump",
+            time,
+            f"{agent.name} jumps on the graph at {time:.2f} s: from {before} to {after} in one step",
+        )
+    if run.station is None:
+        return
+    station, line = run.station[:, column], -run.junction.setbacks[agent.entrance]
+    length = run.junction.every_way[agent.way.key].length
+    spread = 0.0 if run.spread is None else run.spread[:, column]
+    first, last = (
+        np.select([at < line - ENTRANCE_ZONE, at <= 0.0, at < length], [Zone.APPROACH, Zone.ENTRANCE, Zone.JUNCTION], Zone.EXIT)
+        for at in (station - spread, station + spread)
+    )
+    wrong = np.flatnonzero(((zone < first) | (zone > last)) & run.here[:, column])
+    if len(wrong):
+        tick = int(wrong[0])
+        name, time = Zone(int(zone[tick])).name.lower(), _clock(run, tick)
+        yield Finding(
+            "zone",
+            time,
+            f"{agent.name} at {time:.2f} s is said to be in zone {name}, but its station is {station[tick]:.2f} m",
+        )
+
+
+def _progress(run: Run, column: int, agent: Agent) -> Iterator[Finding]:
+    """Check that progress along the itinerary agrees with speed times time; an integer multiple means missing states."""
+    if run.station is None or run.speed is None or run.steps < 2:
+        return
+    here = run.here[1:, column] & run.here[:-1, column]
+    progress = np.diff(run.station[:, column])
+    wanted = (run.speed[1:, column] + run.speed[:-1, column]) / 2 * run.dt
+    absolute, relative = PROGRESS_TOLERANCE
+    unknown = 0.0 if run.spread is None else run.spread[1:, column] + run.spread[:-1, column]
+    wrong = np.flatnonzero(here & (np.abs(progress - wanted) > absolute + relative * np.abs(wanted) + unknown))
+    if not len(wrong):
+        return
+    tick = int(wrong[0])
+    ratio = float(progress[tick] / wanted[tick]) if abs(wanted[tick]) > 1e-9 else 0.0
+    made, due, time = f"{progress[tick]:.3f}", f"{wanted[tick]:.3f}", _clock(run, tick)
+    text = f"{agent.name} makes {made} m from {time:.2f} s to the next state, speed times time is {due} m"
+    if ratio > 1.8 and abs(ratio - round(ratio)) < 0.2:
+        yield Finding("missing ticks", time, f"{text}: {round(ratio) - 1} states seem to be missing")
+    else:
+        yield Finding("progress", time, text)
+
+
+def _pace(run: Run, column: int, agent: Agent) -> Iterator[Finding]:
+    """Check that a speed agrees with the motion of the body; stations are less exact if the lanes of a map fit badly."""
+    if run.pose is None or run.speed is None or run.steps < 2:
+        return
+    step, heading = np.diff(run.pose[:, column, :2], axis=0) / run.dt, run.pose[:-1, column, 2]
+    ahead = step[:, 0] * np.cos(heading) + step[:, 1] * np.sin(heading)
+    speed, (absolute, relative) = run.speed[1:, column], _PACE
+    here = run.here[1:, column] & run.here[:-1, column]
+    wrong = np.flatnonzero(here & (np.abs(ahead - speed) > absolute + relative * np.abs(speed)))
+    if len(wrong) > _LONG:
+        time, moves, said = _clock(run, int(wrong[0]) + 1), ahead[wrong[0]], speed[wrong[0]]
+        yield Finding(
+            "speed", time, f"{agent.name} moves ahead at {moves:.1f} m/s at {time:.2f} s, its speed is given as {said:.1f} m/s"
+        )
+
+
+def _sampling(run: Run) -> Iterator[Finding]:
+    """Check that no vehicle passes a whole entrance zone between two states; the finding names the first vehicle that does."""
+    if run.speed is None:
+        return
+    fast = np.abs(run.speed) * run.dt > ENTRANCE_ZONE
+    if fast.any():
+        tick, column = np.argwhere(fast)[0]
+        time, others = _clock(run, int(tick)), int(fast.any(axis=0).sum()) - 1
+        more = f", as do {others} others" if others > 1 else ", as does another vehicle" if others else ""
+        yield Finding(
+            "sampling",
+            time,
+            f"{run.agents[column].name} drives {run.speed[tick, column]:.1f} m/s at {time:.2f} s{more}: in {run.dt:g} s that is "
+            f"more than the entrance zone of {ENTRANCE_ZONE:g} m, so rules may miss when it was there",
+        )
+
+
+def _itinerary(run: Run, column: int, agent: Agent) -> Iterator[Finding]:
+    """Check that the reference point stays near the centre line of the itinerary."""
+    if run.pose is None or run.station is None or not run.junction.drivable:
+        return
+    try:
+        way = itinerary(run.junction, *agent.way.key)
+    except MapError as error:
+        yield Finding("itinerary", 0.0, f"{agent.name} has no itinerary: {error}")
+        return
+    ticks = np.flatnonzero(run.here[::_EVERY, column]) * _EVERY
+    place, along = run.pose[ticks, column, :2], run.station[ticks, column] + way.origin
+    # Projecting takes long. A vehicle near the point of the centre line at its station is near the line.
+    line = way.path
+    centre = np.stack([np.interp(along, line.stations, values) for values in line.points.T], axis=-1)
+    near = (np.hypot(*(place - centre).T) < OFFSET_LIMIT - 1e-6) & (along >= 0.0) & (along <= line.length)
+    for tick in ticks[~near].tolist():
+        x, y, _ = run.pose[tick, column]
+        _, offset = way.project(float(x), float(y), float(run.station[tick, column]))
+        if abs(offset) > OFFSET_LIMIT:
+            time = _clock(run, tick)
+            yield Finding("itinerary", time, f"{agent.name} is {abs(offset):.1f} m off its itinerary at {time:.2f} s")
+            return
+
+
+def _colours(run: Run) -> Iterator[Finding]:
+    """Check that a light goes from green to yellow to red to green."""
+    for entrance in range(run.lights.shape[1]):
+        series = run.lights[:, entrance]
+        for tick in np.flatnonzero(np.diff(series)) + 1:
+            before, after = Colour(int(series[tick - 1])), Colour(int(series[tick]))
+            if _ORDER.get(before) is not after:
+                time = _clock(run, int(tick))
+                yield Finding(
+                    "colour",
+                    time,
+                    f"light {entrance} turns from {before.name.lower()} to {after.name.lower()} at {time:.2f} s, out of order",
+                )
+                break
+
+
+def _bodies(run: Run) -> Iterator[Finding]:
+    """Check that every contact of two bodies is recorded as a collision."""
+    if run.pose is None or run.collisions is None or not all(a.size for a in run.agents):
+        return
+    recorded = {frozenset(c.agents) for c in run.collisions}
+    for contact in contacts(replace(run, collisions=None)):
+        if frozenset(contact.agents) not in recorded:
+            pair = " and ".join(contact.agents)
+            time = run.start + contact.time
+            yield Finding("collision", time, f"{pair} touch at {time:.2f} s, and no collision is recorded")
+
+
+def _clock(run: Run, tick: int) -> float:
+    """Return the time of a tick on the clock of the recording [s]."""
+    return run.start + tick * run.dt

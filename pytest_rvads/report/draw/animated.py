@@ -1,0 +1,311 @@
+"""A run as an animated SVG without a script, which also moves on pages that allow only images."""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections.abc import Collection, Iterable, Sequence
+from dataclasses import dataclass
+from math import degrees
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pytest_rvads.report.draw.scene import Scene, body, inks, size
+from pytest_rvads.report.draw.svg import wrap
+from pytest_rvads.runs.run import Run
+from pytest_rvads.support.errors import RunError
+from pytest_rvads.support.wording import markup
+
+__all__ = ["Film", "animated", "filmed", "framed"]
+
+_RATE = 10
+"""Keyframes per second; browsers interpolate between keyframes in straight lines."""
+_HOLD, _REST = 2.0, 1.0
+"""Time that the picture stands still at the shown instant, and at its end [s of viewing time]."""
+_LONGEST = 60.0
+"""Longest shown part of a run [s], so that a picture stays below a megabyte."""
+_NEAR, _SPAN = 11.0, 16.0
+"""Distance from the junction, and from its position at the instant, within which a responsible vehicle is in view [m]."""
+_BESIDE, _AROUND = 26.0, 3.5
+"""Distance from a responsible vehicle within which other vehicles are in view, and margin of the view [m]."""
+_SHAPE = 0.62
+"""Least height of the view as a share of its width."""
+_SEAM = 0.2
+"""Additional width of drawn lanes, so that no gap shows between lanes that meet [m]."""
+_BAR, _FONT, _LINE = 24.0, 17.0, 24.0
+"""Height of the bar with the clock, and of letters and lines of the text below the view [px]."""
+_STYLE = """
+.lane{fill:none;stroke:#8f969f}.way{display:none}.mark,.arrow{fill:none;stroke:#e9ebee;stroke-width:.14}
+.mark.broken{stroke-dasharray:3 3}.arrow{stroke-width:.25}.stop{stroke:#fff;stroke-width:.65}
+.number{display:none}.letter,.name{text-anchor:middle;fill:#fff;font-weight:bold}.letter{font-size:1.8px}
+.front{fill:none;stroke:#fff;stroke-width:.24}.ring{fill:none;stroke:#d11f1f;stroke-width:.45;transform-box:fill-box;transform-origin:center}
+text{font-family:system-ui,-apple-system,"Segoe UI",Helvetica,Arial,sans-serif}
+"""
+
+
+def animated(  # noqa: PLR0913 - a run and its shown part
+    run: Run,
+    *,
+    title: str = "",
+    responsible: Collection[str] = (),
+    around: float | None = None,
+    before: float = 4.0,
+    after: float = 2.5,
+    width: int = 640,
+) -> str:
+    """Return an SVG document in which the vehicles of a run move, again and again.
+
+    Viewers without animation, and viewers who ask for reduced motion, show the instant `around`.
+
+    Args:
+        run: a run with positions.
+        title: text below the picture; the text appears at `around`, or at the beginning without `around`.
+        responsible: names of the highlighted vehicles.
+        around: the shown instant on the clock of the recording [s]; None shows the run from its beginning.
+        before: shown time before the instant [s].
+        after: shown time after the instant [s].
+        width: width of the picture [px].
+
+    Raises:
+        RunError: the run has no positions or no states.
+        MapError: the junction of the run has no geometry.
+    """
+    if run.pose is None:
+        raise RunError(f"run {run.label!r} holds no positions, so there is nothing to draw")
+    if not run.steps:
+        raise RunError(f"run {run.label!r} has no states, so there is nothing to draw")
+    scene = Scene(run.junction)
+    film = filmed(run, scene, responsible, around, before, after)
+    left, top, wide, high = framed(run, scene, film, responsible)
+    tall = round(width * high / wide)
+    lines = _balanced_lines(title, max(int((width - 24) / (0.54 * _FONT)), 8))
+    full = tall + round(_BAR) + (round(_LINE * len(lines)) + 10 if lines else 0)
+    colours, rules = inks(run.agents), [f".lane{{stroke-width:{run.junction.lane_width + _SEAM:g}}}"]
+    parts = [scene.road(), *_lamps(run, scene, film, rules)]
+    for column, agent in enumerate(run.agents):
+        if run.here[film.ticks, column].any():
+            ring = _ring(size(run, column)) if agent.name in responsible else ""
+            pose = np.nan_to_num(run.pose[film.still, column])
+            drawn = body(pose, agent, size(run, column), colours[column], style=f"v{column}", more=ring)
+            parts.append(_moving(run, film, column, drawn, rules))
+    if around is not None:
+        rules.append(_steps("told", film, [(0.0, "opacity:0"), (film.pause, "opacity:1")]))
+        rules.append("@keyframes pulse{from{transform:scale(1)}50%{transform:scale(1.12)}to{transform:scale(1)}}")
+        rules.append(f".told{{animation:told {film.length:g}s step-end infinite}}.ring{{animation:pulse .8s infinite}}")
+    clock = _clock(run, film, width, rules)
+    if around is not None and run.subject and lines:
+        rules.append(_steps("calm", film, [(0.0, "opacity:1"), (film.pause, "opacity:0")]))
+        rules.append(f".calm{{opacity:0;animation:calm {film.length:g}s step-end infinite}}")
+        quiet = f"{run.subject} is under test, the others are traffic"
+        clock += f'<text class="calm" x="12" y="{_BAR + _LINE:g}" font-size="{_FONT:g}" fill="#3d434a">{markup(quiet)}</text>'
+    caption = "".join(f'<text x="12" y="{_LINE * (k + 1):g}">{markup(line)}</text>' for k, line in enumerate(lines))
+    return (
+        f'<svg xmlns="http://www.w3.org/2000/svg" width="{width}" height="{full}" viewBox="0 0 {width} {full}" role="img">'
+        f"<title>{markup(title or run.label)}</title><style>{_STYLE}{''.join(rules)}"
+        "@media (prefers-reduced-motion:reduce){*{animation:none!important}}</style>"
+        f'<rect width="{width}" height="{full}" rx="8" fill="#fff"/>'
+        f'<svg width="{width}" height="{tall}" viewBox="{left:.2f} {top:.2f} {wide:.2f} {high:.2f}">'
+        f'<rect x="{left:.2f}" y="{top:.2f}" width="{wide:.2f}" height="{high:.2f}" fill="#e6ebe2"/>{"".join(parts)}</svg>'
+        f'<g transform="translate(0 {tall})">{clock}</g>'
+        f'<g class="{"told" if around is not None else ""}" transform="translate(0 {tall + _BAR:g})" font-size="{_FONT:g}" '
+        f'font-weight="600" fill="#b3151b">{caption}</g>'
+        f'<rect x=".5" y=".5" width="{width - 1}" height="{full - 1}" rx="8" fill="none" stroke="#c3c8ce"/></svg>\n'
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Film:
+    """The shown states of a run, and the times at which the states are shown."""
+
+    ticks: Sequence[int]
+    """Shown ticks of the run, in order."""
+    times: Sequence[float]
+    """Viewing time of each tick [s]."""
+    still: int
+    """Tick of the shown instant, which viewers without animation show."""
+    pause: float
+    """Viewing time of the shown instant [s]."""
+    length: float
+    """Viewing time of the whole film [s]."""
+
+    def share(self, time: float) -> str:
+        """Return a viewing time [s] as a percentage for keyframes."""
+        return f"{100 * min(time / self.length, 1.0):.2f}%"
+
+
+def filmed(run: Run, scene: Scene, responsible: Collection[str], around: float | None, before: float, after: float) -> Film:
+    """Return the shown states; before the instant only the time in which a responsible vehicle is near.
+
+    Args:
+        run: a run with positions.
+        scene: the junction.
+        responsible: names of the responsible vehicles.
+        around: the shown instant on the clock of the recording [s]; None shows the run from its beginning.
+        before: longest shown time before the instant [s].
+        after: longest shown time after the instant [s].
+    """
+    last = run.steps - 1
+    still = last if around is None else min(max(round((around - run.start) / run.dt), 0), last)
+    begin = 0
+    if around is not None:
+        begin = max(still - round(min(before, _LONGEST) / run.dt), 0)
+        near = [
+            _near(run, scene, column, still)[begin:still] for column, agent in enumerate(run.agents) if agent.name in responsible
+        ]
+        visible = np.any(near, axis=0)
+        begin += int(visible.argmax()) if near and len(visible) else 0  # also 0 if no vehicle came near
+    end = min(last, round(_LONGEST / run.dt)) if around is None else min(still + round(min(after, _LONGEST) / run.dt), last)
+    still = min(still, end)
+    every = max(round(1 / _RATE / run.dt), 1)
+    ticks = sorted({*range(begin, end + 1, every), still, end})
+    hold = 0.0 if around is None else _HOLD
+    times = [(tick - begin) * run.dt + (hold if tick > still else 0.0) for tick in ticks]
+    # The picture stands still between two keyframes of the same state.
+    place = ticks.index(still)
+    if hold:
+        ticks.insert(place, still)
+        times.insert(place + 1, times[place] + hold)
+    return Film(ticks, times, still, times[place], times[-1] + _REST)
+
+
+def framed(run: Run, scene: Scene, film: Film, responsible: Collection[str]) -> tuple[float, float, float, float]:
+    """Return left, top, width and height of the visible part, in SVG coordinates [m].
+
+    The visible part holds the responsible vehicles and the vehicles near them. Without a responsible vehicle it is
+    the whole junction.
+    """
+    pose, ticks = run.need("pose"), list(film.ticks)
+    about = [column for column, agent in enumerate(run.agents) if agent.name in responsible and run.here[ticks, column].any()]
+    points = [] if about else list(scene.core)
+    for column in about:
+        points += list(pose[ticks, column, :2][_near(run, scene, column, film.still)[ticks]])
+    centres = [pose[film.still, column, :2] for column in about if run.here[film.still, column]]
+    for column, agent in enumerate(run.agents):
+        if agent.name not in responsible and run.here[film.still, column]:
+            place = pose[film.still, column]
+            rear = place[:2] - size(run, column)[0] * np.array([np.cos(place[2]), np.sin(place[2])])
+            points += [place[:2], rear] if any(np.hypot(*(place[:2] - centre)) < _BESIDE for centre in centres) else []
+    points = points or list(scene.core)
+    (x0, y0), (x1, y1) = np.min(points, axis=0) - _AROUND, np.max(points, axis=0) + _AROUND
+    wide, tall = float(x1 - x0), float(y1 - y0)
+    wide = max(wide, tall / 0.85)
+    tall = max(tall, _SHAPE * wide)
+    return float(x0 + x1 - wide) / 2, -float(y0 + y1 + tall) / 2, wide, tall
+
+
+def _near(run: Run, scene: Scene, column: int, still: int) -> NDArray[np.bool_]:
+    """Return whether a responsible vehicle is in view, per state, shape ``(steps,)``.
+
+    The vehicle is in view near the junction, and near its position at the shown instant.
+    """
+    low, high = scene.core
+    way = run.need("pose")[:, column, :2]
+    visible: NDArray[np.bool_] = run.here[:, column] & ((way > low - _NEAR) & (way < high + _NEAR)).all(axis=1)
+    if run.here[still, column]:
+        visible &= np.hypot(*(way - way[still]).T) < _SPAN
+    return visible
+
+
+def _balanced_lines(title: str, most: int) -> list[str]:
+    """Return a text as lines of about the same length, with at most `most` letters each."""
+    lines = wrap(title, most) if title else []
+    for narrow in range(len(title) // max(len(lines), 1), most):
+        if len(narrow_lines := wrap(title, narrow)) <= len(lines):
+            return narrow_lines
+    return lines
+
+
+def _moving(run: Run, film: Film, column: int, drawn: str, rules: list[str]) -> str:
+    """Return the element of a moving vehicle, and add its style to `rules`."""
+    pose, present = run.need("pose"), run.here[:, column]
+    begin, end = run.spans[column].tolist()
+    turned = np.zeros(run.steps)
+    turned[begin:end] = np.unwrap(np.nan_to_num(pose[begin:end, column, 2]))
+    visible = np.flatnonzero(present[film.ticks])
+    first, final = int(visible[0]), int(visible[-1])
+    frames = []
+    for k, (tick, time) in enumerate(zip(film.ticks, film.times, strict=True)):
+        if first <= k <= final:
+            x, y = pose[tick, column, :2]
+            moved = f"transform:translate({x:.2f}px,{-y:.2f}px) rotate({-degrees(turned[tick]):.1f}deg)"
+            frames.append((film.share(time), moved))
+    ends = (0, len(frames) - 1)
+    merged = [f for k, f in enumerate(frames) if k in ends or len({style for _, style in frames[k - 1 : k + 2]}) > 1]
+    start, stop = ("0%", merged[0][1]), ("100%", merged[-1][1])
+    rules.append(f"@keyframes v{column}{{{_frames([start, *merged, stop])}}}")
+    rules.append(f".v{column}{{animation:v{column} {film.length:g}s linear infinite}}")
+    hidden = "" if present[film.still] else ' visibility="hidden"'
+    if first == 0 and final == len(film.ticks) - 1:
+        return drawn
+    off, on = "visibility:hidden", "visibility:visible"
+    edges = [(0.0, on if first == 0 else off), (film.times[first], on)]
+    edges += [(film.times[final + 1], off)] if final + 1 < len(film.ticks) else []
+    rules.append(_steps(f"s{column}", film, edges))
+    rules.append(f".s{column}{{animation:s{column} {film.length:g}s step-end infinite}}")
+    return f'<g class="s{column}"{hidden}>{drawn}</g>'
+
+
+def _ring(extent: tuple[float, float]) -> str:
+    """Return the ring around a responsible vehicle at the shown instant."""
+    length, width = extent
+    return (
+        f'<g class="told"><rect class="ring" x="{-length - 0.7:g}" y="{-width / 2 - 0.7:g}" width="{length + 1.4:g}" '
+        f'height="{width + 1.4:g}" rx="1"/></g>'
+    )
+
+
+def _lamps(run: Run, scene: Scene, film: Film, rules: list[str]) -> Iterable[str]:
+    """Return the lamps for every shown state of the lights, and add styles to `rules` that show the lamps in this state."""
+    shown = [tuple(map(int, run.lights[tick])) for tick in film.ticks]
+    changes = [k for k in range(len(shown)) if k == 0 or shown[k] != shown[k - 1]]
+    if len(changes) == 1:
+        return [scene.lights(shown[0])]
+    lamps = []
+    now = changes[bisect_right(changes, list(film.ticks).index(film.still)) - 1]
+    for number, k in enumerate(changes):
+        until = changes[number + 1] if number + 1 < len(changes) else None
+        edges = [(0.0, "visibility:visible" if k == 0 else "visibility:hidden"), (film.times[k], "visibility:visible")]
+        edges += [] if until is None else [(film.times[until], "visibility:hidden")]
+        rules.append(_steps(f"l{number}", film, edges))
+        rules.append(f".l{number}{{animation:l{number} {film.length:g}s step-end infinite}}")
+        hidden = "" if k == now else ' visibility="hidden"'
+        lamps.append(f'<g class="l{number}"{hidden}>{scene.lights(shown[k])}</g>')
+    return lamps
+
+
+def _clock(run: Run, film: Film, width: int, rules: list[str]) -> str:
+    """Return a progress bar and the time on the clock of the run, and add the styles of both to `rules`."""
+    room = width - 96.0
+    begin, end = film.ticks[0], film.ticks[-1]
+    whole = max(end - begin, 1)
+    shown = list(zip(film.ticks, film.times, strict=True))
+    fills = [(film.share(time), f"transform:scaleX({(tick - begin) / whole:.4f})") for tick, time in shown]
+    rules.append(f"@keyframes bar{{{_frames([*fills, ('100%', fills[-1][1])])}}}")
+    rules.append(f".bar{{animation:bar {film.length:g}s linear infinite}}")
+    lines: list[str] = []
+    turns, previous = [], -1
+    for tick, time in shown:
+        if tick != previous:
+            lines.append(f'<text y="{17 + _BAR * len(lines):g}">{run.start + tick * run.dt:.2f} s</text>')
+            turns.append((time, f"transform:translateY({-_BAR * (len(lines) - 1):g}px)"))
+        previous = tick
+    rules.append(_steps("clock", film, turns))
+    rules.append(f".clock{{animation:clock {film.length:g}s step-end infinite}}")
+    row = sorted(set(film.ticks)).index(film.still)
+    share = (film.still - begin) / whole
+    mark = f'<path d="M{12 + room * share:.1f} 5v14" stroke="#b3151b" stroke-width="3"/>' if film.times[-1] > film.pause else ""
+    fill = f'<g class="bar" transform="scale({share:.4f} 1)"><rect width="{room:g}" height="6" rx="3" fill="#5c6470"/></g>'
+    return (
+        f'<rect x="12" y="9" width="{room:g}" height="6" rx="3" fill="#e3e6ea"/><g transform="translate(12 9)">{fill}</g>{mark}'
+        f'<svg x="{width - 76:g}" width="70" height="{_BAR:g}"><g class="clock" '
+        f'transform="translate(0 {-_BAR * row:g})" font-size="14" fill="#3d434a">{"".join(lines)}</g></svg>'
+    )
+
+
+def _steps(name: str, film: Film, edges: Iterable[tuple[float, str]]) -> str:
+    """Return keyframes of a property that changes in steps."""
+    return f"@keyframes {name}{{{_frames([(film.share(time), style) for time, style in edges])}}}"
+
+
+def _frames(frames: Iterable[tuple[str, str]]) -> str:
+    return "".join(f"{share}{{{style}}}" for share, style in frames)

@@ -1,0 +1,298 @@
+"""Pictures of the junctions of a map: lanes with arrows and marks, signs, lights, stopping lines, right of way."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Iterator
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pytest_rvads.geometry.analysis import JunctionReport
+from pytest_rvads.geometry.conflicts import Key
+from pytest_rvads.geometry.control import JunctionControl, Sign
+from pytest_rvads.geometry.junction import Junction
+from pytest_rvads.geometry.network import Edge
+from pytest_rvads.geometry.paths import walk
+from pytest_rvads.geometry.road_map import RoadMap
+from pytest_rvads.geometry.turn_words import UTURN, turn_word
+from pytest_rvads.geometry.yielding import Reason
+from pytest_rvads.report.draw.svg import arrow, document, marks, polyline, sign, text, wrap
+
+__all__ = ["draw_map"]
+
+_PANEL, _COLUMNS, _HEAD, _LEGEND = 360.0, 3, 78.0, 900.0
+_LINE, _LETTERS, _LINES = 12.0, 66, 12
+"""Text above a panel: height of a line [px], letters per line, most lines."""
+_GAP = 6.0
+"""Distance between a panel and the edge of its tile, so that neighbours do not look linked [px]."""
+_MARGIN = 18.0
+"""Drawn length of the roads around a junction [m]."""
+_SMALLEST = 20.0
+_ARROWS = 12.0
+_TURNS: dict[str, str] = {"left": "#d55e00", "straight": "#0072b2", "right": "#009e73", UTURN: "#cc79a7"}
+"""Okabe and Ito's palette, distinguishable by colour-blind people."""
+_NO_TURN = "#777"
+_DASHES = "5 3"
+_REASONS = {
+    Reason.STATED: "as the map says",
+    Reason.SIGN: "by signs",
+    Reason.TURN: "turning {1}",
+    Reason.RIGHT: "{0} before {1}",
+    Reason.MERGE: "joining",
+    Reason.UNDECIDED: "undecided at a flat angle",
+}
+
+Project = Callable[[float, float], tuple[float, float]]
+
+
+def draw_map(road_map: RoadMap) -> str:
+    """Return an SVG document with a panel for each junction of a map, usable or not."""
+    reports = road_map.junctions
+    columns = min(_COLUMNS, len(reports))
+    rows = math.ceil(len(reports) / columns)
+    usable = sum(report.usable for report in reports)
+    count = "1 junction" if len(reports) == 1 else f"{len(reports)} junctions"
+    drawn = {turn_word(report, way) for report in reports for way in report.movements}
+    words = [word for word in _TURNS if word != UTURN or word in drawn]
+    body = [
+        text(12, 24, f"{road_map.path}: {count}, {usable} usable", font_size=15, font_weight="bold"),
+        _legend(12, 44, words),
+    ]
+    junctions = [road_map.junction(report.id) if report.usable else None for report in reports]
+    captions = [_caption(road_map, *pair) for pair in zip(reports, junctions, strict=True)]
+    y = _HEAD
+    for row in range(rows):
+        panels = range(row * columns, min((row + 1) * columns, len(reports)))
+        above = 12 + _LINE * max(len(captions[i]) for i in panels)
+        for i in panels:
+            x = i % columns * _PANEL
+            body.append(
+                f'<svg x="{x + _GAP:g}" y="{y + above:g}" width="{_PANEL - 2 * _GAP:g}" height="{_PANEL - 2 * _GAP:g}" '
+                f'viewBox="0 0 {_PANEL:g} {_PANEL:g}">{_panel(road_map, reports[i], junctions[i])}</svg>'
+            )
+            for k, line in enumerate(captions[i]):
+                head = {"font_weight": "bold", "fill": "#000" if reports[i].usable else "#a00"} if k == 0 else {"font_size": 10}
+                body.append(text(x + 12, y + 12 + _LINE * k, line, **head))
+        y += above + _PANEL
+    defs = "".join(
+        f'<marker id="{name}" viewBox="0 0 6 6" refX="5" refY="3" markerWidth="5" markerHeight="5" orient="auto">'
+        f'<path d="M0 0L6 3L0 6z" fill="{colour}"/></marker>'
+        for name, colour in [*((word, _TURNS[word]) for word in words), ("way", _NO_TURN)]
+    )
+    return document(max(columns * _PANEL, _LEGEND), y, body, defs)
+
+
+def _legend(x: float, y: float, words: Iterable[str]) -> str:
+    parts, left = [], x
+    for word in words:
+        parts.append(f'<path d="M{x:g} {y - 4:g}h24" stroke="{_TURNS[word]}" stroke-width="2" marker-end="url(#{word})"/>')
+        parts.append(text(x + 30, y, word))
+        x += 95
+    dashed = f'<path d="M{x:g} {y - 4:g}h24" stroke="#333" stroke-width="2" stroke-dasharray="{_DASHES}"/>'
+    parts.append(dashed + text(x + 30, y, "gives way to somebody"))
+    x, y = left, y + 20
+    for mark, label, width in (
+        (_number(x + 8, y - 4, "0"), "entrance", 95),
+        (sign(Sign.STOP, x + 103, y - 4, 7), "stop", 65),
+        (sign(Sign.YIELD, x + 168, y - 4, 7), "yield", 65),
+        (sign(Sign.PRIORITY, x + 233, y - 4, 7), "priority", 85),
+        (_light(x + 318, y - 4), "light", 70),
+    ):
+        parts.append(mark)
+        parts.append(text(x + 22, y, label))
+        x += width
+    parts.append(f'<path d="M{x + 4:g} {y - 4:g}h14" stroke="#c00" stroke-width="3"/>' + text(x + 24, y, "stopping line"))
+    return "".join(parts)
+
+
+def _caption(road_map: RoadMap, report: JunctionReport, junction: Junction | None) -> list[str]:
+    """Return the lines above a panel; the first line is the heading."""
+    state = "usable" if report.usable else "not usable"
+    side = ", traffic keeps left" if report.left_hand else ""
+    lines = [f"junction {report.id}: {report.ways}-way, {report.control.value}, {state}{side}"]
+    if report.reason is not None:
+        lines += wrap(report.reason, _LETTERS)
+    elif junction is not None:
+        shown = [f"{length:.0f} m" for length in report.approach]
+        each = ", ".join(f"{_label(report, k)} {length}" for k, length in enumerate(shown))
+        lines += wrap(f"approach: {each if len(set(shown)) > 1 else shown[0]}", _LETTERS)
+        lines += [line for sentence in _giving_way(report, junction) for line in wrap(sentence, _LETTERS)]
+        doubts = (warning.message for warning in (*road_map.warnings, *road_map.bends) if warning.junction == report.id)
+        lines += [line for doubt in doubts for line in wrap(doubt, _LETTERS)]
+    return lines if len(lines) <= _LINES else [*lines[: _LINES - 1], "..."]
+
+
+def _giving_way(report: JunctionReport, junction: Junction) -> Iterator[str]:
+    """Yield per reason a sentence with the entrances that give way to other entrances."""
+    sides = ("left", "right") if report.left_hand else ("right", "left")
+    table: dict[Reason, dict[int, set[int]]] = {}
+    for (way, prior), reason in _yields(junction).items():
+        table.setdefault(reason, {}).setdefault(way[0], set()).add(prior[0])
+    when = {JunctionControl.STOP: " in a tie", JunctionControl.LIGHTS: " on the same green"}.get(report.control, "")
+    for reason in Reason:
+        if reason in table:
+            pairs = (f"{_label(report, k)} to {_labels(report, priors)}" for k, priors in sorted(table[reason].items()))
+            yield f"gives way{when}, {_REASONS[reason].format(*sides)}: {', '.join(pairs)}"
+
+
+def _yields(junction: Junction) -> dict[tuple[Key, Key], Reason]:
+    """Return the yields between movements, without movements whose lights are never green together."""
+    phases = [start.phase for start in junction.starts]
+    pairs = (junction.yields or {}).items()
+    return {(a, b): reason for (a, b), reason in pairs if len({phases[a[0]], phases[b[0]]} - {None}) < 2}
+
+
+def _label(report: JunctionReport, entrance: int) -> str:
+    """Return the number of the arm of an entrance, with the number of its lane if the arm has several lanes."""
+    end = report.entrances[entrance]
+    return f"{end.arm}.{end.lane}" if len(report.arms[end.arm].entrances) > 1 else f"{end.arm}"
+
+
+def _labels(report: JunctionReport, entrances: Iterable[int]) -> str:
+    return " ".join(_label(report, entrance) for entrance in sorted(entrances))
+
+
+def _panel(road_map: RoadMap, report: JunctionReport, junction: Junction | None) -> str:
+    if not report.arms:
+        return text(_PANEL / 2, _PANEL / 2, "nothing to draw", text_anchor="middle", fill="#777")
+    edges = road_map.graph.edges
+    inside = [edges[id] for id in dict.fromkeys(id for way in report.movements for id in way.path.edges)]
+    corners = np.vstack([[(arm.x, arm.y) for arm in report.arms], *(edge.points for edge in inside)])
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    x, y = (low + high) / 2
+    reach = max(float((high - low).max()) / 2, _SMALLEST / 2) + _MARGIN
+    scale = _PANEL / 2 / reach
+
+    def place(east: float, north: float) -> tuple[float, float]:
+        return _PANEL / 2 + (east - x) * scale, _PANEL / 2 - (north - y) * scale
+
+    roads = _roads(road_map, report, reach)
+    parts = ['<rect width="100%" height="100%" fill="#f4f4ee"/>']
+    for extra, colour in ((0.5, "#999"), (0.0, "#cfcfcf")):
+        for edge in (*inside, *roads):
+            width = max((max(edge.width, 1.0) + extra) * scale, 1.0)
+            parts.append(
+                polyline((place(*p) for p in _near(edge.points, x, y, reach)), stroke=colour, stroke_width=f"{width:.1f}")
+            )
+    parts += _painted(road_map, report, place, reach)
+    for edge in roads:
+        parts += _directions(edge, place, x, y, reach)
+    yields = _yields(junction).items() if junction else ()
+    yielding = {way for (way, _), reason in yields if reason is not Reason.UNDECIDED}
+    for way in report.movements:
+        line = [place(*p) for id in way.path.edges for p in edges[id].points]
+        word = turn_word(report, way)
+        style: dict[str, str | float] = {"stroke": _TURNS[word], "stroke_width": 1.5, "marker_end": f"url(#{word})"}
+        dashed: dict[str, str | float] = {"stroke_dasharray": _DASHES} if (way.entrance, way.exit) in yielding else {}
+        parts.append(polyline(line, **style, **dashed))
+    for entrance in range(len(report.entrances)):
+        parts += _posted(road_map, report, entrance, place, scale)
+    parts.append(f'<path d="M10 {_PANEL - 10:g}h{10 * scale:.1f}m0 -3v6m-{10 * scale:.1f} 0v-6" stroke="#333" fill="none"/>')
+    parts.append(text(10, _PANEL - 16, "10 m", font_size=10))
+    return "".join(parts)
+
+
+def _roads(road_map: RoadMap, report: JunctionReport, reach: float) -> list[Edge]:
+    """Return the lanes outside the junction that the panel may show."""
+    lanes: dict[str, Edge] = {}
+    for upstream, starts in (
+        (True, [e for arm in report.arms for e in arm.entrances]),
+        (False, [e for arm in report.arms for e in arm.exits]),
+    ):
+        for start in starts:
+            total = 0.0
+            for id in walk(road_map.graph, start, upstream=upstream):
+                if total > 2 * reach:
+                    break
+                lanes[id] = road_map.graph.edges[id]
+                total += lanes[id].length
+    return list(lanes.values())
+
+
+def _near(points: NDArray[np.float64], x: float, y: float, reach: float) -> Iterable[tuple[float, float]]:
+    """Return the points of a line near the panel; the frame of the panel clips the line."""
+    distance = np.maximum(np.abs(points[:, 0] - x), np.abs(points[:, 1] - y))
+    close = distance <= 1.5 * reach
+    keep = close.copy()
+    keep[1:] |= close[:-1]
+    keep[:-1] |= close[1:]
+    return [(float(a), float(b)) for a, b in (points[keep] if keep.sum() >= 2 else points)]
+
+
+def _directions(edge: Edge, place: Project, x: float, y: float, reach: float) -> list[str]:
+    """Return arrows along a lane of a road, within the panel."""
+    parts = []
+    apart, size = max(_ARROWS, reach / 4), max(1.0, reach / 40)
+    done = 0.0
+    for (ax, ay), (bx, by) in pairwise(edge.points.tolist()):
+        step = math.hypot(bx - ax, by - ay)
+        ux, uy = (bx - ax) / step, (by - ay) / step
+        nearest = (x - ax) * ux + (y - ay) * uy
+        low, high = max(0.0, nearest - 1.5 * reach), min(step, nearest + 1.5 * reach)
+        for k in range(math.ceil((done + low) / apart), math.floor((done + high) / apart) + 1):
+            along = apart * k - done
+            px, py = ax + along * ux, ay + along * uy
+            if along < step and max(abs(px - x), abs(py - y)) <= reach:
+                line = [place(px, py), place(px + size * ux, py + size * uy)]
+                parts.append(polyline(line, stroke=_NO_TURN, stroke_width=1.2, marker_end="url(#way)"))
+        done += step
+    return parts
+
+
+def _painted(road_map: RoadMap, report: JunctionReport, place: Project, reach: float) -> list[str]:
+    """Return the marks between the lanes of the arms."""
+    parts, edges = [], road_map.graph.edges
+    for arm in report.arms:
+        for upstream, ids in ((True, arm.entrances), (False, arm.exits)):
+            lanes = [edges[id] for id in ids]
+            width = math.fsum(lane.width for lane in lanes) / max(len(lanes), 1)
+            for line, broken in marks(
+                [lane.points for lane in lanes], width, left_hand=report.left_hand, centre=upstream or not arm.entrances
+            ):
+                near = [place(*p) for p in _near(line, arm.x, arm.y, 2 * reach)]
+                dashed: dict[str, str | float] = {"stroke_dasharray": "8 8"} if broken else {}
+                parts.append(polyline(near, stroke="#fff", stroke_width=1.2, **dashed))
+    return parts
+
+
+def _posted(road_map: RoadMap, report: JunctionReport, entrance: int, place: Project, scale: float) -> list[str]:
+    """Return the stopping line, number, arrow and light of an entrance, and the sign of its arm for the lane at the kerb."""
+    end = report.entrances[entrance]
+    edge, many = road_map.graph.edges[end.edge], len(report.arms[end.arm].entrances) > 1
+    (ex, ey), heading = edge.points[-1].tolist(), edge.end_heading
+    ux, uy = math.cos(heading), math.sin(heading)
+    half, back = max(edge.width, 2.0) / 2, report.setbacks[entrance]
+    bar = [place(ex - back * ux + side * half * uy, ey - back * uy - side * half * ux) for side in (-1, 1)]
+    parts = [polyline(bar, stroke="#c00", stroke_width=3)]
+    parts.append(_number(*place(ex - (back + 16 / scale) * ux, ey - (back + 16 / scale) * uy), _label(report, entrance)))
+    turns = {way.turn for way in report.movements if way.entrance == entrance}
+    if many or len({way.exit for way in report.movements if way.entrance == entrance}) < report.ways - 1:
+        behind = back + 44 / scale
+        px, py = place(ex - behind * ux, ey - behind * uy)
+        turned = f"translate({px:.1f} {py:.1f}) rotate({-math.degrees(heading):.1f}) scale(4.5)"
+        parts.append(
+            f'<path class="arrow" transform="{turned}" d="{arrow(turns)}" fill="none" stroke="#222" stroke-width=".35"/>'
+        )
+    kerb = half + 9 / scale if not report.left_hand else -half - 9 / scale
+    kind = report.signs[entrance]
+    if kind is Sign.LIGHTS and many:
+        parts.append(_light(*place(ex + 11 / scale * ux, ey + 11 / scale * uy)))
+    elif kind is Sign.LIGHTS or end.lane == 0:
+        post = place(ex - back * ux + kerb * uy, ey - back * uy - kerb * ux)
+        parts.append(_light(*post) if kind is Sign.LIGHTS else sign(kind, *post, 7))
+    return parts
+
+
+def _number(x: float, y: float, label: str) -> str:
+    size = 11 if len(label) < 3 else 9
+    return f'<circle cx="{x:.1f}" cy="{y:.1f}" r="8" fill="#000"/>' + text(
+        x, y + 4, label, fill="#fff", text_anchor="middle", font_size=size
+    )
+
+
+def _light(x: float, y: float) -> str:
+    lamps = zip((-5, 0, 5), ("#e33", "#fc0", "#3b3"), strict=True)
+    dots = "".join(f'<circle cx="{x:.1f}" cy="{y + dy:.1f}" r="2" fill="{colour}"/>' for dy, colour in lamps)
+    return f'<rect x="{x - 4:.1f}" y="{y - 9:.1f}" width="8" height="18" rx="2" fill="#222"/>{dots}'

@@ -1,0 +1,337 @@
+"""A run as a self-contained page: play, scrub, zoom, follow, keyboard, links to a time; events and further texts.
+
+An earlier run of the same scenario may be drawn faintly below the run, with the first difference between the two.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pytest_rvads.logic.conduct.blocks import tick_of
+from pytest_rvads.logic.conduct.bodies import contacts
+from pytest_rvads.report.draw.picture import STYLE
+from pytest_rvads.report.draw.scene import Scene, body, inks, label, placed, size
+from pytest_rvads.report.webpage import webpage
+from pytest_rvads.runs.divergence import diverge
+from pytest_rvads.runs.run import Collision, Run
+from pytest_rvads.runs.states import Colour, Zone
+from pytest_rvads.support.errors import RunError
+from pytest_rvads.support.wording import markup
+
+__all__ = ["Beside", "Track", "events", "ghost_data", "motion", "outlines", "replay"]
+
+_SEEN = 0.1
+"""Least distance between the positions of a vehicle in two runs that a picture shows [m]."""
+_EVERY = 5
+"""Number of states per stored position; the page interpolates positions in straight lines, and zones and lights are exact."""
+_TRAIL = 3.0
+"""Length of the trails of recorded traffic [s]; longer trails of many vehicles hide the events."""
+_LEAD = 1.5
+"""Time before the opening in which the first view shows the way of responsible vehicles [s]."""
+_NEAR, _AROUND = 10.0, 3.0
+"""Distance from the junction within which vehicles are in the first view, and margin of the first view [m]."""
+
+
+@dataclass(frozen=True, slots=True)
+class Beside:
+    """Texts and pictures of a page beside its run."""
+
+    facts: tuple[tuple[str, str], ...] = ()
+    """Word and text of each line of the head: scenario, driver, rule, command for a repetition."""
+    others: tuple[tuple[str, str, str], ...] = ()
+    """Rule, status and message of the other verdicts of the run."""
+    back: str = ""
+    """Relative path of the page that links to this page; empty without such a page."""
+    ghost: Run | None = None
+    """An earlier run of the same scenario, drawn faintly below the run."""
+    ghost_name: str = ""
+    """Name of the earlier run."""
+
+
+@dataclass(frozen=True, slots=True)
+class Track:
+    """A value that changes over time, such as the state of a monitor."""
+
+    label: str
+    changes: tuple[tuple[int, str], ...]
+    """Ticks and new values; the words ``watching``, ``due``, ``violated`` and ``satisfied`` have colours."""
+
+
+def replay(  # noqa: PLR0913 - a run, and the texts and pictures beside the run
+    run: Run,
+    title: str,
+    notes: str = "",
+    marked: Iterable[tuple[float, str]] = (),
+    tracks: Iterable[Track] = (),
+    responsible: Collection[str] = (),
+    opened: float | None = None,
+    beside: Beside | None = None,
+) -> str:
+    """Return an HTML page that replays `run`, state by state.
+
+    Args:
+        run: a run with positions.
+        title: heading of the page.
+        notes: text shown beside the picture, such as an explanation.
+        marked: highlighted further events (time [s], text), such as a violation.
+        tracks: further rows over time, such as the monitors of a rule.
+        responsible: names of the vehicles to highlight.
+        opened: time at which the page opens [s]; the rows are marked at the further event of this time. By default the page opens
+            at the beginning, and the rows are marked at all further events.
+        beside: further texts and pictures of the page.
+
+    Times are on the clock of the recording of which the run is an excerpt. Ticks count from the start of the run.
+
+    Raises:
+        RunError: the run has no positions or no states.
+        MapError: the junction of the run has no geometry.
+    """
+    if run.pose is None or run.station is None or run.speed is None:
+        raise RunError(f"run {run.label!r} holds no positions, so there is nothing to replay")
+    if not run.steps:
+        raise RunError(f"run {run.label!r} has no states, so there is nothing to replay")
+    scene = Scene(run.junction)
+    left, top, wide, high = scene.view
+    colours = inks(run.agents)
+    trails = "".join(f'<polyline class="trail" stroke="{colour}"/>' for colour in colours)
+    bodies = "".join(
+        body(np.nan_to_num(run.pose[run.spans[i, 0], i]), agent, size(run, i), colours[i], agent.name in responsible)
+        for i, agent in enumerate(run.agents)
+    )
+    highlights, beside = sorted(marked), beside or Beside()
+    about = next((time for time, _ in highlights if opened in (None, time)), run.start)
+    data = {
+        "dt": run.dt,
+        "start": run.start,
+        "opened": run.start if opened is None else opened,
+        "steps": run.steps,
+        "every": _EVERY,
+        "trail": None if run.excerpt is None else max(round(_TRAIL / run.dt / _EVERY), 1),
+        "lengths": [size(run, i)[0] for i in range(len(run.agents))],
+        "agents": [a.name for a in run.agents],
+        "kinds": [a.kind for a in run.agents],
+        "inks": colours,
+        "motion": motion(run, _EVERY, run.zone != Zone.ABSENT, "pose", "station", "speed"),
+        "zones": [_changes(run.zone[:, i]) for i in range(len(run.agents))],
+        "entrances": [label(run.junction, e) for e in range(run.lights.shape[1])],
+        "lights": [_changes(run.lights[:, e]) for e in range(run.lights.shape[1])],
+        "tracks": [(track.label, track.changes) for track in tracks],
+        "responsible": [a.name for a in run.agents if a.name in responsible],
+        "marked": [time for time, _ in highlights if opened in (None, time)],
+        "events": sorted([*((*event, False) for event in events(run)), *((*event, True) for event in highlights)]),
+        "impacts": _impacts(run),
+        "watched": run.collisions is not None,
+        "home": _home(run, scene, about, responsible),
+        "reach": max(wide, high),
+        "facts": beside.facts,
+        "others": beside.others,
+        "back": beside.back,
+        "ghost": ghost_data(run, beside.ghost, beside.ghost_name, _EVERY),
+    }
+    return webpage(
+        [("pytest_rvads.report.draw", "replay")],
+        title,
+        data,
+        style=STYLE,
+        heading=markup(title),
+        scene=f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="{left:.2f} {top:.2f} {wide:.2f} {high:.2f}">'
+        f"{scene.road()}{scene.lights(run.lights[0])}{outlines(beside.ghost)}{trails}{bodies}</svg>",
+        notes=markup(notes),
+    )
+
+
+def _home(run: Run, scene: Scene, about: float, responsible: Collection[str]) -> list[float]:
+    """Return left, top, right and bottom of the part that the page shows at first, in SVG coordinates [m].
+
+    The part holds the junction, the vehicles near the junction at the time `about`, and the starts of the responsible vehicles.
+    """
+    tick = min(max(round((about - run.start) / run.dt), 0), run.steps - 1)
+    low, high = scene.core
+    points = [low, high]
+    for column, agent in enumerate(run.agents):
+        begin = max(tick - round(_LEAD / run.dt), 0) if agent.name in responsible else tick
+        way = run.need("pose")[begin : tick + 1, column, :2][run.here[begin : tick + 1, column]]
+        near = ((way > low - _NEAR) & (way < high + _NEAR)).all(axis=1)
+        points += list(way[near])
+        if run.here[tick, column] and near.any():
+            heading = run.need("pose")[tick, column, 2]
+            points.append(way[-1] - size(run, column)[0] * np.array([np.cos(heading), np.sin(heading)]))
+    (left, bottom), (right, top) = np.min(points, axis=0) - _AROUND, np.max(points, axis=0) + _AROUND
+    return [round(float(v), 2) for v in (left, -top, right, -bottom)]
+
+
+def events(run: Run) -> list[tuple[float, str]]:
+    """Return the events of a run, each with time [s] and text: zones entered, changes of lights, collisions, a fault."""
+    rows: list[tuple[float, str]] = []
+    first = run.start
+    junction = run.junction
+    out = [f"{lane.arm}.{lane.lane}" if len(junction.arms[lane.arm].exits) > 1 else f"{lane.arm}" for lane in junction.ends]
+    for column, agent in enumerate(run.agents):
+        words = {Zone.ENTRANCE: "at entrance {0}", Zone.JUNCTION: "enters the junction", Zone.EXIT: "leaves by exit {1}"}
+        if agent.way.key not in junction.movements:
+            words = {Zone.ENTRANCE: "comes to the {2}", Zone.JUNCTION: "enters the {2}", Zone.EXIT: "leaves the {2}"}
+        rows += [
+            (
+                round(first + tick * run.dt, 6),
+                f"{agent.name} {words[Zone(zone)].format(label(junction, agent.entrance), out[agent.exit], agent.way.kind)}",
+            )
+            for tick, zone in _changes(run.zone[:, column])
+            if zone in words and not (run.excerpt and _begins_in_zone(run, tick, column))
+        ]
+    for entrance in range(run.lights.shape[1]):
+        rows += [
+            (round(first + tick * run.dt, 6), f"light {label(junction, entrance)} turns {Colour(colour).name.lower()}")
+            for tick, colour in _changes(run.lights[:, entrance])[1:]
+        ]
+    touch = "touch, by their places and sizes," if run.collisions is None else "collide"
+    rows += [(first + c.time, f"{c.agents[0]} and {c.agents[1]} {touch} at {c.speed:.1f} m/s") for c in _collisions(run)]
+    if run.fault:
+        rows.append((first + run.fault.time, run.fault.reason))
+    return sorted(rows)
+
+
+def _begins_in_zone(run: Run, tick: int, column: int) -> bool:
+    """Return whether the recording of a vehicle begins in its zone, so that no border crossing was recorded."""
+    return tick == 0 or bool(run.zone[tick - 1, column] == Zone.ABSENT)
+
+
+def _impacts(run: Run) -> list[tuple[int, list[int]]]:
+    """Return tick and columns of every collision, by time."""
+    columns = {agent.name: column for column, agent in enumerate(run.agents)}
+    return sorted((tick_of(run, c), [columns[name] for name in c.agents if name in columns]) for c in _collisions(run))
+
+
+def _collisions(run: Run) -> tuple[Collision, ...]:
+    """Return the collisions of a run; none if the run holds no bodies."""
+    try:
+        return contacts(run)
+    except RunError:
+        return ()
+
+
+def _changes(values: NDArray[np.int8]) -> list[tuple[int, int]]:
+    """Return tick and value of the first state of a series, and of every state with a new value."""
+    ticks = np.concatenate(([0], np.flatnonzero(np.diff(values)) + 1))
+    return [(int(tick), int(values[tick])) for tick in ticks]
+
+
+def motion(run: Run, every: int, there: NDArray[np.bool_], *names: str) -> list[list[list[float] | None]]:
+    """Return every `every`-th state of every vehicle, with unwrapped headings; None for an absent vehicle.
+
+    Args:
+        run: the run.
+        every: number of states per returned state.
+        there: whether each vehicle is present, shape ``(steps, agents)``.
+        names: names of the arrays of the run; the first is ``pose``.
+    """
+    series = [run.need(name) for name in names]
+    together = np.concatenate([values if values.ndim == 3 else values[..., None] for values in series], axis=2)
+    for column, (begin, end) in enumerate(run.spans.tolist()):
+        together[begin:end, column, 2] = np.unwrap(together[begin:end, column, 2])
+    # A vehicle that is gone may have no position.
+    stored: list[list[list[float] | None]] = np.nan_to_num(together[::every].round(3)).tolist()
+    for row, column in np.argwhere(~there[::every]).tolist():
+        stored[row][column] = None
+    return stored
+
+
+def outlines(ghost: Run | None) -> str:
+    """Return the outlines of the vehicles of an earlier run; an empty text if the run has no positions."""
+    if ghost is None or not _has_positions(ghost):
+        return ""
+    parts = []
+    for column, colour in enumerate(inks(ghost.agents)):
+        length, width = size(ghost, column)
+        parts.append(
+            f'<g class="ghost" stroke="{colour}" transform="{placed(_first_pose(ghost, column))}">'
+            f'<rect x="{-length:g}" y="{-width / 2:g}" width="{length:g}" height="{width:g}" rx="0.4"/>'
+            f'<path d="M-1.3 {-width / 2 + 0.25:g}L-0.3 0L-1.3 {width / 2 - 0.25:g}"/></g>'
+        )
+    return "".join(parts)
+
+
+def ghost_data(run: Run, ghost: Run | None, name: str, every: int) -> dict[str, Any] | None:
+    """Return the data of an earlier run for the page; None without an earlier run.
+
+    Args:
+        run: the run of the page.
+        ghost: the earlier run.
+        name: name of the earlier run.
+        every: number of states per stored position.
+    """
+    if ghost is None:
+        return None
+    drawn = _has_positions(ghost)
+    name = name or "the earlier run"
+    difference, times = _difference(run, ghost, name)
+    return {
+        "name": name,
+        "agents": [agent.name for agent in ghost.agents],
+        "said": difference if drawn else f"{difference} Positions of {name} are not recorded, so it is not shown.",
+        "times": times,
+        "start": ghost.start,
+        "dt": ghost.dt,
+        "every": every,
+        "motion": motion(ghost, every, ghost.here, "pose") if drawn else [],
+    }
+
+
+def _has_positions(ghost: Run) -> bool:
+    return ghost.pose is not None and ghost.steps > 0
+
+
+def _first_pose(ghost: Run, column: int) -> NDArray[np.float64]:
+    pose: NDArray[np.float64] = np.nan_to_num(ghost.need("pose")[ghost.spans[column, 0], column])
+    return pose
+
+
+def _difference(run: Run, ghost: Run, name: str) -> tuple[str, list[tuple[float, str]]]:
+    """Return the first difference between two runs in a sentence, and times [s] with texts to go to."""
+    divergence = diverge(run, ghost)
+    if divergence is None:
+        return f"This run and {name} are the same, state for state.", []
+    times: list[tuple[float, str]] = []
+    sentence = f"This run and {name} differ in {divergence.what}: {divergence.one} here, {divergence.other} there."
+    if divergence.time is not None:
+        at = divergence.time + run.start
+        value, ghost_value = _short(divergence.one, divergence.other)
+        sentence = f"This run and {name} part at t = {at:.2f} s: {divergence.what} is {value} here, {ghost_value} there."
+        times.append((at, f"where they part: {at:.2f} s"))
+    visible = _visible_difference(run, ghost)
+    if visible is not None:
+        times.append((visible, f"{_SEEN:g} m apart: {visible:.2f} s"))
+    return sentence, times
+
+
+def _short(value: str, ghost_value: str) -> tuple[str, str]:
+    """Return two numbers as text, with as few digits as distinguish the two; return words unchanged."""
+    try:
+        pair = float(value), float(ghost_value)
+    except ValueError:
+        return value, ghost_value
+    for digits in range(3, 17):
+        short = f"{pair[0]:.{digits}g}", f"{pair[1]:.{digits}g}"
+        if short[0] != short[1]:
+            return short
+    return value, ghost_value
+
+
+def _visible_difference(run: Run, ghost: Run) -> float | None:
+    """Return the first time at which the positions of a vehicle in the two runs are `_SEEN` apart [s]; None if never."""
+    if run.pose is None or ghost.pose is None or run.dt != ghost.dt:
+        return None
+    steps = min(run.steps, ghost.steps)
+    columns = {agent.name: column for column, agent in enumerate(ghost.agents)}
+    pairs = [(column, columns[agent.name]) for column, agent in enumerate(run.agents) if agent.name in columns]
+    first = steps
+    for column, ghost_column in pairs:
+        both = run.here[:steps, column] & ghost.here[:steps, ghost_column]
+        gap = np.hypot(*(run.pose[:steps, column, :2] - ghost.pose[:steps, ghost_column, :2]).T)
+        apart = np.flatnonzero(both & (gap > _SEEN))
+        first = min(first, int(apart[0]) if len(apart) else steps)
+    return None if first == steps else round(run.start + first * run.dt, 9)

@@ -1,0 +1,207 @@
+"""A junction and the vehicles of a run at the junction, as pieces of SVG in metres."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from math import cos, degrees, sin
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pytest_rvads.geometry.conflicts import Way
+from pytest_rvads.geometry.junction import Junction
+from pytest_rvads.report.draw.svg import arrow, marks, sign
+from pytest_rvads.runs.run import Run
+from pytest_rvads.runs.states import Agent, Colour, Kind
+from pytest_rvads.runs.vehicle import Vehicle
+from pytest_rvads.support.errors import MapError
+from pytest_rvads.support.wording import markup
+
+__all__ = ["Scene", "body", "inks", "label", "path", "placed", "size"]
+
+PALETTE = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#7f7f00", "#555555")
+"""Okabe and Ito's palette, distinguishable by colour-blind people."""
+_DARKER = 0.62
+"""Brightness of a colour of the palette that is used again."""
+
+_LIGHTS = {Colour.GREEN: "#1fa34a", Colour.YELLOW: "#e0a800", Colour.RED: "#d11f1f", Colour.NONE: "#888"}
+_CORNERS = {Kind.CAR: 0.4, Kind.TRUCK: 0.0}
+"""Radius of the corners of a body [m]; bodies of riders and pedestrians are round at both ends."""
+_MARGIN = 28.0
+"""Margin of a picture around the junction [m]."""
+_ARROW = 9.0
+"""Distance of the tail of the arrow on a lane before the stopping line [m]."""
+_LAMP = 1.8
+"""Distance beyond the stopping line of a light that hangs over its lane, on arms with several lanes [m]."""
+_NAME, _ROOM = 1.8, 3
+"""Height of a name [m], and most letters of a name across a vehicle; a longer name is written along the vehicle."""
+
+
+@dataclass(frozen=True, slots=True)
+class Scene:
+    """The static part of a picture: the visible area and the road.
+
+    Raises:
+        MapError: the junction has no geometry.
+    """
+
+    junction: Junction
+
+    def __post_init__(self) -> None:
+        if not self.junction.drivable:
+            raise MapError(
+                f"junction {self.junction.name!r} comes from a recording without positions, so there is nothing to draw"
+            )
+
+    @property
+    def view(self) -> tuple[float, float, float, float]:
+        """Left, top, width and height of the picture in SVG coordinates (y down) [m]."""
+        low, high = self.core[0] - _MARGIN, self.core[1] + _MARGIN
+        return float(low[0]), float(-high[1]), float(high[0] - low[0]), float(high[1] - low[1])
+
+    @property
+    def core(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Lowest and highest x and y of the ways through the junction [m]."""
+        points = np.vstack([self.junction.way_through(*key).points for key in self.junction.movements])
+        return points.min(axis=0), points.max(axis=0)
+
+    def road(self) -> str:
+        """Return lanes with their marks and arrows, movements, further ways, stopping lines, numbers of arms and signs."""
+        junction, width = self.junction, self.junction.lane_width
+        ways = [junction.way_through(*key) for key in junction.movements]
+        lanes = [*map(junction.way_in, range(len(junction.entrances))), *map(junction.way_out, range(len(junction.exits))), *ways]
+        parts = [f'<polyline class="lane" stroke-width="{width:g}" points="{path(s.points)}"/>' for s in lanes]
+        for arm in junction.arms:
+            sides = [junction.way_in(e).points for e in arm.entrances], [junction.way_out(e).points for e in arm.exits]
+            for side, centre in zip(sides, (True, not arm.entrances), strict=True):
+                for line, broken in marks(side, width, left_hand=junction.left_hand, centre=centre):
+                    parts.append(f'<polyline class="{"mark broken" if broken else "mark"}" points="{path(line)}"/>')
+        parts += [f'<polyline class="way" points="{path(s.points)}"/>' for s in ways]
+        parts += (_stripes(way) for way, _, _ in junction.further)
+        parts += map(self._entrance, range(len(junction.entrances)))
+        return "".join(parts)
+
+    def _entrance(self, entrance: int) -> str:
+        """Return the stopping line and the arrow of a lane; for a lane at the kerb also the number and the sign of its arm."""
+        junction, lane = self.junction, self.junction.entrances[entrance]
+        x, y, heading = junction.way_in(entrance).pose(junction.approach(entrance))
+        ax, ay = -sin(heading) * junction.lane_width / 2, cos(heading) * junction.lane_width / 2
+        parts = [f'<line class="stop" x1="{x - ax:.2f}" y1="{-(y - ay):.2f}" x2="{x + ax:.2f}" y2="{-(y + ay):.2f}"/>']
+        turns = {m.turn for m in junction.movements.values() if m.entrance == entrance}
+        if len(junction.arms[lane.arm].entrances) > 1 or len(junction.directions(entrance)) < junction.ways - 1:
+            tx, ty, along = junction.way_in(entrance).pose(max(junction.approach(entrance) - _ARROW, 0.0))
+            place = f"translate({tx:.2f} {-ty:.2f}) rotate({-degrees(along):.2f})"
+            parts.append(f'<path class="arrow" transform="{place}" d="{arrow(turns)}"/>')
+        if lane.lane == 0:
+            px, py = self._kerb(entrance)
+            parts.append(f'<text class="number" x="{px:.2f}" y="{-py + 0.9:.2f}">{lane.arm}</text>')
+            parts.append(sign(lane.sign, px - 3.2 * cos(heading), -(py - 3.2 * sin(heading)), 1.0))
+        return "".join(parts)
+
+    def _kerb(self, entrance: int) -> tuple[float, float]:
+        """Return a point beside the road at a stopping line."""
+        x, y, heading = self.junction.way_in(entrance).pose(self.junction.approach(entrance))
+        aside = self.junction.lane_width * (1 if self.junction.left_hand else -1)
+        return x - sin(heading) * aside, y + cos(heading) * aside
+
+    def lights(self, colours: Iterable[int]) -> str:
+        """Return a lamp per entrance with a light; a letter in the lamp names the colour for colour-blind readers.
+
+        The lamp stands at the kerb, or hangs over the lane if the arm has several lanes.
+        """
+        parts = []
+        for entrance, colour in enumerate(map(Colour, colours)):
+            if colour is Colour.NONE:
+                continue
+            x, y, heading = self.junction.way_in(entrance).pose(self.junction.approach(entrance))
+            if len(self.junction.arms[self.junction.entrances[entrance].arm].entrances) > 1:
+                qx, qy = x + _LAMP * cos(heading), y + _LAMP * sin(heading)
+            else:
+                px, py = self._kerb(entrance)
+                qx, qy = px - 3.2 * cos(heading), py - 3.2 * sin(heading)
+            parts.append(
+                f'<g class="lamp" data-entrance="{entrance}" transform="translate({qx:.2f} {-qy:.2f})">'
+                f'<circle r="1.3" fill="{_LIGHTS[colour]}"/><text class="letter" y="0.65">{colour.name[0]}</text></g>'
+            )
+        return "".join(parts)
+
+
+def _stripes(way: Way) -> str:
+    """Return a way that is no movement as stripes across it, as wide as the way; nothing if its centre line is not known."""
+    style = f"fill:none;stroke:#fff;stroke-dasharray:.5;stroke-width:{way.width:g}"
+    return "" if way.path is None else f'<polyline class="further" style="{style}" points="{path(way.path.points)}"/>'
+
+
+def label(junction: Junction, entrance: int) -> str:
+    """Return the name of an entrance: the number of its arm, with the number of its lane if the arm has several lanes."""
+    return junction.vehicle_at(entrance).removeprefix("a")
+
+
+def inks(agents: Sequence[Agent]) -> list[str]:
+    """Return the colours of agents: a colour per start of a way, or a colour per agent if several agents share a start."""
+    several = max(Counter(agent.entrance for agent in agents).values(), default=0) > 1
+    numbers = range(len(agents)) if several else [agent.entrance for agent in agents]
+    return [_shade(number) for number in numbers]
+
+
+def _shade(number: int) -> str:
+    colour = PALETTE[number % len(PALETTE)]
+    if number // len(PALETTE) % 2 == 0:
+        return colour
+    return "#" + "".join(f"{int(_DARKER * int(colour[k : k + 2], 16)):02x}" for k in (1, 3, 5))
+
+
+def body(  # noqa: PLR0913 - a vehicle and its look
+    pose: NDArray[np.float64],
+    agent: Agent,
+    size: tuple[float, float],
+    colour: str,
+    broken: bool = False,
+    style: str = "vehicle",
+    more: str = "",
+) -> str:
+    """Return a vehicle to scale.
+
+    Args:
+        pose: pose of the centre of the front bumper: x [m], y [m], heading [rad].
+        agent: the vehicle.
+        size: length and width of the vehicle [m].
+        colour: colour of the body.
+        broken: whether the vehicle is highlighted.
+        style: class of the element.
+        more: markup of elements that move with the vehicle.
+    """
+    heading, (length, width), name = float(pose[2]), size, markup(agent.name)
+    outline = ' class="broken"' if broken else ""
+    kind = "" if agent.kind is Kind.CAR else f"<title>{agent.kind} {name}</title>"
+    along = len(agent.name) > _ROOM
+    turned = (180.0 if cos(heading) < 0 else 0.0) if along else degrees(heading)
+    # The width of a bold letter is about 0.6 of its height; the arrow at the front takes a part of the room.
+    middle = length * (0.58 if along else 0.5)
+    high = min(_NAME, 0.75 * length / (0.6 * len(agent.name))) if along else _NAME
+    return (
+        f'<g class="{style}" data-agent="{name}" transform="{placed(pose)}">{kind}'
+        f'<rect{outline} x="{-length:g}" y="{-width / 2:g}" width="{length:g}" height="{width:g}" '
+        f'rx="{_CORNERS.get(agent.kind, width / 2):g}" fill="{colour}"/>'
+        f'<path class="front" d="M-1.3 {-width / 2 + 0.25:g}L-0.3 0L-1.3 {width / 2 - 0.25:g}"/>'
+        f'<text class="{"name along" if along else "name"}" font-size="{high:.2f}" '
+        f'transform="translate({-middle:g} 0) rotate({turned:.2f})" y="{high / 3:.2f}">{name}</text>{more}</g>'
+    )
+
+
+def placed(pose: NDArray[np.float64]) -> str:
+    """Return the SVG transform from a body around the centre of its front bumper to a pose."""
+    x, y, heading = map(float, pose)
+    return f"translate({x:.3f} {-y:.3f}) rotate({-degrees(heading):.2f})"
+
+
+def size(run: Run, agent: int) -> tuple[float, float]:
+    """Return length and width of a body [m]; those of the default vehicle if the run has no size."""
+    return run.agents[agent].size or (Vehicle().length, Vehicle().width)
+
+
+def path(points: NDArray[np.float64]) -> str:
+    """Return points of shape ``(k, 2)`` [m] as SVG coordinates, y down."""
+    return " ".join(f"{x:.2f},{-y:.2f}" for x, y in points)

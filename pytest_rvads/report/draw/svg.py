@@ -1,0 +1,119 @@
+"""Pieces of SVG: documents, lines, text, traffic signs, and the arrows and marks on lanes."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from math import cos, pi, sin
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pytest_rvads.geometry.control import Sign
+from pytest_rvads.geometry.segment import Turn
+from pytest_rvads.support.wording import markup
+
+__all__ = ["arrow", "beside", "document", "marks", "polyline", "sign", "text", "wrap"]
+
+Points = NDArray[np.float64]
+_ARROWS = {
+    Turn.STRAIGHT: "M0 0H3.2M2.4-.6L3.2 0L2.4.6",
+    Turn.LEFT: "M0 0H1Q1.9 0 1.9-.9V-1.5M1.3-.9L1.9-1.6L2.5-.9",
+    Turn.RIGHT: "M0 0H1Q1.9 0 1.9.9V1.5M1.3.9L1.9 1.6L2.5.9",
+}
+"""Path of the arrow per turn, in metres, x in the direction of travel and y to its right."""
+
+
+def document(width: float, height: float, body: Iterable[str], defs: str = "") -> str:
+    """Return an SVG document with a white background.
+
+    Args:
+        width: width of the document [px].
+        height: height of the document [px].
+        body: elements of the document.
+        defs: definitions, such as markers.
+    """
+    return (
+        f'<svg xmlns="http://www.w3.org/2000/svg" width="{width:g}" height="{height:g}" viewBox="0 0 {width:g} {height:g}" '
+        f'font-family="sans-serif" font-size="12"><defs>{defs}</defs>'
+        f'<rect width="100%" height="100%" fill="white"/>{"".join(body)}</svg>\n'
+    )
+
+
+def polyline(points: Iterable[Sequence[float]], **style: str | float) -> str:
+    """Return an open line through `points`; underscores in the names of style attributes become hyphens."""
+    path = "L".join(f"{x:.1f} {y:.1f}" for x, y in points)
+    return f'<path d="M{path}" fill="none"{_attributes(style)}/>'
+
+
+def text(x: float, y: float, content: str, **style: str | float) -> str:
+    """Return a line of text at a point, escaped."""
+    return f'<text x="{x:.1f}" y="{y:.1f}"{_attributes(style)}>{markup(content)}</text>'
+
+
+def wrap(content: str, width: int) -> list[str]:
+    """Return text in lines of at most `width` characters; longer words are broken, too."""
+    lines = [""]
+    for word in content.split():
+        for part in (word[i : i + width] for i in range(0, len(word), width)):
+            if lines[-1] and len(lines[-1]) + 1 + len(part) > width:
+                lines.append(part)
+            else:
+                lines[-1] = f"{lines[-1]} {part}".strip()
+    return lines
+
+
+def _attributes(style: dict[str, str | float]) -> str:
+    return "".join(f' {name.replace("_", "-")}="{markup(str(value))}"' for name, value in style.items())
+
+
+def sign(kind: Sign, x: float, y: float, radius: float) -> str:
+    """Return a stop sign (octagon), a yield sign (triangle) or a priority sign (diamond) at a point; an empty text for others."""
+    border = f'stroke-width="{radius / 5:.2f}"'
+    match kind:
+        case Sign.STOP:
+            corners = [(cos(pi / 8 + k * pi / 4), sin(pi / 8 + k * pi / 4)) for k in range(8)]
+            look = f'fill="#c1272d" stroke="#fff" {border}'
+        case Sign.YIELD:
+            corners = [(-1.0, -0.8), (1.0, -0.8), (0.0, 0.9)]
+            look = f'fill="#fff" stroke="#c1272d" stroke-width="{radius / 2.5:.2f}"'
+        case Sign.PRIORITY:
+            corners = [(1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0)]
+            look = f'fill="#f2b705" stroke="#fff" {border}'
+        case _:
+            return ""
+    path = "L".join(f"{x + radius * u:.2f} {y + radius * v:.2f}" for u, v in corners)
+    return f'<path class="sign {kind}" d="M{path}z" {look}/>'
+
+
+def arrow(turns: Collection[Turn]) -> str:
+    """Return the path of the arrow on a lane with these turns, in metres, x in the direction of travel and y to its right."""
+    return "".join(_ARROWS[turn] for turn in Turn if turn in turns)
+
+
+def beside(points: Points, left: float) -> Points:
+    """Return a line parallel to a line.
+
+    Args:
+        points: points of the line, shape ``(k, 2)`` [m].
+        left: distance to the left of the line [m].
+    """
+    ahead = np.gradient(points, axis=0)
+    ahead /= np.maximum(np.hypot(ahead[:, 0], ahead[:, 1]), 1e-9)[:, None]
+    return points + left * np.column_stack((-ahead[:, 1], ahead[:, 0]))
+
+
+def marks(lanes: Sequence[Points], width: float, *, left_hand: bool, centre: bool) -> Iterator[tuple[Points, bool]]:
+    """Yield the marks along lanes of a direction, and whether each mark is broken; marks between two lanes are broken.
+
+    Args:
+        lanes: centre lines, from the kerb.
+        width: width of a lane [m].
+        left_hand: whether traffic keeps left.
+        centre: whether the last lane has a mark on its inner side.
+    """
+    inward = -width / 2 if left_hand else width / 2
+    for number, lane in enumerate(lanes):
+        if number == 0:
+            yield beside(lane, -inward), False
+        if centre or number < len(lanes) - 1:
+            yield beside(lane, inward), number < len(lanes) - 1

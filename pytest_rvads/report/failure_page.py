@@ -1,0 +1,198 @@
+"""The replay page of a run with a failed verdict, which tests and ``rvads check`` write."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator
+from contextlib import suppress
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pytest_rvads.logic.judging.verdicts import InstanceVerdict, Status, Verdict
+from pytest_rvads.logic.rules.book import get_rule, rules_for
+from pytest_rvads.logic.rules.rule import Rule
+from pytest_rvads.logic.timeline import timelines
+from pytest_rvads.report.draw.picture import picture
+from pytest_rvads.report.draw.replay import Beside, Track, replay
+from pytest_rvads.report.run_record import summed, verdict_by
+from pytest_rvads.runs.run import ARRAYS, Run
+from pytest_rvads.support.errors import FormulaError
+
+__all__ = ["Page", "failure_pages", "failure_picture", "moment", "other_verdicts", "usual_rules", "when"]
+
+_BEFORE, _AFTER = 30.0, 10.0
+"""Shown time of recorded traffic before and after an instant [s]: minutes of dense traffic fill megabytes."""
+_TROUBLE = (Status.FAIL, Status.OPEN, Status.UNSURE)
+
+
+@dataclass(frozen=True, slots=True)
+class Page:
+    """A page about a verdict."""
+
+    time: float
+    """Time at which the page opens, on the clock of the recording [s]."""
+    html: str
+
+
+def moment(run: Run, verdict: Verdict) -> float:
+    """Return the most telling time of a verdict, on the clock of the recording [s].
+
+    The time is the time of the verdict, else the time at which its first instance became violated, open or unsure, else the end
+    of the run.
+    """
+    if verdict.time is not None:
+        return verdict.time
+    return next((time for time, _ in _troubled_instances(verdict)), run.start + run.duration)
+
+
+def failure_picture(run: Run, verdict: Verdict) -> str:
+    """Return the state in which the rule was broken as SVG.
+
+    Raises:
+        RunError: the run has no positions or no states.
+        MapError: the junction of the run has no geometry.
+    """
+    tick = round((moment(run, verdict) - run.start) / run.dt)
+    return picture(run, tick, verdict.message, verdict.responsible)
+
+
+def failure_pages(run: Run, verdict: Verdict, rule: str | Rule, notes: str, beside: Beside | None = None) -> Iterator[Page]:
+    """Yield pages that show the violated, open or unsure instances of a verdict, with the monitors of the rule.
+
+    The first page shows the time `moment`. A simulated run has one page. Recorded traffic has a page for each instance that no
+    earlier page shows. The page shows the seconds around the instance, and the vehicles that were present then.
+
+    Args:
+        run: the run.
+        verdict: the failed verdict.
+        rule: the broken rule.
+        notes: text of the pages beside the picture.
+        beside: further texts and pictures; its ghost is left out for recorded traffic.
+
+    Raises:
+        RunError: the run has no positions or no states.
+        MapError: the junction of the run has no geometry.
+    """
+    beside = _completed(run, rule, notes, beside or Beside())
+    if run.excerpt is None:
+        time, message = moment(run, verdict), verdict.message
+        marked = [(time, message)]
+        yield Page(time, replay(run, message, notes, marked, _tracks(run, rule), verdict.responsible, beside=beside))
+        return
+    beside = replace(beside, ghost=None, ghost_name="")
+    tracks = sorted(_tracks(run, rule), key=lambda track: track.changes[-1][1] != "violated")
+    troubled = _troubled_instances(verdict)
+    shown: list[tuple[int, int]] = []
+    for time in dict.fromkeys([moment(run, verdict), *(time for time, _ in troubled)]):
+        tick = round((time - run.start) / run.dt)
+        if any(begin <= tick < end for begin, end in shown):
+            continue
+        begin, end = max(tick - round(_BEFORE / run.dt), 0), min(tick + round(_AFTER / run.dt) + 1, run.steps)
+        title = verdict.message if not shown else next(_event(verdict, i) for t, i in troubled if t == time)
+        shown.append((begin, end))
+        part = _part(run, begin, end)
+        marked = [(t, _event(verdict, i)) for t, i in troubled if part.start <= t <= part.start + part.duration]
+        lines = [cut for track in tracks if (cut := _within(track, begin, end))]
+        responsible = {name for t, i in troubled if t == time for name in i.responsible}
+        yield Page(time, replay(part, title, notes, marked or [(time, title)], lines, responsible, time, beside))
+
+
+def _completed(run: Run, rule: str | Rule, notes: str, beside: Beside) -> Beside:
+    """Return the texts and pictures beside a run, with missing facts added from the run and the rule."""
+    origin, known_rule = run.provenance, None
+    with suppress(FormulaError):  # no rule has this name
+        known_rule = get_rule(rule)
+    reruns = re.findall(r"^rerun +(.+)$", notes, re.MULTILINE)[-1:]  # texts of users come before the line of this package
+    traffic = origin.get("traffic")
+    driver = str(origin.get("autopilot") or "")
+    defaults = {
+        "scenario": run.label,
+        "driven by": f"{driver}, {run.subject} alone; the others by {traffic}" if traffic and run.subject else driver,
+        "simulated by": str(origin.get("simulator") or ""),
+        "rule": f"{known_rule.name}: {known_rule.title}".removesuffix(": ") if known_rule else str(rule),
+        "formula": known_rule.text if known_rule else "",
+        "rerun": "".join(reruns),
+    }
+    facts = dict(beside.facts)
+    usual = tuple((word, facts.pop(word, text)) for word, text in defaults.items())
+    return replace(beside, facts=tuple((word, text) for word, text in (*usual, *facts.items()) if text))
+
+
+def usual_rules(run: Run) -> tuple[Rule, ...]:
+    """Return the default rules for a run: the book ``road`` for a run with a subject or recorded traffic, else ``paper``."""
+    return rules_for("paper" if run.subject is None and run.excerpt is None else "road", run.junction)
+
+
+def other_verdicts(run: Run, rules: Iterable[str | Rule], but: str = "") -> tuple[tuple[str, str, str], ...]:
+    """Return rule, status and message of the verdicts of a run for `Beside.others`, the worst verdict first.
+
+    The status is PROVOKED or UNAVOIDABLE for such verdicts, and ERROR with the reason for a rule that can't judge the run.
+
+    Args:
+        run: the run.
+        rules: the rules of the verdicts.
+        but: name of the rule of the page, which is left out.
+    """
+    names = {rule if isinstance(rule, str) else rule.name: rule for rule in rules}
+    return summed(verdict_by(run, rule) for name, rule in names.items() if name != but)
+
+
+def _troubled_instances(verdict: Verdict) -> list[tuple[float, InstanceVerdict]]:
+    """Return the violated, open or unsure instances with the times of their `when` [s]; instances without a time are left out."""
+    timed = [(when(verdict, instance), instance) for instance in verdict.instances if instance.status in _TROUBLE]
+    return [(time, instance) for time, instance in timed if time is not None]
+
+
+def _event(verdict: Verdict, instance: InstanceVerdict) -> str:
+    """Return the text of an instance among the events of a page."""
+    names = ", ".join(name for _, name in instance.binding)
+    return f"{verdict.rule} {instance.status}: {names}{instance.hangs and f', {instance.hangs}'}"
+
+
+def when(verdict: Verdict, instance: InstanceVerdict) -> float | None:
+    """Return the time at which an instance was violated, else the time since which an obligation is due.
+
+    The time is on the clock of the recording [s]. None means that no obligation was due.
+    """
+    tick = instance.trigger if instance.failed is None else instance.failed
+    return None if tick is None else round(verdict.start + tick * verdict.dt, 9)
+
+
+def _tracks(run: Run, rule: str | Rule) -> list[Track]:
+    """Return the monitors of a rule whose state ever changed; no monitors if no rule has the name."""
+    try:
+        moved = [line for line in timelines(run, rule) if line.moved]
+    except FormulaError:
+        return []
+    vehicles = {agent.name for agent in run.agents}
+    bound = [[value for _, value in line.binding if value in vehicles] for line in moved]
+    name = rule if isinstance(rule, str) else rule.name
+    return [Track(f"{name} {', '.join(names)}", line.changes) for names, line in zip(bound, moved, strict=True)]
+
+
+def _part(run: Run, begin: int, end: int) -> Run:
+    """Return some ticks of recorded traffic as a run, with the vehicles that are present in these ticks."""
+    span = slice(begin, end)
+    present = np.flatnonzero(run.here[span].any(axis=0)).tolist()
+    names = {run.agents[column].name for column in present}
+    columns = [name for name in (*ARRAYS, "spread") if name != "lights" and getattr(run, name) is not None]
+    shift = begin * run.dt
+    within = [c for c in run.collisions or () if begin <= round(c.time / run.dt) < end and names.issuperset(c.agents)]
+    touched = tuple(replace(collision, time=collision.time - shift) for collision in within)
+    return replace(
+        run,
+        lights=run.lights[span],
+        **{name: getattr(run, name)[span][:, present] for name in columns},
+        agents=tuple(run.agents[column] for column in present),
+        collisions=None if run.collisions is None else touched,
+        fault=None if run.fault is None else replace(run.fault, time=run.fault.time - shift),
+        excerpt=None if run.excerpt is None else replace(run.excerpt, start=run.start + shift),
+    )
+
+
+def _within(track: Track, begin: int, end: int) -> Track | None:
+    """Return the part of a track between the ticks `begin` and `end`; None if the track does not change between the two."""
+    before = [word for tick, word in track.changes if tick <= begin]
+    inside = [(tick - begin, word) for tick, word in track.changes if begin < tick < end]
+    return replace(track, changes=((0, before[-1]), *inside)) if inside else None

@@ -1,0 +1,324 @@
+"""The arguments of ``@rvads.scenario``: checked when the mark is evaluated, resolved when its test is collected.
+
+An `Ask` has the file and line of its mark. So an error that only a junction or the session can show names this line, too.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from numbers import Integral
+from pathlib import Path
+from typing import Any
+
+from pytest_rvads.drivers.traffic import DEFAULT, Policy
+from pytest_rvads.geometry.builtin import LAYOUTS
+from pytest_rvads.geometry.choosing import EVERY, choose_among, some
+from pytest_rvads.geometry.junction import Junction
+from pytest_rvads.geometry.kinds import Kinds
+from pytest_rvads.logic.rules.book import claim, rules_for
+from pytest_rvads.logic.rules.rule import Rule
+from pytest_rvads.scenarios.classes import parse
+from pytest_rvads.scenarios.configurations import ARRIVALS, Configuration, explicit, grid, outside, per_entrance, plain
+from pytest_rvads.scenarios.orbits import OCCUPANCIES
+from pytest_rvads.scenarios.scenario import check_followers, check_numbers
+from pytest_rvads.scenarios.selection import CHOOSING, COVERS, Selection
+from pytest_rvads.scenarios.senses import IDEAL, Senses
+from pytest_rvads.session.collection.extensions import Extensions
+from pytest_rvads.session.collection.misuse import several
+from pytest_rvads.session.collection.resolved import NoRoom, Resolved, Selected
+from pytest_rvads.session.options import Options
+from pytest_rvads.support.errors import ScenarioError, suggest
+
+__all__ = ["Ask", "judged_at"]
+
+_Values = tuple[float | tuple[float, ...], ...]
+"""Values to run in succession, each for all entrances or per entrance."""
+_SEVERAL: dict[str, tuple[Any, str]] = {
+    "junction": (str, "names, ids or types of junctions"),
+    "classes": (Integral, "class numbers"),
+    "scenarios": (str, "direction strings such as '1133'"),
+    "grid": (str, "letters of configurations or names of grids"),
+    "rules": ((str, Rule), "rules or names of rules or rulebooks"),
+    "followers": (Integral, "numbers of vehicles that queue behind each"),
+    "senses": (Senses, "rvads.Senses(...) or a dict of their fields"),
+    "requirement": (str, "identifiers of requirements"),
+}
+"""The arguments that take one value or several values, to the type of a value and its name in messages."""
+_SINGLE: dict[str, tuple[Callable[[Any], bool], str]] = {
+    "limit": (lambda most: most is None or (type(most) is int and most > 0), "a whole number of junctions, 1 or more"),
+    "map": (lambda file: file is None or isinstance(file, str | os.PathLike), "the path of an OpenDRIVE file"),
+    "cover": (lambda cover: cover in (None, *COVERS), f"one of {', '.join(COVERS)}"),
+    "occupancy": (lambda occupancy: occupancy in OCCUPANCIES, f"one of {', '.join(OCCUPANCIES)}"),
+    "probe": (lambda probe: isinstance(probe, bool), "True or False"),
+    "subject": (lambda subject: subject in (None, "all") or type(subject) is int, "an entrance, counted from 0, or 'all'"),
+}
+"""The arguments that take one value, to a test of the value and the expected value in words."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Ask:
+    """The arguments of ``@rvads.scenario``, see `pytest_rvads.scenario`; None stands for the default of the session."""
+
+    place: str
+    """File and line of the mark."""
+    junction: tuple[str, ...]
+    """Names, ids, types or places of junctions."""
+    kinds: Kinds | None
+    """Kinds to which the junctions are restricted; None for all kinds."""
+    limit: int | None
+    map: str | os.PathLike[str] | None
+    classes: tuple[int, ...] | None
+    scenarios: tuple[str, ...] | None
+    cover: str | None
+    occupancy: str
+    followers: tuple[int, ...]
+    grid: tuple[str, ...] | None
+    distances: _Values | None
+    speeds: _Values | None
+    probe: bool
+    rules: tuple[str | Rule, ...] | None
+    subject: int | str | None
+    traffic: tuple[Policy | None, ...]
+    """Policies of the traffic; only None without a subject."""
+    senses: tuple[Senses, ...]
+    duration: float | None
+    aggression: int
+    wait: float
+    requirement: tuple[str, ...]
+
+    @classmethod
+    def of(cls, place: str, arguments: Mapping[str, Any], misspelt: Iterable[str]) -> Ask:
+        """Check the arguments of a mark as far as possible without the junction and the options of the session.
+
+        Args:
+            place: file and line of the mark.
+            arguments: the keywords of `scenario` with their values.
+            misspelt: unknown keywords, which are refused.
+
+        Raises:
+            ScenarioError: an argument of a wrong type, an empty list, or arguments that exclude each other.
+        """
+        checked = dict(arguments)
+        for keyword in misspelt:
+            raise ScenarioError(f"@rvads.scenario takes {', '.join(checked)}, got {keyword!r}{suggest(keyword, checked)}")
+        _refuse(arguments)
+        check_numbers(arguments["duration"], arguments["aggression"], arguments["wait"])
+        for name, (kind, what) in _SEVERAL.items():
+            if not (name == "senses" and isinstance(arguments[name], Mapping)):
+                checked[name] = several(name, arguments[name], kind, what)
+        kinds = checked.pop("junctions")
+        checked |= {
+            "junction": checked["junction"] or (EVERY,),
+            "kinds": None if kinds is None else Kinds.of(kinds),
+            "distances": _values_of("distances", arguments["distances"]),
+            "speeds": _values_of("speeds", arguments["speeds"]),
+            "traffic": (None,) if arguments["subject"] is None else _policies_of(arguments["traffic"]),
+            "senses": Senses.grid(arguments["senses"])
+            if isinstance(arguments["senses"], Mapping)
+            else checked["senses"] or (IDEAL,),
+            "requirement": checked["requirement"] or (),
+            "followers": checked["followers"] or (0,),
+        }
+        for count in checked["followers"]:
+            check_followers(count)
+        return cls(place=place, **checked)
+
+    def resolve(
+        self,
+        folder: Path,
+        options: Options,
+        added: Extensions,
+        watch: Callable[..., Iterable[Configuration]],
+        takes_rule: bool,
+    ) -> Selected:
+        """Return what the mark selects at each junction.
+
+        Args:
+            folder: folder of the test file.
+            options: options of the session.
+            added: junctions and grids that users add by hooks.
+            watch: yields configurations and shows the progress.
+            takes_rule: whether the test runs over rules.
+
+        Raises:
+            RvadsError: a junction does not exist, or no junction fits the arguments of the mark.
+        """
+        sources = [self._source(name, folder, options.map, added) for name in self.junction]
+        choice = choose_among(sources, kinds=self.kinds)
+        places = [place.limited(options.speed_limit) if options.speed_limit else place for place in choice.junctions]
+        resolved: dict[Junction, Resolved] = {}
+        errors: dict[Junction, ScenarioError] = {}
+        while True:  # junctions that are left out do not count against the limit
+            usable = [place for place in places if place not in errors]
+            drawn = some(usable, self.limit, options.seed) if usable else ()
+            unresolved = [place for place in drawn if place not in resolved]
+            if not unresolved:
+                break
+            for place in unresolved:
+                try:
+                    resolved[place] = self._at(place, options, added.grids, watch, takes_rule)
+                except ScenarioError as error:
+                    errors[place] = error
+        if not drawn:
+            first, many = next(iter(errors.values())), len(places)
+            raise first if many == 1 else ScenarioError(f"none of {many} junctions fits the mark, the first: {first}")
+        left_out = [(refused.name, refused.reason) for refused in choice.refused]
+        left_out += [(place.name, _reason(error, place)) for place, error in errors.items()]
+        return Selected(tuple(resolved[place] for place in drawn), tuple(left_out), len(usable) - len(drawn))
+
+    def _at(
+        self,
+        place: Junction,
+        options: Options,
+        grids: Mapping[str, tuple[Any, Any]],
+        watch: Callable[..., Iterable[Configuration]],
+        takes_rule: bool,
+    ) -> Resolved:
+        """Return what the mark selects at a junction.
+
+        Raises:
+            ScenarioError: the junction does not fit the mark, or no scenario has room for its vehicles.
+        """
+        configurations, left_out = self._configurations(place, options, grids, watch)
+        entrances, codes = len(place.entrances), []
+        for text in self.scenarios or ():
+            codes.append(code := parse(text))
+            if len(code) != entrances:
+                raise ScenarioError(f"scenario {text!r} names {len(code)} entrances, junction {place.name!r} has {entrances}")
+        cover = self.cover or options.cover
+        if cover in CHOOSING and (self.classes or self.scenarios):  # such covers of the session are for other tests
+            cover = "class"
+        selection = Selection(
+            place,
+            configurations,
+            cover,
+            scenarios=tuple(codes) or None,
+            left_out=left_out,
+            **{name: getattr(self, name) for name in _UNCHANGED},
+        )
+        rules = self.judged_by(place) if takes_rule else (None,)
+        resolved = Resolved(self.place, selection, self.traffic, rules, self.requirement)
+        resolved.check()
+        return resolved
+
+    def judged_by(self, place: Junction) -> tuple[Rule, ...]:
+        """Return the rules for runs at a junction.
+
+        Raises:
+            RvadsError: see `judged_at`.
+        """
+        return judged_at(self.rules or ("paper" if self.subject is None else "road",), place)
+
+    def _source(self, junction: str, folder: Path, default: str | None, added: Extensions) -> tuple[str, str | None]:
+        """Return the name of a junction and the path of its map file, as `find` takes the two."""
+        if self.map is not None:
+            file = folder / self.map
+            return junction, str((file if file.exists() else Path(self.map)).resolve())
+        if junction in added.junctions:
+            registered, name = added.junctions[junction]
+            return name, registered
+        return junction, None if junction in LAYOUTS else default
+
+    def _configurations(
+        self,
+        place: Junction,
+        options: Options,
+        grids: Mapping[str, tuple[Any, Any]],
+        watch: Callable[..., Iterable[Configuration]],
+    ) -> tuple[tuple[Configuration, ...], int]:
+        """Return the configurations to run, and the number of configurations beyond the braking envelope."""
+        ways, names = len(place.entrances), self.grid or (options.grid or ("paper" if self.subject is None else ARRIVALS),)
+        axes = [grids[name] for name in names if name in grids]
+        letters = [name for name in names if name not in grids]
+        if self.distances:
+            axes, letters = [(list(self.distances), list(self.speeds or (0.0,)))], []
+        paper = grid(letters, ways, place.control) if letters else ()
+        explicit_points = [configuration for distances, speeds in axes for configuration in explicit(distances, speeds, ways)]
+        stopping = explicit_points if self.probe or not explicit_points else self._stopping(explicit_points, place, watch)
+        if explicit_points and not stopping and not paper:
+            points = f"distances={axes[0][0]!r}, speeds={axes[0][1]!r}" if self.distances else f"grid={names!r}"
+            raise ScenarioError(
+                f"every point of {points} is too fast to stop before the line "
+                "(`rvads braking` lists v(d)max): lower the speeds, or say probe=True to run them all the same"
+            )
+        return tuple(dict.fromkeys((*paper, *stopping))), len(explicit_points) - len(stopping)
+
+    def _stopping(
+        self, points: Sequence[Configuration], place: Junction, watch: Callable[..., Iterable[Configuration]]
+    ) -> list[Configuration]:
+        """Return the points from which vehicles can stop, by the braking envelope of the session's simulator."""
+        from pytest_rvads.simulators.simulator import vmax  # most tests need no physics before they run
+
+        return [point for point in watch(points) if not outside(point, lambda d: vmax(d, self.aggression, limit=place.top_limit))]
+
+
+def _reason(error: ScenarioError, place: Junction) -> str:
+    """Return the reason why a junction is left out, without its name, so that equal reasons are counted together."""
+    if isinstance(error, NoRoom):
+        return "no scenario has room for its vehicles where they would start"
+    return str(error).replace(f"junction {place.name!r}", "the junction").replace(f" like {place.name!r}", "")
+
+
+def judged_at(names: Sequence[str | Rule], place: Junction) -> tuple[Rule, ...]:
+    """Return the rules among `names` (rules and rulebooks) that are about the control of a junction.
+
+    Raises:
+        RvadsError: a rule is unknown, no rule is about the control of the junction, or a rule has the name of another rule.
+    """
+    rules = rules_for(names, place)
+    if not rules:
+        raise ScenarioError(
+            f"no rule of {', '.join(map(repr, names))} is about a junction with control {place.control.value!r} like "
+            f"{place.name!r}: name rules outright, `rvads rules` lists them"
+        )
+    for rule in rules:
+        claim(rule)
+    return rules
+
+
+_UNCHANGED = ("occupancy", "classes", "subject", "followers", "senses", "duration", "aggression", "wait")
+"""Arguments of the mark that are passed to `Selection` unchanged."""
+
+
+def _refuse(arguments: Mapping[str, Any]) -> None:
+    """Raise a `ScenarioError` for a wrong value, or for arguments that exclude each other."""
+    junction = arguments["junction"]
+    if junction is None and arguments["junctions"] is None:
+        raise ScenarioError(f"name a junction, several junctions, or {EVERY!r} for all junctions of a map, or give junctions=")
+    if not isinstance(junction, str | Iterable | None):
+        raise ScenarioError(f"write @rvads.scenario('stop4', ...) with the name of a junction in quotes, got {junction!r}")
+    for name, (fits, expected) in _SINGLE.items():
+        if not fits(arguments[name]):
+            raise ScenarioError(f"{name} must be {expected}, got {arguments[name]!r}")
+    named = {name for name, value in arguments.items() if value is not None}
+    if named >= {"classes", "scenarios"}:
+        raise ScenarioError("give classes= or scenarios=, not both: a scenario names its class")
+    if named & {"classes", "scenarios"} and arguments["cover"] in CHOOSING:
+        cover = arguments["cover"]
+        raise ScenarioError(f"cover={cover!r} chooses scenarios itself: leave classes= and scenarios= out, or the cover")
+    if named >= {"grid", "distances"} or named & {"speeds", "distances"} == {"speeds"}:
+        raise ScenarioError("give either grid=, or distances= with speeds=")
+    if named & {"traffic", "subject"} == {"traffic"}:
+        raise ScenarioError("traffic= drives the vehicles beside a subject: say subject=0 or 'all', or leave traffic= out")
+
+
+def _values_of(name: str, axis: Any) -> _Values | None:
+    """Return distances or speeds as a tuple of values; the number of entrances is checked when the junction is known."""
+    axis = plain(axis)
+    entries = list(map(plain, axis)) if isinstance(axis, list) else [] if axis is None else [axis]
+    if axis == []:
+        raise ScenarioError(f"{name} is an empty list: give at least one value")
+    for entry in entries:
+        per_entrance(name, entry, len(entry) or 1 if isinstance(entry, Sequence) else 1)
+    return tuple(tuple(entry) if isinstance(entry, Sequence) else entry for entry in entries) or None
+
+
+def _policies_of(traffic: Any) -> tuple[Policy, ...]:
+    """Return the traffic policies of the runs."""
+    is_list = isinstance(traffic, Iterable) and not isinstance(traffic, str) and not callable(traffic)
+    named = tuple(traffic) if is_list else (DEFAULT if traffic is None else traffic,)
+    if not named:
+        raise ScenarioError("traffic is empty: name a policy or an autopilot, or leave it out")
+    return tuple(map(Policy.of, named))

@@ -1,0 +1,209 @@
+"""The marks ``@rvads.scenario``, ``@rvads.recorded`` and ``@rvads.known``, which are expanded at collection."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from os import PathLike
+from typing import TYPE_CHECKING, Any, Never
+
+import pytest
+
+from pytest_rvads.session.collection.cells import KEYS, Known
+from pytest_rvads.session.collection.misuse import caller, told_at
+from pytest_rvads.support.errors import ScenarioError, suggest
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from pytest_rvads.drivers.interface import Factory
+    from pytest_rvads.logic.rules.rule import Rule
+    from pytest_rvads.scenarios.senses import Senses
+
+__all__ = ["known", "recorded", "register_marks", "scenario"]
+
+
+def scenario(  # noqa: PLR0913 - keywords, each an axis of its own
+    junction: str | Iterable[str] | None = None,
+    *,
+    map: str | None = None,
+    junctions: Mapping[str, Any] | None = None,
+    limit: int | None = None,
+    classes: int | Iterable[int] | None = None,
+    scenarios: str | Iterable[str] | None = None,
+    cover: str | None = None,
+    occupancy: str = "arms",
+    followers: int | Iterable[int] | None = None,
+    grid: str | Iterable[str] | None = None,
+    distances: float | Sequence[Any] | NDArray[Any] | None = None,
+    speeds: float | Sequence[Any] | NDArray[Any] | None = None,
+    probe: bool = False,
+    rules: str | Rule | Iterable[str | Rule] | None = None,
+    subject: int | str | None = None,
+    traffic: str | Factory | Iterable[str | Factory] | None = None,
+    senses: Senses | Iterable[Senses] | Mapping[str, Any] | None = None,
+    duration: float | None = None,
+    aggression: int = 1,
+    wait: float = 1.5,
+    requirement: str | Iterable[str] | None = None,
+    **misspelt: Never,
+) -> pytest.MarkDecorator:
+    """Run a test over the scenarios of a junction, or of several junctions.
+
+    If several junctions are selected, junctions that can't be used, or that do not fit the other arguments, are left out. The
+    summary and the reports state their number and the reasons. A single junction that does not fit is an error, and so is a
+    mark for which no junction fits.
+
+    Args:
+        junction: built-in name (``stop4``), id of a junction in `map`, a type such as ``"4-way stop"`` for all junctions of this
+            type in `map`, ``"*"`` for all junctions in `map`, a place in `map` such as ``"nearest to 52, 149"``, or several of
+            these. Without a map a type stands for the first built-in junction of this type, and ``"*"`` for all built-in ones.
+        map: OpenDRIVE file, relative to the folder of the test file, else to the working directory; by default the file of
+            ``rvads_map``.
+        junctions: kinds of junctions to select, ``{"control": ["stop", "lights"], "arms": (3, 4), "approach": 40}``: control,
+            number of arms, and least length of every approach [m]. Without `junction`, all junctions are selected from.
+        limit: greatest number of junctions; if more fit, a sample is drawn by ``rvads_seed``, spread evenly over the kinds
+            (control and number of arms).
+        classes: numbers of structural equivalence classes; all by default.
+        scenarios: direction strings such as ``"1133"``, or ``"13_2_0_31"`` where arms have several lanes, that stand at row 0 of
+            their class, instead of `classes`.
+        cover: ``"class"`` runs one scenario per class, ``"scenario"`` every distinct member, ``"rotation"`` all rows.
+            ``"partial"`` runs one scenario per class, where scenarios may leave entrances empty: 69 classes at four ways.
+            ``"pairs"`` runs few scenarios that together contain every pair of movements from different entrances;
+            ``"conflicts"`` runs few scenarios that contain every pair of movements that cross or merge.
+        occupancy: the vehicles of a full scenario: ``"arms"``, one vehicle on every arm, on any of its lanes; or ``"lanes"``, one
+            vehicle on every lane. With one lane per arm the two are equal.
+        followers: number of vehicles that queue behind each vehicle, 0 to 9, or several numbers.
+        grid: ``"paper"``, or letters of the paper's configurations such as ``"CD"``. A test with a subject may also take
+            ``"staggered"``: the subject and the traffic arrive one after the other. A single staggered configuration is named
+            ``"S21"``: the traffic starts 21 m before its stopping lines. ``"arrivals"`` is an equal start and some staggered
+            starts. Default: ``"arrivals"`` with a subject, ``"paper"`` without a subject.
+        distances: distances to the stopping line [m], instead of `grid`: a number for all vehicles, a tuple with a number
+            per entrance, or a list or array of numbers or tuples.
+        speeds: initial speeds [m/s], with `distances` and in the same forms; 0 by default.
+        probe: whether to keep points of the grid beyond the braking envelope v(d)max; by default these points are left out.
+        rules: a rulebook, rules, or both; from a rulebook only the rules about the control of the junction run. By default
+            ``"paper"``, and ``"road"`` with a subject.
+        subject: entrance of the vehicle under test, or ``"all"`` for every seat in turn. The other vehicles are traffic, and only
+            violations by the subject fail the test. By default all vehicles are under test. With a subject, ``cover="class"``
+            runs every class of (scenario, seat): as many as there are scenarios, 81 at four ways and 8 at three.
+        traffic: with a subject, the driver of the other vehicles: a policy by name (``"reference"`` by default, ``"hesitant"``,
+            ``"rolling_stop"``, ``"late_yielder"``, ``"red_light_runner"``, ``"stopped"``, ``"lgsvl"``), an autopilot or
+            traffic system of yours, or several of these.
+        senses: imperfections of the vehicle under test: `Senses`, several `Senses`, or a dict of their fields such as
+            ``{"delay": [0, 0.1, 0.2], "range": 40}``, whose lists are multiplied out. Ideal senses by default.
+        duration: longest run [s]; 60 by default, or a cycle of the lights and 30 s for lights with more than two phases.
+        aggression: braking level 1, 2 or 3.
+        wait: random draw for autopilots that use a draw [s].
+        requirement: identifier of the requirement that the scenario traces to, or several; see `--rvads-report=FILE.csv`.
+        misspelt: any other keyword, which is refused.
+
+    Raises:
+        ScenarioError: an argument is wrong; pytest shows the message with the line of the mark and without a traceback.
+    """
+    place = caller()
+    from pytest_rvads.session.collection.ask import (
+        Ask,  # imports rules, maps and drivers, which a session without marks does not need
+    )
+
+    arguments = {
+        "junction": junction,
+        "map": map,
+        "junctions": junctions,
+        "limit": limit,
+        "classes": classes,
+        "scenarios": scenarios,
+        "cover": cover,
+        "occupancy": occupancy,
+        "followers": followers,
+        "grid": grid,
+        "distances": distances,
+        "speeds": speeds,
+        "probe": probe,
+        "rules": rules,
+        "subject": subject,
+        "traffic": traffic,
+        "senses": senses,
+        "duration": duration,
+        "aggression": aggression,
+        "wait": wait,
+        "requirement": requirement,
+    }
+    with told_at(place):
+        mark: pytest.MarkDecorator = pytest.mark.rvads_scenario(Ask.of(place, arguments, misspelt))
+    return mark
+
+
+def recorded(
+    *patterns: str | PathLike[str],
+    rules: str | Rule | Iterable[str | Rule] | None = None,
+    requirement: str | Iterable[str] | None = None,
+    **misspelt: Never,
+) -> pytest.MarkDecorator:
+    """Run a test over recorded runs: files of runs, or busy periods of recorded traffic.
+
+    The test takes ``run``, ``rule`` and ``monitor`` as for scenarios; ``rvads_recorded`` is the same run. Nothing is simulated.
+    The items of a file that can't be read are errors; the items of all other files run.
+
+    Args:
+        patterns: files, folders that are searched with their subfolders for files of runs, or patterns such as
+            ``"drives/**/*.npz"``; relative to the folder of the test file, else to the working directory. A pattern without a
+            match is refused.
+        rules: a rulebook, rules, or both; from a rulebook only the rules about the control of the junction run. By default
+            ``"road"``.
+        requirement: identifier of the requirement that the recordings trace to, or several; see `--rvads-report=FILE.csv`.
+        misspelt: any other keyword, which is refused.
+
+    Raises:
+        ScenarioError: an argument is wrong; pytest shows the message with the line of the mark and without a traceback.
+
+    Example:
+        >>> @recorded("drives/*.npz", rules="road")
+        ... def test_drives(monitor, rule):
+        ...     monitor.check(rule)
+    """
+    place = caller()
+    from pytest_rvads.session.collection.recordings import (
+        Recordings,  # imports rules, which a session without marks does not need
+    )
+
+    with told_at(place):
+        mark: pytest.MarkDecorator = pytest.mark.rvads_recorded(Recordings.of(place, patterns, rules, requirement, misspelt))
+    return mark
+
+
+def known(name: str, *, reason: str = "", **where: str | int | Iterable[str | int]) -> pytest.MarkDecorator:
+    """Mark the cells of a known deficiency, which must fail (a strict xfail): a pass of such a cell fails the session.
+
+    Args:
+        name: name of the deficiency in reports.
+        reason: the deficiency in words.
+        where: keys of cells, each with a value or several values: junction, cls, scenario, cfg, rotation, seat, traffic,
+            recording, rule.
+
+    Raises:
+        ScenarioError: a key is unknown.
+    """
+    place = caller()
+    with told_at(place):
+        mark: pytest.MarkDecorator = pytest.mark.rvads_known(Known.of(place, name, reason, where))
+    return mark
+
+
+def register_marks(config: pytest.Config) -> None:
+    """Register the marks with pytest.
+
+    Raises:
+        ScenarioError: the expression of ``-m`` selects by an unknown key, which pytest alone would silently match to no item.
+    """
+    unquoted = re.sub(r"""'[^']*'|"[^"]*\"""", "", config.option.markexpr)
+    for key in re.findall(r"(\w+)\s*=", " ".join(re.findall(r"\brvads\s*\(([^)]*)", unquoted))):
+        if key not in KEYS:
+            raise ScenarioError(f"-m rvads(...) selects by {', '.join(KEYS)}, got {key!r}{suggest(key, KEYS)}")
+    for line in (
+        "rvads_scenario(junction, ...): run over scenarios; written as @rvads.scenario",
+        "rvads_recorded(pattern, ...): run over recorded runs; written as @rvads.recorded",
+        "rvads_known(name, ...): cells of a known deficiency; written as @rvads.known",
+        f"rvads({', '.join(KEYS)}): on every item, to select by -m \"rvads(cls=7, rule='p1')\"",
+    ):
+        config.addinivalue_line("markers", line)

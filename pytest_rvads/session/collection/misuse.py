@@ -1,0 +1,60 @@
+"""Errors in the use of marks, reported with the file and line of the mark."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from numbers import Integral
+from typing import Any
+
+import pytest
+
+from pytest_rvads.support.errors import RvadsError, ScenarioError
+
+__all__ = ["Misuse", "caller", "several", "told_at"]
+
+
+class Misuse(ScenarioError, pytest.Collector.CollectError):
+    """A mark has wrong arguments, or selects no run.
+
+    Cause: a wrong argument, or an argument that does not fit the junction, the session or the test.
+    Remedy: correct the mark; the message begins with its file and line, and pytest shows the message without a traceback.
+    """
+
+
+def caller() -> str:
+    """Return file and line of the caller of the calling function; the file is relative to the working directory."""
+    frame = sys._getframe(2)
+    return f"{frame.f_code.co_filename.removeprefix(os.getcwd() + os.sep)}:{frame.f_lineno}"
+
+
+@contextmanager
+def told_at(place: str) -> Iterator[None]:
+    """Put `place` in front of the message of every `RvadsError` that the context raises.
+
+    Raises:
+        Misuse: in place of the `RvadsError`.
+    """
+    try:
+        yield
+    except RvadsError as error:
+        raise Misuse(f"{place}: {error}") from None
+
+
+def several(name: str, value: Any, kind: type | tuple[type, ...], what: str) -> tuple[Any, ...] | None:
+    """Return the values of an argument as a tuple, or None for None; whole numbers of numpy become numbers of Python.
+
+    Raises:
+        ScenarioError: a value has another type, or there are no values.
+    """
+    if value is None:
+        return None
+    single = isinstance(value, (str, kind)) or not isinstance(value, Iterable)
+    values = (value,) if single else tuple(value)
+    if not values:
+        raise ScenarioError(f"{name} is empty: name {what}, or leave it out")
+    if not all(isinstance(v, kind) and not isinstance(v, bool) for v in values):
+        raise ScenarioError(f"{name} takes {what}, one or several, got {value!r}")
+    return tuple(int(v) if isinstance(v, Integral) else v for v in values)

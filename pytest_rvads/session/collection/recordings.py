@@ -1,0 +1,208 @@
+"""The arguments of ``@rvads.recorded``: files of recorded runs, which are opened at collection.
+
+A recorded run has no driver and no simulator: the arguments of these names get values at collection, so that their fixtures are
+not set up. The record of such an item has the name of the recording in place of class, scenario and configuration. Collection
+reads of a file only the parts that ids and rules need.
+"""
+
+from __future__ import annotations
+
+import glob
+import os
+import re
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from itertools import chain, count
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from pytest_rvads.logic.rules.rule import Rule
+from pytest_rvads.runs.readers import READERS, read_runs
+from pytest_rvads.runs.recording import Recording
+from pytest_rvads.runs.run_paths import files_of, matching
+from pytest_rvads.runs.runfile import glance
+from pytest_rvads.session.collection.ask import judged_at
+from pytest_rvads.session.collection.cells import RecordedCell
+from pytest_rvads.session.collection.misuse import several
+from pytest_rvads.support.errors import RvadsError, ScenarioError, suggest
+from pytest_rvads.support.wording import one_line
+
+if TYPE_CHECKING:
+    from pytest_rvads.geometry.junction import Junction
+    from pytest_rvads.runs.run import Run
+
+__all__ = ["OpenFiles", "Recordings"]
+
+_UNKNOWN = "unknown"
+"""The junction of a file that can't be read."""
+
+
+class OpenFiles:
+    """The runs of the two files that were read last; the items of one file are collected and judged in succession.
+
+    Args:
+        limit: speed limit in place of the speed limits in the files [m/s]; None to keep these.
+    """
+
+    def __init__(self, limit: float | None = None) -> None:
+        self._limit = limit
+        self._read = lru_cache(2)(lambda path: self._limited(read_runs(path)))
+
+    def runs(self, path: str) -> Sequence[Run]:
+        """Return the runs of a file; the sequence may make a run when the run is accessed.
+
+        Raises:
+            RvadsError: the file can't be read.
+        """
+        runs: Sequence[Run] = self._read(path)
+        return runs
+
+    def _limited(self, runs: Any) -> Any:
+        limit = self._limit
+        if limit is None:
+            return runs
+        if isinstance(runs, list | tuple):
+            return [self._limited(run) for run in runs]
+        return replace(runs, junction=runs.junction.limited(limit), facts=replace(runs.facts, speed_limit=limit))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Recordings:
+    """The arguments of ``@rvads.recorded``, see `pytest_rvads.recorded`."""
+
+    place: str
+    """File and line of the mark."""
+    patterns: tuple[str, ...]
+    rules: tuple[str | Rule, ...] | None
+    requirement: tuple[str, ...]
+
+    @classmethod
+    def of(cls, place: str, patterns: Sequence[Any], rules: Any, requirement: Any, misspelt: Iterable[str]) -> Recordings:
+        """Check the arguments of a mark as far as possible without access to files.
+
+        Args:
+            place: file and line of the mark.
+            patterns: files, folders or patterns.
+            rules: a rule, a name of a rule or rulebook, or several of these; None for ``"road"``.
+            requirement: identifier of a requirement, several identifiers, or None.
+            misspelt: unknown keywords, which are refused.
+
+        Raises:
+            ScenarioError: an argument of a wrong type, or no pattern.
+        """
+        keywords = ("rules", "requirement")
+        for keyword in misspelt:
+            raise ScenarioError(
+                f"@rvads.recorded takes patterns, {', '.join(keywords)}, got {keyword!r}{suggest(keyword, keywords)}"
+            )
+        if not patterns:
+            raise ScenarioError("@rvads.recorded needs files to judge: give it one or several, such as 'drives/*.npz'")
+        for pattern in patterns:
+            if not isinstance(pattern, str | os.PathLike) or os.fspath(pattern) in ("", b"") or "\0" in str(pattern):
+                raise ScenarioError(
+                    f"write @rvads.recorded('drives/*.npz', ...) with files, folders or patterns in quotes, got {pattern!r}"
+                )
+        return cls(
+            place=place,
+            patterns=tuple(str(os.fspath(pattern)) for pattern in patterns),
+            rules=several("rules", rules, (str, Rule), "rules or names of rules or rulebooks"),
+            requirement=several("requirement", requirement, str, "identifiers of requirements") or (),
+        )
+
+    def files(self, folder: Path) -> dict[Path, str]:
+        """Return the files of a test in `folder`, each with its name in ids.
+
+        Raises:
+            ScenarioError: a pattern matches nothing.
+        """
+        names: dict[Path, str] = {}
+        for pattern in self.patterns:
+            matches = _matches(pattern, folder) or _matches(pattern, Path.cwd())
+            if not matches:
+                raise ScenarioError(
+                    f"no file matches {pattern!r}, looked for in {folder} and in the working directory: expected files of runs "
+                    f"({', '.join(READERS)}), a folder of them, or a pattern such as 'drives/*.npz'"
+                )
+            for path, name in matches.items():
+                names.setdefault(path, name)
+        return names
+
+    def cells(self, files: Iterable[tuple[Path, str]], opened: OpenFiles, takes_rule: bool) -> Iterator[RecordedCell]:
+        """Yield the cells of files, with the rule as the innermost axis; an unreadable file has one cell, whose item is an error.
+
+        Raises:
+            RvadsError: a rule is unknown, or no rule is about the control of the junction of a file.
+        """
+        for path, name in files:
+            try:
+                place, runs = _junction_and_labels(path, opened)
+            except RvadsError as error:
+                yield self._cell(path, 0, None, None, name, str(error))
+                continue
+            rules = judged_at(self.rules or ("road",), place) if takes_rule else (None,)
+            for index, run in enumerate(runs):
+                label = f"{name}-{run}" if run else name
+                yield from (self._cell(path, index, rule, place, label) for rule in rules)
+
+    def _cell(
+        self, path: Path, index: int, rule: Rule | None, place: Junction | None, run: str, trouble: str = ""
+    ) -> RecordedCell:
+        keys: dict[str, str | int] = {"junction": place.name if place else _UNKNOWN, "recording": run}
+        traced = (*self.requirement, rule.requirement) if rule and rule.requirement else self.requirement
+        ways, control = (place.ways, place.control.value) if place else (0, "")
+        if rule is None:
+            return RecordedCell(str(path), index, rule, trouble, ways, control, run, run, keys, traced)
+        keys["rule"] = rule.name
+        return RecordedCell(str(path), index, rule, trouble, ways, control, f"{run}-{rule.name}", run, keys, traced)
+
+
+def _junction_and_labels(path: Path, opened: OpenFiles) -> tuple[Junction, Sequence[str]]:
+    """Return the junction of a file and the labels of its runs in ids; the label of a single run is empty.
+
+    Raises:
+        RvadsError: the file can't be read, or holds no run.
+    """
+    place = glance(path)
+    if place is not None:
+        return place, ("",)
+    runs = opened.runs(str(path))
+    if not len(runs):
+        raise RvadsError(f"{path}: holds no run, so there is nothing to judge: nobody came near the junction")
+    if len(runs) == 1:
+        return (runs.junction if isinstance(runs, Recording) else runs[0].junction), ("",)
+    if isinstance(runs, Recording):  # its runs are not made here
+        return runs.junction, _distinct(f"t{period.busy:06.1f}" for period in runs.periods)
+    return runs[0].junction, _distinct(_id_text(run.label) for run in runs)
+
+
+def _distinct(names: Iterable[str]) -> list[str]:
+    """Return the names; a repeated name gets the first suffix ``.2``, ``.3``, ... that makes it distinct."""
+    distinct: dict[str, None] = {}
+    for name in names:
+        numbered = (f"{name}.{number}" for number in count(2))
+        distinct[next(candidate for candidate in chain((name,), numbered) if candidate not in distinct)] = None
+    return list(distinct)
+
+
+def _id_text(text: str) -> str:
+    """Return a text with ``_`` in place of the characters that ids can't contain."""
+    return re.sub(r"[^A-Za-z0-9_.-]+", "_", one_line(text))
+
+
+def _matches(pattern: str, folder: Path) -> dict[Path, str]:
+    """Return the files that a pattern matches in a folder, in order, with a name for each file.
+
+    The name is the path below the part of the pattern without wildcards, without the file's ending. So a file that is added
+    later does not change the names of the present files.
+    """
+    literal = folder / pattern
+    if os.path.exists(literal):
+        base, paths = literal if literal.is_dir() else literal.parent, files_of(literal)
+    else:
+        parts = Path(pattern).parts
+        fixed = next((k for k, part in enumerate(parts) if glob.has_magic(part)), len(parts))
+        base = folder.joinpath(*parts[:fixed])
+        paths = matching(pattern, folder)
+    files = {path.resolve(): path for path in paths}
+    return {real: ".".join(map(_id_text, path.relative_to(base).with_suffix("").parts)) for real, path in files.items()}

@@ -1,0 +1,382 @@
+"""The options of the plugin: a flag ``--rvads-*`` and an ini setting ``rvads_*`` each, read once into one frozen object.
+
+A field of `Options` declares an option: its help, its default, and the function that makes the value of the field from the text
+of the flag, the ini setting or the default.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import shlex
+import shutil
+from collections.abc import Callable
+from dataclasses import dataclass, field, fields
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from pytest_rvads.support.errors import RvadsError
+from pytest_rvads.support.wording import page
+
+__all__ = ["OPTIONS", "Options", "declare"]
+
+_Parse = Callable[[pytest.Config, str, str], Any]
+"""Returns the value of an option from the configuration of the session, the ini name of the option, and its text.
+
+Raises an `RvadsError` for a text that is no value of the option.
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class _Option:
+    """How an option is declared."""
+
+    help: str
+    parse: _Parse
+    default: str
+    metavar: str
+    choices: tuple[str, ...] | None
+    several: bool
+    """Whether the flag may be repeated; the ini setting then has one value per line."""
+
+
+def _option(
+    help: str,
+    parse: _Parse,
+    default: str = "",
+    metavar: str = "",
+    choices: tuple[str, ...] | None = None,
+    *,
+    several: bool = False,
+) -> Any:
+    """Return a field of `Options`; without `metavar`, the help shows the last word of the option's name."""
+    return field(metadata={"option": _Option(help, parse, default, metavar, choices, several)})
+
+
+def _text(_config: pytest.Config, _name: str, text: str) -> str | None:
+    """Return the text of an option; None for an option that is not set."""
+    return text or None
+
+
+def _count(_config: pytest.Config, name: str, text: str, least: int = 1) -> int | None:
+    if not text:
+        return None
+    if not (text.isdecimal() and len(text) < 10 and int(text) >= least):
+        raise RvadsError(f"{name} must be a whole number from {least} to 999999999, got {text!r:.60}")
+    return int(text)
+
+
+def _number(_config: pytest.Config, name: str, text: str, most: float) -> float | None:
+    """Return a number from 0 to `most`; None for an option that is not set."""
+    if not text:
+        return None
+    try:
+        number = float(text)
+    except ValueError:
+        number = math.nan
+    if not 0 <= number <= most:
+        raise RvadsError(f"{name} must be a number from 0 to {most:g}, got {text!r}")
+    return number
+
+
+def _seconds(config: pytest.Config, name: str, text: str) -> float:
+    """Return a time limit above 0 [s]."""
+    seconds = _number(config, name, text, 3600.0)
+    if not seconds:
+        raise RvadsError(f"{name} must be a number above 0, at most 3600, got {text!r}")
+    return seconds
+
+
+def _rate(config: pytest.Config, name: str, text: str) -> float | None:
+    """Return a number of decisions per second that divides 100 [Hz]; None for an option that is not set."""
+    rate = _number(config, name, text, 100.0)
+    if rate is not None and not (rate and math.isclose(round(100.0 / rate) * rate, 100.0)):
+        raise RvadsError(f"{name} must divide 100, such as 10, 20, 25 or 50, got {text!r}")
+    return rate
+
+
+def _speed(_config: pytest.Config, name: str, text: str) -> float | None:
+    """Return a speed limit [m/s]; None for an option that is not set."""
+    if not text:  # most sessions set no limit and need no reader of maps
+        return None
+    from pytest_rvads.geometry.opendrive.speeds import speed_of
+
+    return speed_of(text, name)
+
+
+def _path_from_start(config: pytest.Config, _name: str, text: str) -> Path | None:
+    """Return a path relative to the directory in which the session was started; None for an option that is not set."""
+    return config.invocation_params.dir / text if text else None
+
+
+def _path_from_root(config: pytest.Config, _name: str, text: str) -> Path | None:
+    """Return a path relative to pytest's root folder; None for an option that is not set."""
+    return config.rootpath / text if text else None
+
+
+def _map(config: pytest.Config, name: str, _text: str) -> str | None:
+    """Return the map file: flag and variable are relative to the working directory, the ini setting to the root folder."""
+    flag = config.getoption(name) or os.environ.get("RVADS_MAP")
+    if flag:
+        return str(Path(flag).resolve())
+    ini = config.getini(name)
+    return str((config.rootpath / ini).resolve()) if ini else None
+
+
+def _reports(config: pytest.Config, name: str, _text: str) -> tuple[Path, ...]:
+    paths: list[str] = config.getoption(name) or config.getini(name)
+    if not paths:  # most sessions of an environment write no report and need no format
+        return ()
+    from pytest_rvads.report.files import FORMATS
+
+    for path in paths:
+        if Path(path).suffix not in FORMATS:
+            raise RvadsError(f"{name} must name a {', '.join(FORMATS)} file, got {path!r}")
+    return tuple(config.invocation_params.dir / path for path in paths)
+
+
+def _command(config: pytest.Config, name: str, text: str) -> tuple[str, ...] | None:
+    """Return the words of a command, with the absolute path of its program; None for an option that is not set."""
+    try:
+        words = shlex.split(text)
+    except ValueError as error:
+        raise RvadsError(f"{name} can't be read as a command: {error}, got {text!r}") from error
+    if not words:
+        return None
+    program = shutil.which(str(config.invocation_params.dir / words[0]) if "/" in words[0] else words[0])
+    if program is None:
+        raise RvadsError(f"{name} must be the command of a program that exists and may be executed, got {text!r}")
+    return (program, *words[1:])
+
+
+def _folder(_config: pytest.Config, _name: str, text: str) -> str | None:
+    return None if text == "none" else text
+
+
+@dataclass(frozen=True, slots=True)
+class Options:
+    """The options of a session, from the command line, the environment or the configuration file, in this order."""
+
+    again: str
+    """The pytest command, without the quoted id of the item, that runs an item of this session once more."""
+    sut: tuple[str, ...] | None = _option(
+        "system under test: the command of a stack in another process, see 'Attach your stack' in the documentation; in a folder "
+        "without tests, the tests of the plugin run",
+        _command,
+        metavar="COMMAND",
+    )
+    autopilot: str | None = _option(
+        "system under test: 'reference' for the bundled autopilot, which obeys the rulebook road, another traffic policy, or "
+        "module:name of your class; replaces the fixture rvads_autopilot",
+        _text,
+        metavar="NAME",
+    )
+    simulator: str | None = _option(
+        "simulator: bullet, mujoco, sumo, or module:name of your simulator; by default bullet, or mujoco if pybullet is missing",
+        _text,
+        metavar="NAME",
+    )
+    sut_rate: float | None = _option(
+        "decisions of the stack per simulated second; by default the rate that the stack requests, else 20", _rate, metavar="HZ"
+    )
+    sut_timeout: float = _option("longest real time for one decision of the stack", _seconds, "5", "SECONDS")
+    sut_startup: float = _option(
+        "longest real time for the start of the stack, and for its preparation of a scenario", _seconds, "15", "SECONDS"
+    )
+    sut_grace: float = _option(
+        "longest real time until the stack exits after bye, and after SIGTERM", partial(_number, most=3600.0), "1", "SECONDS"
+    )
+    decision_limit: float = _option(
+        "longest real time for one call into a driver; 0 for no limit. A longer call makes the item an ERROR, and after three "
+        "such runs in a row all further runs of the driver are ERRORs",
+        partial(_number, most=1e6),
+        "15",
+        "SECONDS",
+    )
+    run_limit: float = _option("longest real time for a run; 0 for no limit", partial(_number, most=1e6), "300", "SECONDS")
+    speed_limit: float | None = _option(
+        "speed limit everywhere, such as 30mph, 50km/h or 13.9 for m/s; by default the speed limits of the map, and 25 mph on "
+        "roads without a speed limit",
+        _speed,
+        metavar="SPEED",
+    )
+    map: str | None = _option("OpenDRIVE file for junctions that are not built in (also the variable RVADS_MAP)", _map)
+    cover: str = _option(
+        "scenarios to run of every class, or of a junction, for tests without cover=",
+        _text,
+        "class",
+        choices=("class", "scenario", "rotation", "partial", "pairs", "conflicts"),
+    )
+    grid: str | None = _option(
+        "configurations for tests without grid=: 'paper', letters such as CD, 'arrivals', 'staggered', S21 or the name of your "
+        "grid; by default paper, and arrivals for tests with a subject",
+        _text,
+    )
+    max_items: int = _option("refuse a test that would expand to more items than this", _count, "10000")
+    sample: int | None = _option(
+        "run only N runs of every test over scenarios, drawn as evenly as possible over its junctions, their classes and their "
+        "configurations",
+        _count,
+        metavar="N",
+    )
+    seed: int = _option("seed of the samples of --rvads-sample and of limit= in marks", partial(_count, least=0), "0", "S")
+    rules: Path | None = _option("file with your rules, see `rvads rules --rules`", _path_from_root)
+    keep: Path | None = _option("folder in which every run is saved, as .npz for `rvads check`", _path_from_start)
+    export: Path | None = _option(
+        "folder in which every failed run is saved as OpenSCENARIO XML (.xosc), with its map; needs the extra openscenario",
+        _path_from_start,
+    )
+    report: tuple[Path, ...] = _option(
+        "also write the verdicts to FILE.json, FILE.html, FILE.md, FILE.csv (by requirement), FILE.xml (JUnit), or in a format "
+        "of another package; repeatable",
+        _reports,
+        metavar="FILE",
+        several=True,
+    )
+    summary: str = _option(
+        "length of the summary of the verdicts: at most a screen, or all",
+        _text,
+        "compact",
+        choices=("compact", "full"),
+    )
+    cov_fail_under: float | None = _option(
+        "fail when less than N percent of the (class x configuration x rule) cells that the collected tests expand to, "
+        "before -k and -m, were exercised; NA exercises nothing",
+        partial(_number, most=100.0),
+        metavar="N",
+    )
+    baseline: Path | None = _option(
+        "earlier report, FILE.json of --rvads-report; the session reports all changes since then",
+        _path_from_start,
+        metavar="FILE",
+    )
+    baseline_of: str = _option(
+        "with a baseline: compare only items with the same driver, map and formula of the rule, or any items",
+        _text,
+        "same",
+        choices=("same", "any"),
+    )
+    erosion: float = _option(
+        "with a baseline: a safety margin that fell by more than this is reported",
+        partial(_number, most=3600.0),
+        "0.5",
+        "SECONDS",
+    )
+    fail_on: str = _option(
+        "failures that fail the session: any; new failures since the baseline; or new failures and eroded margins",
+        _text,
+        "any",
+        choices=("any", "new", "eroded"),
+    )
+    time_budget: float | None = _option(
+        "items that have not started by then are NOT RUN; the last failures run first, then one run of every class, then the "
+        "items that ran least often",
+        partial(_number, most=1e6),
+        metavar="SECONDS",
+    )
+    repeat: str = _option(
+        "simulate the run of a failed item once more, which detects an autopilot that is not deterministic (FLAKY)",
+        _text,
+        "failed",
+        choices=("failed", "never"),
+    )
+    artefacts: str | None = _option(
+        "folder with a subfolder per session, for its page, its report, its failed runs and their replay pages, see "
+        "`rvads replay`; or 'none'",
+        _folder,
+        ".rvads",
+    )
+    keep_sessions: int = _option("number of sessions whose subfolders of --rvads-artefacts are kept", _count, "5", "N")
+    unavoidable: str = _option(
+        "effect of a violation that no vehicle could have avoided on its test", _text, "pass", choices=("pass", "fail")
+    )
+    unsure: str = _option(
+        "effect of UNSURE, a verdict that another reading within the accuracy of the recording would change, on its test",
+        _text,
+        "skip",
+        choices=("skip", "fail"),
+    )
+    open: str = _option(
+        "effect of OPEN on its test: an obligation that is still open at the end of the run",
+        _text,
+        "fail",
+        choices=("fail", "skip", "pass"),
+    )
+
+    @property
+    def driver(self) -> str:
+        """The option that names the driver, with its value; empty if no option names a driver."""
+        if self.autopilot:
+            return f"--rvads-autopilot={self.autopilot}"
+        return f"--rvads-sut={shlex.join(self.sut)}" if self.sut else ""
+
+    @classmethod
+    def read(cls, config: pytest.Config) -> Options:
+        """Read the options of a session.
+
+        Raises:
+            RvadsError: a value is out of range, or two options exclude each other.
+        """
+        texts = {name: _read_text(config, name, option) for name, option in _DECLARED.items() if not option.several}
+        if texts["sut"] and texts["autopilot"]:
+            raise RvadsError(
+                f"rvads_sut and rvads_autopilot both say what drives, got {texts['sut']!r} and {texts['autopilot']!r}"
+            )
+        if texts["fail_on"] != "any" and not texts["baseline"]:
+            raise RvadsError(f"rvads_fail_on={texts['fail_on']} needs something to compare with: add --rvads-baseline=FILE.json")
+        values = {name: option.parse(config, _ini_name(name), texts.get(name, "")) for name, option in _DECLARED.items()}
+        return cls(_again(config), **values)
+
+
+OPTIONS: pytest.StashKey[Options] = pytest.StashKey()
+"""The options of a session, in the stash of its configuration."""
+_DECLARED: dict[str, _Option] = {item.name: item.metadata["option"] for item in fields(Options) if item.metadata}
+
+
+def declare(parser: pytest.Parser) -> None:
+    """Add the flag and the ini setting of every option to pytest's parser."""
+    group = parser.getgroup("rvads", f"traffic-rule validation (pytest-rvads), documented at {page()}")
+    for name, option in _DECLARED.items():
+        ini = _ini_name(name)
+        more: dict[str, Any] = {"action": "append"} if option.several else {}
+        metavar = option.metavar or name.rpartition("_")[2].upper()
+        more |= {"choices": option.choices} if option.choices else {"metavar": metavar}
+        help_text = f"{option.help} (ini: {ini}{f', default {option.default}' if option.default else ''})"
+        group.addoption(_flag(name), dest=ini, default=None, help=help_text.replace("%", "%%"), **more)
+        if option.several:
+            parser.addini(ini, help=option.help, type="linelist", default=[])
+        else:
+            parser.addini(ini, help=option.help, type="string", default="")
+
+
+def _ini_name(name: str) -> str:
+    return f"rvads_{name}"
+
+
+def _flag(name: str) -> str:
+    return f"--rvads-{name.replace('_', '-')}"
+
+
+def _read_text(config: pytest.Config, name: str, option: _Option) -> str:
+    """Return the text of the flag, else of the ini setting, else the default."""
+    flag = config.getoption(_ini_name(name))
+    if flag is not None and not flag.strip():  # for example an unset variable of a CI job
+        raise RvadsError(f"{_flag(name)} needs a value, got {flag!r}: give a value, or leave the option out")
+    text: str = flag or config.getini(_ini_name(name)) or option.default
+    if option.choices and text and text not in option.choices:
+        raise RvadsError(f"{_ini_name(name)} must be one of {', '.join(option.choices)}, got {text!r}")
+    return text
+
+
+def _again(config: pytest.Config) -> str:
+    """Return the pytest command with this session's options for driver, map, simulator, rules and selection of items.
+
+    Settings of the ini file are not repeated: the next session reads the same ini file.
+    """
+    of_runs = ("sut", "sut_rate", "autopilot", "simulator", "speed_limit", "map", "rules")
+    names = (*of_runs, "cover", "grid", "max_items", "sample", "seed")
+    flags = ((name, config.getoption(_ini_name(name))) for name in names)
+    return shlex.join(["pytest", *(f"{_flag(name)}={value}" for name, value in flags if value)])

@@ -1,0 +1,150 @@
+"""Runs jobs on any `concurrent.futures.Executor`. A job travels with its inputs, so that every process gives the same result.
+
+A worker process may die because of a job, or for another reason. So the jobs of a dead process run again. A job whose process
+died twice runs alone in a process: only a job that kills this process is lost.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence, Sized
+from concurrent.futures import CancelledError, Executor, Future
+from contextlib import closing
+from itertools import count, islice
+from queue import SimpleQueue
+from typing import Any, TypeVar
+
+from pytest_rvads.support.errors import RvadsError
+from pytest_rvads.support.executors.teams import ExecutorGone, Failed, Foreign, Own, Part, Team, tried
+
+__all__ = ["ExecutorGone", "Failed", "Progress", "gathered", "spread"]
+
+Progress = Callable[[int, int], None]
+"""Called with the number of jobs done and the number of all."""
+_Job = TypeVar("_Job")
+_Result = TypeVar("_Result")
+
+
+def spread(
+    work: Callable[[_Job], _Result],
+    jobs: Sequence[_Job],
+    executor: Executor | int | None = None,
+    progress: Progress | None = None,
+    batch: int = 4,
+) -> Generator[_Result, None, None]:
+    """Yield the result of every job, in order; an exception of a job is raised in its place. Closing the generator ends the work.
+
+    Args:
+        work: the function that runs a job; a function of a module, because other processes import the function by name.
+        jobs: the jobs, as values that can be pickled.
+        executor: number of processes, by default the number of processors; 1 is this process. Or any executor.
+        progress: called after every job.
+        batch: number of jobs that a process gets at a time.
+
+    Raises:
+        RvadsError: a job can't be pickled, a job killed its process, or the executor was shut down.
+    """
+    results: dict[int, _Result | Failed] = {}
+    due = 0
+    with closing(gathered(work, jobs, executor, batch)) as answers:
+        for done, (number, answer) in enumerate(answers, start=1):
+            if progress is not None:
+                progress(done, len(jobs))
+            results[number] = answer
+            while due in results:
+                result = results.pop(due)
+                if isinstance(result, Failed):
+                    raise result.error
+                due += 1
+                yield result
+
+
+def gathered(
+    work: Callable[[_Job], _Result], jobs: Iterable[_Job], executor: Executor | int | None = None, batch: int = 4
+) -> Generator[tuple[int, _Result | Failed], None, None]:
+    """Yield the number and the result of every job in the order of completion; closing the generator ends the work.
+
+    A job is part_jobs from `jobs` when a worker is free, and is not kept after its result.
+
+    Args:
+        work: the function that runs a job, see `spread`.
+        jobs: the jobs, as values that can be pickled. An exhausted iterator is asked again after every result, so a result may
+            lead to further jobs.
+        executor: number of processes or an executor, see `spread`.
+        batch: number of jobs that a process gets at a time.
+
+    Raises:
+        RvadsError: a job can't be pickled, or the executor was shut down.
+    """
+    if not isinstance(executor, Executor):
+        executor = _number_of_processes(executor, jobs)
+    if executor == 1:
+        for number, job in enumerate(jobs):
+            yield number, tried(work, job)
+        return
+    team: Team = Foreign(work, executor) if isinstance(executor, Executor) else Own(work, executor)
+    try:
+        for part, answers in _completed(team, _Parts(jobs, batch)):
+            yield from enumerate(answers, start=part.begin)
+    except BaseException:
+        team.stop()
+        raise
+    team.close()
+
+
+class _Parts(Iterator[Part]):
+    """Groups jobs into parts; unlike a generator, the iterator continues if an exhausted `jobs` yields further jobs."""
+
+    def __init__(self, jobs: Iterable[Any], size: int) -> None:
+        self._begin, self._jobs, self._size = 0, iter(jobs), size
+
+    def __next__(self) -> Part:
+        part_jobs = tuple(islice(self._jobs, self._size))
+        if not part_jobs:
+            raise StopIteration
+        self._begin += len(part_jobs)
+        return Part(self._begin - len(part_jobs), part_jobs)
+
+
+def _completed(team: Team, parts: Iterator[Part]) -> Iterator[tuple[Part, list[Any]]]:
+    """Yield parts with their answers in the order of completion; the parts of dead processes are submitted again."""
+    flying: dict[Future[Any], Part] = {}
+    done: SimpleQueue[Future[Any]] = SimpleQueue()
+    numbers = count(1)
+
+    def launch(part: Part) -> None:
+        part = part._replace(sent=next(numbers))
+        future = team.submit(part)
+        if flying.setdefault(future, part) is not part:
+            raise RvadsError("submit of the executor returned one future for two calls, expected one for each")
+        future.add_done_callback(done.put)
+
+    try:
+        while True:
+            while len(flying) < team.ahead and (part := next(parts, None)) is not None:
+                launch(part)
+            if not flying:
+                return
+            future = done.get()
+            part = flying.pop(future)
+            try:
+                answers = team.answers(part, future)
+            except (Exception, CancelledError) as error:
+                part = part._replace(losses=part.losses + 1)
+                if team.submits_again(part, error):
+                    launch(part)
+                    continue
+                answers = list(map(team.alone, part.jobs))
+            yield part, answers
+    finally:
+        for future in flying:
+            future.cancel()
+
+
+def _number_of_processes(processes: int | None, jobs: object) -> int:
+    if processes is not None and (type(processes) is not int or processes < 1):
+        raise RvadsError(
+            f"executor= takes a number of processes from 1 on, or a concurrent.futures.Executor, got {processes!r:.60}"
+        )
+    count = processes or os.cpu_count() or 1
+    return max(1, min(count, len(jobs))) if isinstance(jobs, Sized) else count

@@ -1,0 +1,316 @@
+"""The two kinds of workers: processes of this package, or the executor of a user."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import pickle
+import signal
+import threading
+from collections.abc import Callable, Sequence
+from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from functools import partial
+from typing import Any, Generic, NamedTuple, TypeAlias, TypeVar
+
+from pytest_rvads.support.errors import RvadsError
+from pytest_rvads.support.wording import one_line
+
+__all__ = ["AHEAD", "Crew", "ExecutorGone", "Failed", "Foreign", "Own", "Part", "Team", "tried"]
+
+AHEAD = 4
+"""Jobs per process that are submitted before the oldest is done; more jobs would pile up behind a slow job."""
+_Job = TypeVar("_Job")
+_Result = TypeVar("_Result")
+
+
+_UNKNOWN = 512
+"""Parts submitted ahead to an executor that does not state its number of workers."""
+_TRIES = 3
+"""How often a part that a user's executor has lost is submitted again."""
+_ANSWER = 60.0
+"""Longest time for an executor that has lost a part to do another job [s]; Dask looks for its scheduler meanwhile."""
+
+
+class ExecutorGone(RvadsError):
+    """The executor takes no more work; the results so far are not lost."""
+
+
+class Failed(NamedTuple):
+    """The failure of a job, in place of its result."""
+
+    error: Exception
+    """The exception of the job, or an `RvadsError` if its process died."""
+    lost: bool = False
+    """Whether the process of the job died."""
+
+
+class Part(NamedTuple):
+    """Jobs that are sent together."""
+
+    begin: int
+    """Number of the first job."""
+    jobs: tuple[Any, ...]
+    losses: int = 0
+    """How often the part was lost, for example because it was in flight when a process died."""
+    sent: int = 0
+    """Number of parts submitted before; new for each submission, so that no executor returns a cached result for a lost part."""
+
+
+class Done(NamedTuple):
+    """The answers to the jobs of a part, from a user's executor."""
+
+    sent: int
+    """Number of the part, see `Part.sent`."""
+    answers: list[Any]
+
+
+class Own:
+    """Worker processes of this package."""
+
+    def __init__(self, work: Callable[[Any], Any], processes: int) -> None:
+        self.ahead = AHEAD * processes
+        self._crew: Crew[bytes, list[Any]] = Crew(partial(_opener, _packed(work)), processes)
+        self.close, self.stop = self._crew.close, self._crew.stop
+
+    def submit(self, part: Part) -> Future[list[Any]]:
+        """Submit a part."""
+        return self._crew.submit(_packed(part.jobs))
+
+    def submits_again(self, part: Part, error: BaseException) -> bool:
+        """Return whether a part lost by `error` is submitted again; otherwise each of its jobs is done alone.
+
+        Raises:
+            RvadsError: `error` is no death of a process, so a job or its result can't be sent between processes.
+        """
+        if not isinstance(error, BrokenProcessPool):
+            raise RvadsError(f"a job or its result can't be sent between processes: {_text_of(error)}") from error
+        return part.losses < 2
+
+    def answers(self, _: Part, future: Future[list[Any]]) -> list[Any]:
+        """Return the answers to the jobs of a part."""
+        return future.result()
+
+    def alone(self, job: Any) -> Any:
+        """Return the answer to a job that may kill its process."""
+        try:
+            return self._crew.alone(_packed((job,)))[0]
+        except BrokenProcessPool:
+            return _dead()
+
+
+class Foreign:
+    """The executor of a user, who shuts it down."""
+
+    def __init__(self, work: Callable[[Any], Any], executor: Executor) -> None:
+        workers = getattr(executor, "_max_workers", None)  # set by executors of the standard library
+        self.ahead = AHEAD * workers if isinstance(workers, int) else _UNKNOWN
+        self._work, self._executor = work, executor
+        self._sent = self._sound = 0
+        """Number of the last submission, and its value when the executor last did a job after a loss."""
+
+    def submit(self, part: Part) -> Future[Any]:
+        """Submit a part.
+
+        Raises:
+            ExecutorGone: the executor takes no more work.
+            RvadsError: the executor returns no future.
+        """
+        self._sent = part.sent
+        try:
+            future = self._executor.submit(_done, self._work, part.jobs, part.sent)
+        except Exception as error:  # each executor has its own exceptions
+            raise self._gone(error) from error
+        if not hasattr(future, "add_done_callback"):
+            raise RvadsError(f"submit of {self._name} returned {future!r:.60}, expected a concurrent.futures.Future")
+        return future
+
+    def answers(self, part: Part, future: Future[Any]) -> list[Any]:
+        """Return the answers to the jobs of a part, one per job.
+
+        Raises:
+            RvadsError: the executor returns another object.
+        """
+        result = future.result()
+        if not (isinstance(result, Done) and result.sent == part.sent):
+            raise RvadsError(
+                f"{self._name} answered {result!r:.60}, expected what the function given to its submit returns for these jobs"
+            )
+        return result.answers
+
+    def submits_again(self, part: Part, error: BaseException) -> bool:
+        """Return whether a part lost by `error` is submitted again; otherwise each of its jobs is done alone.
+
+        Raises:
+            RvadsError: the executor can't do the jobs.
+            ExecutorGone: the executor takes no more work.
+        """
+        if isinstance(error, RvadsError):
+            raise error
+        if type(error).__name__ == "KilledWorker":  # Dask's, after several workers died; Dask may be missing
+            return False
+        if isinstance(error, CancelledError) and part.losses <= _TRIES:
+            if part.sent > self._sound:
+                self._probe(error)
+            return True
+        if isinstance(error, CancelledError | BrokenExecutor):
+            raise self._gone(error) from error
+        cause = error.__cause__ if isinstance(error.__cause__, ImportError) else error
+        raise RvadsError(
+            f"{self._name} can't work on this, perhaps because a job can't be pickled or the worker lacks a module: "
+            f"{_text_of(cause)}"
+        ) from error
+
+    def alone(self, job: Any) -> Any:
+        """Return the answer to a job that may kill its process."""
+        for losses in range(1, _TRIES + 2):
+            part = Part(0, (job,), losses, self._sent + 1)
+            try:
+                return self.answers(part, self.submit(part))[0]
+            except (Exception, CancelledError) as error:
+                if not self.submits_again(part, error):
+                    break
+        return _dead()
+
+    def _probe(self, error: BaseException) -> None:
+        """Check that the executor still does jobs; a job that waits for a missing scheduler may wait for ever."""
+        try:
+            self._executor.submit(_done, self._work, (), self._sent).result(_ANSWER)
+        except (Exception, CancelledError):
+            raise self._gone(error) from error
+        self._sound = self._sent
+
+    def close(self) -> None:
+        """Leave the executor running, because its owner shuts it down."""
+
+    stop = close
+
+    @property
+    def _name(self) -> str:
+        return f"the executor {type(self._executor).__name__}"
+
+    def _gone(self, error: BaseException) -> ExecutorGone:
+        return ExecutorGone(f"{self._name} takes no more work, its workers or scheduler are gone: {_text_of(error)}")
+
+
+Team: TypeAlias = Own | Foreign
+"""Both have `ahead`, the number of parts that may be in flight."""
+
+
+class Crew(Generic[_Job, _Result]):
+    """Worker processes, which end with this process however it ends, and which leave interrupts to this process.
+
+    Args:
+        begin: called in each worker process; returns the function that does the jobs.
+        processes: number of processes.
+    """
+
+    def __init__(self, begin: Callable[[], Callable[[_Job], _Result]], processes: int) -> None:
+        self._begin, self._processes = begin, processes
+        self._foreign_children = set(multiprocessing.active_children())
+        self._pool = self._hire(processes)
+
+    def _hire(self, processes: int) -> ProcessPoolExecutor:
+        return ProcessPoolExecutor(processes, initializer=_enter, initargs=(self._begin,))
+
+    def submit(self, job: _Job) -> Future[_Result]:
+        """Submit a job; if a process died, new processes are started first."""
+        try:
+            return self._pool.submit(_do, job)
+        except BrokenProcessPool:
+            self._pool.shutdown()
+            self._pool = self._hire(self._processes)
+            return self._pool.submit(_do, job)
+
+    def alone(self, job: _Job) -> _Result:
+        """Return the result of a job in a separate process, so that only this job can kill the process.
+
+        Raises:
+            BrokenProcessPool: the job killed the process.
+        """
+        with self._hire(1) as pool:
+            result: _Result = pool.submit(_do, job).result()
+            return result
+
+    def close(self) -> None:
+        """End the processes after all jobs are done."""
+        self._pool.shutdown()
+
+    def stop(self) -> None:
+        """End all processes at once."""
+        for process in set(multiprocessing.active_children()) - self._foreign_children:
+            process.terminate()
+        self._pool.shutdown(cancel_futures=True)
+
+
+_doer: list[Callable[[Any], Any]] = []
+"""The function that does the jobs, in a worker process."""
+
+
+def _enter(begin: Callable[[], Callable[[Any], Any]]) -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the terminal interrupts all processes; the parent decides when workers end
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)  # the parent ends a worker by this signal
+    threading.Thread(target=_watch, daemon=True).start()
+    _doer[:] = [begin()]
+
+
+def _watch() -> None:
+    """End this worker when its parent process ends, even if the parent was killed."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
+
+
+def _do(job: Any) -> Any:
+    return _doer[0](job)
+
+
+def _opener(work: bytes) -> Callable[[bytes], list[Any]]:
+    """Return the function that unpacks jobs and does the jobs."""
+    function = pickle.loads(work)
+    return lambda packed: _answers(function, pickle.loads(packed))
+
+
+def _answers(work: Callable[[Any], Any], jobs: Sequence[Any]) -> list[Any]:
+    return [_picklable(tried(work, job)) for job in jobs]
+
+
+def _done(work: Callable[[Any], Any], jobs: Sequence[Any], sent: int) -> Done:
+    return Done(sent, _answers(work, jobs))
+
+
+def _picklable(answer: Any) -> Any:
+    """Return an answer that can be pickled: some exceptions can't be made again from their pickled state."""
+    if isinstance(answer, Failed):
+        try:
+            pickle.loads(pickle.dumps(answer))
+        except Exception:
+            return Failed(RvadsError(_text_of(answer.error)))
+    return answer
+
+
+def tried(work: Callable[[Any], Any], job: Any) -> Any:
+    """Return the result of a job, or its failure."""
+    try:
+        return work(job)
+    except Exception as error:
+        return Failed(error)
+
+
+def _packed(value: object) -> bytes:
+    try:
+        return pickle.dumps(value, pickle.HIGHEST_PROTOCOL)
+    except Exception as error:  # the code of users may raise any exception
+        raise RvadsError(
+            f"this can't travel to another process ({_text_of(error)}): use functions and classes at the top level of a module, "
+            "no lambdas and no inner functions, or say executor=1 (-j 1 of a command)"
+        ) from error
+
+
+def _dead() -> Failed:
+    return Failed(RvadsError("the process that worked on it died, perhaps for lack of memory"), lost=True)
+
+
+def _text_of(error: BaseException) -> str:
+    return one_line(": ".join(filter(None, (type(error).__name__, str(error)))), 300)
