@@ -147,7 +147,7 @@ def test_signals_of_blocks_are_those_of_the_whole_run(place: str, size: int) -> 
 
 
 def test_steady_signal_is_worked_out_again_only_where_a_value_that_it_reads_has_changed() -> None:
-    run, worked_out = traffic("stop4", 1), []
+    run, worked_out = traffic("stop4"), []
 
     @signal
     def fast(block: Block) -> NDArray[np.bool_]:
@@ -178,7 +178,7 @@ def test_steady_signal_is_worked_out_again_only_where_a_value_that_it_reads_has_
 
 
 def test_steady_signal_is_worked_out_again_where_positions_are_given_from_now_on() -> None:
-    run = traffic("stop4", 1)
+    run = traffic("stop4")
     stream, agent = Stream(run.junction, run.dt, run.facts), run.agents[0]
     stream.recast([agent], [None])
     at_line = np.array([[itinerary(run.junction, *agent.way.key).line - 1.0]])

@@ -64,21 +64,14 @@ def test_a_vehicle_across_its_lane_is_out_of_it_though_its_front_is_on_the_centr
     assert not off_lane(replace(run, pose=pose), 0).any(), "the direction is no matter of lanes"
 
 
-def test_body_between_both_lines_of_a_lane_that_steps_aside_is_in_its_lane(drive: Make) -> None:
-    """The centre line steps 1.5 m aside within 0.3 m; a body half-way is 0.75 m beside each part, where 1.12 m are allowed."""
-    junction = find("stop4")
-    line = junction.way_in(0)
-    stations = np.array([0.0, line.length - 17.3, line.length - 17.0, line.length])
-    points, ahead = line.centre(stations)
-    points[:2] += 1.5 * np.stack((-ahead[:2, 1], ahead[:2, 0]), axis=-1)
-    entrances = (replace(junction.entrances[0], approach=Segment(line.id, points)), *junction.entrances[1:])
-    run = drive(replace(junction, entrances=entrances), {0: (2, -25.0, [(0, 5.0)])}, 300)
-    end, pose = line.pose(line.length), run.need("pose").copy()
-    forth = np.array([np.cos(end.heading), np.sin(end.heading)])
-    aside = np.array([end.x, end.y]) + 0.75 * np.array([-forth[1], forth[0]])
-    pose[:, 0, :2] = aside + run.need("station")[:, :1] * forth
-    pose[:, 0, 2] = end.heading
-    assert not off_lane(replace(run, pose=pose), 0).any()
+def test_body_within_a_lane_that_steps_aside_is_in_its_lane(shared: Path) -> None:
+    """The iteration for the nearest point of the centre line ends on a piece that is not the nearest piece."""
+    junction = find("j_14892149", shared / "maps" / "durlacher-tor.xodr")
+    code = [0] * len(junction.entrances)
+    code[8] = next(d for (entrance, d), movement in junction.by_direction.items() if entrance == 8 and movement.exit == 3)
+    run = simulate(Case(Scenario(junction, tuple(code), distance=20.0, duration=60), Reference))
+    assert run.provenance["end"] == "left"
+    assert not off_lane(run, 0).any()
 
 
 def test_vehicle_out_of_the_run_leaves_no_lane(drive: Make) -> None:

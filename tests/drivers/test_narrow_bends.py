@@ -206,6 +206,7 @@ def test_the_rear_axle_keeps_to_its_path(shared: Path, file: str, id: str, key: 
 def test_a_car_passes_beside_a_standing_vehicle_that_its_body_does_not_touch(shared: Path) -> None:
     """The body keeps 0.1 m to the vehicle at the line of the arm that it leaves by; the centre line of its front comes nearer."""
     case = from_id("durlacher_tor.j_1676908212-class19-as2222-s1-cfgS31", shared / "maps" / "durlacher-tor.xodr")
-    run = simulate(Case(case, Reference, traffic=Reference))
+    driver = partial(Reference, tie=0.5)
+    run = simulate(Case(case, driver, traffic=driver))
     assert run.provenance["end"] == "left"
     assert run.collisions == ()

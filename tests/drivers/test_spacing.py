@@ -150,13 +150,13 @@ def test_yielding_vehicle_stops_half_a_metre_before_the_conflict(before: float, 
     assert clear_of_crossing(seen) == pytest.approx(wanted)
 
 
-def body(ahead: float, left: float = 0.0, speed: float = 0.0, turned: float = 0.0) -> VehicleState:
+def body(ahead: float, left: float = 0.0, speed: float = 0.0, turned: float = 0.0, zone: Zone = Zone.JUNCTION) -> VehicleState:
     """A vehicle with the middle of its rear bumper so far ahead of the start of the approach, and beside the centre line."""
     x, y, heading = STRAIGHT.pose(-40.0)
     x, y = x + ahead * math.cos(heading) - left * math.sin(heading), y + ahead * math.sin(heading) + left * math.cos(heading)
     heading += turned
     x, y = x + LENGTH * math.cos(heading), y + LENGTH * math.sin(heading)
-    return vehicle(2, Turn.STRAIGHT, Zone.APPROACH, -40.0, speed, x=x, y=y, heading=heading)
+    return vehicle(2, Turn.STRAIGHT, zone, -40.0, speed, x=x, y=y, heading=heading)
 
 
 def room(other: VehicleState, speed: float = 6.0) -> float:
@@ -171,6 +171,7 @@ def test_a_body_in_the_way_is_not_driven_into() -> None:
     # The bumper at 10.5 m blocks from the place after 9.22 m on, the eighth one after the first: a gap of 8 to 9 m.
     wanted = room(body(10.5))
     assert wanted in [pytest.approx(2.0 * (-1.5 + math.sqrt(2.25 + 6.0 * (gap - 2.0)) - 6.0)) for gap in (8.0, 9.0)]
+    assert room(body(10.5, zone=Zone.APPROACH)) == math.inf, "a body that stands before the junction is another function's"
     assert room(body(10.5), speed=0.0) == math.inf, "3 m are looked at when it stands"
     assert room(body(-12.0)) == math.inf, "behind"
     # At 6 m/s it looks 12 m ahead: 3 m, half a second's way and 6 m of braking at 3 m/s^2.

@@ -20,7 +20,7 @@ MAP = """
     import pytest_rvads
 
     def pytest_rvads_junctions(config):
-        return {"bridge": (Path(pytest_rvads.__file__).parent / "junctions" / "data" / "stop3.xodr", "3-way stop")}
+        return {"bridge": (Path(pytest_rvads.__file__).parent / "geometry" / "data" / "stop3.xodr", "3-way stop")}
 """
 
 

@@ -174,6 +174,8 @@ class Block:
     """The column in the block by the column in the run, for every vehicle of the block."""
     after: dict[Signal[Any], tuple[NDArray[Any], ...]] = field(default_factory=dict)
     """The carry that every signal hands on to the next block."""
+    unknown: dict[Signal[Any], str] = field(default_factory=dict)
+    """Why a signal that the next block depends on can't be worked out, for every signal without a carry."""
     values: dict[Signal[Any], Any] = field(default_factory=dict)
     """The values of the signals that have been worked out."""
     earlier: Block | None = None
@@ -281,6 +283,8 @@ class Block:
                     f"{signal.work.__name__} depends on earlier states, and was not worked out on the block before"
                 )
             return _fresh(signal, self.cast, self.dt)
+        if signal in self.previous.unknown:
+            raise RunError(self.previous.unknown[signal])
         signal(self.previous)
         carry, cast = self.previous.after[signal], self.previous.cast
         if self.kept is None:

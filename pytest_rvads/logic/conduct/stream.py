@@ -60,8 +60,8 @@ class Stream:
         for signal in signals:
             try:
                 signal(block)
-            except RunError:
-                continue  # what is not known now has no carry either
+            except RunError as error:
+                block.unknown[signal] = str(error)
         block.previous = None
         self._last, self._kept, self._tick = block, None, self._tick + len(zone)
         return block
