@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pytest_rvads.logic.conduct.predicates import extract
-from pytest_rvads.logic.conduct.sampling import without_jumps
+from pytest_rvads.logic.conduct.presence import without_jumps
 from pytest_rvads.logic.judging.evaluate import Values
 from pytest_rvads.logic.judging.judge import walk
 from pytest_rvads.logic.judging.prepare import prepare

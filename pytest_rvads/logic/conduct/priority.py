@@ -20,8 +20,7 @@ from pytest_rvads.geometry.segment import Turn
 from pytest_rvads.logic.conduct.blocks import ENTRANCE, JUNCTION, Block, signal, sized
 from pytest_rvads.logic.conduct.bodies import collide, couples
 from pytest_rvads.logic.conduct.cast import Cast
-from pytest_rvads.logic.conduct.latches import lasting
-from pytest_rvads.logic.conduct.motion import entered, facing
+from pytest_rvads.logic.conduct.motion import entered, facing, lasting
 from pytest_rvads.logic.conduct.rights import (
     GREEN,
     comes,

@@ -19,8 +19,7 @@ from pytest_rvads.geometry.control import JunctionControl
 from pytest_rvads.logic.conduct.blocks import ABSENT, EXIT, Block, signal, sized
 from pytest_rvads.logic.conduct.cast import Cast, Pairs, everybody, pairs
 from pytest_rvads.logic.conduct.grounds import ground_of, in_turn, lit, may_owe
-from pytest_rvads.logic.conduct.latches import lasting
-from pytest_rvads.logic.conduct.motion import entered, facing
+from pytest_rvads.logic.conduct.motion import entered, facing, lasting
 from pytest_rvads.logic.conduct.standing import TIE, arrivals, arrived, leads, stands, waited
 from pytest_rvads.logic.conduct.stretches import Places, ahead_by, contested, contested_places, neighbours, passed, places, roads
 from pytest_rvads.runs.states import Colour

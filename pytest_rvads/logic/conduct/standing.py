@@ -17,8 +17,7 @@ from pytest_rvads.geometry.conflicts import Key
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.logic.conduct.blocks import APPROACH, ENTRANCE, Block, signal
 from pytest_rvads.logic.conduct.cast import Cast, Pairs, pairs
-from pytest_rvads.logic.conduct.latches import latched
-from pytest_rvads.logic.conduct.motion import wt
+from pytest_rvads.logic.conduct.motion import latched, wt
 from pytest_rvads.runs.itineraries import itinerary
 from pytest_rvads.runs.run import Facts, Run
 from pytest_rvads.support.errors import RunError

@@ -19,10 +19,8 @@ from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.logic.conduct.blocks import Signal
 from pytest_rvads.logic.conduct.predicates import extract
 from pytest_rvads.logic.judging.prepare import Template, prepare
-from pytest_rvads.logic.live.board import Board
-from pytest_rvads.logic.live.instances import Instances
-from pytest_rvads.logic.live.instant import OF_RUNS, Instant, Mover, State
-from pytest_rvads.logic.live.seeing import Decided, Seen, row_of, sizes_of
+from pytest_rvads.logic.live.board import Board, Instances
+from pytest_rvads.logic.live.instant import OF_RUNS, Decided, Instant, Mover, Seen, State, row_of, sizes_of
 from pytest_rvads.logic.live.watch import Fact, Reading, Watch
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.ltl.ltl3 import Machine, Truth

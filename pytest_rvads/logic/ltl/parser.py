@@ -16,8 +16,7 @@ from typing import Any, NamedTuple
 from lark import Lark, UnexpectedInput
 
 from pytest_rvads.logic.ltl import formula as f
-from pytest_rvads.logic.ltl.grammar import LTL, Build, Mistake, rule_grammar
-from pytest_rvads.logic.ltl.language import Language
+from pytest_rvads.logic.ltl.grammar import LTL, Build, Language, Mistake, rule_grammar
 from pytest_rvads.logic.ltl.rewrite import replaced, substitute
 from pytest_rvads.support.errors import FormulaError, suggest
 

@@ -14,8 +14,7 @@ from pytest_rvads.logic.judging.verdicts import InstanceVerdict, NearMiss, Statu
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.rules.lexicon import word_of
 from pytest_rvads.logic.rules.sorts import Sort
-from pytest_rvads.logic.telling.block import block
-from pytest_rvads.logic.telling.doubt import hangs, since
+from pytest_rvads.logic.telling.block import block, hangs, since
 from pytest_rvads.logic.telling.phrase import clock, element_name, literal, say, why
 from pytest_rvads.logic.telling.story import Story, bound_names, happened
 from pytest_rvads.runs.run import Run
