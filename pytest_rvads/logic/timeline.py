@@ -58,7 +58,7 @@ def timelines(run: Run, rule: str | Rule) -> tuple[Timeline, ...]:
         walked = walk(templates, Values(run, rule.tie))
     except RunError:
         return ()
-    found = []
+    result = []
     for template, states in zip(templates, walked, strict=True):
         ticks = np.concatenate(([0], np.flatnonzero(np.diff(states)) + 1))
         changes: list[tuple[int, str]] = []
@@ -67,5 +67,5 @@ def timelines(run: Run, rule: str | Rule) -> tuple[Timeline, ...]:
             word = _WORDS.get(Truth(int(template.machine.output[state])), "due" if state else "watching")
             if not changes or changes[-1][1] != word:
                 changes.append((tick, word))
-        found.append(Timeline(bound_names(template), tuple(changes)))
-    return tuple(found)
+        result.append(Timeline(bound_names(template), tuple(changes)))
+    return tuple(result)

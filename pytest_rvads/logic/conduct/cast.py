@@ -47,10 +47,10 @@ class Pairs:
 
     def any(self, truths: NDArray[np.bool_], agents: int) -> NDArray[np.bool_]:
         """Return which vehicles are the first of a pair for which `truths` holds, shape ``(n, agents)``; see `count`."""
-        found = np.zeros((len(truths), agents), dtype=np.bool_)
+        firsts = np.zeros((len(truths), agents), dtype=np.bool_)
         if len(self):
-            found[:, self._firsts] = np.logical_or.reduceat(truths, self._starts, axis=1)
-        return found
+            firsts[:, self._firsts] = np.logical_or.reduceat(truths, self._starts, axis=1)
+        return firsts
 
     def count(self, truths: NDArray[np.bool_], agents: int) -> NDArray[np.int64]:
         """Return, for every vehicle, the number of pairs with this vehicle first for which `truths` holds, shape ``(n, agents)``.
@@ -59,10 +59,10 @@ class Pairs:
             truths: a truth value per state and pair, shape ``(n, pairs)``.
             agents: number of vehicles.
         """
-        found = np.zeros((len(truths), agents), dtype=np.int64)
+        counts = np.zeros((len(truths), agents), dtype=np.int64)
         if len(self):
-            found[:, self._firsts] = np.add.reduceat(truths, self._starts, axis=1, dtype=np.int64)
-        return found
+            counts[:, self._firsts] = np.add.reduceat(truths, self._starts, axis=1, dtype=np.int64)
+        return counts
 
 
 def _gathered(values: NDArray[_Scalar], columns: NDArray[np.int64]) -> NDArray[_Scalar]:

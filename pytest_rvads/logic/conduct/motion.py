@@ -41,8 +41,8 @@ def latched(set_: NDArray[np.bool_], reset: NDArray[np.bool_], before: NDArray[n
     count = np.arange(1, len(set_) + 1)[:, None]
     last_set = np.maximum.accumulate(np.where(set_, count, 0), axis=0)
     last_reset = np.maximum.accumulate(np.where(reset, count, 0), axis=0)
-    found: NDArray[np.bool_] = (last_set > last_reset) | (before & (last_reset == 0))
-    return found
+    truths: NDArray[np.bool_] = (last_set > last_reset) | (before & (last_reset == 0))
+    return truths
 
 
 NEVER = int(np.iinfo(np.int64).max)
@@ -53,15 +53,15 @@ NEVER = int(np.iinfo(np.int64).max)
 def wt(block: Block, before: NDArray[np.int32]) -> tuple[NDArray[np.int32], ...]:
     """Waiting times in ticks, see `Run.wt`."""
     # The first state of all counts nothing.
-    found = lasting(block.zone == ENTRANCE, before - (block.tick == 0)).astype(np.int32)
-    return found, found
+    ticks = lasting(block.zone == ENTRANCE, before - (block.tick == 0)).astype(np.int32)
+    return ticks, ticks
 
 
 @signal(start=(NEVER,), otherwise=NEVER, steady=True)
 def entered(block: Block, before: NDArray[np.int64]) -> tuple[NDArray[np.int64], ...]:
     """The tick in which every vehicle entered the junction, as far as it has by then; see `NEVER`."""
-    found = np.minimum(np.minimum.accumulate(np.where(block.zone >= JUNCTION, block.ticks, NEVER), axis=0), before)
-    return found, found
+    ticks = np.minimum(np.minimum.accumulate(np.where(block.zone >= JUNCTION, block.ticks, NEVER), axis=0), before)
+    return ticks, ticks
 
 
 @signal(start=(0,), steady=True)
@@ -70,8 +70,8 @@ def facing(block: Block, before: NDArray[np.int8]) -> tuple[NDArray[np.int8], ..
     colours, entry = block.lights[:, block.cast.entrance], entered(block)
     row = np.minimum(entry[-1] - block.tick, len(colours) - 1)
     at_entry = np.where(row >= 0, colours[np.maximum(row, 0), np.arange(len(row))], before)
-    found = np.where(entry >= block.ticks, colours, at_entry).astype(np.int8)
-    return found, found
+    colour = np.where(entry >= block.ticks, colours, at_entry).astype(np.int8)
+    return colour, colour
 
 
 @signal(start=(np.nan,), otherwise=np.nan)
@@ -86,5 +86,5 @@ def advance(block: Block, before: NDArray[np.float64]) -> tuple[NDArray[np.float
 def inside(block: Block) -> NDArray[np.bool_]:
     """Of which vehicle part of the body is in the junction."""
     front, cast = block.need("station"), block.cast
-    found: NDArray[np.bool_] = (front > 0.0) & ((front - cast.length) - cast.way < 0.0) & block.here
-    return found
+    inside_junction: NDArray[np.bool_] = (front > 0.0) & ((front - cast.length) - cast.way < 0.0) & block.here
+    return inside_junction

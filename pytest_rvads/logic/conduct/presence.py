@@ -53,10 +53,10 @@ def together(run: Run) -> frozenset[tuple[int, int]] | None:
     if not (run.zone == Zone.ABSENT).any():
         return None
     begin, end = run.spans.T if run.station is None else near(run).T
-    both = np.minimum(end[:, None], end) > np.maximum(begin[:, None], begin)
+    pairs = np.minimum(end[:, None], end) > np.maximum(begin[:, None], begin)
     if run.pose is not None:
-        both |= close(run)
-    return frozenset((one, two) for one, two in np.argwhere(both).tolist() if one != two)
+        pairs |= close(run)
+    return frozenset((agent, other) for agent, other in np.argwhere(pairs).tolist() if agent != other)
 
 
 def near(run: Run) -> NDArray[np.int64]:
@@ -68,18 +68,20 @@ def near(run: Run) -> NDArray[np.int64]:
     Raises:
         RunError: the run does not record positions.
     """
-    found = np.zeros((len(run.agents), 2), dtype=np.int64)
+    spans = np.zeros((len(run.agents), 2), dtype=np.int64)
     for column, agent in enumerate(run.agents):
         begin, end = run.spans[column]
         station = run.need("station")[begin:end, column]
         speed = np.zeros_like(station) if run.speed is None else run.speed[begin:end, column]
         reach = np.maximum(NEAR, NEAR_TIME * np.maximum(speed, 0.0))
-        left = agent.way.length + max(LEAVE, agent.size[0] if agent.size else 0.0)
-        there = (station >= -run.junction.setbacks[agent.entrance] - reach) & (station <= left) & run.here[begin:end, column]
-        ticks = np.flatnonzero(there)
+        end_of_stay = agent.way.length + max(LEAVE, agent.size[0] if agent.size else 0.0)
+        near_line = (
+            (station >= -run.junction.setbacks[agent.entrance] - reach) & (station <= end_of_stay) & run.here[begin:end, column]
+        )
+        ticks = np.flatnonzero(near_line)
         if len(ticks):
-            found[column] = begin + ticks[0], begin + ticks[-1] + 1
-    return found
+            spans[column] = begin + ticks[0], begin + ticks[-1] + 1
+    return spans
 
 
 def window(run: Run, columns: Iterable[int]) -> tuple[int, int]:

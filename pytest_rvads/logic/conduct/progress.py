@@ -52,19 +52,19 @@ def _before_lights(cast: Cast) -> NDArray[np.float64]:
 @signal
 def _at_light(block: Block) -> NDArray[np.bool_]:
     """The light of which vehicle is not green, with its front near the line or beyond it, before the first shared stretch."""
-    found: NDArray[np.bool_] = _dark(block)
-    if found.any():
+    waiting: NDArray[np.bool_] = _dark(block)
+    if waiting.any():
         station, (begin, end) = block.need("station"), block.cast.static(_before_lights)
-        found = found & (station > begin) & (station < end)
-    return found
+        waiting = waiting & (station > begin) & (station < end)
+    return waiting
 
 
 @signal(steady=True)
 def _dark(block: Block) -> NDArray[np.bool_]:
     """Which vehicle comes to an entrance whose light is not green now."""
     light = block.lights.take(block.cast.entrance, axis=1)
-    found: NDArray[np.bool_] = (light == RED) | (light == YELLOW)
-    return found
+    dark: NDArray[np.bool_] = (light == RED) | (light == YELLOW)
+    return dark
 
 
 def _slowness(block: Block, speed: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -83,22 +83,22 @@ def _may_lose(block: Block) -> NDArray[np.float64]:
 @signal
 def _loses(block: Block) -> NDArray[np.bool_]:
     """Which vehicle loses time if it could go."""
-    found: NDArray[np.bool_] = _may_lose(block) > 0.0
-    return found
+    losing: NDArray[np.bool_] = _may_lose(block) > 0.0
+    return losing
 
 
 @signal
 def _far_down(block: Block) -> NDArray[np.bool_]:
     """Which vehicle is so far down its exit road that it has arrived."""
-    found: NDArray[np.bool_] = block.need("station") - block.cast.way >= LEAVE
-    return found
+    far: NDArray[np.bool_] = block.need("station") - block.cast.way >= LEAVE
+    return far
 
 
 @signal(pairs=neighbours)
 def _trails(block: Block) -> NDArray[np.bool_]:
     """Which first vehicle is so near behind the second vehicle that it belongs to the same queue."""
-    found: NDArray[np.bool_] = ahead_by(block) < QUEUE_GAP
-    return found
+    trailing: NDArray[np.bool_] = ahead_by(block) < QUEUE_GAP
+    return trailing
 
 
 @signal(needs=_known, steady=True)
@@ -177,8 +177,8 @@ def idles(block: Block) -> NDArray[np.bool_]:
     counted anew in each part of the way. A part is passed as soon as the rear has left the part by `PASSED`.
     """
     lost: Lost = losses(block)
-    found: NDArray[np.bool_] = np.maximum(lost.idle, lost.circle) > PATIENCE
-    return found
+    idling: NDArray[np.bool_] = np.maximum(lost.idle, lost.circle) > PATIENCE
+    return idling
 
 
 @signal(needs=_known)

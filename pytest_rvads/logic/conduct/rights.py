@@ -76,8 +76,8 @@ def lights(cast: Cast) -> NDArray[np.bool_]:
 def has_way(block: Block) -> NDArray[np.bool_]:
     """Which vehicle no light keeps from going: its light is or was at its entry green or yellow, or its entrance has no light."""
     colour = facing(block)
-    found: NDArray[np.bool_] = ~block.cast.static(lights) | (colour == GREEN) | (colour == YELLOW)
-    return found
+    allowed: NDArray[np.bool_] = ~block.cast.static(lights) | (colour == GREEN) | (colour == YELLOW)
+    return allowed
 
 
 def owing(cast: Cast) -> Pairs:
@@ -86,19 +86,19 @@ def owing(cast: Cast) -> Pairs:
     Raises:
         RunError: it is not known where the lanes lie, and this decides.
     """
-    return pairs(cast, lambda one, two: may_owe(cast, one, two))
+    return pairs(cast, lambda agent, other: may_owe(cast, agent, other))
 
 
 def owed_places(cast: Cast) -> Places:
     """Return the contested stretches of pairs of which the first may owe the way to the second."""
-    return places(contested(cast, one, two) for one, two in cast.static(owing).column)
+    return places(contested(cast, agent, other) for agent, other in cast.static(owing).column)
 
 
 def _always(cast: Cast) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Return of the pairs of `owing` which first vehicle owes the way at any colour, and which turns to the near side."""
     rows, junction = [], cast.junction
-    for one, two in cast.static(owing).column:
-        me, you = cast.agents[one], cast.agents[two]
+    for agent, other in cast.static(owing).column:
+        me, you = cast.agents[agent], cast.agents[other]
         near, free = me.turn is junction.near, not lit(junction, you.entrance)
         ground = near and free and ground_of(junction, me.way.key, you.way.key) is not None
         rows.append((not lit(junction, me.entrance) or ground, near))
@@ -116,16 +116,16 @@ def yields(block: Block) -> NDArray[np.bool_]:
     that vehicle go.
     """
     both, (always, near) = block.cast.static(owing), block.cast.static(_always)
-    mine = always | ((both.first(facing(block)) == RED) == near)
-    found: NDArray[np.bool_] = mine & both.second(has_way(block))
-    return found
+    bound = always | ((both.first(facing(block)) == RED) == near)
+    gives_way: NDArray[np.bool_] = bound & both.second(has_way(block))
+    return gives_way
 
 
 @signal(steady=True)
 def ready(block: Block) -> NDArray[np.bool_]:
     """Which vehicle is due by standing at its line: it is first there, may go, and does not waive its right."""
-    found: NDArray[np.bool_] = next_to_go(block) & ~waives(block)
-    return found
+    due: NDArray[np.bool_] = next_to_go(block) & ~waives(block)
+    return due
 
 
 def coming(block: Block, both: Pairs, at: Places) -> NDArray[np.bool_]:
@@ -138,23 +138,23 @@ def coming(block: Block, both: Pairs, at: Places) -> NDArray[np.bool_]:
     """
     front, reach = block.need("station"), DUE * np.maximum(block.need("speed"), 0.0)
     rear = front - block.cast.length
-    found: NDArray[np.bool_] = at.begin_of_two - both.second(front) <= both.second(reach)
-    found &= (both.second(rear) <= at.end_of_two) & both.second(block.here)
-    return found
+    near: NDArray[np.bool_] = at.begin_of_two - both.second(front) <= both.second(reach)
+    near &= (both.second(rear) <= at.end_of_two) & both.second(block.here)
+    return near
 
 
 @signal(pairs=owing)
 def comes(block: Block) -> NDArray[np.bool_]:
     """Which second vehicle is on the contested stretch, or reaches it within `DUE` at its present speed."""
-    found: NDArray[np.bool_] = coming(block, block.cast.static(owing), block.cast.static(owed_places))
-    return found
+    near: NDArray[np.bool_] = coming(block, block.cast.static(owing), block.cast.static(owed_places))
+    return near
 
 
 @signal(steady=True)
 def first_at_line(block: Block) -> NDArray[np.bool_]:
     """Which vehicle has arrived and leads."""
-    found: NDArray[np.bool_] = arrived(block)
-    return found & leads(block) if found.any() else found
+    at_line: NDArray[np.bool_] = arrived(block)
+    return at_line & leads(block) if at_line.any() else at_line
 
 
 @signal(steady=True)
@@ -164,17 +164,17 @@ def held(block: Block) -> NDArray[np.bool_]:
     A held vehicle that is first at its line holds other vehicles too, so no vehicle of a circle is due by standing at its line.
     At an all-way stop the order of arrival holds vehicles.
     """
-    cast, first = block.cast, first_at_line(block)
+    cast, at_line = block.cast, first_at_line(block)
     if block.junction.control is _ALL_WAY:
         return cast.static(in_turns).any(comes_first(block), len(cast))
     both, at = cast.static(owing), cast.static(owed_places)
-    there = comes(block) | (both.second(first) & ~np.isnan(at.begin))
-    return both.any(there & yields(block) & (both.first(block.zone) != ABSENT), len(cast))
+    due = comes(block) | (both.second(at_line) & ~np.isnan(at.begin))
+    return both.any(due & yields(block) & (both.first(block.zone) != ABSENT), len(cast))
 
 
 def in_turns(cast: Cast) -> Pairs:
     """Return the pairs of vehicles that go by the order of arrival, see `grounds.in_turn`."""
-    return pairs(cast, lambda one, two: in_turn(cast.junction, cast.agents[one].way.key, cast.agents[two].way.key))
+    return pairs(cast, lambda agent, other: in_turn(cast.junction, cast.agents[agent].way.key, cast.agents[other].way.key))
 
 
 @signal(pairs=in_turns, steady=True)
@@ -182,8 +182,8 @@ def comes_first(block: Block) -> NDArray[np.bool_]:
     """Which second vehicle goes before the first: their movements meet, and it came first, see `came_first`."""
     both, cast = block.cast.static(everybody), block.cast
     columns = [both.column[pair] for pair in cast.static(in_turns).column]
-    found: NDArray[np.bool_] = came_first(block)[:, columns]
-    return found
+    earlier: NDArray[np.bool_] = came_first(block)[:, columns]
+    return earlier
 
 
 def _on_the_right(cast: Cast) -> NDArray[np.bool_]:
@@ -196,20 +196,20 @@ def _on_the_right(cast: Cast) -> NDArray[np.bool_]:
 @signal(pairs=everybody, steady=True)
 def came_first(block: Block) -> NDArray[np.bool_]:
     """Which two vehicles have arrived, the second clearly earlier, or within `TIE` of the first and on its right."""
-    both, there, blind = block.cast.static(everybody), arrived(block), block.station is None or block.speed is None
+    both, at_line, blind = block.cast.static(everybody), arrived(block), block.station is None or block.speed is None
     since = waited(block) if blind else -arrivals(block).tick
     later, tie = both.second(since) - both.first(since), round(TIE / block.dt)
-    found: NDArray[np.bool_] = (later > tie) | (block.cast.static(_on_the_right) & (later >= -tie))
-    found &= both.first(there) & both.second(there)
-    return found
+    earlier: NDArray[np.bool_] = (later > tie) | (block.cast.static(_on_the_right) & (later >= -tie))
+    earlier &= both.first(at_line) & both.second(at_line)
+    return earlier
 
 
 @signal(steady=True)
 def next_to_go(block: Block) -> NDArray[np.bool_]:
     """Which vehicle is first at its line and has the right to go."""
     green = ~block.cast.static(lights) | (facing(block) == GREEN)
-    found: NDArray[np.bool_] = first_at_line(block) & ~held(block) & green
-    return found
+    next_vehicles: NDArray[np.bool_] = first_at_line(block) & ~held(block) & green
+    return next_vehicles
 
 
 @signal(start=(0, _LONG_AGO))
@@ -244,16 +244,16 @@ def waives(block: Block, before: NDArray[np.int64]) -> tuple[NDArray[Any], ...]:
 @signal(steady=True)
 def gives_up(block: Block) -> NDArray[np.bool_]:
     """Which vehicle waives its right, or has not arrived; without positions nothing tells which vehicle waives its right."""
-    gone: NDArray[np.bool_] = ~arrived(block)
+    without_turn: NDArray[np.bool_] = ~arrived(block)
     if block.station is not None and block.speed is not None and block.junction.stretches is not None:
-        gone |= waives(block)
-    return gone
+        without_turn |= waives(block)
+    return without_turn
 
 
 def _debts(cast: Cast) -> NDArray[np.int64]:
     """Return of `neighbours` the columns of `owing` in which the second owes the way to the first; -1 where there is none."""
     debts = cast.static(owing).column
-    return np.array([debts.get((two, one), -1) for one, two in cast.static(neighbours).column], dtype=np.int64)
+    return np.array([debts.get((other, agent), -1) for agent, other in cast.static(neighbours).column], dtype=np.int64)
 
 
 @signal(pairs=neighbours, steady=True)
@@ -265,17 +265,17 @@ def _keeps(block: Block) -> NDArray[np.bool_]:
     passed(block)  # for the stations
     cast, both, at = block.cast, block.cast.static(neighbours), block.cast.static(contested_places)
     ahead = both.second(block.need("station"))
-    there: NDArray[np.bool_] = (
+    blocking: NDArray[np.bool_] = (
         (ahead >= at.begin_of_two) & (ahead - both.second(cast.length) <= at.end_of_two) & both.second(block.here)
     )
     if block.junction.control is _ALL_WAY:
         tick = arrivals(block).tick
-        there &= both.second(tick) <= both.first(tick)
+        blocking &= both.second(tick) <= both.first(tick)
     else:
         debts = cast.static(_debts)
-        there[:, debts >= 0] &= ~yields(block)[:, debts[debts >= 0]]
-    there |= close_behind(block)
-    return there
+        blocking[:, debts >= 0] &= ~yields(block)[:, debts[debts >= 0]]
+    blocking |= close_behind(block)
+    return blocking
 
 
 @signal(pairs=neighbours, needs=sized)
@@ -295,8 +295,8 @@ def close_behind(block: Block) -> NDArray[np.bool_]:
 def _at_line_before_exit(block: Block) -> NDArray[np.bool_]:
     """Which first vehicle has arrived at its line while the second is on the exit road that the first leaves by."""
     both = block.cast.static(neighbours)
-    found: NDArray[np.bool_] = both.first(arrived(block)) & both.second(block.zone == EXIT) & block.cast.static(roads).exit
-    return found
+    at_line: NDArray[np.bool_] = both.first(arrived(block)) & both.second(block.zone == EXIT) & block.cast.static(roads).exit
+    return at_line
 
 
 @signal(pairs=neighbours, start=(False,), steady=True)

@@ -116,22 +116,22 @@ class Board:
         """
         terms = tuple(_key_of(term, movers) for term in atom.terms)
         key = (atom.word or atom.name, terms, tie if atom.name in OPERATORS else 0.0)
-        found = self._facts.get(key)
-        if found is None:
+        fact = self._facts.get(key)
+        if fact is None:
             elements = [element for element in map(_element_of, atom.terms) if element is not None]
             agents = [movers[element.index] for element in elements if element.sort == Sort.AGENT]
             signal = signal_of(atom, len(self.now.junction.entrances), round(tie / self.now.dt))
             if signal is None:
-                found = self._general(atom, movers, tie)
+                fact = self._general(atom, movers, tie)
             else:
-                found = self._of_signal(signal, agents or [element.index for element in elements])
-            self._facts[key] = found
+                fact = self._of_signal(signal, agents or [element.index for element in elements])
+            self._facts[key] = fact
             word = word_of(atom)
             if word is not None and word.present:
                 for mover in agents:
-                    self._bodily.setdefault(mover, set()).add(found)
-            found.homes.append(partial(self._forget, key))
-        return found
+                    self._bodily.setdefault(mover, set()).add(fact)
+            fact.homes.append(partial(self._forget, key))
+        return fact
 
     def _of_signal(self, signal: Signal[Any], places: Sequence[Mover | int]) -> Fact:
         """Return a fact that is one column of a signal, about vehicles or an entrance."""
@@ -144,8 +144,8 @@ class Board:
         """Return the facts about a signal, and which column of the signal each of them is."""
         cast, facts, (count, columns) = self.now.block.cast, self._signals[signal], self._columns.get(signal, (-1, []))
         if count != len(facts):
-            found = ((fact, signal.column(cast, list(map(_column, places)))) for fact, places in facts)
-            columns = [(fact, column) for fact, column in found if column is not None]
+            places_of_facts = ((fact, signal.column(cast, list(map(_column, places)))) for fact, places in facts)
+            columns = [(fact, column) for fact, column in places_of_facts if column is not None]
             self._columns[signal] = len(facts), columns
         return columns
 
@@ -224,7 +224,7 @@ class Instances:
 
     def __init__(self, rules: tuple[Rule, ...], junction: Junction, lights: list[int]) -> None:
         self._rules, self._junction, self._lights = rules, junction, lights
-        self._known: dict[tuple[Key, ...], tuple[tuple[int, Template], ...]] = {}
+        self._prepared: dict[tuple[Key, ...], tuple[tuple[int, Template], ...]] = {}
         routes = [next(iter(junction.movements))] * 3
         static = replace(self._static(tuple(routes)), entrances=1, exits=1, lights=(0,), signs=())
         for rule in rules:
@@ -235,17 +235,17 @@ class Instances:
 
         The agents of the instances are numbered in the order of the ways.
         """
-        found = self._known.get(ways)
-        if found is None:
+        instances = self._prepared.get(ways)
+        if instances is None:
             static = self._static(ways)
-            everything = range(len(ways))
-            found = self._known[ways] = tuple(
+            agents = range(len(ways))
+            instances = self._prepared[ways] = tuple(
                 (number, template)
                 for number, rule in enumerate(self._rules)
                 for template in prepare(rule.formula, static, rule.bound).templates
-                if _about(template) == set(everything)
+                if _about(template) == set(agents)
             )
-        return found
+        return instances
 
     def _static(self, ways: tuple[Key, ...]) -> Static:
         agents = tuple(Agent(f"v{number}", self._junction.every_way[way]) for number, way in enumerate(ways))

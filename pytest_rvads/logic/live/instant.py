@@ -59,15 +59,17 @@ class Decided:
     """Time of the decision since the first state [s]."""
 
 
-def sizes_of(given: tuple[float, float] | Sequence[tuple[float, float]], count: int) -> tuple[tuple[float, float], ...]:
+def sizes_of(vehicle_size: tuple[float, float] | Sequence[tuple[float, float]], count: int) -> tuple[tuple[float, float], ...]:
     """Return length and width of every vehicle [m], given one pair for all vehicles or one pair per vehicle.
 
     Raises:
         RunError: the sizes have another shape, or are not finite and positive.
     """
-    sizes = np.asarray(given, dtype=np.float64)
+    sizes = np.asarray(vehicle_size, dtype=np.float64)
     if sizes.shape not in ((2,), (count, 2)) or not (np.isfinite(sizes) & (sizes > 0)).all():
-        raise RunError(f"vehicle_size must be a length and width [m], for all {count} vehicles or for each, got {given!r:.60}")
+        raise RunError(
+            f"vehicle_size must be a length and width [m], for all {count} vehicles or for each, got {vehicle_size!r:.60}"
+        )
     return tuple((float(length), float(width)) for length, width in np.broadcast_to(sizes, (count, 2)))
 
 
@@ -81,8 +83,8 @@ def row_of(name: str, values: ArrayLike, shape: tuple[int, ...]) -> list[Any]:
     if row.shape != shape or not all(map(math.isfinite, row.ravel().tolist())):
         what = f"{shape[0]} finite numbers" if len(shape) == 1 else f"finite numbers of shape {shape}"
         raise RunError(f"{name} of a state must be {what}, got {values!r:.60}")
-    found: list[Any] = row.tolist()
-    return found
+    numbers: list[Any] = row.tolist()
+    return numbers
 
 
 class Stream:
@@ -172,23 +174,23 @@ class _State(Run):
 
     @cached_property
     def wt(self) -> NDArray[np.int32]:
-        found: NDArray[np.int32] = wt(self)
-        return found
+        ticks: NDArray[np.int32] = wt(self)
+        return ticks
 
     @cached_property
     def entered(self) -> NDArray[np.int64]:
-        found: NDArray[np.int64] = entered(self)[0]
-        return found
+        ticks: NDArray[np.int64] = entered(self)[0]
+        return ticks
 
     @cached_property
     def facing(self) -> NDArray[np.int8]:
-        found: NDArray[np.int8] = facing(self)
-        return found
+        colours: NDArray[np.int8] = facing(self)
+        return colours
 
     @cached_property
     def advance(self) -> NDArray[np.float64]:
-        found: NDArray[np.float64] = advance(self)
-        return found
+        speeds: NDArray[np.float64] = advance(self)
+        return speeds
 
 
 class Instant:

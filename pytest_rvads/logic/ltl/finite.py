@@ -63,8 +63,8 @@ def _until(left: Truths, right: Truths) -> Truths:
 def _next(values: Truths) -> NDArray[np.int64]:
     """Return, for every state, the first state from there on in which `values` holds, or the number of states."""
     steps = len(values)
-    found = np.where(values, np.arange(steps), steps)
-    return np.minimum.accumulate(found[::-1])[::-1]
+    next_states = np.where(values, np.arange(steps), steps)
+    return np.minimum.accumulate(next_states[::-1])[::-1]
 
 
 def settle_empty(formula: f.Formula) -> bool:

@@ -78,13 +78,13 @@ def conjuncts(formula: f.Formula) -> tuple[f.Formula, ...]:
 
 def agents_of(formula: f.Formula) -> tuple[f.Element, ...]:
     """Return the agents of a ground formula, by first occurrence."""
-    found: dict[f.Element, None] = {}
+    agents: dict[f.Element, None] = {}
     for atom in f.atoms(formula):
         for term in atom.terms:
             element = term.of if isinstance(term, f.Attr) else term
             if isinstance(element, f.Element) and element.sort == Sort.AGENT:
-                found[element] = None
-    return tuple(found)
+                agents[element] = None
+    return tuple(agents)
 
 
 def outermost(formula: f.Formula) -> tuple[f.Binder, ...]:

@@ -235,14 +235,14 @@ class Vocabulary(Names[Word]):
         Raises:
             FormulaError: the name of the word has another meaning already.
         """
-        known = self.get(word.name)
-        if known is None:
+        registered = self.get(word.name)
+        if registered is None:
             return Vocabulary({**self, word.name: word})
-        if known.place == PACKAGE:
+        if registered.place == PACKAGE:
             raise FormulaError(f"{word.name!r} is a shipped word, not to be changed at {word.place}: choose another name")
-        if known != word:
+        if registered != word:
             raise FormulaError(
-                f"{word.name!r} is registered at {known.place} and says something else at {word.place}: "
+                f"{word.name!r} is registered at {registered.place} and says something else at {word.place}: "
                 "give each a name of its own"
             )
         return self
