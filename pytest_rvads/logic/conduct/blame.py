@@ -63,15 +63,19 @@ def cause_of(run: Run, collision: Collision) -> Cause:
     return blame(run, first, second, tick_of(run, collision))
 
 
-def blame(run: Run, one: int, two: int, tick: int) -> Cause:
+def blame(run: Run, agent: int, opponent: int, tick: int) -> Cause:
     """Return the cause of a meeting or collision of two agents, given by column, at `tick`.
 
     A question about values that the run does not record is answered with no.
     """
-    pairs = (one, two), (two, one)
+    pairs = (agent, opponent), (opponent, agent)
     matters = [pair for pair in pairs if not _clear(run, *pair, tick)]
     for asks, reason in (*_RIGHTS, *_HANDLING):
-        guilty = [(i, other) for i, other in (matters if (asks, reason) in _RIGHTS else pairs) if asks(run, i, other, tick)]
+        guilty = [
+            (guilty_agent, other)
+            for guilty_agent, other in (matters if (asks, reason) in _RIGHTS else pairs)
+            if asks(run, guilty_agent, other, tick)
+        ]
         if len(guilty) == 1:
             who, whom = (run.agents[k].name for k in guilty[0])
             action = reason.format(whom)
@@ -80,7 +84,7 @@ def blame(run: Run, one: int, two: int, tick: int) -> Cause:
             if asks is _from_behind and _braked_for_nothing(run, guilty[0][1], tick):
                 return Cause((who, whom), f"share the blame: {who} {action}, and {whom} braked hard without a reason")
             return Cause((who,), action)
-    return Cause((run.agents[one].name, run.agents[two].name), "are equally to blame")
+    return Cause((run.agents[agent].name, run.agents[opponent].name), "are equally to blame")
 
 
 def surprised(run: Run, agent: int, other: int, tick: int) -> bool:

@@ -183,11 +183,11 @@ class Block:
     inputs: dict[Signal[Any], tuple[Sequence[Signal[Any]], tuple[NDArray[Any], ...]]] = field(default_factory=dict)
     """The signals that every steady signal has read, and the carry that it was given."""
     reading: list[Signal[Any]] = field(default_factory=list)
-    """The signals that the signal which is being worked out has read so far."""
+    """The signals that the signal under evaluation has read so far."""
 
     @property
     def junction(self) -> Junction:
-        """Where the vehicles drive."""
+        """The junction that the vehicles drive through."""
         return self.cast.junction
 
     @property
@@ -197,7 +197,7 @@ class Block:
 
     @property
     def next(self) -> Block | None:
-        """The block after this block; None if it is not known."""
+        """The block after this block; None if that block is not known."""
         return None if self.following is None else self.following()
 
     @cached_property
@@ -230,7 +230,7 @@ class Block:
         """Return ``station``, ``speed`` or ``pose``.
 
         Raises:
-            RunError: it is not recorded.
+            RunError: the array is not recorded.
         """
         array: NDArray[np.float64] | None = getattr(self, name)
         if array is None:
@@ -322,7 +322,7 @@ def unless_equal(new: Any, old: Any) -> Any:
 
 
 _WORK = 150_000
-"""States of a block times the square of its vehicles: so much fits into the cache of a processor."""
+"""Number of states of a block times the square of its vehicles; a block of this size fits into the cache of a processor."""
 _LEAST = 64
 """Fewest states of a block."""
 _MOST = 4096

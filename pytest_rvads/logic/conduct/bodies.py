@@ -178,9 +178,9 @@ def _near(block: Block, centre: NDArray[np.float64], reach: NDArray[np.float64])
 def _box(pose: NDArray[np.float64], length: _Size, width: _Size) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return centres, shape ``(steps, 2)``, and half axes along and across, shape ``(steps, 2, 2)`` [m]."""
     ahead = np.stack((np.cos(pose[:, 2]), np.sin(pose[:, 2])), axis=-1)
-    left = np.stack((-ahead[:, 1], ahead[:, 0]), axis=-1)
+    across = np.stack((-ahead[:, 1], ahead[:, 0]), axis=-1)
     long, wide = (np.asarray(size)[..., None] / 2 for size in (length, width))
-    return pose[:, :2] - long * ahead, np.stack((long * ahead, wide * left), axis=1)
+    return pose[:, :2] - long * ahead, np.stack((long * ahead, wide * across), axis=1)
 
 
 def velocity(run: Run, agent: int) -> NDArray[np.float64]:
@@ -211,14 +211,14 @@ class Box(NamedTuple):
     """Width of the body [m]."""
 
 
-def gap(one: Box, two: Box) -> float:
+def gap(body: Box, other: Box) -> float:
     """Return a lower bound of the distance between two bodies; at most 0 if the bodies touch [m]."""
-    _, _, heading, length, width = one
-    _, _, other_heading, other_length, other_width = two
+    _, _, heading, length, width = body
+    _, _, other_heading, other_length, other_width = other
     cos, sin, other_cos, other_sin = math.cos(heading), math.sin(heading), math.cos(other_heading), math.sin(other_heading)
     long, half, other_long, other_half = length / 2, width / 2, other_length / 2, other_width / 2
-    x = (two.x - other_long * other_cos) - (one.x - long * cos)
-    y = (two.y - other_long * other_sin) - (one.y - long * sin)
+    x = (other.x - other_long * other_cos) - (body.x - long * cos)
+    y = (other.y - other_long * other_sin) - (body.y - long * sin)
     round_gap = math.hypot(x, y) - math.hypot(long, half) - math.hypot(other_long, other_half)
     if round_gap > _DOUBT:
         return round_gap

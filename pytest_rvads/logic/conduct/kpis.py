@@ -136,8 +136,8 @@ def _jerk(run: Run, column: int) -> float | None:
 
 
 def _arrival(run: Run, column: int) -> float | None:
-    waiting = np.flatnonzero(arrived(run)[:, column])
-    return _rounded(float(waiting[0]) * run.dt) if len(waiting) else None
+    at_line = np.flatnonzero(arrived(run)[:, column])
+    return _rounded(float(at_line[0]) * run.dt) if len(at_line) else None
 
 
 def _delay(run: Run, column: int) -> float | None:
@@ -193,8 +193,8 @@ def _pet(run: Run, agent: int, other: int) -> float | None:
         if not len(inside):
             return None
         spans.append((int(inside[0]), int(outside[0]) if len(outside) else int(run.spans[column, 1])))
-    (_, left), (entered, _) = sorted(spans)
-    return _rounded((entered - left) * run.dt)
+    (_, departure), (entry, _) = sorted(spans)
+    return _rounded((entry - departure) * run.dt)
 
 
 def _rounded(value: float) -> float:

@@ -94,8 +94,8 @@ class Ways:
         """Return the offsets of points to the left of their ways at given stations, shape ``(places,)`` [m]."""
         place, ahead = self.centre(way, station)
         apart = points - place
-        found: NDArray[np.float64] = ahead[:, 0] * apart[:, 1] - ahead[:, 1] * apart[:, 0]
-        return found
+        offsets: NDArray[np.float64] = ahead[:, 0] * apart[:, 1] - ahead[:, 1] * apart[:, 0]
+        return offsets
 
     def nearest(self, way: NDArray[np.int64], points: NDArray[np.float64], station: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the stations of points, given approximate stations, shape ``(places,)`` [m]."""

@@ -92,8 +92,8 @@ def window(run: Run, columns: Iterable[int]) -> tuple[int, int]:
     spans = once(run, _spans)
     begin, end = 0, run.steps
     for column in columns:
-        first, last = spans[column]
-        begin, end = max(begin, first), min(end, last)
+        begins, ends = spans[column]
+        begin, end = max(begin, begins), min(end, ends)
     return begin, max(begin, end)
 
 

@@ -96,7 +96,7 @@ def _hard(cast: Cast) -> NDArray[np.float64]:
 
 
 class _Past(NamedTuple):
-    """What vehicles did up to every state."""
+    """The speeds of vehicles, and how long they have been present, up to every state."""
 
     speeds: NDArray[np.float64]
     """The speeds in the states before the block, as far as `WINDOW`, and in the block [m/s]."""

@@ -62,7 +62,7 @@ WAIVER = 3.0
 PACE = 1.4
 """Walking pace [m/s]: a slower vehicle creeps, and loses time if it could go."""
 GAP = 6.0
-"""Behind a body that is this near ahead a vehicle need not go [m]."""
+"""Distance to a body ahead below which a vehicle need not go [m]."""
 ROOM = 2.5
 """Room that a vehicle needs on its exit road behind a standing body, in addition to its length [m]."""
 
@@ -74,7 +74,7 @@ def lights(cast: Cast) -> NDArray[np.bool_]:
 
 @signal(steady=True)
 def has_way(block: Block) -> NDArray[np.bool_]:
-    """Which vehicle no light keeps from going: its light is or was at its entry green or yellow, or its entrance has no light."""
+    """Which vehicle has no light against it: the light is green or yellow, was so at its entry, or there is no light."""
     colour = facing(block)
     allowed: NDArray[np.bool_] = ~block.cast.static(lights) | (colour == GREEN) | (colour == YELLOW)
     return allowed
@@ -84,7 +84,7 @@ def owing(cast: Cast) -> Pairs:
     """Return the pairs of vehicles of which the first may owe the way to the second.
 
     Raises:
-        RunError: it is not known where the lanes lie, and this decides.
+        RunError: the places of the lanes are unknown, and the answer depends on them.
     """
     return pairs(cast, lambda agent, other: may_owe(cast, agent, other))
 
@@ -95,7 +95,7 @@ def owed_places(cast: Cast) -> Places:
 
 
 def _always(cast: Cast) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Return of the pairs of `owing` which first vehicle owes the way at any colour, and which turns to the near side."""
+    """Return, per pair of `owing`, whether the first vehicle owes the way at any colour, and whether it turns near."""
     rows, junction = [], cast.junction
     for agent, other in cast.static(owing).column:
         me, you = cast.agents[agent], cast.agents[other]
@@ -108,7 +108,7 @@ def _always(cast: Cast) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
 
 @signal(pairs=owing, steady=True)
 def yields(block: Block) -> NDArray[np.bool_]:
-    """Which first vehicle has to give way to the second where their ways meet, as the lights are.
+    """Which first vehicle has to give way to the second where their ways meet, at the present colours of the lights.
 
     A vehicle that turns across oncoming traffic gives way to vehicles whose light lets them go (Vienna Convention on Road
     Traffic, Art. 16(2)). A vehicle that turns to the near side on red gives way to all vehicles whose light lets them go (CVC
@@ -123,7 +123,7 @@ def yields(block: Block) -> NDArray[np.bool_]:
 
 @signal(steady=True)
 def ready(block: Block) -> NDArray[np.bool_]:
-    """Which vehicle is due by standing at its line: it is first there, may go, and does not waive its right."""
+    """Which vehicle is due by standing at its line: the first vehicle at the line, if it may go and does not waive its right."""
     due: NDArray[np.bool_] = next_to_go(block) & ~waives(block)
     return due
 
@@ -152,7 +152,7 @@ def comes(block: Block) -> NDArray[np.bool_]:
 
 @signal(steady=True)
 def first_at_line(block: Block) -> NDArray[np.bool_]:
-    """Which vehicle has arrived and leads."""
+    """Which vehicle has arrived at its line and has no vehicle ahead of it in its lane before the junction."""
     at_line: NDArray[np.bool_] = arrived(block)
     return at_line & leads(block) if at_line.any() else at_line
 
@@ -167,9 +167,9 @@ def held(block: Block) -> NDArray[np.bool_]:
     cast, at_line = block.cast, first_at_line(block)
     if block.junction.control is _ALL_WAY:
         return cast.static(in_turns).any(comes_first(block), len(cast))
-    both, at = cast.static(owing), cast.static(owed_places)
-    due = comes(block) | (both.second(at_line) & ~np.isnan(at.begin))
-    return both.any(due & yields(block) & (both.first(block.zone) != ABSENT), len(cast))
+    owing_pairs, at = cast.static(owing), cast.static(owed_places)
+    due = comes(block) | (owing_pairs.second(at_line) & ~np.isnan(at.begin))
+    return owing_pairs.any(due & yields(block) & (owing_pairs.first(block.zone) != ABSENT), len(cast))
 
 
 def in_turns(cast: Cast) -> Pairs:
@@ -179,7 +179,7 @@ def in_turns(cast: Cast) -> Pairs:
 
 @signal(pairs=in_turns, steady=True)
 def comes_first(block: Block) -> NDArray[np.bool_]:
-    """Which second vehicle goes before the first: their movements meet, and it came first, see `came_first`."""
+    """Which second vehicle goes before the first vehicle: their movements meet, and the second came first, see `came_first`."""
     both, cast = block.cast.static(everybody), block.cast
     columns = [both.column[pair] for pair in cast.static(in_turns).column]
     earlier: NDArray[np.bool_] = came_first(block)[:, columns]
@@ -195,7 +195,7 @@ def _on_the_right(cast: Cast) -> NDArray[np.bool_]:
 
 @signal(pairs=everybody, steady=True)
 def came_first(block: Block) -> NDArray[np.bool_]:
-    """Which two vehicles have arrived, the second clearly earlier, or within `TIE` of the first and on its right."""
+    """Whether both vehicles have arrived, the second clearly earlier, or within `TIE` and on the right of the first."""
     both, at_line, blind = block.cast.static(everybody), arrived(block), block.station is None or block.speed is None
     since = waited(block) if blind else -arrivals(block).tick
     later, tie = both.second(since) - both.first(since), round(TIE / block.dt)
@@ -216,7 +216,7 @@ def next_to_go(block: Block) -> NDArray[np.bool_]:
 def starting(block: Block, before: NDArray[np.int64], last: NDArray[np.int64]) -> tuple[NDArray[Any], ...]:
     """Which vehicle is about to go.
 
-    The vehicle is first at its line and may go; it has stood so for less than `WAIVER`, or set off less than `WAIVER` ago.
+    The vehicle is first at its line and may go. It has stood there for less than `WAIVER`, or set off less than `WAIVER` ago.
     """
     standing, most = stands(block), round(WAIVER / block.dt)
     stood = next_to_go(block) & standing
@@ -243,7 +243,7 @@ def waives(block: Block, before: NDArray[np.int64]) -> tuple[NDArray[Any], ...]:
 
 @signal(steady=True)
 def gives_up(block: Block) -> NDArray[np.bool_]:
-    """Which vehicle waives its right, or has not arrived; without positions nothing tells which vehicle waives its right."""
+    """Which vehicle waives its right, or has not arrived; without positions, only which vehicle has not arrived."""
     without_turn: NDArray[np.bool_] = ~arrived(block)
     if block.station is not None and block.speed is not None and block.junction.stretches is not None:
         without_turn |= waives(block)
@@ -251,14 +251,14 @@ def gives_up(block: Block) -> NDArray[np.bool_]:
 
 
 def _debts(cast: Cast) -> NDArray[np.int64]:
-    """Return of `neighbours` the columns of `owing` in which the second owes the way to the first; -1 where there is none."""
+    """Return, per pair of `neighbours`, the column of the reversed pair in `owing`; -1 if `owing` has no such pair."""
     debts = cast.static(owing).column
     return np.array([debts.get((other, agent), -1) for agent, other in cast.static(neighbours).column], dtype=np.int64)
 
 
 @signal(pairs=neighbours, steady=True)
 def _keeps(block: Block) -> NDArray[np.bool_]:
-    """Which second vehicle keeps the first, first at its line, from going: it is slow ahead, or occupies the first one's way.
+    """Which second vehicle keeps the first vehicle, at its line, from going: it is slow ahead, or is on the way of the first.
 
     A vehicle that arrived later, or owes the agent the way, does not keep the agent from going.
     """
@@ -280,7 +280,7 @@ def _keeps(block: Block) -> NDArray[np.bool_]:
 
 @signal(pairs=neighbours, needs=sized)
 def close_behind(block: Block) -> NDArray[np.bool_]:
-    """Which second vehicle is slow and near ahead on the way of the first, or leaves it no room on its exit road."""
+    """Which second vehicle is slow and near ahead on the way of the first, or leaves the first no room on its exit road."""
     cast, both, rear = block.cast, block.cast.static(neighbours), ahead_by(block)
     near: NDArray[np.bool_] = rear < GAP
     at_line = _at_line_before_exit(block)

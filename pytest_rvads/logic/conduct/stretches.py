@@ -38,7 +38,7 @@ _SPACING = 0.5
 
 
 def shared(run: Run | Cast, agent: int, other: int) -> Shared | None:
-    """Return what the ways of two agents, given by column, share; None where they don't meet.
+    """Return the stretches that the ways of two agents, given by column, share; None if the ways don't meet.
 
     Raises:
         RunError: the run holds no geometry of its junction.
@@ -50,9 +50,9 @@ def shared(run: Run | Cast, agent: int, other: int) -> Shared | None:
 
 
 def contested(run: Run | Cast, agent: int, other: int) -> Shared | None:
-    """Return what two agents share, up to `LEAVE` down the exit road where both lead into the same exit; None as in `shared`.
+    """Return the stretches that two agents share, which for ways into the same exit reach `LEAVE` down the exit road; else None.
 
-    On the beginning of a common exit road the vehicle that merged is still gathering speed: there the other vehicle runs into it.
+    On the beginning of a common exit road the vehicle that merged is still gathering speed; the other vehicle may run into it.
 
     Raises:
         RunError: the run holds no geometry of its junction.
@@ -61,8 +61,8 @@ def contested(run: Run | Cast, agent: int, other: int) -> Shared | None:
     if common is None or not common.merges:
         return common
     ends = (run.agents[k].way.length + LEAVE for k in (agent, other))
-    mine, yours = (Stretch(part.start, end) for part, end in zip((common.mine, common.yours), ends, strict=True))
-    return Shared(mine, yours, merges=True)
+    stretch, other_stretch = (Stretch(part.start, end) for part, end in zip((common.mine, common.yours), ends, strict=True))
+    return Shared(stretch, other_stretch, merges=True)
 
 
 @lru_cache(maxsize=4096)
@@ -118,8 +118,9 @@ def _borders(cast: Cast) -> NDArray[np.float64]:
 def passed(block: Block) -> tuple[NDArray[np.int64], ...]:
     """How many borders of the stretches on its way each vehicle has passed, with its front and with its rear.
 
-    As long as the numbers stay the same, comparisons of stations with `Places` of any pairs stay the same, too. A steady signal
-    that makes only such comparisons reads the numbers for the stations; in a run that is known to its end nothing asks for them.
+    As long as the numbers stay the same, comparisons of stations with `Places` of any pairs stay the same, too.
+    A steady signal that makes only such comparisons reads the numbers for the stations. The numbers are not needed in a run that
+    is known to its end.
     """
     if block.whole:
         return ()
@@ -129,20 +130,20 @@ def passed(block: Block) -> tuple[NDArray[np.int64], ...]:
 
 
 class Places(NamedTuple):
-    """Where the stretches lie that pairs of vehicles share, each of shape ``(pairs,)`` [m]."""
+    """The places of the stretches that pairs of vehicles share, each of shape ``(pairs,)`` [m]."""
 
     begin: NDArray[np.float64]
-    """Of the stretch on the way of the first vehicle."""
+    """Station at which the stretch begins on the way of the first vehicle."""
     end: NDArray[np.float64]
     begin_of_two: NDArray[np.float64]
-    """Of the stretch on the way of the second vehicle."""
+    """Station at which the stretch begins on the way of the second vehicle."""
     end_of_two: NDArray[np.float64]
     merges: NDArray[np.bool_]
     """Whether both lead into the same exit."""
 
 
 def places(commons: Iterable[Shared | None]) -> Places:
-    """Return where the stretches of pairs lie; NaN where there is none."""
+    """Return the places of the stretches of pairs; NaN for a pair without a stretch."""
     nothing = (math.nan,) * 4 + (False,)
     rows = [nothing if c is None else (c.mine.start, c.mine.end, c.yours.start, c.yours.end, c.merges) for c in commons]
     begin, end, begin_of_two, end_of_two, merges = np.array(rows, dtype=np.float64).reshape(-1, 5).T
@@ -203,10 +204,10 @@ def contested_places(cast: Cast) -> Places:
 
 
 class _Roads(NamedTuple):
-    """Where the roads lie that `neighbours` share, each of shape ``(pairs,)``."""
+    """The places of the roads that `neighbours` share, each of shape ``(pairs,)``."""
 
     exit: NDArray[np.bool_]
-    """Whether they leave by one exit."""
+    """Whether both vehicles leave by the same exit."""
     parting: NDArray[np.float64]
     """Up to which station the second vehicle, which comes to the same entrance, is in the lane of the first vehicle [m]."""
     joining: NDArray[np.float64]

@@ -224,8 +224,8 @@ def _sampling(run: Run) -> Iterator[Finding]:
     fast = np.abs(run.speed) * run.dt > ENTRANCE_ZONE
     if fast.any():
         tick, column = np.argwhere(fast)[0]
-        time, others = _clock(run, int(tick)), int(fast.any(axis=0).sum()) - 1
-        more = f", as do {others} others" if others > 1 else ", as does another vehicle" if others else ""
+        time, further = _clock(run, int(tick)), int(fast.any(axis=0).sum()) - 1
+        more = f", as do {further} others" if further > 1 else ", as does another vehicle" if further else ""
         yield Finding(
             "sampling",
             time,

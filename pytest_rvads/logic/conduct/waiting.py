@@ -74,7 +74,10 @@ def _first_turn(cast: Cast, agent: int, other: int) -> float:
 
 @lru_cache(maxsize=4096)
 def _first_turn_onto(junction: Junction, way: Key, entrance: int) -> float:
-    """Return where a vehicle from an entrance first gets onto a way, on movements to which that way gives way by its sign [m]."""
+    """Return the station at which a vehicle from an entrance first gets onto `way` [m]; infinity if it never does.
+
+    Only movements from the entrance count to which `way` gives way by its sign.
+    """
     if junction.stretches is None or junction.starts[way[0]].sign not in (Sign.STOP, Sign.YIELD):
         return math.inf
     turns = [key for key in junction.movements if key[0] == entrance and ground_of(junction, way, key) is not None]
@@ -101,9 +104,9 @@ class _Debts(NamedTuple):
     """Which vehicle of `partners` has to give way to the other vehicle, each of shape ``(n, pairs)``."""
 
     owed: NDArray[np.bool_]
-    """The first to the second."""
+    """Whether the first vehicle has to give way to the second."""
     given: NDArray[np.bool_]
-    """The second to the first."""
+    """Whether the second vehicle has to give way to the first."""
 
 
 @signal(steady=True)
@@ -146,7 +149,7 @@ def _walks(block: Block) -> NDArray[np.bool_]:
 
 @signal(pairs=partners)
 def _about_to_turn(block: Block) -> NDArray[np.bool_]:
-    """Which second vehicle would be on a way to which the first gives way by its sign within `DUE`, if it turned there."""
+    """Which second vehicle, if it turned, would within `DUE` be on a way to which the first vehicle gives way by its sign."""
     reach = block.need("station") + DUE * np.maximum(block.need("speed"), 0.0)
     turning: NDArray[np.bool_] = block.cast.static(partners).second(reach) >= block.cast.static(_first_turns)
     return turning
@@ -220,11 +223,11 @@ class Circles(NamedTuple):
     """
 
     held: NDArray[np.bool_]
-    """Which vehicle waits, by itself or by way of other vehicles, for a vehicle that does not wait for it."""
+    """Which vehicle waits, directly or through other waiting vehicles, for a vehicle that does not wait for this vehicle."""
     circling: NDArray[np.bool_]
     """Which vehicle waits in a circle, in which vehicles wait for each other and for no other vehicle."""
     stuck: NDArray[np.bool_]
-    """Which vehicle lets nobody pass, and is close behind a vehicle that left it no room when it entered."""
+    """Which vehicle lets no vehicle pass, and is close behind a vehicle that left no room when this vehicle entered."""
 
 
 @signal(steady=True)
@@ -235,7 +238,7 @@ def circles(block: Block) -> Circles:
     """
     queued, giving, late = close_behind(block), lets_pass(block), _intruders(block)
     blocked = queued & no_room(block)
-    # From one state to the next, who waits for whom seldom changes.
+    # The relation of waiting seldom changes from one state to the next.
     keys = [row.tobytes() for row in np.concatenate((queued, blocked, giving, late), axis=1)]
     rows = {key: row for row, key in enumerate(keys)}
     parts = (part[list(rows.values())] for part in (queued, blocked, giving, late))
@@ -251,7 +254,8 @@ def _wait(
     Args:
         cast: the vehicles.
         queued: which vehicle is close behind which slow vehicle, shape ``(n, neighbours)``.
-        blocked: where also the second vehicle left the first no room when the first entered, likewise.
+        blocked: the pairs of `queued` in which the second vehicle left the first no room at its entry,
+            shape ``(n, neighbours)``.
         giving: which vehicle lets which vehicle pass, shape ``(n, partners)``.
         late: which vehicles are intruders, shape ``(n, agents)``.
     """

@@ -134,7 +134,7 @@ def _coming(run: Run, agent: int, zone: Zone) -> Event:
 
 
 def _reach(run: Run, agent: int, zone: Zone) -> tuple[NDArray[np.bool_], NDArray[np.bool_]] | None:
-    """Return where an agent has certainly not come to a zone, and where it has possibly not come, each of shape ``(steps,)``."""
+    """Return the states in which an agent has certainly, and has possibly, not come to a zone, each of shape ``(steps,)``."""
     if run.spread is None or run.station is None:
         return None
     who = run.agents[agent]

@@ -130,7 +130,7 @@ def _waits(owed: Iterable[_Owed], tick: int) -> dict[str, list[str]]:
 
 
 def _around(vehicle: str, goal: str, waits: Mapping[str, list[str]], path: tuple[str, ...]) -> tuple[str, ...] | None:
-    """Return the chain of waiting vehicles from vehicle `vehicle` to vehicle `goal`, or None if no chain exists."""
+    """Return the chain of waiting vehicles from `vehicle` to `goal`, or None if no chain exists."""
     path = (*path, vehicle)
     for target in sorted(waits.get(vehicle, ())):
         if target == goal:

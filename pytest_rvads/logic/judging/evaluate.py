@@ -47,12 +47,12 @@ class Values(Mapping[f.Atom, NDArray[np.bool_]]):
         self._readers: dict[str, Callable[[Run, int], NDArray[Any]]] = standing_readers if standing else {}
         self.tie = tie
         self._ticks = ticks(run, tie)
-        self._known: dict[f.Atom, NDArray[np.bool_]] = {}
+        self._truths: dict[f.Atom, NDArray[np.bool_]] = {}
 
     def __getitem__(self, atom: f.Atom) -> NDArray[np.bool_]:
-        truths = self._known.get(atom)
+        truths = self._truths.get(atom)
         if truths is None:
-            truths = self._known[atom] = self._evaluate(atom)
+            truths = self._truths[atom] = self._evaluate(atom)
         return truths
 
     @property
@@ -68,14 +68,14 @@ class Values(Mapping[f.Atom, NDArray[np.bool_]]):
         """Return the values without a tie window; cached values that do not depend on the tie window are kept."""
         exact = copy(self)
         exact.tie, exact._ticks = 0.0, 0
-        exact._known = {atom: values for atom, values in self._known.items() if not _tied(atom)}
+        exact._truths = {atom: values for atom, values in self._truths.items() if not _tied(atom)}
         return exact
 
     def __iter__(self) -> Iterator[f.Atom]:
-        return iter(self._known)
+        return iter(self._truths)
 
     def __len__(self) -> int:
-        return len(self._known)
+        return len(self._truths)
 
     def _evaluate(self, atom: f.Atom) -> NDArray[np.bool_]:
         if atom.name in OPERATORS:

@@ -141,12 +141,12 @@ def _walked(templates: tuple[Template, ...], values: Values) -> Iterator[tuple[i
             continue
         machine = templates[members[0]].machine
         part = values.within(begin, end)
-        rows = [encode(machine, _named(templates[i], part), part.steps) for i in members]
+        rows = [encode(machine, _propositions(templates[i], part), part.steps) for i in members]
         for i, states in zip(members, run_machine(machine, np.array(rows, dtype=np.int32)), strict=True):
             yield i, begin, end, states
 
 
-def _named(template: Template, values: Values | Part) -> dict[f.Atom, NDArray[np.bool_]]:
+def _propositions(template: Template, values: Values | Part) -> dict[f.Atom, NDArray[np.bool_]]:
     return {f.Atom(f"p{k}"): values[atom] for k, atom in enumerate(template.atoms)}
 
 
@@ -217,8 +217,8 @@ def _margin(template: Template, values: Values | Part, start: int | None) -> flo
     if start is None or shape.waits is None or shape.goes is None:
         return None
     departures = np.flatnonzero(~evaluate(shape.waits, values, (steps,))[start:])
-    went = np.flatnonzero(evaluate(shape.goes, values, (steps,))[start:])
-    return round(float(went[0] - departures[0]) * dt, 9) if len(departures) and len(went) else None
+    entries = np.flatnonzero(evaluate(shape.goes, values, (steps,))[start:])
+    return round(float(entries[0] - departures[0]) * dt, 9) if len(departures) and len(entries) else None
 
 
 def nearest_miss(templates: tuple[Template, ...], values: Values) -> Near | None:

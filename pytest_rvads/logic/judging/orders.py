@@ -145,7 +145,7 @@ def _compare(difference: int, tie: int) -> int:
 
 
 def _choices(loose: Sequence[Event]) -> Iterator[_Moments]:
-    """Yield moments for the events: per event its recorded, first and last moment, and those of other events within its range."""
+    """Yield moments for the events: its recorded, first and last moment, and moments of other events in its range."""
     ends = {id(e): (e.told, e.early, e.late) for e in loose}
     shared = [{*ends[id(e)], *(t for o in loose for t in ends[id(o)] if e.early <= t <= e.late)} for e in loose]
     if np.prod([float(len(s)) for s in shared]) > MOST:

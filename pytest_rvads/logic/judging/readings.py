@@ -227,12 +227,12 @@ def _moved(run: Run, signs: NDArray[np.float64]) -> Run:
     return replace(run, zone=zone, station=station, pose=None if run.pose is None else _shifted(run, by, 0.0), spread=None)
 
 
-def _shifted(run: Run, ahead: float | NDArray[np.float64], left: float) -> NDArray[np.float64]:
+def _shifted(run: Run, ahead: float | NDArray[np.float64], sideways: float) -> NDArray[np.float64]:
     """Return the poses moved ahead and to the left [m]."""
     pose = run.need("pose").copy()
     cos, sin = np.cos(pose[..., 2]), np.sin(pose[..., 2])
-    pose[..., 0] += ahead * cos - left * sin
-    pose[..., 1] += ahead * sin + left * cos
+    pose[..., 0] += ahead * cos - sideways * sin
+    pose[..., 1] += ahead * sin + sideways * cos
     return pose
 
 

@@ -42,10 +42,10 @@ _Entry = TypeVar("_Entry")
 
 
 class Board:
-    """The facts of one instant after the other.
+    """The present facts of a run that goes on.
 
     Args:
-        now: the instant, which goes on.
+        now: the present instant; the run goes on by advancing this instant.
     """
 
     def __init__(self, now: Instant) -> None:
@@ -54,10 +54,10 @@ class Board:
         self._signals: dict[Signal[Any], list[tuple[Fact, tuple[Mover | int, ...]]]] = {}
         """The facts about every signal, and the vehicles or the entrance that they are about."""
         self._columns: dict[Signal[Any], tuple[int, list[tuple[Fact, int]]]] = {}
-        """How many facts there are about every signal, and which column each of them is, as long as the cast is the same."""
+        """Per signal, the number of its facts, and the column of each fact; valid as long as the cast is the same."""
         self._cast: Cast | None = None
         self._rows: dict[Signal[Any], list[bool]] = {}
-        """Of every signal the state before."""
+        """The state before, for every signal."""
         self._block: Block | None = None
         self._values: list[tuple[Signal[Any], list[list[bool]]]] = []
         """The states of every signal in the block, for the signals that facts are about."""
@@ -81,7 +81,7 @@ class Board:
         """Bring all facts up to this instant.
 
         Raises:
-            RunError: something is not given that an atom asks for.
+            RunError: a value that an atom asks for is not given.
         """
         now = self.now
         if now.block.cast is not self._cast:
@@ -104,15 +104,15 @@ class Board:
         self._facts.pop(key, None)
 
     def fact(self, atom: f.Atom, movers: Sequence[Mover], tie: float) -> Fact:
-        """Return a ground atom as it is now, and follow it.
+        """Return the fact of a ground atom, which `read` keeps up to date.
 
         Args:
-            atom: speaks of agents by their place in `movers`.
+            atom: the atom; its agents are numbered by their place in `movers`.
             movers: the vehicles.
             tie: waiting times that differ by at most this count as equal [s].
 
         Raises:
-            RunError: something is not given that it asks for.
+            RunError: a value that the atom asks for is not given.
         """
         terms = tuple(_key_of(term, movers) for term in atom.terms)
         key = (atom.word or atom.name, terms, tie if atom.name in OPERATORS else 0.0)
@@ -141,7 +141,7 @@ class Board:
         return self._keep(fact, self._signals.setdefault(signal, []), (fact, tuple(places)))
 
     def _columns_of(self, signal: Signal[Any]) -> list[tuple[Fact, int]]:
-        """Return the facts about a signal, and which column of the signal each of them is."""
+        """Return the facts about a signal, each with its column of the signal."""
         cast, facts, (count, columns) = self.now.block.cast, self._signals[signal], self._columns.get(signal, (-1, []))
         if count != len(facts):
             places_of_facts = ((fact, signal.column(cast, list(map(_column, places)))) for fact, places in facts)
@@ -159,7 +159,7 @@ class Board:
         return Fact(False, lambda: bool(Values(now.run, tie)[moved][0]))
 
     def _keep(self, fact: Fact, where: list[_Entry], entry: _Entry, *until: Mover) -> Fact:
-        """Have a fact looked after in a list, as long as somebody looks at it, or until one of these vehicles is dropped."""
+        """Keep the entry of a fact in a list until a vehicle of `until` is dropped, or else until no watch reads the fact."""
         where.append(entry)
 
         def end() -> None:

@@ -103,14 +103,14 @@ class Stream:
         self._last: Block | None = None
         self._tick = 0
 
-    def recast(self, agents: Sequence[Agent], kept: Sequence[int | None]) -> None:
+    def recast(self, agents: Sequence[Agent], columns: Sequence[int | None]) -> None:
         """Replace the vehicles, because a vehicle has come or gone.
 
         Args:
             agents: the vehicles of the next block, in the order of its columns.
-            kept: for every vehicle its column in the last block, None for a vehicle that has just come.
+            columns: for every vehicle its column in the last block, None for a vehicle that has just come.
         """
-        self.cast, self._kept = Cast(self.cast.junction, agents, self._facts), kept
+        self.cast, self._kept = Cast(self.cast.junction, agents, self._facts), columns
 
     def feed(self, signals: Iterable[Signal[Any]], zone: NDArray[np.int8], lights: NDArray[np.int8], **arrays: Any) -> Block:
         """Return the next states as a block.
@@ -142,18 +142,18 @@ OF_RUNS = (wt, entered, facing, advance)
 
 @dataclass(slots=True, eq=False)
 class Mover:
-    """A vehicle as it is now."""
+    """A vehicle and its present state."""
 
     agent: Agent
     slot: int
-    """Its column."""
+    """Column of the vehicle."""
     zone: int = int(ABSENT)
     station: float = math.nan
     spread: float = math.nan
 
 
 class State(NamedTuple):
-    """A state as it is given, by column; None where something is not given."""
+    """A state as the monitor reads it, by column; None for an array that is not given."""
 
     zones: Sequence[int]
     stations: Sequence[float] | None
@@ -161,16 +161,16 @@ class State(NamedTuple):
     poses: Sequence[Sequence[float]] | None
     lights: Sequence[int]
     touching: frozenset[frozenset[str]] | None = None
-    """Names of the vehicles that touch for the first time, where a simulator recorded it."""
+    """Pairs of names of vehicles that touch for the first time; None if no simulator recorded contacts."""
 
     @property
     def given(self) -> tuple[bool, ...]:
-        """Which of its values are given."""
+        """Whether each of the arrays is given."""
         return tuple(value is not None for value in self)
 
 
 class _State(Run):
-    """A run of one state, which knows the states before by the block that is given for it."""
+    """A run of one state, whose block carries values that depend on earlier states."""
 
     @cached_property
     def wt(self) -> NDArray[np.int32]:
@@ -197,9 +197,9 @@ class Instant:
     """The vehicles at a junction, one state after the other.
 
     Args:
-        junction: where they drive.
+        junction: the junction that the vehicles drive through.
         dt: time between two states [s].
-        facts: the speed limit.
+        facts: the facts of the run; they may state a speed limit.
         signals: the signals that are worked out in every state, because later states depend on their carries.
     """
 
@@ -214,10 +214,10 @@ class Instant:
         lights = np.zeros((1, len(junction.starts)), dtype=np.int8)
         self.block = Block(self._stream.cast, np.empty((1, 0), dtype=np.int8), lights)
         self.row = 0
-        """Which state of the block is now."""
+        """Row of the present state in the block."""
 
     def add(self, agent: Agent, slot: int) -> Mover:
-        """Return a vehicle that appears in the next state, in a column of its own or one that has become free."""
+        """Return a vehicle that appears in the next state, in a new column or in a column that has become free."""
         mover = Mover(agent, slot)
         self.slots[slot : slot + 1] = [mover]
         return mover
@@ -242,7 +242,7 @@ class Instant:
 
     @property
     def run(self) -> Run:
-        """A run of this state alone, that knows what it takes over from the states before."""
+        """The present state as a run of one state."""
         if self._run is None:
             self._run = self._as_run()
         return self._run

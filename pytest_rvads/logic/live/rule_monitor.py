@@ -211,10 +211,10 @@ class RuleMonitor:
 
     def flush(self) -> tuple[Decided, ...]:
         """Judge the states of an incomplete block, and return the decided instances as `see` does."""
-        states, seen, self._states, self._seen = self._states, self._seen, [], []
+        states, seen_states, self._states, self._seen = self._states, self._seen, [], []
         if self._agents is not None and states:
             self._judge(states)
-        return self._judge_seen(seen) if seen else ()
+        return self._judge_seen(seen_states) if seen_states else ()
 
     def _judge(self, states: Sequence[State]) -> None:
         """Judge the next states of vehicles that are known beforehand."""
@@ -272,12 +272,14 @@ class RuleMonitor:
         self._about[mover] = {}
         return mover
 
-    def _columns(self, seen: Mapping[str, Seen]) -> tuple[list[int], list[float], list[float], list[tuple[float, float, float]]]:
+    def _columns(
+        self, by_name: Mapping[str, Seen]
+    ) -> tuple[list[int], list[float], list[float], list[tuple[float, float, float]]]:
         """Return zones, stations, speeds and poses by column."""
         slots = self._now.slots
         if not slots:
             return [], [], [], []
-        vehicles = [seen.get(mover.agent.name) if self._present.get(mover.agent.name) is mover else None for mover in slots]
+        vehicles = [by_name.get(mover.agent.name) if self._present.get(mover.agent.name) is mover else None for mover in slots]
         stations, speeds, *pose, spreads = zip(
             *(_NOWHERE if vehicle is None else vehicle[1:] for vehicle in vehicles), strict=True
         )

@@ -63,7 +63,7 @@ class Reading:
         self._hopeless: dict[tuple[int, int], bool] = {}
 
     def letter(self, mask: int) -> int | None:
-        """Return the letter if it is the same for all values of the atoms in `asked`, else None."""
+        """Return the letter if all values of the atoms in `asked` give the same letter, else None."""
         try:
             return self._letters[mask]
         except KeyError:

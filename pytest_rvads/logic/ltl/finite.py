@@ -68,7 +68,7 @@ def _next(values: Truths) -> NDArray[np.int64]:
 
 
 def settle_empty(formula: f.Formula) -> bool:
-    """Return the truth value on the empty trace: no atom holds, strong operators are false, weak ones true."""
+    """Return the truth value on the empty trace: no atom holds, strong operators are false, weak operators true."""
     match formula:
         case f.Const(value):
             return value

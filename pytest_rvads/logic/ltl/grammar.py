@@ -53,8 +53,8 @@ class Language:
 
         Digits and primes make further variables of the same sort.
         """
-        found = self._name.fullmatch(name)
-        return self.letters.get(".".join(filter(None, found.groups()))) if found else None
+        match = self._name.fullmatch(name)
+        return self.letters.get(".".join(filter(None, match.groups()))) if match else None
 
 
 _OPERATORS = r"""
@@ -224,15 +224,15 @@ class Build(Transformer[Token, Any]):
         return f.Number(float(text))
 
     def binder(self, name: Token, declared: Token | None = None) -> f.Binder:
-        at, told, sorts = name.start_pos or 0, self._language.sort_of(name), self._language.sorts
+        at, implied, sorts = name.start_pos or 0, self._language.sort_of(name), self._language.sorts
         if name in self._language.values:
             raise Mistake(at, f"{name!s} is a value, it can't be a variable")
         if declared is not None and declared not in sorts:
             raise Mistake(declared.start_pos or 0, f"unknown sort {declared!s}{suggest(declared, map(str, sorts))}")
-        sort = told if declared is None else sorts[sorts.index(declared)]
+        sort = implied if declared is None else sorts[sorts.index(declared)]
         if sort is None:
             raise Mistake(at, f"the letters of {name!s} tell no sort: declare one, such as `forall {name!s}: {sorts[0]}.`")
-        return f.Binder(str(name), sort, sort == told)
+        return f.Binder(str(name), sort, sort == implied)
 
     def binders(self, *binders: f.Binder) -> tuple[f.Binder, ...]:
         return binders

@@ -40,12 +40,12 @@ def parse(text: str, vocabulary: Vocabulary = BUILT_IN) -> f.Formula:
     """
     formula = parse_rule(text, LANGUAGE)
     _Check(text, vocabulary).formula(formula, {"j": Sort.JUNCTION})
-    own = vocabulary.keys() - BUILT_IN.keys()
+    own_names = vocabulary.keys() - BUILT_IN.keys()
 
     def filled(atom: f.Atom) -> f.Atom:
-        return replace(atom, word=vocabulary[atom.name]) if atom.name in own else atom
+        return replace(atom, word=vocabulary[atom.name]) if atom.name in own_names else atom
 
-    return replaced(formula, filled) if own else formula
+    return replaced(formula, filled) if own_names else formula
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,11 +75,11 @@ class _Check:
             what = f"unknown predicate {name!r}" if atom.terms else f"{name!r} is neither a formula nor a known predicate"
             near = suggest(name, self.vocabulary) or ": register it before the rule, or give the rule its Word by words="
             raise FormulaError(caret(what + near, self.text, atom.at))
-        wanted = self.vocabulary[name].sorts
-        if len(kinds) != len(wanted):
-            message = f"{name} takes {len(wanted)} arguments ({', '.join(wanted)}), got {len(kinds)}"
+        expected = self.vocabulary[name].sorts
+        if len(kinds) != len(expected):
+            message = f"{name} takes {len(expected)} arguments ({', '.join(expected)}), got {len(kinds)}"
             raise FormulaError(caret(message, self.text, atom.at))
-        for term, kind, sorts in zip(atom.terms, kinds, wanted, strict=True):
+        for term, kind, sorts in zip(atom.terms, kinds, expected, strict=True):
             if kind not in sorts_in(sorts):
                 raise FormulaError(caret(f"{atom}: expected {sorts}, got {term}, of sort {kind}", self.text, atom.at))
 
@@ -113,13 +113,13 @@ class _Check:
                 return sort
 
     def attribute(self, term: f.Attr, sort: str, at: int) -> str:
-        known = ATTRIBUTES.get(term.name)
-        if known is None:
+        attribute = ATTRIBUTES.get(term.name)
+        if attribute is None:
             raise FormulaError(caret(f"unknown attribute {term.name!r}{suggest(term.name, ATTRIBUTES)}", self.text, at))
-        if sort != known.owner:
-            message = f"{term}: {term.name} belongs to {known.owner}s, {term.of} is of sort {sort}"
+        if sort != attribute.owner:
+            message = f"{term}: {term.name} belongs to {attribute.owner}s, {term.of} is of sort {sort}"
             raise FormulaError(caret(message, self.text, at))
-        return known.kind
+        return attribute.kind
 
 
 LONGEST_TIE = 3600
@@ -227,11 +227,11 @@ class Rule:
         return formula
 
     def _vocabulary(self) -> Vocabulary:
-        known = BUILT_IN if desk().book is None else desk().book.vocabulary
-        given = BUILT_IN
+        book_words = BUILT_IN if desk().book is None else desk().book.vocabulary
+        own_words = BUILT_IN
         for word in self.words:
-            given = given.add(word)
-        return Vocabulary({**known, **given}) if self.words else known
+            own_words = own_words.add(word)
+        return Vocabulary({**book_words, **own_words}) if self.words else book_words
 
     def __repr__(self) -> str:
         return f"<Rule {self.name}: {one_line(self.title or self.text)}>"

@@ -102,33 +102,33 @@ def _early(j: Judgement) -> str:
 def _arrival(run: Run, e: f.Element, tick: int) -> str:
     """Return an agent with its entrance, turn, arrival and waiting time up to `tick`."""
     agent = run.agents[e.index]
-    here = np.flatnonzero(run.zone[: tick + 1, e.index] == Zone.ENTRANCE)
+    ticks = np.flatnonzero(run.zone[: tick + 1, e.index] == Zone.ENTRANCE)
     text = f"{e.name} @ entrance {agent.entrance}, {turn_word(run.junction, agent.way)}"
-    if len(here):
-        last = int(here[-1])
+    if len(ticks):
+        last = int(ticks[-1])
         away = np.flatnonzero(run.zone[:last, e.index] != Zone.ENTRANCE)
         arrived = int(away[-1]) + 1 if len(away) else 0
         text += f"   arrived {clock(run, arrived)} s, waited {int(run.wt[last, e.index]) * run.dt:.2f} s"
     return text
 
 
-def _relation(run: Run, e: f.Element, others: tuple[f.Element, ...]) -> str:
+def _relation(run: Run, e: f.Element, waiting: tuple[f.Element, ...]) -> str:
     """Return where the entrance of an agent lies relative to the entrance of the vehicle that waits for the agent."""
-    if len(others) != 1:
+    if len(waiting) != 1:
         return ""
-    here, there = run.agents[e.index].entrance, run.agents[others[0].index].entrance
+    entrance, waiting_entrance = run.agents[e.index].entrance, run.agents[waiting[0].index].entrance
     # If traffic keeps left, right-of is mirrored.
     side = "left of" if run.junction.left_hand else "right of"
     for word, pairs in ((side, run.junction.right_of), ("opposite", run.junction.opposite)):
-        if (here, there) in pairs:
-            return f"   entrance {here} is {word} {there}"
-    return f"   entrance {there} is {side} {here}" if (there, here) in run.junction.right_of else ""
+        if (entrance, waiting_entrance) in pairs:
+            return f"   entrance {entrance} is {word} {waiting_entrance}"
+    return f"   entrance {waiting_entrance} is {side} {entrance}" if (waiting_entrance, entrance) in run.junction.right_of else ""
 
 
 def _scene(run: Run, waiting: tuple[f.Element, ...], going: tuple[f.Element, ...], goes: f.Formula, tick: int) -> str:
     """Return the places of all vehicles in a tick."""
 
-    def one(e: f.Element, still: bool) -> str:
+    def placed(e: f.Element, still: bool) -> str:
         where = zone(run.agents[e.index], Zone(int(run.zone[tick, e.index])))
         at = "in the junction" if where == "junction" else f"on the {where}" if where == "approach" else f"at {where}"
         detail = [] if run.station is None else [f"{run.station[tick, e.index]:.2f} m"]
@@ -137,16 +137,16 @@ def _scene(run: Run, waiting: tuple[f.Element, ...], going: tuple[f.Element, ...
         waits = still and going and where.startswith("entrance")
         return f"{e.name} {'is still ' if waits else 'is ' if still else ''}{at}" + (f" ({', '.join(detail)})" if detail else "")
 
-    left = ", ".join(one(e, not going) for e in waiting)
-    right = ", ".join(one(e, True) for e in going)
+    waiting_text = ", ".join(placed(e, not going) for e in waiting)
+    going_text = ", ".join(placed(e, True) for e in going)
     lights = dict.fromkeys(
         t.of
         for a in f.atoms(goes)
         for t in a.terms
         if isinstance(t, f.Attr) and isinstance(t.of, f.Element) and t.of.sort == Sort.LIGHT
     )
-    seen = [f"{place(e)} is {colour_at(run, e.index, tick)}" for e in lights if isinstance(e, f.Element)]
-    return " while ".join(filter(None, (left, ", ".join(filter(None, (right, *seen))))))
+    colours = [f"{place(e)} is {colour_at(run, e.index, tick)}" for e in lights if isinstance(e, f.Element)]
+    return " while ".join(filter(None, (waiting_text, ", ".join(filter(None, (going_text, *colours))))))
 
 
 def _table(run: Run, j: Judgement, values: Values | None) -> list[str]:
@@ -198,13 +198,13 @@ def hangs(run: Run, j: Judgement) -> str:
     if hinge.reading:
         who = " and ".join(dict.fromkeys(name for _, name in _agents(j)))
         return f"it hangs on {hinge.reading}" + (f" ({who})" if who else "")
-    told = ", ".join(_happened(run, happening) for happening in hinge.what)
+    events = ", ".join(_happened(run, happening) for happening in hinge.what)
     if math.isinf(hinge.known):
-        return f"{told}; how long before is not known"
+        return f"{events}; how long before is not known"
     if hinge.apart is None:
-        return f"{told}, known to {hinge.known:.2f} s"
+        return f"{events}, known to {hinge.known:.2f} s"
     tie = f", where up to {hinge.tie:.2f} s count as at the same time" if hinge.tie else ""
-    return f"{told}: {abs(hinge.apart):.2f} s apart, known to {hinge.known:.2f} s{tie}"
+    return f"{events}: {abs(hinge.apart):.2f} s apart, known to {hinge.known:.2f} s{tie}"
 
 
 def since(run: Run, j: Judgement) -> float | None:
