@@ -53,10 +53,10 @@ class Outcome(StrEnum):
 
     def __new__(cls, *traits: Any) -> Outcome:
         """Make a member from its traits."""
-        value, *rest = _Traits(*traits)
+        value, *further = _Traits(*traits)
         member = str.__new__(cls, value)
         member._value_ = value
-        for name, trait in zip(_Traits._fields[1:], rest, strict=True):
+        for name, trait in zip(_Traits._fields[1:], further, strict=True):
             setattr(member, name, trait)
         member.word = member.word or member.small
         return member

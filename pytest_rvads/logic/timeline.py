@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pytest_rvads.logic.conduct.predicates import extract
-from pytest_rvads.logic.conduct.sampling import without_jumps
+from pytest_rvads.logic.conduct.presence import without_jumps
 from pytest_rvads.logic.judging.evaluate import Values
 from pytest_rvads.logic.judging.judge import walk
 from pytest_rvads.logic.judging.prepare import prepare
@@ -58,7 +58,7 @@ def timelines(run: Run, rule: str | Rule) -> tuple[Timeline, ...]:
         walked = walk(templates, Values(run, rule.tie))
     except RunError:
         return ()
-    found = []
+    result = []
     for template, states in zip(templates, walked, strict=True):
         ticks = np.concatenate(([0], np.flatnonzero(np.diff(states)) + 1))
         changes: list[tuple[int, str]] = []
@@ -67,5 +67,5 @@ def timelines(run: Run, rule: str | Rule) -> tuple[Timeline, ...]:
             word = _WORDS.get(Truth(int(template.machine.output[state])), "due" if state else "watching")
             if not changes or changes[-1][1] != word:
                 changes.append((tick, word))
-        found.append(Timeline(bound_names(template), tuple(changes)))
-    return tuple(found)
+        result.append(Timeline(bound_names(template), tuple(changes)))
+    return tuple(result)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from pytest_rvads.logic.judging.prepare import Template, prepare, template
 from pytest_rvads.logic.ltl import formula as f
-from pytest_rvads.logic.ltl.ending import ALIVE, with_ending
+from pytest_rvads.logic.ltl.finite import ALIVE, with_ending
 from pytest_rvads.logic.ltl.ltl3 import Machine, Truth, synthesize
 from pytest_rvads.logic.ltl.monitor import encode
 from pytest_rvads.logic.rules.rule import Rule

@@ -17,9 +17,9 @@ from pytest_rvads.logic.conduct.priority import brakes_hard, obstructs, owes, un
 from pytest_rvads.logic.conduct.progress import Lost, blocks, idles, losses, may_go
 from pytest_rvads.logic.conduct.rights import close_behind, held, kept_by, next_to_go, starting, waives
 from pytest_rvads.logic.conduct.standing import arrived, leads, speeding, stands, stopped, waited
-from pytest_rvads.logic.conduct.stream import Stream
 from pytest_rvads.logic.conduct.stretches import meet
 from pytest_rvads.logic.conduct.waiting import Circles, circles, lets_pass, no_room
+from pytest_rvads.logic.live.instant import Stream
 from pytest_rvads.runs.itineraries import itinerary
 from pytest_rvads.runs.recording import zones
 from pytest_rvads.runs.run import Facts, Run

@@ -12,7 +12,7 @@ from pytest_rvads.geometry.junction import Entrance, Exit, Junction, Movement
 from pytest_rvads.geometry.segment import Turn
 from pytest_rvads.logic.conduct.predicates import extract
 from pytest_rvads.logic.judging.ground import ground
-from pytest_rvads.logic.rules.reading import parse
+from pytest_rvads.logic.rules.rule import parse
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.search.relations import RELATIONS, Incomparable, Variant
 from pytest_rvads.search.remap import Symmetry, broken_by, rotations_of

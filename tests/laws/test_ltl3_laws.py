@@ -15,9 +15,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pytest_rvads.logic.ltl import formula as f
-from pytest_rvads.logic.ltl.ending import with_ending
 from pytest_rvads.logic.ltl.export import label
-from pytest_rvads.logic.ltl.finite import settle
+from pytest_rvads.logic.ltl.finite import settle, with_ending
 from pytest_rvads.logic.ltl.ltl3 import Machine, Truth, synthesize
 from pytest_rvads.logic.ltl.monitor import Monitor, encode, run_machine
 from pytest_rvads.logic.ltl.parser import parse_ltl

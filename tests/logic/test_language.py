@@ -5,7 +5,7 @@ import pytest
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.ltl.parser import DEPTH_LIMIT, LENGTH_LIMIT, SIZE_LIMIT, parse_ltl, parse_rule
 from pytest_rvads.logic.rules.book import rulebook
-from pytest_rvads.logic.rules.reading import parse
+from pytest_rvads.logic.rules.rule import parse
 from pytest_rvads.logic.rules.sorts import LANGUAGE, Sort
 from pytest_rvads.support.errors import FormulaError
 

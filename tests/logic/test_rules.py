@@ -16,8 +16,7 @@ from pytest_rvads.logic.judging.prepare import prepare
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.rules.book import get_rule, predicate, rule, rulebook, rules_for
 from pytest_rvads.logic.rules.lexicon import BUILT_IN
-from pytest_rvads.logic.rules.reading import parse
-from pytest_rvads.logic.rules.rule import Rule
+from pytest_rvads.logic.rules.rule import Rule, parse
 from pytest_rvads.logic.rules.rulefile import load_rules
 from pytest_rvads.logic.rules.sorts import Sort
 from pytest_rvads.logic.rules.vocabulary import Vocabulary, Word

@@ -59,28 +59,32 @@ class Cause:
 def cause_of(run: Run, collision: Collision) -> Cause:
     """Return the cause of a collision of `run`."""
     columns = {agent.name: column for column, agent in enumerate(run.agents)}
-    one, two = (columns[name] for name in collision.agents)
-    return blame(run, one, two, tick_of(run, collision))
+    first, second = (columns[name] for name in collision.agents)
+    return blame(run, first, second, tick_of(run, collision))
 
 
-def blame(run: Run, one: int, two: int, tick: int) -> Cause:
+def blame(run: Run, agent: int, opponent: int, tick: int) -> Cause:
     """Return the cause of a meeting or collision of two agents, given by column, at `tick`.
 
     A question about values that the run does not record is answered with no.
     """
-    pairs = (one, two), (two, one)
+    pairs = (agent, opponent), (opponent, agent)
     matters = [pair for pair in pairs if not _clear(run, *pair, tick)]
     for asks, reason in (*_RIGHTS, *_HANDLING):
-        guilty = [(i, other) for i, other in (matters if (asks, reason) in _RIGHTS else pairs) if asks(run, i, other, tick)]
+        guilty = [
+            (guilty_agent, other)
+            for guilty_agent, other in (matters if (asks, reason) in _RIGHTS else pairs)
+            if asks(run, guilty_agent, other, tick)
+        ]
         if len(guilty) == 1:
             who, whom = (run.agents[k].name for k in guilty[0])
-            said = reason.format(whom)
+            action = reason.format(whom)
             if (asks, reason) in _RIGHTS and _drove_on(run, *guilty[0][::-1], tick):
-                return Cause((who, whom), f"share the blame: {who} {said}, and {whom} drove on though it could have stopped")
+                return Cause((who, whom), f"share the blame: {who} {action}, and {whom} drove on though it could have stopped")
             if asks is _from_behind and _braked_for_nothing(run, guilty[0][1], tick):
-                return Cause((who, whom), f"share the blame: {who} {said}, and {whom} braked hard without a reason")
-            return Cause((who,), said)
-    return Cause((run.agents[one].name, run.agents[two].name), "are equally to blame")
+                return Cause((who, whom), f"share the blame: {who} {action}, and {whom} braked hard without a reason")
+            return Cause((who,), action)
+    return Cause((run.agents[agent].name, run.agents[opponent].name), "are equally to blame")
 
 
 def surprised(run: Run, agent: int, other: int, tick: int) -> bool:
@@ -202,8 +206,8 @@ def _out_of_turn(run: Run, agent: int, other: int, tick: int) -> bool:
     entered = _entered(run, agent, tick)
     if run.junction.control is not JunctionControl.STOP or not entered:
         return False
-    others = (k for k in range(len(run.agents)) if k not in (agent, other))
-    held = any(comes_first(run, other, k)[entered - 1] for k in others)
+    bystanders = (k for k in range(len(run.agents)) if k not in (agent, other))
+    held = any(comes_first(run, other, k)[entered - 1] for k in bystanders)
     return bool(comes_first(run, agent, other)[entered - 1]) and not held
 
 
@@ -252,8 +256,8 @@ def _braked_for_nothing(run: Run, agent: int, tick: int) -> bool:
 
 
 def _last(run: Run, agent: int, other: int, tick: int) -> bool:
-    mine, yours = _entered(run, agent, tick), _entered(run, other, tick)
-    return mine is not None and (yours is None or mine > yours)
+    entry, other_entry = _entered(run, agent, tick), _entered(run, other, tick)
+    return entry is not None and (other_entry is None or entry > other_entry)
 
 
 def _clear(run: Run, agent: int, other: int, tick: int) -> bool:
@@ -269,8 +273,8 @@ def _merged(run: Run, agent: int, common: Shared, tick: int) -> int | None:
     """Return the tick at which the agent came into the lane in which both ways end; None before the agent's arrival."""
     if not common.merges or run.station is None:
         return None
-    there = np.flatnonzero(run.station[: tick + 1, agent] >= common.mine.start)
-    return int(there[0]) if len(there) else None
+    merged = np.flatnonzero(run.station[: tick + 1, agent] >= common.mine.start)
+    return int(merged[0]) if len(merged) else None
 
 
 def _entered(run: Run, agent: int, tick: int) -> int | None:

@@ -116,10 +116,10 @@ class Signal(Generic[_Value]):
         """Return the values about all vehicles of a run, shape ``(steps, agents)``."""
         blocks = once(run, as_blocks)
         parts: list[Any] = [self(block) for block in blocks]
-        found = np.full((run.steps, len(run.agents)), self.otherwise, dtype=parts[0].dtype)
+        values = np.full((run.steps, len(run.agents)), self.otherwise, dtype=parts[0].dtype)
         for block, part in zip(blocks, parts, strict=True):
-            found[block.tick : block.tick + len(part), list(block.columns)] = part
-        return found
+            values[block.tick : block.tick + len(part), list(block.columns)] = part
+        return values
 
     def column(self, cast: Cast, columns: Sequence[int]) -> int | None:
         """Return which column of the value is about a vehicle or a pair, given by its columns."""
@@ -183,11 +183,11 @@ class Block:
     inputs: dict[Signal[Any], tuple[Sequence[Signal[Any]], tuple[NDArray[Any], ...]]] = field(default_factory=dict)
     """The signals that every steady signal has read, and the carry that it was given."""
     reading: list[Signal[Any]] = field(default_factory=list)
-    """The signals that the signal which is being worked out has read so far."""
+    """The signals that the signal under evaluation has read so far."""
 
     @property
     def junction(self) -> Junction:
-        """Where the vehicles drive."""
+        """The junction that the vehicles drive through."""
         return self.cast.junction
 
     @property
@@ -197,14 +197,14 @@ class Block:
 
     @property
     def next(self) -> Block | None:
-        """The block after this block; None if it is not known."""
+        """The block after this block; None if that block is not known."""
         return None if self.following is None else self.following()
 
     @cached_property
     def here(self) -> NDArray[np.bool_]:
         """`Run.here`."""
-        found: NDArray[np.bool_] = (self.zone != GONE) & (self.zone != ABSENT)
-        return found
+        present: NDArray[np.bool_] = (self.zone != GONE) & (self.zone != ABSENT)
+        return present
 
     @cached_property
     def ticks(self) -> NDArray[np.int64]:
@@ -230,7 +230,7 @@ class Block:
         """Return ``station``, ``speed`` or ``pose``.
 
         Raises:
-            RunError: it is not recorded.
+            RunError: the array is not recorded.
         """
         array: NDArray[np.float64] | None = getattr(self, name)
         if array is None:
@@ -244,9 +244,9 @@ class Block:
             self.inputs[signal] = earlier.inputs[signal]
             if signal.start:
                 self.after[signal] = carry
-            kept: _Value = earlier.values[signal]
-            self.values[signal] = kept
-            return kept
+            unchanged: _Value = earlier.values[signal]
+            self.values[signal] = unchanged
+            return unchanged
         outer, self.reading = self.reading, []
         try:
             result: Any = signal.work(self, *carry)
@@ -267,8 +267,8 @@ class Block:
         """Return whether all that a steady signal depends on is as in an earlier block."""
         if self.zone is not earlier.zone or self.lights is not earlier.lights or signal not in earlier.inputs:
             return False
-        read, given = earlier.inputs[signal]
-        if carry is not given:
+        read, previous_carry = earlier.inputs[signal]
+        if carry is not previous_carry:
             return False
         for part in read:  # noqa: SIM110 - a loop costs less than a generator in all()
             if (self.values[part] if part in self.values else self.value(part)) is not earlier.values[part]:
@@ -294,7 +294,7 @@ class Block:
             moves = list(columns.items())
         else:
             now, then = self.cast.static(signal.pairs).column, cast.static(signal.pairs).column
-            moved = (((columns.get(one), columns.get(two)), number) for (one, two), number in then.items())
+            moved = (((columns.get(agent), columns.get(other)), number) for (agent, other), number in then.items())
             moves = [(number, now[pair]) for pair, number in moved if pair in now]
         source, target = np.array(moves, dtype=np.int64).reshape(-1, 2).T
         fresh = _fresh(signal, self.cast, self.dt)
@@ -314,15 +314,15 @@ def unless_equal(new: Any, old: Any) -> Any:
     if isinstance(new, np.ndarray):
         return old if old is not None and new.dtype.kind in "bi" and new.tobytes() == old.tobytes() else new
     if isinstance(new, tuple) and old is not None:
-        for part, known in zip(new, old, strict=True):
-            if unless_equal(part, known) is not known:
+        for part, old_part in zip(new, old, strict=True):
+            if unless_equal(part, old_part) is not old_part:
                 return new
         return old
     return new
 
 
 _WORK = 150_000
-"""States of a block times the square of its vehicles: so much fits into the cache of a processor."""
+"""Number of states of a block times the square of its vehicles; a block of this size fits into the cache of a processor."""
 _LEAST = 64
 """Fewest states of a block."""
 _MOST = 4096
@@ -350,12 +350,14 @@ def as_blocks(run: Run, size: int = 0) -> tuple[Block, ...]:
     blocks: list[Block] = []
     for begin in range(0, max(run.steps, 1), size):
         part = slice(begin, begin + size)
-        there = np.flatnonzero(present[part].any(axis=0)).tolist() if size < run.steps else list(range(len(run.agents)))
-        station, speed, pose = (None if array is None else array[part][:, there] for array in (run.station, run.speed, run.pose))
+        columns = np.flatnonzero(present[part].any(axis=0)).tolist() if size < run.steps else list(range(len(run.agents)))
+        station, speed, pose = (
+            None if array is None else array[part][:, columns] for array in (run.station, run.speed, run.pose)
+        )
         previous = blocks[-1] if blocks else None
         block = Block(
-            Cast(run.junction, [run.agents[column] for column in there], run.facts),
-            run.zone[part][:, there],
+            Cast(run.junction, [run.agents[column] for column in columns], run.facts),
+            run.zone[part][:, columns],
             run.lights[part],
             run.dt,
             station,
@@ -364,9 +366,9 @@ def as_blocks(run: Run, size: int = 0) -> tuple[Block, ...]:
             None if contacts is None else [(pair, tick - begin) for pair, tick in contacts if begin <= tick < begin + size],
             begin,
             previous,
-            None if previous is None else [previous.columns.get(column) for column in there],
+            None if previous is None else [previous.columns.get(column) for column in columns],
             whole=True,
-            columns={column: number for number, column in enumerate(there)},
+            columns={column: number for number, column in enumerate(columns)},
         )
         if previous is not None:
             previous.following = weakref.ref(block)

@@ -31,15 +31,15 @@ def contacts(run: Run) -> tuple[Collision, ...]:
 
 
 def _contacts(run: Run) -> tuple[Collision, ...]:
-    found = []
-    for one, two in combinations(range(len(run.agents)), 2):
-        touching = np.flatnonzero(overlap(run, one, two))
+    collisions = []
+    for agent, other in combinations(range(len(run.agents)), 2):
+        touching = np.flatnonzero(overlap(run, agent, other))
         if len(touching):
             tick = int(touching[0])
-            apart = (velocity(run, one) - velocity(run, two))[tick]
-            names = run.agents[one].name, run.agents[two].name
-            found.append(Collision(tick * run.dt, names, round(float(np.hypot(*apart)), 9)))
-    return tuple(sorted(found, key=lambda c: c.time))
+            apart = (velocity(run, agent) - velocity(run, other))[tick]
+            names = run.agents[agent].name, run.agents[other].name
+            collisions.append(Collision(tick * run.dt, names, round(float(np.hypot(*apart)), 9)))
+    return tuple(sorted(collisions, key=lambda c: c.time))
 
 
 def couples(cast: Cast) -> Pairs:
@@ -56,11 +56,11 @@ def overlap(block: Block) -> NDArray[np.bool_]:
     """Whether the bodies of each pair of vehicles overlap, see `touch`."""
     both, cast, pose = block.cast.static(couples), block.cast, block.need("pose")
     rows, numbers = _close(block)
-    found = np.zeros((len(pose), len(both)), dtype=np.bool_)
+    overlaps = np.zeros((len(pose), len(both)), dtype=np.bool_)
     if len(rows):
         columns = both.one[numbers], both.two[numbers]
-        found[rows, numbers] = touch([(pose[rows, k], (cast.length[k], cast.width[k])) for k in columns])
-    return found
+        overlaps[rows, numbers] = touch([(pose[rows, k], (cast.length[k], cast.width[k])) for k in columns])
+    return overlaps
 
 
 def _recorded_or_bodies(block: Block, columns: Sequence[int]) -> None:
@@ -75,12 +75,12 @@ def collide(block: Block) -> NDArray[np.bool_]:
         touching: NDArray[np.bool_] = overlap(block)
         return touching
     both, names = block.cast.static(couples), {agent.name: column for column, agent in enumerate(block.cast.agents)}
-    found = np.zeros((len(block.zone), len(both)), dtype=np.bool_)
+    collisions = np.zeros((len(block.zone), len(both)), dtype=np.bool_)
     for pair, row in block.touching:
-        one, two = (names.get(name, -1) for name in pair)
-        if (one, two) in both.column:
-            found[row, both.column[one, two]] = True
-    return found
+        first, second = (names.get(name, -1) for name in pair)
+        if (first, second) in both.column:
+            collisions[row, both.column[first, second]] = True
+    return collisions
 
 
 def touch(bodies: Sequence[tuple[NDArray[np.float64], tuple[_Size, _Size]]]) -> NDArray[np.bool_]:
@@ -95,8 +95,8 @@ def touch(bodies: Sequence[tuple[NDArray[np.float64], tuple[_Size, _Size]]]) -> 
     units = sides / np.hypot(sides[..., :1], sides[..., 1:])
     along = np.abs((sides[:, None] * units[:, :, None]).sum(axis=-1))
     reach = along.reshape(len(along), -1, 2, 2).sum(axis=-1).sum(axis=-1)
-    found: NDArray[np.bool_] = (np.abs((apart[:, None] * units).sum(axis=-1)) < reach).all(axis=1)
-    return found
+    overlaps: NDArray[np.bool_] = (np.abs((apart[:, None] * units).sum(axis=-1)) < reach).all(axis=1)
+    return overlaps
 
 
 def close(run: Run) -> NDArray[np.bool_]:
@@ -107,12 +107,12 @@ def close(run: Run) -> NDArray[np.bool_]:
     Raises:
         RunError: the run holds no positions.
     """
-    found = np.zeros((len(run.agents), len(run.agents)), dtype=np.bool_)
+    close_pairs = np.zeros((len(run.agents), len(run.agents)), dtype=np.bool_)
     for block in once(run, as_blocks):
         both, (_, numbers), columns = block.cast.static(couples), _close(block), np.array(list(block.columns), dtype=np.int64)
-        one, two = columns[both.one[numbers]], columns[both.two[numbers]]
-        found[one, two] = found[two, one] = True
-    return found
+        agents, others = columns[both.one[numbers]], columns[both.two[numbers]]
+        close_pairs[agents, others] = close_pairs[others, agents] = True
+    return close_pairs
 
 
 _BLOCK = 50
@@ -125,9 +125,9 @@ _MARGIN = 1.0
 def headings(block: Block) -> NDArray[np.float64]:
     """The unit vector in which every vehicle points, shape ``(n, agents, 2)``."""
     heading = block.need("pose")[..., 2]
-    found = np.empty((*heading.shape, 2))
-    found[..., 0], found[..., 1] = np.cos(heading), np.sin(heading)
-    return found
+    units = np.empty((*heading.shape, 2))
+    units[..., 0], units[..., 1] = np.cos(heading), np.sin(heading)
+    return units
 
 
 def _circles(cast: Cast) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
@@ -153,34 +153,34 @@ def _close(block: Block) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     else:
         apart = centre.take(both.one, axis=1) - centre.take(both.two, axis=1)
         rows, numbers = np.nonzero(np.einsum("ijk,ijk->ij", apart, apart) <= squares)
-    there = block.here[rows, both.one[numbers]] & block.here[rows, both.two[numbers]]
-    return rows[there], numbers[there]
+    present = block.here[rows, both.one[numbers]] & block.here[rows, both.two[numbers]]
+    return rows[present], numbers[present]
 
 
 def _near(block: Block, centre: NDArray[np.float64], reach: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Return which pairs of circles might touch in which spans of `_BLOCK` ticks, shape ``(spans, pairs)``."""
     both, starts = block.cast.static(couples), np.arange(0, len(centre), _BLOCK)
-    place, known = centre.copy(), block.zone != ABSENT
-    for column in np.flatnonzero(known.any(axis=0) & ~known.all(axis=0)).tolist():
-        ticks = np.flatnonzero(known[:, column])
+    place, recorded = centre.copy(), block.zone != ABSENT
+    for column in np.flatnonzero(recorded.any(axis=0) & ~recorded.all(axis=0)).tolist():
+        ticks = np.flatnonzero(recorded[:, column])
         place[: ticks[0], column], place[ticks[-1] :, column] = centre[ticks[0], column], centre[ticks[-1], column]
     moved = np.hypot(*np.moveaxis(np.diff(place, axis=0, prepend=place[:1]), -1, 0))
     moved[starts] = 0.0
     # A vehicle is at most as far from its place at the start of a span as it has moved in the span.
     wide = np.add.reduceat(moved, starts, axis=0) + reach
-    there, place = np.logical_or.reduceat(block.here, starts, axis=0), place[starts]
+    present, place = np.logical_or.reduceat(block.here, starts, axis=0), place[starts]
     apart = place[:, both.one] - place[:, both.two]
-    found: NDArray[np.bool_] = np.hypot(apart[..., 0], apart[..., 1]) <= both.first(wide) + both.second(wide)
-    found &= both.first(there) & both.second(there)
-    return found
+    near: NDArray[np.bool_] = np.hypot(apart[..., 0], apart[..., 1]) <= both.first(wide) + both.second(wide)
+    near &= both.first(present) & both.second(present)
+    return near
 
 
 def _box(pose: NDArray[np.float64], length: _Size, width: _Size) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return centres, shape ``(steps, 2)``, and half axes along and across, shape ``(steps, 2, 2)`` [m]."""
     ahead = np.stack((np.cos(pose[:, 2]), np.sin(pose[:, 2])), axis=-1)
-    left = np.stack((-ahead[:, 1], ahead[:, 0]), axis=-1)
+    across = np.stack((-ahead[:, 1], ahead[:, 0]), axis=-1)
     long, wide = (np.asarray(size)[..., None] / 2 for size in (length, width))
-    return pose[:, :2] - long * ahead, np.stack((long * ahead, wide * left), axis=1)
+    return pose[:, :2] - long * ahead, np.stack((long * ahead, wide * across), axis=1)
 
 
 def velocity(run: Run, agent: int) -> NDArray[np.float64]:
@@ -188,8 +188,8 @@ def velocity(run: Run, agent: int) -> NDArray[np.float64]:
     if run.speed is None:
         return np.zeros((run.steps, 2))
     heading = run.need("pose")[:, agent, 2]
-    found: NDArray[np.float64] = run.speed[:, agent, None] * np.stack((np.cos(heading), np.sin(heading)), axis=-1)
-    return found
+    velocities: NDArray[np.float64] = run.speed[:, agent, None] * np.stack((np.cos(heading), np.sin(heading)), axis=-1)
+    return velocities
 
 
 _DOUBT = 1e-6
@@ -211,14 +211,14 @@ class Box(NamedTuple):
     """Width of the body [m]."""
 
 
-def gap(one: Box, two: Box) -> float:
+def gap(body: Box, other: Box) -> float:
     """Return a lower bound of the distance between two bodies; at most 0 if the bodies touch [m]."""
-    _, _, heading, length, width = one
-    _, _, other_heading, other_length, other_width = two
+    _, _, heading, length, width = body
+    _, _, other_heading, other_length, other_width = other
     cos, sin, other_cos, other_sin = math.cos(heading), math.sin(heading), math.cos(other_heading), math.sin(other_heading)
     long, half, other_long, other_half = length / 2, width / 2, other_length / 2, other_width / 2
-    x = (two.x - other_long * other_cos) - (one.x - long * cos)
-    y = (two.y - other_long * other_sin) - (one.y - long * sin)
+    x = (other.x - other_long * other_cos) - (body.x - long * cos)
+    y = (other.y - other_long * other_sin) - (body.y - long * sin)
     round_gap = math.hypot(x, y) - math.hypot(long, half) - math.hypot(other_long, other_half)
     if round_gap > _DOUBT:
         return round_gap

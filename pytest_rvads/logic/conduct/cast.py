@@ -1,4 +1,4 @@
-"""Casts: the vehicles of a block of states, and the pairs of them that signals are about."""
+"""Casts: the vehicles of a block of states, and the pairs of vehicles that signals are about."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Pairs:
         self.one, self.two = np.array(pairs, dtype=np.int64).reshape(-1, 2).T
         self.column = {pair: number for number, pair in enumerate(pairs)}
         if not ordered:
-            self.column |= {(two, one): number for number, (one, two) in enumerate(pairs)}
+            self.column |= {(other, agent): number for number, (agent, other) in enumerate(pairs)}
         self._starts = np.flatnonzero(np.diff(self.one, prepend=-1))
         self._firsts = self.one[self._starts]
 
@@ -47,10 +47,10 @@ class Pairs:
 
     def any(self, truths: NDArray[np.bool_], agents: int) -> NDArray[np.bool_]:
         """Return which vehicles are the first of a pair for which `truths` holds, shape ``(n, agents)``; see `count`."""
-        found = np.zeros((len(truths), agents), dtype=np.bool_)
+        firsts = np.zeros((len(truths), agents), dtype=np.bool_)
         if len(self):
-            found[:, self._firsts] = np.logical_or.reduceat(truths, self._starts, axis=1)
-        return found
+            firsts[:, self._firsts] = np.logical_or.reduceat(truths, self._starts, axis=1)
+        return firsts
 
     def count(self, truths: NDArray[np.bool_], agents: int) -> NDArray[np.int64]:
         """Return, for every vehicle, the number of pairs with this vehicle first for which `truths` holds, shape ``(n, agents)``.
@@ -59,10 +59,10 @@ class Pairs:
             truths: a truth value per state and pair, shape ``(n, pairs)``.
             agents: number of vehicles.
         """
-        found = np.zeros((len(truths), agents), dtype=np.int64)
+        counts = np.zeros((len(truths), agents), dtype=np.int64)
         if len(self):
-            found[:, self._firsts] = np.add.reduceat(truths, self._starts, axis=1, dtype=np.int64)
-        return found
+            counts[:, self._firsts] = np.add.reduceat(truths, self._starts, axis=1, dtype=np.int64)
+        return counts
 
 
 def _gathered(values: NDArray[_Scalar], columns: NDArray[np.int64]) -> NDArray[_Scalar]:
@@ -90,7 +90,7 @@ class Cast:
         self.way = np.array([agent.way.length for agent in self.agents], dtype=np.float64)
         """Lengths of the ways through the junction [m]."""
         self.length, self.width = np.array([agent.size or (np.nan, np.nan) for agent in self.agents]).reshape(-1, 2).T
-        """Of the bodies [m]; NaN where they are not known."""
+        """Lengths and widths of the bodies [m]; NaN for a body of unknown size."""
         self._static: dict[object, Any] = {}
 
     def __len__(self) -> int:
@@ -107,7 +107,7 @@ class Cast:
 def pairs(cast: Cast, belong: Callable[[int, int], bool]) -> Pairs:
     """Return the ordered pairs of different vehicles for which `belong` holds, given their columns."""
     numbers = range(len(cast))
-    return Pairs([(one, two) for one in numbers for two in numbers if one != two and belong(one, two)])
+    return Pairs([(agent, other) for agent in numbers for other in numbers if agent != other and belong(agent, other)])
 
 
 def everybody(cast: Cast) -> Pairs:

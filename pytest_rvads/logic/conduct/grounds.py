@@ -41,8 +41,8 @@ def lit(junction: Junction, entrance: int) -> bool:
     return junction.starts[entrance].sign is Sign.LIGHTS
 
 
-def ground_of(junction: Junction, one: Key, other: Key) -> Ground | None:
-    """Return the ground on which an agent on way `one` has to give way to an agent on way `other`, or None.
+def ground_of(junction: Junction, way: Key, other: Key) -> Ground | None:
+    """Return the ground on which an agent on way `way` has to give way to an agent on way `other`, or None.
 
     Raises:
         RunError: the places of the lanes are unknown, and the ground depends on them.
@@ -51,12 +51,12 @@ def ground_of(junction: Junction, one: Key, other: Key) -> Ground | None:
         return None
     if junction.yields is None:
         raise RunError("the run holds no geometry of its junction")
-    reason = junction.yields.get((one, other))
-    if lit(junction, one[0]) and lit(junction, other[0]):
+    reason = junction.yields.get((way, other))
+    if lit(junction, way[0]) and lit(junction, other[0]):
         return Ground.TURN if reason is Reason.TURN else None
     match reason:
         case Reason.SIGN:
-            return Ground.SIGN if junction.entrances[one[0]].sign in _MINOR else Ground.PRIORITY
+            return Ground.SIGN if junction.entrances[way[0]].sign in _MINOR else Ground.PRIORITY
         case Reason.STATED:
             return Ground.PRIORITY
         case Reason.RIGHT:
@@ -68,15 +68,15 @@ def ground_of(junction: Junction, one: Key, other: Key) -> Ground | None:
     return None
 
 
-def in_turn(junction: Junction, one: Key, other: Key) -> bool:
+def in_turn(junction: Junction, way: Key, other: Key) -> bool:
     """Return whether the order of arrival at an all-way stop binds two movements.
 
     The order binds movements from different arms that share a stretch (California Vehicle Code 21800(a) protects a vehicle that
     has entered). If the places of the lanes are unknown, the order binds all movements from different arms.
     """
-    if not junction.movements.keys() >= {one, other} or junction.entrances[one[0]].arm == junction.entrances[other[0]].arm:
+    if not junction.movements.keys() >= {way, other} or junction.entrances[way[0]].arm == junction.entrances[other[0]].arm:
         return False
-    return junction.conflicts is None or (one, other) in junction.conflicts
+    return junction.conflicts is None or (way, other) in junction.conflicts
 
 
 def may_owe(run: Run | Cast, agent: int, other: int) -> bool:

@@ -41,7 +41,7 @@ def kpis(run: Run) -> Kpis:
     """
     require(run, Run, "kpis takes a run, such as rvads.simulate(case) returns", RunError)
     missing = _unavailable(run)
-    columns, told = range(len(run.agents)), judged(run)
+    columns, judged_columns = range(len(run.agents)), judged(run)
 
     def measure(name: str, function: Callable[..., float | None], *where: int) -> float | None:
         return None if name in missing else function(run, *where)
@@ -56,12 +56,12 @@ def kpis(run: Run) -> Kpis:
             measure("jerk", _jerk, i),
         )
         for i in columns
-        if told is None or i in told
+        if judged_columns is None or i in judged_columns
     )
     pairs = tuple(
         PairKpis((run.agents[i].name, run.agents[k].name), measure("ttc", _ttc, i, k), measure("pet", _pet, i, k))
         for i, k in combinations(columns, 2)
-        if told is None or k in told
+        if judged_columns is None or k in judged_columns
     )
     ttc, pet = (
         min((time for time in times if time is not None), default=None)
@@ -79,7 +79,7 @@ def _unavailable(run: Run) -> tuple[str, ...]:
         "ttc": run.pose is not None and run.speed is not None and sized,
         "pet": run.station is not None and run.junction.drivable and sized,
     }
-    return tuple(name for name, there in recorded.items() if not there)
+    return tuple(name for name, available in recorded.items() if not available)
 
 
 _NAMES = {
@@ -92,17 +92,17 @@ _NAMES = {
 }
 
 
-def describe(found: Kpis) -> list[str]:
+def describe(indicators: Kpis) -> list[str]:
     """Return the indicators as lines for a person: a line per available indicator, then the indicators that are not recorded."""
-    record = found.record()
+    record = indicators.record()
     lines = []
     for key, (name, unit) in _NAMES.items():
         entries = [e for e in (*record["vehicles"], *record["pairs"]) if e.get(key) is not None]
         shown = (f"{e.get('agent') or ' '.join(e['agents'])} {e[key]:.2f}" for e in entries)
         if entries:
             lines.append(f"{name} [{unit}]  {', '.join(shown)}")
-    if found.unavailable:
-        lines.append(f"not recorded: {', '.join(_NAMES[key][0] for key in found.unavailable)}")
+    if indicators.unavailable:
+        lines.append(f"not recorded: {', '.join(_NAMES[key][0] for key in indicators.unavailable)}")
     return lines
 
 
@@ -136,30 +136,30 @@ def _jerk(run: Run, column: int) -> float | None:
 
 
 def _arrival(run: Run, column: int) -> float | None:
-    there = np.flatnonzero(arrived(run)[:, column])
-    return _rounded(float(there[0]) * run.dt) if len(there) else None
+    at_line = np.flatnonzero(arrived(run)[:, column])
+    return _rounded(float(at_line[0]) * run.dt) if len(at_line) else None
 
 
 def _delay(run: Run, column: int) -> float | None:
-    left = np.flatnonzero(run.zone[:, column] >= Zone.EXIT)
-    if run.facts.speed_limit is None or not len(left):
+    exits = np.flatnonzero(run.zone[:, column] >= Zone.EXIT)
+    if run.facts.speed_limit is None or not len(exits):
         return None
     begin, way = int(run.spans[column, 0]), run.agents[column].way
     limits, start = limits_of(run.junction, way.key, run.facts), float(run.need("station")[begin, column])
     starts = [start, *(max(station, start) for station, _ in limits[1:])]
     ends = (min(station, way.length) for station in (*starts[1:], way.length))
     fastest = math.fsum((b - min(a, b)) / limit for a, b, (_, limit) in zip(starts, ends, limits, strict=True))
-    return _rounded(float(left[0] - begin) * run.dt - fastest)
+    return _rounded(float(exits[0] - begin) * run.dt - fastest)
 
 
-def _ttc(run: Run, one: int, two: int) -> float | None:
+def _ttc(run: Run, agent: int, other: int) -> float | None:
     """Return the shortest time until discs that cover the two bodies touch, at constant velocity."""
-    both = run.here[:, one] & run.here[:, two]
-    sizes = run.size(one), run.size(two)
+    present = run.here[:, agent] & run.here[:, other]
+    sizes = run.size(agent), run.size(other)
     reach = math.fsum(float(np.hypot(length / _DISCS / 2, width / 2)) for length, width in sizes)
-    first, second = (_discs(run, k, length)[both] for k, (length, _) in zip((one, two), sizes, strict=True))
+    first, second = (_discs(run, k, length)[present] for k, (length, _) in zip((agent, other), sizes, strict=True))
     gap = second[:, None, :, :] - first[:, :, None, :]
-    closing = (velocity(run, two) - velocity(run, one))[both][:, None, None, :]
+    closing = (velocity(run, other) - velocity(run, agent))[present][:, None, None, :]
     # |gap + t closing| = reach, solved for the first t >= 0
     a = (closing**2).sum(axis=-1)
     b = (gap * closing).sum(axis=-1)
@@ -177,24 +177,24 @@ def _discs(run: Run, column: int, length: float) -> NDArray[np.float64]:
     pose = run.need("pose")[:, column]
     back = -(np.arange(_DISCS) + 0.5) / _DISCS * length
     ahead = np.stack((np.cos(pose[:, 2]), np.sin(pose[:, 2])), axis=-1)
-    found: NDArray[np.float64] = pose[:, None, :2] + back[None, :, None] * ahead[:, None, :]
-    return found
+    centres: NDArray[np.float64] = pose[:, None, :2] + back[None, :, None] * ahead[:, None, :]
+    return centres
 
 
-def _pet(run: Run, one: int, two: int) -> float | None:
-    common = shared(run, one, two)
+def _pet(run: Run, agent: int, other: int) -> float | None:
+    common = shared(run, agent, other)
     if common is None:
         return None
     spans = []
-    for column, (start, end) in zip((one, two), (common.mine, common.yours), strict=True):
+    for column, (start, end) in zip((agent, other), (common.mine, common.yours), strict=True):
         station = run.need("station")[:, column]
         inside = np.flatnonzero(station >= start)
         outside = np.flatnonzero(station - run.size(column)[0] > end)
         if not len(inside):
             return None
         spans.append((int(inside[0]), int(outside[0]) if len(outside) else int(run.spans[column, 1])))
-    (_, left), (entered, _) = sorted(spans)
-    return _rounded((entered - left) * run.dt)
+    (_, departure), (entry, _) = sorted(spans)
+    return _rounded((entry - departure) * run.dt)
 
 
 def _rounded(value: float) -> float:

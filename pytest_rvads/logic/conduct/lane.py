@@ -94,8 +94,8 @@ class Ways:
         """Return the offsets of points to the left of their ways at given stations, shape ``(places,)`` [m]."""
         place, ahead = self.centre(way, station)
         apart = points - place
-        found: NDArray[np.float64] = ahead[:, 0] * apart[:, 1] - ahead[:, 1] * apart[:, 0]
-        return found
+        offsets: NDArray[np.float64] = ahead[:, 0] * apart[:, 1] - ahead[:, 1] * apart[:, 0]
+        return offsets
 
     def nearest(self, way: NDArray[np.int64], points: NDArray[np.float64], station: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the stations of points, given approximate stations, shape ``(places,)`` [m]."""
@@ -141,15 +141,15 @@ def _in_lanes(block: Block, columns: Sequence[int]) -> None:
 def off_route(block: Block) -> NDArray[np.bool_]:
     """Whether each vehicle is off its route, see `beside`."""
     pose, station, ways = block.need("pose"), block.need("station"), block.cast.static(_ways)
-    found = np.zeros(block.zone.shape, dtype=np.bool_)
+    off = np.zeros(block.zone.shape, dtype=np.bool_)
     rows, columns, (offset, _), _ = _beside(block)
     # Projecting takes long, so only vehicles whose offset at their station is large are projected.
     far = np.flatnonzero(np.abs(offset) > MAX_OFFSET - 2 * NEAR).tolist()
     for row, column in ((int(rows[k]), int(columns[k])) for k in far):
         x, y, heading = pose[row, column].tolist()
         length = float(block.cast.length[column])
-        found[row, column] = beside(ways.ways[column], x, y, heading, float(station[row, column]), length)
-    return found
+        off[row, column] = beside(ways.ways[column], x, y, heading, float(station[row, column]), length)
+    return off
 
 
 @signal(needs=_in_lanes)
@@ -160,9 +160,9 @@ def off_lane(block: Block) -> NDArray[np.bool_]:
     """
     ways, half = block.cast.static(_ways), block.junction.lane_width / 2 + LANE_TOLERANCE
     rows, columns = _aside(block, half)
-    found = np.zeros(block.zone.shape, dtype=np.bool_)
+    outside = np.zeros(block.zone.shape, dtype=np.bool_)
     if not len(rows):
-        return found
+        return outside
     pose, station = block.need("pose")[rows, columns], block.need("station")[rows, columns]
     length, width = block.cast.length[columns], block.cast.width[columns]
     # The four corners in succession: (front, rear) times (right, left).
@@ -177,8 +177,8 @@ def off_lane(block: Block) -> NDArray[np.bool_]:
     out = np.flatnonzero(over)
     over[out] = ~ways.near(four[out], corners[out], around[out], half)
     strayed = (block.zone[rows, columns] == JUNCTION) & (np.abs(ways.offset(columns, pose[:, :2], station)) > half)
-    found[rows, columns] = strayed | over.reshape(4, -1).any(axis=0)
-    return found
+    outside[rows, columns] = strayed | over.reshape(4, -1).any(axis=0)
+    return outside
 
 
 @signal
@@ -189,11 +189,11 @@ def _beside(block: Block) -> tuple[NDArray[Any], ...]:
         Row and column of every present vehicle; the offsets of the middles of front and rear to the left of the way, shape
         ``(2, places)`` [m]; and the distances of these middles from the way, shape ``(2, places)`` [m].
     """
-    ways, there = block.cast.static(_ways), np.flatnonzero(block.here)
-    rows, columns = np.divmod(there, len(block.cast) or 1)
-    front, station = block.need("pose")[..., :2].reshape(-1, 2).take(there, axis=0), block.need("station").take(there)
+    ways, present = block.cast.static(_ways), np.flatnonzero(block.here)
+    rows, columns = np.divmod(present, len(block.cast) or 1)
+    front, station = block.need("pose")[..., :2].reshape(-1, 2).take(present, axis=0), block.need("station").take(present)
     length = block.cast.length.take(columns)
-    points = np.concatenate((front, front - length[:, None] * headings(block).reshape(-1, 2).take(there, axis=0)))
+    points = np.concatenate((front, front - length[:, None] * headings(block).reshape(-1, 2).take(present, axis=0)))
     place, ahead = ways.centre(np.concatenate((columns, columns)), np.concatenate((station, station - length)))
     apart = points - place
     offset = ahead[:, 0] * apart[:, 1] - ahead[:, 1] * apart[:, 0]
@@ -242,9 +242,9 @@ def beyond_steering(run: Run, agent: int) -> bool:
 @lru_cache(maxsize=1024)
 def wrong_lanes(junction: Junction, entrance: int, exit: int) -> tuple[int, ...]:
     """Return the entrances beside `entrance` from which no movement leads to the arm of `exit`."""
-    here, there = junction.starts[entrance].arm, junction.ends[exit].arm
-    leading = {one for one, other in junction.movements if junction.exits[other].arm == there}
-    return tuple(lane for lane in junction.arms[here].entrances if lane not in leading)
+    arm, exit_arm = junction.starts[entrance].arm, junction.ends[exit].arm
+    leading = {start for start, end in junction.movements if junction.exits[end].arm == exit_arm}
+    return tuple(lane for lane in junction.arms[arm].entrances if lane not in leading)
 
 
 def lane_allows(run: Run, agent: int) -> NDArray[np.bool_]:
@@ -259,17 +259,17 @@ def lane_allows(run: Run, agent: int) -> NDArray[np.bool_]:
     pose, station = run.need("pose")[:, agent], run.need("station")[:, agent]
     if not junction.drivable:
         raise RunError("the run holds no geometry of its junction")
-    there = np.flatnonzero(run.zone[:, agent] == ENTRANCE)
-    points, along = pose[there, :2], station[there]
+    ticks = np.flatnonzero(run.zone[:, agent] == ENTRANCE)
+    points, along = pose[ticks, :2], station[ticks]
     arm = junction.entrances[who.entrance].arm
     lanes = {who.entrance: who.exit}
     for entrance, exit in sorted(junction.movements):
         if junction.entrances[entrance].arm == arm:
             lanes.setdefault(entrance, exit)
     ways = Ways([itinerary(junction, *key) for key in lanes.items()])
-    numbers = (np.full(len(there), number) for number in range(len(lanes)))
+    numbers = (np.full(len(ticks), number) for number in range(len(lanes)))
     apart = [np.abs(ways.offset(number, points, ways.nearest(number, points, along))) for number in numbers]
     lane = np.array(list(lanes))[np.argmin(apart, axis=0)]
-    found = np.ones(run.steps, dtype=np.bool_)
-    found[there] = ~np.isin(lane, wrong_lanes(junction, *who.way.key))
-    return found
+    allowed = np.ones(run.steps, dtype=np.bool_)
+    allowed[ticks] = ~np.isin(lane, wrong_lanes(junction, *who.way.key))
+    return allowed

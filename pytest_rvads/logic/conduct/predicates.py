@@ -86,8 +86,8 @@ class Static:
 
     def turns(self, agent: int, direction: str) -> bool:
         """Return whether an agent turns ``left``, ``straight``, ``right``, or to the ``near`` or ``far`` side."""
-        wanted = {"near": self.near, "far": self.far}.get(direction, direction)
-        return self.agents[agent].turn == wanted
+        turn = {"near": self.near, "far": self.far}.get(direction, direction)
+        return self.agents[agent].turn == turn
 
     def __str__(self) -> str:
         pairs = ", ".join(f"{a} right-of {b}" for a, b in sorted(self.right_of))
@@ -141,48 +141,52 @@ def _grounds(run: Run) -> frozenset[tuple[int, int, Ground]] | None:
     if run.junction.yields is None:
         return None
     ways = [agent.way.key for agent in run.agents]
-    pairs = ((one, two, ground_of(run.junction, ways[one], ways[two])) for one, two in permutations(range(len(ways)), 2))
-    return frozenset((one, two, ground) for one, two, ground in pairs if ground is not None)
+    pairs = (
+        (first, second, ground_of(run.junction, ways[first], ways[second])) for first, second in permutations(range(len(ways)), 2)
+    )
+    return frozenset((first, second, ground) for first, second, ground in pairs if ground is not None)
 
 
 def _owing(run: Run) -> frozenset[tuple[int, int]]:
     conflicts, ways = run.junction.conflicts or (), [agent.way.key for agent in run.agents]
     pairs = permutations(range(len(ways)), 2)
-    return frozenset((one, two) for one, two in pairs if (ways[one], ways[two]) in conflicts and may_owe(run, one, two))
+    return frozenset(
+        (first, second) for first, second in pairs if (ways[first], ways[second]) in conflicts and may_owe(run, first, second)
+    )
 
 
 def _by_arrival(run: Run) -> frozenset[tuple[int, int]]:
-    ways, there = [agent.way.key for agent in run.agents], together(run)
-    pairs = permutations(range(len(ways)), 2) if there is None else there
-    return frozenset((one, two) for one, two in pairs if in_turn(run.junction, ways[one], ways[two]))
+    ways, present_pairs = [agent.way.key for agent in run.agents], together(run)
+    pairs = permutations(range(len(ways)), 2) if present_pairs is None else present_pairs
+    return frozenset((first, second) for first, second in pairs if in_turn(run.junction, ways[first], ways[second]))
 
 
 @signal(steady=True)
 def in_junction(block: Block) -> NDArray[np.bool_]:
     """Which vehicle is in the junction, ``a@j``: the reference point is on a movement of the junction."""
-    found: NDArray[np.bool_] = block.zone == JUNCTION
-    return found
+    inside: NDArray[np.bool_] = block.zone == JUNCTION
+    return inside
 
 
 @signal(steady=True)
 def at_entrance(block: Block) -> NDArray[np.bool_]:
     """Which vehicle is at the entrance that it comes to, ``a@j.en``."""
-    found: NDArray[np.bool_] = block.zone == ENTRANCE
-    return found
+    waiting: NDArray[np.bool_] = block.zone == ENTRANCE
+    return waiting
 
 
 @signal(steady=True)
 def on_approach(block: Block) -> NDArray[np.bool_]:
     """Which vehicle is on the road that leads to its entrance, ``a@r``; the entrance zone is part of that road."""
-    found: NDArray[np.bool_] = (block.zone == APPROACH) | (block.zone == ENTRANCE)
-    return found
+    approaching: NDArray[np.bool_] = (block.zone == APPROACH) | (block.zone == ENTRANCE)
+    return approaching
 
 
 @signal(steady=True)
 def on_exit(block: Block) -> NDArray[np.bool_]:
     """Which vehicle is on the road that it leaves by, ``a@j.ex`` and ``a@r``; that road begins with the exit vertex."""
-    found: NDArray[np.bool_] = block.zone == EXIT
-    return found
+    leaving: NDArray[np.bool_] = block.zone == EXIT
+    return leaving
 
 
 def ticks(run: Run, seconds: float) -> int:

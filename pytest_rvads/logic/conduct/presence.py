@@ -15,11 +15,14 @@ vehicles that it waits for, or that follow it, are looked up on the run, not amo
 
 Because only vehicles that are together have instances about pairs, the cost of judging grows with the traffic, and not with its
 square.
+
+`without_jumps` prepares coarse recordings: it fills in the zones that vehicles pass between two states.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,10 +31,10 @@ from pytest_rvads.logic.conduct.bodies import close
 from pytest_rvads.logic.conduct.memo import once
 from pytest_rvads.runs.itineraries import LEAVE
 from pytest_rvads.runs.periods import NEAR, NEAR_TIME
-from pytest_rvads.runs.run import Run
+from pytest_rvads.runs.run import DT, Run
 from pytest_rvads.runs.states import Zone
 
-__all__ = ["crossed", "cut_off", "judged", "last_seen", "near", "together", "window"]
+__all__ = ["crossed", "cut_off", "judged", "last_seen", "near", "together", "window", "without_jumps"]
 
 
 def judged(run: Run) -> frozenset[int] | None:
@@ -50,10 +53,10 @@ def together(run: Run) -> frozenset[tuple[int, int]] | None:
     if not (run.zone == Zone.ABSENT).any():
         return None
     begin, end = run.spans.T if run.station is None else near(run).T
-    both = np.minimum(end[:, None], end) > np.maximum(begin[:, None], begin)
+    pairs = np.minimum(end[:, None], end) > np.maximum(begin[:, None], begin)
     if run.pose is not None:
-        both |= close(run)
-    return frozenset((one, two) for one, two in np.argwhere(both).tolist() if one != two)
+        pairs |= close(run)
+    return frozenset((agent, other) for agent, other in np.argwhere(pairs).tolist() if agent != other)
 
 
 def near(run: Run) -> NDArray[np.int64]:
@@ -65,18 +68,20 @@ def near(run: Run) -> NDArray[np.int64]:
     Raises:
         RunError: the run does not record positions.
     """
-    found = np.zeros((len(run.agents), 2), dtype=np.int64)
+    spans = np.zeros((len(run.agents), 2), dtype=np.int64)
     for column, agent in enumerate(run.agents):
         begin, end = run.spans[column]
         station = run.need("station")[begin:end, column]
         speed = np.zeros_like(station) if run.speed is None else run.speed[begin:end, column]
         reach = np.maximum(NEAR, NEAR_TIME * np.maximum(speed, 0.0))
-        left = agent.way.length + max(LEAVE, agent.size[0] if agent.size else 0.0)
-        there = (station >= -run.junction.setbacks[agent.entrance] - reach) & (station <= left) & run.here[begin:end, column]
-        ticks = np.flatnonzero(there)
+        end_of_stay = agent.way.length + max(LEAVE, agent.size[0] if agent.size else 0.0)
+        near_line = (
+            (station >= -run.junction.setbacks[agent.entrance] - reach) & (station <= end_of_stay) & run.here[begin:end, column]
+        )
+        ticks = np.flatnonzero(near_line)
         if len(ticks):
-            found[column] = begin + ticks[0], begin + ticks[-1] + 1
-    return found
+            spans[column] = begin + ticks[0], begin + ticks[-1] + 1
+    return spans
 
 
 def window(run: Run, columns: Iterable[int]) -> tuple[int, int]:
@@ -87,8 +92,8 @@ def window(run: Run, columns: Iterable[int]) -> tuple[int, int]:
     spans = once(run, _spans)
     begin, end = 0, run.steps
     for column in columns:
-        first, last = spans[column]
-        begin, end = max(begin, first), min(end, last)
+        begins, ends = spans[column]
+        begin, end = max(begin, begins), min(end, ends)
     return begin, max(begin, end)
 
 
@@ -125,3 +130,28 @@ def cut_off(run: Run) -> bool:
 def crossed(run: Run) -> bool:
     """Return whether the run shows a crossing: a vehicle entered the junction, and the run is not `cut_off`."""
     return bool((run.entered < run.steps).any()) and not cut_off(run)
+
+
+def without_jumps(run: Run) -> Run:
+    """Return the run with every vehicle in each zone that it passes, also in zones that it passes between two states.
+
+    A vehicle before the entrance zone in one state and in the junction in the next state was at its entrance in between: it is
+    put at its entrance in the first state. A vehicle that passes the whole junction between two states is put in the junction in
+    the second state. Runs as dense as simulated runs are returned unchanged, because a vehicle that jumps in a dense run does not
+    drive.
+    """
+    return once(run, _filled) or run
+
+
+def _filled(run: Run) -> Run | None:
+    if run.dt <= DT or run.steps < 2:
+        return None
+    before, after = run.zone[:-1], run.zone[1:]
+    over_entrance = (before == Zone.APPROACH) & (after >= Zone.JUNCTION)
+    over_junction = (before != Zone.ABSENT) & (before <= Zone.ENTRANCE) & (after == Zone.EXIT)
+    if not (over_entrance.any() or over_junction.any()):
+        return None
+    zone = run.zone.copy()
+    zone[:-1][over_entrance] = Zone.ENTRANCE
+    zone[1:][over_junction] = Zone.JUNCTION
+    return replace(run, zone=zone)

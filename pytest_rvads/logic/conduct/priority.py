@@ -20,8 +20,7 @@ from pytest_rvads.geometry.segment import Turn
 from pytest_rvads.logic.conduct.blocks import ENTRANCE, JUNCTION, Block, signal, sized
 from pytest_rvads.logic.conduct.bodies import collide, couples
 from pytest_rvads.logic.conduct.cast import Cast
-from pytest_rvads.logic.conduct.latches import lasting
-from pytest_rvads.logic.conduct.motion import entered, facing
+from pytest_rvads.logic.conduct.motion import entered, facing, lasting
 from pytest_rvads.logic.conduct.rights import (
     GREEN,
     comes,
@@ -84,8 +83,8 @@ def unhindered(block: Block) -> NDArray[np.bool_]:
     near = both.second(rear) - both.first(front) < HEADWAY * both.first(block.need("speed"))
     behind = (both.second(front) > both.first(front)) & near & (both.second(block.zone) <= JUNCTION)
     lit, sign = cast.static(lights), cast.static(_stop_signs)
-    found: NDArray[np.bool_] = ~held(block) & ~both.any(behind, len(cast))
-    return found & np.where(lit, facing(block) == GREEN, ~sign | (block.zone >= JUNCTION))
+    unimpeded: NDArray[np.bool_] = ~held(block) & ~both.any(behind, len(cast))
+    return unimpeded & np.where(lit, facing(block) == GREEN, ~sign | (block.zone >= JUNCTION))
 
 
 def _window(dt: float) -> int:
@@ -97,7 +96,7 @@ def _hard(cast: Cast) -> NDArray[np.float64]:
 
 
 class _Past(NamedTuple):
-    """What vehicles did up to every state."""
+    """The speeds of vehicles, and how long they have been present, up to every state."""
 
     speeds: NDArray[np.float64]
     """The speeds in the states before the block, as far as `WINDOW`, and in the block [m/s]."""
@@ -109,8 +108,8 @@ class _Past(NamedTuple):
 def past(block: Block, count: NDArray[np.int64], before: NDArray[np.float64]) -> tuple[_Past, NDArray[Any], NDArray[Any]]:
     """What vehicles did up to every state, see `_Past`."""
     speed = block.need("speed")
-    found = _Past(np.concatenate((before, speed)), lasting(~np.isnan(speed), count))
-    return found, found.present, found.speeds[None, -_window(block.dt) :]
+    history = _Past(np.concatenate((before, speed)), lasting(~np.isnan(speed), count))
+    return history, history.present, history.speeds[None, -_window(block.dt) :]
 
 
 @signal
@@ -121,8 +120,8 @@ def brakes_hard(block: Block) -> NDArray[np.bool_]:
     steps = np.minimum(present - 1, most)
     row = np.arange(most, most + len(speed))[:, None] - np.maximum(steps, 0)
     slower = np.take_along_axis(speeds, row, axis=0) - speed
-    found: NDArray[np.bool_] = (steps > 0) & (slower > block.cast.static(_hard) * steps * block.dt)
-    return found
+    braking: NDArray[np.bool_] = (steps > 0) & (slower > block.cast.static(_hard) * steps * block.dt)
+    return braking
 
 
 class _Debts(NamedTuple):
@@ -137,8 +136,8 @@ def _bound(block: Block) -> NDArray[np.bool_]:
     """Whether the first vehicle of each pair has to give way to the second vehicle, and the second vehicle is due."""
     both, owed = block.cast.static(owing), yields(block) & ~np.isnan(block.cast.static(owed_places).begin)
     due = (comes(block) | both.second(ready(block))) & both.second(block.here)
-    found: NDArray[np.bool_] = owed & due & both.first(block.here)
-    return found
+    bound: NDArray[np.bool_] = owed & due & both.first(block.here)
+    return bound
 
 
 @signal
@@ -146,40 +145,42 @@ def _bound_later(block: Block) -> frozenset[tuple[Agent, Agent]]:
     """The pairs of vehicles for which `_bound` holds in the block or in a later block of the run."""
     agents, columns = block.cast.agents, np.flatnonzero(_bound(block).any(axis=0))
     both = block.cast.static(owing)
-    found = frozenset((agents[one], agents[two]) for one, two in zip(both.one[columns], both.two[columns], strict=True))
-    return found if block.next is None else found | _bound_later(block.next)
+    bound_pairs = frozenset(
+        (agents[agent], agents[other]) for agent, other in zip(both.one[columns], both.two[columns], strict=True)
+    )
+    return bound_pairs if block.next is None else bound_pairs | _bound_later(block.next)
 
 
 @signal(pairs=owing, start=(None,))
 def _debts(block: Block, before: NDArray[np.object_]) -> tuple[_Debts, NDArray[np.object_]]:
     """Follow all encounters, from the entry of the first vehicle on."""
     cast, both, entry = block.cast, block.cast.static(owing), entered(block)[-1]
-    bound, known = _bound(block), before.tolist()
+    bound, carried_encounters = _bound(block), before.tolist()
     owed, broken, encounters = bound & (both.first(block.zone) == ENTRANCE), np.zeros_like(bound), before.copy()
     followed = both.first(entry < block.tick + len(bound)) & ~np.isnan(cast.static(owed_places).begin)
-    followed &= np.array([encounter is None or not encounter.over for encounter in known], dtype=np.bool_)
-    again = np.ones(len(both), dtype=np.bool_)
+    followed &= np.array([encounter is None or not encounter.over for encounter in carried_encounters], dtype=np.bool_)
+    bound_again = np.ones(len(both), dtype=np.bool_)
     if block.whole:
         # As the later blocks of the run are known, only pairs bound in a later block and pairs that owed the way are followed on.
         later = _bound_later(block.next) if block.next is not None else frozenset()
-        again = np.array([(cast.agents[a], cast.agents[b]) in later for a, b in both.column], dtype=np.bool_)
-        owed_before = np.array([encounter is not None and encounter.owed for encounter in known], dtype=np.bool_)
-        followed &= bound.any(axis=0) | again | owed_before
+        bound_again = np.array([(cast.agents[a], cast.agents[b]) in later for a, b in both.column], dtype=np.bool_)
+        owed_before = np.array([encounter is not None and encounter.owed for encounter in carried_encounters], dtype=np.bool_)
+        followed &= bound.any(axis=0) | bound_again | owed_before
     else:
         for carried in (past, kept_by, starting, waives):  # a later encounter needs what happens in this block
             carried(block)
     chosen = np.flatnonzero(followed)
-    firsts = np.maximum(entry[both.one[chosen]] - block.tick, 0).tolist()
-    for pair, first, meetings in zip(chosen.tolist(), firsts, _meetings(block, chosen, firsts), strict=True):
-        one, two = int(both.one[pair]), int(both.two[pair])
-        common = contested(cast, one, two) if encounters[pair] is None else None
+    first_rows = np.maximum(entry[both.one[chosen]] - block.tick, 0).tolist()
+    for pair, first_row, meetings in zip(chosen.tolist(), first_rows, _meetings(block, chosen, first_rows), strict=True):
+        agent, other = int(both.one[pair]), int(both.two[pair])
+        common = contested(cast, agent, other) if encounters[pair] is None else None
         if common is not None:
-            encounters[pair] = Encounter(cast.agents[one], cast.agents[two], common, block.dt)
-            if entry[one] < block.tick:
+            encounters[pair] = Encounter(cast.agents[agent], cast.agents[other], common, block.dt)
+            if entry[agent] < block.tick:
                 encounters[pair].step(_UNSEEN)
         encounter = encounters[pair]
-        last = len(bound) if again[pair] else int(np.flatnonzero(bound[:, pair])[-1]) if bound[:, pair].any() else -1
-        for row, meeting in enumerate(meetings, first):
+        last = len(bound) if bound_again[pair] else int(np.flatnonzero(bound[:, pair])[-1]) if bound[:, pair].any() else -1
+        for row, meeting in enumerate(meetings, first_row):
             owed[row, pair], broken[row, pair] = encounter.step(meeting)
             if encounter.over or (row > last and not encounter.owed):
                 break
@@ -195,15 +196,15 @@ def _placed(block: Block, columns: Sequence[int]) -> None:
 @signal(pairs=owing, needs=_placed)
 def owes(block: Block) -> NDArray[np.bool_]:
     """Whether the first vehicle of each pair has to let the second go first; from its entrance zone until clear for `MIN_GAP`."""
-    found: _Debts = _debts(block)
-    return found.owes
+    debts: _Debts = _debts(block)
+    return debts.owes
 
 
 @signal(pairs=owing, needs=_placed)
 def obstructs(block: Block) -> NDArray[np.bool_]:
     """Whether the first vehicle of each pair took the way that it owed to the second vehicle, and obstructed it."""
-    found: _Debts = _debts(block)
-    return found.obstructs
+    debts: _Debts = _debts(block)
+    return debts.obstructs
 
 
 class Meeting(NamedTuple):
@@ -252,25 +253,25 @@ def _meetings(block: Block, chosen: NDArray[np.int64], firsts: Sequence[int]) ->
     if not len(chosen):
         return
     cast, both, near, begin = block.cast, block.cast.static(owing), block.cast.static(neighbours), min(firsts)
-    one, two = both.one[chosen], both.two[chosen]
+    agents, others = both.one[chosen], both.two[chosen]
     touching, close = (columns[chosen] for columns in cast.static(_columns))
-    station, speed, kept = block.need("station"), block.need("speed"), kept_by(block)
-    keeping = near.count(kept, len(cast))
-    by_other = (close >= 0) & kept.take(close, axis=1) if len(near) else False
+    station, speed, holding = block.need("station"), block.need("speed"), kept_by(block)
+    holders = near.count(holding, len(cast))
+    by_other = (close >= 0) & holding.take(close, axis=1) if len(near) else False
     columns = (
         _bound(block).take(chosen, axis=1),
         collide(block).take(touching, axis=1),
-        station.take(one, axis=1),
+        station.take(agents, axis=1),
         # A short exit road may end before the rear of the vehicle has left the stretch.
-        np.where(block.here, station - cast.length, math.inf).take(one, axis=1),
-        stands(block).take(one, axis=1),
-        station.take(two, axis=1),
-        speed.take(two, axis=1),
-        unhindered(block).take(two, axis=1),
-        starting(block).take(two, axis=1),
-        waives(block).take(two, axis=1),
-        keeping.take(one, axis=1) > by_other,
-        brakes_hard(block).take(two, axis=1),
+        np.where(block.here, station - cast.length, math.inf).take(agents, axis=1),
+        stands(block).take(agents, axis=1),
+        station.take(others, axis=1),
+        speed.take(others, axis=1),
+        unhindered(block).take(others, axis=1),
+        starting(block).take(others, axis=1),
+        waives(block).take(others, axis=1),
+        holders.take(agents, axis=1) > by_other,
+        brakes_hard(block).take(others, axis=1),
     )
     rows = [column[begin:].T.tolist() for column in columns]
     for number, first in enumerate(firsts):
@@ -340,12 +341,12 @@ class Encounter:
 
     def _obstructed(self, tick: int, now: Meeting) -> bool:
         mine, yours = self.common.mine, self.common.yours
-        there = now.ahead >= yours.start
-        if now.touching and there and now.front >= mine.start and self._left is None:
+        reached = now.ahead >= yours.start
+        if now.touching and reached and now.front >= mine.start and self._left is None:
             return True
         if not self._taken or self._since is None:
             return False
-        if there:
+        if reached:
             if self._left is not None:
                 return (tick - self._left) * self._dt < MIN_GAP and not self.common.merges
             if not self.common.merges:

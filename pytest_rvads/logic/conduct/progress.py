@@ -36,7 +36,7 @@ PASSED = 1.0
 """A vehicle has passed a part of its way for good when its rear has left it by this [m]: fronts flicker over a line."""
 
 
-def _known(block: Block, _columns: Sequence[int]) -> None:
+def _need_everything(block: Block, _columns: Sequence[int]) -> None:
     """Check that a block holds geometry, positions, speeds and sizes of all vehicles: every vehicle may be waited for."""
     block.cast.static(neighbours)
     sized(block, range(len(block.cast)))
@@ -51,20 +51,20 @@ def _before_lights(cast: Cast) -> NDArray[np.float64]:
 
 @signal
 def _at_light(block: Block) -> NDArray[np.bool_]:
-    """The light of which vehicle is not green, with its front near the line or beyond it, before the first shared stretch."""
-    found: NDArray[np.bool_] = _dark(block)
-    if found.any():
+    """Which vehicle has a light that is not green, and its front near or past the line, before the first shared stretch."""
+    waiting: NDArray[np.bool_] = _dark(block)
+    if waiting.any():
         station, (begin, end) = block.need("station"), block.cast.static(_before_lights)
-        found = found & (station > begin) & (station < end)
-    return found
+        waiting = waiting & (station > begin) & (station < end)
+    return waiting
 
 
 @signal(steady=True)
 def _dark(block: Block) -> NDArray[np.bool_]:
     """Which vehicle comes to an entrance whose light is not green now."""
     light = block.lights.take(block.cast.entrance, axis=1)
-    found: NDArray[np.bool_] = (light == RED) | (light == YELLOW)
-    return found
+    dark: NDArray[np.bool_] = (light == RED) | (light == YELLOW)
+    return dark
 
 
 def _slowness(block: Block, speed: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -76,32 +76,32 @@ def _slowness(block: Block, speed: NDArray[np.float64]) -> NDArray[np.float64]:
 
 @signal
 def _may_lose(block: Block) -> NDArray[np.float64]:
-    """How much time every vehicle loses in each state if it could go [s]."""
+    """The time that every vehicle loses in each state, provided that the vehicle could go [s]."""
     return _slowness(block, advance(block))
 
 
 @signal
 def _loses(block: Block) -> NDArray[np.bool_]:
-    """Which vehicle loses time if it could go."""
-    found: NDArray[np.bool_] = _may_lose(block) > 0.0
-    return found
+    """Which vehicle loses time, provided that the vehicle could go."""
+    losing: NDArray[np.bool_] = _may_lose(block) > 0.0
+    return losing
 
 
 @signal
 def _far_down(block: Block) -> NDArray[np.bool_]:
     """Which vehicle is so far down its exit road that it has arrived."""
-    found: NDArray[np.bool_] = block.need("station") - block.cast.way >= LEAVE
-    return found
+    far: NDArray[np.bool_] = block.need("station") - block.cast.way >= LEAVE
+    return far
 
 
 @signal(pairs=neighbours)
 def _trails(block: Block) -> NDArray[np.bool_]:
     """Which first vehicle is so near behind the second vehicle that it belongs to the same queue."""
-    found: NDArray[np.bool_] = ahead_by(block) < QUEUE_GAP
-    return found
+    trailing: NDArray[np.bool_] = ahead_by(block) < QUEUE_GAP
+    return trailing
 
 
-@signal(needs=_known, steady=True)
+@signal(needs=_need_everything, steady=True)
 def may_go(block: Block) -> NDArray[np.bool_]:
     """Which vehicle could go: its light allows it, and it waits for no vehicle, or in a circle of waiting vehicles only.
 
@@ -120,31 +120,31 @@ def may_go(block: Block) -> NDArray[np.bool_]:
 
 
 class Lost(NamedTuple):
-    """What every vehicle has lost by every state [s], each of shape ``(n, agents)``."""
+    """The time that every vehicle has lost up to every state [s], each of shape ``(n, agents)``."""
 
     part: NDArray[np.int64]
-    """No time: how many parts of its way the vehicle has passed for good, of the part before the junction and the part in it."""
+    """No time, but the number of parts of its way that the vehicle has passed: the part before and the part in the junction."""
     idle: NDArray[np.float64]
     """In the present part of its way, although the vehicle could go."""
     circle: NDArray[np.float64]
     """In the present part of its way, in a circle of vehicles that wait for each other, since that circle began."""
     blocked: NDArray[np.float64]
-    """In the junction, while no vehicle kept it."""
+    """In the junction, while no other vehicle kept the vehicle from going."""
     stuck: NDArray[np.float64]
-    """In the junction, standing behind a vehicle that left it no room when it entered."""
+    """In the junction, standing behind a vehicle that left no room when this vehicle entered."""
 
 
 @signal(start=(0, np.zeros(4), np.zeros(4)))
 def losses(
-    block: Block, part: NDArray[np.int64], before: NDArray[np.float64], gone: NDArray[np.float64]
+    block: Block, part: NDArray[np.int64], before: NDArray[np.float64], forgotten: NDArray[np.float64]
 ) -> tuple[Lost, NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
-    """What every vehicle has lost, see `Lost`.
+    """The time that every vehicle has lost, see `Lost`.
 
     Args:
         block: the states.
         part: the part of its way that every vehicle was in before the first state.
         before: the total of each of the four losses before the first state, shape ``(4, agents)`` [s].
-        gone: the total of each loss when the loss last began anew, shape ``(4, agents)`` [s].
+        forgotten: the total of each loss when the loss last began anew, shape ``(4, agents)`` [s].
     """
     speed, free, wait = np.abs(block.need("speed")), may_go(block), circles(block)
     rear = block.need("station") - block.cast.length
@@ -163,13 +163,13 @@ def losses(
         total[1:, 2] = np.where(stays & ~wait.held, _slowness(block, speed), 0.0)
         total[1:, 3], restarts[:, 3] = stuck * block.dt, ~stuck
     total = np.add.accumulate(total, axis=0)
-    gone = np.maximum.accumulate(np.where(restarts, total[:-1], gone), axis=0)
+    forgotten = np.maximum.accumulate(np.where(restarts, total[:-1], forgotten), axis=0)
     # Rounded, so that three hundred steps at rest are three seconds, whatever went before.
-    sums = (total[1:] - gone).round(9)
-    return Lost(parts, *sums.swapaxes(0, 1)), parts, total, gone
+    sums = (total[1:] - forgotten).round(9)
+    return Lost(parts, *sums.swapaxes(0, 1)), parts, total, forgotten
 
 
-@signal(needs=_known)
+@signal(needs=_need_everything)
 def idles(block: Block) -> NDArray[np.bool_]:
     """Which vehicle has lost more time than `PATIENCE` while it could go: before the junction, in it, or on its way out.
 
@@ -177,11 +177,11 @@ def idles(block: Block) -> NDArray[np.bool_]:
     counted anew in each part of the way. A part is passed as soon as the rear has left the part by `PASSED`.
     """
     lost: Lost = losses(block)
-    found: NDArray[np.bool_] = np.maximum(lost.idle, lost.circle) > PATIENCE
-    return found
+    idling: NDArray[np.bool_] = np.maximum(lost.idle, lost.circle) > PATIENCE
+    return idling
 
 
-@signal(needs=_known)
+@signal(needs=_need_everything)
 def blocks(block: Block) -> NDArray[np.bool_]:
     """Which vehicle has lost more time than `BLOCKING_TIME` in the junction, or is stuck there for more than `STUCK_TIME`.
 

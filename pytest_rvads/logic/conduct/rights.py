@@ -19,8 +19,7 @@ from pytest_rvads.geometry.control import JunctionControl
 from pytest_rvads.logic.conduct.blocks import ABSENT, EXIT, Block, signal, sized
 from pytest_rvads.logic.conduct.cast import Cast, Pairs, everybody, pairs
 from pytest_rvads.logic.conduct.grounds import ground_of, in_turn, lit, may_owe
-from pytest_rvads.logic.conduct.latches import lasting
-from pytest_rvads.logic.conduct.motion import entered, facing
+from pytest_rvads.logic.conduct.motion import entered, facing, lasting
 from pytest_rvads.logic.conduct.standing import TIE, arrivals, arrived, leads, stands, waited
 from pytest_rvads.logic.conduct.stretches import Places, ahead_by, contested, contested_places, neighbours, passed, places, roads
 from pytest_rvads.runs.states import Colour
@@ -63,7 +62,7 @@ WAIVER = 3.0
 PACE = 1.4
 """Walking pace [m/s]: a slower vehicle creeps, and loses time if it could go."""
 GAP = 6.0
-"""Behind a body that is this near ahead a vehicle need not go [m]."""
+"""Distance to a body ahead below which a vehicle need not go [m]."""
 ROOM = 2.5
 """Room that a vehicle needs on its exit road behind a standing body, in addition to its length [m]."""
 
@@ -75,31 +74,31 @@ def lights(cast: Cast) -> NDArray[np.bool_]:
 
 @signal(steady=True)
 def has_way(block: Block) -> NDArray[np.bool_]:
-    """Which vehicle no light keeps from going: its light is or was at its entry green or yellow, or its entrance has no light."""
+    """Which vehicle has no light against it: the light is green or yellow, was so at its entry, or there is no light."""
     colour = facing(block)
-    found: NDArray[np.bool_] = ~block.cast.static(lights) | (colour == GREEN) | (colour == YELLOW)
-    return found
+    allowed: NDArray[np.bool_] = ~block.cast.static(lights) | (colour == GREEN) | (colour == YELLOW)
+    return allowed
 
 
 def owing(cast: Cast) -> Pairs:
     """Return the pairs of vehicles of which the first may owe the way to the second.
 
     Raises:
-        RunError: it is not known where the lanes lie, and this decides.
+        RunError: the places of the lanes are unknown, and the answer depends on them.
     """
-    return pairs(cast, lambda one, two: may_owe(cast, one, two))
+    return pairs(cast, lambda agent, other: may_owe(cast, agent, other))
 
 
 def owed_places(cast: Cast) -> Places:
     """Return the contested stretches of pairs of which the first may owe the way to the second."""
-    return places(contested(cast, one, two) for one, two in cast.static(owing).column)
+    return places(contested(cast, agent, other) for agent, other in cast.static(owing).column)
 
 
 def _always(cast: Cast) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Return of the pairs of `owing` which first vehicle owes the way at any colour, and which turns to the near side."""
+    """Return, per pair of `owing`, whether the first vehicle owes the way at any colour, and whether it turns near."""
     rows, junction = [], cast.junction
-    for one, two in cast.static(owing).column:
-        me, you = cast.agents[one], cast.agents[two]
+    for agent, other in cast.static(owing).column:
+        me, you = cast.agents[agent], cast.agents[other]
         near, free = me.turn is junction.near, not lit(junction, you.entrance)
         ground = near and free and ground_of(junction, me.way.key, you.way.key) is not None
         rows.append((not lit(junction, me.entrance) or ground, near))
@@ -109,7 +108,7 @@ def _always(cast: Cast) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
 
 @signal(pairs=owing, steady=True)
 def yields(block: Block) -> NDArray[np.bool_]:
-    """Which first vehicle has to give way to the second where their ways meet, as the lights are.
+    """Which first vehicle has to give way to the second where their ways meet, at the present colours of the lights.
 
     A vehicle that turns across oncoming traffic gives way to vehicles whose light lets them go (Vienna Convention on Road
     Traffic, Art. 16(2)). A vehicle that turns to the near side on red gives way to all vehicles whose light lets them go (CVC
@@ -117,16 +116,16 @@ def yields(block: Block) -> NDArray[np.bool_]:
     that vehicle go.
     """
     both, (always, near) = block.cast.static(owing), block.cast.static(_always)
-    mine = always | ((both.first(facing(block)) == RED) == near)
-    found: NDArray[np.bool_] = mine & both.second(has_way(block))
-    return found
+    bound = always | ((both.first(facing(block)) == RED) == near)
+    gives_way: NDArray[np.bool_] = bound & both.second(has_way(block))
+    return gives_way
 
 
 @signal(steady=True)
 def ready(block: Block) -> NDArray[np.bool_]:
-    """Which vehicle is due by standing at its line: it is first there, may go, and does not waive its right."""
-    found: NDArray[np.bool_] = next_to_go(block) & ~waives(block)
-    return found
+    """Which vehicle is due by standing at its line: the first vehicle at the line, if it may go and does not waive its right."""
+    due: NDArray[np.bool_] = next_to_go(block) & ~waives(block)
+    return due
 
 
 def coming(block: Block, both: Pairs, at: Places) -> NDArray[np.bool_]:
@@ -139,23 +138,23 @@ def coming(block: Block, both: Pairs, at: Places) -> NDArray[np.bool_]:
     """
     front, reach = block.need("station"), DUE * np.maximum(block.need("speed"), 0.0)
     rear = front - block.cast.length
-    found: NDArray[np.bool_] = at.begin_of_two - both.second(front) <= both.second(reach)
-    found &= (both.second(rear) <= at.end_of_two) & both.second(block.here)
-    return found
+    near: NDArray[np.bool_] = at.begin_of_two - both.second(front) <= both.second(reach)
+    near &= (both.second(rear) <= at.end_of_two) & both.second(block.here)
+    return near
 
 
 @signal(pairs=owing)
 def comes(block: Block) -> NDArray[np.bool_]:
     """Which second vehicle is on the contested stretch, or reaches it within `DUE` at its present speed."""
-    found: NDArray[np.bool_] = coming(block, block.cast.static(owing), block.cast.static(owed_places))
-    return found
+    near: NDArray[np.bool_] = coming(block, block.cast.static(owing), block.cast.static(owed_places))
+    return near
 
 
 @signal(steady=True)
 def first_at_line(block: Block) -> NDArray[np.bool_]:
-    """Which vehicle has arrived and leads."""
-    found: NDArray[np.bool_] = arrived(block)
-    return found & leads(block) if found.any() else found
+    """Which vehicle has arrived at its line and has no vehicle ahead of it in its lane before the junction."""
+    at_line: NDArray[np.bool_] = arrived(block)
+    return at_line & leads(block) if at_line.any() else at_line
 
 
 @signal(steady=True)
@@ -165,26 +164,26 @@ def held(block: Block) -> NDArray[np.bool_]:
     A held vehicle that is first at its line holds other vehicles too, so no vehicle of a circle is due by standing at its line.
     At an all-way stop the order of arrival holds vehicles.
     """
-    cast, first = block.cast, first_at_line(block)
+    cast, at_line = block.cast, first_at_line(block)
     if block.junction.control is _ALL_WAY:
         return cast.static(in_turns).any(comes_first(block), len(cast))
-    both, at = cast.static(owing), cast.static(owed_places)
-    there = comes(block) | (both.second(first) & ~np.isnan(at.begin))
-    return both.any(there & yields(block) & (both.first(block.zone) != ABSENT), len(cast))
+    owing_pairs, at = cast.static(owing), cast.static(owed_places)
+    due = comes(block) | (owing_pairs.second(at_line) & ~np.isnan(at.begin))
+    return owing_pairs.any(due & yields(block) & (owing_pairs.first(block.zone) != ABSENT), len(cast))
 
 
 def in_turns(cast: Cast) -> Pairs:
     """Return the pairs of vehicles that go by the order of arrival, see `grounds.in_turn`."""
-    return pairs(cast, lambda one, two: in_turn(cast.junction, cast.agents[one].way.key, cast.agents[two].way.key))
+    return pairs(cast, lambda agent, other: in_turn(cast.junction, cast.agents[agent].way.key, cast.agents[other].way.key))
 
 
 @signal(pairs=in_turns, steady=True)
 def comes_first(block: Block) -> NDArray[np.bool_]:
-    """Which second vehicle goes before the first: their movements meet, and it came first, see `came_first`."""
+    """Which second vehicle goes before the first vehicle: their movements meet, and the second came first, see `came_first`."""
     both, cast = block.cast.static(everybody), block.cast
     columns = [both.column[pair] for pair in cast.static(in_turns).column]
-    found: NDArray[np.bool_] = came_first(block)[:, columns]
-    return found
+    earlier: NDArray[np.bool_] = came_first(block)[:, columns]
+    return earlier
 
 
 def _on_the_right(cast: Cast) -> NDArray[np.bool_]:
@@ -196,28 +195,28 @@ def _on_the_right(cast: Cast) -> NDArray[np.bool_]:
 
 @signal(pairs=everybody, steady=True)
 def came_first(block: Block) -> NDArray[np.bool_]:
-    """Which two vehicles have arrived, the second clearly earlier, or within `TIE` of the first and on its right."""
-    both, there, blind = block.cast.static(everybody), arrived(block), block.station is None or block.speed is None
+    """Whether both vehicles have arrived, the second clearly earlier, or within `TIE` and on the right of the first."""
+    both, at_line, blind = block.cast.static(everybody), arrived(block), block.station is None or block.speed is None
     since = waited(block) if blind else -arrivals(block).tick
     later, tie = both.second(since) - both.first(since), round(TIE / block.dt)
-    found: NDArray[np.bool_] = (later > tie) | (block.cast.static(_on_the_right) & (later >= -tie))
-    found &= both.first(there) & both.second(there)
-    return found
+    earlier: NDArray[np.bool_] = (later > tie) | (block.cast.static(_on_the_right) & (later >= -tie))
+    earlier &= both.first(at_line) & both.second(at_line)
+    return earlier
 
 
 @signal(steady=True)
 def next_to_go(block: Block) -> NDArray[np.bool_]:
     """Which vehicle is first at its line and has the right to go."""
     green = ~block.cast.static(lights) | (facing(block) == GREEN)
-    found: NDArray[np.bool_] = first_at_line(block) & ~held(block) & green
-    return found
+    next_vehicles: NDArray[np.bool_] = first_at_line(block) & ~held(block) & green
+    return next_vehicles
 
 
 @signal(start=(0, _LONG_AGO))
 def starting(block: Block, before: NDArray[np.int64], last: NDArray[np.int64]) -> tuple[NDArray[Any], ...]:
     """Which vehicle is about to go.
 
-    The vehicle is first at its line and may go; it has stood so for less than `WAIVER`, or set off less than `WAIVER` ago.
+    The vehicle is first at its line and may go. It has stood there for less than `WAIVER`, or set off less than `WAIVER` ago.
     """
     standing, most = stands(block), round(WAIVER / block.dt)
     stood = next_to_go(block) & standing
@@ -244,44 +243,44 @@ def waives(block: Block, before: NDArray[np.int64]) -> tuple[NDArray[Any], ...]:
 
 @signal(steady=True)
 def gives_up(block: Block) -> NDArray[np.bool_]:
-    """Which vehicle waives its right, or has not arrived; without positions nothing tells which vehicle waives its right."""
-    gone: NDArray[np.bool_] = ~arrived(block)
+    """Which vehicle waives its right, or has not arrived; without positions, only which vehicle has not arrived."""
+    without_turn: NDArray[np.bool_] = ~arrived(block)
     if block.station is not None and block.speed is not None and block.junction.stretches is not None:
-        gone |= waives(block)
-    return gone
+        without_turn |= waives(block)
+    return without_turn
 
 
 def _debts(cast: Cast) -> NDArray[np.int64]:
-    """Return of `neighbours` the columns of `owing` in which the second owes the way to the first; -1 where there is none."""
+    """Return, per pair of `neighbours`, the column of the reversed pair in `owing`; -1 if `owing` has no such pair."""
     debts = cast.static(owing).column
-    return np.array([debts.get((two, one), -1) for one, two in cast.static(neighbours).column], dtype=np.int64)
+    return np.array([debts.get((other, agent), -1) for agent, other in cast.static(neighbours).column], dtype=np.int64)
 
 
 @signal(pairs=neighbours, steady=True)
 def _keeps(block: Block) -> NDArray[np.bool_]:
-    """Which second vehicle keeps the first, first at its line, from going: it is slow ahead, or occupies the first one's way.
+    """Which second vehicle keeps the first vehicle, at its line, from going: it is slow ahead, or is on the way of the first.
 
     A vehicle that arrived later, or owes the agent the way, does not keep the agent from going.
     """
     passed(block)  # for the stations
     cast, both, at = block.cast, block.cast.static(neighbours), block.cast.static(contested_places)
     ahead = both.second(block.need("station"))
-    there: NDArray[np.bool_] = (
+    blocking: NDArray[np.bool_] = (
         (ahead >= at.begin_of_two) & (ahead - both.second(cast.length) <= at.end_of_two) & both.second(block.here)
     )
     if block.junction.control is _ALL_WAY:
         tick = arrivals(block).tick
-        there &= both.second(tick) <= both.first(tick)
+        blocking &= both.second(tick) <= both.first(tick)
     else:
         debts = cast.static(_debts)
-        there[:, debts >= 0] &= ~yields(block)[:, debts[debts >= 0]]
-    there |= close_behind(block)
-    return there
+        blocking[:, debts >= 0] &= ~yields(block)[:, debts[debts >= 0]]
+    blocking |= close_behind(block)
+    return blocking
 
 
 @signal(pairs=neighbours, needs=sized)
 def close_behind(block: Block) -> NDArray[np.bool_]:
-    """Which second vehicle is slow and near ahead on the way of the first, or leaves it no room on its exit road."""
+    """Which second vehicle is slow and near ahead on the way of the first, or leaves the first no room on its exit road."""
     cast, both, rear = block.cast, block.cast.static(neighbours), ahead_by(block)
     near: NDArray[np.bool_] = rear < GAP
     at_line = _at_line_before_exit(block)
@@ -296,8 +295,8 @@ def close_behind(block: Block) -> NDArray[np.bool_]:
 def _at_line_before_exit(block: Block) -> NDArray[np.bool_]:
     """Which first vehicle has arrived at its line while the second is on the exit road that the first leaves by."""
     both = block.cast.static(neighbours)
-    found: NDArray[np.bool_] = both.first(arrived(block)) & both.second(block.zone == EXIT) & block.cast.static(roads).exit
-    return found
+    at_line: NDArray[np.bool_] = both.first(arrived(block)) & both.second(block.zone == EXIT) & block.cast.static(roads).exit
+    return at_line
 
 
 @signal(pairs=neighbours, start=(False,), steady=True)

@@ -17,8 +17,7 @@ from pytest_rvads.geometry.conflicts import Key
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.logic.conduct.blocks import APPROACH, ENTRANCE, Block, signal
 from pytest_rvads.logic.conduct.cast import Cast, Pairs, pairs
-from pytest_rvads.logic.conduct.latches import latched
-from pytest_rvads.logic.conduct.motion import wt
+from pytest_rvads.logic.conduct.motion import latched, wt
 from pytest_rvads.runs.itineraries import itinerary
 from pytest_rvads.runs.run import Facts, Run
 from pytest_rvads.support.errors import RunError
@@ -76,14 +75,14 @@ def _stop_places(cast: Cast) -> NDArray[np.float64]:
 
 def lane(cast: Cast) -> Pairs:
     """Return the pairs of vehicles that come to the same entrance."""
-    return pairs(cast, lambda one, two: cast.agents[one].entrance == cast.agents[two].entrance)
+    return pairs(cast, lambda agent, other: cast.agents[agent].entrance == cast.agents[other].entrance)
 
 
 @signal
 def stands(block: Block) -> NDArray[np.bool_]:
     """Whether each vehicle stands still."""
-    found: NDArray[np.bool_] = np.abs(block.need("speed")) <= STANDSTILL
-    return found
+    still: NDArray[np.bool_] = np.abs(block.need("speed")) <= STANDSTILL
+    return still
 
 
 @signal
@@ -102,8 +101,8 @@ def stops(block: Block) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """
     begin, line = block.cast.static(_stop_places)
     station, zone = block.need("station"), block.zone
-    here = (zone == ENTRANCE) | ((zone == APPROACH) & (station >= begin))
-    return here, here & stands(block) & (station <= line) & leads(block)
+    in_place = (zone == ENTRANCE) | ((zone == APPROACH) & (station >= begin))
+    return in_place, in_place & stands(block) & (station <= line) & leads(block)
 
 
 @signal
@@ -118,10 +117,10 @@ def stopped(block: Block, had_driven: NDArray[np.bool_], before: NDArray[np.bool
 
     A full stop is an action of a vehicle: standing before the entrance zone counts only after the vehicle has driven.
     """
-    here, still = stops(block)
+    in_place, still = stops(block)
     driven = had_driven | np.logical_or.accumulate(block.here & ~stands(block), axis=0)
-    found = latched(still & (driven | (block.zone == ENTRANCE)), ~here, before)
-    return found, driven, found
+    stood = latched(still & (driven | (block.zone == ENTRANCE)), ~in_place, before)
+    return stood, driven, stood
 
 
 class Arrivals(NamedTuple):
@@ -142,18 +141,18 @@ def arrivals(block: Block, before: NDArray[np.bool_], last: NDArray[np.int64]) -
     positions or speeds, arrivals follow from the entrance zone alone.
     """
     at_line = block.zone == ENTRANCE
-    here, still = (at_line, at_line) if block.station is None or block.speed is None else stops(block)
-    found = latched(at_line | still, ~here, before)
-    first = found & ~np.concatenate((before[None], found[:-1]))
-    tick = np.maximum.accumulate(np.where(first, block.ticks, last), axis=0)
-    return Arrivals(found, tick), found, tick
+    in_place, still = (at_line, at_line) if block.station is None or block.speed is None else stops(block)
+    has_arrived = latched(at_line | still, ~in_place, before)
+    arrives = has_arrived & ~np.concatenate((before[None], has_arrived[:-1]))
+    tick = np.maximum.accumulate(np.where(arrives, block.ticks, last), axis=0)
+    return Arrivals(has_arrived, tick), has_arrived, tick
 
 
 @signal(steady=True)
 def arrived(block: Block) -> NDArray[np.bool_]:
     """Whether each vehicle has arrived at its line, see `arrivals`, and has not entered the junction."""
-    found: Arrivals = arrivals(block)
-    return found.arrived
+    latest: Arrivals = arrivals(block)
+    return latest.arrived
 
 
 @signal
@@ -161,8 +160,8 @@ def waited(block: Block) -> NDArray[np.int64]:
     """Ticks that each vehicle has been waiting since its arrival, 0 for a vehicle that has not arrived."""
     if block.station is None or block.speed is None:
         return np.asarray(wt(block), dtype=np.int64)
-    found: Arrivals = arrivals(block)
-    return np.where(found.arrived, block.ticks - found.tick, 0)
+    latest: Arrivals = arrivals(block)
+    return np.where(latest.arrived, block.ticks - latest.tick, 0)
 
 
 def standing_time(run: Run, agent: int) -> NDArray[np.int32]:
@@ -172,8 +171,8 @@ def standing_time(run: Run, agent: int) -> NDArray[np.int32]:
     """
     tick = np.arange(run.steps, dtype=np.int32)
     still = (run.zone[:, agent] == ENTRANCE) & stands(run, agent)
-    found: NDArray[np.int32] = tick - np.maximum.accumulate(np.where(still, 0, tick))
-    return found
+    durations: NDArray[np.int32] = tick - np.maximum.accumulate(np.where(still, 0, tick))
+    return durations
 
 
 def drives(run: Run, agent: int) -> bool:
@@ -194,8 +193,8 @@ def speeding(block: Block) -> NDArray[np.bool_]:
     if borders.size:
         piece = (block.need("station")[..., None] >= borders).sum(axis=-1)
         most = np.take_along_axis(limits[None], piece[..., None], axis=-1)[..., 0]
-    found: NDArray[np.bool_] = np.abs(block.need("speed")) > most + SPEED_TOLERANCE
-    return found
+    too_fast: NDArray[np.bool_] = np.abs(block.need("speed")) > most + SPEED_TOLERANCE
+    return too_fast
 
 
 def _limits(cast: Cast) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -222,7 +221,7 @@ def limits_of(junction: Junction, way: Key, facts: Facts) -> tuple[tuple[float, 
     """
     stated = itinerary(junction, *way).limits if junction.drivable else ()
     limits = [(station, facts.speed_limit if limit is None else limit) for station, limit in stated or ((0.0, None),)]
-    known = tuple((station, limit) for station, limit in limits if limit is not None)
-    if len(known) < len(limits):
-        raise RunError("the run holds no speed limit" + (", and its map states none for a part of a way" if known else ""))
-    return known
+    known_limits = tuple((station, limit) for station, limit in limits if limit is not None)
+    if len(known_limits) < len(limits):
+        raise RunError("the run holds no speed limit" + (", and its map states none for a part of a way" if known_limits else ""))
+    return known_limits

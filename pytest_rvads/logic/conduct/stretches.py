@@ -37,36 +37,36 @@ _SPACING = 0.5
 """Ways are compared at stations so far apart [m]."""
 
 
-def shared(run: Run | Cast, one: int, two: int) -> Shared | None:
-    """Return what the ways of two agents, given by column, share; None where they don't meet.
+def shared(run: Run | Cast, agent: int, other: int) -> Shared | None:
+    """Return the stretches that the ways of two agents, given by column, share; None if the ways don't meet.
 
     Raises:
         RunError: the run holds no geometry of its junction.
     """
-    found = run.junction.stretches
-    if found is None:
+    stretches = run.junction.stretches
+    if stretches is None:
         raise RunError("the run holds no geometry of its junction")
-    return found.get((run.agents[one].way.key, run.agents[two].way.key))
+    return stretches.get((run.agents[agent].way.key, run.agents[other].way.key))
 
 
-def contested(run: Run | Cast, one: int, two: int) -> Shared | None:
-    """Return what two agents share, up to `LEAVE` down the exit road where both lead into the same exit; None as in `shared`.
+def contested(run: Run | Cast, agent: int, other: int) -> Shared | None:
+    """Return the stretches that two agents share, which for ways into the same exit reach `LEAVE` down the exit road; else None.
 
-    On the beginning of a common exit road the vehicle that merged is still gathering speed: there the other vehicle runs into it.
+    On the beginning of a common exit road the vehicle that merged is still gathering speed; the other vehicle may run into it.
 
     Raises:
         RunError: the run holds no geometry of its junction.
     """
-    common = shared(run, one, two)
+    common = shared(run, agent, other)
     if common is None or not common.merges:
         return common
-    ends = (run.agents[k].way.length + LEAVE for k in (one, two))
-    mine, yours = (Stretch(part.start, end) for part, end in zip((common.mine, common.yours), ends, strict=True))
-    return Shared(mine, yours, merges=True)
+    ends = (run.agents[k].way.length + LEAVE for k in (agent, other))
+    stretch, other_stretch = (Stretch(part.start, end) for part, end in zip((common.mine, common.yours), ends, strict=True))
+    return Shared(stretch, other_stretch, merges=True)
 
 
 @lru_cache(maxsize=4096)
-def parting(junction: Junction, one: Key, two: Key) -> float:
+def parting(junction: Junction, way: Key, other: Key) -> float:
     """Return the station up to which two ways from one start have no room beside each other [m].
 
     The station is infinite for ways to the same end.
@@ -74,10 +74,10 @@ def parting(junction: Junction, one: Key, two: Key) -> float:
     Raises:
         RunError: the run holds no geometry of its junction.
     """
-    paths = junction.every_way[one].path, junction.every_way[two].path
+    paths = junction.every_way[way].path, junction.every_way[other].path
     if paths[0] is None or paths[1] is None:
         raise RunError("the run holds no geometry of its junction")
-    if one[1] == two[1]:
+    if way[1] == other[1]:
         return math.inf
     along = np.arange(0.0, min(path.length for path in paths if path), _SPACING)
     first, second = (np.array([path.pose(float(s))[:2] for s in along]) for path in paths if path)
@@ -88,7 +88,7 @@ def parting(junction: Junction, one: Key, two: Key) -> float:
 @lru_cache(maxsize=4096)
 def first_stretch(junction: Junction, way: Key) -> float:
     """Return the station at which a way first shares a stretch with a way from another start [m], else infinity."""
-    return min((common.mine.start for (one, _), common in (junction.stretches or {}).items() if one == way), default=math.inf)
+    return min((common.mine.start for (key, _), common in (junction.stretches or {}).items() if key == way), default=math.inf)
 
 
 def meeting(cast: Cast) -> Pairs:
@@ -97,14 +97,14 @@ def meeting(cast: Cast) -> Pairs:
     Raises:
         RunError: the run holds no geometry of its junction.
     """
-    return pairs(cast, lambda one, two: shared(cast, one, two) is not None)
+    return pairs(cast, lambda agent, other: shared(cast, agent, other) is not None)
 
 
 @lru_cache(maxsize=4096)
 def _ends_of(junction: Junction, way: Key) -> tuple[float, ...]:
     """Return the stations at which the stretches that a movement shares begin and end [m]."""
-    mine = [common.mine for (one, _), common in (junction.stretches or {}).items() if one == way]
-    return tuple({station for part in mine for station in (part.start, part.end)})
+    stretches = [common.mine for (key, _), common in (junction.stretches or {}).items() if key == way]
+    return tuple({station for part in stretches for station in (part.start, part.end)})
 
 
 def _borders(cast: Cast) -> NDArray[np.float64]:
@@ -118,8 +118,9 @@ def _borders(cast: Cast) -> NDArray[np.float64]:
 def passed(block: Block) -> tuple[NDArray[np.int64], ...]:
     """How many borders of the stretches on its way each vehicle has passed, with its front and with its rear.
 
-    As long as the numbers stay the same, comparisons of stations with `Places` of any pairs stay the same, too. A steady signal
-    that makes only such comparisons reads the numbers for the stations; in a run that is known to its end nothing asks for them.
+    As long as the numbers stay the same, comparisons of stations with `Places` of any pairs stay the same, too.
+    A steady signal that makes only such comparisons reads the numbers for the stations. The numbers are not needed in a run that
+    is known to its end.
     """
     if block.whole:
         return ()
@@ -129,20 +130,20 @@ def passed(block: Block) -> tuple[NDArray[np.int64], ...]:
 
 
 class Places(NamedTuple):
-    """Where the stretches lie that pairs of vehicles share, each of shape ``(pairs,)`` [m]."""
+    """The places of the stretches that pairs of vehicles share, each of shape ``(pairs,)`` [m]."""
 
     begin: NDArray[np.float64]
-    """Of the stretch on the way of the first vehicle."""
+    """Station at which the stretch begins on the way of the first vehicle."""
     end: NDArray[np.float64]
     begin_of_two: NDArray[np.float64]
-    """Of the stretch on the way of the second vehicle."""
+    """Station at which the stretch begins on the way of the second vehicle."""
     end_of_two: NDArray[np.float64]
     merges: NDArray[np.bool_]
     """Whether both lead into the same exit."""
 
 
 def places(commons: Iterable[Shared | None]) -> Places:
-    """Return where the stretches of pairs lie; NaN where there is none."""
+    """Return the places of the stretches of pairs; NaN for a pair without a stretch."""
     nothing = (math.nan,) * 4 + (False,)
     rows = [nothing if c is None else (c.mine.start, c.mine.end, c.yours.start, c.yours.end, c.merges) for c in commons]
     begin, end, begin_of_two, end_of_two, merges = np.array(rows, dtype=np.float64).reshape(-1, 5).T
@@ -151,7 +152,7 @@ def places(commons: Iterable[Shared | None]) -> Places:
 
 def _meeting_places(cast: Cast) -> Places:
     both = cast.static(meeting)
-    return places(shared(cast, one, two) for one, two in both.column)
+    return places(shared(cast, agent, other) for agent, other in both.column)
 
 
 @signal(pairs=meeting, steady=True)
@@ -161,10 +162,10 @@ def _both_there(block: Block) -> NDArray[np.bool_]:
     cast, both, at = block.cast, block.cast.static(meeting), block.cast.static(_meeting_places)
     front = block.need("station")
     rear = front - cast.length
-    found: NDArray[np.bool_] = (both.first(front) >= at.begin) & (both.first(rear) <= at.end)
-    found &= (both.second(front) >= at.begin_of_two) & (both.second(rear) <= at.end_of_two)
-    found &= both.first(block.here) & both.second(block.here)
-    return found
+    meeting_pairs: NDArray[np.bool_] = (both.first(front) >= at.begin) & (both.first(rear) <= at.end)
+    meeting_pairs &= (both.second(front) >= at.begin_of_two) & (both.second(rear) <= at.end_of_two)
+    meeting_pairs &= both.first(block.here) & both.second(block.here)
+    return meeting_pairs
 
 
 @signal(pairs=meeting, needs=sized)
@@ -173,12 +174,14 @@ def meet(block: Block) -> NDArray[np.bool_]:
 
     Vehicles with movements into the same exit meet while they are side by side, not while one vehicle follows the other.
     """
-    cast, both, at, found = block.cast, block.cast.static(meeting), block.cast.static(_meeting_places), _both_there(block)
-    if found.any():
+    cast, both, at, meeting_pairs = block.cast, block.cast.static(meeting), block.cast.static(_meeting_places), _both_there(block)
+    if meeting_pairs.any():
         front = block.need("station") - cast.way
         rear = block.need("station") - cast.length - cast.way
-        found = found & (~at.merges | (both.first(front) > both.second(rear)) & (both.second(front) > both.first(rear)))
-    return np.asarray(found)
+        meeting_pairs = meeting_pairs & (
+            ~at.merges | (both.first(front) > both.second(rear)) & (both.second(front) > both.first(rear))
+        )
+    return np.asarray(meeting_pairs)
 
 
 def neighbours(cast: Cast) -> Pairs:
@@ -188,23 +191,23 @@ def neighbours(cast: Cast) -> Pairs:
         RunError: the run holds no geometry of its junction.
     """
 
-    def belong(one: int, two: int) -> bool:
-        me, you = cast.agents[one], cast.agents[two]
-        return shared(cast, one, two) is not None or me.entrance == you.entrance or me.exit == you.exit
+    def belong(agent: int, other: int) -> bool:
+        me, you = cast.agents[agent], cast.agents[other]
+        return shared(cast, agent, other) is not None or me.entrance == you.entrance or me.exit == you.exit
 
     return pairs(cast, belong)
 
 
 def contested_places(cast: Cast) -> Places:
     """Return the contested stretches of `neighbours`."""
-    return places(contested(cast, one, two) for one, two in cast.static(neighbours).column)
+    return places(contested(cast, agent, other) for agent, other in cast.static(neighbours).column)
 
 
 class _Roads(NamedTuple):
-    """Where the roads lie that `neighbours` share, each of shape ``(pairs,)``."""
+    """The places of the roads that `neighbours` share, each of shape ``(pairs,)``."""
 
     exit: NDArray[np.bool_]
-    """Whether they leave by one exit."""
+    """Whether both vehicles leave by the same exit."""
     parting: NDArray[np.float64]
     """Up to which station the second vehicle, which comes to the same entrance, is in the lane of the first vehicle [m]."""
     joining: NDArray[np.float64]
@@ -216,13 +219,13 @@ class _Roads(NamedTuple):
 def roads(cast: Cast) -> _Roads:
     """Return what roads `neighbours` share."""
     both, agents = cast.static(neighbours), cast.agents
-    commons = [shared(cast, one, two) for one, two in both.column]
+    commons = [shared(cast, agent, other) for agent, other in both.column]
     entrance, exit = both.first(cast.entrance) == both.second(cast.entrance), both.first(cast.exit) == both.second(cast.exit)
     partings = [
-        parting(cast.junction, agents[one].way.key, agents[two].way.key) if same else -math.inf
-        for (one, two), same in zip(both.column, entrance.tolist(), strict=True)
+        parting(cast.junction, agents[agent].way.key, agents[other].way.key) if same else -math.inf
+        for (agent, other), same in zip(both.column, entrance.tolist(), strict=True)
     ]
-    joins = [c.yours.start if c else agents[two].way.length for (_, two), c in zip(both.column, commons, strict=True)]
+    joins = [c.yours.start if c else agents[other].way.length for (_, other), c in zip(both.column, commons, strict=True)]
     joining = np.where(exit & ~entrance, np.array(joins, dtype=np.float64), np.inf)
     shift = np.where(entrance, 0.0, both.second(cast.way) - both.first(cast.way))
     return _Roads(exit, np.array(partings), joining, shift)

@@ -60,15 +60,15 @@ def validate(run: Run) -> tuple[Finding, ...]:
     broken = once(run, damage)
     if broken:
         return broken
-    found: list[Finding] = []
+    findings: list[Finding] = []
     for column, agent in enumerate(run.agents):
-        found += _zones(run, column, agent)
-        found += _progress(run, column, agent)
-        found += _itinerary(run, column, agent)
-    found += _sampling(run)
-    found += _colours(run)
-    found += _bodies(run)
-    return tuple(sorted(found, key=lambda f: f.time))
+        findings += _zones(run, column, agent)
+        findings += _progress(run, column, agent)
+        findings += _itinerary(run, column, agent)
+    findings += _sampling(run)
+    findings += _colours(run)
+    findings += _bodies(run)
+    return tuple(sorted(findings, key=lambda f: f.time))
 
 
 def impossible(run: Run) -> Iterator[Finding]:
@@ -98,18 +98,18 @@ def _arrays(run: Run) -> Iterator[Finding]:
         ("pose", run.pose, (*shape, 3)),
         ("spread", run.spread, shape),
     ]
-    known = run.zone != Zone.ABSENT if run.zone.shape == shape else np.ones(shape, dtype=np.bool_)
+    recorded = run.zone != Zone.ABSENT if run.zone.shape == shape else np.ones(shape, dtype=np.bool_)
     if not run.steps:
         yield Finding("values", 0.0, "the run is empty: it has no states")
     if not (np.isfinite(run.dt) and run.dt > 0):
         yield Finding("values", 0.0, f"the time between two states must be positive, got {run.dt} s")
-    for name, array, wanted in shapes:
+    for name, array, expected in shapes:
         if array is None:
             continue
-        if array.shape != wanted:
-            yield Finding("values", 0.0, f"{name} must have shape {wanted}, got {array.shape}")
-        elif array.dtype.kind == "f" and not np.isfinite(array[known]).all():
-            tick, column, *_ = np.argwhere(~np.isfinite(array) & (known if array.ndim == 2 else known[..., None]))[0]
+        if array.shape != expected:
+            yield Finding("values", 0.0, f"{name} must have shape {expected}, got {array.shape}")
+        elif array.dtype.kind == "f" and not np.isfinite(array[recorded]).all():
+            tick, column, *_ = np.argwhere(~np.isfinite(array) & (recorded if array.ndim == 2 else recorded[..., None]))[0]
             time = _clock(run, int(tick))
             yield Finding("values", time, f"{name} of {run.agents[column].name} at {time:.2f} s is not a finite number")
 
@@ -143,11 +143,11 @@ def _agents(run: Run) -> Iterator[Finding]:
 def _zones(run: Run, column: int, agent: Agent) -> Iterator[Finding]:
     """Check the order of the zones of an itinerary: the vehicle skips no zone, and does not drive backwards through zones."""
     zone = run.zone[:, column].astype(np.int64)
-    known = (zone != Zone.ABSENT)[1:] & (zone != Zone.ABSENT)[:-1]
+    recorded = (zone != Zone.ABSENT)[1:] & (zone != Zone.ABSENT)[:-1]
     road, step = run.junction.ends[agent.exit].road, np.diff(zone)
     lengths = {Zone.JUNCTION: agent.way.length, Zone.EXIT: np.inf if road is None else road.length}
     passed = (step == 2) & np.isin(zone[:-1] + 1, [part for part, length in lengths.items() if length < _SHORT])
-    jumps = np.flatnonzero(((step < 0) | (step > 1)) & ~passed & known) + 1
+    jumps = np.flatnonzero(((step < 0) | (step > 1)) & ~passed & recorded) + 1
     if len(jumps):
         tick = int(jumps[0])
         before, after = (Zone(int(zone[t])).name.lower() for t in (tick - 1, tick))
@@ -181,18 +181,18 @@ def _progress(run: Run, column: int, agent: Agent) -> Iterator[Finding]:
     """Check that progress along the itinerary agrees with speed times time; an integer multiple means missing states."""
     if run.station is None or run.speed is None or run.steps < 2:
         return
-    here = run.here[1:, column] & run.here[:-1, column]
+    present = run.here[1:, column] & run.here[:-1, column]
     progress = np.diff(run.station[:, column])
-    wanted = (run.speed[1:, column] + run.speed[:-1, column]) / 2 * run.dt
+    expected = (run.speed[1:, column] + run.speed[:-1, column]) / 2 * run.dt
     absolute, relative = PROGRESS_TOLERANCE
     unknown = 0.0 if run.spread is None else run.spread[1:, column] + run.spread[:-1, column]
-    wrong = np.flatnonzero(here & (np.abs(progress - wanted) > absolute + relative * np.abs(wanted) + unknown))
+    wrong = np.flatnonzero(present & (np.abs(progress - expected) > absolute + relative * np.abs(expected) + unknown))
     if not len(wrong):
         return
     tick = int(wrong[0])
-    ratio = float(progress[tick] / wanted[tick]) if abs(wanted[tick]) > 1e-9 else 0.0
-    made, due, time = f"{progress[tick]:.3f}", f"{wanted[tick]:.3f}", _clock(run, tick)
-    text = f"{agent.name} makes {made} m from {time:.2f} s to the next state, speed times time is {due} m"
+    ratio = float(progress[tick] / expected[tick]) if abs(expected[tick]) > 1e-9 else 0.0
+    distance, due, time = f"{progress[tick]:.3f}", f"{expected[tick]:.3f}", _clock(run, tick)
+    text = f"{agent.name} makes {distance} m from {time:.2f} s to the next state, speed times time is {due} m"
     if ratio > 1.8 and abs(ratio - round(ratio)) < 0.2:
         yield Finding("missing ticks", time, f"{text}: {round(ratio) - 1} states seem to be missing")
     else:
@@ -206,12 +206,14 @@ def _pace(run: Run, column: int, agent: Agent) -> Iterator[Finding]:
     step, heading = np.diff(run.pose[:, column, :2], axis=0) / run.dt, run.pose[:-1, column, 2]
     ahead = step[:, 0] * np.cos(heading) + step[:, 1] * np.sin(heading)
     speed, (absolute, relative) = run.speed[1:, column], _PACE
-    here = run.here[1:, column] & run.here[:-1, column]
-    wrong = np.flatnonzero(here & (np.abs(ahead - speed) > absolute + relative * np.abs(speed)))
+    present = run.here[1:, column] & run.here[:-1, column]
+    wrong = np.flatnonzero(present & (np.abs(ahead - speed) > absolute + relative * np.abs(speed)))
     if len(wrong) > _LONG:
-        time, moves, said = _clock(run, int(wrong[0]) + 1), ahead[wrong[0]], speed[wrong[0]]
+        time, moves, speed_given = _clock(run, int(wrong[0]) + 1), ahead[wrong[0]], speed[wrong[0]]
         yield Finding(
-            "speed", time, f"{agent.name} moves ahead at {moves:.1f} m/s at {time:.2f} s, its speed is given as {said:.1f} m/s"
+            "speed",
+            time,
+            f"{agent.name} moves ahead at {moves:.1f} m/s at {time:.2f} s, its speed is given as {speed_given:.1f} m/s",
         )
 
 
@@ -222,8 +224,8 @@ def _sampling(run: Run) -> Iterator[Finding]:
     fast = np.abs(run.speed) * run.dt > ENTRANCE_ZONE
     if fast.any():
         tick, column = np.argwhere(fast)[0]
-        time, others = _clock(run, int(tick)), int(fast.any(axis=0).sum()) - 1
-        more = f", as do {others} others" if others > 1 else ", as does another vehicle" if others else ""
+        time, further = _clock(run, int(tick)), int(fast.any(axis=0).sum()) - 1
+        more = f", as do {further} others" if further > 1 else ", as does another vehicle" if further else ""
         yield Finding(
             "sampling",
             time,

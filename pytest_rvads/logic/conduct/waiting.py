@@ -56,25 +56,28 @@ def partners(cast: Cast) -> Pairs:
     """
     if cast.junction.control is JunctionControl.STOP:
         return cast.static(everybody)
-    return pairs(cast, lambda one, two: shared(cast, one, two) is not None or _first_turn(cast, one, two) < math.inf)
+    return pairs(cast, lambda agent, other: shared(cast, agent, other) is not None or _first_turn(cast, agent, other) < math.inf)
 
 
 def _places(cast: Cast) -> Places:
     """Return the stretches that `partners` share."""
-    return places(shared(cast, one, two) for one, two in cast.static(partners).column)
+    return places(shared(cast, agent, other) for agent, other in cast.static(partners).column)
 
 
 def _first_turns(cast: Cast) -> NDArray[np.float64]:
-    return np.array([_first_turn(cast, one, two) for one, two in cast.static(partners).column], dtype=np.float64)
+    return np.array([_first_turn(cast, agent, other) for agent, other in cast.static(partners).column], dtype=np.float64)
 
 
-def _first_turn(cast: Cast, one: int, two: int) -> float:
-    return _first_turn_onto(cast.junction, cast.agents[one].way.key, cast.agents[two].entrance)
+def _first_turn(cast: Cast, agent: int, other: int) -> float:
+    return _first_turn_onto(cast.junction, cast.agents[agent].way.key, cast.agents[other].entrance)
 
 
 @lru_cache(maxsize=4096)
 def _first_turn_onto(junction: Junction, way: Key, entrance: int) -> float:
-    """Return where a vehicle from an entrance first gets onto a way, on movements to which that way gives way by its sign [m]."""
+    """Return the station at which a vehicle from an entrance first gets onto `way` [m]; infinity if it never does.
+
+    Only movements from the entrance count to which `way` gives way by its sign.
+    """
     if junction.stretches is None or junction.starts[way[0]].sign not in (Sign.STOP, Sign.YIELD):
         return math.inf
     turns = [key for key in junction.movements if key[0] == entrance and ground_of(junction, way, key) is not None]
@@ -93,7 +96,7 @@ class _Columns(NamedTuple):
 def _columns(cast: Cast) -> _Columns:
     column, debts = cast.static(partners).column, cast.static(owing).column.items()
     owed = [(number, column[pair]) for pair, number in debts if pair in column]
-    given = [(number, column[two, one]) for (one, two), number in debts if (two, one) in column]
+    given = [(number, column[other, agent]) for (agent, other), number in debts if (other, agent) in column]
     return _Columns(*(np.array(moves, dtype=np.int64).reshape(-1, 2).T for moves in (owed, given)))
 
 
@@ -101,28 +104,28 @@ class _Debts(NamedTuple):
     """Which vehicle of `partners` has to give way to the other vehicle, each of shape ``(n, pairs)``."""
 
     owed: NDArray[np.bool_]
-    """The first to the second."""
+    """Whether the first vehicle has to give way to the second."""
     given: NDArray[np.bool_]
-    """The second to the first."""
+    """Whether the second vehicle has to give way to the first."""
 
 
 @signal(steady=True)
 def _debts(block: Block) -> _Debts:
     """See `_Debts`."""
     shape = len(block.zone), len(block.cast.static(partners))
-    found = _Debts(np.zeros(shape, dtype=np.bool_), np.zeros(shape, dtype=np.bool_))
+    debts = _Debts(np.zeros(shape, dtype=np.bool_), np.zeros(shape, dtype=np.bool_))
     if len(block.cast.static(owing)):
         owes = yields(block)
-        for truths, (source, target) in zip(found, block.cast.static(_columns), strict=True):
+        for truths, (source, target) in zip(debts, block.cast.static(_columns), strict=True):
             truths[:, target] = owes[:, source]
-    return found
+    return debts
 
 
 @signal
 def at_line(block: Block) -> NDArray[np.bool_]:
     """Which vehicle is before the junction, and at most `AT_LINE` before its line."""
-    found: NDArray[np.bool_] = (block.zone <= ENTRANCE) & (block.need("station") > block.cast.static(lines) - AT_LINE)
-    return found
+    near_line: NDArray[np.bool_] = (block.zone <= ENTRANCE) & (block.need("station") > block.cast.static(lines) - AT_LINE)
+    return near_line
 
 
 @signal(pairs=partners)
@@ -133,23 +136,23 @@ def due(block: Block) -> NDArray[np.bool_]:
     """
     both, at = block.cast.static(partners), block.cast.static(_places)
     standing = both.second(ready(block) & block.here) & ~np.isnan(at.begin)
-    found: NDArray[np.bool_] = coming(block, both, at) | standing
-    return found
+    due_vehicles: NDArray[np.bool_] = coming(block, both, at) | standing
+    return due_vehicles
 
 
 @signal
 def _walks(block: Block) -> NDArray[np.bool_]:
     """Which vehicle is faster than walking pace."""
-    found: NDArray[np.bool_] = block.need("speed") > PACE
-    return found
+    fast: NDArray[np.bool_] = block.need("speed") > PACE
+    return fast
 
 
 @signal(pairs=partners)
 def _about_to_turn(block: Block) -> NDArray[np.bool_]:
-    """Which second vehicle would be on a way to which the first gives way by its sign within `DUE`, if it turned there."""
+    """Which second vehicle, if it turned, would within `DUE` be on a way to which the first vehicle gives way by its sign."""
     reach = block.need("station") + DUE * np.maximum(block.need("speed"), 0.0)
-    found: NDArray[np.bool_] = block.cast.static(partners).second(reach) >= block.cast.static(_first_turns)
-    return found
+    turning: NDArray[np.bool_] = block.cast.static(partners).second(reach) >= block.cast.static(_first_turns)
+    return turning
 
 
 @signal(pairs=partners, steady=True)
@@ -160,22 +163,22 @@ def lets_pass(block: Block) -> NDArray[np.bool_]:
     station, within, apart = block.need("station"), block.zone == JUNCTION, np.isnan(at.begin)
     front, their_front, rear = both.first(station), both.second(station), station - cast.length
     before, their_within, waiving = both.first(at_line(block)), both.second(within), waives(block)
-    found: NDArray[np.bool_]
+    reasons: NDArray[np.bool_]
     if block.junction.control is JunctionControl.STOP:
-        found = before & their_within | came_first(block) & ~(apart & both.second(waiving))
+        reasons = before & their_within | came_first(block) & ~(apart & both.second(waiving))
     else:
         turning = (block.zone <= ENTRANCE) & block.here & has_way(block)
-        found = before & both.second(turning) & _about_to_turn(block)
+        reasons = before & both.second(turning) & _about_to_turn(block)
     ahead = front < at.begin
     on_mine = (front >= at.begin) & (both.first(rear) <= at.end) & both.first(block.here)
-    there = (their_front >= at.begin_of_two) & (both.second(rear) <= at.end_of_two) & both.second(block.here)
-    found |= there & (ahead | on_mine)
+    on_theirs = (their_front >= at.begin_of_two) & (both.second(rear) <= at.end_of_two) & both.second(block.here)
+    reasons |= on_theirs & (ahead | on_mine)
     comes, debts = due(block), _debts(block)
-    found |= ahead & their_within & (their_front < at.begin_of_two) & ~debts.given
-    found |= before & comes & both.second(_walks(block))
-    found |= ahead & debts.owed & (comes | both.second(first_at_line(block)))
-    found &= before | both.first(within) | apart
-    return found
+    reasons |= ahead & their_within & (their_front < at.begin_of_two) & ~debts.given
+    reasons |= before & comes & both.second(_walks(block))
+    reasons |= ahead & debts.owed & (comes | both.second(first_at_line(block)))
+    reasons &= before | both.first(within) | apart
+    return reasons
 
 
 @signal(pairs=neighbours, start=(False,), steady=True)
@@ -186,14 +189,14 @@ def no_room(block: Block, before: NDArray[np.bool_]) -> tuple[NDArray[np.bool_],
     road or along it, and its rear left less room there than the length of the first vehicle and `SPARE`.
     """
     cast, both = block.cast, block.cast.static(neighbours)
-    enters, found = both.first(entered(block) == block.ticks), np.zeros((len(block.zone), len(both)), dtype=np.bool_)
+    enters, blocked = both.first(entered(block) == block.ticks), np.zeros((len(block.zone), len(both)), dtype=np.bool_)
     if enters.any():
         rear = ahead_by(block)
         room = both.first(block.need("station")) + rear - both.first(cast.way)
         rolling = cast.static(roads).exit & (room < both.first(cast.length) + SPARE)
-        found = enters & (rear < math.inf) & (rolling | (both.second(block.need("speed")) < PACE))
-    found = before | np.logical_or.accumulate(found, axis=0)
-    return found, found
+        blocked = enters & (rear < math.inf) & (rolling | (both.second(block.need("speed")) < PACE))
+    blocked = before | np.logical_or.accumulate(blocked, axis=0)
+    return blocked, blocked
 
 
 @signal(steady=True)
@@ -203,13 +206,13 @@ def _intruders(block: Block) -> NDArray[np.bool_]:
     An intruder entered on red, or entered the way of a vehicle that was inside before and to which the intruder owed the way.
     """
     both, entry = block.cast.static(partners), entered(block)
-    found: NDArray[np.bool_] = (block.zone >= JUNCTION) & (facing(block) == RED)
+    intruders: NDArray[np.bool_] = (block.zone >= JUNCTION) & (facing(block) == RED)
     late = lets_pass(block) & _debts(block).given
     if late.any():
         late &= (both.first(entry) < both.second(entry)) & both.second(block.zone == JUNCTION)
         rows, columns = np.nonzero(late)
-        found[rows, both.two[columns]] = True
-    return found
+        intruders[rows, both.two[columns]] = True
+    return intruders
 
 
 class Circles(NamedTuple):
@@ -220,11 +223,11 @@ class Circles(NamedTuple):
     """
 
     held: NDArray[np.bool_]
-    """Which vehicle waits, by itself or by way of other vehicles, for a vehicle that does not wait for it."""
+    """Which vehicle waits, directly or through other waiting vehicles, for a vehicle that does not wait for this vehicle."""
     circling: NDArray[np.bool_]
     """Which vehicle waits in a circle, in which vehicles wait for each other and for no other vehicle."""
     stuck: NDArray[np.bool_]
-    """Which vehicle lets nobody pass, and is close behind a vehicle that left it no room when it entered."""
+    """Which vehicle lets no vehicle pass, and is close behind a vehicle that left no room when this vehicle entered."""
 
 
 @signal(steady=True)
@@ -235,7 +238,7 @@ def circles(block: Block) -> Circles:
     """
     queued, giving, late = close_behind(block), lets_pass(block), _intruders(block)
     blocked = queued & no_room(block)
-    # From one state to the next, who waits for whom seldom changes.
+    # The relation of waiting seldom changes from one state to the next.
     keys = [row.tobytes() for row in np.concatenate((queued, blocked, giving, late), axis=1)]
     rows = {key: row for row, key in enumerate(keys)}
     parts = (part[list(rows.values())] for part in (queued, blocked, giving, late))
@@ -251,7 +254,8 @@ def _wait(
     Args:
         cast: the vehicles.
         queued: which vehicle is close behind which slow vehicle, shape ``(n, neighbours)``.
-        blocked: where also the second vehicle left the first no room when the first entered, likewise.
+        blocked: the pairs of `queued` in which the second vehicle left the first no room at its entry,
+            shape ``(n, neighbours)``.
         giving: which vehicle lets which vehicle pass, shape ``(n, partners)``.
         late: which vehicles are intruders, shape ``(n, agents)``.
     """

@@ -108,33 +108,33 @@ def _events(run: Run) -> tuple[tuple[tuple[Event, ...], ...], tuple[tuple[Event,
 
 
 def _changes(run: Run, light: int) -> tuple[Event, ...]:
-    colours, several = run.lights[:, light], _moments(run)
+    colours, moments = run.lights[:, light], _moments(run)
     return tuple(
-        Event(None, int(colours[tick]), (tick - 1) * several + 1, tick * several, tick * several, light)
+        Event(None, int(colours[tick]), (tick - 1) * moments + 1, tick * moments, tick * moments, light)
         for tick in (np.flatnonzero(np.diff(colours)) + 1).tolist()
     )
 
 
 def _coming(run: Run, agent: int, zone: Zone) -> Event:
     """Return the event of an agent coming to a zone."""
-    several = _moments(run)
+    moments = _moments(run)
     begin, end = (int(v) for v in run.spans[agent])
-    there = run.zone[begin:end, agent] >= zone
-    told = begin + (int(there.argmax()) if there.any() else end - begin)
-    early = late = told
+    arrived = run.zone[begin:end, agent] >= zone
+    recorded = begin + (int(arrived.argmax()) if arrived.any() else end - begin)
+    early = late = recorded
     reach = _reach(run, agent, zone)
     if reach is not None:
         farthest, nearest = reach
-        early, late = min(begin + _after(farthest[begin:end]), told), max(begin + _after(nearest[begin:end]), told)
+        early, late = min(begin + _after(farthest[begin:end]), recorded), max(begin + _after(nearest[begin:end]), recorded)
     # Between two samples the event may have happened at any moment after the first sample.
-    first = early * several if early in (begin, end) else (early - 1) * several + 1
+    earliest = early * moments if early in (begin, end) else (early - 1) * moments + 1
     if early == begin < end and zone is Zone.ENTRANCE and run.excerpt is not None and run.zone[begin, agent] <= zone:
-        first = LONG_AGO
-    return Event(agent, int(zone), first, told * several, late * several)
+        earliest = LONG_AGO
+    return Event(agent, int(zone), earliest, recorded * moments, late * moments)
 
 
 def _reach(run: Run, agent: int, zone: Zone) -> tuple[NDArray[np.bool_], NDArray[np.bool_]] | None:
-    """Return where an agent has certainly not come to a zone, and where it has possibly not come, each of shape ``(steps,)``."""
+    """Return the states in which an agent has certainly, and has possibly, not come to a zone, each of shape ``(steps,)``."""
     if run.spread is None or run.station is None:
         return None
     who = run.agents[agent]

@@ -45,13 +45,13 @@ def find_cycle(templates: Iterable[Template], values: Values) -> Cycle | None:
     for tick in begun:
         waits = _waits(owed, tick)
         for first in sorted(waits):
-            found = _around(first, first, waits, ())
-            if found:
-                return Cycle(tick, found)
+            circle = _around(first, first, waits, ())
+            if circle:
+                return Cycle(tick, circle)
     return None
 
 
-def unavoidable(found: Iterable[Judgement], templates: Iterable[Template], values: Values) -> bool:
+def unavoidable(judgements: Iterable[Judgement], templates: Iterable[Template], values: Values) -> bool:
     """Return whether no vehicle could have kept a violated rule: every violation broke a cycle, or happened in a tight bend.
 
     One vehicle of a cycle has to break the rule, or all vehicles of the cycle wait for ever. A violation outside a cycle, or
@@ -59,12 +59,12 @@ def unavoidable(found: Iterable[Judgement], templates: Iterable[Template], value
     path of the rear axle keeps the vehicle in its lane.
 
     Args:
-        found: the judgements of the instances of the rule.
+        judgements: the judgements of the instances of the rule.
         templates: the instances of the rule and of its companions, whose obligations count as well.
         values: the truth values of the run.
     """
     owed = list(_owed(templates, values))
-    broken = [j for j in found if j.status is Status.FAIL]
+    broken = [j for j in judgements if j.status is Status.FAIL]
     breakers: dict[int, set[str]] = {}
     for j in broken:
         if j.broken and all(value and _beyond(atom, values.run) for atom, value in j.broken):
@@ -72,11 +72,11 @@ def unavoidable(found: Iterable[Judgement], templates: Iterable[Template], value
         ends = _ends(j.template)
         if ends is None or not j.failed:
             return False
-        one, two = ends
+        waiting, awaited = ends
         waits = _waits(owed, j.failed - 1)
-        if two not in waits.get(one, ()) or not _around(two, one, waits, ()):
+        if awaited not in waits.get(waiting, ()) or not _around(awaited, waiting, waits, ()):
             return False
-        breakers.setdefault(j.failed, set()).add(one)
+        breakers.setdefault(j.failed, set()).add(waiting)
     return bool(broken) and all(len(agents) == 1 for agents in breakers.values())
 
 
@@ -116,25 +116,25 @@ def _ends(template: Template) -> tuple[str, str] | None:
     shape = template.shape
     if shape.kind is not Kind.YIELD or shape.waits is None or shape.goes is None:
         return None
-    ones, twos = agents_of(shape.waits), agents_of(shape.goes)
-    return (ones[0].name, twos[0].name) if len(ones) == len(twos) == 1 else None
+    waiting, awaited = agents_of(shape.waits), agents_of(shape.goes)
+    return (waiting[0].name, awaited[0].name) if len(waiting) == len(awaited) == 1 else None
 
 
 def _waits(owed: Iterable[_Owed], tick: int) -> dict[str, list[str]]:
     """Return, for every waiting vehicle, the vehicles that it waits for in a state."""
-    found: dict[str, list[str]] = {}
-    for one, two, held in owed:
+    awaited_by_vehicle: dict[str, list[str]] = {}
+    for waiting, awaited, held in owed:
         if held[tick]:
-            found.setdefault(one, []).append(two)
-    return found
+            awaited_by_vehicle.setdefault(waiting, []).append(awaited)
+    return awaited_by_vehicle
 
 
-def _around(here: str, goal: str, waits: Mapping[str, list[str]], path: tuple[str, ...]) -> tuple[str, ...] | None:
-    """Return the chain of waiting vehicles from vehicle `here` to vehicle `goal`, or None if no chain exists."""
-    path = (*path, here)
-    for target in sorted(waits.get(here, ())):
+def _around(vehicle: str, goal: str, waits: Mapping[str, list[str]], path: tuple[str, ...]) -> tuple[str, ...] | None:
+    """Return the chain of waiting vehicles from `vehicle` to `goal`, or None if no chain exists."""
+    path = (*path, vehicle)
+    for target in sorted(waits.get(vehicle, ())):
         if target == goal:
             return path
-        if target not in path and (found := _around(target, goal, waits, path)):
-            return found
+        if target not in path and (chain := _around(target, goal, waits, path)):
+            return chain
     return None

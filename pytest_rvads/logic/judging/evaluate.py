@@ -43,17 +43,17 @@ class Values(Mapping[f.Atom, NDArray[np.bool_]]):
 
     def __init__(self, run: Run, tie: float = 0.0, *, standing: bool = False) -> None:
         self.run = run
-        others = {name: attribute.standing for name, attribute in ATTRIBUTES.items() if attribute.standing is not None}
-        self._readers: dict[str, Callable[[Run, int], NDArray[Any]]] = others if standing else {}
+        standing_readers = {name: attribute.standing for name, attribute in ATTRIBUTES.items() if attribute.standing is not None}
+        self._readers: dict[str, Callable[[Run, int], NDArray[Any]]] = standing_readers if standing else {}
         self.tie = tie
         self._ticks = ticks(run, tie)
-        self._known: dict[f.Atom, NDArray[np.bool_]] = {}
+        self._truths: dict[f.Atom, NDArray[np.bool_]] = {}
 
     def __getitem__(self, atom: f.Atom) -> NDArray[np.bool_]:
-        found = self._known.get(atom)
-        if found is None:
-            found = self._known[atom] = self._evaluate(atom)
-        return found
+        truths = self._truths.get(atom)
+        if truths is None:
+            truths = self._truths[atom] = self._evaluate(atom)
+        return truths
 
     @property
     def steps(self) -> int:
@@ -68,14 +68,14 @@ class Values(Mapping[f.Atom, NDArray[np.bool_]]):
         """Return the values without a tie window; cached values that do not depend on the tie window are kept."""
         exact = copy(self)
         exact.tie, exact._ticks = 0.0, 0
-        exact._known = {atom: values for atom, values in self._known.items() if not _tied(atom)}
+        exact._truths = {atom: values for atom, values in self._truths.items() if not _tied(atom)}
         return exact
 
     def __iter__(self) -> Iterator[f.Atom]:
-        return iter(self._known)
+        return iter(self._truths)
 
     def __len__(self) -> int:
-        return len(self._known)
+        return len(self._truths)
 
     def _evaluate(self, atom: f.Atom) -> NDArray[np.bool_]:
         if atom.name in OPERATORS:
@@ -108,9 +108,9 @@ class Values(Mapping[f.Atom, NDArray[np.bool_]]):
         return read(self.run, term.of.index)
 
 
-def _untied(sign: str, one: NDArray[Any], two: NDArray[Any], ticks: int) -> NDArray[np.bool_]:
+def _untied(sign: str, duration: NDArray[Any], other: NDArray[Any], ticks: int) -> NDArray[np.bool_]:
     """Compare waiting times, of which those that differ by at most some ticks are equal."""
-    longer = one - two
+    longer = duration - other
     return OPERATORS[sign](np.where(np.abs(longer) <= ticks, 0, longer), 0)
 
 

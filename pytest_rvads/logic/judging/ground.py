@@ -101,8 +101,10 @@ def _choices(variable: f.Binder, body: f.Formula, bound: Iterable[f.Element], st
         elements = [e for e in elements if e.index not in static.further]
     if static.together is None:
         return elements
-    there = _columns(bound)
-    return [e for e in elements if e.sort != Sort.AGENT or all(k == e.index or (k, e.index) in static.together for k in there)]
+    bound_columns = _columns(bound)
+    return [
+        e for e in elements if e.sort != Sort.AGENT or all(k == e.index or (k, e.index) in static.together for k in bound_columns)
+    ]
 
 
 def _of_any_way(variable: f.Var, body: f.Formula) -> bool:
@@ -130,10 +132,10 @@ def unfold(formula: f.Formula, static: Static) -> Grounding:
 
 def _unfold(formula: f.Formula, static: Static, binding: Binding, budget: Budget) -> list[Instance]:
     if isinstance(formula, f.Forall):
-        first, rest = formula.variables[0], formula.variables[1:]
-        body = f.Forall(rest, formula.body) if rest else formula.body
-        chosen = _choices(first, body, [e for _, e in binding], static)
-        return [i for e in chosen for i in _unfold(body, static, (*binding, (first.name, e)), budget)]
+        variable, further = formula.variables[0], formula.variables[1:]
+        body = f.Forall(further, formula.body) if further else formula.body
+        chosen = _choices(variable, body, [e for _, e in binding], static)
+        return [i for e in chosen for i in _unfold(body, static, (*binding, (variable.name, e)), budget)]
     if not static.judges(_columns(e for _, e in binding)):
         return []
     return [Instance(binding, _reduce(formula, dict(binding), static, budget, decide=False, itinerary=False))]
@@ -147,12 +149,12 @@ def simplify(grounding: Grounding, static: Static, *, itinerary: bool = True) ->
         static: the static model, the result of `extract`.
         itinerary: use the agents' known itineraries for ``take``, instead of its definition as a future formula.
     """
-    found = [
+    reduced = [
         Instance(i.binding, _reduce(i.formula, {}, static, _budget(i.formula, static), decide=True, itinerary=itinerary))
         for i in grounding.instances
     ]
-    left = tuple(i for i in found if i.formula != f.TRUE)
-    return Grounding(left, grounding.collapsed + len(found) - len(left))
+    instances = tuple(i for i in reduced if i.formula != f.TRUE)
+    return Grounding(instances, grounding.collapsed + len(reduced) - len(instances))
 
 
 def ground(formula: f.Formula, static: Static, *, itinerary: bool = True) -> Grounding:
@@ -161,37 +163,39 @@ def ground(formula: f.Formula, static: Static, *, itinerary: bool = True) -> Gro
     Raises:
         FormulaError: there would be too many instances.
     """
-    found: list[Instance] = []
-    collapsed = _ground(formula, static, itinerary, (), found, _budget(formula, static))
-    return Grounding(tuple(found), collapsed)
+    instances: list[Instance] = []
+    collapsed = _ground(formula, static, itinerary, (), instances, _budget(formula, static))
+    return Grounding(tuple(instances), collapsed)
 
 
-def _ground(formula: f.Formula, static: Static, itinerary: bool, binding: Binding, found: list[Instance], budget: Budget) -> int:
+def _ground(
+    formula: f.Formula, static: Static, itinerary: bool, binding: Binding, instances: list[Instance], budget: Budget
+) -> int:
     if not isinstance(formula, f.Forall):
         if not static.judges(_columns(e for _, e in binding)):
             return 0
         reduced = _reduce(formula, dict(binding), static, budget, decide=True, itinerary=itinerary)
         if reduced == f.TRUE:
             return 1
-        found.append(Instance(binding, reduced))
+        instances.append(Instance(binding, reduced))
         return 0
-    first, rest = formula.variables[0], formula.variables[1:]
-    body: f.Formula = f.Forall(rest, formula.body) if rest else formula.body
+    variable, further = formula.variables[0], formula.variables[1:]
+    body: f.Formula = f.Forall(further, formula.body) if further else formula.body
     collapsed = 0
-    for element in _choices(first, body, [e for _, e in binding], static):
-        if not rest and not static.judges(_columns((*(e for _, e in binding), element))):
+    for element in _choices(variable, body, [e for _, e in binding], static):
+        if not further and not static.judges(_columns((*(e for _, e in binding), element))):
             continue
         # Inner variables may have the same name; `_reduce` handles them.
-        bound = (*binding, (first.name, element))
-        known = dict(bound) if static.together is not None else {first.name: element}
-        reduced = _reduce(body, known, static, budget, decide=True, itinerary=itinerary)
+        bound = (*binding, (variable.name, element))
+        values = dict(bound) if static.together is not None else {variable.name: element}
+        reduced = _reduce(body, values, static, budget, decide=True, itinerary=itinerary)
         if isinstance(reduced, f.Const) and isinstance(body, f.Forall):
             count = _count(body, static)
             if reduced.value or not count:
                 collapsed += count
                 continue
             reduced = body  # false for every choice: write the instances out separately
-        collapsed += _ground(reduced, static, itinerary, bound, found, budget)
+        collapsed += _ground(reduced, static, itinerary, bound, instances, budget)
     return collapsed
 
 
@@ -229,11 +233,11 @@ def _reduce(
                 inner = {k: v for k, v in env.items() if k not in {b.name for b in variables}}
                 return type(node)(variables, go(body, inner, False))
             case f.Forall(variables, body) | f.Exists(variables, body):
-                first, rest = variables[0], variables[1:]
+                variable, further = variables[0], variables[1:]
                 kind = type(node)
-                inner_body = kind(rest, body) if rest else body
-                chosen = _choices(first, inner_body, env.values(), static)
-                each = (go(inner_body, {**env, first.name: e}, False) for e in chosen)
+                inner_body = kind(further, body) if further else body
+                chosen = _choices(variable, inner_body, env.values(), static)
+                each = (go(inner_body, {**env, variable.name: e}, False) for e in chosen)
                 if decide:
                     return conj(each) if kind is f.Forall else disj(each)
                 parts = tuple(each)

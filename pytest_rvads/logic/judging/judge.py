@@ -83,15 +83,15 @@ class Judgement:
 
 def judge(templates: tuple[Template, ...], values: Values) -> list[Judgement]:
     """Judge all instances of a rule: by monitors, and by finite-trace semantics if the monitor stays undecided."""
-    found = [Judgement(template, Status.NA) for template in templates]
+    judgements = [Judgement(template, Status.NA) for template in templates]
     for i, begin, end, states in _walked(templates, values):
         outputs = templates[i].machine.output[states]
         last = int(outputs[-1])
         failed = int(np.argmax(outputs == last)) if last == Truth.FALSE else None
         before = int(states[failed - 1]) if failed else 0
         judged = _judge(templates[i], values.within(begin, end), failed, before, last == Truth.TRUE)
-        found[i] = _placed(judged, begin, end, values.steps)
-    return found
+        judgements[i] = _placed(judged, begin, end, values.steps)
+    return judgements
 
 
 def columns(template: Template) -> tuple[int, ...]:
@@ -107,15 +107,15 @@ def _placed(j: Judgement, begin: int, end: int, steps: int) -> Judgement:
     return replace(j, trigger=trigger, failed=failed, ended=end - 1 if end < steps else None)
 
 
-def unsure(found: Judgement, hinge: Hinge) -> Judgement:
+def unsure(judgement: Judgement, hinge: Hinge) -> Judgement:
     """Return the UNSURE judgement of an instance whose status is different in another reading of the run."""
-    return Judgement(found.template, Status.UNSURE, found.trigger, margin=hinge.apart, hinge=hinge)
+    return Judgement(judgement.template, Status.UNSURE, judgement.trigger, margin=hinge.apart, hinge=hinge)
 
 
 def asked(template: Template, values: Values, agent: int) -> bool:
     """Return whether an instance bound an agent, given by column, to act; an agent that never moves has not acted."""
-    mine = [m for m in template.members if any(e.index == agent for e in m.bound)]
-    applies = any(m.premise is None or settle(m.premise, values, values.run.steps).any() for m in mine)
+    members = [m for m in template.members if any(e.index == agent for e in m.bound)]
+    applies = any(m.premise is None or settle(m.premise, values, values.run.steps).any() for m in members)
     return applies and drives(values.run, agent)
 
 
@@ -125,10 +125,10 @@ def walk(templates: tuple[Template, ...], values: Values) -> list[NDArray[np.int
     The monitor reads the states of the run in which all agents of the instance are present. Before these states the monitor is in
     its initial state, and afterwards it keeps its last state.
     """
-    found = [np.zeros(values.steps, dtype=np.int32) for _ in templates]
+    states_of_instances = [np.zeros(values.steps, dtype=np.int32) for _ in templates]
     for i, begin, end, states in _walked(templates, values):
-        found[i][begin:end], found[i][end:] = states, states[-1]
-    return found
+        states_of_instances[i][begin:end], states_of_instances[i][end:] = states, states[-1]
+    return states_of_instances
 
 
 def _walked(templates: tuple[Template, ...], values: Values) -> Iterator[tuple[int, int, int, NDArray[np.int32]]]:
@@ -141,12 +141,12 @@ def _walked(templates: tuple[Template, ...], values: Values) -> Iterator[tuple[i
             continue
         machine = templates[members[0]].machine
         part = values.within(begin, end)
-        rows = [encode(machine, _named(templates[i], part), part.steps) for i in members]
+        rows = [encode(machine, _propositions(templates[i], part), part.steps) for i in members]
         for i, states in zip(members, run_machine(machine, np.array(rows, dtype=np.int32)), strict=True):
             yield i, begin, end, states
 
 
-def _named(template: Template, values: Values | Part) -> dict[f.Atom, NDArray[np.bool_]]:
+def _propositions(template: Template, values: Values | Part) -> dict[f.Atom, NDArray[np.bool_]]:
     return {f.Atom(f"p{k}"): values[atom] for k, atom in enumerate(template.atoms)}
 
 
@@ -216,9 +216,9 @@ def _margin(template: Template, values: Values | Part, start: int | None) -> flo
         return round(float(bad.sum()) * dt, 9)
     if start is None or shape.waits is None or shape.goes is None:
         return None
-    left = np.flatnonzero(~evaluate(shape.waits, values, (steps,))[start:])
-    went = np.flatnonzero(evaluate(shape.goes, values, (steps,))[start:])
-    return round(float(went[0] - left[0]) * dt, 9) if len(left) and len(went) else None
+    departures = np.flatnonzero(~evaluate(shape.waits, values, (steps,))[start:])
+    entries = np.flatnonzero(evaluate(shape.goes, values, (steps,))[start:])
+    return round(float(entries[0] - departures[0]) * dt, 9) if len(departures) and len(entries) else None
 
 
 def nearest_miss(templates: tuple[Template, ...], values: Values) -> Near | None:
@@ -227,7 +227,7 @@ def nearest_miss(templates: tuple[Template, ...], values: Values) -> Near | None
     The tick is the first tick with the fewest false conjuncts of the premise, over all instances.
     """
     best: tuple[int, int, int] | None = None
-    found = None
+    nearest = None
     for i, t in enumerate(templates):
         begin, end = window(values.run, columns(t))
         for premise in t.premises if begin < end else ():
@@ -240,5 +240,5 @@ def nearest_miss(templates: tuple[Template, ...], values: Values) -> Near | None
             if best is None or key < best:
                 best = key
                 false = tuple(p for p, v in zip(parts, truths[:, tick], strict=True) if not v)
-                found = (t, begin + tick, false, int((missing == missing[tick]).sum()))
-    return found
+                nearest = (t, begin + tick, false, int((missing == missing[tick]).sum()))
+    return nearest

@@ -46,61 +46,63 @@ def about_order(template: Template, run: Run) -> bool:
 
 
 def _ordered(atom: f.Atom, by_zone: bool) -> bool:
-    known = (FromZones.ALWAYS, FromZones.BLIND) if by_zone else (FromZones.ALWAYS,)
+    sources = (FromZones.ALWAYS, FromZones.BLIND) if by_zone else (FromZones.ALWAYS,)
     word = word_of(atom)
     if word is not None:
-        return word.from_zones in known
+        return word.from_zones in sources
     match atom.name, atom.terms:
-        case _, (f.Attr(_, one), f.Attr(_, two)) if one == two and ATTRIBUTES[one].waited:
-            return ATTRIBUTES[one].from_zones in known
-        case (("=" | "!="), (f.Attr(_, asked), _)) if ATTRIBUTES[asked].codes:
+        case _, (f.Attr(_, attribute), f.Attr(_, other_attribute)) if (
+            attribute == other_attribute and ATTRIBUTES[attribute].waited
+        ):
+            return ATTRIBUTES[attribute].from_zones in sources
+        case (("=" | "!="), (f.Attr(_, attribute), _)) if ATTRIBUTES[attribute].codes:
             return True
     return False
 
 
-def reordered(found: Judgement, known: Crossings, values: Values) -> Judgement:
+def reordered(recorded: Judgement, crossings: Crossings, values: Values) -> Judgement:
     """Return the judgement of an instance about order, UNSURE if its events may have happened in an order with another status.
 
     Args:
-        found: the judgement of the run as recorded.
-        known: the events of the run.
+        recorded: the judgement of the run as recorded.
+        crossings: the events of the run.
         values: the truth values of the run.
     """
-    template = found.template
+    template = recorded.template
     agents = [e.index for e in agents_of(template.formula)]
     lights = sorted({e.index for atom in template.atoms for t in atom.terms for e in _lights(t)})
-    events = [e for agent in agents for e in known.of_agents[agent]]
-    changes = [e for light in lights for e in known.of_lights[light]]
-    tie = round(values.tie / known.length)
-    loose, skipped = _loose(events, changes, known, tie), any(_skips(known.run, agent) for agent in agents)
+    events = [e for agent in agents for e in crossings.of_agents[agent]]
+    changes = [e for light in lights for e in crossings.of_lights[light]]
+    tie = round(values.tie / crossings.length)
+    loose, skipped = _loose(events, changes, crossings, tie), any(_skips(crossings.run, agent) for agent in agents)
     if not loose and not skipped:
-        return found
-    everything = [*events, *changes]
-    told = {id(e): e.told for e in everything}
+        return recorded
+    all_events = [*events, *changes]
+    recorded_moments = {id(e): e.told for e in all_events}
     best: dict[Status, tuple[int, _Moments, Judgement]] = {}
-    seen = set()
+    keys = set()
     for moments in chain(({},), _choices(loose)):
-        chosen = _followed({**told, **moments}, agents, known)
+        chosen = _followed({**recorded_moments, **moments}, agents, crossings)
         if chosen is None:
             continue
-        word = _Word(known, agents, lights, chosen)
+        word = _Word(crossings, agents, lights, chosen)
         key = word.key(tie)
-        if key in seen:
+        if key in keys:
             continue
-        seen.add(key)
+        keys.add(key)
         judgement = word.judged(template, values)
-        moved = sum(chosen[id(e)] != e.told for e in everything)
+        moved = sum(chosen[id(e)] != e.told for e in all_events)
         status = plain(judgement.status)
         if status not in best or moved < best[status][0]:
             best[status] = moved, chosen, judgement
-    others = [b for status, b in best.items() if status is not plain(found.status)]
-    if not others:
-        return found
+    different = [b for status, b in best.items() if status is not plain(recorded.status)]
+    if not different:
+        return recorded
     if len(best) == 1:
-        return others[0][2]
-    other = min(others, key=lambda b: b[0])
-    hinge = _hinge(everything, other[1], known, tie)
-    return unsure(found, hinge)
+        return different[0][2]
+    nearest = min(different, key=lambda b: b[0])
+    hinge = _hinge(all_events, nearest[1], crossings, tie)
+    return unsure(recorded, hinge)
 
 
 def plain(status: Status) -> Status:
@@ -120,21 +122,21 @@ def _skips(run: Run, agent: int) -> bool:
     return bool((np.diff(run.zone[begin:end, agent].astype(int)) > 1).any())
 
 
-def _loose(events: Sequence[Event], changes: Sequence[Event], known: Crossings, tie: int) -> list[Event]:
+def _loose(events: Sequence[Event], changes: Sequence[Event], crossings: Crossings, tie: int) -> list[Event]:
     """Return the events whose place in the order of events is uncertain."""
-    found: dict[int, Event] = {}
-    for one, two in chain(combinations(events, 2), product(events, changes), combinations(changes, 2)):
-        if (one.exact and two.exact) or (one.agent, one.light) == (two.agent, two.light):
+    loose: dict[int, Event] = {}
+    for event, other in chain(combinations(events, 2), product(events, changes), combinations(changes, 2)):
+        if (event.exact and other.exact) or (event.agent, event.light) == (other.agent, other.light):
             continue
-        meets = one.early <= two.late and two.early <= one.late
-        if not meets and one.code == two.code == Zone.ENTRANCE and None not in (one.agent, two.agent):
-            meets = len({_compare(d, tie) for d in (one.early - two.late, one.late - two.early)}) > 1
+        meets = event.early <= other.late and other.early <= event.late
+        if not meets and event.code == other.code == Zone.ENTRANCE and None not in (event.agent, other.agent):
+            meets = len({_compare(d, tie) for d in (event.early - other.late, event.late - other.early)}) > 1
         if meets:
-            found |= {id(e): e for e in (one, two) if not e.exact}
+            loose |= {id(e): e for e in (event, other) if not e.exact}
     for e in events:
-        if not e.exact and e.agent is not None and e.late >= known.spans[e.agent][1] > e.early:
-            found[id(e)] = e
-    return list(found.values())
+        if not e.exact and e.agent is not None and e.late >= crossings.spans[e.agent][1] > e.early:
+            loose[id(e)] = e
+    return list(loose.values())
 
 
 def _compare(difference: int, tie: int) -> int:
@@ -143,7 +145,7 @@ def _compare(difference: int, tie: int) -> int:
 
 
 def _choices(loose: Sequence[Event]) -> Iterator[_Moments]:
-    """Yield moments for the events: per event its recorded, first and last moment, and those of other events within its range."""
+    """Yield moments for the events: its recorded, first and last moment, and moments of other events in its range."""
     ends = {id(e): (e.told, e.early, e.late) for e in loose}
     shared = [{*ends[id(e)], *(t for o in loose for t in ends[id(o)] if e.early <= t <= e.late)} for e in loose]
     if np.prod([float(len(s)) for s in shared]) > MOST:
@@ -152,21 +154,21 @@ def _choices(loose: Sequence[Event]) -> Iterator[_Moments]:
         yield {id(e): t for e, t in zip(loose, moments, strict=True)}
 
 
-def _followed(moments: _Moments, agents: Sequence[int], known: Crossings) -> _Moments | None:
+def _followed(moments: _Moments, agents: Sequence[int], crossings: Crossings) -> _Moments | None:
     """Return moments in which every agent comes to its zones in order; None if the given moments allow no such order.
 
     An agent that skips a zone between two samples was in the zone just before the agent left the zone.
     """
-    found = dict(moments)
+    chosen = dict(moments)
     for agent in agents:
-        events, end = known.of_agents[agent], known.spans[agent][1]
-        for one, after in reversed(list(pairwise(events))):
-            latest = found[id(after)] - (found[id(after)] < end)
-            if found[id(one)] > latest:
-                if latest < min(one.early, one.told - 1):
+        events, end = crossings.of_agents[agent], crossings.spans[agent][1]
+        for event, after in reversed(list(pairwise(events))):
+            latest = chosen[id(after)] - (chosen[id(after)] < end)
+            if chosen[id(event)] > latest:
+                if latest < min(event.early, event.told - 1):
                     return None
-                found[id(one)] = latest
-    return found
+                chosen[id(event)] = latest
+    return chosen
 
 
 class _Word:
@@ -179,20 +181,20 @@ class _Word:
         moments: the moments of the events.
     """
 
-    def __init__(self, known: Crossings, agents: Sequence[int], lights: Sequence[int], moments: _Moments) -> None:
-        run, self._known = known.run, known
-        events = [e for agent in agents for e in known.of_agents[agent]]
-        changes = [e for light in lights for e in known.of_lights[light]]
-        times = {0, *(moments[id(e)] for e in (*events, *changes)), *(t for agent in agents for t in known.spans[agent])}
-        self._times = np.array(sorted(t for t in times if 0 <= t < known.end), dtype=np.int64)
+    def __init__(self, crossings: Crossings, agents: Sequence[int], lights: Sequence[int], moments: _Moments) -> None:
+        run, self._crossings = crossings.run, crossings
+        events = [e for agent in agents for e in crossings.of_agents[agent]]
+        changes = [e for light in lights for e in crossings.of_lights[light]]
+        times = {0, *(moments[id(e)] for e in (*events, *changes)), *(t for agent in agents for t in crossings.spans[agent])}
+        self._times = np.array(sorted(t for t in times if 0 <= t < crossings.end), dtype=np.int64)
         self._zone = np.full((len(self._times), len(run.agents)), Zone.ABSENT, dtype=np.int8)
         self._waited = np.zeros(self._zone.shape, dtype=np.int32)
         self._arrived = []
         for agent in agents:
-            crossed = [moments[id(e)] for e in known.of_agents[agent]]
-            begin, end = known.spans[agent]
-            there = (self._times >= begin) & (self._times < end)
-            self._zone[there, agent] = np.searchsorted(crossed, self._times[there], side="right")
+            crossed = [moments[id(e)] for e in crossings.of_agents[agent]]
+            begin, end = crossings.spans[agent]
+            present = (self._times >= begin) & (self._times < end)
+            self._zone[present, agent] = np.searchsorted(crossed, self._times[present], side="right")
             at = self._zone[:, agent] == Zone.ENTRANCE
             # As in `Run.wt`, the first state at the entrance counts 1, but the first state of the run counts 0.
             arrived = crossed[0] or 1
@@ -200,48 +202,48 @@ class _Word:
             self._arrived.append(arrived)
         self._lights = np.repeat(run.lights[:1], len(self._times), axis=0)
         for light in lights:
-            for change in sorted(known.of_lights[light], key=lambda e: moments[id(e)]):
+            for change in sorted(crossings.of_lights[light], key=lambda e: moments[id(e)]):
                 self._lights[self._times >= moments[id(change)], light] = change.code
 
     def key(self, tie: int) -> object:
         """Return a key that is equal for words that no rule about order distinguishes."""
-        arrivals = tuple(_compare(one - two, tie) for one, two in combinations(self._arrived, 2))
+        arrivals = tuple(_compare(arrival - other, tie) for arrival, other in combinations(self._arrived, 2))
         return self._zone.tobytes(), self._lights.tobytes(), arrivals
 
     def judged(self, template: Template, values: Values) -> Judgement:
         """Return the judgement of an instance on this word, with ticks of the whole run."""
-        known = self._known
-        run = known.run
-        word = Run(run.label, run.junction, run.agents, self._zone, self._lights, known.length)
+        crossings = self._crossings
+        run = crossings.run
+        word = Run(run.label, run.junction, run.agents, self._zone, self._lights, crossings.length)
         (block,) = as_blocks(word, word.steps)
         block.values[wt] = self._waited
         assume(word, block)
-        (found,) = judge((template,), Values(word, values.tie))
-        ticks = np.minimum(-(-self._times // known.moments), run.steps - 1).tolist()
-        trigger, failed = (None if k is None else int(ticks[k]) for k in (found.trigger, found.failed))
-        return replace(found, trigger=trigger, failed=failed, margin=None)
+        (judgement,) = judge((template,), Values(word, values.tie))
+        ticks = np.minimum(-(-self._times // crossings.moments), run.steps - 1).tolist()
+        trigger, failed = (None if k is None else int(ticks[k]) for k in (judgement.trigger, judgement.failed))
+        return replace(judgement, trigger=trigger, failed=failed, margin=None)
 
 
-def _hinge(events: Sequence[Event], moments: _Moments, known: Crossings, tie: int) -> Hinge:
+def _hinge(events: Sequence[Event], moments: _Moments, crossings: Crossings, tie: int) -> Hinge:
     """Return as the hinge the nearest two events whose order another reading changes, or the single uncertain event."""
     turned = []
-    for one, two in combinations(events, 2):
-        if (one.agent, one.light) == (two.agent, two.light):
+    for event, other in combinations(events, 2):
+        if (event.agent, event.light) == (other.agent, other.light):
             continue
-        window = tie if one.code == two.code == Zone.ENTRANCE and None not in (one.agent, two.agent) else 0
-        if _compare(one.told - two.told, window) != _compare(moments[id(one)] - moments[id(two)], window):
-            turned.append((abs(abs(one.told - two.told) - window), window, one, two))
+        window = tie if event.code == other.code == Zone.ENTRANCE and None not in (event.agent, other.agent) else 0
+        if _compare(event.told - other.told, window) != _compare(moments[id(event)] - moments[id(other)], window):
+            turned.append((abs(abs(event.told - other.told) - window), window, event, other))
     if turned:
-        _, window, one, two = min(turned, key=lambda pair: pair[0])
-        first, second = sorted((one, two), key=lambda e: e.told)
+        _, window, event, other = min(turned, key=lambda pair: pair[0])
+        first, second = sorted((event, other), key=lambda e: e.told)
         width = first.late - first.early + second.late - second.early
     else:
         first = second = max(events, key=lambda e: (moments[id(e)] != e.told, not e.exact))
         window, width = 0, first.late - first.early
-    what = tuple(dict.fromkeys((_happening(first, known), _happening(second, known))))
-    return Hinge(what, math.inf if width >= -LONG_AGO else width / 2 * known.length, window * known.length)
+    what = tuple(dict.fromkeys((_happening(first, crossings), _happening(second, crossings))))
+    return Hinge(what, math.inf if width >= -LONG_AGO else width / 2 * crossings.length, window * crossings.length)
 
 
-def _happening(event: Event, known: Crossings) -> Happening:
-    ended = event.agent is not None and event.told >= known.spans[event.agent][1]
-    return Happening(event.agent, event.light, event.code, None if ended else event.told * known.length)
+def _happening(event: Event, crossings: Crossings) -> Happening:
+    ended = event.agent is not None and event.told >= crossings.spans[event.agent][1]
+    return Happening(event.agent, event.light, event.code, None if ended else event.told * crossings.length)

@@ -54,8 +54,8 @@ class Template:
     @property
     def premises(self) -> tuple[f.Formula, ...]:
         """Premises of this instance and of the instances merged into it; empty if the rule is never vacuous."""
-        found = dict.fromkeys(member.premise for member in self.members)
-        return () if None in found else tuple(p for p in found if p is not None)
+        premises = dict.fromkeys(member.premise for member in self.members)
+        return () if None in premises else tuple(p for p in premises if p is not None)
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,9 +68,9 @@ class Prepared:
 
 def template(formula: f.Formula) -> tuple[f.Formula, tuple[f.Atom, ...]]:
     """Replace atoms by propositions p0, p1, ... in the order of their occurrence; return the formula and the atoms."""
-    found = f.atoms(formula)
-    names = {atom: f.Atom(f"p{k}") for k, atom in enumerate(found)}
-    return replaced(formula, names.__getitem__), found
+    atoms = f.atoms(formula)
+    names = {atom: f.Atom(f"p{k}") for k, atom in enumerate(atoms)}
+    return replaced(formula, names.__getitem__), atoms
 
 
 def prepare(formula: f.Formula, static: Static, bound: tuple[str, ...] = (), *, itinerary: bool = True) -> Prepared:
@@ -86,8 +86,8 @@ def prepare(formula: f.Formula, static: Static, bound: tuple[str, ...] = (), *, 
     Raises:
         FormulaError: a monitor would be too large.
     """
-    kept = _few if len(static.agents) <= _FEW else _many
-    return kept(formula, static, bound, itinerary)
+    cached = _few if len(static.agents) <= _FEW else _many
+    return cached(formula, static, bound, itinerary)
 
 
 def forget() -> None:
@@ -102,13 +102,13 @@ def _prepare(formula: f.Formula, static: Static, bound: tuple[str, ...], itinera
     for instance in grounding.instances:
         for part in split(instance.formula):
             groups.setdefault(_key(part), []).append(Instance(instance.binding, part))
-    found = []
+    templates = []
     for instances in groups.values():
-        first = instances[0]
-        renamed, atoms = template(first.formula)
+        representative = instances[0]
+        renamed, atoms = template(representative.formula)
         members = tuple(_member(instance, bound) for instance in instances)
-        found.append(Template(first.formula, shape_of(first.formula), members, synthesize(renamed), atoms))
-    return Prepared(tuple(found), grounding.collapsed)
+        templates.append(Template(representative.formula, shape_of(representative.formula), members, synthesize(renamed), atoms))
+    return Prepared(tuple(templates), grounding.collapsed)
 
 
 _FEW = 12

@@ -57,31 +57,31 @@ class Reading:
         return f"{self.asks}, known to {self.within:.2f} {'m/s' if self.asks == Measured.PACE else 'm'}"
 
 
-def doubted(found: Sequence[Judgement], values: Values, sampled: Run, *, standing: bool = False) -> list[Judgement]:
+def doubted(recorded: Sequence[Judgement], values: Values, sampled: Run, *, standing: bool = False) -> list[Judgement]:
     """Return the judgements, with UNSURE for instances whose status differs in another reading within the run's accuracy.
 
     Args:
-        found: the judgements of the run as recorded.
+        recorded: the judgements of the run as recorded.
         values: the truth values of the run.
         sampled: the run as recorded; its samples limit the times of events.
         standing: whether waiting times count from standstill, so that speeds decide orders as well.
     """
     run = values.run
     if certain(sampled):
-        return list(found)
-    result = [unsure(j, Hinge(reading=_AFTER)) if _left_early(run, j) else j for j in found]
-    known = crossings(sampled)
-    if not known.exact:
-        result = [reordered(j, known, values) if about_order(j.template, run) and not standing else j for j in result]
-    rest = {k: j for k, j in enumerate(found) if standing or not about_order(j.template, run)}
-    asked = {ask for j in rest.values() for ask in _asks(j.template)}
-    for ask in (a for a in Measured if a in asked):
+        return list(recorded)
+    result = [unsure(j, Hinge(reading=_AFTER)) if _left_early(run, j) else j for j in recorded]
+    events = crossings(sampled)
+    if not events.exact:
+        result = [reordered(j, events, values) if about_order(j.template, run) and not standing else j for j in result]
+    measured = {k: j for k, j in enumerate(recorded) if standing or not about_order(j.template, run)}
+    measurements = {ask for j in measured.values() for ask in _asks(j.template)}
+    for ask in (a for a in Measured if a in measurements):
         for reading in _readings(run, ask):
-            left = {k: j for k, j in rest.items() if result[k] is j and ask in _asks(j.template) and _near(run, j)}
-            again = Values(reading.run, values.tie, standing=standing)
-            others = judge(tuple(j.template for j in left.values()), again) if left else []
-            for (k, j), other in zip(left.items(), others, strict=True):
-                if plain(other.status) is not plain(j.status):
+            undoubted = {k: j for k, j in measured.items() if result[k] is j and ask in _asks(j.template) and _near(run, j)}
+            reread_values = Values(reading.run, values.tie, standing=standing)
+            reread = judge(tuple(j.template for j in undoubted.values()), reread_values) if undoubted else []
+            for (k, j), judgement in zip(undoubted.items(), reread, strict=True):
+                if plain(judgement.status) is not plain(j.status):
                     result[k] = unsure(j, Hinge(reading=reading.words))
     return result
 
@@ -121,11 +121,11 @@ The distance covers a car and a truck, and the gap in which one of the two is du
 def _nearby(run: Run) -> NDArray[np.bool_]:
     """Return which vehicles ever come within `NEARBY` of each other, shape ``(agents, agents)``."""
     places = run.need("pose")[:: max(round(0.2 / run.dt), 1), :, :2]
-    found = np.zeros((len(run.agents), len(run.agents)), dtype=np.bool_)
+    nearby = np.zeros((len(run.agents), len(run.agents)), dtype=np.bool_)
     for column in range(len(run.agents)):
         apart = places - places[:, column, None]
-        found[column] = ((apart**2).sum(axis=-1) < NEARBY**2).any(axis=0)  # absent: NaN, not less
-    return found
+        nearby[column] = ((apart**2).sum(axis=-1) < NEARBY**2).any(axis=0)  # absent: NaN, not less
+    return nearby
 
 
 def _readings(run: Run, ask: Measured) -> tuple[Reading, ...]:
@@ -163,11 +163,11 @@ def _of_pace(run: Run) -> tuple[Reading, ...]:
     fast = np.abs(run.speed)
     # A speed of exactly 0 is a standstill that the positions prove. A slower vehicle has come less far.
     speeds = ((np.maximum(fast - by, 0.0), -1.0), (np.where(fast == 0.0, 0.0, fast + by), 1.0))
-    found = []
+    readings = []
     for speed, sign in speeds:
         moved = run if run.spread is None else _moved(run, np.full(len(run.agents), sign))
-        found.append(Reading(Measured.PACE, by, replace(moved, speed=np.copysign(speed, run.speed))))
-    return tuple(found)
+        readings.append(Reading(Measured.PACE, by, replace(moved, speed=np.copysign(speed, run.speed))))
+    return tuple(readings)
 
 
 def _of_way(run: Run) -> tuple[Reading, ...]:
@@ -227,12 +227,12 @@ def _moved(run: Run, signs: NDArray[np.float64]) -> Run:
     return replace(run, zone=zone, station=station, pose=None if run.pose is None else _shifted(run, by, 0.0), spread=None)
 
 
-def _shifted(run: Run, ahead: float | NDArray[np.float64], left: float) -> NDArray[np.float64]:
+def _shifted(run: Run, ahead: float | NDArray[np.float64], sideways: float) -> NDArray[np.float64]:
     """Return the poses moved ahead and to the left [m]."""
     pose = run.need("pose").copy()
     cos, sin = np.cos(pose[..., 2]), np.sin(pose[..., 2])
-    pose[..., 0] += ahead * cos - left * sin
-    pose[..., 1] += ahead * sin + left * cos
+    pose[..., 0] += ahead * cos - sideways * sin
+    pose[..., 1] += ahead * sin + sideways * cos
     return pose
 
 

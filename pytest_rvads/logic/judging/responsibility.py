@@ -42,8 +42,8 @@ def is_about(j: Judgement, run: Run, subject: str) -> bool:
     me = next(column for column, agent in enumerate(run.agents) if agent.name == subject)
     if j.failed is not None:
         meets = j.template.shape.kind is Kind.STATE and cause_between(j, run) is None
-        others = [e.index for e in agents_of(j.template.formula) if e.index != me] if meets else []
-        excused = (len(others) == 1 and surprised(run, me, others[0], j.failed)) or pushed(run, me, j.failed)
+        opponents = [e.index for e in agents_of(j.template.formula) if e.index != me] if meets else []
+        excused = (len(opponents) == 1 and surprised(run, me, opponents[0], j.failed)) or pushed(run, me, j.failed)
         return not (excused or _forfeited(j, run)) and any(e.index == me for e in responsible(j, run))
     if j.status is not Status.OPEN:
         return False
@@ -56,12 +56,12 @@ def is_about(j: Judgement, run: Run, subject: str) -> bool:
 def _forfeited(j: Judgement, run: Run) -> bool:
     """Return whether every awaited vehicle waived its right since the trigger, or waited for a vehicle that waived its right."""
     awaited, waiting = _awaited(j), {e.index for e in _waiting(j)}
-    others = [k for k in range(len(run.agents)) if k not in waiting]
+    not_waiting = [k for k in range(len(run.agents)) if k not in waiting]
     if not awaited or not j.failed:
         return False
     try:
-        waiving = {k for k in others if waives(run)[j.trigger : j.failed, k].any()}
-        return all(k in waiving or any(may_owe(run, k, other) for other in waiving) for k in awaited)
+        waiving = {k for k in not_waiting if waives(run)[j.trigger : j.failed, k].any()}
+        return all(k in waiving or any(may_owe(run, k, waiver) for waiver in waiving) for k in awaited)
     except RunError:
         return False
 

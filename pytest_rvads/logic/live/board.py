@@ -1,35 +1,51 @@
-"""What is the case now: the ground atoms that live monitors look at, each worked out once for all rules, and only as needed.
+"""The instances and the present facts that live monitors read.
 
-Signals are worked out in every state, for all vehicles at once, and looked at where they change. Users' words are worked out on a
-run of one state, where a monitor asks for them.
+`Instances` makes the instances of rules for vehicles that come and go: per vehicle, and per pair of vehicles. `Board` holds the
+present values of the ground atoms in these instances; all rules share the value of an atom. Signals are evaluated in every state
+for all vehicles at once, and facts are told where a signal changes. A user's word is evaluated on a run of one state, when a
+monitor asks for the word.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Any, TypeVar
 
+import numpy as np
+
+from pytest_rvads.geometry.conflicts import Key
+from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.logic.conduct.blocks import Block, Signal
 from pytest_rvads.logic.conduct.cast import Cast
+from pytest_rvads.logic.conduct.predicates import Static, extract
 from pytest_rvads.logic.judging.evaluate import OPERATORS, Values, signal_of
+from pytest_rvads.logic.judging.ground import unfold
+from pytest_rvads.logic.judging.prepare import Template, prepare
 from pytest_rvads.logic.live.instant import Instant, Mover
 from pytest_rvads.logic.live.watch import Fact
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.rules.lexicon import word_of
+from pytest_rvads.logic.rules.rule import Rule
+from pytest_rvads.logic.rules.shape import agents_of, split
 from pytest_rvads.logic.rules.sorts import Sort
 from pytest_rvads.logic.rules.vocabulary import Follower
+from pytest_rvads.runs.run import Run
+from pytest_rvads.runs.states import Agent
+from pytest_rvads.support.errors import FormulaError
 
-__all__ = ["Board"]
+__all__ = ["Board", "Instances"]
+
 
 _Entry = TypeVar("_Entry")
 
 
 class Board:
-    """The facts of one instant after the other.
+    """The present facts of a run that goes on.
 
     Args:
-        now: the instant, which goes on.
+        now: the present instant; the run goes on by advancing this instant.
     """
 
     def __init__(self, now: Instant) -> None:
@@ -38,10 +54,10 @@ class Board:
         self._signals: dict[Signal[Any], list[tuple[Fact, tuple[Mover | int, ...]]]] = {}
         """The facts about every signal, and the vehicles or the entrance that they are about."""
         self._columns: dict[Signal[Any], tuple[int, list[tuple[Fact, int]]]] = {}
-        """How many facts there are about every signal, and which column each of them is, as long as the cast is the same."""
+        """Per signal, the number of its facts, and the column of each fact; valid as long as the cast is the same."""
         self._cast: Cast | None = None
         self._rows: dict[Signal[Any], list[bool]] = {}
-        """Of every signal the state before."""
+        """The state before, for every signal."""
         self._block: Block | None = None
         self._values: list[tuple[Signal[Any], list[list[bool]]]] = []
         """The states of every signal in the block, for the signals that facts are about."""
@@ -65,7 +81,7 @@ class Board:
         """Bring all facts up to this instant.
 
         Raises:
-            RunError: something is not given that an atom asks for.
+            RunError: a value that an atom asks for is not given.
         """
         now = self.now
         if now.block.cast is not self._cast:
@@ -88,34 +104,34 @@ class Board:
         self._facts.pop(key, None)
 
     def fact(self, atom: f.Atom, movers: Sequence[Mover], tie: float) -> Fact:
-        """Return a ground atom as it is now, and follow it.
+        """Return the fact of a ground atom, which `read` keeps up to date.
 
         Args:
-            atom: speaks of agents by their place in `movers`.
+            atom: the atom; its agents are numbered by their place in `movers`.
             movers: the vehicles.
             tie: waiting times that differ by at most this count as equal [s].
 
         Raises:
-            RunError: something is not given that it asks for.
+            RunError: a value that the atom asks for is not given.
         """
         terms = tuple(_key_of(term, movers) for term in atom.terms)
         key = (atom.word or atom.name, terms, tie if atom.name in OPERATORS else 0.0)
-        found = self._facts.get(key)
-        if found is None:
+        fact = self._facts.get(key)
+        if fact is None:
             elements = [element for element in map(_element_of, atom.terms) if element is not None]
             agents = [movers[element.index] for element in elements if element.sort == Sort.AGENT]
             signal = signal_of(atom, len(self.now.junction.entrances), round(tie / self.now.dt))
             if signal is None:
-                found = self._general(atom, movers, tie)
+                fact = self._general(atom, movers, tie)
             else:
-                found = self._of_signal(signal, agents or [element.index for element in elements])
-            self._facts[key] = found
+                fact = self._of_signal(signal, agents or [element.index for element in elements])
+            self._facts[key] = fact
             word = word_of(atom)
             if word is not None and word.present:
                 for mover in agents:
-                    self._bodily.setdefault(mover, set()).add(found)
-            found.homes.append(partial(self._forget, key))
-        return found
+                    self._bodily.setdefault(mover, set()).add(fact)
+            fact.homes.append(partial(self._forget, key))
+        return fact
 
     def _of_signal(self, signal: Signal[Any], places: Sequence[Mover | int]) -> Fact:
         """Return a fact that is one column of a signal, about vehicles or an entrance."""
@@ -125,11 +141,11 @@ class Board:
         return self._keep(fact, self._signals.setdefault(signal, []), (fact, tuple(places)))
 
     def _columns_of(self, signal: Signal[Any]) -> list[tuple[Fact, int]]:
-        """Return the facts about a signal, and which column of the signal each of them is."""
+        """Return the facts about a signal, each with its column of the signal."""
         cast, facts, (count, columns) = self.now.block.cast, self._signals[signal], self._columns.get(signal, (-1, []))
         if count != len(facts):
-            found = ((fact, signal.column(cast, list(map(_column, places)))) for fact, places in facts)
-            columns = [(fact, column) for fact, column in found if column is not None]
+            places_of_facts = ((fact, signal.column(cast, list(map(_column, places)))) for fact, places in facts)
+            columns = [(fact, column) for fact, column in places_of_facts if column is not None]
             self._columns[signal] = len(facts), columns
         return columns
 
@@ -143,7 +159,7 @@ class Board:
         return Fact(False, lambda: bool(Values(now.run, tie)[moved][0]))
 
     def _keep(self, fact: Fact, where: list[_Entry], entry: _Entry, *until: Mover) -> Fact:
-        """Have a fact looked after in a list, as long as somebody looks at it, or until one of these vehicles is dropped."""
+        """Keep the entry of a fact in a list until a vehicle of `until` is dropped, or else until no watch reads the fact."""
         where.append(entry)
 
         def end() -> None:
@@ -192,3 +208,69 @@ def _in_columns(atom: f.Atom, movers: Sequence[Mover]) -> f.Atom:
         return f.Element(old.sort, mover.slot, mover.agent.name)
 
     return f.Atom(atom.name, tuple(map(move, atom.terms)), atom.at, atom.word)
+
+
+class Instances:
+    """The instances of rules by the ways of the vehicles, prepared once per combination of ways.
+
+    Args:
+        rules: the rules.
+        junction: the junction.
+        lights: colours of the first state; an entrance with a colour other than none has a light.
+
+    Raises:
+        FormulaError: a rule is about more than two vehicles at once, so that vehicles that come later would count.
+    """
+
+    def __init__(self, rules: tuple[Rule, ...], junction: Junction, lights: list[int]) -> None:
+        self._rules, self._junction, self._lights = rules, junction, lights
+        self._prepared: dict[tuple[Key, ...], tuple[tuple[int, Template], ...]] = {}
+        routes = [next(iter(junction.movements))] * 3
+        static = replace(self._static(tuple(routes)), entrances=1, exits=1, lights=(0,), signs=())
+        for rule in rules:
+            _refuse_crowds(rule, static)
+
+    def of(self, *ways: Key) -> tuple[tuple[int, Template], ...]:
+        """Return the instances about one vehicle or about two vehicles together, each with the number of its rule.
+
+        The agents of the instances are numbered in the order of the ways.
+        """
+        instances = self._prepared.get(ways)
+        if instances is None:
+            static = self._static(ways)
+            agents = range(len(ways))
+            instances = self._prepared[ways] = tuple(
+                (number, template)
+                for number, rule in enumerate(self._rules)
+                for template in prepare(rule.formula, static, rule.bound).templates
+                if _about(template) == set(agents)
+            )
+        return instances
+
+    def _static(self, ways: tuple[Key, ...]) -> Static:
+        agents = tuple(Agent(f"v{number}", self._junction.every_way[way]) for number, way in enumerate(ways))
+        zone = np.zeros((1, len(agents)), dtype=np.int8)
+        return extract(Run("live", self._junction, agents, zone, np.array([self._lights], dtype=np.int8)))
+
+
+def _about(template: Template) -> set[int]:
+    """Return the columns of the agents in the variables and in the atoms of an instance."""
+    named = {e.index for member in template.members for _, e in member.binding if e.sort == Sort.AGENT}
+    return named | {e.index for e in agents_of(template.formula)}
+
+
+def _refuse_crowds(rule: Rule, static: Static) -> None:
+    for instance in unfold(rule.formula, static).instances:
+        named = {e for _, e in instance.binding if e.sort == Sort.AGENT}
+        if any(len(named | set(agents_of(part))) > 2 for part in split(instance.formula)) or _exists(rule.formula):
+            raise FormulaError(
+                f"rule {rule.name!r} is about more than two vehicles at once, and who comes later would count: "
+                "give the monitor its agents"
+            )
+
+
+def _exists(formula: f.Formula) -> bool:
+    """Return whether a formula has an existential quantifier over agents."""
+    if isinstance(formula, f.Exists) and any(v.sort == Sort.AGENT for v in formula.variables):
+        return True
+    return any(_exists(child) for child in f.children(formula))

@@ -1,24 +1,140 @@
-"""One state of the traffic after the other, worked out in blocks of one or more states."""
+"""The states that live monitors read, one after the other.
+
+`Seen` is the input of `RuleMonitor.see`, and `Decided` is its answer. `Stream` makes blocks of one or more states, and hands the
+carry of the signals from block to block. `Instant` is the present state: the vehicles by column, and a run of this state alone.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from pytest_rvads.geometry.junction import Junction
-from pytest_rvads.logic.conduct.blocks import Block, Signal, assume
+from pytest_rvads.logic.conduct.blocks import Block, Signal, assume, unless_equal
+from pytest_rvads.logic.conduct.cast import Cast
 from pytest_rvads.logic.conduct.motion import advance, entered, facing, wt
-from pytest_rvads.logic.conduct.stream import Stream
+from pytest_rvads.logic.ltl.ltl3 import Truth
 from pytest_rvads.runs.run import Collision, Facts, Run
 from pytest_rvads.runs.states import ABSENT, Agent
+from pytest_rvads.support.errors import RunError
 
-__all__ = ["OF_RUNS", "Instant", "Mover", "State"]
+__all__ = ["OF_RUNS", "Decided", "Instant", "Mover", "Seen", "State", "Stream", "row_of", "sizes_of"]
+
+
+class Seen(NamedTuple):
+    """The state of a vehicle at an instant; see `RuleMonitor.see`."""
+
+    agent: Agent
+    """Name, way and size of the vehicle, the same in every state; no other vehicle present has the same name."""
+    station: float
+    """Station of the reference point along the itinerary, 0 at the entrance vertex [m]."""
+    speed: float
+    """Forward speed [m/s]."""
+    x: float
+    """East coordinate of the reference point [m]."""
+    y: float
+    """North coordinate of the reference point [m]."""
+    heading: float
+    """Counter-clockwise from east [rad]."""
+    spread: float = 0.0
+    """Three standard deviations of the measured station [m]."""
+
+
+@dataclass(frozen=True, slots=True)
+class Decided:
+    """The final verdict of an instance of a rule."""
+
+    rule: str
+    binding: Mapping[str, str]
+    """Variables of the rule, and the names of the elements that the variables stand for."""
+    verdict: Truth
+    """``F``: violated in this state; ``T``: no continuation violates it; ``?``: a vehicle left before a violation."""
+    time: float
+    """Time of the decision since the first state [s]."""
+
+
+def sizes_of(vehicle_size: tuple[float, float] | Sequence[tuple[float, float]], count: int) -> tuple[tuple[float, float], ...]:
+    """Return length and width of every vehicle [m], given one pair for all vehicles or one pair per vehicle.
+
+    Raises:
+        RunError: the sizes have another shape, or are not finite and positive.
+    """
+    sizes = np.asarray(vehicle_size, dtype=np.float64)
+    if sizes.shape not in ((2,), (count, 2)) or not (np.isfinite(sizes) & (sizes > 0)).all():
+        raise RunError(
+            f"vehicle_size must be a length and width [m], for all {count} vehicles or for each, got {vehicle_size!r:.60}"
+        )
+    return tuple((float(length), float(width)) for length, width in np.broadcast_to(sizes, (count, 2)))
+
+
+def row_of(name: str, values: ArrayLike, shape: tuple[int, ...]) -> list[Any]:
+    """Return the numbers of a state as lists.
+
+    Raises:
+        RunError: the numbers have another shape than `shape`, or are not finite; the message gives their `name`.
+    """
+    row = np.asarray(values, dtype=np.float64)
+    if row.shape != shape or not all(map(math.isfinite, row.ravel().tolist())):
+        what = f"{shape[0]} finite numbers" if len(shape) == 1 else f"finite numbers of shape {shape}"
+        raise RunError(f"{name} of a state must be {what}, got {values!r:.60}")
+    numbers: list[Any] = row.tolist()
+    return numbers
+
+
+class Stream:
+    """Makes blocks of states as the states come, and hands the carry of every block on to the next block.
+
+    Args:
+        junction: the junction that the vehicles drive through.
+        dt: time between two states [s].
+        facts: the facts of the run; they may state a speed limit.
+    """
+
+    def __init__(self, junction: Junction, dt: float, facts: Facts) -> None:
+        self.dt, self._facts = dt, facts
+        self.cast = Cast(junction, (), facts)
+        self._kept: Sequence[int | None] | None = None
+        self._last: Block | None = None
+        self._tick = 0
+
+    def recast(self, agents: Sequence[Agent], columns: Sequence[int | None]) -> None:
+        """Replace the vehicles, because a vehicle has come or gone.
+
+        Args:
+            agents: the vehicles of the next block, in the order of its columns.
+            columns: for every vehicle its column in the last block, None for a vehicle that has just come.
+        """
+        self.cast, self._kept = Cast(self.cast.junction, agents, self._facts), columns
+
+    def feed(self, signals: Iterable[Signal[Any]], zone: NDArray[np.int8], lights: NDArray[np.int8], **arrays: Any) -> Block:
+        """Return the next states as a block.
+
+        Args:
+            signals: the signals with a carry; each is worked out, because later blocks depend on its carry.
+            zone: `Zone` of every vehicle, shape ``(n, agents)``.
+            lights: `Colour` at every entrance, shape ``(n, entrances)``.
+            **arrays: the other arrays of `Block` that are known.
+        """
+        last = self._last
+        block = Block(self.cast, zone, lights, self.dt, **arrays, tick=self._tick, previous=last, kept=self._kept)
+        if last is not None and self._kept is None and last.zone.shape == zone.shape and last.given == block.given:
+            block.earlier, last.earlier = last, None
+            block.zone, block.lights = unless_equal(zone, last.zone), unless_equal(lights, last.lights)
+        for signal in signals:
+            try:
+                signal(block)
+            except RunError as error:
+                block.unknown[signal] = str(error)
+        block.previous = None
+        self._last, self._kept, self._tick = block, None, self._tick + len(zone)
+        return block
+
 
 OF_RUNS = (wt, entered, facing, advance)
 """The signals with a carry that a run of one state has to offer."""
@@ -26,18 +142,18 @@ OF_RUNS = (wt, entered, facing, advance)
 
 @dataclass(slots=True, eq=False)
 class Mover:
-    """A vehicle as it is now."""
+    """A vehicle and its present state."""
 
     agent: Agent
     slot: int
-    """Its column."""
+    """Column of the vehicle."""
     zone: int = int(ABSENT)
     station: float = math.nan
     spread: float = math.nan
 
 
 class State(NamedTuple):
-    """A state as it is given, by column; None where something is not given."""
+    """A state as the monitor reads it, by column; None for an array that is not given."""
 
     zones: Sequence[int]
     stations: Sequence[float] | None
@@ -45,45 +161,45 @@ class State(NamedTuple):
     poses: Sequence[Sequence[float]] | None
     lights: Sequence[int]
     touching: frozenset[frozenset[str]] | None = None
-    """Names of the vehicles that touch for the first time, where a simulator recorded it."""
+    """Pairs of names of vehicles that touch for the first time; None if no simulator recorded contacts."""
 
     @property
     def given(self) -> tuple[bool, ...]:
-        """Which of its values are given."""
+        """Whether each of the arrays is given."""
         return tuple(value is not None for value in self)
 
 
 class _State(Run):
-    """A run of one state, which knows the states before by the block that is given for it."""
+    """A run of one state, whose block carries values that depend on earlier states."""
 
     @cached_property
     def wt(self) -> NDArray[np.int32]:
-        found: NDArray[np.int32] = wt(self)
-        return found
+        ticks: NDArray[np.int32] = wt(self)
+        return ticks
 
     @cached_property
     def entered(self) -> NDArray[np.int64]:
-        found: NDArray[np.int64] = entered(self)[0]
-        return found
+        ticks: NDArray[np.int64] = entered(self)[0]
+        return ticks
 
     @cached_property
     def facing(self) -> NDArray[np.int8]:
-        found: NDArray[np.int8] = facing(self)
-        return found
+        colours: NDArray[np.int8] = facing(self)
+        return colours
 
     @cached_property
     def advance(self) -> NDArray[np.float64]:
-        found: NDArray[np.float64] = advance(self)
-        return found
+        speeds: NDArray[np.float64] = advance(self)
+        return speeds
 
 
 class Instant:
     """The vehicles at a junction, one state after the other.
 
     Args:
-        junction: where they drive.
+        junction: the junction that the vehicles drive through.
         dt: time between two states [s].
-        facts: the speed limit.
+        facts: the facts of the run; they may state a speed limit.
         signals: the signals that are worked out in every state, because later states depend on their carries.
     """
 
@@ -98,10 +214,10 @@ class Instant:
         lights = np.zeros((1, len(junction.starts)), dtype=np.int8)
         self.block = Block(self._stream.cast, np.empty((1, 0), dtype=np.int8), lights)
         self.row = 0
-        """Which state of the block is now."""
+        """Row of the present state in the block."""
 
     def add(self, agent: Agent, slot: int) -> Mover:
-        """Return a vehicle that appears in the next state, in a column of its own or one that has become free."""
+        """Return a vehicle that appears in the next state, in a new column or in a column that has become free."""
         mover = Mover(agent, slot)
         self.slots[slot : slot + 1] = [mover]
         return mover
@@ -126,14 +242,15 @@ class Instant:
 
     @property
     def run(self) -> Run:
-        """A run of this state alone, that knows what it takes over from the states before."""
+        """The present state as a run of one state."""
         if self._run is None:
             self._run = self._as_run()
         return self._run
 
     def _as_run(self) -> Run:
         block = self.block.only(self.row)
-        pairs = None if block.touching is None else tuple(Collision(0.0, _two(pair), 0.0) for pair, _ in block.touching)
+        names = None if block.touching is None else [sorted(pair) for pair, _ in block.touching]
+        collisions = None if names is None else tuple(Collision(0.0, (first, second), 0.0) for first, second in names)
         run = _State(
             "live",
             self.junction,
@@ -144,13 +261,8 @@ class Instant:
             station=block.station,
             speed=block.speed,
             pose=block.pose,
-            collisions=pairs,
+            collisions=collisions,
             facts=self.facts,
         )
         assume(run, block)
         return run
-
-
-def _two(pair: Iterable[str]) -> tuple[str, str]:
-    one, two = sorted(pair)
-    return one, two

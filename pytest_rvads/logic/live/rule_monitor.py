@@ -19,10 +19,8 @@ from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.logic.conduct.blocks import Signal
 from pytest_rvads.logic.conduct.predicates import extract
 from pytest_rvads.logic.judging.prepare import Template, prepare
-from pytest_rvads.logic.live.board import Board
-from pytest_rvads.logic.live.instances import Instances
-from pytest_rvads.logic.live.instant import OF_RUNS, Instant, Mover, State
-from pytest_rvads.logic.live.seeing import Decided, Seen, row_of, sizes_of
+from pytest_rvads.logic.live.board import Board, Instances
+from pytest_rvads.logic.live.instant import OF_RUNS, Decided, Instant, Mover, Seen, State, row_of, sizes_of
 from pytest_rvads.logic.live.watch import Fact, Reading, Watch
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.ltl.ltl3 import Machine, Truth
@@ -81,11 +79,11 @@ class RuleMonitor:
         block: int = 1,
     ) -> None:
         self.rules = rules_for(rule, junction, book)
-        for one in self.rules:
-            if not one.concerns(junction):
-                kinds = " or ".join(one.kinds) + (" and several lanes on an arm" if one.lanes else "")
-                kinds += " and a lane that joins another one" if one.joining else ""
-                raise RunError(f"{one.name} is about junctions with {kinds}, this one has {junction.control}")
+        for candidate in self.rules:
+            if not candidate.concerns(junction):
+                kinds = " or ".join(candidate.kinds) + (" and several lanes on an arm" if candidate.lanes else "")
+                kinds += " and a lane that joins another one" if candidate.joining else ""
+                raise RunError(f"{candidate.name} is about junctions with {kinds}, this one has {junction.control}")
         if not isinstance(block, int) or block < 1:
             raise RunError(f"block must be a whole number of states from 1 on, got {block!r:.20}")
         self._junction, self._block = junction, block
@@ -106,7 +104,7 @@ class RuleMonitor:
         self._broken: dict[Watch, tuple[Mover, ...]] = {}
         self._failed: set[int] = set()
         self._instances: Instances | None = None
-        self._there: dict[str, Mover] = {}
+        self._present: dict[str, Mover] = {}
         self._about: dict[Mover, dict[Watch, None]] = {}
         self._free: list[int] = []
         self.not_judged: dict[str, str] = {}
@@ -198,11 +196,11 @@ class RuleMonitor:
         """
         if self._agents is not None:
             raise RunError("see reads vehicles that come and go: call step, or make a RuleMonitor without agents")
-        given = tuple(vehicles)
-        seen = {vehicle.agent.name: vehicle for vehicle in given}
+        present = tuple(vehicles)
+        seen = {vehicle.agent.name: vehicle for vehicle in present}
         colours = self._colours(lights)
-        for vehicle in given:
-            self._check(vehicle, len(seen) == len(given))
+        for vehicle in present:
+            self._check_seen(vehicle, len(seen) == len(present))
         if self._instances is None:
             self._instances = Instances(self.rules, self._junction, colours)
         decided: tuple[Decided, ...] = ()
@@ -213,10 +211,10 @@ class RuleMonitor:
 
     def flush(self) -> tuple[Decided, ...]:
         """Judge the states of an incomplete block, and return the decided instances as `see` does."""
-        states, seen, self._states, self._seen = self._states, self._seen, [], []
+        states, seen_states, self._states, self._seen = self._states, self._seen, [], []
         if self._agents is not None and states:
             self._judge(states)
-        return self._judge_seen(seen) if seen else ()
+        return self._judge_seen(seen_states) if seen_states else ()
 
     def _judge(self, states: Sequence[State]) -> None:
         """Judge the next states of vehicles that are known beforehand."""
@@ -236,9 +234,9 @@ class RuleMonitor:
     def _judge_seen(self, states: Sequence[tuple[dict[str, Seen], list[int]]]) -> tuple[Decided, ...]:
         """Judge the next states, in all of which the same vehicles are seen."""
         now, seen, instances = self._now, states[0][0], self._instances
-        old = tuple(self._there.values())
-        new = tuple(self._enter(vehicle.agent) for name, vehicle in seen.items() if name not in self._there)
-        gone = [self._there.pop(name) for name in self._there.keys() - seen.keys()]
+        old = tuple(self._present.values())
+        new = tuple(self._enter(vehicle.agent) for name, vehicle in seen.items() if name not in self._present)
+        leaving = [self._present.pop(name) for name in self._present.keys() - seen.keys()]
         now.feed([State(*self._columns(vehicles), colours) for vehicles, colours in states])
         old = tuple(mover for mover in old if mover.zone != ABSENT)
         decided: list[Decided] = []
@@ -248,20 +246,20 @@ class RuleMonitor:
             if number == 0 and instances is not None:
                 for place, mover in enumerate(new):
                     self._watch(instances.of(mover.agent.way.key), (mover,))
-                    for other in (*old, *new[:place]):
-                        self._watch(instances.of(other.agent.way.key, mover.agent.way.key), (other, mover))
+                    for neighbour in (*old, *new[:place]):
+                        self._watch(instances.of(neighbour.agent.way.key, mover.agent.way.key), (neighbour, mover))
             decided += self._run_monitors()
             if number == 0:
-                decided += self._leave(gone)
+                decided += self._leave(leaving)
         return tuple(decided)
 
-    def _check(self, vehicle: Seen, unique: bool) -> None:
+    def _check_seen(self, vehicle: Seen, unique: bool) -> None:
         if not unique:
             raise RunError("two vehicles of a state have the same name: give each its own")
         if not all(map(math.isfinite, vehicle[1:])):
             raise RunError(f"vehicle {vehicle.agent.name!r}: what is seen must be finite numbers, got {tuple(vehicle[1:])!r:.80}")
-        known = self._there.get(vehicle.agent.name)
-        if known is None and vehicle.agent.way.key not in self._junction.every_way:
+        mover = self._present.get(vehicle.agent.name)
+        if mover is None and vehicle.agent.way.key not in self._junction.every_way:
             raise RunError(f"vehicle {vehicle.agent.name!r}: the junction has no way {vehicle.agent.way.key}")
 
     def _enter(self, agent: Agent) -> Mover:
@@ -270,21 +268,25 @@ class RuleMonitor:
         if self._size is not None and agent.size is None:
             agent = replace(agent, size=self._size)
         slot = self._free.pop(0) if len(self._free) > _SPARE else len(now.slots)
-        mover = self._there[agent.name] = now.add(agent, slot)
+        mover = self._present[agent.name] = now.add(agent, slot)
         self._about[mover] = {}
         return mover
 
-    def _columns(self, seen: Mapping[str, Seen]) -> tuple[list[int], list[float], list[float], list[tuple[float, float, float]]]:
+    def _columns(
+        self, by_name: Mapping[str, Seen]
+    ) -> tuple[list[int], list[float], list[float], list[tuple[float, float, float]]]:
         """Return zones, stations, speeds and poses by column."""
         slots = self._now.slots
         if not slots:
             return [], [], [], []
-        there = [seen.get(mover.agent.name) if self._there.get(mover.agent.name) is mover else None for mover in slots]
-        stations, speeds, *pose, spreads = zip(*(_NOWHERE if vehicle is None else vehicle[1:] for vehicle in there), strict=True)
+        vehicles = [by_name.get(mover.agent.name) if self._present.get(mover.agent.name) is mover else None for mover in slots]
+        stations, speeds, *pose, spreads = zip(
+            *(_NOWHERE if vehicle is None else vehicle[1:] for vehicle in vehicles), strict=True
+        )
         borders = np.array([itinerary(self._junction, *mover.agent.way.key).borders for mover in slots])
         before = Before(*(np.array(values) for values in zip(*((m.zone, m.station, m.spread) for m in slots), strict=True)))
         zone = zones(borders, np.array([stations]), np.array([spreads]), before)[0].tolist()
-        zone = [int(ABSENT) if vehicle is None else z for vehicle, z in zip(there, zone, strict=True)]
+        zone = [int(ABSENT) if vehicle is None else z for vehicle, z in zip(vehicles, zone, strict=True)]
         for mover, *values in zip(slots, zone, stations, spreads, strict=True):
             mover.zone, mover.station, mover.spread = values
         return zone, list(stations), list(speeds), list(zip(*pose, strict=True))
@@ -324,17 +326,17 @@ class RuleMonitor:
 
     def _reading(self, machine: Machine, facts: Sequence[Fact]) -> Reading:
         asked = tuple(k for k, fact in enumerate(facts) if fact.ask is not None)
-        known = self._readings.get((id(machine), asked))
-        if known is None:
-            known = self._readings[id(machine), asked] = machine, Reading(machine, asked)
-        return known[1]
+        entry = self._readings.get((id(machine), asked))
+        if entry is None:
+            entry = self._readings[id(machine), asked] = machine, Reading(machine, asked)
+        return entry[1]
 
     def _run_monitors(self) -> tuple[Decided, ...]:
         """Step the monitors whose letter may have changed, and return the decided instances."""
         decided = []
-        todo = self._queue[:]
+        queued = self._queue[:]
         self._queue.clear()
-        for watch in todo:
+        for watch in queued:
             if watch not in self._watches:
                 continue
             verdict = watch.step()
@@ -360,10 +362,10 @@ class RuleMonitor:
         for mover in self._watches.pop(watch):
             self._about.get(mover, {}).pop(watch, None)
 
-    def _leave(self, gone: Sequence[Mover]) -> tuple[Decided, ...]:
+    def _leave(self, leaving: Sequence[Mover]) -> tuple[Decided, ...]:
         """Return the instances that are decided because vehicles have left, and drop vehicles without undecided instances."""
         decided = []
-        for mover in gone:
+        for mover in leaving:
             for watch in list(self._about[mover]):
                 absent = [m for m in self._watches[watch] if m.zone == ABSENT]
                 if len(absent) == len(self._watches[watch]) or not watch.can_fail(self._board.bodily(absent)):

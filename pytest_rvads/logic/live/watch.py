@@ -63,14 +63,14 @@ class Reading:
         self._hopeless: dict[tuple[int, int], bool] = {}
 
     def letter(self, mask: int) -> int | None:
-        """Return the letter if it is the same for all values of the atoms in `asked`, else None."""
+        """Return the letter if all values of the atoms in `asked` give the same letter, else None."""
         try:
             return self._letters[mask]
         except KeyError:
-            known = mask & ~sum(self._bits)
+            certain = mask & ~sum(self._bits)
             choices = product(*((0, bit) for bit in self._bits))
-            found = {self.exact(known | sum(choice)) for choice in choices} if len(self._bits) <= _MOST_ASKED else set()
-            letter = self._letters[mask] = found.pop() if len(found) == 1 else None
+            letters = {self.exact(certain | sum(choice)) for choice in choices} if len(self._bits) <= _MOST_ASKED else set()
+            letter = self._letters[mask] = letters.pop() if len(letters) == 1 else None
             return letter
 
     def exact(self, mask: int) -> int:
@@ -85,22 +85,22 @@ class Reading:
 
     def can_fail(self, state: int, false: int) -> bool:
         """Return whether a violation is reachable from a state while the atoms of mask `false` stay false."""
-        known = self._hopeless.get((state, false))
-        if known is None:
+        reachable = self._hopeless.get((state, false))
+        if reachable is None:
             count = len(self._machine.atoms)
             free = [1 << k for k in range(count) if not false >> k & 1]
-            known = self._hopeless[state, false] = len(free) > _MOST_FREE or self._reaches(state, free)
-        return known
+            reachable = self._hopeless[state, false] = len(free) > _MOST_FREE or self._reaches(state, free)
+        return reachable
 
     def _reaches(self, state: int, free: Sequence[int]) -> bool:
         letters = {self.exact(sum(choice)) for choice in product(*((0, bit) for bit in free))}
-        found, left = {state}, [state]
-        while left:
-            row = self.delta[left.pop()]
-            after = {row[letter] for letter in letters} - found
-            found |= after
-            left += after
-        return any(self.output[s] is Truth.FALSE for s in found)
+        states, pending = {state}, [state]
+        while pending:
+            row = self.delta[pending.pop()]
+            after = {row[letter] for letter in letters} - states
+            states |= after
+            pending += after
+        return any(self.output[s] is Truth.FALSE for s in states)
 
 
 _MOST_FREE = 8

@@ -39,11 +39,11 @@ class Nfa:
 
     @property
     def _full(self) -> int:
-        found = 0
+        letters_of_moves = 0
         for moves in self.moves:
             for letters, _ in moves:
-                found |= letters
-        return found
+                letters_of_moves |= letters
+        return letters_of_moves
 
 
 def prefixes(pool: Pool, root: int, where: tuple[int, ...], full: int, budget: Budget) -> Nfa:
@@ -80,19 +80,19 @@ class _Explorer:
         edges: list[list[_Move]] = []
         for state in order:  # grows while it is walked
             moves: list[_Move] = [(self.full, 0, 0)]
-            rest = state
-            while rest:
-                low = rest & -rest
+            pending = state
+            while pending:
+                low = pending & -pending
                 moves = self.both(moves, self.unfold(low.bit_length() - 1))
-                rest ^= low
-            found = []
+                pending ^= low
+            numbered = []
             for letters, target, off in moves:
                 if target not in index:
                     index[target] = len(order)
                     order.append(target)
-                found.append((letters, index[target], off))
-            self.budget.spend(20 + 4 * len(found))
-            edges.append(found)
+                numbered.append((letters, index[target], off))
+            self.budget.spend(20 + 4 * len(numbered))
+            edges.append(numbered)
         return index, edges
 
     def unfold(self, n: int) -> list[_Move]:
@@ -128,27 +128,27 @@ class _Explorer:
             return 0
         return sum(1 << p for p in node.parts) if node.kind is Kind.AND else 1 << n
 
-    def both(self, ones: list[_Move], twos: list[_Move]) -> list[_Move]:
+    def both(self, moves: list[_Move], others: list[_Move]) -> list[_Move]:
         """Return the moves that keep the obligations of both lists at once."""
-        self.budget.spend(1 + len(ones) * len(twos) // 4)
-        return self.prune([(a & d, b | e, c | g) for a, b, c in ones for d, e, g in twos if a & d])
+        self.budget.spend(1 + len(moves) * len(others) // 4)
+        return self.prune([(a & d, b | e, c | g) for a, b, c in moves for d, e, g in others if a & d])
 
     def prune(self, moves: list[_Move]) -> list[_Move]:
         """Take from every move the letters on which another move leads to fewer obligations and puts off less."""
         merged: dict[tuple[int, int], int] = {}
         for letters, target, off in moves:
             merged[target, off] = merged.get((target, off), 0) | letters
-        kept: list[_Move] = []
+        minimal: list[_Move] = []
         for (target, off), letters in sorted(merged.items(), key=lambda m: (m[0][0].bit_count() + m[0][1].bit_count(), m[0])):
-            self.budget.spend(1 + len(kept) // 8)
-            for other, k_target, k_off in kept:
+            self.budget.spend(1 + len(minimal) // 8)
+            for covered, k_target, k_off in minimal:
                 if k_target & ~target == 0 and k_off & ~off == 0:
-                    letters &= ~other
+                    letters &= ~covered
                     if not letters:
                         break
             if letters:
-                kept.append((letters, target, off))
-        return kept
+                minimal.append((letters, target, off))
+        return minimal
 
 
 def _live(edges: list[list[_Move]], untils: list[int]) -> list[bool]:
@@ -158,11 +158,11 @@ def _live(edges: list[list[_Move]], untils: list[int]) -> list[bool]:
     graph.add_edges_from((state, target) for state, moves in enumerate(edges) for _, target, _ in moves)
     components = nx.condensation(graph)
     live = [False] * len(edges)
-    everything = sum(1 << u for u in untils)
+    all_untils = sum(1 << u for u in untils)
     for component in reversed(list(nx.topological_sort(components))):  # targets of a component come before the component
         states = components.nodes[component]["members"]
         inner = [off for s in states for _, target, off in edges[s] if target in states]
-        missing = everything
+        missing = all_untils
         for off in inner:
             missing &= off
         good = bool(inner) and missing == 0
@@ -182,11 +182,11 @@ def _merge(edges: list[list[_Move]], live: list[bool], budget: Budget) -> Nfa:
 
     def reach(state: int) -> dict[int, int]:
         """Return, per block, the letters that lead to the block."""
-        found: dict[int, int] = {}
+        letters_by_block: dict[int, int] = {}
         for letters, target, _ in edges[state]:
             if live[target]:
-                found[block[target]] = found.get(block[target], 0) | letters
-        return found
+                letters_by_block[block[target]] = letters_by_block.get(block[target], 0) | letters
+        return letters_by_block
 
     while True:
         budget.spend(sum(len(edges[s]) for s in states))

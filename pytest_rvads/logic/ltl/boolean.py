@@ -44,19 +44,19 @@ def disj(parts: Iterable[f.Formula]) -> f.Formula:
 
 
 def _join(parts: Iterable[f.Formula], kind: type[f.And | f.Or], unit: f.Formula, zero: f.Formula) -> f.Formula:
-    found: dict[f.Formula, None] = {}
+    terms: dict[f.Formula, None] = {}
     for part in parts:
         for p in part.parts if isinstance(part, kind) else (part,):
             if isinstance(p, f.Const):
                 if p == zero:
                     return zero
-            elif found and neg(p) in found:
+            elif terms and neg(p) in terms:
                 return zero
             else:
-                found[p] = None
-    if not found:
+                terms[p] = None
+    if not terms:
         return unit
-    return next(iter(found)) if len(found) == 1 else kind(tuple(found))
+    return next(iter(terms)) if len(terms) == 1 else kind(tuple(terms))
 
 
 def assign(formula: f.Formula, atom: f.Atom, value: bool) -> f.Formula:
@@ -117,15 +117,15 @@ def letters(guards: tuple[f.Formula, ...], budget: Budget) -> tuple[int, ...]:
 
 def _groups(guards: tuple[f.Formula, ...]) -> list[list[int]]:
     """Return the groups of guards that are connected by common atoms, by number."""
-    home: dict[f.Atom, list[int]] = {}
+    group_of: dict[f.Atom, list[int]] = {}
     for k, guard in enumerate(guards):
         merged = [k]
-        own = f.atoms(guard)
-        for group in {id(home[a]): home[a] for a in own if a in home}.values():
+        atoms = f.atoms(guard)
+        for group in {id(group_of[a]): group_of[a] for a in atoms if a in group_of}.values():
             merged += group
-        for a in (*own, *(a for g in merged for a in f.atoms(guards[g]))):
-            home[a] = merged
-    return [sorted(group) for group in {id(g): g for g in home.values()}.values()]
+        for a in (*atoms, *(a for g in merged for a in f.atoms(guards[g]))):
+            group_of[a] = merged
+    return [sorted(group) for group in {id(g): g for g in group_of.values()}.values()]
 
 
 def _cells(
@@ -138,12 +138,12 @@ def _cells(
         raise FormulaError(f"the formula joins more than {_ATOM_LIMIT} propositions in one state: split it into rules")
     atom = next((a for g in guards for a in f.atoms(g)), None)
     if atom is None:
-        found = frozenset([sum(1 << k for k, g in enumerate(guards) if g == f.TRUE)])
+        cells = frozenset([sum(1 << k for k, g in enumerate(guards) if g == f.TRUE)])
     else:
-        rests = (tuple(assign(g, atom, v) for g in guards) for v in (False, True))
-        found = frozenset().union(*(_cells(rest, memo, budget, deep + 1) for rest in rests))
-    memo[guards] = found
-    return found
+        remainders = (tuple(assign(g, atom, v) for g in guards) for v in (False, True))
+        cells = frozenset().union(*(_cells(remainder, memo, budget, deep + 1) for remainder in remainders))
+    memo[guards] = cells
+    return cells
 
 
 def evaluate(formula: f.Formula, values: Mapping[f.Atom, NDArray[np.bool_]], shape: tuple[int, ...]) -> NDArray[np.bool_]:

@@ -27,26 +27,26 @@ def label(machine: Machine, letters: frozenset[int]) -> f.Formula:
     Cubes of as few guards as possible are taken, the widest first, until all letters are covered. Codes that never occur don't
     matter.
     """
-    wanted = {machine.codes[i] for i in letters}
-    others = set(machine.codes) - wanted
-    if not others:
+    codes = {machine.codes[i] for i in letters}
+    excluded = set(machine.codes) - codes
+    if not excluded:
         return f.TRUE
     bits = range(len(machine.guards))
     cubes = []
-    for code in sorted(wanted):
+    for code in sorted(codes):
         mask = sum(1 << k for k in bits)
         for k in bits:  # drop a guard as long as no other letter matches
             smaller = mask & ~(1 << k)
-            if not any((other ^ code) & smaller == 0 for other in others):
+            if not any((excluded_code ^ code) & smaller == 0 for excluded_code in excluded):
                 mask = smaller
         cubes.append((mask, code & mask))
     chosen = []
-    rest = set(wanted)
+    uncovered = set(codes)
     for mask, value in sorted(set(cubes), key=lambda c: (c[0].bit_count(), c)):
-        covered = {code for code in rest if code & mask == value}
+        covered = {code for code in uncovered if code & mask == value}
         if covered:
             chosen.append((mask, value))
-            rest -= covered
+            uncovered -= covered
     return disj(
         conj(machine.guards[k] if value >> k & 1 else neg(machine.guards[k]) for k in bits if mask >> k & 1)
         for mask, value in chosen

@@ -2,6 +2,10 @@
 
 U, F and N are strong: the awaited state must come, the next state must exist. G, W and R are weak. Negation is complement (De
 Giacomo, Vardi: Linear temporal logic and linear dynamic logic on finite traces, IJCAI 2013).
+
+`settle` evaluates a formula on a finite trace. `with_ending` translates a formula for LTL3 monitors, which read infinite words:
+the proposition `ALIVE` holds as long as the trace lasts. The monitor of the translation decides in the first state without
+`ALIVE`, as `settle` decides on the trace before this state (section 4 of the paper, with weak operators released at the end).
 """
 
 from __future__ import annotations
@@ -13,8 +17,10 @@ from numpy.typing import NDArray
 
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.ltl.boolean import connect, evaluate
+from pytest_rvads.logic.ltl.rewrite import rebuild
 
-__all__ = ["settle", "settle_empty"]
+__all__ = ["ALIVE", "settle", "settle_empty", "with_ending"]
+
 
 Truths = NDArray[np.bool_]
 
@@ -57,15 +63,41 @@ def _until(left: Truths, right: Truths) -> Truths:
 def _next(values: Truths) -> NDArray[np.int64]:
     """Return, for every state, the first state from there on in which `values` holds, or the number of states."""
     steps = len(values)
-    found = np.where(values, np.arange(steps), steps)
-    return np.minimum.accumulate(found[::-1])[::-1]
+    next_states = np.where(values, np.arange(steps), steps)
+    return np.minimum.accumulate(next_states[::-1])[::-1]
 
 
 def settle_empty(formula: f.Formula) -> bool:
-    """Return the truth value on the empty trace: no atom holds, strong operators are false, weak ones true."""
+    """Return the truth value on the empty trace: no atom holds, strong operators are false, weak operators true."""
     match formula:
         case f.Const(value):
             return value
         case f.Not() | f.And() | f.Or() | f.Implies() | f.Iff():
             return bool(connect(formula, [np.array(settle_empty(part)) for part in f.children(formula)]))
     return isinstance(formula, f.Always | f.WeakUntil | f.Release)
+
+
+ALIVE = f.Atom("alive")
+"""Holds in every state of the trace, and in no state after the trace."""
+_ENDED = f.Not(ALIVE)
+
+
+def with_ending(formula: f.Formula) -> f.Formula:
+    """Return the formula whose truth on ``trace . (states without ALIVE)`` is that of `formula` on the finite trace."""
+    if f.is_boolean(formula):
+        return formula
+    parts = tuple(with_ending(c) for c in f.children(formula))
+    match formula:
+        case f.Next():
+            return f.Next(f.And((ALIVE, parts[0])))
+        case f.Always():
+            return f.WeakUntil(parts[0], _ENDED)
+        case f.Eventually():
+            return f.Until(ALIVE, f.And((ALIVE, parts[0])))
+        case f.Until():
+            return f.Until(f.And((ALIVE, parts[0])), f.And((ALIVE, parts[1])))
+        case f.WeakUntil():
+            return f.WeakUntil(parts[0], f.Or((parts[1], _ENDED)))
+        case f.Release():
+            return f.WeakUntil(parts[1], f.Or((f.And(parts), _ENDED)))
+    return rebuild(formula, parts)

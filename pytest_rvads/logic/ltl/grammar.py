@@ -1,20 +1,61 @@
-"""The grammars of rules and of propositional LTL, and the tree builder that runs inside the parser."""
+"""The language and the grammars of rules and of propositional LTL, and the tree builder that runs inside the parser.
+
+A `Language` holds the sorts, the letters of the variables of each sort, the named values and the relations of rules.
+"""
 
 # ruff: noqa: D102 - the methods of the builder are named after the rules of the grammar
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 from lark import Token, Transformer, v_args
 
 from pytest_rvads.logic.ltl import formula as f
-from pytest_rvads.logic.ltl.language import Language
 from pytest_rvads.support.errors import suggest
 
-__all__ = ["LTL", "Build", "Mistake", "rule_grammar"]
+__all__ = ["LTL", "Build", "Language", "Mistake", "rule_grammar"]
+
+
+@dataclass(frozen=True)
+class Language:
+    """The words that a parser has to know beforehand; predicates are looked up after parsing."""
+
+    sorts: tuple[str, ...]
+    """Sorts of variables."""
+    letters: Mapping[str, str]
+    """Sort by the letters of a variable: ``x``, or ``x.part`` for a part of the element that ``x`` stands for."""
+    values: tuple[str, ...]
+    """Names of values, which variables can't have."""
+    relations: tuple[str, ...]
+    """Predicates of two terms that are written between the terms."""
+    keywords: tuple[str, ...] = ()
+    """Further names, which the correction of misspelt words suggests."""
+
+    def __hash__(self) -> int:
+        return hash((self.sorts, self.values, self.relations))
+
+    @cached_property
+    def parts(self) -> tuple[str, ...]:
+        """The letters after the dot."""
+        return tuple(dict.fromkeys(letters.partition(".")[2] for letters in self.letters if "." in letters))
+
+    @cached_property
+    def _name(self) -> re.Pattern[str]:
+        return re.compile(rf"([A-Za-z_]+)\d*'*(?:\.({'|'.join(self.parts)})\d*'*)?")
+
+    def sort_of(self, name: str) -> str | None:
+        """Return the sort that the letters of a variable imply (``x'``, ``x.part2``), or None.
+
+        Digits and primes make further variables of the same sort.
+        """
+        match = self._name.fullmatch(name)
+        return self.letters.get(".".join(filter(None, match.groups()))) if match else None
+
 
 _OPERATORS = r"""
 ?formula: equivalence
@@ -183,15 +224,15 @@ class Build(Transformer[Token, Any]):
         return f.Number(float(text))
 
     def binder(self, name: Token, declared: Token | None = None) -> f.Binder:
-        at, told, sorts = name.start_pos or 0, self._language.sort_of(name), self._language.sorts
+        at, implied, sorts = name.start_pos or 0, self._language.sort_of(name), self._language.sorts
         if name in self._language.values:
             raise Mistake(at, f"{name!s} is a value, it can't be a variable")
         if declared is not None and declared not in sorts:
             raise Mistake(declared.start_pos or 0, f"unknown sort {declared!s}{suggest(declared, map(str, sorts))}")
-        sort = told if declared is None else sorts[sorts.index(declared)]
+        sort = implied if declared is None else sorts[sorts.index(declared)]
         if sort is None:
             raise Mistake(at, f"the letters of {name!s} tell no sort: declare one, such as `forall {name!s}: {sorts[0]}.`")
-        return f.Binder(str(name), sort, sort == told)
+        return f.Binder(str(name), sort, sort == implied)
 
     def binders(self, *binders: f.Binder) -> tuple[f.Binder, ...]:
         return binders

@@ -100,30 +100,32 @@ def synthesize(formula: f.Formula) -> Machine:
 
 def _determinise(can: Nfa, may_fail: Nfa, full: int, count: int, budget: Budget) -> tuple[NDArray[np.int32], NDArray[np.int8]]:
     """Run both automata together on sets of states; an empty set decides the verdict."""
-    ones = _Subsets(can, full, budget)
-    twos = _Subsets(may_fail, full, budget)
-    start = (ones.initial, twos.initial)
+    can_subsets = _Subsets(can, full, budget)
+    fail_subsets = _Subsets(may_fail, full, budget)
+    start = (can_subsets.initial, fail_subsets.initial)
     index = {start: 0}
     order = [start]
     rows: list[NDArray[np.int32]] = []
     width = (count + 7) // 8
-    for one, two in order:  # grows while it is walked
+    for can_states, fail_states in order:  # grows while it is walked
         row = np.zeros(count, dtype=np.int32)
-        for la, ta in ones.moves(one):
-            for lb, tb in twos.moves(two):
-                both = la & lb
-                if not both:
+        for la, ta in can_subsets.moves(can_states):
+            for lb, tb in fail_subsets.moves(fail_states):
+                common = la & lb
+                if not common:
                     continue
                 target = (ta, tb)
                 if target not in index:
                     index[target] = len(order)
                     order.append(target)
                     budget.spend(10 + count // 8)
-                bits = np.unpackbits(np.frombuffer(both.to_bytes(width, "little"), np.uint8), bitorder="little")[:count]
+                bits = np.unpackbits(np.frombuffer(common.to_bytes(width, "little"), np.uint8), bitorder="little")[:count]
                 row[bits.view(bool)] = index[target]
         budget.spend(20)
         rows.append(row)
-    output = [Truth.FALSE if not one else Truth.TRUE if not two else Truth.UNKNOWN for one, two in order]
+    output = [
+        Truth.FALSE if not can_states else Truth.TRUE if not fail_states else Truth.UNKNOWN for can_states, fail_states in order
+    ]
     return np.array(rows), np.array(output, dtype=np.int8)
 
 
@@ -146,10 +148,10 @@ class _Subsets:
         if subset in self._memo:
             return self._memo[subset]
         pieces = {0: self._full}
-        rest = subset
-        while rest:
-            low = rest & -rest
-            rest ^= low
+        pending = subset
+        while pending:
+            low = pending & -pending
+            pending ^= low
             for letters_, target in self._moves[low.bit_length() - 1]:
                 split: dict[int, int] = {}
                 for states, piece in pieces.items():
@@ -161,9 +163,9 @@ class _Subsets:
                         split[states] = split.get(states, 0) | outside
                 self._budget.spend(2 * len(pieces))
                 pieces = split
-        found = [(letters_, states) for states, letters_ in pieces.items()]
-        self._memo[subset] = found
-        return found
+        successors = [(letters_, states) for states, letters_ in pieces.items()]
+        self._memo[subset] = successors
+        return successors
 
 
 def _minimise(delta: NDArray[np.int32], output: NDArray[np.int8]) -> tuple[NDArray[np.int32], NDArray[np.int8]]:
@@ -172,19 +174,19 @@ def _minimise(delta: NDArray[np.int32], output: NDArray[np.int8]) -> tuple[NDArr
     blocks = int(block.max()) + 1
     while True:
         table = np.column_stack((block, block[delta]))
-        _, first, block = np.unique(table, axis=0, return_index=True, return_inverse=True)
+        _, representatives, block = np.unique(table, axis=0, return_index=True, return_inverse=True)
         block = block.reshape(-1)
-        if len(first) == blocks:
+        if len(representatives) == blocks:
             break
-        blocks = len(first)
-    small = block[delta[first]]
+        blocks = len(representatives)
+    small = block[delta[representatives]]
     order = [int(block[0])]
-    seen = {order[0]}
+    reached = {order[0]}
     for state in order:
         for target in dict.fromkeys(small[state].tolist()):
-            if target not in seen:
-                seen.add(target)
+            if target not in reached:
+                reached.add(target)
                 order.append(target)
     rank = np.empty(blocks, dtype=np.int32)
     rank[order] = np.arange(blocks, dtype=np.int32)
-    return rank[small[order]], output[first][order]
+    return rank[small[order]], output[representatives][order]

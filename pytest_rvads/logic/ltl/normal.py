@@ -80,8 +80,8 @@ class Pool:
                 return self._join((f.Not(left), right), positive, conjunction=False)
             case f.Iff(left, right):  # (a & b) | (!a & !b), and its negation (a & !b) | (!a & b)
                 same = self.join(Kind.AND, [self.add(left, True), self.add(right, positive)])
-                other = self.join(Kind.AND, [self.add(left, False), self.add(right, not positive)])
-                return self.join(Kind.OR, [same, other])
+                opposite = self.join(Kind.AND, [self.add(left, False), self.add(right, not positive)])
+                return self.join(Kind.OR, [same, opposite])
             case f.And(parts) | f.Or(parts):
                 return self._join(parts, positive, conjunction=isinstance(formula, f.And))
         raise TypeError(f"quantifiers must be unfolded before a monitor is built: {formula}")
@@ -126,13 +126,13 @@ class Pool:
 
     def _lasting(self, until: bool, a: int, b: int) -> int:
         """Return the node of ``a U b``, or of ``a R b``."""
-        one, two = self.nodes[a], self.nodes[b]
+        left_node, right_node = self.nodes[a], self.nodes[b]
         kind, unit, zero = (Kind.UNTIL, Kind.TRUE, Kind.FALSE) if until else (Kind.RELEASE, Kind.FALSE, Kind.TRUE)
-        if two.kind in (Kind.TRUE, Kind.FALSE) or one.kind is zero or a == b:
+        if right_node.kind in (Kind.TRUE, Kind.FALSE) or left_node.kind is zero or a == b:
             return b
         # a U (a U b) = a U b, and F (c U b) = F b; the same laws hold for R and G
-        if two.kind is kind and (two.parts[0] == a or one.kind is unit):
-            return self._lasting(until, a, two.parts[1])
+        if right_node.kind is kind and (right_node.parts[0] == a or left_node.kind is unit):
+            return self._lasting(until, a, right_node.parts[1])
         return self._number(Node(kind, (a, b)))
 
     def _number(self, node: Node) -> int:

@@ -16,8 +16,7 @@ from typing import Any, NamedTuple
 from lark import Lark, UnexpectedInput
 
 from pytest_rvads.logic.ltl import formula as f
-from pytest_rvads.logic.ltl.grammar import LTL, Build, Mistake, rule_grammar
-from pytest_rvads.logic.ltl.language import Language
+from pytest_rvads.logic.ltl.grammar import LTL, Build, Language, Mistake, rule_grammar
 from pytest_rvads.logic.ltl.rewrite import replaced, substitute
 from pytest_rvads.support.errors import FormulaError, suggest
 
@@ -75,11 +74,11 @@ def parse_rule(text: str, language: Language) -> f.Formula:
         FormulaError: the text is not a rule, too long, too large once its definitions are written out, or nested too deeply.
     """
     *definitions, formula = _parse(language, text)
-    known: dict[str, _Definition] = {}
+    defined: dict[str, _Definition] = {}
     for name, parameters, body in definitions:
-        written_out = _expand(body, known, text)
-        known[name] = _Definition(parameters, written_out, f.size(written_out))
-    return _expand(formula, known, text)
+        written_out = _expand(body, defined, text)
+        defined[name] = _Definition(parameters, written_out, f.size(written_out))
+    return _expand(formula, defined, text)
 
 
 def _parse(language: Language | None, text: str) -> tuple[Any, ...]:
@@ -118,7 +117,7 @@ def _unexpected(error: UnexpectedInput, text: str, keywords: tuple[str, ...]) ->
     """
     at = error.pos_in_stream if isinstance(error.pos_in_stream, int) and error.pos_in_stream >= 0 else len(text)
     token = getattr(error, "token", None)
-    wanted = set(getattr(error, "accepts", None) or getattr(error, "expected", None) or getattr(error, "allowed", None) or ())
+    terminals = set(getattr(error, "accepts", None) or getattr(error, "expected", None) or getattr(error, "allowed", None) or ())
     if token is not None and token.type == "$END":
         at, got = len(text.rstrip()), "the end"
     else:
@@ -131,8 +130,10 @@ def _unexpected(error: UnexpectedInput, text: str, keywords: tuple[str, ...]) ->
         hint = f"; did you mean {sign!r}?" if sign else suggest(word, [k for k in keywords if k != word]) if len(word) > 2 else ""
         if hint:
             return caret(f"unexpected {word!r}{hint}", text, place)
-    expected = "a formula" if "ALWAYS" in wanted else "a closing bracket or an operator" if wanted & {"RPAR", "RSQB"} else ""
-    expected = expected or ("a name" if wanted == {"NAME"} else "an operator or the end" if "$END" in wanted else "")
+    expected = (
+        "a formula" if "ALWAYS" in terminals else "a closing bracket or an operator" if terminals & {"RPAR", "RSQB"} else ""
+    )
+    expected = expected or ("a name" if terminals == {"NAME"} else "an operator or the end" if "$END" in terminals else "")
     return caret(f"unexpected {got}{', expected ' + expected if expected else ''}", text, at)
 
 
@@ -156,10 +157,10 @@ class _Definition(NamedTuple):
     """Size of the body."""
 
 
-def _expand(formula: f.Formula, known: Mapping[str, _Definition], text: str) -> f.Formula:
+def _expand(formula: f.Formula, defined: Mapping[str, _Definition], text: str) -> f.Formula:
     """Replace defined predicates by their bodies, after checking that the result keeps the limits."""
     _bounded(formula, text)
-    used = (known[node.name].size - 1 for node, _ in f.walk(formula) if isinstance(node, f.Atom) and node.name in known)
+    used = (defined[node.name].size - 1 for node, _ in f.walk(formula) if isinstance(node, f.Atom) and node.name in defined)
     size = f.size(formula) + sum(used)
     if size > SIZE_LIMIT:
         raise FormulaError(
@@ -168,11 +169,11 @@ def _expand(formula: f.Formula, known: Mapping[str, _Definition], text: str) -> 
         )
 
     def body_of(atom: f.Atom) -> f.Formula:
-        if atom.name not in known:
+        if atom.name not in defined:
             return atom
-        parameters, body, _ = known[atom.name]
+        parameters, body, _ = defined[atom.name]
         if len(parameters) != len(atom.terms):
             raise FormulaError(caret(f"{atom.name} takes {len(parameters)} arguments, got {len(atom.terms)}", text, atom.at))
         return substitute(body, dict(zip((p.name for p in parameters), atom.terms, strict=True)))
 
-    return _bounded(replaced(formula, body_of), text) if known else formula
+    return _bounded(replaced(formula, body_of), text) if defined else formula

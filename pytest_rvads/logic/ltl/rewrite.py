@@ -35,16 +35,16 @@ def substitute(formula: f.Formula, terms: Mapping[str, f.Term]) -> f.Formula:
             return f.Atom(name, tuple(_substitute(t, terms) for t in arguments), at, word)
         case f.Forall(variables, body) | f.Exists(variables, body):
             inner = {name: term for name, term in terms.items() if name not in {v.name for v in variables}}
-            taken = {str(t.of if isinstance(t, f.Attr) else t) for t in inner.values()}
+            used_names = {str(t.of if isinstance(t, f.Attr) else t) for t in inner.values()}
             fresh: dict[str, f.Term] = {}
             renamed = []
             for v in variables:
                 new = v.name
-                while new in taken:
+                while new in used_names:
                     new += "'"
                 if new != v.name:
                     fresh[v.name] = f.Var(new)
-                taken.add(new)
+                used_names.add(new)
                 renamed.append(f.Binder(new, v.sort, v.told))
             return type(formula)(tuple(renamed), substitute(body, {**inner, **fresh}))
     return rebuild(formula, tuple(substitute(c, terms) for c in f.children(formula)))

@@ -58,13 +58,13 @@ class RuleBook:
         """
         if rule.name in SHIPPED.rules or rule.name in _SHELF:
             raise FormulaError(f"{rule.name!r} is a shipped rule or rulebook: choose another name for yours")
-        known = self.rules.get(rule.name, rule)
-        if known != rule:
+        registered = self.rules.get(rule.name, rule)
+        if registered != rule:
             raise FormulaError(
-                f"{rule.name!r} is registered at {known.place} and says something else at {rule.place}: "
+                f"{rule.name!r} is registered at {registered.place} and says something else at {rule.place}: "
                 "give each a name of its own"
             )
-        return replace(self, rules={**self.rules, rule.name: known})
+        return replace(self, rules={**self.rules, rule.name: registered})
 
     def define(self, word: Word) -> RuleBook:
         """Return a book with a further predicate.
@@ -109,14 +109,14 @@ def _on(where: Desk) -> RuleBook:
 
 def _register(change: Callable[[RuleBook], RuleBook]) -> None:
     """Put a changed book on every desk that the change concerns, or on none if a book refuses the change."""
-    changed = [(one, change(_on(one))) for one in desks()]
-    for one, book in changed:
-        one.book = book
+    changed = [(where, change(_on(where))) for where in desks()]
+    for where, book in changed:
+        where.book = book
 
 
-def joined(one: RuleBook, two: RuleBook) -> RuleBook:
+def joined(book: RuleBook, other: RuleBook) -> RuleBook:
     """Return a book with the rules and predicates of two books that give no name two meanings."""
-    return RuleBook({**one.rules, **two.rules}, Vocabulary({**one.vocabulary, **two.vocabulary}))
+    return RuleBook({**book.rules, **other.rules}, Vocabulary({**book.vocabulary, **other.vocabulary}))
 
 
 def claim(rule: Rule) -> None:
@@ -171,7 +171,7 @@ def rule(  # noqa: PLR0913 - all properties of a rule, by keyword
     kinds = [c.value for c in JunctionControl]
     if about is not None and about not in kinds:
         raise FormulaError(f"rule {name!r}: about must be one of {', '.join(kinds)}, got {about!r}{suggest(about, kinds)}")
-    made = Rule(
+    new_rule = Rule(
         name,
         text,
         title,
@@ -184,8 +184,8 @@ def rule(  # noqa: PLR0913 - all properties of a rule, by keyword
         requirement=requirement,
         place=place,
     )
-    _register(lambda book: book.add(made))
-    return made
+    _register(lambda book: book.add(new_rule))
+    return new_rule
 
 
 def predicate(
@@ -210,11 +210,11 @@ def predicate(
     Raises:
         FormulaError: the name belongs to a shipped predicate or to a different function, or `Word` refuses the arguments.
     """
-    made = Word(name, tuple(map(str, sorts)), None, says, denies, follow)
-    BUILT_IN.add(made)  # refuses the names of shipped predicates
+    word_without_function = Word(name, tuple(map(str, sorts)), None, says, denies, follow)
+    BUILT_IN.add(word_without_function)  # refuses the names of shipped predicates
 
     def register(function: _Function) -> _Function:
-        word = replace(made, holds=function)
+        word = replace(word_without_function, holds=function)
         _register(lambda book: book.define(word))
         return function
 
@@ -272,9 +272,9 @@ def rules_for(
     Raises:
         FormulaError: a name is unknown, or two different rules have the same name, which may be the name of a shipped rule.
     """
-    wanted = "rules are named one by one, or as a list of names and of Rules"
-    require(spec, str | Rule | Iterable, wanted, FormulaError)
-    found: dict[str, Rule] = {}
+    expected = "rules are named one by one, or as a list of names and of Rules"
+    require(spec, str | Rule | Iterable, expected, FormulaError)
+    rules: dict[str, Rule] = {}
     for part in (spec,) if isinstance(spec, str | Rule) else spec:
         if isinstance(part, str) and part in _SHELF:
             chosen = [r for r in rulebook(part) if place is None or r.concerns(place)]
@@ -283,7 +283,7 @@ def rules_for(
         for r in chosen:
             if SHIPPED.rules.get(r.name, r) != r:
                 raise FormulaError(f"{r.name!r} is a shipped rule and {r!r} says something else: choose another name for yours")
-            if found.setdefault(r.name, r) != r:
-                places = f"at {found[r.name].place} and at {r.place}"
+            if rules.setdefault(r.name, r) != r:
+                places = f"at {rules[r.name].place} and at {r.place}"
                 raise FormulaError(f"two different rules are called {r.name!r}, {places}: choose another name for one of them")
-    return tuple(found.values())
+    return tuple(rules.values())

@@ -59,23 +59,23 @@ def desk() -> Desk:
 
 def desks() -> list[Desk]:
     """Return the desks for the rules that the calling code registers: of a test file alone, or of all tests."""
-    frame, found = _caller(), []
-    for one in reversed(_DESKS):
-        found.append(one)
-        if not one.file or one.alone(frame):
+    frame, chosen = _caller(), []
+    for candidate in reversed(_DESKS):
+        chosen.append(candidate)
+        if not candidate.file or candidate.alone(frame):
             break
-    return list(dict.fromkeys([*found, *(one.index for one in found if one.index and not one.test)]))
+    return list(dict.fromkeys([*chosen, *(candidate.index for candidate in chosen if candidate.index and not candidate.test)]))
 
 
 @contextmanager
-def own_desk(own: Desk | None = None) -> Iterator[Desk]:
+def own_desk(new_desk: Desk | None = None) -> Iterator[Desk]:
     """Open another desk, by default with the present book; its additions are dropped at the end."""
-    own = own or Desk(desk().book)
-    _DESKS.append(own)
+    new_desk = new_desk or Desk(desk().book)
+    _DESKS.append(new_desk)
     try:
-        yield own
+        yield new_desk
     finally:
-        _DESKS.remove(own)
+        _DESKS.remove(new_desk)
 
 
 def here() -> str:

@@ -76,25 +76,29 @@ def _may_be_at(static: Static, thing: f.Element, place: f.Element) -> bool | Non
 
 def _take(agent: f.Term, entrance: f.Term, direction: f.Term, itinerary: bool) -> f.Formula:
     """The agent is at the entrance and turns in the direction: by its itinerary, or by its next move (the paper's definition)."""
-    there, turns = f.Atom("@", (agent, entrance)), f.Atom("turn", (agent, direction))
-    return f.And((there, turns)) if itinerary else f.And((there, turns, f.Until(there, f.Atom("@", (agent, HERE)))))
+    at_entrance, turns = f.Atom("@", (agent, entrance)), f.Atom("turn", (agent, direction))
+    return (
+        f.And((at_entrance, turns))
+        if itinerary
+        else f.And((at_entrance, turns, f.Until(at_entrance, f.Atom("@", (agent, HERE)))))
+    )
 
 
-def _conflict(static: Static, one: f.Element, two: f.Element) -> bool | None:
-    first, second = static.agents[one.index], static.agents[two.index]
+def _conflict(static: Static, agent: f.Element, other: f.Element) -> bool | None:
+    first, second = static.agents[agent.index], static.agents[other.index]
     return None if static.conflicts is None else (first.way.key, second.way.key) in static.conflicts
 
 
-def _yields(ground: Ground, static: Static, one: f.Element, two: f.Element) -> bool | None:
-    return None if static.grounds is None else (one.index, two.index, ground) in static.grounds
+def _yields(ground: Ground, static: Static, agent: f.Element, other: f.Element) -> bool | None:
+    return None if static.grounds is None else (agent.index, other.index, ground) in static.grounds
 
 
-def _may_owe(static: Static, one: f.Element, two: f.Element) -> bool | None:
-    return None if static.owing is None or (one.index, two.index) in static.owing else False
+def _may_owe(static: Static, agent: f.Element, other: f.Element) -> bool | None:
+    return None if static.owing is None or (agent.index, other.index) in static.owing else False
 
 
-def _takes_turns(static: Static, one: f.Element, two: f.Element) -> bool:
-    return static.by_arrival is None or (one.index, two.index) in static.by_arrival
+def _takes_turns(static: Static, agent: f.Element, other: f.Element) -> bool:
+    return static.by_arrival is None or (agent.index, other.index) in static.by_arrival
 
 
 def _one_lane(static: Static, agent: f.Element) -> bool | None:
@@ -105,29 +109,29 @@ def _no_geometry(_run: Run, *_agents: int) -> NDArray[np.bool_]:
     raise RunError("the run holds no geometry of its junction")  # with geometry, the value is decided before
 
 
-def _between(one: f.Element, two: f.Element, pairs: frozenset[tuple[int, int]]) -> bool:
-    return one.sort == two.sort == Sort.ENTRANCE and (one.index, two.index) in pairs
+def _between(place: f.Element, other: f.Element, pairs: frozenset[tuple[int, int]]) -> bool:
+    return place.sort == other.sort == Sort.ENTRANCE and (place.index, other.index) in pairs
 
 
-def _from_right(static: Static, one: f.Element, two: f.Element) -> bool:
+def _from_right(static: Static, element: f.Element, other: f.Element) -> bool:
     """Return whether an entrance, or the entrance of a vehicle, is to the right of the other entrance or vehicle."""
-    if one.sort == two.sort == Sort.AGENT:
-        return (static.agents[one.index].entrance, static.agents[two.index].entrance) in static.right_of
-    return _between(one, two, static.right_of)
+    if element.sort == other.sort == Sort.AGENT:
+        return (static.agents[element.index].entrance, static.agents[other.index].entrance) in static.right_of
+    return _between(element, other, static.right_of)
 
 
-def _blame(run: Run, one: int, two: int, tick: int) -> Cause:
-    return blame(run, one, two, tick)
+def _blame(run: Run, agent: int, other: int, tick: int) -> Cause:
+    return blame(run, agent, other, tick)
 
 
-def _cause(run: Run, one: int, two: int, _tick: int) -> Cause | None:
-    pair = {run.agents[one].name, run.agents[two].name}
+def _cause(run: Run, agent: int, other: int, _tick: int) -> Cause | None:
+    pair = {run.agents[agent].name, run.agents[other].name}
     hit = next((c for c in contacts(run) if set(c.agents) == pair), None)
     return None if hit is None else cause_of(run, hit)
 
 
-def _takes_owed_way(run: Run, one: int, two: int) -> NDArray[np.bool_]:
-    return np.asarray(owes(run, one, two) & (run.zone[:, one] >= Zone.JUNCTION))
+def _takes_owed_way(run: Run, agent: int, other: int) -> NDArray[np.bool_]:
+    return np.asarray(owes(run, agent, other) & (run.zone[:, agent] >= Zone.JUNCTION))
 
 
 _word = partial(Word, place=PACKAGE)

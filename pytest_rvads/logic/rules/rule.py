@@ -1,21 +1,126 @@
-"""A rule: a formula of first-order temporal logic with its title, meaning, source and scope."""
+"""A rule: a formula of first-order temporal logic with its title, meaning, source and scope.
+
+The text of a rule is parsed and checked: every variable is bound, every predicate is known, every term has the right sort.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 
 from pytest_rvads.geometry.control import JunctionControl
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.logic.ltl import formula as f
+from pytest_rvads.logic.ltl.parser import caret, parse_rule
+from pytest_rvads.logic.ltl.rewrite import replaced
 from pytest_rvads.logic.rules.current import PACKAGE, desk, here
-from pytest_rvads.logic.rules.lexicon import BUILT_IN
+from pytest_rvads.logic.rules.lexicon import ATTRIBUTES, BUILT_IN
 from pytest_rvads.logic.rules.shape import outermost, untimed
-from pytest_rvads.logic.rules.sorts import Sort
-from pytest_rvads.logic.rules.vocabulary import Vocabulary, Word
-from pytest_rvads.support.errors import FormulaError
+from pytest_rvads.logic.rules.sorts import DIRECTIONS, LANGUAGE, Sort
+from pytest_rvads.logic.rules.vocabulary import Vocabulary, Word, sorts_in
+from pytest_rvads.support.errors import FormulaError, suggest
 from pytest_rvads.support.wording import one_line
 
-__all__ = ["LONGEST_TIE", "Rule"]
+__all__ = ["COMPARISONS", "LONGEST_TIE", "Rule", "parse"]
+
+
+COMPARISONS = ("=", "!=", "<", "<=", ">", ">=")
+_VERTICES = {Sort.ENTRANCE, Sort.EXIT, Sort.VERTEX}
+
+
+def parse(text: str, vocabulary: Vocabulary = BUILT_IN) -> f.Formula:
+    """Parse a rule and check it: every variable bound (but ``j``, the junction under test), known predicates, right sorts.
+
+    Args:
+        text: the text of the rule.
+        vocabulary: the predicates that the rule may use. The atoms of the formula hold the words that are not shipped.
+
+    Raises:
+        FormulaError: the text is not a rule; the message shows the line, a caret and the nearest valid word.
+    """
+    formula = parse_rule(text, LANGUAGE)
+    _Check(text, vocabulary).formula(formula, {"j": Sort.JUNCTION})
+    own_names = vocabulary.keys() - BUILT_IN.keys()
+
+    def filled(atom: f.Atom) -> f.Atom:
+        return replace(atom, word=vocabulary[atom.name]) if atom.name in own_names else atom
+
+    return replaced(formula, filled) if own_names else formula
+
+
+@dataclass(frozen=True, slots=True)
+class _Check:
+    text: str
+    vocabulary: Vocabulary
+
+    def formula(self, formula: f.Formula, scope: Mapping[str, str]) -> None:
+        if isinstance(formula, f.Atom):
+            self.atom(formula, scope)
+        elif isinstance(formula, f.Forall | f.Exists):
+            names = [v.name for v in formula.variables]
+            if len(set(names)) < len(names):
+                raise FormulaError(f"a quantifier binds a variable twice: {', '.join(names)}")
+            self.formula(formula.body, {**scope, **{v.name: v.sort for v in formula.variables}})
+        else:
+            for child in f.children(formula):
+                self.formula(child, scope)
+
+    def atom(self, atom: f.Atom, scope: Mapping[str, str]) -> None:
+        kinds = [self.term(t, scope, atom.at) for t in atom.terms]
+        name = atom.name
+        if name in COMPARISONS:
+            self.comparison(atom, kinds)
+            return
+        if name not in self.vocabulary:
+            what = f"unknown predicate {name!r}" if atom.terms else f"{name!r} is neither a formula nor a known predicate"
+            near = suggest(name, self.vocabulary) or ": register it before the rule, or give the rule its Word by words="
+            raise FormulaError(caret(what + near, self.text, atom.at))
+        expected = self.vocabulary[name].sorts
+        if len(kinds) != len(expected):
+            message = f"{name} takes {len(expected)} arguments ({', '.join(expected)}), got {len(kinds)}"
+            raise FormulaError(caret(message, self.text, atom.at))
+        for term, kind, sorts in zip(atom.terms, kinds, expected, strict=True):
+            if kind not in sorts_in(sorts):
+                raise FormulaError(caret(f"{atom}: expected {sorts}, got {term}, of sort {kind}", self.text, atom.at))
+
+    def comparison(self, atom: f.Atom, kinds: list[str]) -> None:
+        left, right = kinds
+        alike = left == right or {left, right} <= _VERTICES
+        ordered = atom.name not in ("=", "!=")
+        if not alike or (ordered and left != "number"):
+            rule = "only numbers have an order" if alike else "both sides must have the same sort"
+            raise FormulaError(caret(f"{atom}: can't compare {left} with {right}, {rule}", self.text, atom.at))
+        if not any(isinstance(t, f.Attr | f.Var) for t in atom.terms):
+            raise FormulaError(caret(f"{atom}: a comparison needs an attribute or a variable", self.text, atom.at))
+        mixed = {t.name for t in atom.terms if isinstance(t, f.Attr)}
+        if len(mixed) == 2:
+            raise FormulaError(caret(f"{atom}: can't compare {' with '.join(sorted(mixed))}", self.text, atom.at))
+
+    def term(self, term: f.Term, scope: Mapping[str, str], at: int) -> str:
+        match term:
+            case f.Var(name):
+                if name not in scope:
+                    near = suggest(name, scope) or f": quantify it, `forall {name}.`"
+                    raise FormulaError(caret(f"unbound variable {name}{near}", self.text, term.at))
+                return scope[name]
+            case f.Attr(of, name):
+                return self.attribute(term, self.term(of, scope, at), of.at if isinstance(of, f.Var) else 0)
+            case f.Value(name):
+                return "direction" if name in DIRECTIONS else "colour"
+            case f.Number():
+                return "number"
+            case f.Element(sort):
+                return sort
+
+    def attribute(self, term: f.Attr, sort: str, at: int) -> str:
+        attribute = ATTRIBUTES.get(term.name)
+        if attribute is None:
+            raise FormulaError(caret(f"unknown attribute {term.name!r}{suggest(term.name, ATTRIBUTES)}", self.text, at))
+        if sort != attribute.owner:
+            message = f"{term}: {term.name} belongs to {attribute.owner}s, {term.of} is of sort {sort}"
+            raise FormulaError(caret(message, self.text, at))
+        return attribute.kind
+
 
 LONGEST_TIE = 3600
 """Longest tie window [s]; a window of an hour makes all waiting times at a junction equal."""
@@ -100,8 +205,6 @@ class Rule:
 
     def _read(self) -> f.Formula:
         """Parse the text, store the formula and its words, and return the formula."""
-        from pytest_rvads.logic.rules.reading import parse  # takes a parser generator, which collecting tests does not need
-
         try:
             formula = parse(self.text, self._vocabulary())
         except FormulaError as error:
@@ -124,11 +227,11 @@ class Rule:
         return formula
 
     def _vocabulary(self) -> Vocabulary:
-        known = BUILT_IN if desk().book is None else desk().book.vocabulary
-        given = BUILT_IN
+        book_words = BUILT_IN if desk().book is None else desk().book.vocabulary
+        own_words = BUILT_IN
         for word in self.words:
-            given = given.add(word)
-        return Vocabulary({**known, **given}) if self.words else known
+            own_words = own_words.add(word)
+        return Vocabulary({**book_words, **own_words}) if self.words else book_words
 
     def __repr__(self) -> str:
         return f"<Rule {self.name}: {one_line(self.title or self.text)}>"

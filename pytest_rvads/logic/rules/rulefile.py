@@ -45,7 +45,7 @@ def load_rules(path: str | Path) -> tuple[Rule, ...]:
         raise FormulaError(f"{path}: not a file of rules: {' '.join(str(error).split())}") from error
     if len(parser.sections()) > _MOST_RULES:
         raise FormulaError(f"{path}: {len(parser.sections()):,} rules, at most {_MOST_RULES:,} are read: split it into files")
-    found = []
+    rules = []
     for name in parser.sections():
         section = dict(parser.items(name))
         for key in section:
@@ -56,17 +56,17 @@ def load_rules(path: str | Path) -> tuple[Rule, ...]:
         if not section.get("text"):
             raise FormulaError(f"{path}: rule {name!r} has no text: add `text = ` and a formula")
         try:
-            found.append(_rule(name, section, path))
+            rules.append(_rule(name, section, path))
         except FormulaError as error:
             raise FormulaError(f"{path}: {error}") from None
-    return tuple(found)
+    return tuple(rules)
 
 
 def _rule(name: str, section: dict[str, str], path: Path) -> Rule:
-    told: dict[str, Any] = {key: value for key, value in section.items() if key != "text"}
+    properties: dict[str, Any] = {key: value for key, value in section.items() if key != "text"}
     try:
-        told["tie"] = float(section.get("tie", "0"))
+        properties["tie"] = float(section.get("tie", "0"))
     except ValueError:
         raise FormulaError(f"rule {name!r}: tie must be a number of seconds, got {section['tie']!r}") from None
-    told["bound"] = section.get("bound", "").replace(",", " ").split()
-    return rule(name, section["text"], **told, place=f"{path}, section [{name}]")
+    properties["bound"] = section.get("bound", "").replace(",", " ").split()
+    return rule(name, section["text"], **properties, place=f"{path}, section [{name}]")

@@ -1,6 +1,6 @@
-"""When two functions are the same: a module that is loaded again makes its functions anew, and two files may say the same.
+"""Comparison of functions: a module that is loaded again makes new functions, and two files may define equal functions.
 
-Words are equal if their functions are the same in this sense. Atoms, by which results are kept, compare words by identity.
+Words are equal if their functions are the same in this sense. Atoms, which are keys of caches, compare words by identity.
 """
 
 from __future__ import annotations
@@ -14,42 +14,43 @@ __all__ = ["codes", "content", "same"]
 _PLAIN = (bool, int, float, complex, str, bytes)
 _UNBOUND = object()
 _UNSEEN = {"globals", "eval", "exec", "locals", "vars", "__import__"}
-"""By these a function reaches what its code does not name."""
+"""Builtins by which a function reaches values that its code does not name."""
 _IMPORT = dis.opmap["IMPORT_NAME"]
 
 
-def same(one: object, two: object) -> bool:
+def same(value: object, other: object) -> bool:
     """Return whether two functions, or two values that functions work with, are the same.
 
-    They are when they are identical; plain values that are equal, or tuples of such; methods of one object and the same function;
-    or functions of the same code, lines apart, whose defaults, attributes, closures and globals are the same, and the package too
-    where they import. Anything else may come to differ unseen, and is not.
+    Identical values are the same, and so are equal plain values and tuples of same values. Two methods are the same if their
+    object is identical and their functions are the same. Two functions are the same if their code, apart from line numbers,
+    and their defaults, attributes, closures and globals are the same; the package counts for functions that import. All other
+    values may become different without notice, so they are not the same.
     """
     try:
-        return _same(one, two, set())
+        return _same(value, other, set())
     except RecursionError:  # functions of functions, too deep to look through
         return False
 
 
-def _same(one: object, two: object, assumed: set[tuple[int, int]]) -> bool:
-    """Compare, and take the pairs of functions for the same that are being compared already: they may refer to each other."""
-    if one is two:
+def _same(value: object, other: object, assumed: set[tuple[int, int]]) -> bool:
+    """Compare two values; a pair of functions whose comparison has begun counts as the same, since functions may be recursive."""
+    if value is other:
         return True
-    match one, two:
+    match value, other:
         case FunctionType(), FunctionType():
-            if (id(one), id(two)) in assumed:
+            if (id(value), id(other)) in assumed:
                 return True
-            assumed.add((id(one), id(two)))
-            return _bare(one.__code__) == _bare(two.__code__) and _same(_works_with(one), _works_with(two), assumed)
+            assumed.add((id(value), id(other)))
+            return _bare(value.__code__) == _bare(other.__code__) and _same(_works_with(value), _works_with(other), assumed)
         case MethodType(), MethodType():
-            return one.__self__ is two.__self__ and _same(one.__func__, two.__func__, assumed)
-        case tuple(), tuple() if type(one) is type(two) is tuple:
-            return len(one) == len(two) and all(_same(a, b, assumed) for a, b in zip(one, two, strict=True))
-    return type(one) is type(two) and type(one) in _PLAIN and one == two
+            return value.__self__ is other.__self__ and _same(value.__func__, other.__func__, assumed)
+        case tuple(), tuple() if type(value) is type(other) is tuple:
+            return len(value) == len(other) and all(_same(a, b, assumed) for a, b in zip(value, other, strict=True))
+    return type(value) is type(other) and type(value) in _PLAIN and value == other
 
 
 def _works_with(function: FunctionType) -> tuple[object, ...]:
-    """Return what a function works with beside its arguments, in an order that its code tells."""
+    """Return the values that a function uses besides its arguments, in an order given by its code."""
     named = (function.__kwdefaults__ or {}, vars(function))
     cells = tuple(content(cell) for cell in function.__closure__ or ())
     inner = tuple(codes(function.__code__))
@@ -61,15 +62,15 @@ def _works_with(function: FunctionType) -> tuple[object, ...]:
 
 
 def content(cell: CellType) -> object:
-    """Return what is in a cell of a closure, or the cell itself while it is empty."""
+    """Return the content of a cell of a closure; for an empty cell, the cell itself."""
     try:
         return cell.cell_contents
-    except ValueError:  # nothing is in it yet
+    except ValueError:  # the cell is empty
         return cell
 
 
 def codes(code: CodeType) -> Iterator[CodeType]:
-    """Yield a code and those of the functions in it."""
+    """Yield a code object and the code objects of its inner functions."""
     yield code
     for constant in code.co_consts:
         if isinstance(constant, CodeType):
@@ -77,6 +78,6 @@ def codes(code: CodeType) -> Iterator[CodeType]:
 
 
 def _bare(code: CodeType) -> CodeType:
-    """Return a code without the lines it stands at."""
+    """Return a code object without its file and line numbers."""
     constants = tuple(_bare(constant) if isinstance(constant, CodeType) else constant for constant in code.co_consts)
     return code.replace(co_filename="", co_firstlineno=1, co_linetable=b"", co_consts=constants)

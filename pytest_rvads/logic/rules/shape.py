@@ -78,22 +78,22 @@ def conjuncts(formula: f.Formula) -> tuple[f.Formula, ...]:
 
 def agents_of(formula: f.Formula) -> tuple[f.Element, ...]:
     """Return the agents of a ground formula, by first occurrence."""
-    found: dict[f.Element, None] = {}
+    agents: dict[f.Element, None] = {}
     for atom in f.atoms(formula):
         for term in atom.terms:
             element = term.of if isinstance(term, f.Attr) else term
             if isinstance(element, f.Element) and element.sort == Sort.AGENT:
-                found[element] = None
-    return tuple(found)
+                agents[element] = None
+    return tuple(agents)
 
 
 def outermost(formula: f.Formula) -> tuple[f.Binder, ...]:
     """Return the variables of the outermost universal quantifiers."""
-    found: list[f.Binder] = []
+    variables: list[f.Binder] = []
     while isinstance(formula, f.Forall):
-        found += formula.variables
+        variables += formula.variables
         formula = formula.body
-    return tuple(found)
+    return tuple(variables)
 
 
 def untimed(formula: f.Formula, sorts: Mapping[str, str] | None = None) -> f.Atom | None:
@@ -106,7 +106,7 @@ def untimed(formula: f.Formula, sorts: Mapping[str, str] | None = None) -> f.Ato
             return untimed(body, {**sorts, **{v.name: v.sort for v in variables}})
         case f.Next() | f.Always() | f.Eventually() | f.Until() | f.WeakUntil() | f.Release():
             return None
-    return next((found for child in f.children(formula) if (found := untimed(child, sorts))), None)
+    return next((atom for child in f.children(formula) if (atom := untimed(child, sorts))), None)
 
 
 def _static(atom: f.Atom, sorts: Mapping[str, str]) -> bool:

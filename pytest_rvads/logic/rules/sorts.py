@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from enum import StrEnum
 
-from pytest_rvads.logic.ltl.language import Language
+from pytest_rvads.logic.ltl.grammar import Language
 
 __all__ = ["COLOURS", "DIRECTIONS", "LANGUAGE", "Sort"]
 

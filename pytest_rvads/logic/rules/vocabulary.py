@@ -128,7 +128,7 @@ class Word:
 
     def __eq__(self, other: object) -> bool:
         return self is other or (
-            isinstance(other, Word) and self._told() == other._told() and same(self._functions(), other._functions())
+            isinstance(other, Word) and self._properties() == other._properties() and same(self._functions(), other._functions())
         )
 
     def __hash__(self) -> int:
@@ -137,9 +137,9 @@ class Word:
     def __repr__(self) -> str:
         return f"<Word {self.name}>"
 
-    def _told(self) -> tuple[object, ...]:
-        told = self.name, self.sorts, self.says, self.denies, self.static, self.apart, self.symmetric
-        return *told, self.turns_on, self.from_zones, self.present, self.debt, self.bends, self.any_way
+    def _properties(self) -> tuple[object, ...]:
+        wording = self.name, self.sorts, self.says, self.denies, self.static, self.apart, self.symmetric
+        return *wording, self.turns_on, self.from_zones, self.present, self.debt, self.bends, self.any_way
 
     def _functions(self) -> tuple[object, ...]:
         return self.holds, self.follow, self.decide, self.means, self.cause, self.pending, self.beyond
@@ -192,25 +192,25 @@ class Attribute:
 class Names(Mapping[str, T]):
     """An immutable mapping from names to values."""
 
-    __slots__ = ("_known",)
+    __slots__ = ("_values",)
 
-    def __init__(self, known: Mapping[str, T]) -> None:
-        self._known = dict(known)
+    def __init__(self, values: Mapping[str, T]) -> None:
+        self._values = dict(values)
 
     def __getitem__(self, name: str) -> T:
-        return self._known[name]
+        return self._values[name]
 
     def __contains__(self, name: object) -> bool:
-        return name in self._known
+        return name in self._values
 
     def __iter__(self) -> Iterator[str]:
-        return iter(self._known)
+        return iter(self._values)
 
     def __len__(self) -> int:
-        return len(self._known)
+        return len(self._values)
 
     def __hash__(self) -> int:
-        return hash(frozenset(self._known))
+        return hash(frozenset(self._values))
 
     def __repr__(self) -> str:
         return f"<Names: {', '.join(self)}>"
@@ -235,14 +235,14 @@ class Vocabulary(Names[Word]):
         Raises:
             FormulaError: the name of the word has another meaning already.
         """
-        known = self.get(word.name)
-        if known is None:
+        registered = self.get(word.name)
+        if registered is None:
             return Vocabulary({**self, word.name: word})
-        if known.place == PACKAGE:
+        if registered.place == PACKAGE:
             raise FormulaError(f"{word.name!r} is a shipped word, not to be changed at {word.place}: choose another name")
-        if known != word:
+        if registered != word:
             raise FormulaError(
-                f"{word.name!r} is registered at {known.place} and says something else at {word.place}: "
+                f"{word.name!r} is registered at {registered.place} and says something else at {word.place}: "
                 "give each a name of its own"
             )
         return self

@@ -1,30 +1,32 @@
 """The block of text that explains a verdict.
 
 The block shows the rule, the instance, the vehicles that have to act, the beginning of their obligation, its violation, and the
-last good and the first bad state side by side. Elements have the user's names (a0, entrance 1), never generated names.
+last good and the first bad state side by side. For an UNSURE instance the block names the doubt on which the verdict depends.
+Elements have the user's names (a0, entrance 1), never generated names.
 """
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 
 from pytest_rvads.geometry.turn_words import turn_word
 from pytest_rvads.logic.judging.evaluate import Values
-from pytest_rvads.logic.judging.judge import Judgement
+from pytest_rvads.logic.judging.judge import Happening, Judgement
 from pytest_rvads.logic.judging.responsibility import responsible
 from pytest_rvads.logic.judging.verdicts import NearMiss
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.ltl.boolean import evaluate
 from pytest_rvads.logic.rules.shape import Kind, agents_of
 from pytest_rvads.logic.rules.sorts import Sort
-from pytest_rvads.logic.telling.doubt import hangs
 from pytest_rvads.logic.telling.phrase import clock, colour_at, origin, place, position, say, why, zone
 from pytest_rvads.logic.telling.story import Story, bound_names, happened
 from pytest_rvads.runs.run import Run
-from pytest_rvads.runs.states import Zone
+from pytest_rvads.runs.states import Colour, Zone
 from pytest_rvads.support.wording import one_line
 
-__all__ = ["block"]
+__all__ = ["block", "hangs", "since"]
 
 
 def block(story: Story, worst: Judgement | None, miss: NearMiss | None) -> list[str]:
@@ -100,33 +102,33 @@ def _early(j: Judgement) -> str:
 def _arrival(run: Run, e: f.Element, tick: int) -> str:
     """Return an agent with its entrance, turn, arrival and waiting time up to `tick`."""
     agent = run.agents[e.index]
-    here = np.flatnonzero(run.zone[: tick + 1, e.index] == Zone.ENTRANCE)
+    ticks = np.flatnonzero(run.zone[: tick + 1, e.index] == Zone.ENTRANCE)
     text = f"{e.name} @ entrance {agent.entrance}, {turn_word(run.junction, agent.way)}"
-    if len(here):
-        last = int(here[-1])
+    if len(ticks):
+        last = int(ticks[-1])
         away = np.flatnonzero(run.zone[:last, e.index] != Zone.ENTRANCE)
         arrived = int(away[-1]) + 1 if len(away) else 0
         text += f"   arrived {clock(run, arrived)} s, waited {int(run.wt[last, e.index]) * run.dt:.2f} s"
     return text
 
 
-def _relation(run: Run, e: f.Element, others: tuple[f.Element, ...]) -> str:
+def _relation(run: Run, e: f.Element, waiting: tuple[f.Element, ...]) -> str:
     """Return where the entrance of an agent lies relative to the entrance of the vehicle that waits for the agent."""
-    if len(others) != 1:
+    if len(waiting) != 1:
         return ""
-    here, there = run.agents[e.index].entrance, run.agents[others[0].index].entrance
+    entrance, waiting_entrance = run.agents[e.index].entrance, run.agents[waiting[0].index].entrance
     # If traffic keeps left, right-of is mirrored.
     side = "left of" if run.junction.left_hand else "right of"
     for word, pairs in ((side, run.junction.right_of), ("opposite", run.junction.opposite)):
-        if (here, there) in pairs:
-            return f"   entrance {here} is {word} {there}"
-    return f"   entrance {there} is {side} {here}" if (there, here) in run.junction.right_of else ""
+        if (entrance, waiting_entrance) in pairs:
+            return f"   entrance {entrance} is {word} {waiting_entrance}"
+    return f"   entrance {waiting_entrance} is {side} {entrance}" if (waiting_entrance, entrance) in run.junction.right_of else ""
 
 
 def _scene(run: Run, waiting: tuple[f.Element, ...], going: tuple[f.Element, ...], goes: f.Formula, tick: int) -> str:
     """Return the places of all vehicles in a tick."""
 
-    def one(e: f.Element, still: bool) -> str:
+    def placed(e: f.Element, still: bool) -> str:
         where = zone(run.agents[e.index], Zone(int(run.zone[tick, e.index])))
         at = "in the junction" if where == "junction" else f"on the {where}" if where == "approach" else f"at {where}"
         detail = [] if run.station is None else [f"{run.station[tick, e.index]:.2f} m"]
@@ -135,16 +137,16 @@ def _scene(run: Run, waiting: tuple[f.Element, ...], going: tuple[f.Element, ...
         waits = still and going and where.startswith("entrance")
         return f"{e.name} {'is still ' if waits else 'is ' if still else ''}{at}" + (f" ({', '.join(detail)})" if detail else "")
 
-    left = ", ".join(one(e, not going) for e in waiting)
-    right = ", ".join(one(e, True) for e in going)
+    waiting_text = ", ".join(placed(e, not going) for e in waiting)
+    going_text = ", ".join(placed(e, True) for e in going)
     lights = dict.fromkeys(
         t.of
         for a in f.atoms(goes)
         for t in a.terms
         if isinstance(t, f.Attr) and isinstance(t.of, f.Element) and t.of.sort == Sort.LIGHT
     )
-    seen = [f"{place(e)} is {colour_at(run, e.index, tick)}" for e in lights if isinstance(e, f.Element)]
-    return " while ".join(filter(None, (left, ", ".join(filter(None, (right, *seen))))))
+    colours = [f"{place(e)} is {colour_at(run, e.index, tick)}" for e in lights if isinstance(e, f.Element)]
+    return " while ".join(filter(None, (waiting_text, ", ".join(filter(None, (going_text, *colours))))))
 
 
 def _table(run: Run, j: Judgement, values: Values | None) -> list[str]:
@@ -174,3 +176,55 @@ def _table(run: Run, j: Judgement, values: Values | None) -> list[str]:
     ends = "<- the run ends" if j.ended is None else "<- the last state with all of them"
     marks = {last: "<- violated, no continuation can repair it" if j.failed is not None else ends}
     return [line(head), *(f"{line(row)}   {marks[t]}" if t in marks else line(row) for t, row in zip(ticks, rows, strict=True))]
+
+
+_CAME = {
+    Zone.ENTRANCE: ("arrived", "had arrived"),
+    Zone.JUNCTION: ("entered", "had entered"),
+    Zone.EXIT: ("was through", "was through"),
+    Zone.GONE: ("was gone", "was gone"),
+}
+"""Per zone, the verb for a vehicle that came to the zone, and the verb for a vehicle that may never have come."""
+
+
+def hangs(run: Run, j: Judgement) -> str:
+    """Return the doubt on which an instance depends, and its size; empty for a definite instance.
+
+    An example is ``a4 arrived at 12.31 s, a7 arrived at 12.34 s: 0.03 s apart, known to 0.05 s``.
+    """
+    hinge = j.hinge
+    if hinge is None:
+        return ""
+    if hinge.reading:
+        who = " and ".join(dict.fromkeys(name for _, name in _agents(j)))
+        return f"it hangs on {hinge.reading}" + (f" ({who})" if who else "")
+    events = ", ".join(_happened(run, happening) for happening in hinge.what)
+    if math.isinf(hinge.known):
+        return f"{events}; how long before is not known"
+    if hinge.apart is None:
+        return f"{events}, known to {hinge.known:.2f} s"
+    tie = f", where up to {hinge.tie:.2f} s count as at the same time" if hinge.tie else ""
+    return f"{events}: {abs(hinge.apart):.2f} s apart, known to {hinge.known:.2f} s{tie}"
+
+
+def since(run: Run, j: Judgement) -> float | None:
+    """Return the time of the doubtful events on the clock of the recording [s], else of the trigger."""
+    times = [h.time for h in j.hinge.what if h.time is not None] if j.hinge else []
+    tick = None if j.trigger is None else j.trigger * run.dt
+    time = max(times) if times else tick
+    return None if time is None else round(run.start + time, 9)
+
+
+def _agents(j: Judgement) -> list[tuple[str, str]]:
+    return [(name, element.name) for name, element in j.template.binding if element.sort == Sort.AGENT]
+
+
+def _happened(run: Run, happening: Happening) -> str:
+    """Return an event in words: the vehicle or light, its change, and the time."""
+    if happening.agent is None:
+        what, ended = f"light {happening.light} turned {Colour(happening.code).name.lower()}", ""
+    else:
+        did, had = _CAME[Zone(happening.code)]
+        name = run.agents[happening.agent].name
+        what, ended = f"{name} {did}", f"nothing tells whether {name} {had} when its recording ends"
+    return ended if happening.time is None else f"{what} at {run.start + happening.time:.2f} s"

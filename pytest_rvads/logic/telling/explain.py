@@ -14,8 +14,7 @@ from pytest_rvads.logic.judging.verdicts import InstanceVerdict, NearMiss, Statu
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.rules.lexicon import word_of
 from pytest_rvads.logic.rules.sorts import Sort
-from pytest_rvads.logic.telling.block import block
-from pytest_rvads.logic.telling.doubt import hangs, since
+from pytest_rvads.logic.telling.block import block, hangs, since
 from pytest_rvads.logic.telling.phrase import clock, element_name, literal, say, why
 from pytest_rvads.logic.telling.story import Story, bound_names, happened
 from pytest_rvads.runs.run import Run
@@ -126,10 +125,10 @@ def _message(story: Story, worst: Judgement | None) -> str:
     if status is Status.OPEN and story.reason:
         return f"{name} open: {story.reason}"
     if worst is None:
-        kept, total = story.kept()
+        kept_count, total = story.kept()
         binding = f" that bind {story.subject}" if story.subject else ""
-        rest = ", the others were not triggered" if kept < total else ""
-        return f"{name} PASS: kept in {kept} of {total} instances{binding}{rest}"
+        untriggered = ", the others were not triggered" if kept_count < total else ""
+        return f"{name} PASS: kept in {kept_count} of {total} instances{binding}{untriggered}"
     fails = sum(j.status is status for j in story.found)
     more = f" (the first of {fails} instances)" if fails > 1 else ""
     hint = f"; {_cyclic(story)}, no continuation could pass" if story.cycle else ""
@@ -144,10 +143,9 @@ def _message(story: Story, worst: Judgement | None) -> str:
         wait = f"{say(shape.waits, be='is still')} and waits until {say(shape.goes)}"
     else:
         wait = f"still owed: {say(shape.obligation)}"
-    if (seen := last_seen(run, columns(worst.template))) is not None:
-        return (
-            f"{name} open: {wait}, since t={since} s when the recording of {seen[0]} ended at {clock(run, seen[1])} s{more}{hint}"
-        )
+    if (absent := last_seen(run, columns(worst.template))) is not None:
+        vehicle, tick = absent
+        return f"{name} open: {wait}, since t={since} s when the recording of {vehicle} ended at {clock(run, tick)} s{more}{hint}"
     return f"{name} open: {wait}, since t={since} s when the run ended at {end} s: deadlock, or too short a run{more}{hint}"
 
 
@@ -183,11 +181,11 @@ def _roles(story: Story, worst: Judgement | None) -> str:
         return ""
     run, junction = story.run, story.run.junction
     agents = [(name, run.agents[e.index]) for name, e in worst.template.binding if e.sort == Sort.AGENT]
-    first = junction.starts[agents[0][1].entrance].arm if agents else 0
+    first_arm = junction.starts[agents[0][1].entrance].arm if agents else 0
 
     def seat(entrance: int) -> str:
         arm, lane = junction.starts[entrance].arm, junction.starts[entrance].lane
-        return f"+{(arm - first) % junction.ways}" + (f".{lane}" if len(junction.arms[arm].entrances) > 1 else "")
+        return f"+{(arm - first_arm) % junction.ways}" + (f".{lane}" if len(junction.arms[arm].entrances) > 1 else "")
 
     def role(agent: Agent) -> str:
         if agent.way.key in junction.movements:

@@ -49,10 +49,10 @@ def literal(atom: f.Atom, value: bool, name: Naming = element_name, be: str = "i
     """Return an atom or its negation in words; `be` is the verb, ``is`` or ``was``."""
     no = "" if value else " not"
     if atom.name == "@" and isinstance(place := atom.terms[1], f.Element):
-        thing, there = _term(atom.terms[0], name), name(place)
+        thing, location = _term(atom.terms[0], name), name(place)
         if be.endswith("stays") and not value and place.sort == Sort.JUNCTION:
-            return f"{thing} {be} out of {there}"
-        return f"{thing} {be}{no} {_PREPOSITIONS.get(place.sort, 'on')} {there}"
+            return f"{thing} {be} out of {location}"
+        return f"{thing} {be}{no} {_PREPOSITIONS.get(place.sort, 'on')} {location}"
     if text := _phrase(atom, value):
         words = text.format(*(_term(_whose(t), name) for t in atom.terms), be=be)
         return words.replace(" has ", " had ", 1) if be == "was" else words
@@ -77,8 +77,8 @@ def _phrase(atom: f.Atom, value: bool) -> str:
             comparison = f"{atom.name} value"
         case _:
             return ""
-    told = {compared: (says, denies) for compared, says, denies in ATTRIBUTES[attribute].says}
-    return told.get(comparison, ("", ""))[0 if value else 1]
+    phrases = {compared: (says, denies) for compared, says, denies in ATTRIBUTES[attribute].says}
+    return phrases.get(comparison, ("", ""))[0 if value else 1]
 
 
 def _whose(term: f.Term) -> f.Term:
@@ -124,21 +124,21 @@ def why(run: Run, atoms: Iterable[f.Atom], seat: Callable[[int], str] = str) -> 
     if len(columns) != 2 or junction.control in (JunctionControl.STOP, JunctionControl.LIGHTS):
         return ""
     me, you = (run.agents[column] for column in columns)
-    here, there = (f"entrance {seat(agent.entrance)}" for agent in (me, you))
+    own_entrance, other_entrance = (f"entrance {seat(agent.entrance)}" for agent in (me, you))
     signs = [junction.entrances[agent.entrance].sign for agent in (me, you)]
     match ground_of(junction, me.way.key, you.way.key):
         case Ground.PRIORITY if (me.way.key, you.way.key) in junction.stated:
-            return f"by the map the way from {there} has priority over the one from {here}"
+            return f"by the map the way from {other_entrance} has priority over the one from {own_entrance}"
         case Ground.SIGN | Ground.PRIORITY:
-            return f"{here} has {_SIGNS[signs[0]]}, {there} {_SIGNS[signs[1]]}"
+            return f"{own_entrance} has {_SIGNS[signs[0]]}, {other_entrance} {_SIGNS[signs[1]]}"
         case Ground.SIDE:
-            return f"{there} is on the {junction.near} of {here}, and neither has priority by a sign"
+            return f"{other_entrance} is on the {junction.near} of {own_entrance}, and neither has priority by a sign"
         case Ground.TURN:
             word = turn_word(junction, me.way)
             turn = f"makes a {word}" if word == UTURN else f"turns {word}"
-            return f"who comes from {here} {turn} across the way from {there}"
+            return f"who comes from {own_entrance} {turn} across the way from {other_entrance}"
         case Ground.MERGE:
-            return f"by the map the lane from {here} joins the one from {there}"
+            return f"by the map the lane from {own_entrance} joins the one from {other_entrance}"
     return ""
 
 

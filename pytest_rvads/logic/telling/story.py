@@ -53,25 +53,25 @@ class Story:
     @property
     def counts(self) -> dict[str, int]:
         """Number of instances by outcome."""
-        found = Counter(_WORDS[j.status] for j in self.found)
-        return {word: found[word] for word in _WORDS.values() if found[word]}
+        numbers = Counter(_WORDS[j.status] for j in self.found)
+        return {word: numbers[word] for word in _WORDS.values() if numbers[word]}
 
     def kept(self) -> tuple[int, int]:
         """Return the number of kept instances and of all instances; with a subject, of the instances that bind the subject."""
-        found, run = self.found, self.run
+        judgements, run = self.found, self.run
         if self.subject is None or self.values is None:
-            return sum(j.status is Status.PASS for j in found), len(found)
+            return sum(j.status is Status.PASS for j in judgements), len(judgements)
         me = next(column for column, agent in enumerate(run.agents) if agent.name == self.subject)
-        mine = [j for j in found if any(e.index == me for m in j.template.members for e in m.bound)]
-        return sum(j.status is Status.PASS and asked(j.template, self.values, me) for j in mine), len(mine)
+        binding = [j for j in judgements if any(e.index == me for m in j.template.members for e in m.bound)]
+        return sum(j.status is Status.PASS and asked(j.template, self.values, me) for j in binding), len(binding)
 
     def ordered(self) -> list[Judgement]:
         """Return the instances sorted by severity, then time; instances that the subject is to blame for come first."""
 
         def key(j: Judgement) -> tuple[bool, int, int]:
             tick = j.failed if j.failed is not None else j.trigger
-            other = self.subject is not None and not is_about(j, self.run, self.subject)
-            return other, _ORDER.index(j.status), self.run.steps if tick is None else tick
+            elsewhere = self.subject is not None and not is_about(j, self.run, self.subject)
+            return elsewhere, _ORDER.index(j.status), self.run.steps if tick is None else tick
 
         return sorted(self.found, key=key)
 
