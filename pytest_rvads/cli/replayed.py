@@ -15,9 +15,7 @@ from pytest_rvads.logic.rules.book import get_rule
 from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.report.draw.animated import animated
 from pytest_rvads.report.draw.replay import Beside, replay
-from pytest_rvads.report.earlier import earlier_run
-from pytest_rvads.report.facts import facts
-from pytest_rvads.report.failure_page import failure_pages, moment, other_verdicts, usual_rules
+from pytest_rvads.report.failure_page import earlier_run, facts, failure_pages, moment, other_verdicts, usual_rules
 from pytest_rvads.report.folders import INDEX, run_file
 from pytest_rvads.report.record import Record, RecordedItem
 from pytest_rvads.report.run_record import summed

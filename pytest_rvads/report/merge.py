@@ -7,8 +7,7 @@ from collections.abc import Sequence
 
 from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.report.record import Record, SimulatedItem
-from pytest_rvads.report.session_report import NOTHING_JUDGED, Cell, Extent, Report, exit_status, in_order
-from pytest_rvads.report.steady import steady
+from pytest_rvads.report.session_report import NOTHING_JUDGED, Cell, Extent, Report, exit_status, in_order, steady
 from pytest_rvads.support.errors import RvadsError
 from pytest_rvads.support.wording import first
 

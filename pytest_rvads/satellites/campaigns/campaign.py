@@ -23,7 +23,7 @@ from pytest_rvads.drivers.traffic import policy_name
 from pytest_rvads.logic.rules.book import SHIPPED, get_rule, is_rulebook, rules_for
 from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.satellites.campaigns.answering import Job, Question, judge, undecided
-from pytest_rvads.satellites.campaigns.head import Head
+from pytest_rvads.satellites.campaigns.judged import Head
 from pytest_rvads.satellites.campaigns.resultsfile import Results
 from pytest_rvads.scenarios.case import Case, Fleet
 from pytest_rvads.simulators.choice import choice

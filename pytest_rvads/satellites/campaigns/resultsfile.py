@@ -20,12 +20,10 @@ import msgspec
 import numpy as np
 
 from pytest_rvads.logic.outcome import Outcome
-from pytest_rvads.report.anew import Anew
 from pytest_rvads.report.record import Record
 from pytest_rvads.report.run_record import by_rule
-from pytest_rvads.report.session_report import Report, exit_status
-from pytest_rvads.satellites.campaigns.head import FORMAT, VERSION, Head
-from pytest_rvads.satellites.campaigns.judged import Glance, Judged
+from pytest_rvads.report.session_report import Anew, Report, exit_status
+from pytest_rvads.satellites.campaigns.judged import FORMAT, VERSION, Glance, Head, Judged
 from pytest_rvads.support.decoding import decode, encode
 from pytest_rvads.support.errors import RvadsError
 from pytest_rvads.support.storage import open_file

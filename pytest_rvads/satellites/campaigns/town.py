@@ -17,10 +17,9 @@ from pytest_rvads.geometry.choosing import Choice, Kinds, choose_among
 from pytest_rvads.geometry.finder import load, name_of
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.logic.outcome import Outcome
-from pytest_rvads.report.anew import Anew
 from pytest_rvads.report.record import Record
 from pytest_rvads.report.run_record import by_rule
-from pytest_rvads.report.session_report import Drawn
+from pytest_rvads.report.session_report import Anew, Drawn
 from pytest_rvads.runs.measured import Divergence
 from pytest_rvads.satellites.campaigns.judged import Judged
 from pytest_rvads.satellites.campaigns.shapes import REACH, Member, Shape, shapes, twin
