@@ -114,34 +114,32 @@ def run_of_file(file: Path, asked: str | None) -> Replayed:
         )
     run, verdict = runs[0], check(runs[0], rules[0]) if rules else None
     again = f"rvads replay {quoted(str(file))}{f' --rules {asked}' if asked else ''}"
-    told = [("recorded", str(file)), *([("rule", f"{rules[0].name}: {rules[0].title}")] if rules else []), ("rerun", again)]
+    rows = [("recorded", str(file)), *([("rule", f"{rules[0].name}: {rules[0].title}")] if rules else []), ("rerun", again)]
     notes = "\n".join((*([] if verdict is None else [verdict.explanation]), f"recorded  {file}", f"rerun     {again}"))
     others = other_verdicts(run, usual_rules(run), rules[0].name if rules else "")
-    return Replayed(run, verdict, rules[0] if rules else None, notes, Beside(tuple(told), others))
+    return Replayed(run, verdict, rules[0] if rules else None, notes, Beside(tuple(rows), others))
 
 
-def _judged(run: Run, told: Verdict) -> tuple[Verdict, Rule | None, str]:
+def _judged(run: Run, recorded: Verdict) -> tuple[Verdict, Rule | None, str]:
     """Return the verdict of a session, its rule where that is known, and why it may not be the same one."""
     try:
-        rule = get_rule(told.rule)
+        rule = get_rule(recorded.rule)
     except FormulaError:
-        said = f"{told.rule!r} is a rule of your own, so its monitors are not shown: name its file by --rules, if it has one"
-        return told, None, said
+        doubt = f"{recorded.rule!r} is a rule of your own, so its monitors are not shown: name its file by --rules, if it has one"
+        return recorded, None, doubt
     verdict = check(run, rule)
-    if verdict.status is told.status:
+    if verdict.status is recorded.status:
         return verdict, rule, ""
-    said = (
-        f"the session said {told.status} by {told.rule}, and this version says {verdict.status}: shown is what the session said"
-    )
-    return told, None, said
+    session, version = f"the session said {recorded.status} by {recorded.rule}", f"this version says {verdict.status}"
+    return recorded, None, f"{session}, and {version}: shown is what the session said"
 
 
 def _start(run: Run, record: Record) -> str:
     """Return the start of a run in words, or the name of a recorded one."""
-    told = run.provenance.get("scenario")
-    if isinstance(told, Mapping):
+    scenario = run.provenance.get("scenario")
+    if isinstance(scenario, Mapping):
         with suppress(RvadsError):  # it is told by another version
-            return recalled(told, run.junction, "scenario").describe()
+            return recalled(scenario, run.junction, "scenario").describe()
     return record.recording if isinstance(record, RecordedItem) else record.run or ""
 
 

@@ -184,25 +184,25 @@ class _Judge:
 
     def _one(self, file: str, number: int, run: Run) -> RunAnswer:
         reasons: dict[str, list[str]] = {}
-        given: list[tuple[Rule, Verdict]] = []
+        verdicts: list[tuple[Rule, Verdict]] = []
         for rule in self._rules:
             verdict = verdict_by(run, rule)
             if verdict.status is Status.ERROR:
                 reasons.setdefault(verdict.reason, []).append(rule.name)
-            given.append((rule, verdict))
-        asked = self._question.kpis or (self._question.alone and run.excerpt is None)
+            verdicts.append((rule, verdict))
+        wants_kpis = self._question.kpis or (self._question.alone and run.excerpt is None)
         place = run.junction
         keys = {"junction": place.name, "control": place.control.value, "recording": run.label}
         whole = replace(
             planned_record(run.label, 0, "", keys, place.ways),
-            verdicts=tuple(verdict for _, verdict in given),
+            verdicts=tuple(verdict for _, verdict in verdicts),
             run=run.label,
-            kpis=kpis(run) if asked and not damage(run) else None,
+            kpis=kpis(run) if wants_kpis and not damage(run) else None,
             **of_run(run),
         )
         records = [
-            self._shown(record, self._pages(file, number, run, rule, verdict, given))
-            for record, (rule, verdict) in zip(by_rule(whole), given, strict=True)
+            self._shown(record, self._pages(file, number, run, rule, verdict, verdicts))
+            for record, (rule, verdict) in zip(by_rule(whole), verdicts, strict=True)
         ]
         judged = None if run.excerpt is None else run.excerpt.judged
         return RunAnswer(
@@ -224,7 +224,7 @@ class _Judge:
         return replace(record, look=pages[0], looks=pages[1:]) if pages else record
 
     def _pages(
-        self, file: str, number: int, run: Run, rule: Rule, verdict: Verdict, given: Sequence[tuple[Rule, Verdict]]
+        self, file: str, number: int, run: Run, rule: Rule, verdict: Verdict, verdicts: Sequence[tuple[Rule, Verdict]]
     ) -> tuple[str, ...]:
         """Write the replay pages of a verdict; return their names with their opening times, or the reason for having no page."""
         if self._question.pages is None or verdict.status not in _SHOWN:
@@ -232,7 +232,7 @@ class _Judge:
         again = f"rvads check {quote(file)} --rules {rule.name}"
         notes = f"{verdict.explanation}\nrecorded  {file}\nrerun     {again}"
         facts = ("recorded", file), ("rule", f"{rule.name}: {rule.title}" if rule.title else rule.name), ("rerun", again)
-        beside = Beside(facts, summed(other for _, other in given if other is not verdict), "index.html")
+        beside = Beside(facts, summed(further for _, further in verdicts if further is not verdict), "index.html")
         pages: list[str] = []
         try:
             for page in failure_pages(run, verdict, rule, notes, beside):
@@ -252,15 +252,15 @@ def run_files(names: Sequence[str], lament: Callable[[str], None]) -> list[str]:
             not expand.
         lament: called with a sentence for each folder or pattern without files.
     """
-    found: dict[str, str] = {}
+    by_path: dict[str, str] = {}
     for name in names:
         files = _meant(name)
         if not files:
             kinds = f"expected files of runs ({', '.join(READERS)}) in it"
             lament(f"{name}: the folder is empty, {kinds}" if os.path.isdir(name) else f"{name}: no file matches this pattern")
         for file in files:
-            found.setdefault(os.path.abspath(file), file)
-    return list(found.values())
+            by_path.setdefault(os.path.abspath(file), file)
+    return list(by_path.values())
 
 
 def _meant(name: str) -> list[str]:

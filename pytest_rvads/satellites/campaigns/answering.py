@@ -63,10 +63,10 @@ def judge(question: Question, job: Job) -> bytes:
     Raises:
         RvadsError: the code or the versions of this process differ from those of the asking process.
     """
-    mine = _versions(tuple(question.versions))
-    if (code(), mine) != (question.code, question.versions):
+    own_versions = _versions(tuple(question.versions))
+    if (code(), own_versions) != (question.code, question.versions):
         raise RvadsError(
-            f"a worker has other code ({code()[:8]}, {_listed(mine)}) than who asks it ({question.code[:8]}, "
+            f"a worker has other code ({code()[:8]}, {_listed(own_versions)}) than who asks it ({question.code[:8]}, "
             f"{_listed(question.versions)}): install the same version of pytest-rvads and of what it needs on all machines"
         )
     # A process that does nothing else may end when nothing else gets a driver to stop; who hired it goes on without.
@@ -140,5 +140,5 @@ def _rules(question: Question, job: Job) -> tuple[Rule, ...]:
     return rules_for(question.rules, job.case.scenario.place)
 
 
-def _listed(found: dict[str, str]) -> str:
-    return ", ".join(f"{name} {version}" for name, version in found.items())
+def _listed(versions: dict[str, str]) -> str:
+    return ", ".join(f"{name} {version}" for name, version in versions.items())

@@ -121,15 +121,15 @@ class Results:
 
     def _note(self, line: bytes, place: int) -> bool:
         """Take in where a line is; tell whether its case is new."""
-        seen = msgspec.json.decode(line, type=Glance)
-        key = bytes.fromhex(seen.case)
+        glance = msgspec.json.decode(line, type=Glance)
+        key = bytes.fromhex(glance.case)
         if key in self._known:
             return False
         self._known.add(key)
-        for column, value in zip(self._index, (seen.number, int.from_bytes(key[:7]), place, len(line)), strict=True):
+        for column, value in zip(self._index, (glance.number, int.from_bytes(key[:7]), place, len(line)), strict=True):
             column.append(value)
-        self.verdicts += len(seen.verdicts)
-        self._outcomes.update(given.outcome for given in seen.verdicts)
+        self.verdicts += len(glance.verdicts)
+        self._outcomes.update(verdict.outcome for verdict in glance.verdicts)
         return True
 
     def add(self, line: bytes) -> None:

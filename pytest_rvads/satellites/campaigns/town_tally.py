@@ -70,54 +70,54 @@ class JunctionTally:
         self.table.update((verdict.rule, judged.cfg, verdict.outcome) for verdict in judged.verdicts)
         if all(verdict.outcome in (Outcome.PASS, Outcome.NA) for verdict in judged.verdicts):
             return
-        told = {record.nodeid: record for record in by_rule(judged)}
+        records = {record.nodeid: record for record in by_rule(judged)}
         for title, grouping in _GROUPS:
             groups = grouping()
-            for record in told.values():
+            for record in records.values():
                 groups.add(record)
             for cause in groups.causes():
-                self._explain(title, cause, judged, told[cause.example])
+                self._explain(title, cause, judged, records[cause.example])
 
-    def _explain(self, title: str, cause: Cause, judged: Judged, teller: Record) -> None:
+    def _explain(self, title: str, cause: Cause, judged: Judged, example: Record) -> None:
         """Count in what lies behind some verdicts of a run; who did it is told by its replay."""
-        roles = next((f" ({verdict.roles})" for verdict in teller.verdicts if verdict.roles), "")
+        roles = next((f" ({verdict.roles})" for verdict in example.verdicts if verdict.roles), "")
         text = cause.text.removesuffix(roles)
-        known = self.causes.get((title, text))
-        if known is None and len(self.causes) >= _MOST:
+        tally = self.causes.get((title, text))
+        if tally is None and len(self.causes) >= _MOST:
             self.untold += cause.count
             return
-        count = cause.count + (known.count if known else 0)
-        if known is None or judged.nodeid < known.run:
-            known = CauseTally(title, text, cause.rules, judged.nodeid, teller.asks, judged.hash)
-            self.causes[title, text] = known
-        known.count = count
+        count = cause.count + (tally.count if tally else 0)
+        if tally is None or judged.nodeid < tally.run:
+            tally = CauseTally(title, text, cause.rules, judged.nodeid, example.asks, judged.hash)
+            self.causes[title, text] = tally
+        tally.count = count
 
     @property
     def outcomes(self) -> Counter[Outcome]:
         """How many verdicts by outcome."""
-        found: Counter[Outcome] = Counter()
+        counts: Counter[Outcome] = Counter()
         for (_, _, outcome), count in self.table.items():
-            found[outcome] += count
-        return found
+            counts[outcome] += count
+        return counts
 
     @property
     def mark(self) -> TownMark:
         """How a map shows the junction: bad, error, doubt, good; none where nothing was judged."""
-        found = {_mark(outcome) for outcome in self.outcomes}
-        return next((mark for mark in _MARKS if mark in found), "none")
+        marks = {_mark(outcome) for outcome in self.outcomes}
+        return next((mark for mark in _MARKS if mark in marks), "none")
 
     @property
     def told(self) -> str:
         """The outcomes in one line."""
-        found = self.outcomes
-        return counted({outcome: found[outcome] for outcome in found})
+        counts = self.outcomes
+        return counted({outcome: counts[outcome] for outcome in counts})
 
     def grouped(self) -> Iterator[tuple[str, list[CauseTally]]]:
         """Yield the causes of each kind, the gravest first, then the most frequent."""
         for title, _ in _GROUPS:
-            found = [cause for cause in self.causes.values() if cause.title == title]
-            if found:
-                yield title, sorted(found, key=lambda cause: (gravity(cause.rules), -cause.count, cause.text))
+            tallies = [cause for cause in self.causes.values() if cause.title == title]
+            if tallies:
+                yield title, sorted(tallies, key=lambda cause: (gravity(cause.rules), -cause.count, cause.text))
 
 
 def _mark(outcome: Outcome) -> TownMark:
