@@ -32,21 +32,21 @@ __all__ = ["Replayed", "failed_run", "run_of_file"]
 
 @dataclass(frozen=True, slots=True)
 class Replayed:
-    """A run, what is shown of it, and when there is most to see."""
+    """A run, with the verdict and the texts of its replay."""
 
     run: Run
     verdict: Verdict | None
     """None where nothing was judged."""
     rule: Rule | None
-    """Whose monitors are shown; None where none is known under its name."""
+    """The rule whose monitors are shown; None if no rule has the name."""
     notes: str
     beside: Beside
     doubt: str = ""
-    """What is to be known of it, a sentence."""
+    """A sentence on why the replay may differ from the session; may be empty."""
 
     @property
     def time(self) -> float | None:
-        """When there is most to see, on the clock of the recording [s]."""
+        """The most telling time of the verdict, on the clock of the recording [s]."""
         return None if self.verdict is None else moment(self.run, self.verdict)
 
     def page(self) -> str:
@@ -63,17 +63,17 @@ class Replayed:
 
 
 def failed_run(folder: Path, report: Report, record: Record, page: Path, earlier: tuple[Path, Report] | None) -> Replayed:
-    """Return what is to be shown of an item that violated a rule.
+    """Return the replay of an item that violated a rule.
 
     Args:
-        folder: of its session.
-        report: of its session.
-        record: of the item.
-        page: where it will be shown.
-        earlier: file and content of the report of an earlier session, if its run is to be shown, too.
+        folder: folder of the session.
+        report: report of the session.
+        record: record of the item.
+        page: path of the replay page.
+        earlier: file and content of the report of an earlier session, whose run of the item is shown, too; may be None.
 
     Raises:
-        RunError: the kept run is damaged, or is another one.
+        RunError: the kept run is damaged, or is another run.
     """
     path = run_file(folder, record.hash or "")
     run, again = load_run(path), f"{report.again} {quoted(record.nodeid)}"
@@ -95,14 +95,14 @@ def failed_run(folder: Path, report: Report, record: Record, page: Path, earlier
 
 
 def run_of_file(file: Path, asked: str | None) -> Replayed:
-    """Return what is to be shown of the run of a file.
+    """Return the replay of the run of a file.
 
     Args:
-        file: of the run.
-        asked: name of the rule to judge it by; None to show the run alone.
+        file: file of the run.
+        asked: name of the rule that judges the run; None to show the run alone.
 
     Raises:
-        RvadsError: no such file, a damaged one, one of several runs, no such rule, or several.
+        RvadsError: the file is missing, damaged or has several runs, or `asked` names no rule or several rules.
     """
     rules = named_rules((asked,)) if asked else ()
     if len(rules) > 1:
@@ -121,7 +121,7 @@ def run_of_file(file: Path, asked: str | None) -> Replayed:
 
 
 def _judged(run: Run, recorded: Verdict) -> tuple[Verdict, Rule | None, str]:
-    """Return the verdict of a session, its rule where that is known, and why it may not be the same one."""
+    """Return the verdict of a session, its rule if known, and a reason why the shown monitors may be missing or differ."""
     try:
         rule = get_rule(recorded.rule)
     except FormulaError:
@@ -138,12 +138,12 @@ def _start(run: Run, record: Record) -> str:
     """Return the start of a run in words, or the name of a recorded one."""
     scenario = run.provenance.get("scenario")
     if isinstance(scenario, Mapping):
-        with suppress(RvadsError):  # it is told by another version
+        with suppress(RvadsError):  # another version wrote the scenario
             return recalled(scenario, run.junction, "scenario").describe()
     return record.recording if isinstance(record, RecordedItem) else record.run or ""
 
 
 def _recorded_verdicts(report: Report, but: Record) -> tuple[tuple[str, str, str], ...]:
-    """Return rule, status and message of the other verdicts that a session has on a run, the worst first."""
+    """Return rule, status and message of the other verdicts of a session on a run, the worst first."""
     same = (r for r in report.records if r.hash == but.hash and r.test == but.test and r.variant == but.variant)
     return summed({v.rule: v for r in same for v in r.verdicts if v.rule != but.verdicts[-1].rule}.values())
