@@ -110,7 +110,7 @@ class Batch:
     """Number of runs in the file."""
     answers: tuple[RunAnswer, ...] = ()
     error: str = ""
-    """Why the file could not be read."""
+    """Reason why the file could not be read."""
     last: bool = True
     """Whether no further part of the file comes."""
 

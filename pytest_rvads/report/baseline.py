@@ -1,4 +1,4 @@
-"""What changed since a baseline: an earlier report of the same tests.
+"""Changes since a baseline, that is, since an earlier report of the same tests.
 
 Items are compared by node id. A safety margin is a time: the margin of the bound vehicle against its rule, the shortest time to
 collision of the run, or the shortest post-encroachment time of the run. All items of a run share the indicators of the run, so

@@ -102,11 +102,11 @@ class Cause:
     rules: tuple[str, ...]
     """The gravest first; of equally grave ones the rule that was violated first in the first of the runs."""
     text: str
-    """What was violated first, without who did it."""
+    """First violation, without the vehicles."""
     nodeids: tuple[str, ...]
     """Its first items."""
     count: int
-    """How many items it broke."""
+    """Number of items with this cause."""
     runs: int
     example: str
     """Node id of the first item that tells it."""
