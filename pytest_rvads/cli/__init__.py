@@ -81,10 +81,10 @@ def answer(parser: argparse.ArgumentParser, words: Sequence[str] | None = None) 
 def _renamed(words: Sequence[str]) -> list[str]:
     """Return the words of a command with the present names of its options; a former name causes a warning."""
     former = {option: name for (command, option), name in _RENAMED.items() if words and command == words[0]}
-    found = [word.partition("=") for word in words]
-    for option in dict.fromkeys(option for option, _, _ in found if option in former):
+    parts = [word.partition("=") for word in words]
+    for option in dict.fromkeys(option for option, _, _ in parts if option in former):
         warn(f"rvads: warning: {option} of rvads {words[0]} is called {former[option]} now")
-    return [former.get(option, option) + sign + value for option, sign, value in found]
+    return [former.get(option, option) + sign + value for option, sign, value in parts]
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -18,10 +18,10 @@ def named_rules(names: Sequence[str]) -> tuple[Rule, ...]:
     Raises:
         FormulaError: a name is unknown, or a file of rules has a mistake.
     """
-    found: list[Rule] = []
+    rules: list[Rule] = []
     for name in names:
-        found += load_rules(name) if name.endswith(".rules") else rules_for(name)
-    return rules_for(found)
+        rules += load_rules(name) if name.endswith(".rules") else rules_for(name)
+    return rules_for(rules)
 
 
 def list_rules() -> str:

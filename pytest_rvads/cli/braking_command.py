@@ -75,9 +75,11 @@ def _by_movement(options: argparse.Namespace) -> int:
             "of --map has to be named"
         )
     place = find(options.junction, options.map)
-    found = closed_by_movement(options.autopilot, _DISTANCES, place, simulator=options.simulator, progress=progress_for(options))
+    speeds_of = closed_by_movement(
+        options.autopilot, _DISTANCES, place, simulator=options.simulator, progress=progress_for(options)
+    )
     rows = []
-    for key, speeds in found.items():
+    for key, speeds in speeds_of.items():
         entrance, exit, turn = place.entrances[key[0]], place.exits[key[1]], str(place.movements[key].turn)
         lanes = {"entrance": entrance.arm, "lane": entrance.lane, "exit": exit.arm, "exit_lane": exit.lane}
         rows.append({**lanes, "turn": turn, "vmax": {str(d): v for d, v in speeds.items()}})
@@ -86,7 +88,7 @@ def _by_movement(options: argparse.Namespace) -> int:
         return 0
     say(f"v(d)max that the autopilot {options.autopilot} reaches at {place.name}, to stop before the line, aggression 1 [m/s]")
     say(f"{'from':>5}{'to':>6}  {'turn':9} d [m]" + "".join(f"{d:>7.2f}" for d in _DISTANCES))
-    for row, speeds in zip(rows, found.values(), strict=True):
+    for row, speeds in zip(rows, speeds_of.values(), strict=True):
         ends = f"{row['entrance']}.{row['lane']:<3}{row['exit']:>4}.{row['exit_lane']}"
         cells = ("-" if d not in speeds else "none" if (v := speeds[d]) is None else f"{v:.2f}" for d in _DISTANCES)
         say(f"{ends:>11}  {row['turn']:9}      " + "".join(f"{cell:>7}" for cell in cells))

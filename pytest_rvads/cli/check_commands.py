@@ -78,7 +78,7 @@ def _rules_check(options: argparse.Namespace) -> int:
     if code and len(code) != options.ways:
         raise ScenarioError(f"scenario {options.scenario!r} names {len(code)} entrances, expected {options.ways}: see --ways")
     arrivals = _times(options.arrivals) if options.arrivals else None
-    found = False
+    contradicted = False
     for control in (options.control,) if options.control else ("stop", "lights"):
         about = [rule for rule in rules if rule.concerns(JunctionControl(control))]
         if about:
@@ -90,8 +90,8 @@ def _rules_check(options: argparse.Namespace) -> int:
                 progress=partial(progress, what="pairs"),
             )
             say(show(result))
-            found = found or bool(result.contradictions)
-    return 1 if found else 0
+            contradicted = contradicted or bool(result.contradictions)
+    return 1 if contradicted else 0
 
 
 def _times(text: str) -> list[float]:

@@ -1,4 +1,4 @@
-"""What the commands share."""
+"""Functions that commands share: signals, progress, reading lines and printing."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ LINE_LIMIT = 2**20
 """Longest line that is read [bytes]; to answer it may take a hundred times as much memory."""
 
 Subparsers: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
-"""Where a module adds its commands."""
+"""The object to which a module adds its commands."""
 
 
 @contextmanager
@@ -80,7 +80,7 @@ def lines() -> Iterator[bytes]:
 
 
 def say(text: str) -> None:
-    """Print an answer in which names from elsewhere stand."""
+    """Print an answer; control characters in foreign names are made harmless."""
     print(printable(text, len(text)), flush=True)
 
 
@@ -93,5 +93,5 @@ def show(report: Report) -> None:
 
 
 def warn(text: str) -> None:
-    """Print such a text on standard error."""
+    """Print a text on standard error, without control characters."""
     print(printable(text, len(text)), file=sys.stderr)

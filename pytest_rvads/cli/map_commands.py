@@ -83,23 +83,23 @@ def _map(options: argparse.Namespace) -> int:
     from pytest_rvads.report.draw.map_picture import draw_map
 
     road_map = read_map(options.file, uturns=options.uturns, clusters=options.clusters)
-    found = describe(road_map)
-    found["warnings"] += [warning.record() for warning in narrow_lines(road_map)]
+    description = describe(road_map)
+    description["warnings"] += [warning.record() for warning in narrow_lines(road_map)]
     if options.svg:
         write_file(Path(options.svg), draw_map(road_map).encode())
     if options.json:
-        print(json.dumps(found, indent=1))
+        print(json.dumps(description, indent=1))
         return 0
-    say(f"{os.path.basename(options.file)}: {plural(len(found['junctions']), 'junction')}")
-    say(f"  {_summed(found['junctions'])}")
-    for junction in found["junctions"]:
+    say(f"{os.path.basename(options.file)}: {plural(len(description['junctions']), 'junction')}")
+    say(f"  {_summed(description['junctions'])}")
+    for junction in description["junctions"]:
         state = f"not usable: {junction['reason']}"
         if junction["usable"]:
             state = f"{junction['kind']}; {_START.format(junction['usable_from'])}"
         say(f"  {junction['id']:>6}  {junction['ways']}-way {junction['control']:<7} {state}")
         for line in _details(junction) if junction["usable"] else ():
             say(f"  {'':>6}  {line}")
-    for warning in found["warnings"]:
+    for warning in description["warnings"]:
         warn(f"warning: {warning['message']}")
     return 0
 
@@ -126,10 +126,13 @@ def _details(junction: dict[str, Any]) -> Iterator[str]:
     alike = groupby(range(len(arms)), key=arms.__getitem__)
     yield "; ".join(f"{_named([*numbers])}: {arm}" for arm, numbers in alike)
     ways = [movement["entrance"] for movement in junction["movements"]]
-    owed = sorted({(ways[one], ways[two]) for one, two in junction["yields"]})
-    parts = [f"arm {one} to {_listed([two for _, two in pairs])}" for one, pairs in groupby(owed, key=itemgetter(0))]
-    undecided = sorted({tuple(sorted((ways[one], ways[two]))) for one, two in junction["undecided"]})
-    parts += [f"arms {one} and {two} undecided" for one, two in undecided]
+    yielding = sorted({(ways[arm_number], ways[other_arm]) for arm_number, other_arm in junction["yields"]})
+    parts = [
+        f"arm {arm_number} to {_listed([other_arm for _, other_arm in pairs])}"
+        for arm_number, pairs in groupby(yielding, key=itemgetter(0))
+    ]
+    undecided = sorted({tuple(sorted((ways[arm_number], ways[other_arm]))) for arm_number, other_arm in junction["undecided"]})
+    parts += [f"arms {arm_number} and {other_arm} undecided" for arm_number, other_arm in undecided]
     yield f"gives way: {'; '.join(parts) or 'nobody'}"
 
 

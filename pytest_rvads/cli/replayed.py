@@ -15,9 +15,7 @@ from pytest_rvads.logic.rules.book import get_rule
 from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.report.draw.animated import animated
 from pytest_rvads.report.draw.replay import Beside, replay
-from pytest_rvads.report.earlier import earlier_run
-from pytest_rvads.report.facts import facts
-from pytest_rvads.report.failure_page import failure_pages, moment, other_verdicts, usual_rules
+from pytest_rvads.report.failure_page import earlier_run, facts, failure_pages, moment, other_verdicts, usual_rules
 from pytest_rvads.report.folders import INDEX, run_file
 from pytest_rvads.report.record import Record, RecordedItem
 from pytest_rvads.report.run_record import summed
@@ -34,21 +32,21 @@ __all__ = ["Replayed", "failed_run", "run_of_file"]
 
 @dataclass(frozen=True, slots=True)
 class Replayed:
-    """A run, what is shown of it, and when there is most to see."""
+    """A run, with the verdict and the texts of its replay."""
 
     run: Run
     verdict: Verdict | None
     """None where nothing was judged."""
     rule: Rule | None
-    """Whose monitors are shown; None where none is known under its name."""
+    """The rule whose monitors are shown; None if no rule has the name."""
     notes: str
     beside: Beside
     doubt: str = ""
-    """What is to be known of it, a sentence."""
+    """A sentence on why the replay may differ from the session; may be empty."""
 
     @property
     def time(self) -> float | None:
-        """When there is most to see, on the clock of the recording [s]."""
+        """The most telling time of the verdict, on the clock of the recording [s]."""
         return None if self.verdict is None else moment(self.run, self.verdict)
 
     def page(self) -> str:
@@ -65,17 +63,17 @@ class Replayed:
 
 
 def failed_run(folder: Path, report: Report, record: Record, page: Path, earlier: tuple[Path, Report] | None) -> Replayed:
-    """Return what is to be shown of an item that violated a rule.
+    """Return the replay of an item that violated a rule.
 
     Args:
-        folder: of its session.
-        report: of its session.
-        record: of the item.
-        page: where it will be shown.
-        earlier: file and content of the report of an earlier session, if its run is to be shown, too.
+        folder: folder of the session.
+        report: report of the session.
+        record: record of the item.
+        page: path of the replay page.
+        earlier: file and content of the report of an earlier session, whose run of the item is shown, too; may be None.
 
     Raises:
-        RunError: the kept run is damaged, or is another one.
+        RunError: the kept run is damaged, or is another run.
     """
     path = run_file(folder, record.hash or "")
     run, again = load_run(path), f"{report.again} {quoted(record.nodeid)}"
@@ -97,14 +95,14 @@ def failed_run(folder: Path, report: Report, record: Record, page: Path, earlier
 
 
 def run_of_file(file: Path, asked: str | None) -> Replayed:
-    """Return what is to be shown of the run of a file.
+    """Return the replay of the run of a file.
 
     Args:
-        file: of the run.
-        asked: name of the rule to judge it by; None to show the run alone.
+        file: file of the run.
+        asked: name of the rule that judges the run; None to show the run alone.
 
     Raises:
-        RvadsError: no such file, a damaged one, one of several runs, no such rule, or several.
+        RvadsError: the file is missing, damaged or has several runs, or `asked` names no rule or several rules.
     """
     rules = named_rules((asked,)) if asked else ()
     if len(rules) > 1:
@@ -116,38 +114,36 @@ def run_of_file(file: Path, asked: str | None) -> Replayed:
         )
     run, verdict = runs[0], check(runs[0], rules[0]) if rules else None
     again = f"rvads replay {quoted(str(file))}{f' --rules {asked}' if asked else ''}"
-    told = [("recorded", str(file)), *([("rule", f"{rules[0].name}: {rules[0].title}")] if rules else []), ("rerun", again)]
+    rows = [("recorded", str(file)), *([("rule", f"{rules[0].name}: {rules[0].title}")] if rules else []), ("rerun", again)]
     notes = "\n".join((*([] if verdict is None else [verdict.explanation]), f"recorded  {file}", f"rerun     {again}"))
     others = other_verdicts(run, usual_rules(run), rules[0].name if rules else "")
-    return Replayed(run, verdict, rules[0] if rules else None, notes, Beside(tuple(told), others))
+    return Replayed(run, verdict, rules[0] if rules else None, notes, Beside(tuple(rows), others))
 
 
-def _judged(run: Run, told: Verdict) -> tuple[Verdict, Rule | None, str]:
-    """Return the verdict of a session, its rule where that is known, and why it may not be the same one."""
+def _judged(run: Run, recorded: Verdict) -> tuple[Verdict, Rule | None, str]:
+    """Return the verdict of a session, its rule if known, and a reason why the shown monitors may be missing or differ."""
     try:
-        rule = get_rule(told.rule)
+        rule = get_rule(recorded.rule)
     except FormulaError:
-        said = f"{told.rule!r} is a rule of your own, so its monitors are not shown: name its file by --rules, if it has one"
-        return told, None, said
+        doubt = f"{recorded.rule!r} is a rule of your own, so its monitors are not shown: name its file by --rules, if it has one"
+        return recorded, None, doubt
     verdict = check(run, rule)
-    if verdict.status is told.status:
+    if verdict.status is recorded.status:
         return verdict, rule, ""
-    said = (
-        f"the session said {told.status} by {told.rule}, and this version says {verdict.status}: shown is what the session said"
-    )
-    return told, None, said
+    session, version = f"the session said {recorded.status} by {recorded.rule}", f"this version says {verdict.status}"
+    return recorded, None, f"{session}, and {version}: shown is what the session said"
 
 
 def _start(run: Run, record: Record) -> str:
     """Return the start of a run in words, or the name of a recorded one."""
-    told = run.provenance.get("scenario")
-    if isinstance(told, Mapping):
-        with suppress(RvadsError):  # it is told by another version
-            return recalled(told, run.junction, "scenario").describe()
+    scenario = run.provenance.get("scenario")
+    if isinstance(scenario, Mapping):
+        with suppress(RvadsError):  # another version wrote the scenario
+            return recalled(scenario, run.junction, "scenario").describe()
     return record.recording if isinstance(record, RecordedItem) else record.run or ""
 
 
 def _recorded_verdicts(report: Report, but: Record) -> tuple[tuple[str, str, str], ...]:
-    """Return rule, status and message of the other verdicts that a session has on a run, the worst first."""
+    """Return rule, status and message of the other verdicts of a session on a run, the worst first."""
     same = (r for r in report.records if r.hash == but.hash and r.test == but.test and r.variant == but.variant)
     return summed({v.rule: v for r in same for v in r.verdicts if v.rule != but.verdicts[-1].rule}.values())

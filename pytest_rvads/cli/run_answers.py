@@ -37,7 +37,7 @@ from pytest_rvads.support.storage import slug, write_file
 __all__ = ["NOTABLE", "Batch", "Question", "RunAnswer", "judged"]
 
 _SIZE = 4
-"""Runs of a file that a process of several gets at a time."""
+"""Number of runs of a file that a process gets at a time, if there are several processes."""
 _SHOWN = (Status.FAIL, Status.OPEN, Status.UNSURE)
 """The statuses of verdicts that have replay pages."""
 NOTABLE = (*_SHOWN, Status.ERROR)
@@ -46,10 +46,10 @@ NOTABLE = (*_SHOWN, Status.ERROR)
 
 @dataclass(frozen=True, slots=True)
 class Question:
-    """What is asked of every run."""
+    """The question of a command about every run."""
 
     rules: tuple[str, ...]
-    """As they are named on the command line."""
+    """Names of rules, as on the command line."""
     kpis: bool = False
     """Whether indicators are asked for."""
     alone: bool = False
@@ -67,28 +67,28 @@ class _Part:
     end: int
 
     def rest(self, total: int) -> list[_Part]:
-        """Return what comes after the first part of a file of so many runs, in parts of the same size."""
+        """Return the parts after the first part of a file with `total` runs; all parts have the same size."""
         size = self.end - self.begin
         return [_Part(self.file, k, k + size) for k in range(self.end, total, size)] if self.begin == 0 else []
 
 
 @dataclass(frozen=True, slots=True)
 class RunAnswer:
-    """What all rules say of a run of a file."""
+    """The verdicts of all rules on a run of a file."""
 
     file: str
     label: str
     start: float
-    """Of the run on the clock of its recording [s]."""
+    """Start of the run, on the clock of its recording [s]."""
     excerpt: bool
     """Whether the run is a part of a recording."""
     vehicles: int
-    """How many were judged."""
+    """Number of judged vehicles."""
     records: tuple[Record, ...] = ()
-    """One per rule."""
+    """A record per rule."""
     warnings: tuple[str, ...] = ()
     errors: tuple[str, ...] = ()
-    """Why rules could not judge it, a sentence each."""
+    """Reasons why rules could not judge the run, a sentence each."""
 
     @property
     def verdicts(self) -> Iterator[Verdict]:
@@ -103,20 +103,20 @@ class RunAnswer:
 
 @dataclass(frozen=True, slots=True)
 class Batch:
-    """What is said of a part of a file."""
+    """The answers on a part of a file."""
 
     file: str
     total: int
-    """How many runs the file holds."""
+    """Number of runs in the file."""
     answers: tuple[RunAnswer, ...] = ()
     error: str = ""
-    """Why the file could not be read."""
+    """Reason why the file could not be read."""
     last: bool = True
     """Whether no further part of the file comes."""
 
 
 class _Parts(Iterator[_Part]):
-    """The parts of files in the order in which they are judged; what is added comes before the next file."""
+    """The parts of files in the order of judging; added parts come before the next file."""
 
     def __init__(self, files: Sequence[str], size: int) -> None:
         self.rest: deque[_Part] = deque()
@@ -129,8 +129,8 @@ class _Parts(Iterator[_Part]):
 
 
 def judged(files: Sequence[str], question: Question, processes: int = 1) -> Generator[Batch, None, None]:
-    """Yield what is said of the runs of files, in order, as soon as it is known; close it to end the processes early."""
-    size = _SIZE if processes > 1 else 1  # without others each run is told at once
+    """Yield the answers on the runs of files, in order, as soon as they are known; closing ends the processes early."""
+    size = _SIZE if processes > 1 else 1  # a single process answers after each run
     parts, done = _Parts(files, size), dict[_Part, Batch]()
     due = deque(_Part(file, 0, size) for file in files)
     with closing(gathered(_Judge(question), parts, processes, batch=1)) as answers:
@@ -184,25 +184,25 @@ class _Judge:
 
     def _one(self, file: str, number: int, run: Run) -> RunAnswer:
         reasons: dict[str, list[str]] = {}
-        given: list[tuple[Rule, Verdict]] = []
+        verdicts: list[tuple[Rule, Verdict]] = []
         for rule in self._rules:
             verdict = verdict_by(run, rule)
             if verdict.status is Status.ERROR:
                 reasons.setdefault(verdict.reason, []).append(rule.name)
-            given.append((rule, verdict))
-        asked = self._question.kpis or (self._question.alone and run.excerpt is None)
+            verdicts.append((rule, verdict))
+        wants_kpis = self._question.kpis or (self._question.alone and run.excerpt is None)
         place = run.junction
         keys = {"junction": place.name, "control": place.control.value, "recording": run.label}
         whole = replace(
             planned_record(run.label, 0, "", keys, place.ways),
-            verdicts=tuple(verdict for _, verdict in given),
+            verdicts=tuple(verdict for _, verdict in verdicts),
             run=run.label,
-            kpis=kpis(run) if asked and not damage(run) else None,
+            kpis=kpis(run) if wants_kpis and not damage(run) else None,
             **of_run(run),
         )
         records = [
-            self._shown(record, self._pages(file, number, run, rule, verdict, given))
-            for record, (rule, verdict) in zip(by_rule(whole), given, strict=True)
+            self._shown(record, self._pages(file, number, run, rule, verdict, verdicts))
+            for record, (rule, verdict) in zip(by_rule(whole), verdicts, strict=True)
         ]
         judged = None if run.excerpt is None else run.excerpt.judged
         return RunAnswer(
@@ -224,7 +224,7 @@ class _Judge:
         return replace(record, look=pages[0], looks=pages[1:]) if pages else record
 
     def _pages(
-        self, file: str, number: int, run: Run, rule: Rule, verdict: Verdict, given: Sequence[tuple[Rule, Verdict]]
+        self, file: str, number: int, run: Run, rule: Rule, verdict: Verdict, verdicts: Sequence[tuple[Rule, Verdict]]
     ) -> tuple[str, ...]:
         """Write the replay pages of a verdict; return their names with their opening times, or the reason for having no page."""
         if self._question.pages is None or verdict.status not in _SHOWN:
@@ -232,7 +232,7 @@ class _Judge:
         again = f"rvads check {quote(file)} --rules {rule.name}"
         notes = f"{verdict.explanation}\nrecorded  {file}\nrerun     {again}"
         facts = ("recorded", file), ("rule", f"{rule.name}: {rule.title}" if rule.title else rule.name), ("rerun", again)
-        beside = Beside(facts, summed(other for _, other in given if other is not verdict), "index.html")
+        beside = Beside(facts, summed(further for _, further in verdicts if further is not verdict), "index.html")
         pages: list[str] = []
         try:
             for page in failure_pages(run, verdict, rule, notes, beside):
@@ -252,15 +252,15 @@ def run_files(names: Sequence[str], lament: Callable[[str], None]) -> list[str]:
             not expand.
         lament: called with a sentence for each folder or pattern without files.
     """
-    found: dict[str, str] = {}
+    by_path: dict[str, str] = {}
     for name in names:
         files = _meant(name)
         if not files:
             kinds = f"expected files of runs ({', '.join(READERS)}) in it"
             lament(f"{name}: the folder is empty, {kinds}" if os.path.isdir(name) else f"{name}: no file matches this pattern")
         for file in files:
-            found.setdefault(os.path.abspath(file), file)
-    return list(found.values())
+            by_path.setdefault(os.path.abspath(file), file)
+    return list(by_path.values())
 
 
 def _meant(name: str) -> list[str]:

@@ -1,4 +1,4 @@
-"""What changed since a baseline: an earlier report of the same tests.
+"""Changes since a baseline, that is, since an earlier report of the same tests.
 
 Items are compared by node id. A safety margin is a time: the margin of the bound vehicle against its rule, the shortest time to
 collision of the run, or the shortest post-encroachment time of the run. All items of a run share the indicators of the run, so
@@ -61,12 +61,12 @@ def compare(
     changes: list[Change] = []
     eroded: dict[str, _Eroded] = {}
     broken: set[str] = set()
-    others: Counter[str] = Counter()
+    difference_counts: Counter[str] = Counter()
     for record in report.records:
         earlier = before.pop(record.nodeid, None)
-        other = _other(record, earlier) if earlier else ""
-        others[other] += 1
-        change = _change(record, earlier, other if same else "")
+        difference = _other(record, earlier) if earlier else ""
+        difference_counts[difference] += 1
+        change = _change(record, earlier, difference if same else "")
         if change.kind == "NEW":
             broken.add(record.ran_as)
         elif (
@@ -74,9 +74,9 @@ def compare(
         ):
             eroded.setdefault(record.ran_as, _Eroded(len(changes))).add(falls)
         changes.append(change)
-    for run, found in eroded.items():
+    for run, erosion_of_run in eroded.items():
         if run not in broken:
-            changes[found.number] = Change("ERODED", changes[found.number].nodeid, found.text())
+            changes[erosion_of_run.number] = Change("ERODED", changes[erosion_of_run.number].nodeid, erosion_of_run.text())
     for nodeid, record in before.items():
         if gone(nodeid):
             changes += [Change("LOST", nodeid, f"was {record.status}, does not exist any more")] if _judged(record) else []
@@ -89,7 +89,9 @@ def compare(
     ]
     differences += [f"the simulator was {was} and is {now}" for was, now in simulators if was and now and was != now]
     how = "not compared, which --rvads-baseline-of=any allows" if same else "compared all the same"
-    differences += [f"{plural(count, 'item')} {other}: {how}" for other, count in others.items() if other]
+    differences += [
+        f"{plural(count, 'item')} {difference}: {how}" for difference, count in difference_counts.items() if difference
+    ]
     return Comparison(name, tuple(changes), tuple(differences))
 
 
@@ -181,8 +183,8 @@ class _Eroded:
 
     def text(self) -> str:
         """Return which margins fell, in one line."""
-        told = first([f"{name} {then:.2f} -> {now:.2f} s" for name, (then, now) in self.falls.items()], _NAMED)
-        return told + (f", in {self.items} items of its run" if self.items > 1 else "")
+        margins = first([f"{name} {then:.2f} -> {now:.2f} s" for name, (then, now) in self.falls.items()], _NAMED)
+        return margins + (f", in {self.items} items of its run" if self.items > 1 else "")
 
 
 def _falls(record: Record, before: Record, least: float) -> list[tuple[str, _Fall]]:
@@ -199,9 +201,9 @@ def _margins(record: Record) -> dict[str, float]:
     """Return the safety margins of an item [s], the larger the safer."""
     waits = [-i.margin for verdict in record.verdicts for i in verdict.instances if i.margin is not None]
     kpis = record.kpis
-    found = {
+    margins = {
         "ttc": kpis.ttc if kpis else None,
         "pet": kpis.pet if kpis else None,
         "margin": min(waits, default=None),
     }
-    return {name: value for name, value in found.items() if value is not None}
+    return {name: value for name, value in margins.items() if value is not None}

@@ -1,4 +1,7 @@
-"""The replay page of a run with a failed verdict, which tests and ``rvads check`` write."""
+"""The replay page of a run with a failed verdict, which tests and ``rvads check`` write.
+
+Beside the replay stand facts about the run, and the run of the same item in an earlier session.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +9,7 @@ import re
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
@@ -15,11 +19,76 @@ from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.logic.timeline import timelines
 from pytest_rvads.report.draw.picture import picture
 from pytest_rvads.report.draw.replay import Beside, Track, replay
+from pytest_rvads.report.folders import run_file
+from pytest_rvads.report.record import Record, SimulatedItem
 from pytest_rvads.report.run_record import summed, verdict_by
+from pytest_rvads.report.session_report import Report
 from pytest_rvads.runs.run import ARRAYS, Run
-from pytest_rvads.support.errors import FormulaError
+from pytest_rvads.runs.runfile import load_run
+from pytest_rvads.support.errors import FormulaError, RunError
+from pytest_rvads.support.storage import slug
 
-__all__ = ["Page", "failure_pages", "failure_picture", "moment", "other_verdicts", "usual_rules", "when"]
+__all__ = ["Page", "earlier_run", "facts", "failure_pages", "failure_picture", "moment", "other_verdicts", "usual_rules", "when"]
+
+
+def earlier_run(report: Report, beside: Path, here: Path, nodeid: str, run: Run) -> Run | None:
+    """Return the run of an item in an earlier session; None if it is the same run, was not kept, or has another junction.
+
+    Args:
+        report: the report of the earlier session.
+        beside: the folder of that report.
+        here: the working directory of this session, which may have been that of the earlier session.
+        nodeid: the id of the item.
+        run: the run of the item in this session.
+    """
+    record = next((record for record in report.records if record.nodeid == nodeid), None)
+    if record is None or not record.hash or record.hash == run.hash:
+        return None
+    names = _file_names(nodeid, record.rule)
+    paths = [folder / report.kept / f"{name}.npz" for folder in (here, beside) for name in names] if report.kept else []
+    with suppress(RunError):  # the hash is malformed
+        paths.append(run_file(beside, record.hash))
+    for path in paths:
+        try:
+            earlier = load_run(path)
+        except RunError:  # the file is missing or damaged
+            continue
+        if earlier.hash == record.hash and earlier.junction.digest == run.junction.digest:
+            return earlier
+    return None
+
+
+def _file_names(nodeid: str, rule: str | None) -> list[str]:
+    """Return the possible names of an item's run file: the id without the rule, at each place where the rule occurs in the id."""
+    if not rule:
+        return [slug(nodeid)]
+    return [slug(nodeid[: at.start()] + nodeid[at.end() :]) for at in re.finditer(re.escape(f"-{rule}"), nodeid)]
+
+
+def facts(record: Record, start: str, rerun: str) -> tuple[tuple[str, str], ...]:
+    """Return the facts about the run of an item, each as a word and a text; unknown facts are left out.
+
+    Args:
+        record: the record of the item.
+        start: the scenario of the run, or the file of the recording.
+        rerun: the command that runs the item once more.
+    """
+    verdict = record.verdicts[-1] if record.verdicts else None
+    rule = verdict.rule if verdict is not None else record.rule or ""
+    run: tuple[tuple[str, str], ...] = (("recorded", start),)
+    if isinstance(record, SimulatedItem):
+        driver = f"{record.driver} ({record.source})" if record.source else record.driver
+        if record.traffic and verdict is not None and verdict.subject:
+            driver = f"{driver}, {verdict.subject} alone; the others by {record.traffic}"
+        run = ("scenario", start), ("driven by", driver), ("simulated by", record.simulator)
+    known_facts = (
+        *run,
+        ("rule", f"{rule}: {verdict.title}" if verdict is not None and verdict.title else rule),
+        ("requirements", ", ".join(record.requirements)),
+        ("rerun", rerun),
+    )
+    return tuple((word, text) for word, text in known_facts if text)
+
 
 _BEFORE, _AFTER = 30.0, 10.0
 """Shown time of recorded traffic before and after an instant [s]: minutes of dense traffic fill megabytes."""
@@ -114,9 +183,9 @@ def _completed(run: Run, rule: str | Rule, notes: str, beside: Beside) -> Beside
         "formula": known_rule.text if known_rule else "",
         "rerun": "".join(reruns),
     }
-    facts = dict(beside.facts)
-    usual = tuple((word, facts.pop(word, text)) for word, text in defaults.items())
-    return replace(beside, facts=tuple((word, text) for word, text in (*usual, *facts.items()) if text))
+    known_facts = dict(beside.facts)
+    usual = tuple((word, known_facts.pop(word, text)) for word, text in defaults.items())
+    return replace(beside, facts=tuple((word, text) for word, text in (*usual, *known_facts.items()) if text))
 
 
 def usual_rules(run: Run) -> tuple[Rule, ...]:

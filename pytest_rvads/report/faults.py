@@ -26,10 +26,10 @@ def explains(record: Record) -> bool:
 
 def verdict_of(record: Record) -> Verdict | None:
     """Return the verdict that gave a record its status; None if the status has another origin."""
-    wanted = record.status
-    if wanted is Outcome.ERROR:
+    status = record.status
+    if status is Outcome.ERROR:
         return None
-    return next((verdict for verdict in record.verdicts if wanted in (verdict.outcome, verdict.status)), None)
+    return next((verdict for verdict in record.verdicts if status in (verdict.outcome, verdict.status)), None)
 
 
 def time_of(record: Record) -> tuple[bool, float, str]:
@@ -64,8 +64,10 @@ def violated(record: Record) -> str:
     verdict = verdict_of(record)
     if verdict is None:
         return first_line(record).removeprefix(f"{record.asks} {Outcome.ERROR}: ")
-    told = verdict.violated
-    return told.replace("open: ", "still owed at the end of the run: ", 1) if told.startswith("open: ") else told
+    obligation = verdict.violated
+    return (
+        obligation.replace("open: ", "still owed at the end of the run: ", 1) if obligation.startswith("open: ") else obligation
+    )
 
 
 def hanging(record: Record) -> str:
@@ -74,10 +76,10 @@ def hanging(record: Record) -> str:
     if verdict is None:
         return first_line(record)
     unsure = [instance for instance in verdict.instances if instance.status is Status.UNSURE and instance.hangs]
-    told = [f"{', '.join(f'{name}={value}' for name, value in i.binding)}: {i.hangs}" for i in unsure]
-    told = told or [verdict.reason]
-    more = len(told) - _INSTANCES
-    return "; ".join(told[:_INSTANCES]) + (f" and {more} more" if more > 0 else "") or first_line(record)
+    doubts = [f"{', '.join(f'{name}={value}' for name, value in i.binding)}: {i.hangs}" for i in unsure]
+    doubts = doubts or [verdict.reason]
+    more = len(doubts) - _INSTANCES
+    return "; ".join(doubts[:_INSTANCES]) + (f" and {more} more" if more > 0 else "") or first_line(record)
 
 
 def first_line(record: Record) -> str:

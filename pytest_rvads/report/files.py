@@ -1,39 +1,51 @@
-"""A session's report on disk: the table of formats, writing, and reading JSON back."""
+"""The files of a session's report: the table of formats, writing, and reading JSON back.
+
+Formats of this module are JSON, the traceability table (comma-separated values), and JUnit XML for servers of continuous
+integration.
+"""
 
 from __future__ import annotations
 
+import csv
+import io
+import re
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import ExitStack
 from dataclasses import fields, replace
-from functools import partial
+from functools import lru_cache, partial
 from pathlib import Path
-from typing import Any
+from tempfile import SpooledTemporaryFile
+from typing import IO, Any
+from xml.sax.saxutils import escape, quoteattr
 
 import msgspec
 
-from pytest_rvads.report.junit import junit
+from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.report.markdown import markdown
 from pytest_rvads.report.outline import outline
 from pytest_rvads.report.page import page
+from pytest_rvads.report.record import Record, properties
 from pytest_rvads.report.session_report import Report
-from pytest_rvads.report.traceability import table
 from pytest_rvads.support.decoding import decode, encode
 from pytest_rvads.support.entrypoints import entries
 from pytest_rvads.support.entrypoints import load as load_entry
 from pytest_rvads.support.errors import RvadsError
 from pytest_rvads.support.storage import read_file, write_file
+from pytest_rvads.support.wording import printable
 
-__all__ = ["FORMATS", "MOST", "append_summary", "fitting", "load", "read", "save", "write"]
+__all__ = ["FORMATS", "MOST", "append_summary", "fitting", "junit", "load", "read", "save", "table", "write"]
 
 
 VERSION = 5
 MOST = 2**28
-"""A report is refused that is longer than any session writes it [bytes]."""
+"""A longer report is refused [bytes]; no session writes a report of this length."""
 SUMMARY_LIMIT = 900 * 1024
 """GitHub drops a job summary above 1 MiB as a whole [bytes]."""
 
 
 class _Head(msgspec.Struct):
-    """What tells a report from other files."""
+    """Fields by which a report differs from other files."""
 
     format: str
     version: int
@@ -55,7 +67,7 @@ def save(path: Path, report: Report) -> None:
     """Write a report in the format that the ending of `path` names.
 
     Raises:
-        RvadsError: another ending.
+        RvadsError: the ending names no format.
         OSError: the file can't be written.
     """
     write(path, FORMATS[fitting(path).suffix](report, path.parent))
@@ -86,11 +98,11 @@ def load(path: Path) -> Report:
     """Read the JSON report of a session that came to its end.
 
     Raises:
-        RvadsError: as `read` does; or it is incomplete.
+        RvadsError: `read` refuses the file, or the report is incomplete.
     """
     report = read(path)
     if not report.complete:
-        raise RvadsError(f"{path} is incomplete, its session has not ended, or died: take the report of one that did")
+        raise RvadsError(f"{path} is incomplete, its session has not ended, or died: take the report of a session that ended")
     return report
 
 
@@ -98,8 +110,7 @@ def read(path: Path) -> Report:
     """Read a JSON report, also an incomplete one.
 
     Raises:
-        RvadsError: not a report, or one of another version, or damaged: where, and what was expected there; or with a record that
-            contradicts itself.
+        RvadsError: the file is no report, has another version or is damaged, or a record contradicts itself.
     """
     try:
         content = read_file(path, MOST)
@@ -118,20 +129,135 @@ def read(path: Path) -> Report:
 
 
 def _json(report: Report) -> Iterator[str]:
-    """Yield a report as JSON: what it is made of, to be read back, a record per line, and under ``outline`` what it says."""
+    """Yield a report as JSON: the fields of the report, with a record per line, and the text of its outline."""
     yield f'{{\n "format": "rvads-report",\n "version": {VERSION},\n "records": ['
     for number, record in enumerate(report.records):
         yield f"{',' if number else ''}\n  {encode(record).decode()}"
-    rest = {
+    other_fields = {
         **{field.name: getattr(report, field.name) for field in fields(report) if field.name != "records"},
         "outline": [{"title": block.title, "lines": list(block.plain())} for block in outline(report)],
     }
-    yield f"\n ],{msgspec.json.format(encode(rest), indent=1).decode().removeprefix('{')}"
+    yield f"\n ],{msgspec.json.format(encode(other_fields), indent=1).decode().removeprefix('{')}"
 
 
 def _added(name: str, report: Report, folder: Path) -> Any:
     """Return a report in the format of the entry point of that name."""
     return load_entry("reports", name)(report, folder)
+
+
+_COLUMNS = {
+    "junction": "junction",
+    "control": "control",
+    "class": "cls",
+    "scenario": "scenario",
+    "configuration": "cfg",
+    "rotation": "rotation",
+    "seat": "seat",
+    "traffic": "traffic",
+    "recording": "recording",
+    "variant": "variant",
+    "rule": "rule",
+    "verdict": "status",
+    "known": "known",
+    "driver": "driver",
+    "simulator": "simulator",
+    "agents": "took_part",
+    "run": "hash",
+    "item": "nodeid",
+}
+"""Heading to attribute of the record; the cell is empty where the record has no such attribute."""
+_WAITING = 2**20
+"""Characters of rows of a requirement that wait in memory; more of them wait on disk."""
+_FORMULA = re.compile(r"[\s'\"\u200b\ufeff]*[=+\-@＝＋－＠\t\r]")
+"""Matches the beginning of a text that spreadsheets compute as a formula (OWASP, CSV Injection)."""
+_NUMBER = re.compile(r"[+-]?\d+(\.\d*)?(e[+-]?\d+)?", re.ASCII | re.IGNORECASE)
+
+
+def table(report: Report) -> Iterator[str]:
+    """Yield a report as comma-separated values: a row per requirement and item, then a row per line of its outline.
+
+    Items without a requirement come last, with the first column empty. Rows wait on disk until the rows of all earlier
+    requirements are out.
+
+    All rows have the same width. The rows of the outline fill only the columns ``section`` and ``text``. The rows of items leave
+    ``section`` empty, and have the message of the item in ``text``. So sorting, filtering or counting by any other column meets
+    only items. Texts that spreadsheets would take for formulas begin with an apostrophe.
+
+    Raises:
+        OSError: there is no room for temporary files.
+    """
+    yield _row(["requirement", *_COLUMNS, "versions", "section", "text"])
+    versions = "; ".join(f"{name} {version}" for name, version in report.versions.items())
+    with ExitStack() as files:
+        waiting: dict[str, IO[str]] = {}
+        for record in report.records:
+            cells = [getattr(record, name, "") for name in _COLUMNS.values()]
+            for requirement in record.requirements or ("",):
+                if requirement not in waiting:
+                    waiting[requirement] = files.enter_context(SpooledTemporaryFile(_WAITING, "w+", encoding="utf-8", newline=""))
+                waiting[requirement].write(_row([requirement, *cells, versions, "", record.message]))
+        for requirement in sorted(waiting, key=lambda name: (name == "", name)):
+            waiting[requirement].seek(0)
+            yield from iter(partial(waiting[requirement].read, _WAITING), "")
+    empty = [""] * (2 + len(_COLUMNS))
+    yield from (_row([*empty, block.title, line]) for block in outline(report) for line in block.plain())
+
+
+def _row(cells: Iterable[object]) -> str:
+    out = io.StringIO()
+    csv.writer(out, lineterminator="\n").writerow(map(_cell, cells))
+    return out.getvalue()
+
+
+def _cell(value: object) -> object:
+    """Return a value for a spreadsheet: an apostrophe before a text keeps a spreadsheet from computing the text as a formula."""
+    return _shown(value) if isinstance(value, str) else value
+
+
+@lru_cache(256)  # the rows of a run have most cells in common
+def _shown(text: str) -> str:
+    shown = printable(text, len(text))
+    return f"'{shown}" if _FORMULA.match(text) and not _NUMBER.fullmatch(text) else shown
+
+
+_ERRORS = (Outcome.ERROR, Outcome.FLAKY, Outcome.NOT_JUDGED)
+"""Outcomes that say nothing about the rule of an item."""
+
+
+def junit(report: Report) -> Iterator[str]:
+    """Yield a report as a test suite in JUnit XML: a test case per item with its properties, and the outline as output."""
+    kinds = Counter(_kind(record) for record in report.records)
+    counts = {"tests": kinds.total(), "failures": kinds["failure"], "errors": kinds["error"], "skipped": kinds["skipped"]}
+    attributes = " ".join(f'{name}="{count}"' for name, count in counts.items())
+    yield f'<?xml version="1.0" encoding="utf-8"?>\n<testsuites>\n<testsuite name="rvads" {attributes}>\n'
+    yield from map(_case, report.records)
+    lines = (line for block in outline(report) for line in (block.title, *block.plain(), ""))
+    yield f"<system-out>{escape(_clean(chr(10).join(lines)))}</system-out>\n</testsuite>\n</testsuites>\n"
+
+
+def _kind(record: Record) -> str:
+    """Return the name of the XML element for the end of an item; an empty text for an item that passed."""
+    if record.failed:
+        return "error" if record.status in _ERRORS else "failure"
+    return "" if record.outcome == "passed" else "skipped"
+
+
+def _case(record: Record) -> str:
+    file, _, name = record.nodeid.partition("::")
+    place, name = (file.removesuffix(".py").replace("/", "."), name) if name else (record.junction, record.nodeid)
+    elements = "".join(f"<property name={_quoted(key)} value={_quoted(value)}/>" for key, value in properties(record))
+    ending = f"<{kind} message={_quoted(record.known or record.message or record.status)}/>" if (kind := _kind(record)) else ""
+    head = f"<testcase classname={_quoted(place)} name={_quoted(name)}>"
+    return f"{head}<properties>{elements}</properties>{ending}</testcase>\n"
+
+
+def _quoted(value: object) -> str:
+    return quoteattr(_clean("" if value is None else str(value)))
+
+
+def _clean(text: str) -> str:
+    """Return a text without the characters that XML can't hold."""
+    return "\n".join(printable(line, len(line)) for line in text.split("\n"))
 
 
 FORMATS: dict[str, Callable[[Report, Path], Any]] = {

@@ -34,8 +34,8 @@ _ATTEMPTS, _PAUSE = 100, 0.02
 
 def sessions(root: Path) -> list[Path]:
     """Return the folders of the sessions below a folder of artefacts, the oldest first; folders of other origin are left out."""
-    found = _numbered(root)
-    return [found[number] for number in sorted(found) if _made(found[number])]
+    numbered = _numbered(root)
+    return [numbered[number] for number in sorted(numbered) if _made(numbered[number])]
 
 
 def claimed(root: Path, token: str, keep: int) -> Path:
@@ -51,8 +51,8 @@ def claimed(root: Path, token: str, keep: int) -> Path:
     """
     part = root / f".{token}"
     for _ in range(_ATTEMPTS):
-        if found := _of(root, token):
-            return found
+        if folder := _of(root, token):
+            return folder
         _prepare(root)
         try:
             part.mkdir()  # only one process can
@@ -61,14 +61,14 @@ def claimed(root: Path, token: str, keep: int) -> Path:
             continue
         try:
             # If the folder can be made again, another process may have moved it to its place in the meantime.
-            if found := _of(root, token):
-                return found
-            made = _numbered_anew(root, part, token)
+            if folder := _of(root, token):
+                return folder
+            numbered = _numbered_anew(root, part, token)
         finally:
             _remove(part)
-        _point(root, made, token)
+        _point(root, numbered, token)
         _prune(root, keep)
-        return made
+        return numbered
     raise OSError(EEXIST, "another process of this session began to make a folder there and did not end", str(root))
 
 
@@ -145,11 +145,11 @@ def _numbered_anew(root: Path, part: Path, token: str) -> Path:
     """
     (part / _MARKER).write_text(token, encoding="utf-8")
     while True:
-        mine = root / str(max(_numbered(root), default=0) + 1)
+        folder = root / str(max(_numbered(root), default=0) + 1)
         try:
-            return part.rename(mine)
+            return part.rename(folder)
         except OSError:
-            if not mine.exists():  # else another session has this number
+            if not folder.exists():  # else another session has this number
                 raise
 
 

@@ -7,8 +7,7 @@ from collections.abc import Sequence
 
 from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.report.record import Record, SimulatedItem
-from pytest_rvads.report.session_report import NOTHING_JUDGED, Cell, Extent, Report, exit_status, in_order
-from pytest_rvads.report.steady import steady
+from pytest_rvads.report.session_report import NOTHING_JUDGED, Cell, Extent, Report, exit_status, in_order, steady
 from pytest_rvads.support.errors import RvadsError
 from pytest_rvads.support.wording import first
 
@@ -72,63 +71,63 @@ def merge(reports: Sequence[tuple[str, Report]]) -> Report:
 
 
 def _refuse_strangers(reports: Sequence[tuple[str, Report]]) -> None:
-    known: dict[str, tuple[str, set[str]]] = {}
+    earlier_values: dict[str, tuple[str, set[str]]] = {}
     for name, report in reports:
         if not report.records:
             raise RvadsError(f"{name} has no items, so it is no part of a session: leave it out, or look why it has none")
-        told: dict[str, set[str]] = {"project": {report.project}}
-        for one in report.records:
-            test = one.nodeid.partition("[")[0]
-            told.setdefault(f"map of {one.junction} in {test}", set()).add(one.place or "")
-            if isinstance(one, SimulatedItem):
-                told.setdefault(f"code of {one.driver} in {test}", set()).add(one.source)
-            told.setdefault(f"formula of {one.rule}", set()).add(one.formula)
-        for what, values in told.items():
-            if found := values - {""}:
-                there, before = known.setdefault(what, (name, found))
-                if not before & found:
-                    raise RvadsError(f"{there} and {name} are no parts of one session: they differ in the {what}")
+        origins: dict[str, set[str]] = {"project": {report.project}}
+        for record in report.records:
+            test = record.nodeid.partition("[")[0]
+            origins.setdefault(f"map of {record.junction} in {test}", set()).add(record.place or "")
+            if isinstance(record, SimulatedItem):
+                origins.setdefault(f"code of {record.driver} in {test}", set()).add(record.source)
+            origins.setdefault(f"formula of {record.rule}", set()).add(record.formula)
+        for subject, values in origins.items():
+            if present := values - {""}:
+                earlier_name, before = earlier_values.setdefault(subject, (name, present))
+                if not before & present:
+                    raise RvadsError(f"{earlier_name} and {name} are no parts of one session: they differ in the {subject}")
 
 
-def _clash(one: tuple[str, Record], other: tuple[str, Record]) -> str:
+def _clash(named_record: tuple[str, Record], other_named_record: tuple[str, Record]) -> str:
     """Return how two records of the same item contradict each other, or nothing."""
-    (here, a), (there, b) = one, other
+    (name, a), (other_name, b) = named_record, other_named_record
     if Outcome.NOT_RUN in (a.status, b.status):
         return ""
     if a.status != b.status:
-        return f"{a.nodeid} is {a.status} in {here} and {b.status} in {there}"
+        return f"{a.nodeid} is {a.status} in {name} and {b.status} in {other_name}"
     if a.hash != b.hash:
-        return f"{a.nodeid} is {a.status} in both {here} and {there}, but of different runs"
+        return f"{a.nodeid} is {a.status} in both {name} and {other_name}, but of different runs"
     return ""
 
 
 def _versions(reports: Sequence[tuple[str, Report]]) -> tuple[dict[str, str], list[str]]:
     """Return the versions of all reports, and a sentence for each that differs between them."""
-    found: dict[str, dict[str, str]] = {}
+    versions: dict[str, dict[str, str]] = {}
     for name, report in reports:
         for package, version in report.versions.items():
-            found.setdefault(package, {}).setdefault(version, name)
+            versions.setdefault(package, {}).setdefault(version, name)
     differences = [
-        f"versions differ: {package} " + ", ".join(f"{version} in {name}" for version, name in where.items())
-        for package, where in found.items()
-        if len(where) > 1
+        f"versions differ: {package} " + ", ".join(f"{version} in {name}" for version, name in names.items())
+        for package, names in versions.items()
+        if len(names) > 1
     ]
-    return {package: ", ".join(where) for package, where in found.items()}, differences
+    return {package: ", ".join(names) for package, names in versions.items()}, differences
 
 
 def _extents(reports: Sequence[Report]) -> dict[str, Extent]:
     """Return how much there is to cover, by what any of the sessions asked for."""
-    found: dict[str, Extent] = {}
+    extents: dict[str, Extent] = {}
     for name, extent in (entry for report in reports for entry in report.extents.items()):
-        known = found.get(name, extent)
-        found[name] = Extent(
+        earlier = extents.get(name, extent)
+        extents[name] = Extent(
             turns=extent.turns,
-            classes=known.classes | extent.classes,
-            partial=known.partial | extent.partial,
-            pairs=known.pairs or extent.pairs,
-            conflicts=known.conflicts or extent.conflicts,
+            classes=earlier.classes | extent.classes,
+            partial=earlier.partial | extent.partial,
+            pairs=earlier.pairs or extent.pairs,
+            conflicts=earlier.conflicts or extent.conflicts,
         )
-    return found
+    return extents
 
 
 def _refused(reports: Sequence[Report]) -> dict[str, tuple[str, ...]]:

@@ -237,10 +237,10 @@ def _began(report: Report) -> Iterator[str]:
         yield f"command: {report.command}"
 
 
-def _total(found: Sequence[AtJunction]) -> str:
+def _total(junctions: Sequence[AtJunction]) -> str:
     """Return the number of verdicts by kind, and the number of runs."""
-    tally = sum((one.tally for one in found), Counter[Tallied]())
-    runs = len(set[str]().union(*(some for one in found for some in (one.runs, one.wrong))))
+    tally = sum((junction.tally for junction in junctions), Counter[Tallied]())
+    runs = len(set[str]().union(*(ids for junction in junctions for ids in (junction.runs, junction.wrong))))
     return f"{plural(tally.total(), 'verdict')} on {plural(runs, 'run')}: {counted(tally) or 'none'}"
 
 
@@ -259,11 +259,11 @@ def _few(lines: Sequence[str], most: int | None) -> Iterator[str]:
         yield f"... and {len(lines) - most} more"
 
 
-def _worst(found: Sequence[AtJunction]) -> Iterator[str]:
+def _worst(junctions: Sequence[AtJunction]) -> Iterator[str]:
     """Yield the lines of the worst few junctions."""
-    yield from (line for one in ranked(found)[:FEW] for line in one.lines())
-    if len(found) > FEW:
-        yield f"... and {plural(len(found) - FEW, 'more junction')}, none worse"
+    yield from (line for junction in ranked(junctions)[:FEW] for line in junction.lines())
+    if len(junctions) > FEW:
+        yield f"... and {plural(len(junctions) - FEW, 'more junction')}, none worse"
 
 
 def refused(report: Report, most: int | None = None) -> list[str]:
@@ -278,7 +278,9 @@ def refused(report: Report, most: int | None = None) -> list[str]:
     for reason, names in reasons[:most]:
         what = plural(len(names), "movement" if " from entrance " in names[0] else "junction")
         lines.append(f"{what}{'' if reason.startswith('with ') else ' left out:'} {reason}: {first(names, _NAMED)}")
-    others = {name for _, names in reasons[len(lines) :] for name in names}
-    if others:
-        lines.append(f"{plural(len(others), 'junction')} left out for other reasons: reports in files say which")
-    return lines + [f"{one.taken:,} of {one.total:,} {one.what} drawn, seed {one.seed}: {one.test}" for one in report.drawn]
+    further_names = {name for _, names in reasons[len(lines) :] for name in names}
+    if further_names:
+        lines.append(f"{plural(len(further_names), 'junction')} left out for other reasons: reports in files say which")
+    return lines + [
+        f"{sample.taken:,} of {sample.total:,} {sample.what} drawn, seed {sample.seed}: {sample.test}" for sample in report.drawn
+    ]

@@ -39,7 +39,7 @@ Count = Annotated[int, msgspec.Meta(ge=0, le=2**53)]
 
 
 class Computing(msgspec.Struct, frozen=True, kw_only=True):
-    """How long a stack in another process computed in a run: the sum and the longest decision [s]."""
+    """Computing times of a stack in another process in a run: the sum and the longest decision [s]."""
 
     stack: str
     decisions: Count
@@ -67,7 +67,7 @@ class _Item(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, tag_f
 
     nodeid: str
     line: Count
-    """Of the test function in its file."""
+    """Line of the test function in its file."""
     test: str
     """Name of the test function."""
     ways: Count
@@ -94,13 +94,13 @@ class _Item(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, tag_f
     place: str | None = None
     """Digest of the junction: another map under the same name has another one."""
     duration: float | None = None
-    """Of the run [s]."""
+    """Duration of the run [s]."""
     agents: tuple[AgentRecord, ...] = ()
     kpis: Kpis | None = None
     timing: dict[str, Computing] | None = None
-    """By vehicle, of those that a stack in another process drove."""
+    """Computing times by vehicle, for vehicles that a stack in another process drove."""
     unkept: str | None = None
-    """Why the run could not be kept."""
+    """Reason why the run could not be kept."""
     flaky: Divergence | None = None
     look: str = ""
     """The replay page, with the time of the violation."""
@@ -141,7 +141,7 @@ class _Item(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, tag_f
 
     @property
     def ran_as(self) -> str:
-        """What tells its run from others: the hash, or the name of the run or item where it has none."""
+        """Identity of the run: its hash, or the name of the run or item if the run has no hash."""
         return self.hash or self.run or self.nodeid
 
     @property

@@ -66,8 +66,8 @@ class Sums:
     def plain(self) -> Iterator[str]:
         """Yield a line per row."""
         for row in self.rows:
-            told = ", ".join(f"{heading} {text}" for heading, text in zip(self.headings, row.told, strict=True))
-            yield f"{self.corner} {row.name}: {told}: {counted(dict(zip(self.kinds, row.counts, strict=True)))}"
+            texts = ", ".join(f"{heading} {text}" for heading, text in zip(self.headings, row.told, strict=True))
+            yield f"{self.corner} {row.name}: {texts}: {counted(dict(zip(self.kinds, row.counts, strict=True)))}"
 
 
 def sums(found: Sequence[AtJunction]) -> tuple[Sums, ...]:
@@ -75,44 +75,49 @@ def sums(found: Sequence[AtJunction]) -> tuple[Sums, ...]:
     kinds: dict[str, list[AtJunction]] = {}
     junctions: dict[str, list[AtJunction]] = {}
     rules: dict[str, dict[str, Counter[Tallied]]] = {}
-    for one in ranked(found):
-        kinds.setdefault(one.kind, []).append(one)
-        junctions.setdefault(one.junction, []).append(one)
-        for rule, counts in one.counts.items():
-            at = rules.setdefault(rule, {})
-            at[one.junction] = at.get(one.junction, Counter()) + counts
-    told = told_in(_total(one.tally for one in found))
-    of_rules = {rule: _total(at.values()) for rule, at in rules.items()}
+    for at_junction in ranked(found):
+        kinds.setdefault(at_junction.kind, []).append(at_junction)
+        junctions.setdefault(at_junction.junction, []).append(at_junction)
+        for rule, counts in at_junction.counts.items():
+            by_junction_of_rule = rules.setdefault(rule, {})
+            by_junction_of_rule[at_junction.junction] = by_junction_of_rule.get(at_junction.junction, Counter()) + counts
+    occurring = told_in(_total(at_junction.tally for at_junction in found))
+    of_rules = {rule: _total(by_junction_of_rule.values()) for rule, by_junction_of_rule in rules.items()}
 
     def row(name: str, texts: Iterable[object], counts: Counter[Tallied]) -> Row:
-        return Row(name, tuple(map(str, texts)), tuple(counts[kind] for kind in told))
+        return Row(name, tuple(map(str, texts)), tuple(counts[kind] for kind in occurring))
 
     of_kinds = [
-        row(kind, (len({one.junction for one in group}), *_runs(group)), _total(one.tally for one in group))
+        row(
+            kind,
+            (len({at_junction.junction for at_junction in group}), *_runs(group)),
+            _total(at_junction.tally for at_junction in group),
+        )
         for kind, group in sorted(kinds.items(), key=lambda entry: natural(entry[0]))
     ]
     by_rule = [
-        row(rule, (len(at), sum(_bad(counts) > 0 for counts in at.values())), of_rules[rule])
-        for rule, at in sorted(rules.items(), key=lambda entry: (-_bad(of_rules[entry[0]]), natural(entry[0])))
+        row(rule, (len(by_junction_of_rule), sum(_bad(counts) > 0 for counts in by_junction_of_rule.values())), of_rules[rule])
+        for rule, by_junction_of_rule in sorted(rules.items(), key=lambda entry: (-_bad(of_rules[entry[0]]), natural(entry[0])))
     ]
     by_junction = [
-        row(name, (group[0].kind, *_runs(group)), _total(one.tally for one in group)) for name, group in junctions.items()
+        row(name, (group[0].kind, *_runs(group)), _total(at_junction.tally for at_junction in group))
+        for name, group in junctions.items()
     ]
     return (
-        Sums("kind", ("junctions", "runs", "wrong"), tuple(told), tuple(of_kinds)),
-        Sums("rule", ("junctions", "wrong at"), tuple(told), tuple(by_rule)),
-        Sums("junction", ("kind", "runs", "wrong"), tuple(told), tuple(by_junction)),
+        Sums("kind", ("junctions", "runs", "wrong"), tuple(occurring), tuple(of_kinds)),
+        Sums("rule", ("junctions", "wrong at"), tuple(occurring), tuple(by_rule)),
+        Sums("junction", ("kind", "runs", "wrong"), tuple(occurring), tuple(by_junction)),
     )
 
 
 def ranked(found: Iterable[AtJunction]) -> list[AtJunction]:
     """Return the junctions, the worst first: by the share of wrong runs, then by their number, then by name."""
-    return sorted(found, key=lambda one: (-one.share, -len(one.wrong), natural(one.junction)))
+    return sorted(found, key=lambda junction: (-junction.share, -len(junction.wrong), natural(junction.junction)))
 
 
-def _runs(found: Sequence[AtJunction]) -> tuple[int, int]:
+def _runs(junctions: Sequence[AtJunction]) -> tuple[int, int]:
     """Return the number of runs, and the number of runs with a failure."""
-    return sum(len(one.runs | one.wrong) for one in found), sum(len(one.wrong) for one in found)
+    return sum(len(junction.runs | junction.wrong) for junction in junctions), sum(len(junction.wrong) for junction in junctions)
 
 
 def _total(counts: Iterable[Counter[Tallied]]) -> Counter[Tallied]:

@@ -70,12 +70,12 @@ def took_part(run: Run) -> tuple[AgentRecord, ...]:
 
 def computing(run: Run) -> dict[str, Computing] | None:
     """Return what stacks in other processes computed, by vehicle; what others measured is in the run alone."""
-    found = {}
+    computed = {}
     timing = run.provenance.get("timing")
-    for name, told in timing.items() if isinstance(timing, Mapping) else ():
+    for name, measured in timing.items() if isinstance(timing, Mapping) else ():
         with suppress(msgspec.ValidationError):
-            found[str(name)] = msgspec.convert(told, Computing)
-    return found or None
+            computed[str(name)] = msgspec.convert(measured, Computing)
+    return computed or None
 
 
 def by_rule(whole: Record) -> Iterator[Record]:
@@ -87,11 +87,11 @@ def by_rule(whole: Record) -> Iterator[Record]:
     kind: type[Record] = RecordedItem if isinstance(whole, RecordedItem) else SimulatedItem
     shared = {name: getattr(whole, name) for name in kind.__struct_fields__}
     for verdict in whole.verdicts:
-        given = verdict.outcome
-        traced = (verdict.requirement,) if verdict.requirement else ()
-        start = kind(**shared | {"nodeid": f"{whole.nodeid}-{verdict.rule}", "rule": verdict.rule, "requirements": traced})
-        outcome = "failed" if given.bad else "skipped" if given in _SKIPPED else "passed"
-        error = Outcome.ERROR if given is Outcome.ERROR else None
+        result = verdict.outcome
+        requirements = (verdict.requirement,) if verdict.requirement else ()
+        start = kind(**shared | {"nodeid": f"{whole.nodeid}-{verdict.rule}", "rule": verdict.rule, "requirements": requirements})
+        outcome = "failed" if result.bad else "skipped" if result in _SKIPPED else "passed"
+        error = Outcome.ERROR if result is Outcome.ERROR else None
         # Why there is no verdict is the same by every rule, so that it is one cause.
         text = verdict.reason or verdict.message if error else verdict.message
         yield conclude(start, [verdict], "call", outcome, text=text, error=error)

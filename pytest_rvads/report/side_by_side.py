@@ -101,25 +101,25 @@ def side_by_side(a: tuple[str, Report], b: tuple[str, Report], erosion: float) -
     Raises:
         RvadsError: the two sessions have no item in common.
     """
-    (first_name, one), (second_name, other) = a, b
-    common = len({record.nodeid for record in one.records} & {record.nodeid for record in other.records})
+    (name_a, earlier), (name_b, later) = a, b
+    common = len({record.nodeid for record in earlier.records} & {record.nodeid for record in later.records})
     if not common:
         raise RvadsError(
-            f"{first_name} ({plural(len(one.records), 'item')}) and {second_name} ({plural(len(other.records), 'item')}) have no "
+            f"{name_a} ({plural(len(earlier.records), 'item')}) and {name_b} ({plural(len(later.records), 'item')}) have no "
             "item in common, and items are matched by their ids: compare two sessions of the same tests"
         )
-    planned = set(other.planned)
-    lost = {record.nodeid for record in one.records if cell_of(record) not in planned}
-    comparison = compare(other, one, "A", erosion, lost.__contains__, same=False)
+    planned = set(later.planned)
+    lost = {record.nodeid for record in earlier.records if cell_of(record) not in planned}
+    comparison = compare(later, earlier, "A", erosion, lost.__contains__, same=False)
     return SideBySide(
         _side(*a),
         _side(*b),
         common,
         comparison,
-        _matrices(one.records, other.records),
-        _rules(one.records, other.records),
-        _causes(one.records, other.records),
-        with_baseline(other, comparison),
+        _matrices(earlier.records, later.records),
+        _rules(earlier.records, later.records),
+        _causes(earlier.records, later.records),
+        with_baseline(later, comparison),
     )
 
 
@@ -128,22 +128,22 @@ def _side(name: str, report: Report) -> Side:
     return Side(name, head, report.notes)
 
 
-def _matrices(one: Iterable[Record], other: Iterable[Record]) -> tuple[Matrix, ...] | None:
+def _matrices(earlier_records: Iterable[Record], later_records: Iterable[Record]) -> tuple[Matrix, ...] | None:
     """Merge the matrices of two sessions; None if the verdicts are too many for tables."""
-    was, now = Matrices(), Matrices()
+    old_matrices, new_matrices = Matrices(), Matrices()
     before: dict[str, tuple[Place, Outcome, str]] = {}
-    for record in one:
-        was.add(record)
+    for record in earlier_records:
+        old_matrices.add(record)
         before[record.nodeid] = _stands(record)
     moved: set[Place] = set()
-    for record in other:
-        now.add(record)
-        found = _stands(record)
+    for record in later_records:
+        new_matrices.add(record)
+        standing = _stands(record)
         earlier = before.pop(record.nodeid, None)
-        if earlier != found:
-            moved |= {found[0], (earlier or found)[0]}
+        if earlier != standing:
+            moved |= {standing[0], (earlier or standing)[0]}
     moved |= {place for place, *_ in before.values()}
-    return None if was.too_many or now.too_many else tuple(now.after(was, moved))
+    return None if old_matrices.too_many or new_matrices.too_many else tuple(new_matrices.after(old_matrices, moved))
 
 
 def _stands(record: Record) -> tuple[Place, Outcome, str]:
@@ -151,36 +151,36 @@ def _stands(record: Record) -> tuple[Place, Outcome, str]:
     return place_of(record), record.status, (record.known or "").partition(":")[0]
 
 
-def _rules(one: Iterable[Record], other: Iterable[Record]) -> tuple[Ruled, ...]:
+def _rules(earlier_records: Iterable[Record], later_records: Iterable[Record]) -> tuple[Ruled, ...]:
     """Return the verdicts per rule, by name."""
-    found: dict[str, Ruled] = {}
-    for second, records in enumerate((one, other)):
+    by_rule: dict[str, Ruled] = {}
+    for second, records in enumerate((earlier_records, later_records)):
         for record in records:
-            ruled = found.get(record.asks) or found.setdefault(record.asks, Ruled(record.asks, Counter(), Counter()))
+            ruled = by_rule.get(record.asks) or by_rule.setdefault(record.asks, Ruled(record.asks, Counter(), Counter()))
             (ruled.b if second else ruled.a)[record.counts_as] += 1
-    return tuple(found[rule] for rule in sorted(found))
+    return tuple(by_rule[rule] for rule in sorted(by_rule))
 
 
-def _causes(one: Iterable[Record], other: Iterable[Record]) -> tuple[Shared, ...]:
+def _causes(earlier_records: Iterable[Record], later_records: Iterable[Record]) -> tuple[Shared, ...]:
     """Return the causes of failures: first those only in the second session, then only in the first, then in both by frequency.
 
     Causes with the same text are the same cause. Of the remaining causes, those whose texts differ only in numbers are the same.
     """
-    here, there = _found(one), _found(other)
+    old_causes, new_causes = _found(earlier_records), _found(later_records)
     shared: list[Shared] = []
     for reading in (str, lambda text: _NUMBER.sub("#", text)):
         waiting: dict[str, list[triage.Cause]] = {}
-        for cause in here:
+        for cause in old_causes:
             waiting.setdefault(reading(cause.text), []).append(cause)
-        for cause in list(there):
+        for cause in list(new_causes):
             if match := waiting.get(reading(cause.text)):
                 earlier = match.pop(0)
-                here.remove(earlier)
-                there.remove(cause)
+                old_causes.remove(earlier)
+                new_causes.remove(cause)
                 shared.append(Shared(cause.rule, cause.text, earlier.count, cause.count, cause.example))
     only = [
-        *(Shared(c.rule, c.text, 0, c.count, c.example) for c in there),
-        *(Shared(c.rule, c.text, c.count, 0, c.example) for c in here),
+        *(Shared(c.rule, c.text, 0, c.count, c.example) for c in new_causes),
+        *(Shared(c.rule, c.text, c.count, 0, c.example) for c in old_causes),
     ]
     return (*only, *sorted(shared, key=lambda cause: -cause.b))
 

@@ -71,8 +71,8 @@ def summary(
         full: whether to show everything; by default all tables together fit on a screen, and a list has at most ten entries.
         more: a phrase that names the output with everything that is left out.
     """
-    told = summarise(report, colour=colour, width=width, unicode=unicode, full=full, more=more)
-    return told.verdicts + told.causes
+    parts = summarise(report, colour=colour, width=width, unicode=unicode, full=full, more=more)
+    return parts.verdicts + parts.causes
 
 
 def summarise(  # noqa: PLR0913 - the properties of a terminal, and the extent of the output
@@ -190,14 +190,14 @@ class _Screen:
         every = [(number, k) for number, table in enumerate(tables) for k in range(len(table.parts))]
         if self._full:
             return set(every)
-        kept: set[tuple[int, int]] = set()
+        shown: set[tuple[int, int]] = set()
         lines = 0
-        for number, k in sorted(every, key=lambda one: tables[one[0]].rank(one[1])):
+        for number, k in sorted(every, key=lambda block: tables[block[0]].rank(block[1])):
             lines += tables[number].height(k)
-            if kept and lines > _LINES:
+            if shown and lines > _LINES:
                 break
-            kept.add((number, k))
-        return kept
+            shown.add((number, k))
+        return shown
 
     def _table(self, table: _Table, parts: Sequence[int]) -> None:
         if table.title:
@@ -234,7 +234,9 @@ class _Screen:
     def _sums(self, sums: Sequence[Sums]) -> list[_Table]:
         """Return the tables of sums, with as many rows each as fit on a screen together."""
         for most in (None,) if self._full else (WORST, 15, 12, 10, 8, 6, 5, 4, 3):
-            tables = [self._rolled_up(one, most, "" if k else "verdicts in sums") for k, one in enumerate(sums)]
+            tables = [
+                self._rolled_up(table_of_sums, most, "" if k else "verdicts in sums") for k, table_of_sums in enumerate(sums)
+            ]
             if sum(table.height(k) for table in tables for k in range(len(table.parts))) <= _LINES:
                 break
         for table in tables:
@@ -251,11 +253,11 @@ class _Screen:
         more = len(sums.rows) - len(rows)
         return _Table(title, "column", parts, [plural(more, f"more {sums.corner}")] if more else [])
 
-    def _legend(self, found: Sequence[RollUp | Verdicts]) -> None:
+    def _legend(self, tables: Sequence[RollUp | Verdicts]) -> None:
         """Print the explanations of the words in the tables that need one."""
-        told = list(legend(found))
-        if told:
-            self._paragraph("; ".join(told))
+        explanations = list(legend(tables))
+        if explanations:
+            self._paragraph("; ".join(explanations))
             self._line("")
 
     def _paragraph(self, text: str) -> None:
@@ -266,11 +268,11 @@ class _Screen:
         """Print the changes since the baseline."""
         self._line(block.comparison.headline, "bold")
         new = next((change.nodeid for change in block.comparison.changes if change.kind == "NEW"), "")
-        told = list(block.comparison.lines(self.most))
-        for number, line in enumerate(told):
+        lines = list(block.comparison.lines(self.most))
+        for number, line in enumerate(lines):
             kind = line.partition(" ")[0]
             self._line(f"  {line}", _CHANGES.get(kind, ""))
-            if new and kind == "NEW" and not any(after.startswith("NEW ") for after in told[number + 1 :]):
+            if new and kind == "NEW" and not any(after.startswith("NEW ") for after in lines[number + 1 :]):
                 self._line(f"          first: {block.first(new)}")
         self._line("")
 

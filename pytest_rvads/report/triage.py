@@ -6,40 +6,86 @@ the same first violation form a cause, whichever vehicle it was. Grouping every 
 three times as many groups as faults, measured with mutants of the reference driver (tests/report/test_triage.py).
 
 An unavoidable violation explains no other failure and is a separate cause.
+
+A cause names the variants of its tests (the values of their other parameters) when it concerns only some variants.
 """
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Hashable, Iterable
+from collections.abc import Callable, Collection, Hashable, Iterable
 from dataclasses import dataclass
 
 from pytest_rvads.logic.judging.verdicts import Verdict
 from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.report.faults import explains, first_line, hanging, signature, time_of, verdict_of, violated
 from pytest_rvads.report.record import Record, SimulatedItem
-from pytest_rvads.report.variants import Variant, Variants, variant_of
+from pytest_rvads.report.rollup import natural
 from pytest_rvads.support.wording import first, plural
 
-__all__ = ["ByCause", "ByText", "Cause", "causes", "gravity", "idle", "known", "provoked", "unavoidable", "unsure"]
+__all__ = [
+    "ByCause",
+    "ByText",
+    "Cause",
+    "Variant",
+    "Variants",
+    "causes",
+    "gravity",
+    "idle",
+    "known",
+    "provoked",
+    "unavoidable",
+    "unsure",
+    "variant_of",
+]
+
+
+Variant = tuple[str, str]
+"""A test and its variant; both are empty for a record without a variant."""
+
+
+class Variants:
+    """Collects the variants of tests from records, and selects the variants to name."""
+
+    def __init__(self) -> None:
+        self._variants: dict[str, set[str]] = {}
+        """All variants of each test."""
+
+    def add(self, record: Record) -> None:
+        """Add a record."""
+        if record.variant:
+            test, variant = variant_of(record)
+            self._variants.setdefault(test, set()).add(variant)
+
+    def only(self, places: Collection[Variant]) -> tuple[str, ...]:
+        """Return the variants at some places in order; empty if their tests have no other variants, or a test has none."""
+        tests, chosen = {test for test, _ in places}, {variant for _, variant in places}
+        if "" in chosen or chosen >= set().union(*(self._variants.get(test, ()) for test in tests)):
+            return ()
+        return tuple(sorted(chosen, key=natural))
+
+
+def variant_of(record: Record) -> Variant:
+    """Return the test of a record, by file and function, and its variant."""
+    # Records without a variant share a place: a campaign has a million records, each with an item of its own.
+    return (record.nodeid.partition("[")[0], record.variant) if record.variant else ("", "")
+
 
 _RULES = 3
-"""Rules named per cause; the rest is counted."""
+"""Most rules named per cause; further rules are counted."""
 _VARIANTS = 5
-"""Variants named per cause; likewise."""
+"""Most variants named per cause; further variants are counted."""
 _IDS = 1000
-"""Items of a cause whose ids are kept; the rest is counted."""
+"""Most items of a cause whose ids are kept; further items are counted."""
 _GROUPS = 1000
 """Most causes that are distinguished; all further failures form one more cause."""
 _OPEN = 10_000
 """Most failing runs that are kept open for further failures; a later failure of a closed run is grouped separately."""
-
-
 _SEATS = 3
-"""Seats of the subject that are named per cause, where no more are concerned."""
+"""Seats of the subject are named in a cause that concerns at most this number of seats."""
 _YIELDING = ("left_yields", "yield_sign", "priority", "right_before_left", "merge")
 _GRAVE = ("no_collision", "no_conflict", "red", "right_on_red", *_YIELDING)
-"""Rules that are told first, the gravest first: contact, meeting in the junction, then taking the way of others."""
+"""Rules of the first causes in a report, the gravest first: contact, meeting in the junction, then failing to yield."""
 _OWN = (*_GRAVE[2:], "p4", "full_stop", "speed_limit", "keep_lane", "on_route", "on_lane_allowed")
 """Rules that no vehicle breaks because another vehicle has broken a rule before."""
 
@@ -56,11 +102,11 @@ class Cause:
     rules: tuple[str, ...]
     """The gravest first; of equally grave ones the rule that was violated first in the first of the runs."""
     text: str
-    """What was violated first, without who did it."""
+    """First violation, without the vehicles."""
     nodeids: tuple[str, ...]
     """Its first items."""
     count: int
-    """How many items it broke."""
+    """Number of items with this cause."""
     runs: int
     example: str
     """Node id of the first item that tells it."""
@@ -98,7 +144,7 @@ def _seat(record: Record) -> int | None:
 
 
 class _Part:
-    """Failures of one run that have the same behind them, or a single one."""
+    """A failure of a run, with the later failures of the run that it explains."""
 
     def __init__(self, record: Record, signature: Hashable, text: str, verdict: Verdict | None = None) -> None:
         self.signature, self.text = signature, text
@@ -107,7 +153,7 @@ class _Part:
         self.grave = -1 if record.status in (Outcome.ERROR, Outcome.FLAKY) else gravity((record.asks,))
         self.who = set(verdict.responsible) if verdict is not None else set()
         self.begun = set(verdict.instances[0].responsible) if verdict is not None and verdict.instances else self.who
-        """Who is to blame for any instance, and for the first one."""
+        """Vehicles that are to blame for the first instance; `who` has those for any instance."""
         self.seats = {_seat(record)} - {None}
         self.roles = verdict.roles if verdict is not None else ""
         self.title = verdict.title if verdict is not None else ""
@@ -116,7 +162,7 @@ class _Part:
         self.rules, self.ids, self.count, self.number = {record.asks: None}, [record.nodeid], 1, 0
 
     def join(self, other: _Part) -> None:
-        """Take in what broke later in the same run, and follows from this."""
+        """Add a later failure of the same run that this failure explains."""
         self.rules, self.ids, self.count = self.rules | other.rules, self.ids + other.ids, self.count + other.count
         self.number, self.places = min(self.number, other.number), self.places | other.places
         self.grave, self.begun, self.seats = min(self.grave, other.grave), self.begun | other.begun, self.seats | other.seats
@@ -138,7 +184,7 @@ class _Group:
         self._roles: Counter[str] = Counter()
 
     def take(self, part: _Part) -> None:
-        """Take a part in."""
+        """Add a part."""
         if part.number < self.first.number:
             self.first = part
         if part.verdict and part.run not in self._runs:
@@ -153,7 +199,7 @@ class _Group:
         self.grave = min(self.grave, part.grave)
 
     def cause(self, junctions: bool, variants: Variants, seats: set[int | None]) -> Cause:
-        """Return what is told of them, and where `junctions` at how many; `seats` are those of all records."""
+        """Return the cause of the parts; `variants` and `seats` are those of all records, `junctions` asks for their number."""
         text, roles = self.first.text, self.first.roles
         if len(self._roles) == 1 and roles:
             text = f"{text} ({roles})"
@@ -176,10 +222,10 @@ class _Group:
 
 
 class ByText:
-    """Takes records in and groups those of which the same is told.
+    """Groups records by a text.
 
     Args:
-        text: what is told of a record; None of one that is not among them.
+        text: the text of a record; None for a record that is left out.
     """
 
     def __init__(self, text: Callable[[Record], str | None]) -> None:
@@ -190,7 +236,7 @@ class ByText:
         self._number = 0
 
     def add(self, record: Record) -> None:
-        """Take a record in."""
+        """Add a record."""
         self._variants.add(record)
         self._seats.add(_seat(record))
         text = self._text(record)
@@ -209,26 +255,26 @@ class ByText:
         group.take(part)
 
     def causes(self, junctions: bool = False) -> list[Cause]:
-        """Return the causes, the gravest first, then the most frequent; where `junctions` with at how many."""
+        """Return the causes, the gravest first, then the most frequent; `junctions` asks for numbers of junctions."""
         ranked = sorted(self._groups.values(), key=lambda group: (group.grave, -group.count, group.first.number))
         return [group.cause(junctions, self._variants, self._seats) for group in ranked]
 
 
 class ByCause(ByText):
-    """Takes records in and groups some of them by what broke first in their run.
+    """Groups records by the first violation of their run.
 
     Args:
-        chosen: whether a record is one of them.
+        chosen: whether a record counts.
     """
 
     def __init__(self, chosen: Callable[[Record], bool]) -> None:
         super().__init__(violated)
         self._chosen = chosen
         self._open: dict[str, list[_Part]] = {}
-        """By run what broke in it so far."""
+        """The failures so far, by run."""
 
     def add(self, record: Record) -> None:
-        """Take a record in."""
+        """Add a record."""
         self._variants.add(record)
         self._seats.add(_seat(record))
         if not self._chosen(record):
@@ -242,7 +288,7 @@ class ByCause(ByText):
                 self._close(next(iter(self._open)))
 
     def _close(self, run: str) -> None:
-        """Group what broke in a run: the first violation explains the others, except what other vehicles broke by themselves.
+        """Group the failures of a run: the first violation explains the later ones, except violations of other vehicles alone.
 
         The first violation also explains every open obligation: a crash that ends a run leaves bystanders at their lights.
         """
@@ -259,29 +305,29 @@ class ByCause(ByText):
             self._take(part)
 
     def causes(self, junctions: bool = False) -> list[Cause]:
-        """Return the causes, the gravest first, then the most frequent; where `junctions` with at how many."""
+        """Return the causes, the gravest first, then the most frequent; `junctions` asks for numbers of junctions."""
         for run in list(self._open):
             self._close(run)
         return super().causes(junctions)
 
 
 def causes() -> ByCause:
-    """Return what groups unexpected failures by their cause."""
+    """Return an empty collector that groups unexpected failures by their cause."""
     return ByCause(lambda record: record.failed)
 
 
 def provoked() -> ByCause:
-    """Return what groups what traffic did to a subject that is not to blame, likewise."""
+    """Return an empty collector that groups PROVOKED items by their cause: traffic, not the subject, is to blame."""
     return ByCause(lambda record: record.status is Outcome.PROVOKED)
 
 
 def unavoidable() -> ByCause:
-    """Return what groups what nobody could have avoided and no test failed for, likewise."""
+    """Return an empty collector that groups UNAVOIDABLE items that failed no test by their cause."""
     return ByCause(lambda record: record.status is Outcome.UNAVOIDABLE and not record.failed)
 
 
 def unsure() -> ByText:
-    """Return what groups what is UNSURE, and failed no test, by what it hangs on."""
+    """Return an empty collector that groups UNSURE items that failed no test by their doubts."""
     return ByText(lambda record: hanging(record) if record.status is Outcome.UNSURE and not record.failed else None)
 
 
@@ -291,10 +337,10 @@ def known() -> ByText:
 
 
 def idle() -> ByText:
-    """Return what groups what neither passed nor failed, is no known failure and not UNSURE, by the reason given."""
+    """Return an empty collector that groups items that are not passed, failed, known or UNSURE by the reason given."""
 
     def reason(record: Record) -> str | None:
-        rest = not (record.failed or record.known or record.outcome == "passed" or record.status is Outcome.UNSURE)
-        return first_line(record) if rest and record.message else None
+        without_verdict = not (record.failed or record.known or record.outcome == "passed" or record.status is Outcome.UNSURE)
+        return first_line(record) if without_verdict and record.message else None
 
     return ByText(reason)

@@ -153,8 +153,7 @@ def beside(item: pytest.Item, options: Options, record: Record, run: Run, start:
         rerun: the command that runs the item once more.
     """
     from pytest_rvads.report.draw.replay import Beside
-    from pytest_rvads.report.facts import facts
-    from pytest_rvads.report.failure_page import other_verdicts
+    from pytest_rvads.report.failure_page import facts, other_verdicts
     from pytest_rvads.report.folders import INDEX
 
     verdicts = other_verdicts(run, _rules(item, run), record.verdicts[-1].rule)
@@ -177,7 +176,7 @@ def _ghost(item: pytest.Item, options: Options, run: Run) -> Run | None:
     """Return the run of the item in the session of the baseline; None without that run."""
     if options.baseline is None or run.excerpt is not None:
         return None
-    from pytest_rvads.report.earlier import earlier_run
+    from pytest_rvads.report.failure_page import earlier_run
 
     report = _baseline(item, options.baseline)
     if report is None:

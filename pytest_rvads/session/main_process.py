@@ -135,7 +135,7 @@ class Session:
 
     def _finish(self, session: pytest.Session, exitstatus: int) -> None:
         """Make the report, write the files and set the exit status."""
-        from pytest_rvads.report.steady import steady
+        from pytest_rvads.report.session_report import steady
 
         self.records = self.outputs.journal.records()
         budget = self.config.stash[BUDGET]

@@ -3,7 +3,7 @@
 from typing import Any
 
 from pytest_rvads.logic.judging.verdicts import Status, Verdict
-from pytest_rvads.report.facts import facts
+from pytest_rvads.report.failure_page import facts
 from pytest_rvads.report.record import Record, conclude, planned_record
 
 KEYS: dict[str, Any] = {

@@ -7,7 +7,7 @@ from msgspec import structs
 
 from pytest_rvads.logic.judging.verdicts import Status, Verdict
 from pytest_rvads.logic.outcome import Outcome
-from pytest_rvads.report.junit import junit
+from pytest_rvads.report.files import junit
 from pytest_rvads.report.record import Record, conclude, planned_record
 from pytest_rvads.report.session_report import Report
 

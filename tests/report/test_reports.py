@@ -19,16 +19,14 @@ from pytest_rvads.logic.rules.book import rulebook
 from pytest_rvads.report import triage
 from pytest_rvads.report.at_junctions import AtJunctions
 from pytest_rvads.report.figures import Extremes
-from pytest_rvads.report.files import load, save
+from pytest_rvads.report.files import load, save, table
 from pytest_rvads.report.markdown import markdown
 from pytest_rvads.report.matrix import Matrices, Matrix
 from pytest_rvads.report.merge import merge
 from pytest_rvads.report.page import page
 from pytest_rvads.report.record import Record, conclude, planned_record, properties
-from pytest_rvads.report.session_report import Comparison, Report, cell_of, exit_status
-from pytest_rvads.report.steady import steady
+from pytest_rvads.report.session_report import Comparison, Report, cell_of, exit_status, steady
 from pytest_rvads.report.terminal import summary
-from pytest_rvads.report.traceability import table
 from pytest_rvads.report.triage import Cause
 from pytest_rvads.runs.measured import Kpis
 from pytest_rvads.support.errors import RvadsError

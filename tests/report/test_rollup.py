@@ -17,7 +17,7 @@ from msgspec.structs import replace
 
 from pytest_rvads.logic.judging.verdicts import Status, Verdict
 from pytest_rvads.logic.outcome import Outcome
-from pytest_rvads.report import matrix, rollup, traceability, triage
+from pytest_rvads.report import files, matrix, rollup, triage
 from pytest_rvads.report.coverage import measure
 from pytest_rvads.report.files import FORMATS, load
 from pytest_rvads.report.markdown import markdown
@@ -366,7 +366,7 @@ def test_streamed_records_render_like_a_tuple(form: str) -> None:
 @pytest.mark.parametrize("form", [".json", ".csv", "terminal"])
 def test_memory_grows_by_a_fraction_of_what_the_records_take(form: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(matrix, "_MOST", 100)  # what tables and rows that wait take is bounded, but larger than this
-    monkeypatch.setattr(traceability, "_WAITING", 1000)
+    monkeypatch.setattr(files, "_WAITING", 1000)
 
     def peak(records: Collection[Record]) -> int:
         report = Report(records)

@@ -30,7 +30,7 @@ _STANDARD_ERROR = 2
 
 @dataclass(frozen=True, slots=True)
 class Question:
-    """What is asked of every case."""
+    """The question of a campaign about every case."""
 
     rules: tuple[str | Rule, ...]
     """Shipped rules and rulebooks as names, other rules as `Rule`."""
@@ -40,7 +40,7 @@ class Question:
     code: str
     """Checksum of the package that asks."""
     versions: dict[str, str]
-    """Of what results depend on."""
+    """Version of each package on which results depend, by name of the package."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,9 +52,9 @@ class Job:
     """Hash of the case."""
     case: Case
     driver: str
-    """What drives, as it is called in reports."""
+    """Name of the driver in reports."""
     traffic: str | None
-    """Policy around a subject."""
+    """Policy of the traffic around a subject."""
 
 
 def judge(question: Question, job: Job) -> bytes:
@@ -63,13 +63,13 @@ def judge(question: Question, job: Job) -> bytes:
     Raises:
         RvadsError: the code or the versions of this process differ from those of the asking process.
     """
-    mine = _versions(tuple(question.versions))
-    if (code(), mine) != (question.code, question.versions):
+    own_versions = _versions(tuple(question.versions))
+    if (code(), own_versions) != (question.code, question.versions):
         raise RvadsError(
-            f"a worker has other code ({code()[:8]}, {_listed(mine)}) than who asks it ({question.code[:8]}, "
+            f"a worker has other code ({code()[:8]}, {_listed(own_versions)}) than who asks it ({question.code[:8]}, "
             f"{_listed(question.versions)}): install the same version of pytest-rvads and of what it needs on all machines"
         )
-    # A process that does nothing else may end when nothing else gets a driver to stop; who hired it goes on without.
+    # A process of the campaign may end if a driver can't be stopped otherwise: the campaign continues without the process.
     ends = multiprocessing.parent_process() is not None
     limits = question.limits._replace(dump=_STANDARD_ERROR) if ends else question.limits
     try:
@@ -101,12 +101,12 @@ def _first(place: Junction) -> Junction:
 
 @lru_cache(maxsize=8)
 def _versions(names: tuple[str, ...]) -> dict[str, str]:
-    """Return the versions of packages in this process; to look them up takes as long as to judge a run."""
+    """Return the versions of packages in this process; the look-up takes as long as judging a run."""
     return {name: version for name, version in versions(*names).items() if name in names}
 
 
 def _started(job: Job) -> Judged:
-    """Return what is known of a case before it is simulated."""
+    """Return the result of a case as far as it is known before the simulation."""
     scenario = job.case.scenario
     place, name = scenario.place, run_id(scenario, job.traffic)
     return Judged(
@@ -132,7 +132,7 @@ def _started(job: Job) -> Judged:
 
 
 def undecided(question: Question, job: Job, reason: str) -> Judged:
-    """Return what there is to say of a case that has no run: by every rule an ERROR with its reason."""
+    """Return the result of a case without a run: an ERROR by every rule, with the reason."""
     return msgspec.structs.replace(_started(job), verdicts=tuple(unjudged(rule, reason) for rule in _rules(question, job)))
 
 
@@ -140,5 +140,5 @@ def _rules(question: Question, job: Job) -> tuple[Rule, ...]:
     return rules_for(question.rules, job.case.scenario.place)
 
 
-def _listed(found: dict[str, str]) -> str:
-    return ", ".join(f"{name} {version}" for name, version in found.items())
+def _listed(versions: dict[str, str]) -> str:
+    return ", ".join(f"{name} {version}" for name, version in versions.items())

@@ -23,7 +23,7 @@ from pytest_rvads.drivers.traffic import policy_name
 from pytest_rvads.logic.rules.book import SHIPPED, get_rule, is_rulebook, rules_for
 from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.satellites.campaigns.answering import Job, Question, judge, undecided
-from pytest_rvads.satellites.campaigns.head import Head
+from pytest_rvads.satellites.campaigns.judged import Head
 from pytest_rvads.satellites.campaigns.resultsfile import Results
 from pytest_rvads.scenarios.case import Case, Fleet
 from pytest_rvads.simulators.choice import choice
@@ -77,29 +77,29 @@ def campaign(  # noqa: PLR0913 - keywords; a campaign has many settings
     """
     require(cases, Iterable, "a campaign takes cases, any number of rvads.Case(scenario, driver)", ScenarioError)
     maker = meant(simulator)
-    rest = iter(cases)
-    first = next(rest, None)
+    remaining = iter(cases)
+    first = next(remaining, None)
     keys = Keys(maker)
     question = Question(_asked(rules), maker, choice().limits, code(), versions(*_libraries(maker)))
     if first is not None:
         require(first, Case, "a campaign takes cases: rvads.Case(scenario, driver)", ScenarioError)
-        rest = chain((first,), rest)
+        remaining = chain((first,), remaining)
     if total is None:
         total = len(cases) if isinstance(cases, Sized) else 0
-    found = Results(results, _head(question, keys, first))
+    stored = Results(results, _head(question, keys, first))
     try:
-        _Campaign(question, keys, found, progress, total).run(rest, executor)
+        _Campaign(question, keys, stored, progress, total).run(remaining, executor)
     except ExecutorGone as error:
-        kept = "nothing is kept, name a file as results= to go on where it was"
-        if found.path is not None:
-            kept = f"{len(found):,} results are kept in {found.path}, run the campaign again and it goes on where it was"
-        found.close()
-        raise RvadsError(f"{error}; {kept}") from error
+        advice = "nothing is kept, name a file as results= to go on where it was"
+        if stored.path is not None:
+            advice = f"{len(stored):,} results are kept in {stored.path}, run the campaign again and it goes on where it was"
+        stored.close()
+        raise RvadsError(f"{error}; {advice}") from error
     except BaseException:
-        found.close()
+        stored.close()
         raise
-    found.release()
-    return found
+    stored.release()
+    return stored
 
 
 class _Campaign:
@@ -154,13 +154,13 @@ class _Campaign:
         head = self._results.head
         driver, traffic = self._keys.known(case.driver), case.traffic and self._keys.known(case.traffic)
         # A policy may be the driver's class with other numbers, so it has another name.
-        made = {driver.name: driver.identity} | ({f"{traffic.policy} traffic": traffic.identity} if traffic else {})
-        changed = next((name for name, known in made.items() if head.drivers.get(name, known) != known), None)
+        identities = {driver.name: driver.identity} | ({f"{traffic.policy} traffic": traffic.identity} if traffic else {})
+        changed = next((name for name, key in identities.items() if head.drivers.get(name, key) != key), None)
         if changed is not None:
             raise RvadsError(
                 f"two drivers of a campaign are called {changed} and are not the same: give each a name of its own, or a campaign"
             )
-        self._results.tell(msgspec.structs.replace(head, drivers=head.drivers | made, cases=None))
+        self._results.tell(msgspec.structs.replace(head, drivers=head.drivers | identities, cases=None))
         return driver.name, traffic.policy if traffic else None
 
     def _tell(self) -> None:
@@ -172,17 +172,17 @@ class _Campaign:
 def _asked(rules: str | Rule | Iterable[str | Rule]) -> tuple[str | Rule, ...]:
     """Return rules in a form for other processes: shipped rules by name, other rules as parsed rules."""
     require(rules, str | Rule | Iterable, "rules are named one by one, or as a list of names and of Rules", FormulaError)
-    wanted = (rules,) if isinstance(rules, str | Rule) else tuple(rules)
-    rules_for(wanted)
-    found: list[str | Rule] = []
-    for part in wanted:
+    parts = (rules,) if isinstance(rules, str | Rule) else tuple(rules)
+    rules_for(parts)
+    asked: list[str | Rule] = []
+    for part in parts:
         rule = None if isinstance(part, str) and is_rulebook(part) else get_rule(part)
         if rule is not None and rule.name not in SHIPPED.rules:
             rule.formula  # noqa: B018 - parses the rule, which stores the words known here
-            found.append(rule)
+            asked.append(rule)
         else:
-            found.append(part if isinstance(part, str) else part.name)
-    return tuple(found)
+            asked.append(part if isinstance(part, str) else part.name)
+    return tuple(asked)
 
 
 def _libraries(simulator: Simulator) -> tuple[str, ...]:
@@ -191,17 +191,17 @@ def _libraries(simulator: Simulator) -> tuple[str, ...]:
 
 def _head(question: Question, keys: Keys, first: Case | None) -> Head:
     """Return the head of the results: everything that is the same for every case, and the driver of the first case."""
-    made: dict[str, Any] = {
+    origins: dict[str, Any] = {
         "package": question.code,
         "rules": ", ".join(rule if isinstance(rule, str) else f"{rule.name} {identity(rule)}" for rule in question.rules),
         "simulator": f"{question.simulator.name} {identity(question.simulator)}",
     }
     drivers = {}
     if first is not None:
-        known = keys.known(first.driver)
-        made |= {"driver": known.name, "bodies": bodies(first.fleet)}
-        drivers[known.name] = known.identity
-    return Head(made=made, drivers=drivers, versions=question.versions)
+        driver = keys.known(first.driver)
+        origins |= {"driver": driver.name, "bodies": bodies(first.fleet)}
+        drivers[driver.name] = driver.identity
+    return Head(made=origins, drivers=drivers, versions=question.versions)
 
 
 class Known(NamedTuple):
@@ -224,20 +224,20 @@ class Keys:
 
     def known(self, driver: Factory) -> Known:
         """Return name and identity of a driver."""
-        found = self._known.get(id(driver))
-        if found is None:
+        known_driver = self._known.get(id(driver))
+        if known_driver is None:
             if len(self._known) >= _MOST:
                 self._known.clear()
-            found = Known(driver, called(driver), policy_name(driver), identity(driver))
-            self._known[id(driver)] = found
-        return found
+            known_driver = Known(driver, called(driver), policy_name(driver), identity(driver))
+            self._known[id(driver)] = known_driver
+        return known_driver
 
     def of(self, case: Case) -> str:
         """Return the SHA-256 of everything that decides the run of a case, without the path of its map and names of files."""
         scenario = case.scenario
-        told = {**scenario.record(), "map": None, "place": scenario.place.digest}
-        drivers = [made and self.known(made)[1:] for made in (case.driver, case.traffic)]
-        whole = [told, drivers, _fleet(case.fleet), self._simulator]
+        fields = {**scenario.record(), "map": None, "place": scenario.place.digest}
+        drivers = [factory and self.known(factory)[1:] for factory in (case.driver, case.traffic)]
+        whole = [fields, drivers, _fleet(case.fleet), self._simulator]
         return sha256(json.dumps(whole, sort_keys=True).encode("utf-8", "surrogatepass")).hexdigest()
 
 

@@ -1,4 +1,8 @@
-"""What is known of a case that was simulated and judged: a line of a file of results."""
+"""The lines of a file of results: the head, and the result of each case.
+
+The head names the code of this package and of the driver, the rules and the versions. So results of different code never mix, and
+a campaign continues after its last result.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +13,43 @@ import msgspec
 from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.report.record import Count, SimulatedItem
 
-__all__ = ["Glance", "Judged"]
+__all__ = ["FORMAT", "VERSION", "Glance", "Head", "Judged"]
+
+
+FORMAT, VERSION = "rvads-campaign", 2
+
+
+class Head(msgspec.Struct, frozen=True, kw_only=True):
+    """Facts about all results: the first line of a file, and later lines that add facts."""
+
+    format: str = FORMAT
+    version: int = VERSION
+    made: dict[str, str]
+    """Values on which results depend, by name: package, code, rules, simulator, driver, bodies."""
+    drivers: dict[str, str]
+    """Identity of each driver, by name of the driver."""
+    versions: dict[str, str]
+    """Version of each package on which results depend, by name of the package."""
+    cases: Count | None = None
+    """Number of cases of the campaign; None until the campaign has ended."""
+    results: Count = 0
+    """Number of results at the end of the campaign; a file with fewer results is incomplete."""
+    unfit: dict[str, int] = {}
+    """Number of cases left out per junction, because a vehicle has no room at its start."""
+
+    def with_part(self, other: Head) -> Head:
+        """Return the head of both parts together; it has ended if both parts have ended."""
+        ended = None if self.cases is None or other.cases is None else max(self.cases, other.cases)
+        unfit = {name: max(self.unfit.get(name, 0), other.unfit.get(name, 0)) for name in sorted({**self.unfit, **other.unfit})}
+        drivers, results = self.drivers | other.drivers, max(self.results, other.results)
+        return msgspec.structs.replace(self, drivers=drivers, cases=ended, results=results, unfit=unfit)
+
+    def differs(self, other: Head) -> str:
+        """Return the differences to another head in words, or an empty text; drivers of a single head are no difference."""
+        pairs = [(word, self.made.get(word), other.made.get(word)) for word in {**self.made, **other.made}]
+        pairs += [(f"version of {name}", version, other.versions.get(name)) for name, version in self.versions.items()]
+        pairs += [(f"code or values of {name}", key, other.drivers.get(name, key)) for name, key in self.drivers.items()]
+        return ", ".join(word for word, own_value, other_value in pairs if own_value != other_value)
 
 
 class Judged(SimulatedItem, frozen=True, kw_only=True, omit_defaults=True, tag="judged"):
@@ -53,7 +93,7 @@ class _Judgement(msgspec.Struct):
 
 
 class Glance(msgspec.Struct):
-    """What of a `Judged` is needed to know which ones a file has."""
+    """The fields of a `Judged` that tell which cases a file has, and their outcomes."""
 
     case: Annotated[str, msgspec.Meta(pattern="^[0-9a-f]{64}$")]
     number: Count = 0

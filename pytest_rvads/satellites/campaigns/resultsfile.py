@@ -20,12 +20,10 @@ import msgspec
 import numpy as np
 
 from pytest_rvads.logic.outcome import Outcome
-from pytest_rvads.report.anew import Anew
 from pytest_rvads.report.record import Record
 from pytest_rvads.report.run_record import by_rule
-from pytest_rvads.report.session_report import Report, exit_status
-from pytest_rvads.satellites.campaigns.head import FORMAT, VERSION, Head
-from pytest_rvads.satellites.campaigns.judged import Glance, Judged
+from pytest_rvads.report.session_report import Anew, Report, exit_status
+from pytest_rvads.satellites.campaigns.judged import FORMAT, VERSION, Glance, Head, Judged
 from pytest_rvads.support.decoding import decode, encode
 from pytest_rvads.support.errors import RvadsError
 from pytest_rvads.support.storage import open_file
@@ -40,34 +38,34 @@ __all__ = ["Results", "joined"]
 _HEAD = b'{"format"'
 """How a line begins that is no result."""
 _LONGEST = 2**26
-"""Line that is read [bytes]."""
+"""Longest line that is read [bytes]."""
 _PATIENCE = 3.0
-"""How long the processes of a campaign that was killed may take to notice, and to let go of its file [s]."""
+"""Longest time in which the processes of a killed campaign notice its end and close its file [s]."""
 
 
 class Results:
-    """What a campaign has found out so far, each case once, in the order of its cases; read from disk whenever it is asked for.
+    """The results of a campaign so far, one per case in the order of the cases; each access reads them from disk.
 
-    Of a case, memory holds its hash, its number and where its line is: some 150 bytes.
+    Memory holds the hash, the number and the place of the line of each case: some 150 bytes.
 
     Args:
-        path: the file. None for one without a name, which is gone with this process.
-        head: whose results are to be added, to a new file or to what is there; None to read only.
+        path: the file; None for a file without a name, which ends with this process.
+        head: head of the results that will be added; None to read only.
 
     Raises:
-        RvadsError: the file is none of a campaign, holds the results of another one, or somebody else adds to it.
-        OSError: it can't be opened.
+        RvadsError: the file holds no results, or results of another campaign, or another process adds to it.
+        OSError: the file can't be opened.
     """
 
     def __init__(self, path: str | os.PathLike[str] | None, head: Head | None = None) -> None:
         self.path = None if path is None else Path(path)
         self.verdicts = 0
-        """How many there are of all cases."""
+        """Number of verdicts of all cases."""
         self._file = _opened(self.path, head is not None)
         weakref.finalize(self, self._file.close)
         self._known: set[bytes] = set()
         self._index = array("q"), array("q"), array("q"), array("q")
-        """Per result the number of its case, the beginning of the hash of that, where its line begins, how long it is."""
+        """Per result: number of the case, beginning of its hash, begin of the line and its length [bytes]."""
         self._outcomes: set[Outcome] = set()
         try:
             self.head = self._begun(head)
@@ -76,7 +74,7 @@ class Results:
             raise
 
     def _begun(self, head: Head | None) -> Head:
-        """Take in what the file holds, and return its head; one that is empty gets `head`."""
+        """Read the file and return its head; an empty file gets `head`."""
         found = self._scanned()
         if found is None and head is not None and self._is_begun(b"\n" + encode(head)):
             self._file.truncate(0)
@@ -90,15 +88,15 @@ class Results:
         return found
 
     def _is_begun(self, line: bytes) -> bool:
-        """Tell whether the file is empty, or holds no more than the beginning of a line that was cut off."""
+        """Return whether the file is empty, or holds only the beginning of a line that was cut off."""
         self._file.seek(0)
         return line.startswith(self._file.read(len(line)) + self._file.read(1))
 
     def _scanned(self) -> Head | None:
-        """Note all lines and return the last head; what is no line of ours, as one that was cut off, is passed over.
+        """Index all lines and return the last head; other lines, such as a line that was cut off, are ignored.
 
         Raises:
-            RvadsError: there are results of several campaigns.
+            RvadsError: the file has results of several campaigns.
         """
         found: Head | None = None
         self._file.seek(0)
@@ -122,32 +120,32 @@ class Results:
         return found
 
     def _note(self, line: bytes, place: int) -> bool:
-        """Take in where a line is; tell whether its case is new."""
-        seen = msgspec.json.decode(line, type=Glance)
-        key = bytes.fromhex(seen.case)
+        """Index the place of a line, and return whether its case is new."""
+        glance = msgspec.json.decode(line, type=Glance)
+        key = bytes.fromhex(glance.case)
         if key in self._known:
             return False
         self._known.add(key)
-        for column, value in zip(self._index, (seen.number, int.from_bytes(key[:7]), place, len(line)), strict=True):
+        for column, value in zip(self._index, (glance.number, int.from_bytes(key[:7]), place, len(line)), strict=True):
             column.append(value)
-        self.verdicts += len(seen.verdicts)
-        self._outcomes.update(given.outcome for given in seen.verdicts)
+        self.verdicts += len(glance.verdicts)
+        self._outcomes.update(verdict.outcome for verdict in glance.verdicts)
         return True
 
     def add(self, line: bytes) -> None:
-        """Write a result down, at once: a `Judged` in JSON; one whose case is known is left out.
+        """Write a result (a `Judged` in JSON) to disk at once; a second result of a case is left out.
 
         Raises:
-            RvadsError: there is no room for it, or it can't be written for another reason.
+            RvadsError: the result can't be written, for example for lack of room.
         """
         if self._note(line, self._file.seek(0, os.SEEK_END) + 1):
             self._append(line)
 
     def tell(self, head: Head) -> None:
-        """Write down what is known now of all results.
+        """Write a head with further facts about all results.
 
         Raises:
-            RvadsError: it can't be written.
+            RvadsError: the head can't be written.
         """
         if head != self.head:
             self._append(encode(head))
@@ -167,7 +165,7 @@ class Results:
             )
 
     def holds(self, case: str) -> bool:
-        """Tell whether there is a result of a case, by its hash."""
+        """Return whether a case has a result, given the hash of the case."""
         return bytes.fromhex(case) in self._known
 
     def lines(self) -> Iterator[bytes]:

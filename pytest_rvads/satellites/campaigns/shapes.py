@@ -226,12 +226,12 @@ def _laid(form: _Form, other: _Form) -> Member | None:
 
 def _rotations(form: _Form, other: _Form) -> Iterator[_Onto]:
     """Yield the rotations of arms that take lanes, signs and movements of one junction to those of another."""
-    mine, yours = form.labels, other.labels
-    place, there = form.junction, other.junction
-    entrances = {(lane.arm, lane.lane): number for number, lane in enumerate(there.entrances)}
-    exits = {(lane.arm, lane.lane): number for number, lane in enumerate(there.exits)}
+    labels, other_labels = form.labels, other.labels
+    place, other_place = form.junction, other.junction
+    entrances = {(lane.arm, lane.lane): number for number, lane in enumerate(other_place.entrances)}
+    exits = {(lane.arm, lane.lane): number for number, lane in enumerate(other_place.exits)}
     for arms in range(place.ways):
-        if mine == yours[arms:] + yours[:arms]:
+        if labels == other_labels[arms:] + other_labels[:arms]:
             yield _Onto(
                 arms,
                 tuple(entrances[(lane.arm + arms) % place.ways, lane.lane] for lane in place.entrances),
@@ -245,25 +245,25 @@ def _deviation(form: _Form, other: _Form, onto: _Onto) -> float:
     pairs += [(line, other.outs[onto.exits[k]]) for k, line in enumerate(form.outs)]
     pairs += [(line, other.through[onto.entrances[e], onto.exits[x]]) for (e, x), line in form.through.items()]
     # The numbers of points of lines within the tolerance differ by at most one, and then the last two points are neighbours.
-    if any(abs(len(one) - len(two)) > 1 for one, two in pairs):
+    if any(abs(len(own_points) - len(other_points)) > 1 for own_points, other_points in pairs):
         return np.inf
     # The last points correspond, and so do the points before at equal distances.
     ours, theirs = (
         np.concatenate([np.append(pair[k][: min(map(len, pair)) - 1], pair[k][-1]) for pair in pairs]) for k in (0, 1)
     )
-    one, two = ours - ours.mean(), theirs - theirs.mean()
-    turn = np.vdot(one, two)  # Kabsch in the plane: the rotation with the least sum of squares
+    own_points, other_points = ours - ours.mean(), theirs - theirs.mean()
+    turn = np.vdot(own_points, other_points)  # Kabsch in the plane: the rotation with the least sum of squares
     turn = turn / abs(turn) if abs(turn) else 1.0
-    return float(np.abs(turn * one - two).max())
+    return float(np.abs(turn * own_points - other_points).max())
 
 
-def _same(place: Junction, there: Junction, onto: _Onto) -> bool:
+def _same(place: Junction, other_place: Junction, onto: _Onto) -> bool:
     """Return whether stopping lines, phases and the relations of entrances and movements are the same."""
     entrances = onto.entrances
     rows = Orbits.at(place).rows if place.phase_groups else range(1)
-    widths = [(place.lane_width, there.lane_width)]
+    widths = [(place.lane_width, other_place.lane_width)]
     for number, lane in enumerate(place.entrances):
-        image = there.entrances[entrances[number]]
+        image = other_place.entrances[entrances[number]]
         if (lane.sign_setback is None) is not (image.sign_setback is None) or (lane.phase is None) is not (image.phase is None):
             return False
         widths += [(lane.setback, image.setback), (lane.sign_setback or 0.0, image.sign_setback or 0.0)]
@@ -272,29 +272,30 @@ def _same(place: Junction, there: Junction, onto: _Onto) -> bool:
         return entrances[movement[0]], onto.exits[movement[1]]
 
     return (
-        all(abs(one - two) <= TOLERANCE for one, two in widths)
-        and _lifted(place.right_of, entrances.__getitem__) == there.right_of
-        and _lifted(place.opposite, entrances.__getitem__) == there.opposite
-        and _lifted(place.stated, key) == there.stated
-        and _lifted(place.conflicts or (), key) == there.conflicts
-        and {(key(one), key(two)): why for (one, two), why in (place.yields or {}).items()} == there.yields
-        and all(_row(place, row, there, entrances) is not None for row in rows)
+        all(abs(own_value - other_value) <= TOLERANCE for own_value, other_value in widths)
+        and _lifted(place.right_of, entrances.__getitem__) == other_place.right_of
+        and _lifted(place.opposite, entrances.__getitem__) == other_place.opposite
+        and _lifted(place.stated, key) == other_place.stated
+        and _lifted(place.conflicts or (), key) == other_place.conflicts
+        and {(key(own_value), key(other_value)): why for (own_value, other_value), why in (place.yields or {}).items()}
+        == other_place.yields
+        and all(_row(place, row, other_place, entrances) is not None for row in rows)
     )
 
 
 def _lifted(pairs: Any, image: Callable[[Any], Any]) -> frozenset[tuple[Any, Any]]:
-    return frozenset((image(one), image(two)) for one, two in pairs)
+    return frozenset((image(first), image(second)) for first, second in pairs)
 
 
-def _row(place: Junction, row: int, there: Junction, entrances: Sequence[int]) -> int | None:
+def _row(place: Junction, row: int, other_place: Junction, entrances: Sequence[int]) -> int | None:
     """Return the row of the other junction in which lights begin as in a row of this junction; None if no such row exists.
 
     Of several rows, the row that also keeps the order of creation is returned.
     """
-    wanted = _turns(place, row, entrances)
-    rows = Orbits.at(there).rows
-    moved = [other for other in rows if other == entrances[row]]
-    return next((other for other in (*moved, *rows) if _turns(there, other) == wanted), None)
+    turns = _turns(place, row, entrances)
+    rows = Orbits.at(other_place).rows
+    same_order = [other_row for other_row in rows if other_row == entrances[row]]
+    return next((other_row for other_row in (*same_order, *rows) if _turns(other_place, other_row) == turns), None)
 
 
 def _turns(place: Junction, row: int, entrances: Sequence[int] | None = None) -> list[frozenset[int]]:

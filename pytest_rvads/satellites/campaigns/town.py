@@ -17,10 +17,9 @@ from pytest_rvads.geometry.choosing import Choice, Kinds, choose_among
 from pytest_rvads.geometry.finder import load, name_of
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.logic.outcome import Outcome
-from pytest_rvads.report.anew import Anew
 from pytest_rvads.report.record import Record
 from pytest_rvads.report.run_record import by_rule
-from pytest_rvads.report.session_report import Drawn
+from pytest_rvads.report.session_report import Anew, Drawn
 from pytest_rvads.runs.measured import Divergence
 from pytest_rvads.satellites.campaigns.judged import Judged
 from pytest_rvads.satellites.campaigns.shapes import REACH, Member, Shape, shapes, twin
@@ -125,8 +124,8 @@ class Town:
     def sites(self) -> list[Site]:
         """Return every junction that was asked for, map by map in the order of the files, those that are refused too."""
         usable = {(str(place.map), place.id): place for place in self.choice.junctions}
-        refused = {(str(one.map), one.junction): one.reason for one in self.choice.refused}
-        found = []
+        refused = {(str(refusal.map), refusal.junction): refusal.reason for refusal in self.choice.refused}
+        sites = []
         for number, map in enumerate(self.maps):
             for report in load(map).junctions:
                 key = str(map), report.id
@@ -136,55 +135,55 @@ class Town:
                 kind = f"{report.ways}-way {report.control.value}" if report.entrances else f"{report.ways}-way"
                 why = refused.get(key) or self.plan.refused.get(name, "")
                 notes = self._notes(usable[key]) if key in usable else ()
-                found.append(Site(name, report.id, number, spot(report), kind, self.counts.get(name, 0), why, notes))
-        return found
+                sites.append(Site(name, report.id, number, spot(report), kind, self.counts.get(name, 0), why, notes))
+        return sites
 
     def refused(self) -> dict[str, tuple[str, ...]]:
         """Return why junctions are left out, to their names."""
-        found: dict[str, tuple[str, ...]] = {}
-        for name, reason in [(one.name, one.reason) for one in self.choice.refused] + list(self.plan.refused.items()):
+        names_of: dict[str, tuple[str, ...]] = {}
+        for name, reason in [(refusal.name, refusal.reason) for refusal in self.choice.refused] + list(self.plan.refused.items()):
             same = reason.replace(f"junction {name!r}", "the junction")
-            found[same] = (*found.get(same, ()), name)
-        return found
+            names_of[same] = (*names_of.get(same, ()), name)
+        return names_of
 
     def drawn(self) -> tuple[Drawn, ...]:
         """Return what was drawn from more."""
         taken, over, seed = len(self.choice.junctions), self.choice.passed_over, self.plan.seed
-        found = [Drawn("rvads town", "junctions", taken, taken + over, seed)] if over else []
+        samples = [Drawn("rvads town", "junctions", taken, taken + over, seed)] if over else []
         if self.plan.sample is not None:
-            found.append(Drawn("rvads town", "runs", sum(self.counts.values()), self.plan.total, seed))
-        return tuple(found)
+            samples.append(Drawn("rvads town", "runs", sum(self.counts.values()), self.plan.total, seed))
+        return tuple(samples)
 
     def notes(self) -> list[str]:
         """Return what is to be said of the town as a whole, a sentence each."""
         bends = [name for place in self.plan.places for name in self.plan.selections(place)[0].too_tight]
-        found = [f"{plural(len(bends), 'movement')} left out: {TOO_TIGHT}: {first(bends, 5)}"] if bends else []
+        sentences = [f"{plural(len(bends), 'movement')} left out: {TOO_TIGHT}: {first(bends, 5)}"] if bends else []
         short = [place.name for place in self.plan.places if self.plan.selections(place)[0].too_short]
-        found += [f"{plural(len(short), 'junction')} {TOO_SHORT}: {first(short, 5)}"] if short else []
+        sentences += [f"{plural(len(short), 'junction')} {TOO_SHORT}: {first(short, 5)}"] if short else []
         several = [len(shape.members) for shape in self.shapes if len(shape.members) > 1]
         total = sum(self.counts.values())
         if not several and self.once_per_shape:
-            found.append("no two junctions have the same shape, so every run was simulated")
+            sentences.append("no two junctions have the same shape, so every run was simulated")
         if not several:
-            return found
-        told = f"{sum(several)} junctions have {len(several)} shape{'s' if len(several) > 1 else ''} in common"
+            return sentences
+        shared = f"{sum(several)} junctions have {len(several)} shape{'s' if len(several) > 1 else ''} in common"
         if not self.once_per_shape:
-            return [*found, f"{told}: with --once-per-shape each is simulated once"]
+            return [*sentences, f"{shared}: with --once-per-shape each is simulated once"]
         return [
-            *found,
-            f"{told}: {total - self.simulated} of {total} runs were not simulated but taken from a junction of the same shape",
+            *sentences,
+            f"{shared}: {total - self.simulated} of {total} runs were not simulated but taken from a junction of the same shape",
         ]
 
     def _notes(self, place: Junction) -> tuple[str, ...]:
         left_out = self.plan.left_out(place)
-        found = [f"{left_out.scenarios} scenarios are left out, the first: {left_out.reason}"] if left_out else []
+        sentences = [f"{left_out.scenarios} scenarios are left out, the first: {left_out.reason}"] if left_out else []
         if place.name not in self.plan.refused:
             shape = next((s for s in self.shapes if len(s.members) > 1 and any(m.junction is place for m in s.members)), None)
             if shape is not None:
-                others = [f"{m.junction.name}" for m in shape.members if m.junction is not place]
+                names = [f"{m.junction.name}" for m in shape.members if m.junction is not place]
                 apart = max(member.deviation for member in shape.members)
-                found.append(f"of the same shape, to within {apart:.3f} m: {', '.join(others)}")
-        return tuple(found)
+                sentences.append(f"of the same shape, to within {apart:.3f} m: {', '.join(names)}")
+        return tuple(sentences)
 
 
 def town_records(
@@ -212,10 +211,10 @@ def town_records(
 
 def tallied(judged: Iterable[Judged]) -> dict[str, JunctionTally]:
     """Return the tally of every junction, in one pass over the results."""
-    found: dict[str, JunctionTally] = {}
-    for one in judged:
-        found.setdefault(one.junction, JunctionTally()).add(one)
-    return found
+    tallies: dict[str, JunctionTally] = {}
+    for result in judged:
+        tallies.setdefault(result.junction, JunctionTally()).add(result)
+    return tallies
 
 
 @dataclass(frozen=True, slots=True)
@@ -239,11 +238,11 @@ class Twins:
         members = {member.junction.name: (member, shape) for shape in shapes for member in shape.members}
         self._found: dict[str, list[_At]] = {}
         for planned in plan:
-            given = planned.case
-            member, shape = members[given.scenario.place.name]
-            other = twin(given.scenario, member, shape)
-            case = given if other is None else Case(other, given.driver, given.traffic, given.fleet)
-            name = planned.name.replace(given.scenario.name, case.scenario.name)
+            asked = planned.case
+            member, shape = members[asked.scenario.place.name]
+            image = twin(asked.scenario, member, shape)
+            case = asked if image is None else Case(image, asked.driver, asked.traffic, asked.fleet)
+            name = planned.name.replace(asked.scenario.name, case.scenario.name)
             self._found.setdefault(name, []).append(_At(planned, case, member))
 
     def __len__(self) -> int:
@@ -263,8 +262,8 @@ class Twins:
 
 
 class _Spread:
-    def __init__(self, found: dict[str, list[_At]], results: Iterable[Judged]) -> None:
-        self._found, self._results = found, results
+    def __init__(self, twins: dict[str, list[_At]], results: Iterable[Judged]) -> None:
+        self._found, self._results = twins, results
 
     def __iter__(self) -> Iterator[Judged]:
         for judged in self._results:
@@ -275,7 +274,7 @@ class _Spread:
 def _moved(judged: Judged, at: _At) -> Judged:
     """Return a result as one at another junction of the same shape: agents and entrances may have other numbers there."""
     scenario, place, member = at.planned.case.scenario, at.member.junction, at.member
-    told: dict[str, Any] = msgspec.to_builtins(judged)
+    fields: dict[str, Any] = msgspec.to_builtins(judged)
     if member.rotation:
         entrances = {image: entrance for entrance, image in enumerate(member.entrances)}
 
@@ -283,14 +282,14 @@ def _moved(judged: Judged, at: _At) -> Judged:
             return (number - member.rotation) % place.ways
 
         def renamed(text: str) -> str:
-            text = _AGENT.sub(lambda found: f"a{arm(int(found[1]))}", text)
-            return _ENTRANCE.sub(lambda found: f"entrance {entrances.get(int(found[1]), found[1])}", text)
+            text = _AGENT.sub(lambda match: f"a{arm(int(match[1]))}", text)
+            return _ENTRANCE.sub(lambda match: f"entrance {entrances.get(int(match[1]), match[1])}", text)
 
-        told |= {part: _deeply(told[part], renamed) for part in ("verdicts", "kpis", "timing", "agents") if told.get(part)}
-        for agent in told.get("agents", ()):
+        fields |= {part: _deeply(fields[part], renamed) for part in ("verdicts", "kpis", "timing", "agents") if fields.get(part)}
+        for agent in fields.get("agents", ()):
             for end in ("entrance", "exit"):
                 agent[end] = arm(agent[end][0]), agent[end][1]
-    told |= {
+    fields |= {
         "nodeid": at.planned.name,
         "run": at.planned.name,
         "junction": place.name,
@@ -303,7 +302,7 @@ def _moved(judged: Judged, at: _At) -> Judged:
         "place": place.digest[: len(judged.place or "")],
         "shape": judged.junction,
     }
-    return msgspec.convert(told, Judged)
+    return msgspec.convert(fields, Judged)
 
 
 def _deeply(value: Any, change: Callable[[str], str]) -> Any:

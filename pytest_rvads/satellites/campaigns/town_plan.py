@@ -72,7 +72,7 @@ class Plan:
     @cached_property
     def refused(self) -> dict[str, str]:
         """Reasons, by name of the junction, why none of the requested runs is possible there."""
-        found = {}
+        reasons = {}
         for place in self.junctions:
             try:
                 if not self.rules(place):
@@ -81,8 +81,8 @@ class Plan:
                 if unfit and not count:
                     raise ScenarioError(unfit.reason)
             except RvadsError as error:
-                found[place.name] = str(error)
-        return found
+                reasons[place.name] = str(error)
+        return reasons
 
     @property
     def places(self) -> list[Junction]:
@@ -103,11 +103,11 @@ class Plan:
 
     def extents(self) -> dict[str, Extent]:
         """Return the extents of coverage, by junction."""
-        found: dict[str, Extent] = {}
+        extents: dict[str, Extent] = {}
         for place in self.places:
             for selection in self.selections(place):
-                found = extended(found, selection)
-        return found
+                extents = extended(extents, selection)
+        return extents
 
     @property
     def total(self) -> int:
@@ -118,10 +118,10 @@ class Plan:
         """Return the number of cases per junction, in order; 0 for a refused junction."""
         if self.sample is None and not self.only:
             return {place.name: 0 if place.name in self.refused else self._count(place)[0] for place in self.junctions}
-        found = dict.fromkeys((place.name for place in self.junctions), 0)
+        counts = dict.fromkeys((place.name for place in self.junctions), 0)
         for planned in self:
-            found[planned.case.scenario.place.name] += 1
-        return found
+            counts[planned.case.scenario.place.name] += 1
+        return counts
 
     def __iter__(self) -> Iterator[Planned]:
         """Yield the cases."""
@@ -139,7 +139,9 @@ class Plan:
         traffic = None if asked.traffic is None or asked.subject is None else asked.traffic
         for place in self.places:
             rules = [rule.name for rule in self.rules(place)]
-            for scenario in (one for selection in self.selections(place) for one in selection.fitting(_nobody)):
+            for scenario in (
+                fitting_scenario for selection in self.selections(place) for fitting_scenario in selection.fitting(_nobody)
+            ):
                 name = run_id(scenario, None if traffic is None else traffic.name)
                 if not self.only or self._wanted(name, rules):
                     yield Planned(name, Case(scenario, asked.driver, traffic.factory if traffic else None))

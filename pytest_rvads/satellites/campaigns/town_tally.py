@@ -1,4 +1,4 @@
-"""What came of a junction of a town, summed up result by result: memory grows with junctions, rules and causes, not with runs."""
+"""Sums of the results of a junction of a town: memory grows with junctions, rules and causes, not with runs."""
 
 from __future__ import annotations
 
@@ -25,99 +25,99 @@ _GROUPS = (
     ("unsure", unsure),
 )
 _MOST = 100
-"""Causes kept per junction: messages of others may differ in every run."""
+"""Most causes kept per junction, since the messages of foreign code may differ in every run."""
 _MARKS: tuple[TownMark, ...] = ("bad", "error", "doubt", "good")
 
 
 @dataclass(slots=True)
 class CauseTally:
-    """What lies behind verdicts at a junction."""
+    """A cause of verdicts at a junction, with an example."""
 
     title: str
-    """What kind of cause it is."""
+    """Kind of the cause."""
     text: str
     rules: tuple[str, ...]
-    """Of the first of its runs, by name, so that no order of results matters."""
+    """Violated rules of the example. The example is the first run by name, so that no order of results matters."""
     run: str
-    """Name of that run."""
+    """Name of the example."""
     rule: str
-    """The rule that tells it there."""
+    """The rule whose verdict shows the cause in the example."""
     hash: str | None
-    """Of that run."""
+    """Hash of the example."""
     count: int = 0
-    """How many verdicts it explains."""
+    """Number of verdicts with this cause."""
 
 
 @dataclass(slots=True)
 class JunctionTally:
-    """What came of the cases of a junction."""
+    """Sums of the results of a junction."""
 
     runs: int = 0
     table: Counter[tuple[str, str, Outcome]] = field(default_factory=Counter)
-    """How many verdicts by rule, configuration and outcome."""
+    """Number of verdicts by rule, configuration and outcome."""
     causes: dict[tuple[str, str], CauseTally] = field(default_factory=dict)
-    """By title and text."""
+    """The causes, by title and text."""
     untold: int = 0
-    """Verdicts whose cause is one too many."""
+    """Number of verdicts whose causes exceed the most causes kept."""
     shapes: Counter[str] = field(default_factory=Counter)
-    """How many runs were simulated at which other junction of the same shape."""
+    """Number of runs simulated at other junctions of the same shape, by name of the junction."""
 
     def add(self, judged: Judged) -> None:
-        """Count a result in."""
+        """Add a result."""
         self.runs += 1
         if judged.shape:
             self.shapes[judged.shape] += 1
         self.table.update((verdict.rule, judged.cfg, verdict.outcome) for verdict in judged.verdicts)
         if all(verdict.outcome in (Outcome.PASS, Outcome.NA) for verdict in judged.verdicts):
             return
-        told = {record.nodeid: record for record in by_rule(judged)}
+        records = {record.nodeid: record for record in by_rule(judged)}
         for title, grouping in _GROUPS:
             groups = grouping()
-            for record in told.values():
+            for record in records.values():
                 groups.add(record)
             for cause in groups.causes():
-                self._explain(title, cause, judged, told[cause.example])
+                self._explain(title, cause, judged, records[cause.example])
 
-    def _explain(self, title: str, cause: Cause, judged: Judged, teller: Record) -> None:
-        """Count in what lies behind some verdicts of a run; who did it is told by its replay."""
-        roles = next((f" ({verdict.roles})" for verdict in teller.verdicts if verdict.roles), "")
+    def _explain(self, title: str, cause: Cause, judged: Judged, example: Record) -> None:
+        """Add a cause of verdicts of a run, without the vehicles: the replay shows the vehicles."""
+        roles = next((f" ({verdict.roles})" for verdict in example.verdicts if verdict.roles), "")
         text = cause.text.removesuffix(roles)
-        known = self.causes.get((title, text))
-        if known is None and len(self.causes) >= _MOST:
+        tally = self.causes.get((title, text))
+        if tally is None and len(self.causes) >= _MOST:
             self.untold += cause.count
             return
-        count = cause.count + (known.count if known else 0)
-        if known is None or judged.nodeid < known.run:
-            known = CauseTally(title, text, cause.rules, judged.nodeid, teller.asks, judged.hash)
-            self.causes[title, text] = known
-        known.count = count
+        count = cause.count + (tally.count if tally else 0)
+        if tally is None or judged.nodeid < tally.run:
+            tally = CauseTally(title, text, cause.rules, judged.nodeid, example.asks, judged.hash)
+            self.causes[title, text] = tally
+        tally.count = count
 
     @property
     def outcomes(self) -> Counter[Outcome]:
-        """How many verdicts by outcome."""
-        found: Counter[Outcome] = Counter()
+        """Number of verdicts by outcome."""
+        counts: Counter[Outcome] = Counter()
         for (_, _, outcome), count in self.table.items():
-            found[outcome] += count
-        return found
+            counts[outcome] += count
+        return counts
 
     @property
     def mark(self) -> TownMark:
-        """How a map shows the junction: bad, error, doubt, good; none where nothing was judged."""
-        found = {_mark(outcome) for outcome in self.outcomes}
-        return next((mark for mark in _MARKS if mark in found), "none")
+        """Mark of the junction on a map: bad, error, doubt or good; none without verdicts."""
+        marks = {_mark(outcome) for outcome in self.outcomes}
+        return next((mark for mark in _MARKS if mark in marks), "none")
 
     @property
     def told(self) -> str:
         """The outcomes in one line."""
-        found = self.outcomes
-        return counted({outcome: found[outcome] for outcome in found})
+        counts = self.outcomes
+        return counted({outcome: counts[outcome] for outcome in counts})
 
     def grouped(self) -> Iterator[tuple[str, list[CauseTally]]]:
         """Yield the causes of each kind, the gravest first, then the most frequent."""
         for title, _ in _GROUPS:
-            found = [cause for cause in self.causes.values() if cause.title == title]
-            if found:
-                yield title, sorted(found, key=lambda cause: (gravity(cause.rules), -cause.count, cause.text))
+            tallies = [cause for cause in self.causes.values() if cause.title == title]
+            if tallies:
+                yield title, sorted(tallies, key=lambda cause: (gravity(cause.rules), -cause.count, cause.text))
 
 
 def _mark(outcome: Outcome) -> TownMark:
@@ -125,7 +125,7 @@ def _mark(outcome: Outcome) -> TownMark:
 
 
 def cell(counts: Counter[Outcome]) -> tuple[str, TownMark]:
-    """Return what stands where a rule and a configuration meet, and how it is marked: the worst with its share."""
+    """Return the text and the mark of a table cell, given its outcomes: the worst outcome with its share."""
     total = sum(counts.values())
     if not total:
         return "", "none"
