@@ -1,4 +1,4 @@
-"""Names of drivers in records, messages, ids and options, and the stand-in for a session without a named driver."""
+"""Names of drivers in records, messages and ids, and the driver that an option names."""
 
 from __future__ import annotations
 
@@ -11,12 +11,14 @@ from pathlib import Path
 from traceback import extract_tb
 from typing import TYPE_CHECKING, Any
 
+from pytest_rvads.support.errors import AutopilotError
 from pytest_rvads.support.wording import one_line
 
 if TYPE_CHECKING:
     from pytest_rvads.drivers.interface import Factory
 
-__all__ = ["at", "called", "in_ids", "labelled", "name_of", "stand_in"]
+__all__ = ["at", "called", "chosen", "in_ids", "labelled", "name_of", "stand_in"]
+
 
 _LONGEST = 1000
 """Longest name [characters]."""
@@ -28,6 +30,30 @@ def stand_in() -> Factory:
     from pytest_rvads.drivers.reference import Reference
 
     return partial(Reference)  # another object than Reference, which a fixture may return
+
+
+def chosen(name: str, here: Path, option: str = "rvads_autopilot") -> Any:
+    """Return the driver that an option names: a traffic policy such as ``reference``, or ``module:name``.
+
+    Args:
+        name: the value of the option.
+        here: the working directory of the command, which is searched for modules first.
+        option: the name of the option, for messages.
+
+    Raises:
+        RvadsError: no driver has this name, or the named object can't be called.
+    """
+    if ":" not in name:
+        from pytest_rvads.drivers.traffic import traffic
+
+        return traffic(name, "autopilot")
+    try:
+        driver = at(name, here)
+    except (ImportError, AttributeError) as error:
+        raise AutopilotError(f"{option} must name an autopilot as module:name, got {name!r}: {error}") from error
+    if not callable(driver):
+        raise AutopilotError(f"{option} must name a class or something callable, {name!r} is {driver!r:.60}")
+    return driver
 
 
 def at(name: str, here: Path | None = None) -> Any:

@@ -6,9 +6,8 @@ import math
 from bisect import bisect_right
 from itertools import pairwise
 
-from pytest_rvads.drivers.follower import Follower
+from pytest_rvads.drivers.follower import Follower, lookahead, pursue
 from pytest_rvads.drivers.interface import Acceleration, Command, Control, Observation, TargetSpeed, Trajectory
-from pytest_rvads.drivers.pursuit import lookahead, pursue
 
 __all__ = ["PLACE_GAIN", "SPEED_GAIN", "Tracker"]
 

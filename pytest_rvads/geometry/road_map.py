@@ -1,12 +1,12 @@
-"""A map file as the model reads it: metric graph, junctions and warnings."""
+"""Map files: the reader of each format, and the content of a file as the model reads it (metric graph, junctions, warnings)."""
 
 from __future__ import annotations
 
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -15,19 +15,21 @@ from pytest_rvads.geometry.arms import RoadArm
 from pytest_rvads.geometry.clusters import clustered
 from pytest_rvads.geometry.conflicts import Key
 from pytest_rvads.geometry.control import MapObject, sign_of_arm
-from pytest_rvads.geometry.formats import read_file
 from pytest_rvads.geometry.graph import MetricGraph
 from pytest_rvads.geometry.junction import Entrance, Exit, Junction, Movement
-from pytest_rvads.geometry.network import Doubt, Edge, MapWarning
+from pytest_rvads.geometry.network import Doubt, Edge, MapWarning, Network
+from pytest_rvads.geometry.opendrive.builder import read_network
 from pytest_rvads.geometry.paths import walk
 from pytest_rvads.geometry.projection import Locator, Track
 from pytest_rvads.geometry.segment import Segment, join
 from pytest_rvads.geometry.turn_words import turn_word
 from pytest_rvads.geometry.yielding import Reason
+from pytest_rvads.support.entrypoints import entries, load
 from pytest_rvads.support.errors import MapError, suggest
 from pytest_rvads.support.wording import plural
 
-__all__ = ["WALK_LIMIT", "RoadMap", "describe", "read_map"]
+__all__ = ["READERS", "WALK_LIMIT", "RoadMap", "describe", "read_file", "read_map"]
+
 
 WALK_LIMIT = 600.0
 """Longest part of an approach or exit road that becomes geometry [m]."""
@@ -205,6 +207,34 @@ def read_map(path: str | os.PathLike[str], *, uturns: bool = False, clusters: bo
         raise MapError(f"map file {path}: {error}") from None
     warnings = (*network.warnings, *(warning for report in reports for warning in report.warnings))
     return RoadMap(str(path), graph, reports, warnings, joints)
+
+
+Reader = Callable[[str | os.PathLike[str]], Network]
+
+
+def _read_by_entry_point(name: str, path: str | os.PathLike[str]) -> Network:
+    """Read a map file with the reader of entry point `name`."""
+    network: Network = load("maps", name)(path)
+    return network
+
+
+READERS: dict[str, Reader] = {
+    ".xodr": read_network,
+    **{f".{name}": partial(_read_by_entry_point, name) for name in entries("maps")},
+}
+"""Per suffix, in lower case, a reader, which raises MapError for a file that it can't read.
+
+Formats of other packages are entry points ``rvads.maps``, named by the suffix.
+"""
+
+
+def read_file(path: str | os.PathLike[str]) -> Network:
+    """Return the network of a map file; a file with an unknown suffix is read as OpenDRIVE.
+
+    Raises:
+        MapError: the file cannot be used at all; the message is one sentence.
+    """
+    return READERS.get(Path(str(path)).suffix.lower(), read_network)(path)
 
 
 def describe(road_map: RoadMap) -> dict[str, Any]:
