@@ -164,13 +164,13 @@ class RoadMap:
 
     def _road(self, start: str, *, upstream: bool) -> Segment:
         """Join the segments of a walk into one segment, cut to `WALK_LIMIT`."""
-        total, kept = 0.0, []
+        total, parts = 0.0, []
         for id in self.walk(start, upstream=upstream):
-            kept.append(self.graph.segment(id))
+            parts.append(self.graph.segment(id))
             total += self.graph.edges[id].length
             if total >= WALK_LIMIT:
                 break
-        segment = self._joined(kept[::-1] if upstream else kept)
+        segment = self._joined(parts[::-1] if upstream else parts)
         if segment.length <= WALK_LIMIT:
             return segment
         return segment.tail(WALK_LIMIT) if upstream else segment.head(WALK_LIMIT)
@@ -249,10 +249,10 @@ def describe(road_map: RoadMap) -> dict[str, Any]:
 def _bend(id: str, tight: Mapping[Key, float]) -> str:
     """Return the warning about the movements of a junction on which no car keeps its lane; it names the tightest movement."""
     entrance, exit = min(tight, key=tight.__getitem__)
-    rest = f"; nor on {plural(len(tight) - 1, 'more movement')}" if len(tight) > 1 else ""
+    more = f"; nor on {plural(len(tight) - 1, 'more movement')}" if len(tight) > 1 else ""
     return (
         f"no path of its rear axle keeps a usual car in its lane on the movement from entrance {entrance} to exit {exit} of "
-        f"junction {id!r}, which bends with a radius of {tight[entrance, exit]:.1f} m{rest}"
+        f"junction {id!r}, which bends with a radius of {tight[entrance, exit]:.1f} m{more}"
     )
 
 
@@ -299,9 +299,13 @@ def _describe(report: JunctionReport, junction: Junction | None, edges: Mapping[
             }
             for way in report.movements
         ],
-        "conflicts": sorted([numbers[one], numbers[two]] for one, two in conflicts if numbers[one] < numbers[two]),
-        "yields": sorted([numbers[one], numbers[two]] for one, two in yields.keys() - undecided),
-        "undecided": sorted([numbers[one], numbers[two]] for one, two in undecided if numbers[one] < numbers[two]),
+        "conflicts": sorted(
+            [numbers[key], numbers[other_key]] for key, other_key in conflicts if numbers[key] < numbers[other_key]
+        ),
+        "yields": sorted([numbers[key], numbers[other_key]] for key, other_key in yields.keys() - undecided),
+        "undecided": sorted(
+            [numbers[key], numbers[other_key]] for key, other_key in undecided if numbers[key] < numbers[other_key]
+        ),
         "approach": [round(min(report.approach[k] for k in by_arm[i]), 4) for i in entering],
         "right_of": sorted([list(pair) for pair in report.right_of]),
         "opposite": sorted([list(pair) for pair in report.opposite]),
