@@ -14,7 +14,7 @@ from typing import TypeVar
 
 import pytest
 
-from pytest_rvads.drivers.naming import chosen
+from pytest_rvads.drivers.chosen import chosen
 from pytest_rvads.fixtures.monitoring import monitor, rule, settle
 from pytest_rvads.fixtures.running import run, rvads_cell, rvads_recorded, rvads_run, rvads_runs
 from pytest_rvads.fixtures.systems import rvads_autopilot, rvads_map, rvads_simulator, rvads_sut, rvads_vehicle

@@ -47,13 +47,13 @@ class Follower(Autopilot):
     _steering = 0.0
     _track: Track | None = None
     _wheels: tuple[float, float] | None = None
-    """Reference point to rear axle, rear axle to front axle [m]: worked out once, the vehicle stays the same."""
+    """Distances from reference point to rear axle and from rear axle to front axle [m], looked up once."""
     _way: AxlePath | None = None
-    """The path of the rear axle, where a bend is so narrow that it is not the itinerary."""
+    """The path of the rear axle, if a narrow bend makes it differ from the itinerary."""
     _axle = 0.0
-    """How far along that path the rear axle was last [m]."""
+    """Last known distance of the rear axle along its path [m]."""
     _piece = (math.inf, -math.inf, 0.0, 0.0, 0.0, 0.0, 0.0)
-    """The piece of the path that it aims at: it stays the same for many steps."""
+    """The piece of the path at which the vehicle aims; the piece stays the same for many steps."""
 
     def target_speed(self, seen: Observation) -> float:
         """Return how fast to drive where the road is straight [m/s]; 0 stops and holds the vehicle.

@@ -1,4 +1,4 @@
-"""Names of drivers in records, messages and ids, and the driver that an option names."""
+"""Names of drivers in records, messages, ids and options, and the stand-in for a session without a named driver."""
 
 from __future__ import annotations
 
@@ -11,13 +11,12 @@ from pathlib import Path
 from traceback import extract_tb
 from typing import TYPE_CHECKING, Any
 
-from pytest_rvads.support.errors import AutopilotError
 from pytest_rvads.support.wording import one_line
 
 if TYPE_CHECKING:
     from pytest_rvads.drivers.interface import Factory
 
-__all__ = ["at", "called", "chosen", "in_ids", "labelled", "name_of", "stand_in"]
+__all__ = ["at", "called", "in_ids", "labelled", "name_of", "stand_in"]
 
 
 _LONGEST = 1000
@@ -32,36 +31,12 @@ def stand_in() -> Factory:
     return partial(Reference)  # another object than Reference, which a fixture may return
 
 
-def chosen(name: str, here: Path, option: str = "rvads_autopilot") -> Any:
-    """Return the driver that an option names: a traffic policy such as ``reference``, or ``module:name``.
-
-    Args:
-        name: the value of the option.
-        here: the working directory of the command, which is searched for modules first.
-        option: the name of the option, for messages.
-
-    Raises:
-        RvadsError: no driver has this name, or the named object can't be called.
-    """
-    if ":" not in name:
-        from pytest_rvads.drivers.traffic import traffic
-
-        return traffic(name, "autopilot")
-    try:
-        driver = at(name, here)
-    except (ImportError, AttributeError) as error:
-        raise AutopilotError(f"{option} must name an autopilot as module:name, got {name!r}: {error}") from error
-    if not callable(driver):
-        raise AutopilotError(f"{option} must name a class or something callable, {name!r} is {driver!r:.60}")
-    return driver
-
-
-def at(name: str, here: Path | None = None) -> Any:
+def at(name: str, folder: Path | None = None) -> Any:
     """Return the object that ``module:name`` names; module and name may contain dots.
 
     Args:
         name: the text of an option.
-        here: the folder in which modules are searched first, as with ``python -m``.
+        folder: the folder in which modules are searched first, as with ``python -m``.
 
     Raises:
         ImportError: `name` is not of this form, the module does not exist, or the module raises an error at its import.
@@ -70,8 +45,8 @@ def at(name: str, here: Path | None = None) -> Any:
     module, _, attribute = name.partition(":")
     if not all(part.isidentifier() for part in (*module.split("."), *attribute.split("."))):
         raise ImportError("expected module:name, two names that may contain dots")
-    if here is not None and str(here) not in sys.path:
-        sys.path.insert(0, str(here))
+    if folder is not None and str(folder) not in sys.path:
+        sys.path.insert(0, str(folder))
     try:
         imported = import_module(module)
     except ImportError:

@@ -309,7 +309,7 @@ def _phases(
                 lights.setdefault(item.id, set()).add(k)
     controllers = [frozenset(e for signal in signals for e in lights.get(signal, ())) for signals in network.controllers]
     facing = lifted(opposite, [entrances[number] for number in lit])
-    arrows = {k for k, number in enumerate(lit) if number in protected and any(k == one for one, _ in facing)}
+    arrows = {k for k, number in enumerate(lit) if number in protected and any(k == entrance for entrance, _ in facing)}
     groups = phase_groups([entrances[number].arm for number in lit], facing, controllers, arrows)
     return tuple(frozenset(lit[k] for k in group) for group in groups)
 
@@ -331,12 +331,12 @@ def _stated(network: Network, id: str, ways: Sequence[Route], graph: MetricGraph
     for high, low in network.junctions[id].priorities:
         roads = [(way, {graph.edges[edge].road for edge in (way.path.entrance, *way.path.edges)}) for way in ways]
         pairs |= {
-            ((one.entrance, one.exit), (two.entrance, two.exit))
-            for one, yielding in roads
-            for two, prior in roads
-            if low in yielding and high in prior and one.entrance != two.entrance
+            ((way.entrance, way.exit), (other.entrance, other.exit))
+            for way, yielding in roads
+            for other, prior in roads
+            if low in yielding and high in prior and way.entrance != other.entrance
         }
-    return frozenset(pairs - {(two, one) for one, two in pairs})
+    return frozenset(pairs - {(b, a) for a, b in pairs})
 
 
 def _joining(ways: Sequence[Route], graph: MetricGraph) -> frozenset[tuple[Key, Key]]:
@@ -351,7 +351,7 @@ def _joining(ways: Sequence[Route], graph: MetricGraph) -> frozenset[tuple[Key, 
         return not any(edge.joins for edge in edges), edges[0].road in graph.network.motorways
 
     ranks = {(way.entrance, way.exit): rank(way) for way in reversed(ways)}  # the shortest of several comes first
-    return frozenset((one, two) for one, two in permutations(ranks, 2) if one[1] == two[1] and ranks[one] < ranks[two])
+    return frozenset((a, b) for a, b in permutations(ranks, 2) if a[1] == b[1] and ranks[a] < ranks[b])
 
 
 def _doubts(

@@ -314,7 +314,7 @@ class Junction:
 
     @cached_property
     def yields(self) -> Mapping[tuple[Key, Key], Reason] | None:
-        """Pairs (one, other) of conflicting ways of which the first gives way to the second, with the reason.
+        """Pairs of conflicting ways of which the first gives way to the second, with the reason.
 
         Two ways with lights that never have green together are no pair, because the light decides. If it can't be decided which
         of two movements gives way, both orders of the two are pairs, with the reason ``undecided``. None without centre lines.
@@ -335,9 +335,9 @@ class Junction:
         )
         phases = [start.phase if start.sign is Sign.LIGHTS else None for start in self.starts]
         at_once = (
-            (one, other)
-            for one, other in sorted(self.conflicts)
-            if None in (phases[one[0]], phases[other[0]]) or phases[one[0]] == phases[other[0]]
+            (way, other_way)
+            for way, other_way in sorted(self.conflicts)
+            if None in (phases[way[0]], phases[other_way[0]]) or phases[way[0]] == phases[other_way[0]]
         )
         reasons = ((pair, precedence.why(*pair)) for pair in at_once)
         return MappingProxyType({pair: reason for pair, reason in reasons if reason is not None})

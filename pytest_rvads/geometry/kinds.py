@@ -35,22 +35,22 @@ class Kinds:
     """Least length of approaches, from the previous junction to the stopping line [m]."""
 
     @classmethod
-    def of(cls, asked: Mapping[str, Any]) -> Kinds:
+    def of(cls, properties: Mapping[str, Any]) -> Kinds:
         """Return kinds from words: ``{"control": ["stop", "lights"], "arms": 4, "approach": 40}``, one value or several.
 
         Raises:
             MapError: a key is unknown, or a value that no junction can have is given.
         """
-        require(asked, Mapping, "kinds of junctions are a dict such as {'control': 'stop', 'arms': (3, 4)}", MapError)
-        for key in asked:
+        require(properties, Mapping, "kinds of junctions are a dict such as {'control': 'stop', 'arms': (3, 4)}", MapError)
+        for key in properties:
             if key not in _KEYS:
                 hint = suggest(key, _KEYS) if isinstance(key, str) else ""
                 raise MapError(f"kinds of junctions are told by {', '.join(_KEYS)}, got {key!r}{hint}")
-        if not asked:
+        if not properties:
             raise MapError(f"kinds of junctions are empty: tell them by {', '.join(_KEYS)}, or leave them out")
-        controls, approach = tuple(JunctionControl), asked.get("approach", 0.0)
-        control = _values_of("control", asked, controls, f"one or several of {', '.join(controls)}")
-        arms = _values_of("arms", asked, range(FEWEST, MOST + 1), f"numbers from {FEWEST} to {MOST}, one or several")
+        controls, approach = tuple(JunctionControl), properties.get("approach", 0.0)
+        control = _values_of("control", properties, controls, f"one or several of {', '.join(controls)}")
+        arms = _values_of("arms", properties, range(FEWEST, MOST + 1), f"numbers from {FEWEST} to {MOST}, one or several")
         if isinstance(approach, bool) or not isinstance(approach, int | float) or not 0 <= approach < math.inf:
             raise MapError(f"approach of kinds of junctions must be a length in metres, 0 or more, got {approach!r}")
         return cls(tuple(map(JunctionControl, control)), tuple(map(int, arms)), float(approach))

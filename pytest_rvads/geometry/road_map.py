@@ -93,7 +93,12 @@ class RoadMap:
             MapError: no junction has this id.
         """
         pairs = [(arm.entrances, arm.exits) for arm in self.report(id).arms]
-        return {self.graph.ends(one)[1]: self.graph.ends(twos[0])[0] for ones, twos in pairs if twos for one in ones}
+        return {
+            self.graph.ends(entrance)[1]: self.graph.ends(exits[0])[0]
+            for entrances, exits in pairs
+            if exits
+            for entrance in entrances
+        }
 
     def report(self, id: str) -> JunctionReport:
         """Return the report of junction `id`.

@@ -78,7 +78,7 @@ class Kind(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Agent:
-    """What does not change about a road user during a run: the abstract part of its state."""
+    """The part of a road user's state that does not change during a run."""
 
     name: str
     """``a0`` is the first at the entrance of arm 0, ``a0.1`` on its lane 1 where it has several, ``a0+1`` the next behind."""
@@ -86,16 +86,16 @@ class Agent:
     """Its way through the junction: a `Movement`, for a vehicle."""
     kind: Kind = Kind.CAR
     size: tuple[float, float] | None = None
-    """Length and width [m]; None where nobody recorded them."""
+    """Length and width [m]; None if not recorded."""
 
     @property
     def entrance(self) -> int:
-        """Number of the entrance that it comes to, or of the start of its way, see `Junction.starts`."""
+        """Number of the entrance, or of the start of the way, see `Junction.starts`."""
         return self.way.entrance
 
     @property
     def exit(self) -> int:
-        """Number of the exit that it leaves by, or of the end of its way, see `Junction.ends`."""
+        """Number of the exit, or of the end of the way, see `Junction.ends`."""
         return self.way.exit
 
     @property
@@ -111,13 +111,13 @@ class Agent:
 
 
 class VehicleState(NamedTuple):
-    """What can be seen of a vehicle from outside."""
+    """The state of a vehicle that other vehicles can see."""
 
     name: str
     entrance: int
-    """Entrance it came from or stands at."""
+    """Number of the entrance from which the vehicle came or at which it stands."""
     turn: Turn
-    """Its indicator: the turn it is about to make or is making."""
+    """The indicator: the turn that the vehicle is about to make or makes."""
     zone: Zone
     station: float
     """Reference point (centre of the front bumper) along its itinerary, 0 at the entrance vertex, negative before [m]."""

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from pytest_rvads.drivers.naming import chosen
+from pytest_rvads.drivers.chosen import chosen
 from pytest_rvads.session.options import OPTIONS
 
 __all__ = ["code_of_driver", "code_of_simulator", "where_else"]

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from pytest_rvads.drivers.chosen import chosen
 from pytest_rvads.drivers.follower import Follower
 from pytest_rvads.drivers.interface import Observation
-from pytest_rvads.drivers.naming import chosen
 from pytest_rvads.drivers.playback import Replay
 from pytest_rvads.drivers.policies import HESITATION
 from pytest_rvads.drivers.reference import Reference

@@ -43,11 +43,13 @@ def room(junction: Junction) -> Mapping[tuple[int, Key], NDArray[np.bool_]]:
     standing = {entrance: _standing(junction, entrance) for entrance in range(len(junction.entrances))}
     table: dict[tuple[int, Key], NDArray[np.bool_]] = {}
     for key in sorted(junction.movements):
-        others = [k for k, lane in enumerate(junction.entrances) if lane.arm != junction.entrances[key[0]].arm]
-        near = [k for k in others if _hits(_poses(junction, key, planned=False), standing[k], _MARGIN + _ASIDE).any()]
-        if near:
+        entrances = [k for k, lane in enumerate(junction.entrances) if lane.arm != junction.entrances[key[0]].arm]
+        near_entrances = [
+            k for k in entrances if _hits(_poses(junction, key, planned=False), standing[k], _MARGIN + _ASIDE).any()
+        ]
+        if near_entrances:
             swept = _poses(junction, key, planned=True)
-            hits = {entrance: _hits(swept, standing[entrance], _MARGIN) for entrance in near}
+            hits = {entrance: _hits(swept, standing[entrance], _MARGIN) for entrance in near_entrances}
             table |= {(entrance, key): places for entrance, places in hits.items() if places.any()}
     return MappingProxyType(table)
 
@@ -68,25 +70,25 @@ def leaves_room(junction: Junction, entrance: int, key: Key) -> float:
 
 def narrow_lines(road_map: RoadMap) -> list[MapWarning]:
     """Return a warning for every junction where a car at its line leaves no room for a movement."""
-    found = []
+    warnings = []
     for report in road_map.junctions:
         junction = road_map.junction(report.id) if report.usable else None
         pairs = sorted(room(junction)) if junction else []
         if junction and pairs:
-            far = [leaves_room(junction, *pair) for pair in pairs]
-            back, (lane, (entrance, exit)) = max(zip(far, pairs, strict=True))
+            distances = [leaves_room(junction, *pair) for pair in pairs]
+            back, (lane, (entrance, exit)) = max(zip(distances, pairs, strict=True))
             where = f"in the last {PLACES[-1]:g} m" if back == math.inf else f"less than {back:g} m"
-            rest = f"; nor do {plural(len(pairs) - 1, 'more pair')} of line and movement" if len(pairs) > 1 else ""
-            found.append(
+            more = f"; nor do {plural(len(pairs) - 1, 'more pair')} of line and movement" if len(pairs) > 1 else ""
+            warnings.append(
                 MapWarning(
                     Doubt.ROOM,
                     f"a usual car that stands {where} before the line of entrance {lane} of junction {report.id!r} leaves no "
-                    f"room for the movement from entrance {entrance} to exit {exit}{rest}",
+                    f"room for the movement from entrance {entrance} to exit {exit}{more}",
                     None,
                     report.id,
                 )
             )
-    return found
+    return warnings
 
 
 def _standing(junction: Junction, entrance: int) -> NDArray[np.float64]:
@@ -110,10 +112,12 @@ def _poses(junction: Junction, key: Key, *, planned: bool) -> NDArray[np.float64
 def _hits(moving: NDArray[np.float64], standing: NDArray[np.float64], margin: float) -> NDArray[np.bool_]:
     """Return for which standing cars a moving car comes nearer than a margin [m], shape ``(standing,)``."""
     apart = np.hypot(*(moving[:, None, :2] - standing[None, :, :2]).transpose(2, 0, 1))
-    one, two = np.nonzero(apart < 2.0 * (CAR.length + margin))
-    if not len(one):
+    moving_index, standing_index = np.nonzero(apart < 2.0 * (CAR.length + margin))
+    if not len(moving_index):
         return np.zeros(len(standing), dtype=np.bool_)
-    front = moving[one] + margin * np.column_stack((np.cos(moving[one, 2]), np.sin(moving[one, 2]), np.zeros(len(one))))
+    front = moving[moving_index] + margin * np.column_stack(
+        (np.cos(moving[moving_index, 2]), np.sin(moving[moving_index, 2]), np.zeros(len(moving_index)))
+    )
     wide = CAR.length + 2.0 * margin, CAR.width + 2.0 * margin
-    touching = touch([(front, wide), (standing[two], (CAR.length, CAR.width))])
-    return np.bincount(two[touching], minlength=len(standing)) > 0
+    touching = touch([(front, wide), (standing[standing_index], (CAR.length, CAR.width))])
+    return np.bincount(standing_index[touching], minlength=len(standing)) > 0

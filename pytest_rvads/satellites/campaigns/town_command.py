@@ -118,7 +118,8 @@ def _driver(options: argparse.Namespace) -> Iterator[Any]:
     Raises:
         AutopilotError: the options name no driver, or the named object is no driver.
     """
-    from pytest_rvads.drivers.naming import chosen, stand_in
+    from pytest_rvads.drivers.chosen import chosen
+    from pytest_rvads.drivers.naming import stand_in
 
     if options.sut is not None:
         from pytest_rvads.drivers.stacks.process import Process
