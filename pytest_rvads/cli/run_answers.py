@@ -28,9 +28,8 @@ from pytest_rvads.report.failure_page import failure_pages
 from pytest_rvads.report.record import Record, planned_record
 from pytest_rvads.report.run_record import by_rule, of_run, sentence, summed, verdict_by
 from pytest_rvads.runs.measured import Kpis
-from pytest_rvads.runs.readers import READERS, read_runs
+from pytest_rvads.runs.readers import READERS, files_of, matching, read_runs
 from pytest_rvads.runs.run import Run
-from pytest_rvads.runs.run_paths import files_of, matching
 from pytest_rvads.support.executors import Failed, gathered
 from pytest_rvads.support.storage import slug, write_file
 

@@ -13,9 +13,8 @@ from pytest_rvads.conformance.probes import Brakes, Cruises, Witness
 from pytest_rvads.drivers.interface import Observation
 from pytest_rvads.logic.conduct.validate import validate
 from pytest_rvads.runs.itineraries import Itinerary
-from pytest_rvads.runs.lights import CLEARANCE, GREEN, YELLOW
 from pytest_rvads.runs.run import DT, Run
-from pytest_rvads.runs.states import Colour, Kind, Zone
+from pytest_rvads.runs.states import CLEARANCE, GREEN, YELLOW, Colour, Kind, Zone
 from pytest_rvads.runs.vehicle import Vehicle
 from pytest_rvads.scenarios.case import Case, Fleet
 

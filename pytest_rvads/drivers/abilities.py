@@ -43,45 +43,45 @@ _ALIKE = 0.8
 """Least similarity (ratio of `difflib`) of a name and an ability for a misspelling; ``lable`` and ``label`` reach it."""
 
 
-def check_factory(what: Any) -> None:
+def check_factory(factory: Any) -> None:
     """Check that an object is a factory of autopilots.
 
     Raises:
         AutopilotError: the object can't be called.
     """
-    if not callable(what):
+    if not callable(factory):
         raise AutopilotError(
-            f"an autopilot must be a class or a callable that makes one, got {what!r}: every vehicle of every run "
+            f"an autopilot must be a class or a callable that makes one, got {factory!r}: every vehicle of every run "
             "gets a new one, so pass the class, not an instance"
-            + ("; rvads.traffic(name) returns a traffic policy" if isinstance(what, str) else "")
+            + ("; rvads.traffic(name) returns a traffic policy" if isinstance(factory, str) else "")
         )
 
 
-def spelling(made: Any, abilities: Mapping[str, Callable[[Any], bool]], base: type) -> str:
+def spelling(driver: Any, abilities: Mapping[str, Callable[[Any], bool]], base: type) -> str:
     """Return the error of a wrong label, or a question about a misspelt attribute, or an empty text.
 
     Args:
-        made: an autopilot or a traffic system.
+        driver: an autopilot or a traffic system.
         abilities: the abilities of such an object.
         base: the class with the default attributes: an ability inherited from `base` does not count as defined.
     """
-    label = getattr(made, "label", None)
+    label = getattr(driver, "label", None)
     if not (label is None or isinstance(label, str) or callable(label)):
         return f"its label must be a text, got an object of type {type(label).__name__}"
     defaults = vars(base)
-    own = {name for name in abilities if hasattr(made, name) and getattr_static(made, name, None) is not defaults.get(name)}
-    return _question(dir(made), lambda name: getattr_static(made, name, None), abilities, own)
+    own = {name for name in abilities if hasattr(driver, name) and getattr_static(driver, name, None) is not defaults.get(name)}
+    return _question(dir(driver), lambda name: getattr_static(driver, name, None), abilities, own)
 
 
-def refuse(made: type, abilities: Mapping[str, Callable[[Any], bool]]) -> None:
+def refuse(cls: type, abilities: Mapping[str, Callable[[Any], bool]]) -> None:
     """Raise where what the body of a class defines is misspelt for one of `abilities`.
 
     Raises:
         AutopilotError: it is.
     """
-    question = _question(vars(made), vars(made).get, abilities, abilities.keys() & vars(made).keys())
+    question = _question(vars(cls), vars(cls).get, abilities, abilities.keys() & vars(cls).keys())
     if question:
-        raise AutopilotError(f"class {made.__qualname__} {question}")
+        raise AutopilotError(f"class {cls.__qualname__} {question}")
 
 
 def _question(

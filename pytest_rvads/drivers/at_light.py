@@ -15,26 +15,27 @@ from pytest_rvads.runs.states import APPROACH, ENTRANCE, JUNCTION, Colour, Vehic
 __all__ = ["Light"]
 
 YELLOW = 3.2
-"""Who can stop with this deceleration stops on yellow [m/s^2]; people do at 2.2 to 5.9."""
+"""A driver that can stop with this deceleration stops on yellow [m/s^2]; people do at 2.2 to 5.9."""
 DRIVE = 2.5
-"""Own acceleration counted on [m/s^2]."""
+"""Own acceleration that decisions count on [m/s^2]."""
 SET_OFF = 0.35
-"""Time that setting off takes, until the drive answers [s]."""
+"""Time from the command to set off until the drive answers [s]."""
 EAGER = 3.0
-"""Acceleration that others are believed capable of [m/s^2]."""
+"""Highest assumed acceleration of other vehicles [m/s^2]."""
 MARGIN = 1.0
-"""Time kept between leaving a place and the arrival there of one who has priority [s]."""
+"""Time kept between leaving a place and the arrival there of a vehicle with priority [s]."""
 _GREEN, _YELLOW, _RED = Colour.GREEN, Colour.YELLOW, Colour.RED
 _STRAIGHT, _RIGHT = Turn.STRAIGHT, Turn.RIGHT
-"""By themselves, as the zones are: they are asked for in every step."""
+"""The members as names of the module, like those of `Zone`, because every step reads them."""
 
 
 class Light:
     """Stops on yellow and red, turns right on red after a stop, and yields when turning.
 
     Args:
-        paper: whether to wait as the paper's rules demand: once a vehicle was to be let in, until it is in the junction or the
-            own light is green. Else the right of way ends with the green light, and after `WAIVER` at green without moving.
+        paper: whether to wait as the paper's rules demand: for a vehicle that was to be let in until this vehicle is in the
+            junction or the own light is green. Otherwise the right of way of a vehicle ends with its green light, and after the
+            vehicle has stood at green for `WAIVER`.
     """
 
     def __init__(self, *, paper: bool = True) -> None:
@@ -42,9 +43,9 @@ class Light:
         self._stood = False
         self._owed: set[str] = set()
         self._idle: dict[str, float] = {}
-        """Since when others stand at green [s]."""
+        """Per name of a vehicle, the time since which the vehicle stands at green [s]."""
         self._parked: set[str] = set()
-        """Others that had green long enough and did not go."""
+        """Names of vehicles that have stood at green for `WAIVER`."""
 
     def allows(self, seen: Observation) -> bool:
         """Return whether to enter the junction; to be called in every step before it."""
@@ -68,7 +69,7 @@ class Light:
         return not exit_blocked(seen)
 
     def owes(self, seen: Observation) -> bool:
-        """Return whether by the paper's rules it still waits for a vehicle to be let in; to be called in every step."""
+        """Return whether a vehicle still has to be let in by the paper's rules; to be called in every step."""
         self._prior(seen, seen.lights[seen.me.entrance])
         return bool(self._owed)
 
@@ -82,7 +83,7 @@ class Light:
         return [other for _, other in not_queued(seen) if other in prior and other.name not in self._parked]
 
     def _has_priority(self, seen: Observation, other: VehicleState, colour: Colour) -> bool:
-        """Return whether `other`, on its way to the junction, goes first if it comes to it."""
+        """Return whether `other`, before the junction, has priority over the own vehicle."""
         if other.zone is not APPROACH and other.zone is not ENTRANCE:
             return False
         me, junction = seen.me, seen.junction
@@ -95,16 +96,16 @@ class Light:
         return goes or (self._paper and (me.entrance, other.entrance) in junction.right_of)
 
     def _remember(self, seen: Observation, prior: list[VehicleState]) -> None:
-        """Keep whom to let in first, once both were at their entrances: until the own light is green, whatever theirs shows.
+        """Remember the vehicles to let in first, from when both vehicles are at their entrances until the own light is green.
 
-        Vehicles that stand at red wait themselves, in a queue without end or in a circle. Oncoming traffic stays owed.
+        The light of the other vehicle does not matter. At green, only vehicles that still have priority have to be let in.
         """
         me = seen.me
         if prior and me.zone is ENTRANCE:
-            # A left turn on green into the own exit has priority over a right turn on red, and is no matter of the paper's rules.
+            # A left turn on green into the own exit has priority over a right turn on red; the paper's rules do not speak of it.
             relation = seen.junction.opposite if me.turn is seen.junction.far else seen.junction.right_of
-            there = (other for other in prior if other.zone is ENTRANCE)
-            self._owed |= {other.name for other in there if (me.entrance, other.entrance) in relation}
+            at_entrance = (other for other in prior if other.zone is ENTRANCE)
+            self._owed |= {other.name for other in at_entrance if (me.entrance, other.entrance) in relation}
         if self._owed:
             self._owed &= {other.name for other in seen.others if other.zone is ENTRANCE}
         if self._owed and seen.lights[me.entrance] is _GREEN:
@@ -124,7 +125,7 @@ class Light:
 
 
 def _leaves_time(seen: Observation, other: VehicleState) -> bool:
-    """Return whether one can pass before `other`, who has priority, needs the place."""
+    """Return whether the own vehicle can pass before `other`, which has priority, needs the place."""
     if other.station >= stop_place(seen.junction, other.entrance)[0]:
         return False
     line = -seen.junction.setbacks[other.entrance] - other.station
@@ -132,13 +133,13 @@ def _leaves_time(seen: Observation, other: VehicleState) -> bool:
     delay = SET_OFF if me.speed < 1.0 else 0.0
     cruise = min(seen.speed_limit, 5.0)
     speed = min(me.speed, cruise)
-    # It must not come to its entrance while the own vehicle is still at the own one.
+    # The other vehicle must not come to its entrance while the own vehicle is still at its own entrance.
     enter = delay + time_to(-me.station, speed, DRIVE, cruise)
     if time_to(line - ENTRANCE_ZONE, other.speed, EAGER, seen.limit_of(other)) < enter + MARGIN / 2:
         return False
-    for found in conflicts(seen, other):
-        leave = delay + time_to(found.mine.end + me.length - me.station, speed, DRIVE, cruise)
-        if time_to(found.yours.start - other.station, other.speed, EAGER, seen.limit_of(other)) < leave + MARGIN:
+    for shared in conflicts(seen, other):
+        leave = delay + time_to(shared.mine.end + me.length - me.station, speed, DRIVE, cruise)
+        if time_to(shared.yours.start - other.station, other.speed, EAGER, seen.limit_of(other)) < leave + MARGIN:
             return False
     return True
 

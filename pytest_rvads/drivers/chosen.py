@@ -11,12 +11,12 @@ from pytest_rvads.support.errors import AutopilotError
 __all__ = ["chosen"]
 
 
-def chosen(name: str, here: Path, option: str = "rvads_autopilot") -> Any:
+def chosen(name: str, folder: Path, option: str = "rvads_autopilot") -> Any:
     """Return the driver that an option names: a traffic policy such as ``reference``, or ``module:name``.
 
     Args:
         name: the value of the option.
-        here: the working directory of the command, which is searched for modules first.
+        folder: the working directory of the command, which is searched for modules first.
         option: the name of the option, for messages.
 
     Raises:
@@ -27,9 +27,9 @@ def chosen(name: str, here: Path, option: str = "rvads_autopilot") -> Any:
 
         return traffic(name, "autopilot")
     try:
-        found = at(name, here)
+        driver = at(name, folder)
     except (ImportError, AttributeError) as error:
         raise AutopilotError(f"{option} must name an autopilot as module:name, got {name!r}: {error}") from error
-    if not callable(found):
-        raise AutopilotError(f"{option} must name a class or something callable, {name!r} is {found!r:.60}")
-    return found
+    if not callable(driver):
+        raise AutopilotError(f"{option} must name a class or something callable, {name!r} is {driver!r:.60}")
+    return driver

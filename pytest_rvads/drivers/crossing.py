@@ -1,4 +1,4 @@
-"""Which ways of a junction get in each other's way, and where."""
+"""The meetings of ways in a junction: which vehicles the own vehicle meets, and where."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ __all__ = [
 ]
 
 ROLLING = 3.0
-"""A vehicle before the junction that goes first and is this fast goes on, as the next one behind it may [m/s]."""
+"""A vehicle before the junction that goes first and is this fast drives on, and the vehicle behind it may follow [m/s]."""
 RUNNER = 4.5
-"""Who would have to brake harder than this to stop before the junction is not going to [m/s^2]."""
+"""A vehicle that needs a higher deceleration than this to stop before the junction will not stop [m/s^2]."""
 SOON = 1.5
-"""Who is this near to the junction and does not brake is about to enter [s]."""
+"""A vehicle that is this time away from the junction and does not brake is about to enter [s]."""
 
 
 class Meeting(NamedTuple):
@@ -60,23 +60,23 @@ class Meetings:
 
     def __init__(self, junction: Junction, itinerary: Itinerary) -> None:
         self._junction, self._key = junction, (itinerary.entrance, itinerary.exit)
-        self._known: dict[str, tuple[Meeting, ...]] = {}
+        self._cache: dict[str, tuple[Meeting, ...]] = {}
 
     def of(self, other: VehicleState) -> tuple[Meeting, ...]:
-        """Return what is shared with each movement that the turn of `other` leaves open; nothing where none is in the way."""
-        found = self._known.get(other.name)
-        if found is None:
-            found = self._known[other.name] = self._find(other)
-        return found
+        """Return the meetings with the movements that `other` may take; empty if no movement is in the way."""
+        meetings = self._cache.get(other.name)
+        if meetings is None:
+            meetings = self._cache[other.name] = self._meetings_with(other)
+        return meetings
 
-    def _find(self, other: VehicleState) -> tuple[Meeting, ...]:
-        mine, junction = self._key, self._junction
+    def _meetings_with(self, other: VehicleState) -> tuple[Meeting, ...]:
+        own_key, junction = self._key, self._junction
         shared, yields = junction.stretches or {}, _settled(junction)
         keys = [way.key for way in junction.by_turn[other.entrance, other.turn]]
         return tuple(
-            Meeting(shared[mine, key], (mine, key) in yields, (key, mine) in yields, _bend_speed(junction, key))
+            Meeting(shared[own_key, key], (own_key, key) in yields, (key, own_key) in yields, _bend_speed(junction, key))
             for key in keys
-            if (mine, key) in shared
+            if (own_key, key) in shared
         )
 
 
@@ -91,13 +91,13 @@ def _bend_speed(junction: Junction, key: Key) -> float:
 
 
 def ahead_in_lane(seen: Observation) -> VehicleState | None:
-    """Return the next vehicle ahead that came by the own entrance, wherever it is now; None where there is none."""
+    """Return the next vehicle ahead that came by the own entrance, in any zone; None without any."""
     me = seen.me
-    entrance, found = me.entrance, None
+    entrance, ahead = me.entrance, None
     for other in seen.others:
-        if other.entrance == entrance and other.station > me.station and (found is None or other.station < found.station):
-            found = other
-    return found
+        if other.entrance == entrance and other.station > me.station and (ahead is None or other.station < ahead.station):
+            ahead = other
+    return ahead
 
 
 def conflicts(seen: Observation, other: VehicleState) -> list[Shared]:
@@ -105,32 +105,32 @@ def conflicts(seen: Observation, other: VehicleState) -> list[Shared]:
 
     The list is empty if all these movements can be driven at the same time as the own movement, or if the geometry is unknown.
     """
-    junction, mine = seen.junction, (seen.itinerary.entrance, seen.itinerary.exit)
-    known = junction.stretches or {}
-    return [found for way in junction.by_turn[other.entrance, other.turn] if (found := known.get((mine, way.key)))]
+    junction, own_key = seen.junction, (seen.itinerary.entrance, seen.itinerary.exit)
+    stretches = junction.stretches or {}
+    return [shared for way in junction.by_turn[other.entrance, other.turn] if (shared := stretches.get((own_key, way.key)))]
 
 
 @lru_cache(maxsize=4096)
-def may_meet(junction: Junction, one: tuple[int, Turn], other: tuple[int, Turn]) -> bool:
+def may_meet(junction: Junction, vehicle: tuple[int, Turn], other_vehicle: tuple[int, Turn]) -> bool:
     """Return whether two vehicles of different arms may share a stretch; each vehicle is given by its entrance and indicator.
 
     The answer is True if the geometry of the junction is unknown.
     """
-    if junction.starts[one[0]].arm == junction.starts[other[0]].arm:
+    if junction.starts[vehicle[0]].arm == junction.starts[other_vehicle[0]].arm:
         return False
-    known, ways = junction.conflicts, junction.by_turn
-    return known is None or any((mine.key, yours.key) in known for mine in ways[one] for yours in ways[other])
+    pairs, ways = junction.conflicts, junction.by_turn
+    return pairs is None or any((way.key, other_way.key) in pairs for way in ways[vehicle] for other_way in ways[other_vehicle])
 
 
 @lru_cache(maxsize=4096)
-def may_yield(junction: Junction, one: tuple[int, Turn], other: tuple[int, Turn]) -> bool:
+def may_yield(junction: Junction, vehicle: tuple[int, Turn], other_vehicle: tuple[int, Turn]) -> bool:
     """Return whether the first of two vehicles, as for `may_meet`, may have to give way to the second."""
-    known, ways = _settled(junction), junction.by_turn
-    return any((mine.key, yours.key) in known for mine in ways[one] for yours in ways[other])
+    pairs, ways = _settled(junction), junction.by_turn
+    return any((way.key, other_way.key) in pairs for way in ways[vehicle] for other_way in ways[other_vehicle])
 
 
 def not_queued(seen: Observation) -> list[tuple[int, VehicleState]]:
-    """Return the others with their numbers, but those that queue behind a slow one before the junction."""
+    """Return the other vehicles with their numbers, without vehicles that queue behind a slow vehicle before the junction."""
     slow: dict[int, float] = {}
     for other in seen.others:
         if other.speed < ROLLING and other.zone < JUNCTION:
@@ -139,12 +139,12 @@ def not_queued(seen: Observation) -> list[tuple[int, VehicleState]]:
 
 
 def in_the_way(seen: Observation, other: VehicleState) -> bool:
-    """Return whether `other`, in the junction, has yet to leave where its movement and the own one conflict."""
-    return other.zone is JUNCTION and any(other.station - other.length < found.yours.end for found in conflicts(seen, other))
+    """Return whether `other` is in the junction and has not yet left the stretch that it shares with the own movement."""
+    return other.zone is JUNCTION and any(other.station - other.length < shared.yours.end for shared in conflicts(seen, other))
 
 
 def runs_through(other: VehicleState) -> bool:
-    """Return whether `other`, before the junction, can't stop there, or is about to enter and does not brake for it."""
+    """Return whether `other`, before the junction, can't stop there, or is about to enter without braking."""
     if other.speed < 1.0 or (other.zone is not APPROACH and other.zone is not ENTRANCE):
         return False
     distance = max(-other.station, 0.1)
@@ -153,7 +153,7 @@ def runs_through(other: VehicleState) -> bool:
 
 
 def exit_blocked(seen: Observation) -> bool:
-    """Return whether somebody stands on the exit road so near that there would be no room behind."""
+    """Return whether a vehicle stands on the own exit road and leaves no room behind it."""
     me = seen.me
     for other in seen.others:
         if other.zone is EXIT and other.speed < 1.0:

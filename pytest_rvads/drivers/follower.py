@@ -1,6 +1,7 @@
-"""A helper to write autopilots with: it follows the itinerary, the autopilot only decides how fast.
+"""A base class for autopilots: it follows the itinerary, and the autopilot decides only how fast to drive.
 
-Steering is pure pursuit on the rear axle; speed is a proportional controller that knows the resistances of its vehicle.
+Steering is pure pursuit on the rear axle (Coulter, Implementation of the Pure Pursuit Path Tracking Algorithm, 1992). Speed is a
+proportional controller that knows the resistances of its vehicle.
 """
 
 from __future__ import annotations
@@ -8,13 +9,12 @@ from __future__ import annotations
 import math
 
 from pytest_rvads.drivers.interface import Autopilot, Control, Observation
-from pytest_rvads.drivers.pursuit import lookahead, pursue
-from pytest_rvads.drivers.swept import AxlePath, axle_path
-from pytest_rvads.drivers.way_ahead import EASE, Track, track
+from pytest_rvads.drivers.way_ahead import EASE, AxlePath, Track, axle_path, track
 from pytest_rvads.runs.states import VehicleState
 from pytest_rvads.runs.vehicle import GRAVITY, Vehicle
 
-__all__ = ["STANDING", "Follower", "resistance"]
+__all__ = ["STANDING", "Follower", "lookahead", "pursue", "resistance"]
+
 
 _GAIN = 4.0
 """Acceleration asked for per speed error [1/s]."""
@@ -47,13 +47,13 @@ class Follower(Autopilot):
     _steering = 0.0
     _track: Track | None = None
     _wheels: tuple[float, float] | None = None
-    """Reference point to rear axle, rear axle to front axle [m]: worked out once, the vehicle stays the same."""
+    """Distances from reference point to rear axle and from rear axle to front axle [m], looked up once."""
     _way: AxlePath | None = None
-    """The path of the rear axle, where a bend is so narrow that it is not the itinerary."""
+    """The path of the rear axle, if a narrow bend makes it differ from the itinerary."""
     _axle = 0.0
-    """How far along that path the rear axle was last [m]."""
+    """Last known distance of the rear axle along its path [m]."""
     _piece = (math.inf, -math.inf, 0.0, 0.0, 0.0, 0.0, 0.0)
-    """The piece of the path that it aims at: it stays the same for many steps."""
+    """The piece of the path at which the vehicle aims; the piece stays the same for many steps."""
 
     def target_speed(self, seen: Observation) -> float:
         """Return how fast to drive where the road is straight [m/s]; 0 stops and holds the vehicle.
@@ -89,14 +89,14 @@ class Follower(Autopilot):
         speed = seen.me.speed
         if target <= 0.0 and speed < 0.3:
             return -math.inf
-        wanted = _GAIN * (target - speed)
+        acceleration = _GAIN * (target - speed)
         bend = _GAIN * ((self._track or self.track(seen)).speed(seen.me.station) - speed)
         # Comparisons instead of min and max here and below: this is asked for every vehicle in every step.
         firm = bend if bend >= -_FIRM else -_FIRM
-        return firm if firm < wanted else wanted
+        return firm if firm < acceleration else acceleration
 
     def track(self, seen: Observation) -> Track:
-        """Return what is known of the way ahead; worked out once."""
+        """Return the track of the way ahead, which is computed once."""
         if self._track is None:
             back, way = (
                 seen.vehicle.rear_axle_offset,
@@ -156,3 +156,27 @@ class Follower(Autopilot):
 def resistance(vehicle: Vehicle, speed: float) -> float:
     """Return the deceleration that tyres and air cause at `speed` [m/s] without any brake [m/s^2]."""
     return vehicle.rolling * GRAVITY + vehicle.drag * speed * speed / vehicle.mass
+
+
+def lookahead(speed: float) -> float:
+    """Return how far ahead of the rear axle to aim at `speed` [m/s], along the way [m]."""
+    ahead = 0.35 * speed + 1.5
+    return ahead if ahead > 2.5 else 2.5
+
+
+def pursue(me: VehicleState, back: float, wheelbase: float, x: float, y: float) -> float:
+    """Return the angle of the front wheels [rad] that leads the rear axle to a point on a circle.
+
+    Args:
+        me: the own vehicle.
+        back: distance from the reference point to the rear axle [m].
+        wheelbase: distance from the rear axle to the front axle [m].
+        x: east coordinate of the point [m].
+        y: north coordinate of the point [m].
+    """
+    heading = me.heading
+    cos, sin = math.cos(heading), math.sin(heading)
+    dx = x - me.x + back * cos
+    dy = y - me.y + back * sin
+    offset = dy * cos - dx * sin
+    return math.atan2(2.0 * wheelbase * offset, dx * dx + dy * dy)

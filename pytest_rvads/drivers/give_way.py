@@ -24,22 +24,22 @@ from pytest_rvads.runs.states import APPROACH, ENTRANCE, JUNCTION, Colour, Vehic
 __all__ = ["GiveWay", "clear_of_meetings"]
 
 DRIVE = 2.3
-"""Own acceleration counted on [m/s^2]; where it must not be early, `EAGER`."""
+"""Own acceleration that decisions count on [m/s^2]; the earliest arrival is computed with `EAGER`."""
 TARDY, CRAWL = 1.5, 4.0
-"""Acceleration [m/s^2], and speed [m/s], that others are believed to reach at least when they leave."""
+"""Least assumed acceleration [m/s^2] and speed [m/s] of other vehicles that leave the junction."""
 MARGIN = 1.6
-"""Time kept between leaving a place and the arrival there of one who goes first [s]: more than that of a near miss, 1 s."""
+"""Time kept between leaving a place and the arrival there of a vehicle that goes first [s]; at a near miss it is 1 s."""
 MOVING = 0.15
-"""Who is faster than this moves [m/s]."""
+"""A vehicle faster than this moves [m/s]."""
 PATIENCE_STEP = 0.5
 """Where all vehicles wait for one another: how long the first vehicle waits, and how much longer each next vehicle [s]. In this
 time a driver sees that another vehicle has set off."""
 EARLY = 6.0
-"""How long before braking would begin a decision is not needed yet [m]."""
+"""Distance before the beginning of braking from which on a decision is needed [m]."""
 _GENTLE = 1.5
-"""Braking that a decision leaves room for [m/s^2]."""
+"""Deceleration that is still possible after a decision [m/s^2]."""
 _GAP = 2.0
-"""Kept behind whoever merges first [m]."""
+"""Distance kept behind a vehicle that merges first [m]."""
 _GREEN, _YELLOW, _RED = Colour.GREEN, Colour.YELLOW, Colour.RED
 
 
@@ -59,12 +59,12 @@ class GiveWay:
         self._meetings = Meetings(junction, itinerary)
         self._queue = Queue(tie)
         self._paper = Light() if junction.control is JunctionControl.LIGHTS and not tie else None
-        """What the paper's rules ask for beyond giving way."""
+        """The gate of the paper's rules at lights, which hold besides giving way; None elsewhere."""
         self._all_stop = junction.control is JunctionControl.STOP
         self._must_stop = stops and entrance.sign is Sign.STOP
         self._on_red = itinerary.turn is junction.near and entrance.lane == 0 and not junction.left_hand
         self._stop_signs = frozenset(k for k, lane in enumerate(junction.entrances) if lane.sign is Sign.STOP)
-        # The slowest place decides how fast the junction is cleared.
+        # The slowest place of the movement decides how fast the vehicle clears the junction.
         limits = (itinerary.limit_at(max(station, 0.0)) for station, _ in itinerary.limits if station < itinerary.length)
         self._cruise = min((track.slowest(itinerary.length), *limits))
         self._back = stand_back(junction, itinerary.entrance)
@@ -95,7 +95,7 @@ class GiveWay:
         return not waits_for or self._patience_ends(seen, waits_for)
 
     def _permitted(self, seen: Observation) -> bool:
-        """Return whether the own sign and the own light let it go."""
+        """Return whether the own sign and the own light allow the entry."""
         stood = self._at_line(seen.me) and self._stood_since is not None and seen.time - self._stood_since >= HOLD
         if self._must_stop and not stood:
             return False
@@ -108,18 +108,18 @@ class GiveWay:
         """Return whether the own vehicle is at its entrance, or has stopped farther from the line so that others have room."""
         return me.zone is ENTRANCE or (self._back > 0.0 and self._queue.stood(me))
 
-    def _came_first(self, seen: Observation, one: VehicleState) -> list[VehicleState]:
-        """Return the vehicles that have arrived at an all-way stop, may meet the vehicle `one`, and enter before it."""
-        junction, found = seen.junction, []
+    def _came_first(self, seen: Observation, vehicle: VehicleState) -> list[VehicleState]:
+        """Return the vehicles that have arrived at an all-way stop, may meet `vehicle`, and enter before it."""
+        junction, prior = seen.junction, []
         for other in seen.everybody():
-            if self._queue.arrived(other) and may_meet(junction, (one.entrance, one.turn), (other.entrance, other.turn)):
-                before = self._queue.before(other, one)
-                if before or (before is None and (other.entrance, one.entrance) in junction.right_of):
-                    found.append(other)
-        return found
+            if self._queue.arrived(other) and may_meet(junction, (vehicle.entrance, vehicle.turn), (other.entrance, other.turn)):
+                before = self._queue.before(other, vehicle)
+                if before or (before is None and (other.entrance, vehicle.entrance) in junction.right_of):
+                    prior.append(other)
+        return prior
 
     def _blocked(self, seen: Observation, other: VehicleState, earlier: bool) -> bool:
-        """Return whether one has to wait for `other`, which may have been created `earlier`."""
+        """Return whether the own vehicle has to wait for `other`; `earlier` states whether `other` was created first."""
         if other.zone >= JUNCTION:
             red = seen.lights[seen.me.entrance] is _RED
             return not all(self._fits(seen, other, m, MARGIN if m.mine or red else 0.0) for m in self._meetings.of(other))
@@ -128,10 +128,10 @@ class GiveWay:
         if not runs and (colour is _RED or (colour is _YELLOW and other.speed < MOVING)):
             return False
         for meeting in self._meetings.of(other):
-            first = self._goes_first(seen, other, meeting, earlier)
-            if first and not self._leaves_time(seen, other, meeting):
+            goes_first = self._goes_first(seen, other, meeting, earlier)
+            if goes_first and not self._leaves_time(seen, other, meeting):
                 return True
-            if not first and (runs or self._sets_off(seen, other)) and not self._fits(seen, other, meeting, MARGIN / 2.0):
+            if not goes_first and (runs or self._sets_off(seen, other)) and not self._fits(seen, other, meeting, MARGIN / 2.0):
                 return True
         return False
 
@@ -148,7 +148,7 @@ class GiveWay:
             if (me.entrance, other.entrance) in right_of:
                 return False
             if (other.entrance, me.entrance) not in right_of and self._came_first(seen, other):
-                # Across from each other, a turn waits for who could go now, not for who has to let others go first.
+                # A turning vehicle waits for an oncoming vehicle only if no vehicle goes before the oncoming vehicle.
                 return False
         elif seen.lights[me.entrance] is _RED:
             return True
@@ -170,7 +170,7 @@ class GiveWay:
         )
 
     def _fits(self, seen: Observation, other: VehicleState, meeting: Meeting, margin: float) -> bool:
-        """Return whether `other`, which goes on, and the own vehicle pass the place one after the other."""
+        """Return whether `other`, which does not stop, and the own vehicle pass the place one after the other."""
         return self._after(seen, other, meeting) or self._before(seen, other, meeting, margin)
 
     def _before(self, seen: Observation, other: VehicleState, meeting: Meeting, margin: float) -> bool:
@@ -193,15 +193,15 @@ class GiveWay:
             clear = delay + time_to(inside, speed, DRIVE, cruise) + time_to(LEAVE + me.length, fast, DRIVE, seen.speed_limit)
             if yours.start - other.station < other.speed * (clear + margin):
                 return False
-        # Whoever comes behind is faster for a while: it must neither come near nor have to brake for that.
+        # The vehicle behind is faster for a while: it must neither come near nor have to brake.
         way = mine.start - me.station
-        there = delay + time_to(way, speed, DRIVE, cruise)
+        arrival = delay + time_to(way, speed, DRIVE, cruise)
         reached = min(math.sqrt(speed * speed + 2.0 * DRIVE * max(way, 0.0)), cruise)
         limit = max(seen.limit_of(other), other.speed)
         fast = min(math.sqrt(other.speed**2 + 2.0 * EAGER * (yours.start - other.station)), limit)
         closing = max(fast - reached, 0.0)
         gap = margin + (me.length + closing * closing / (2.0 * DRIVE)) / max(fast, 1.0)
-        return there + gap < self._arrives(seen, other, yours.start)
+        return arrival + gap < self._arrives(seen, other, yours.start)
 
     def _after(self, seen: Observation, other: VehicleState, meeting: Meeting) -> bool:
         """Return whether `other` has left the shared stretch before the own earliest arrival, so that no stop is needed."""
@@ -210,14 +210,14 @@ class GiveWay:
         if other.station - other.length >= end:
             return True
         soonest = time_to(mine.start - me.station, me.speed, EAGER, max(seen.speed_limit, me.speed))
-        # Who stands can wait for as long as a near miss takes; who is under way would have to brake.
+        # A standing vehicle can wait for the longer margin; a moving vehicle would have to brake.
         return _leaves(other, end, meeting.slow) + (LEEWAY if me.speed > ROLLING else MARGIN) < soonest
 
     def _will_stop(self, other: VehicleState) -> bool:
         return other.entrance in self._stop_signs and other.zone < JUNCTION and not self._queue.stood(other)
 
     def _arrives(self, seen: Observation, other: VehicleState, place: float) -> float:
-        """Return when `other` can be at `place` of its movement at the earliest [s]; at a stop sign it stops first."""
+        """Return the earliest time at which `other` can be at `place` of its movement [s], after a stop at its stop sign."""
         limit = seen.limit_of(other)
         if not self._will_stop(other):
             return time_to(place - other.station, other.speed, EAGER, limit)
@@ -226,10 +226,11 @@ class GiveWay:
         return before + HOLD + time_to(place - max(line, other.station), 0.0, EAGER, limit)
 
     def _patience_ends(self, seen: Observation, waits_for: list[VehicleState]) -> bool:
-        """Return whether to go although `waits_for`, who stand as well, go first: they wait for somebody, too, or do not go.
+        """Return whether to go before the standing vehicles `waits_for`, because these vehicles wait as well or do not go.
 
-        It ends while nobody moves whom they or one oneself would meet, and later the more have arrived before: of two that do not
-        meet, one alone breaks a circle, since the other one would take the way of a vehicle that may go by then.
+        The patience runs while no vehicle moves that would meet the own vehicle or one of `waits_for`. The patience is longer for
+        every vehicle that arrived earlier, so that a single vehicle breaks a circle of waiting vehicles: a second vehicle could
+        take the way of a vehicle that may go by then.
         """
         me = seen.me
         if self._released and me.speed > MOVING:
@@ -240,21 +241,23 @@ class GiveWay:
             return False
         if self._quiet_since is None:
             self._quiet_since = seen.time
-        since, mine = self._queue.since, (self._queue.since(me), seen.created)
+        since, own_rank = self._queue.since, (self._queue.since(me), seen.created)
         unlit = seen.lights[me.entrance] is Colour.NONE
-        there = [(k, o) for k, o in enumerate(seen.others) if self._queue.arrived(o) and (unlit or self._meetings.of(o))]
-        place = sum((since(other), k) < mine for k, other in there)
+        arrived = [(k, o) for k, o in enumerate(seen.others) if self._queue.arrived(o) and (unlit or self._meetings.of(o))]
+        place = sum((since(other), k) < own_rank for k, other in arrived)
         patience = PATIENCE_STEP if all(self._held(seen, other) for other in waits_for) else WAIVER
         self._released = seen.time - self._quiet_since >= patience + PATIENCE_STEP * place
         return self._released
 
     def _held(self, seen: Observation, other: VehicleState) -> bool:
-        """Return whether `other`, at its line, has to let another vehicle go first that has arrived as well."""
+        """Return whether `other`, at its line, has to let another arrived vehicle go first."""
         if self._all_stop:
             return bool(self._came_first(seen, other))
         junction, way, arrived = seen.junction, (other.entrance, other.turn), self._queue.arrived
         unlit = seen.lights[other.entrance] is Colour.NONE
-        return unlit and any(arrived(one) and may_yield(junction, way, (one.entrance, one.turn)) for one in seen.everybody())
+        return unlit and any(
+            arrived(vehicle) and may_yield(junction, way, (vehicle.entrance, vehicle.turn)) for vehicle in seen.everybody()
+        )
 
     def _concerns(self, seen: Observation, moving: VehicleState, waits_for: list[VehicleState]) -> bool:
         """Return whether this vehicle may be waiting for `moving`, directly or by way of a vehicle that it waits for."""
@@ -265,9 +268,10 @@ class GiveWay:
 
 
 def clear_of_meetings(seen: Observation, meetings: Meetings) -> float:
-    """Return the acceleration [m/s^2] that lets pass who is first where ways cross, in the junction; inf if none is.
+    """Return the acceleration [m/s^2] that lets pass crossing vehicles that are first at the place; inf without any.
 
-    Who will have left the place in time is not waited for; who drives into the same exit is followed instead.
+    All these vehicles are in the junction. Vehicles that leave the place in time are not waited for. Vehicles that drive into the
+    same exit are followed instead.
     """
     me = seen.me
     least = math.inf
@@ -278,10 +282,10 @@ def clear_of_meetings(seen: Observation, meetings: Meetings) -> float:
             place = my.start
             if merges or me.station >= place or other.station - other.length >= yours.end:
                 continue
-            mine = (place - me.station) / max(me.speed, 1.0)
-            theirs = max(yours.start - other.station, 0.0) / max(other.speed, 1.0)
-            first = theirs < mine or (theirs == mine and k < seen.created)
-            if first and _leaves(other, yours.end, slow) + LEEWAY > mine:
+            own_time = (place - me.station) / max(me.speed, 1.0)
+            other_time = max(yours.start - other.station, 0.0) / max(other.speed, 1.0)
+            goes_first = other_time < own_time or (other_time == own_time and k < seen.created)
+            if goes_first and _leaves(other, yours.end, slow) + LEEWAY > own_time:
                 least = min(least, stop_before(me.speed, place - BEFORE - me.station))
     return least
 
@@ -293,12 +297,12 @@ def _stuck(seen: Observation) -> bool:
 
 
 def _leaves(other: VehicleState, end: float, slow: float) -> float:
-    """Return when the body of `other` has left a place that ends at station `end` [s]; inf while it stands.
+    """Return the time until the body of `other` has left a place that ends at station `end` [s]; inf while `other` stands.
 
     Args:
-        other: whom it is about.
-        end: [m].
-        slow: it is no faster than this in its bend [m/s].
+        other: the other vehicle.
+        end: station of the end of the place [m].
+        slow: highest speed of the other vehicle in its bend [m/s].
     """
     if other.speed < MOVING:
         return math.inf

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 __all__ = ["at", "called", "in_ids", "labelled", "name_of", "stand_in"]
 
+
 _LONGEST = 1000
 """Longest name [characters]."""
 
@@ -30,12 +31,12 @@ def stand_in() -> Factory:
     return partial(Reference)  # another object than Reference, which a fixture may return
 
 
-def at(name: str, here: Path | None = None) -> Any:
+def at(name: str, folder: Path | None = None) -> Any:
     """Return the object that ``module:name`` names; module and name may contain dots.
 
     Args:
         name: the text of an option.
-        here: the folder in which modules are searched first, as with ``python -m``.
+        folder: the folder in which modules are searched first, as with ``python -m``.
 
     Raises:
         ImportError: `name` is not of this form, the module does not exist, or the module raises an error at its import.
@@ -44,8 +45,8 @@ def at(name: str, here: Path | None = None) -> Any:
     module, _, attribute = name.partition(":")
     if not all(part.isidentifier() for part in (*module.split("."), *attribute.split("."))):
         raise ImportError("expected module:name, two names that may contain dots")
-    if here is not None and str(here) not in sys.path:
-        sys.path.insert(0, str(here))
+    if folder is not None and str(folder) not in sys.path:
+        sys.path.insert(0, str(folder))
     try:
         imported = import_module(module)
     except ImportError:

@@ -1,4 +1,4 @@
-"""Whose turn it is where everybody stops: first come, first served, and right before left on ties."""
+"""The order of turns at an all-way stop: first come, first served, and right before left on ties."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ _MOVING = 0.15
 
 
 class Queue:
-    """What a driver remembers of the vehicles before the junction: when each arrived, and who has set off again.
+    """A driver's memory of the vehicles before the junction: when each vehicle arrived, and which vehicles have set off again.
 
-    A vehicle arrives when it stops in the stop place with nobody ahead in its lane, or enters the entrance zone, whichever is
-    earlier, and stays arrived until it enters the junction or backs out. Only vehicles whose ways meet take turns.
+    A vehicle arrives when it stops in the stop place with no vehicle ahead in its lane, or enters the entrance zone, whichever
+    is earlier. The vehicle stays arrived until it enters the junction or backs out. Only vehicles whose ways meet take turns.
 
     Args:
-        tie: who arrived within this time of each other arrived together [s]. With 0, arrivals and turns are those of the paper's
+        tie: arrivals within this time of each other count as simultaneous [s]. With 0, arrivals and turns are as in the paper's
             rules: a vehicle arrives when it enters the entrance zone, and takes turns with those of all other entrances.
     """
 
@@ -31,7 +31,7 @@ class Queue:
         self._stood: set[str] = set()
 
     def watch(self, seen: Observation) -> None:
-        """Take note of who is where; to be called in every step."""
+        """Remember arrivals and departures; to be called in every step."""
         tick = round(seen.time / DT)
         outside, stood = self._outside, self._stood
         for state in (seen.me, *seen.others):
@@ -42,13 +42,13 @@ class Queue:
                     stood.discard(name)
             else:
                 if name not in outside:
-                    # Arrived from the start: waiting times count from zero there.
+                    # The vehicle has arrived from the start: its waiting time counts from zero.
                     outside[name] = tick
                 if state.speed <= STANDSTILL:
                     stood.add(name)
 
     def _in_stop_place(self, seen: Observation, state: VehicleState) -> bool:
-        """Return whether `state`, on its approach, has stopped in the stop place, with nobody ahead, and not left it since."""
+        """Return whether `state`, on its approach, stands in the stop place since a stop with no vehicle ahead."""
         if not self._tie or state.station < stop_place(seen.junction, state.entrance)[0]:
             return False
         if state.name in self._stood or state.speed > STANDSTILL:
@@ -56,7 +56,7 @@ class Queue:
         return not any(o.entrance == state.entrance and state.station < o.station <= 0.0 for o in (seen.me, *seen.others))
 
     def setting_off(self, other: VehicleState) -> bool:
-        """Return whether `other` stood at its entrance and is on its way now."""
+        """Return whether `other` stood at its entrance and has set off."""
         return other.zone is ENTRANCE and other.speed > _MOVING and other.name in self._stood
 
     def stood(self, other: VehicleState) -> bool:
@@ -68,12 +68,12 @@ class Queue:
         return other.zone is ENTRANCE or other.name in self._stood
 
     def since(self, state: VehicleState) -> int:
-        """Return the tick since which `state` has been there; the present one, where it has not arrived."""
+        """Return the tick at which `state` arrived; the present tick if the vehicle has not arrived."""
         return self._outside[state.name]
 
-    def before(self, one: VehicleState, other: VehicleState) -> bool | None:
-        """Return whether the vehicle `one` arrived earlier than the vehicle `other`; None if both arrived together."""
-        later = self._outside[one.name] - self._outside[other.name]
+    def before(self, vehicle: VehicleState, other_vehicle: VehicleState) -> bool | None:
+        """Return whether `vehicle` arrived earlier than `other_vehicle`; None if both arrived together."""
+        later = self._outside[vehicle.name] - self._outside[other_vehicle.name]
         return None if abs(later) <= self._tie else later < 0
 
     def first(self, seen: Observation) -> tuple[list[VehicleState], int]:
@@ -103,5 +103,5 @@ class Queue:
         free = [s for s in waiting if not any(waits_for(s, other) for other in waiting)]
         if not free:
             return waiting, 0
-        rest = [s for s in waiting if s not in free and all(o in free for o in waiting if waits_for(s, o))]
-        return free + rest if self._tie else free, len(free)
+        next_in_turn = [s for s in waiting if s not in free and all(o in free for o in waiting if waits_for(s, o))]
+        return free + next_in_turn if self._tie else free, len(free)

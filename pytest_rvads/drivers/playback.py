@@ -20,9 +20,9 @@ from pytest_rvads.support.errors import RunError, ScenarioError
 __all__ = ["Replay"]
 
 _SAME = 1e-6
-"""A vehicle this near to its recorded station and speed is where it was [m, m/s]: the recorded controls then fit exactly."""
+"""Largest difference to the recorded station and speed at which the recorded controls fit exactly [m, m/s]."""
 _AHEAD = 0.2
-"""How far ahead speeds are looked up [s]: about the lag of drive and brake."""
+"""Time ahead at which recorded speeds are looked up [s]: about the lag of drive and brake."""
 
 
 class Replay(TrafficSystem):
@@ -49,28 +49,28 @@ class Replay(TrafficSystem):
         self._motion = run.station, run.speed
 
     def __call__(self) -> Replay:
-        """Return the traffic system of a run; it keeps nothing from one run to the next."""
+        """Return this traffic system for the next run, because it keeps no state between runs."""
         return self
 
     def autopilots(self, agents: Sequence[Agent]) -> Sequence[Drives]:
-        """Return one autopilot per agent.
+        """Return an autopilot per agent.
 
         Raises:
             ScenarioError: the recording has no vehicle with that movement.
         """
-        left = list(enumerate(self.run.agents))
+        unused = list(enumerate(self.run.agents))
         chosen = []
         for agent in agents:
-            alike = [one for one in left if one[1].way.key == agent.way.key]
-            if not alike:
+            candidates = [candidate for candidate in unused if candidate[1].way.key == agent.way.key]
+            if not candidates:
                 raise ScenarioError(
                     f"run {self.run.label!r} has no vehicle from entrance {agent.entrance} to exit {agent.exit} "
                     f"that {agent.name} could replay: choose a scenario with the same movements"
                 )
-            # Of several on one movement the one of its name, else the first that nobody replays yet.
-            taken = next((one for one in alike if one[1].name == agent.name), alike[0])
-            left.remove(taken)
-            chosen.append(taken[0])
+            # Of several vehicles with this movement the vehicle of the same name is taken, else the first unused vehicle.
+            recorded = next((candidate for candidate in candidates if candidate[1].name == agent.name), candidates[0])
+            unused.remove(recorded)
+            chosen.append(recorded[0])
         station, speed = self._motion
         controls = self.run.controls
         return [_Playback(self.run.dt, station[:, k], speed[:, k], None if controls is None else controls[:, k]) for k in chosen]
@@ -89,7 +89,7 @@ class _Playback(Follower):
         self._dt = dt
         self._times = np.arange(len(station)) * dt
         self._station, self._speed, self._controls = station, speed, controls
-        # A vehicle that has left stays as it was last seen: the recording ends there.
+        # The recording of a vehicle that has left repeats its last state.
         moves = np.flatnonzero((np.diff(self._station) != 0.0) | (self._speed[1:] < STANDING))
         self._last = int(moves[-1]) + 1 if len(moves) else 0
 
@@ -103,8 +103,8 @@ class _Playback(Follower):
         if speed < STANDING and me.speed < 0.3 and place - me.station < 0.05:
             return self.drive(seen, -math.inf)
         _, soon = self._at(seen.time + _AHEAD)
-        wanted = (soon - speed) / _AHEAD + PLACE_GAIN * (place - me.station) + SPEED_GAIN * (speed - me.speed)
-        return self.drive(seen, wanted)
+        acceleration = (soon - speed) / _AHEAD + PLACE_GAIN * (place - me.station) + SPEED_GAIN * (speed - me.speed)
+        return self.drive(seen, acceleration)
 
     def _at(self, time: float) -> tuple[float, float]:
         """Return station [m] and speed [m/s] at a time [s]."""

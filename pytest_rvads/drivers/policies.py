@@ -1,4 +1,4 @@
-"""Road users as they are: what the vehicles around a subject do to it."""
+"""Traffic policies whose drivers hesitate, yield late, run red lights or never enter."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from pytest_rvads.runs.states import Zone
 __all__ = ["Hesitant", "LateYielder", "RedLightRunner", "Stopped"]
 
 HESITATION = 2.0
-"""How long the hesitant one waits when it could go [s]; after 3 s it would have waived its right."""
+"""How long the hesitant driver waits when it could go [s]; after 3 s the driver would have waived its right."""
 HESITANT_SPEED = 0.6
-"""Share of the speed limit that the hesitant one dares to drive."""
+"""Share of the speed limit at which the hesitant driver drives."""
 LATE = 0.85
 """Share of the full service brake with which the late yielder counts on stopping."""
 
@@ -32,7 +32,7 @@ class Hesitant(Reference):
 
 
 class LateYielder(Reference):
-    """Obeys every rule, but comes on as if it would not: it brakes for the line at the last moment, and hard."""
+    """Obeys every rule, but brakes for the line hard and at the last moment."""
 
     def __init__(self, tie: float = 0.0) -> None:
         super().__init__(tie)
@@ -40,7 +40,7 @@ class LateYielder(Reference):
 
 
 class RedLightRunner(Reference):
-    """Enters whatever the light shows and whoever is coming, and does not stop at stop signs; it spares who is in its way."""
+    """Enters at any light and in front of any vehicle, without a stop at stop signs; stops for bodies in its way."""
 
     def make_gate(self, _seen: Observation) -> Gate:
         """Return what decides when to enter."""
@@ -66,7 +66,7 @@ class _Constant:
 
 
 class _Hesitating:
-    """Gives the answer of another gate, a yes only after it has been one for a while."""
+    """Allows the entry after another gate has allowed it for `HESITATION`."""
 
     def __init__(self, gate: Gate) -> None:
         self._gate = gate
@@ -85,7 +85,7 @@ class _LateStopping(Stopping):
     """Brakes for the line when nearly all of the service brake is needed."""
 
     def acceleration(self, seen: Observation) -> float:
-        """Return what a late stop needs now [m/s^2]; inf while it is too early, -inf to hold the vehicle."""
+        """Return the acceleration that a late stop needs [m/s^2]; positive while braking is too early, -inf holds the vehicle."""
         me, vehicle = seen.me, seen.vehicle
         distance = seen.itinerary.line - STAND_OFF - me.station
         if me.speed < CREEP and (distance < 0.02 or me.zone is Zone.ENTRANCE):

@@ -1,4 +1,4 @@
-"""The reference autopilot: it obeys every rule, and decides from nothing but its own observation."""
+"""The reference autopilot, which obeys every rule and decides from its own observation alone."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class Gate(Protocol):
 
 
 QUEUED = 2.0
-"""Behind a leader slower than this that has yet to enter there is no question of entering oneself [m/s]."""
+"""The driver does not enter behind a leader that is slower than this and has yet to enter [m/s]."""
 
 
 class Reference(Follower):
@@ -81,17 +81,17 @@ class Reference(Follower):
         self._narrow = False
         """Whether vehicles before their lines may leave no room for others, see `room`; only where zones do not decide."""
         self._meetings: Meetings | None = None
-        """Whom it meets in the junction; None where all stop or all have lights, one lane per arm, and zones decide."""
+        """The meetings with other vehicles in the junction; None where zones decide, see `by_zones`."""
 
     def make_gate(self, seen: Observation) -> Gate:
-        """Return what decides when to enter; called once, with the first observation."""
+        """Return the gate that decides when to enter; called once, with the first observation."""
         if not by_zones(seen.junction):
             return GiveWay(seen, self.track(seen), self._tie)
         return Light(paper=not self._tie) if seen.junction.control is JunctionControl.LIGHTS else StopSign(self._tie)
 
     def control(self, seen: Observation) -> Control:
         """Return throttle, brake and steering."""
-        wanted = self.towards(seen, self.target_speed(seen))
+        acceleration = self.towards(seen, self.target_speed(seen))
         zone = seen.me.zone
         stops = False
         leader = ahead_in_lane(seen)
@@ -108,22 +108,22 @@ class Reference(Follower):
                 stops = stops or no_room(seen, self._track or self.track(seen))
             if stops:
                 stop = self._stopping.acceleration(seen)
-                wanted = stop if stop < wanted else wanted
+                acceleration = stop if stop < acceleration else acceleration
             else:
                 self._stopping.reset()
-        if seen.others and wanted > -math.inf:
+        if seen.others and acceleration > -math.inf:
             if not stops:
-                # Whoever leads is past the line; before it there is nobody to follow but in the own lane.
+                # Vehicles of other lanes are followed only once the own vehicle need not stop at the line.
                 gap = behind_leader(seen)
-                wanted = gap if gap < wanted else wanted
+                acceleration = gap if gap < acceleration else acceleration
             if leader is not None:
-                wanted = min(wanted, behind(seen, leader))
+                acceleration = min(acceleration, behind(seen, leader))
             gap = clear_of_bodies(seen, self._track or self.track(seen), leader, foresees=self._meetings is not None)
-            wanted = min(wanted, gap, clear_of_standing(seen, self._track or self.track(seen)))
+            acceleration = min(acceleration, gap, clear_of_standing(seen, self._track or self.track(seen)))
             if zone is JUNCTION:
                 crossing = clear_of_crossing(seen) if self._meetings is None else clear_of_meetings(seen, self._meetings)
-                wanted = min(wanted, crossing)
-        return self.drive(seen, wanted)
+                acceleration = min(acceleration, crossing)
+        return self.drive(seen, acceleration)
 
 
 def by_zones(junction: Junction) -> bool:

@@ -17,9 +17,9 @@ from pytest_rvads.runs.states import Colour, Zone
 __all__ = ["RollingStop"]
 
 ROLL = 2.5
-"""Speed at which it rolls over a free stopping line [m/s]."""
+"""Speed at which the driver rolls over a free stopping line [m/s]."""
 NEAR = 5.0
-"""Whoever is this near to the junction counts for right before left [m]."""
+"""Distance to the junction from which on a vehicle counts for right before left [m]."""
 
 
 class RollingStop(Reference):
@@ -38,7 +38,7 @@ class RollingStop(Reference):
         return _RightOnRed(paper=False) if seen.junction.control is JunctionControl.LIGHTS else _Yield()
 
     def target_speed(self, seen: Observation) -> float:
-        """Return the speed limit, less before a line that it rolls over [m/s]."""
+        """Return the speed limit, or a lower speed before a line that the driver rolls over [m/s]."""
         line = seen.itinerary.line - seen.me.station
         signs = seen.junction.control is JunctionControl.STOP or seen.junction.entrances[seen.me.entrance].sign is Sign.STOP
         if not (signs or _turns_on_red(seen)) or seen.me.station > 0.0:
@@ -47,7 +47,7 @@ class RollingStop(Reference):
 
 
 class _Yield:
-    """Gives way to the right and to who is in the junction."""
+    """Gives way to vehicles on the right and to vehicles in the junction."""
 
     def __init__(self) -> None:
         self._stuck_since: float | None = None
@@ -67,7 +67,7 @@ class _Yield:
 
 
 class _Rolling(GiveWay):
-    """Takes stop signs for yield signs, and a red light for none where it turns to the near side."""
+    """Treats stop signs as yield signs, and ignores a red light for a turn to the near side."""
 
     def allows(self, seen: Observation) -> bool:
         if not _turns_on_red(seen):

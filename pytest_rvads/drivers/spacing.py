@@ -1,4 +1,4 @@
-"""Braking: for a stop before the junction, and for whoever drives or stands ahead."""
+"""Braking: for a stop before the junction, and for vehicles that drive or stand ahead."""
 
 from __future__ import annotations
 
@@ -30,43 +30,43 @@ __all__ = [
 ]
 
 STAND_OFF = 0.35
-"""Where to stop before the stopping line [m]: well inside the entrance zone."""
+"""Distance of the place to stop before the stopping line [m]: well inside the entrance zone."""
 MISSED = 0.3
-"""Who is this far beyond its place to stop, where that is not at the line, goes on to the line [m]."""
+"""A vehicle this far beyond a place to stop farther back drives on to the line [m]."""
 LAST_STOP = 0.15
-"""Where a late stop may end at the latest, before the entrance vertex [m]."""
+"""Least distance between the end of a late stop and the entrance vertex [m]."""
 COMFORT = 2.3
-"""Braking for the line begins when it takes this much [m/s^2]; people use up to 3.4 at stop signs."""
+"""Braking for the line begins when the stop needs this deceleration [m/s^2]; people use up to 3.4 at stop signs."""
 FIRM = 3.0
-"""Who needs more than this to stop at the line brakes at once, whatever the drive still does [m/s^2]."""
+"""A vehicle that needs more deceleration than this to stop at the line brakes at once [m/s^2]."""
 URGENT = 0.8
-"""Who needs more than this share of all braking to stop before the entrance vertex brakes fully."""
+"""A vehicle that needs more than this share of all braking to stop before the entrance vertex brakes fully."""
 CREEP = 0.3
-"""Slower than this in the entrance zone, a vehicle just stops there [m/s]."""
+"""A vehicle in the entrance zone that is slower than this stops at once [m/s]."""
 CREEPING = 1.4
 """A vehicle before the junction that is slower than this may still stop [m/s]."""
 GENTLE = 0.5
-"""How an approach speeds up: by this, and by as much again for every metre left [m/s^2]."""
+"""Highest acceleration of an approach at its place to stop, and its increase per metre before the place [m/s^2]."""
 GAP = 2.0
-"""Distance to who stands ahead [m]."""
+"""Distance to a vehicle that stands ahead [m]."""
 REACTION = 0.5
 """Time in which a speed error is corrected when following [s]."""
 FOLLOW = 3.0
-"""Deceleration counted on when following [m/s^2]."""
+"""Own deceleration that following counts on [m/s^2]."""
 BEFORE = 0.5
-"""Where to let a crossing vehicle pass, before the place where the movements meet [m]."""
+"""Distance before the place where the movements meet at which a crossing vehicle is let pass [m]."""
 SIDE = 0.35
 """Room to the side of the own body that must be free [m]."""
 NEAR = 0.1
 """Room around the own body that a standing vehicle must leave where the own body sweeps past [m]: the rear axle errs by less."""
 ACROSS = 0.7
-"""Who moves at more than 45 degrees to the own heading crosses the way: cosine of that angle."""
+"""Cosine of 45 degrees: a vehicle that moves at a larger angle to the own heading crosses the way."""
 LEEWAY = 0.5
-"""Time left between who crosses leaving a place and the own arrival there [s]."""
+"""Time between the moment when a crossing vehicle leaves a place and the own arrival there [s]."""
 
 
 class Stopping:
-    """Brakes for a stop in the entrance zone, evenly; remembers that it has begun.
+    """Brakes evenly for a stop in the entrance zone, and remembers that braking has begun.
 
     Where a vehicle in the entrance zone would be in the way of others, the stop is farther from the line, see `stand_back`.
     """
@@ -74,7 +74,7 @@ class Stopping:
     def __init__(self) -> None:
         self._braking = False
         self.back = STAND_OFF
-        """Where to stop before the stopping line [m]."""
+        """Distance of the place to stop before the stopping line [m]."""
 
     def reset(self) -> None:
         """Forget the stop: the way is free."""
@@ -84,8 +84,8 @@ class Stopping:
         """Return the acceleration that a stop needs now [m/s^2].
 
         Returns:
-            A positive limit while it is too early to brake; inf when it is too late to stop before the junction; -inf to
-            hold the vehicle.
+            A positive limit while braking is too early; inf when a stop before the junction is no longer possible; -inf to hold
+            the vehicle.
         """
         me, vehicle = seen.me, seen.vehicle
         line = seen.itinerary.line - me.station
@@ -96,7 +96,7 @@ class Stopping:
             return -math.inf
         needed = _needed(me.speed, distance)
         if not self._braking:
-            # The drive goes on for its lag when the throttle is released, and the brake comes late by its own.
+            # After the throttle is released the drive goes on for its lag, and the brake acts after its own lag.
             speed = me.speed + max(me.acceleration, 0.0) * vehicle.drive_lag
             ahead = distance - speed * vehicle.brake_lag
             if needed <= FIRM and _needed(speed, ahead) < COMFORT:
@@ -110,7 +110,7 @@ class Stopping:
         urgent = _needed(me.speed, -me.station)
         if urgent > most:
             return math.inf
-        # The brake's lag eats the reserve of a late stop, so that one begins with all there is.
+        # The brake's lag uses up the reserve of a late stop, so a late stop begins with the full brake.
         return -full if urgent > URGENT * most else -min(needed, full)
 
 
@@ -122,7 +122,7 @@ def can_stop(seen: Observation, deceleration: float) -> bool:
 
 
 def behind_leader(seen: Observation) -> float:
-    """Return the acceleration [m/s^2] that keeps the distance to whoever drives ahead into the same exit; inf if nobody."""
+    """Return the acceleration [m/s^2] that keeps the distance to vehicles ahead into the same exit; inf without any."""
     me, itinerary = seen.me, seen.itinerary
     remaining = itinerary.length - me.station
     least = math.inf
@@ -138,23 +138,23 @@ def behind_leader(seen: Observation) -> float:
 
 
 def clear_of_crossing(seen: Observation) -> float:
-    """Return the acceleration [m/s^2] that lets a crossing vehicle pass which is first at the place; inf if none is.
+    """Return the acceleration [m/s^2] that lets crossing vehicles pass that are first at the place; inf without any.
 
-    Both in the junction already: whoever comes to the common place later stops before it. Who drives into the same exit is
-    followed instead.
+    Both vehicles are in the junction. The vehicle that comes to the common place later stops before the place. Vehicles that
+    drive into the same exit are followed instead.
     """
     me = seen.me
     least = math.inf
     for k, other in enumerate(seen.others):
         if other.zone is not JUNCTION:
             continue
-        for found in conflicts(seen, other):
-            place = found.mine.start
-            if found.merges or me.station >= place or other.station - other.length >= found.yours.end:
+        for shared in conflicts(seen, other):
+            place = shared.mine.start
+            if shared.merges or me.station >= place or other.station - other.length >= shared.yours.end:
                 continue
-            mine = (place - me.station) / max(me.speed, 1.0)
-            theirs = max(found.yours.start - other.station, 0.0) / max(other.speed, 1.0)
-            if theirs < mine or (theirs == mine and k < seen.created):
+            own_time = (place - me.station) / max(me.speed, 1.0)
+            other_time = max(shared.yours.start - other.station, 0.0) / max(other.speed, 1.0)
+            if other_time < own_time or (other_time == own_time and k < seen.created):
                 least = min(least, stop_before(me.speed, place - BEFORE - me.station))
     return least
 
@@ -167,13 +167,13 @@ def behind(seen: Observation, leader: VehicleState) -> float:
 
 
 def clear_of_bodies(seen: Observation, track: Track, followed: VehicleState | None = None, *, foresees: bool = False) -> float:
-    """Return the acceleration [m/s^2] that stops before a body that is in the way on `track`; inf if none is.
+    """Return the acceleration [m/s^2] that stops before a body that is in the way on `track`; inf without any.
 
     Args:
-        seen: what there is.
+        seen: the observation.
         track: the own way.
         followed: a vehicle that is left out here, since `behind` keeps the distance to it.
-        foresees: count on who crosses the way to have left it in time.
+        foresees: whether to drive on if a crossing vehicle will have left the way in time.
     """
     me = seen.me
     x, y, heading, speed = me.x, me.y, me.heading, me.speed
@@ -183,7 +183,7 @@ def clear_of_bodies(seen: Observation, track: Track, followed: VehicleState | No
     for other in seen.others:
         dx, dy = other.x - x, other.y - y
         far = reach + other.length
-        # Cheap first: most others are nowhere near, or behind.
+        # The cheap comparison comes first: most other vehicles are far away or behind.
         if dx * dx + dy * dy < far * far and dx * cos + dy * sin > 0.0:
             if other is followed:
                 continue
@@ -198,7 +198,7 @@ def clear_of_bodies(seen: Observation, track: Track, followed: VehicleState | No
 
 
 def clear_of_standing(seen: Observation, track: Track) -> float:
-    """Return the acceleration [m/s^2] that stops before the sweeping own body touches a standing one; inf if none is."""
+    """Return the acceleration [m/s^2] that stops before the sweeping own body touches a standing body; inf without any."""
     me, least = seen.me, math.inf
     reach = 3.0 + me.speed * (REACTION + me.speed / (2.0 * FOLLOW))
     for other in seen.others:
@@ -234,9 +234,9 @@ def no_room(seen: Observation, track: Track) -> bool:
 def held_back(seen: Observation) -> float:
     """Return how far before its line the own vehicle should stand to leave room for others, see `stand_back` [m].
 
-    While a vehicle passes that needs more room, the distance is longer.
+    The distance is longer while a vehicle passes that needs more room.
     """
-    junction, mine = seen.junction, seen.me.entrance
+    junction, entrance = seen.junction, seen.me.entrance
     passing = (
         way.key
         for other in seen.others
@@ -244,8 +244,8 @@ def held_back(seen: Observation) -> float:
         for way in junction.by_turn[other.entrance, other.turn]
         if other.station - other.length < way.length
     )
-    needed = (leaves_room(junction, mine, key) for key in passing)
-    return max(STAND_OFF, stand_back(junction, mine), *(back for back in needed if back < math.inf))
+    needed = (leaves_room(junction, entrance, key) for key in passing)
+    return max(STAND_OFF, stand_back(junction, entrance), *(back for back in needed if back < math.inf))
 
 
 def _gone_by(speed: float, gap: float, other: VehicleState, along: float) -> bool:
@@ -299,12 +299,12 @@ def _touch(axle: Pose, back: float, me: VehicleState, other: VehicleState) -> bo
     x, y = (other.x - axle.x) * cos + (other.y - axle.y) * sin - ahead, (other.y - axle.y) * cos - (other.x - axle.x) * sin
     across, along = abs(math.sin(turned)), abs(math.cos(turned))
     x, y = x - math.cos(turned) * other.length / 2.0, y - math.sin(turned) * other.length / 2.0
-    mine, theirs = (me.length / 2.0 + NEAR, me.width / 2.0 + NEAR), (other.length / 2.0, other.width / 2.0)
+    own_size, other_size = (me.length / 2.0 + NEAR, me.width / 2.0 + NEAR), (other.length / 2.0, other.width / 2.0)
     return (
-        abs(x) < mine[0] + theirs[0] * along + theirs[1] * across
-        and abs(y) < mine[1] + theirs[0] * across + theirs[1] * along
-        and abs(x * math.cos(turned) + y * math.sin(turned)) < theirs[0] + mine[0] * along + mine[1] * across
-        and abs(y * math.cos(turned) - x * math.sin(turned)) < theirs[1] + mine[0] * across + mine[1] * along
+        abs(x) < own_size[0] + other_size[0] * along + other_size[1] * across
+        and abs(y) < own_size[1] + other_size[0] * across + other_size[1] * along
+        and abs(x * math.cos(turned) + y * math.sin(turned)) < other_size[0] + own_size[0] * along + own_size[1] * across
+        and abs(y * math.cos(turned) - x * math.sin(turned)) < other_size[1] + own_size[0] * across + own_size[1] * along
     )
 
 

@@ -13,20 +13,20 @@ from pytest_rvads.runs.states import ENTRANCE, JUNCTION, Colour
 __all__ = ["HOLD", "PATIENCE", "PATIENCE_STEP", "WAIVER", "StopSign"]
 
 HOLD = 0.5
-"""How long to stand at the sign, at least [s]."""
+"""Shortest stand at the sign [s]."""
 PATIENCE, PATIENCE_STEP = 1.0, 0.7
-"""How long the first one waits where everybody has to wait for somebody, and how much longer each next one [s]; also how long
-the next one waits for the first to make use of its turn. Next is who was created next, so that rotating a scenario changes
-nothing."""
+"""Where every vehicle has to wait for another: how long the first vehicle waits, and how much longer each next vehicle [s].
+The next vehicle waits as long for the first vehicle to use its turn. Vehicles follow in the order of their creation, so that a
+rotation of the scenario changes nothing."""
 WAIVER = 3.5
 """How long a driver waits for a standing vehicle that may go first [s]: after 3 s that vehicle has waived its right."""
 
 
 class StopSign:
-    """Stops, waits for its turn, and enters when nobody else is in the junction.
+    """Stops, waits for its turn, and enters when no other vehicle is in the junction.
 
     Args:
-        tie: see `Queue`; no longer than `HOLD`, so that whoever ties is there when the own turn is worked out [s].
+        tie: see `Queue`; no longer than `HOLD`, so that simultaneous arrivals are known when the turn is computed [s].
     """
 
     def __init__(self, tie: float = 0.0) -> None:
@@ -46,18 +46,18 @@ class StopSign:
             self._stood_since = seen.time
         if self._stood_since is None or seen.time - self._stood_since < HOLD:
             return False
-        # Also when it is already on its way: whoever goes out of turn is let in, not met in the junction; of two that set off at
-        # once the farther one goes on.
-        mine = (me.station, -seen.created) if self._queue.setting_off(me) else (-math.inf, 0)
+        # A vehicle that goes out of turn is let in even if the own vehicle has set off. Of two vehicles that set off at once the
+        # vehicle that has come farther goes on.
+        own_rank = (me.station, -seen.created) if self._queue.setting_off(me) else (-math.inf, 0)
         for k, other in enumerate(seen.others):
-            if other.zone is JUNCTION or (self._queue.setting_off(other) and (other.station, -k) > mine):
+            if other.zone is JUNCTION or (self._queue.setting_off(other) and (other.station, -k) > own_rank):
                 self._released, self._stuck_since = False, None
                 return False
         self._released = self._released or self._my_turn(seen)
         return self._released
 
     def _my_turn(self, seen: Observation) -> bool:
-        # Where only some entrances have lights, they are obeyed as well.
+        # Where only some entrances have lights, the lights are obeyed as well.
         if seen.lights[seen.me.entrance] in (Colour.RED, Colour.YELLOW):
             return False
         entrance = seen.me.entrance

@@ -1,4 +1,4 @@
-"""Drives what an autopilot asked for when that is no control: a target speed, an acceleration, a trajectory."""
+"""The tracking controller, which turns target speeds, accelerations and trajectories into controls."""
 
 from __future__ import annotations
 
@@ -6,18 +6,17 @@ import math
 from bisect import bisect_right
 from itertools import pairwise
 
-from pytest_rvads.drivers.follower import Follower
+from pytest_rvads.drivers.follower import Follower, lookahead, pursue
 from pytest_rvads.drivers.interface import Acceleration, Command, Control, Observation, TargetSpeed, Trajectory
-from pytest_rvads.drivers.pursuit import lookahead, pursue
 
 __all__ = ["PLACE_GAIN", "SPEED_GAIN", "Tracker"]
 
 PLACE_GAIN, SPEED_GAIN = 1.5, 2.5
 """Acceleration per metre behind [1/s^2] and per m/s too slow [1/s]: a critically damped pair."""
 _SHORT = 0.05
-"""Points nearer to each other than this give no direction [m]."""
+"""Least distance between two points that give a direction [m]."""
 _STOP = 0.05
-"""Slower than this at the end of a trajectory, a vehicle stands [m/s]."""
+"""A vehicle slower than this at the end of a trajectory stands [m/s]."""
 
 
 class Tracker:
@@ -47,13 +46,15 @@ class Tracker:
             self._last, self._line = command, _Line(command)
         line, me, vehicle = self._line, seen.me, seen.vehicle
         place, speed = line.at(seen.time)
-        here = line.project(me.x, me.y)
-        if speed <= _STOP and me.speed < 0.3 and place - here < _STOP:
+        station = line.project(me.x, me.y)
+        if speed <= _STOP and me.speed < 0.3 and place - station < _STOP:
             return self._follower.drive(seen, -math.inf)
         soon = line.at(seen.time + vehicle.drive_lag)[1]
-        wanted = (soon - speed) / vehicle.drive_lag + PLACE_GAIN * (place - here) + SPEED_GAIN * (speed - me.speed)
-        x, y = line.point(here - vehicle.rear_axle_offset + lookahead(me.speed))
-        return self._follower.drive(seen, wanted)._replace(steering=pursue(me, vehicle.rear_axle_offset, vehicle.wheelbase, x, y))
+        acceleration = (soon - speed) / vehicle.drive_lag + PLACE_GAIN * (place - station) + SPEED_GAIN * (speed - me.speed)
+        x, y = line.point(station - vehicle.rear_axle_offset + lookahead(me.speed))
+        return self._follower.drive(seen, acceleration)._replace(
+            steering=pursue(me, vehicle.rear_axle_offset, vehicle.wheelbase, x, y)
+        )
 
 
 class _Line:
@@ -72,7 +73,7 @@ class _Line:
                 self._corners.append((arc, x, y))
 
     def at(self, time: float) -> tuple[float, float]:
-        """Return arc length [m] and speed [m/s] at a time [s]; beyond the last point it stands."""
+        """Return arc length [m] and speed [m/s] at a time [s]; the speed is 0 from the last point on."""
         times, arcs = self._times, self._arcs
         if time >= times[-1]:
             return arcs[-1], 0.0
@@ -82,20 +83,20 @@ class _Line:
 
     def project(self, x: float, y: float) -> float:
         """Return the arc length of the nearest point of the polyline, also before its start [m]."""
-        best, found = math.inf, 0.0
+        least_distance, nearest = math.inf, 0.0
         corners = self._corners
         for k, ((a, ax, ay), (b, bx, by)) in enumerate(pairwise(corners)):
             along = ((x - ax) * (bx - ax) + (y - ay) * (by - ay)) / (b - a)
             along = min(along, b - a) if k < len(corners) - 2 else along
             along = max(along, 0.0) if k else along
             share = along / (b - a)
-            far = math.hypot(x - ax - share * (bx - ax), y - ay - share * (by - ay))
-            if far < best:
-                best, found = far, a + along
-        return found
+            distance = math.hypot(x - ax - share * (bx - ax), y - ay - share * (by - ay))
+            if distance < least_distance:
+                least_distance, nearest = distance, a + along
+        return nearest
 
     def point(self, arc: float) -> tuple[float, float]:
-        """Return the point at an arc length [m]; straight on beyond the ends, the one point where there is no direction."""
+        """Return the point at an arc length [m], straight on beyond the ends; a line without direction has a single point."""
         corners = self._corners
         if len(corners) == 1:
             return corners[0][1:]

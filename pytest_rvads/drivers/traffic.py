@@ -5,20 +5,36 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import partial
 
-from pytest_rvads.drivers.interface import Factory
+from pytest_rvads.drivers.interface import Autopilot, Command, Factory, Observation
 from pytest_rvads.drivers.lgsvl import LgsvlLike
 from pytest_rvads.drivers.naming import in_ids
 from pytest_rvads.drivers.policies import Hesitant, LateYielder, RedLightRunner, Stopped
 from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.drivers.rolling import RollingStop
-from pytest_rvads.drivers.sumo_driver import SumoDriver
 from pytest_rvads.logic.conduct.standing import TIE
-from pytest_rvads.support.errors import ScenarioError, suggest
+from pytest_rvads.support.errors import AutopilotError, ScenarioError, suggest
 
-__all__ = ["DEFAULT", "EVERYWHERE", "POLICIES", "Policy", "policy_name", "traffic"]
+__all__ = ["DEFAULT", "EVERYWHERE", "POLICIES", "Policy", "SumoDriver", "policy_name", "traffic"]
+
+
+class SumoDriver(Autopilot):
+    """SUMO's own car-following and junction models, which drive in the simulator ``sumo`` only."""
+
+    label = "sumo"
+
+    def control(self, _seen: Observation) -> Command:
+        """Raise an error, because SUMO moves its vehicles by itself.
+
+        Raises:
+            AutopilotError: always.
+        """
+        raise AutopilotError(
+            "SUMO's driver drives in the simulator sumo alone: add --rvads-simulator sumo, and name rvads.SumoDriver itself"
+        )
+
 
 DEFAULT = "reference"
-"""The policy where none is named; ids leave it out."""
+"""Name of the default policy, which ids leave out."""
 POLICIES: dict[str, Factory] = {
     "reference": partial(Reference, tie=TIE),
     "hesitant": partial(Hesitant, tie=TIE),
@@ -29,7 +45,7 @@ POLICIES: dict[str, Factory] = {
     "lgsvl": LgsvlLike,
     "sumo": SumoDriver,
 }
-"""What can be named where traffic is asked for."""
+"""The traffic policies by name."""
 EVERYWHERE = tuple(name for name, factory in POLICIES.items() if factory is not SumoDriver)
 """Names of the policies that drive in every simulator."""
 
@@ -45,10 +61,10 @@ class Policy:
 
     @classmethod
     def of(cls, what: str | Factory) -> Policy:
-        """Return the policy of that name, or one of an autopilot or traffic system of your own.
+        """Return the policy of that name, or the policy of a user's autopilot or traffic system.
 
         Raises:
-            ScenarioError: no such name, or nothing that can be called.
+            ScenarioError: no policy has this name, or the object can't be called.
         """
         if isinstance(what, str):
             return cls(what, traffic(what))
@@ -59,7 +75,7 @@ class Policy:
 
 def policy_name(factory: Factory) -> str:
     """Return the name of a policy for ids: the key in `POLICIES`, or the name of the factory."""
-    return next((name for name, known in POLICIES.items() if known is factory), "") or in_ids(factory)
+    return next((name for name, policy in POLICIES.items() if policy is factory), "") or in_ids(factory)
 
 
 def traffic(name: str, what: str = "traffic") -> Factory:

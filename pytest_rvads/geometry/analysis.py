@@ -130,15 +130,15 @@ def cut(graph: MetricGraph, id: str) -> Cut:
     pairs, arms = _ends(graph, paths, direct)
     if len(whole) == len(paths):
         return Cut(id, tuple(paths), pairs, arms)
-    fewer, rest = _ends(graph, whole, direct)
-    if {(bool(a.entrances), a.ends) for a in rest} != {(bool(a.entrances), a.ends) for a in arms}:
+    whole_pairs, whole_arms = _ends(graph, whole, direct)
+    if {(bool(a.entrances), a.ends) for a in whole_arms} != {(bool(a.entrances), a.ends) for a in arms}:
         return Cut(id, tuple(paths), pairs, arms)
-    worst, (one, two) = max(gaps)
+    worst, (lane, next_lane) = max(gaps)
     message = (
-        f"{len(paths) - len(whole)} of {len(paths)} movements of junction {id!r} are left out: lanes {one} and {two} are linked "
-        f"but {worst:.2f} m apart"
+        f"{len(paths) - len(whole)} of {len(paths)} movements of junction {id!r} are left out: lanes {lane} and {next_lane} are "
+        f"linked but {worst:.2f} m apart"
     )
-    return Cut(id, tuple(whole), fewer, rest, (message,))
+    return Cut(id, tuple(whole), whole_pairs, whole_arms, (message,))
 
 
 def _ends(
@@ -190,22 +190,22 @@ def analyse(
         for path in paths
     ]
     ways.sort(key=lambda way: (way.entrance, way.exit, way.length, way.path.edges))
-    kept = [way for way in ways if uturns or entrances[way.entrance].arm != exits[way.exit].arm]
+    movements = [way for way in ways if uturns or entrances[way.entrance].arm != exits[way.exit].arm]
     left_hand = any(road in network.left_hand for arm in arms for road, _ in arm.ends)
-    here = [[item for item in objects if item.edge == end.edge] for end in entrances]
-    signs = signs_of([{item.kind for item in items} for items in here])
+    objects_of_entrances = [[item for item in objects if item.edge == end.edge] for end in entrances]
+    signs = signs_of([{item.kind for item in items} for items in objects_of_entrances])
     # A junction with more arms than the model allows may have thousands of turns, whose priorities mean nothing.
     turns = turns_of_arms(arms, entrances, exits, ways) if len(arms) <= MOST else {}
     opposite, right_of = opposite_pairs(turns), right_of_pairs(turns, left_hand=left_hand)
-    reason = unusable(graph, id, arms, kept, pairs)
+    reason = unusable(graph, id, arms, movements, pairs)
     warnings = []
     if reason is None:
         warnings = [MapWarning(Doubt.GAP, message, None, id) for message in cut.left_out]
-        if len(kept) < len(ways):
-            count = len(ways) - len(kept)
+        if len(movements) < len(ways):
+            count = len(ways) - len(movements)
             message = f"{plural(count, 'U-turn')} of junction {id!r} {'is' if count == 1 else 'are'} left out"
             warnings.append(MapWarning(Doubt.TABLE, message, None, id))
-        doubts = _doubts(id, kept, entrances, exits, signs, right_of)
+        doubts = _doubts(id, movements, entrances, exits, signs, right_of)
         warnings += [MapWarning(kind, message, None, id) for kind, message in doubts]
     walks = [walk(graph, end.edge, upstream=True, joints=joints) for end in entrances]
     return JunctionReport(
@@ -213,17 +213,23 @@ def analyse(
         arms=arms,
         entrances=entrances,
         exits=exits,
-        movements=tuple(kept),
+        movements=tuple(movements),
         signs=signs,
         reason=reason,
         approach=tuple(math.fsum(graph.edges[edge].length for edge in edges) for edges in walks),
         right_of=right_of,
         opposite=opposite,
-        phase_groups=_phases(network, entrances, opposite, here, _arrows_across(kept, here, left_hand=left_hand)),
-        setbacks=tuple(map(setback_of, here)),
-        sign_setbacks=tuple(map(sign_setback_of, here)),
-        stated=_stated(network, id, kept, graph),
-        joining=_joining(kept, graph),
+        phase_groups=_phases(
+            network,
+            entrances,
+            opposite,
+            objects_of_entrances,
+            _arrows_across(movements, objects_of_entrances, left_hand=left_hand),
+        ),
+        setbacks=tuple(map(setback_of, objects_of_entrances)),
+        sign_setbacks=tuple(map(sign_setback_of, objects_of_entrances)),
+        stated=_stated(network, id, movements, graph),
+        joining=_joining(movements, graph),
         objects=tuple(objects),
         left_hand=left_hand,
         warnings=tuple(warnings),
@@ -235,20 +241,20 @@ def lifted(pairs: Pairs, entrances: Sequence[LaneEnd]) -> Pairs:
     table: dict[int, list[int]] = {}
     for number, end in enumerate(entrances):
         table.setdefault(end.arm, []).append(number)
-    return frozenset((a, b) for one, two in pairs for a in table.get(one, ()) for b in table.get(two, ()))
+    return frozenset((a, b) for arm, other_arm in pairs for a in table.get(arm, ()) for b in table.get(other_arm, ()))
 
 
 def turns_of_arms(
     arms: Sequence[RoadArm], entrances: Sequence[LaneEnd], exits: Sequence[LaneEnd], ways: Sequence[Route]
 ) -> dict[tuple[int, int], Turn]:
     """Return the turn from every arm to every other arm: the turn of its first movement, else from the directions of the arms."""
-    found: dict[tuple[int, int], Turn] = {}
+    turns: dict[tuple[int, int], Turn] = {}
     for way in ways:
-        found.setdefault((entrances[way.entrance].arm, exits[way.exit].arm), way.turn)
-    for (one, here), (two, there) in permutations(enumerate(arms), 2):
-        if (one, two) not in found:
-            found[one, two] = Turn.of(math.remainder(there.outward - here.outward - math.pi, math.tau))
-    return found
+        turns.setdefault((entrances[way.entrance].arm, exits[way.exit].arm), way.turn)
+    for (arm_number, arm), (other_number, other_arm) in permutations(enumerate(arms), 2):
+        if (arm_number, other_number) not in turns:
+            turns[arm_number, other_number] = Turn.of(math.remainder(other_arm.outward - arm.outward - math.pi, math.tau))
+    return turns
 
 
 def _lanes(edges: Sequence[Sequence[str]]) -> tuple[LaneEnd, ...]:
@@ -262,12 +268,12 @@ def right_of_pairs(turns: dict[tuple[int, int], Turn], *, left_hand: bool) -> Pa
     and a left movement from v2 do. If traffic keeps left, right and left change places.
     """
     near, far = (Turn.LEFT, Turn.RIGHT) if left_hand else (Turn.RIGHT, Turn.LEFT)
-    wanted = {(near, Turn.STRAIGHT), (Turn.STRAIGHT, far)}
+    right_of_turns = {(near, Turn.STRAIGHT), (Turn.STRAIGHT, far)}
     return frozenset(
         (v1, v2)
-        for (v1, exit1), one in turns.items()
-        for (v2, exit2), two in turns.items()
-        if exit1 == exit2 and v1 != v2 and (one, two) in wanted
+        for (v1, exit1), turn1 in turns.items()
+        for (v2, exit2), turn2 in turns.items()
+        if exit1 == exit2 and v1 != v2 and (turn1, turn2) in right_of_turns
     )
 
 
@@ -282,7 +288,7 @@ def _phases(
     network: Network,
     entrances: Sequence[LaneEnd],
     opposite: Pairs,
-    here: Sequence[Sequence[MapObject]],
+    objects: Sequence[Sequence[MapObject]],
     protected: Collection[int],
 ) -> tuple[frozenset[int], ...]:
     """Return the groups of entrances with lights that have green together.
@@ -291,46 +297,46 @@ def _phases(
         network: the network of the map.
         entrances: the entrances of the junction.
         opposite: pairs of opposite arms.
-        here: per entrance, its signs and lights.
+        objects: per entrance, its signs and lights.
         protected: entrances with an arrow for the turn across oncoming traffic only.
     """
-    signs = signs_of([{item.kind for item in items} for items in here])
+    signs = signs_of([{item.kind for item in items} for items in objects])
     lit = [number for number, sign in enumerate(signs) if sign is Sign.LIGHTS]
     lights: dict[str, set[int]] = {}
     for k, number in enumerate(lit):
-        for item in here[number]:
+        for item in objects[number]:
             if item.kind is ObjectKind.LIGHT:
                 lights.setdefault(item.id, set()).add(k)
     controllers = [frozenset(e for signal in signals for e in lights.get(signal, ())) for signals in network.controllers]
     facing = lifted(opposite, [entrances[number] for number in lit])
-    arrows = {k for k, number in enumerate(lit) if number in protected and any(k == one for one, _ in facing)}
+    arrows = {k for k, number in enumerate(lit) if number in protected and any(k == entrance for entrance, _ in facing)}
     groups = phase_groups([entrances[number].arm for number in lit], facing, controllers, arrows)
     return tuple(frozenset(lit[k] for k in group) for group in groups)
 
 
-def _arrows_across(ways: Sequence[Route], here: Sequence[Sequence[MapObject]], *, left_hand: bool) -> frozenset[int]:
+def _arrows_across(ways: Sequence[Route], objects: Sequence[Sequence[MapObject]], *, left_hand: bool) -> frozenset[int]:
     """Return the entrances whose lights are arrows for the turn across oncoming traffic, and that allow no other movement."""
     across = {Turn.RIGHT if left_hand else Turn.LEFT}
-    found = set()
-    for number, items in enumerate(here):
+    across_only = set()
+    for number, items in enumerate(objects):
         arrows = {item.arrows for item in items if item.kind is ObjectKind.LIGHT}
         if arrows == {frozenset(across)} and {way.turn for way in ways if way.entrance == number} == across:
-            found.add(number)
-    return frozenset(found)
+            across_only.add(number)
+    return frozenset(across_only)
 
 
 def _stated(network: Network, id: str, ways: Sequence[Route], graph: MetricGraph) -> frozenset[tuple[Key, Key]]:
     """Return the pairs of movements of which, by the priorities of roads in the file, the first gives way to the second."""
-    found = set()
+    pairs = set()
     for high, low in network.junctions[id].priorities:
         roads = [(way, {graph.edges[edge].road for edge in (way.path.entrance, *way.path.edges)}) for way in ways]
-        found |= {
-            ((one.entrance, one.exit), (two.entrance, two.exit))
-            for one, yielding in roads
-            for two, prior in roads
-            if low in yielding and high in prior and one.entrance != two.entrance
+        pairs |= {
+            ((way.entrance, way.exit), (other.entrance, other.exit))
+            for way, yielding in roads
+            for other, prior in roads
+            if low in yielding and high in prior and way.entrance != other.entrance
         }
-    return frozenset(found - {(two, one) for one, two in found})
+    return frozenset(pairs - {(b, a) for a, b in pairs})
 
 
 def _joining(ways: Sequence[Route], graph: MetricGraph) -> frozenset[tuple[Key, Key]]:
@@ -345,7 +351,7 @@ def _joining(ways: Sequence[Route], graph: MetricGraph) -> frozenset[tuple[Key, 
         return not any(edge.joins for edge in edges), edges[0].road in graph.network.motorways
 
     ranks = {(way.entrance, way.exit): rank(way) for way in reversed(ways)}  # the shortest of several comes first
-    return frozenset((one, two) for one, two in permutations(ranks, 2) if one[1] == two[1] and ranks[one] < ranks[two])
+    return frozenset((a, b) for a, b in permutations(ranks, 2) if a[1] == b[1] and ranks[a] < ranks[b])
 
 
 def _doubts(
@@ -370,9 +376,9 @@ def _doubts(
         yield Doubt.TABLE, message
     if control_of(signs) is JunctionControl.PARTIAL:
         bare = [f"e{i}" for i, sign in enumerate(signs) if sign is Sign.NONE]
-        what = (
+        fault = (
             f"entrances {', '.join(bare)} of junction {id!r} have no sign or light"
             if bare
             else f"the entrances of junction {id!r} mix signs and lights"
         )
-        yield Doubt.SIGNAL, f"{what}, so its control is partial"
+        yield Doubt.SIGNAL, f"{fault}, so its control is partial"

@@ -61,25 +61,25 @@ def arms_of(graph: MetricGraph, pairs: Sequence[tuple[str, str]]) -> tuple[RoadA
     """
     entering: dict[RoadEnd, list[Edge]] = {}
     leaving: dict[RoadEnd, list[Edge]] = {}
-    for id in dict.fromkeys(one for one, _ in pairs):
+    for id in dict.fromkeys(entrance for entrance, _ in pairs):
         entering.setdefault(graph.edges[id].head, []).append(graph.edges[id])
-    for id in dict.fromkeys(two for _, two in pairs):
+    for id in dict.fromkeys(exit for _, exit in pairs):
         leaving.setdefault(graph.edges[id].tail, []).append(graph.edges[id])
     left_hand = graph.network.left_hand
     arms = [_arm((end,), entering[end], leaving[end], left_hand) for end in entering if end in leaving]
     only_in = [end for end in entering if end not in leaving]
     only_out = [end for end in leaving if end not in entering]
     costs = sorted(
-        (cost, one, two)
-        for one in (only_in if len(only_in) * len(only_out) <= _MOST_PAIRS else ())
-        for two in only_out
-        if (cost := _beside(graph, entering[one][0], leaving[two][0])) is not None
+        (cost, end_in, end_out)
+        for end_in in (only_in if len(only_in) * len(only_out) <= _MOST_PAIRS else ())
+        for end_out in only_out
+        if (cost := _beside(graph, entering[end_in][0], leaving[end_out][0])) is not None
     )
-    for _, one, two in costs:
-        if one in only_in and two in only_out:
-            only_in.remove(one)
-            only_out.remove(two)
-            arms.append(_arm((one, two), entering[one], leaving[two], left_hand))
+    for _, end_in, end_out in costs:
+        if end_in in only_in and end_out in only_out:
+            only_in.remove(end_in)
+            only_out.remove(end_out)
+            arms.append(_arm((end_in, end_out), entering[end_in], leaving[end_out], left_hand))
     arms += [_arm((end,), entering[end], [], left_hand) for end in only_in]
     arms += [_arm((end,), [], leaving[end], left_hand) for end in only_out]
     return tuple(arms)
@@ -144,8 +144,8 @@ def _beside(graph: MetricGraph, entrance: Edge, exit: Edge) -> float | None:
 
     Two one-way streets may begin next to each other and lead apart; the two sides of a dual carriageway run side by side.
     """
-    distance, angle, left = facing(entrance, exit)
-    if angle > _FACING or distance > _BESIDE or left is (entrance.road in graph.network.left_hand):
+    distance, angle, on_left = facing(entrance, exit)
+    if angle > _FACING or distance > _BESIDE or on_left is (entrance.road in graph.network.left_hand):
         return None
     apart = math.remainder(_away(graph, entrance, upstream=True) - _away(graph, exit, upstream=False), math.tau)
     return None if abs(apart) > _ALONGSIDE else distance + _PER_DEGREE * math.degrees(angle)
@@ -154,6 +154,6 @@ def _beside(graph: MetricGraph, entrance: Edge, exit: Edge) -> float | None:
 def _away(graph: MetricGraph, edge: Edge, *, upstream: bool) -> float:
     """Return the direction from the junction to a point `_FURTHER_OUT` along a road, or to the end of a shorter road [rad]."""
     points = np.vstack([graph.edges[id].points[:: -1 if upstream else 1] for id in walk(graph, edge.id, upstream=upstream)])
-    far = np.hypot(*(points - points[0]).T) >= _FURTHER_OUT
-    x, y = points[int(far.argmax()) if far.any() else -1] - points[0]
+    far_enough = np.hypot(*(points - points[0]).T) >= _FURTHER_OUT
+    x, y = points[int(far_enough.argmax()) if far_enough.any() else -1] - points[0]
     return math.atan2(y, x)

@@ -84,7 +84,7 @@ def choose(
     Raises:
         MapError: the map is unreadable, an id is unknown or unusable, or no usable junction fits.
     """
-    return choose_among(((one, map) for one in _texts(wanted)), kinds=kinds, limit=limit, seed=seed)
+    return choose_among(((text, map) for text in _texts(wanted)), kinds=kinds, limit=limit, seed=seed)
 
 
 def choose_among(
@@ -93,24 +93,26 @@ def choose_among(
     """Return the requested junctions, given as pairs of text and map; see `choose` for the other arguments."""
     if limit is not None and (isinstance(limit, bool) or not isinstance(limit, int) or limit < 1):
         raise MapError(f"limit must be a whole number of junctions, 1 or more, got {limit!r}")
-    asked = list(wanted)
-    if not asked:
+    requests = list(wanted)
+    if not requests:
         raise MapError(f"no junction was asked for: name some, or take {EVERY!r} for all of a map")
-    found: dict[tuple[Map, str], _Candidate] = {}
+    candidates: dict[tuple[Map, str], _Candidate] = {}
     refused: dict[tuple[Map, str], Refused] = {}
-    for text, map in asked:
-        for one in _named(text, map, kinds, refused):
-            found.setdefault((one.map, one.id), one)
-    if not found:
-        raise MapError(f"none of {', '.join(repr(text) for text, _ in asked)} is of the kinds asked for ({kinds}): name others")
+    for text, map in requests:
+        for candidate in _candidates_of(text, map, kinds, refused):
+            candidates.setdefault((candidate.map, candidate.id), candidate)
+    if not candidates:
+        raise MapError(
+            f"none of {', '.join(repr(text) for text, _ in requests)} is of the kinds asked for ({kinds}): name others"
+        )
     junctions = []
-    for one in found.values():
+    for candidate in candidates.values():
         try:
-            junctions.append(_offered(one))
+            junctions.append(_junction_of(candidate))
         except MapError as error:
-            if one.alone:
+            if candidate.alone:
                 raise
-            refused[one.map, one.id] = _refused(one, str(error))
+            refused[candidate.map, candidate.id] = _refusal(candidate, str(error))
     if not junctions:
         raise MapError(f"no junction asked for can be used, the first of them: {next(iter(refused.values())).reason}")
     drawn = some(junctions, limit, seed)
@@ -131,19 +133,21 @@ def _texts(wanted: str | Iterable[str]) -> tuple[str, ...]:
     return texts
 
 
-def _refused(one: _Candidate, reason: str) -> Refused:
-    control = one.report.control.value if one.report.entrances else ""
-    return Refused(one.id, None if one.map is None else os.fspath(one.map), one.report.ways, control, reason)
+def _refusal(candidate: _Candidate, reason: str) -> Refused:
+    control = candidate.report.control.value if candidate.report.entrances else ""
+    return Refused(
+        candidate.id, None if candidate.map is None else os.fspath(candidate.map), candidate.report.ways, control, reason
+    )
 
 
-def _offered(one: _Candidate) -> Junction:
+def _junction_of(candidate: _Candidate) -> Junction:
     """Return a junction that was named itself, or whose ways meet.
 
     Raises:
         MapError: the roads of the junction can't be joined, which only cutting shows, or no two of its ways meet.
     """
-    place = find(one.id, one.map)
-    if place.kind is JunctionKind.CONFLICT_FREE and not one.alone:
+    place = find(candidate.id, candidate.map)
+    if place.kind is JunctionKind.CONFLICT_FREE and not candidate.alone:
         raise MapError(_FREE)
     return place
 
@@ -152,7 +156,7 @@ def _kind(junction: Junction) -> tuple[str, ...]:
     return (f"{junction.ways}-way {junction.control.value}",)
 
 
-def _named(text: str, map: Map, kinds: Kinds | None, refused: dict[tuple[Map, str], Refused]) -> Iterator[_Candidate]:
+def _candidates_of(text: str, map: Map, kinds: Kinds | None, refused: dict[tuple[Map, str], Refused]) -> Iterator[_Candidate]:
     """Yield the junctions of the given kinds that a text denotes; unusable junctions are added to `refused`."""
     if map is None:
         chosen = names() if text == EVERY else (find(text).name,)
@@ -168,14 +172,14 @@ def _named(text: str, map: Map, kinds: Kinds | None, refused: dict[tuple[Map, st
         if kinds is None or kinds.fit(report):
             yield _Candidate(map, report.id, report, alone=True)
         return
-    both, some = [type, *([kinds] if kinds else [])], False
+    all_kinds, any_fits = [type, *([kinds] if kinds else [])], False
     for report in road_map.junctions:
-        one = _Candidate(map, report.id, report, alone=False)
-        if all(kind.fit(report) for kind in both):
-            some = True
-            yield one
-        elif report.reason is not None and all(kind.match(report) for kind in both):
-            refused[map, report.id] = _refused(one, report.reason)
-    if not some:
-        told = f"{text!r}{f' and is of the kinds asked for ({kinds})' if kinds else ''}"
-        raise MapError(f"map file {map} has no usable junction that fits {told}; {offer(road_map)}")
+        candidate = _Candidate(map, report.id, report, alone=False)
+        if all(kind.fit(report) for kind in all_kinds):
+            any_fits = True
+            yield candidate
+        elif report.reason is not None and all(kind.match(report) for kind in all_kinds):
+            refused[map, report.id] = _refusal(candidate, report.reason)
+    if not any_fits:
+        request = f"{text!r}{f' and is of the kinds asked for ({kinds})' if kinds else ''}"
+        raise MapError(f"map file {map} has no usable junction that fits {request}; {offer(road_map)}")

@@ -34,10 +34,10 @@ def clustered(graph: MetricGraph) -> MetricGraph:
 def _names(network: Network) -> dict[str, str]:
     """Return, per junction of a cluster, the name of the cluster: the ids of its junctions in file order."""
     beside = nx.Graph()
-    for one, two in network.links.edges:
-        here, there = network.edges[one].junction, network.edges[two].junction
-        if here is not None and there is not None and here != there:
-            beside.add_edge(here, there)
+    for edge, next_edge in network.links.edges:
+        junction, next_junction = network.edges[edge].junction, network.edges[next_edge].junction
+        if junction is not None and next_junction is not None and junction != next_junction:
+            beside.add_edge(junction, next_junction)
     order = {id: k for k, id in enumerate(network.junctions)}
     clusters = [sorted(group, key=order.__getitem__) for group in nx.connected_components(beside)]
     return {id: "+".join(group) for group in clusters for id in group}

@@ -113,25 +113,28 @@ def stretches(ways: Mapping[Key, Line]) -> dict[tuple[Key, Key], Shared]:
     lines = [_sample(line) for line in ways.values()]
     widths = np.array([line.width for line in ways.values()])
     boxes = np.array([(*points.min(axis=0), *points.max(axis=0)) for _, points in lines]).reshape(-1, 4)
-    found = {}
-    for i, (one, (along, first)) in enumerate(zip(keys, lines, strict=True)):
+    shared = {}
+    for i, (key, (along, own_points)) in enumerate(zip(keys, lines, strict=True)):
         # Most ways of a junction with many lanes are far apart; comparing their boxes is cheaper than comparing their lines.
         reach = (widths[i] + widths) / 2
         near_boxes = np.all(
             (boxes[:, :2] < boxes[i, 2:] + reach[:, None]) & (boxes[:, 2:] > boxes[i, :2] - reach[:, None]), axis=1
         )
         for k in near_boxes.nonzero()[0]:
-            two, (across, second) = keys[k], lines[k]
-            if one[0] >= two[0]:
+            other_key, (across, other_points) = keys[k], lines[k]
+            if key[0] >= other_key[0]:
                 continue
-            apart = first[:, None] - second[None]
+            apart = own_points[:, None] - other_points[None]
             near = np.einsum("ijk,ijk->ij", apart, apart) < float(reach[k]) ** 2
-            here, there = along[near.any(axis=1)], across[near.any(axis=0)]
-            if len(here):
-                mine, yours = Stretch(float(here[0]), float(here[-1])), Stretch(float(there[0]), float(there[-1]))
-                merges = one[1] == two[1]
-                found[one, two], found[two, one] = Shared(mine, yours, merges), Shared(yours, mine, merges)
-    return found
+            own_stations, other_stations = along[near.any(axis=1)], across[near.any(axis=0)]
+            if len(own_stations):
+                mine, yours = (
+                    Stretch(float(own_stations[0]), float(own_stations[-1])),
+                    Stretch(float(other_stations[0]), float(other_stations[-1])),
+                )
+                merges = key[1] == other_key[1]
+                shared[key, other_key], shared[other_key, key] = Shared(mine, yours, merges), Shared(yours, mine, merges)
+    return shared
 
 
 def _sample(line: Line) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

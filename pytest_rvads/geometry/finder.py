@@ -42,16 +42,16 @@ def find(junction: str, map: str | os.PathLike[str] | None = None) -> Junction:
         MapError: the junction is unknown or unusable, the map is unreadable, or no junction has this type.
     """
     require(junction, str, "find takes the name, id or type of a junction as a text, such as 'stop4'", MapError)
-    wanted = Kinds.parse(junction)
+    kinds = Kinds.parse(junction)
     if map is None:
-        return _builtin(junction, wanted)
+        return _builtin(junction, kinds)
     road_map, key = _load(map)
-    known = any(report.id == junction for report in road_map.junctions)
-    if not known and (place := _PLACE.fullmatch(junction.strip())):
+    is_id = any(report.id == junction for report in road_map.junctions)
+    if not is_id and (place := _PLACE.fullmatch(junction.strip())):
         return nearest(map, _coordinate(place["x"]), _coordinate(place["y"]))
     id = junction
-    if wanted and not known:
-        id = _first(road_map, junction, wanted)
+    if kinds and not is_id:
+        id = _first_fitting(road_map, junction, kinds)
     return _junction(road_map, key, id, name_of(map, id))
 
 
@@ -116,9 +116,9 @@ def offer(road_map: RoadMap) -> str:
 
 
 @lru_cache
-def _builtin(junction: str, wanted: Kinds | None) -> Junction:
+def _builtin(junction: str, kinds: Kinds | None) -> Junction:
     """Return a built-in junction; unlike a user's file, its file is not checked for changes."""
-    if wanted is None:
+    if kinds is None:
         if junction not in LAYOUTS:
             raise MapError(
                 f"unknown junction {junction!r}: the built-in ones are {', '.join(LAYOUTS)}, "
@@ -130,7 +130,7 @@ def _builtin(junction: str, wanted: Kinds | None) -> Junction:
     for name in candidates:
         road_map, key = _load(path_of(name))
         report = road_map.junctions[0]
-        if wanted is None or wanted.fit(report):
+        if kinds is None or kinds.fit(report):
             return replace(_junction(road_map, key, report.id, name), map=None)
     raise MapError(
         f"no built-in junction fits {junction!r}: they are {', '.join(LAYOUTS)}, with 120 m of approach; give a map file"
@@ -163,8 +163,8 @@ def _coordinate(text: str) -> float:
         raise MapError(f"{text!r} is no coordinate, expected two numbers such as in 'nearest to 52, 149'") from None
 
 
-def _first(road_map: RoadMap, text: str, wanted: Kinds) -> str:
+def _first_fitting(road_map: RoadMap, text: str, kinds: Kinds) -> str:
     for report in road_map.junctions:
-        if wanted.fit(report):
+        if kinds.fit(report):
             return report.id
     raise MapError(f"map file {road_map.path} has no usable junction that fits {text!r}; {offer(road_map)}")

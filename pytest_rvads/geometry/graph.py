@@ -81,8 +81,8 @@ class MetricGraph:
         """The metric graph: nodes are names of vertices; an edge has its segment's id as key and the length [m] as ``weight``."""
         # Links identify lane ends: a vertex is a class of linked lane ends, named after the first lane that ends or starts there.
         classes = nx.utils.UnionFind((id, end) for id in self.edges for end in ("start", "end"))
-        for one, two in chain(self.links.edges, *(junction.direct for junction in network.junctions.values())):
-            classes.union((one, "end"), (two, "start"))
+        for lane, next_lane in chain(self.links.edges, *(junction.direct for junction in network.junctions.values())):
+            classes.union((lane, "end"), (next_lane, "start"))
         names: dict[tuple[str, str], str] = {}
         self._inside: dict[str, list[str]] = {}
         for id, edge in self.edges.items():

@@ -300,8 +300,8 @@ class Junction:
     @cached_property
     def tight(self) -> Mapping[Key, float]:
         """Least radius [m] of the movements on which no path of the rear axle keeps a usual car in its lane."""
-        found = {key: no_way(course, CAR) for key in self.movements if (course := self._course(key)) is not None}
-        return MappingProxyType({key: narrow.radius for key, narrow in found.items() if narrow is not None})
+        bends = {key: no_way(course, CAR) for key in self.movements if (course := self._course(key)) is not None}
+        return MappingProxyType({key: narrow.radius for key, narrow in bends.items() if narrow is not None})
 
     def _course(self, key: Key) -> Course | None:
         """Return the centre line from the approach to the exit road of a movement; None if the centre line is not known."""
@@ -314,7 +314,7 @@ class Junction:
 
     @cached_property
     def yields(self) -> Mapping[tuple[Key, Key], Reason] | None:
-        """Pairs (one, other) of conflicting ways of which the first gives way to the second, with the reason.
+        """Pairs of conflicting ways of which the first gives way to the second, with the reason.
 
         Two ways with lights that never have green together are no pair, because the light decides. If it can't be decided which
         of two movements gives way, both orders of the two are pairs, with the reason ``undecided``. None without centre lines.
@@ -335,12 +335,12 @@ class Junction:
         )
         phases = [start.phase if start.sign is Sign.LIGHTS else None for start in self.starts]
         at_once = (
-            (one, other)
-            for one, other in sorted(self.conflicts)
-            if None in (phases[one[0]], phases[other[0]]) or phases[one[0]] == phases[other[0]]
+            (way, other_way)
+            for way, other_way in sorted(self.conflicts)
+            if None in (phases[way[0]], phases[other_way[0]]) or phases[way[0]] == phases[other_way[0]]
         )
-        found = ((pair, precedence.why(*pair)) for pair in at_once)
-        return MappingProxyType({pair: reason for pair, reason in found if reason is not None})
+        reasons = ((pair, precedence.why(*pair)) for pair in at_once)
+        return MappingProxyType({pair: reason for pair, reason in reasons if reason is not None})
 
     @cached_property
     def by_direction(self) -> Mapping[tuple[int, int], Movement]:
@@ -349,13 +349,13 @@ class Junction:
         Direction ``n`` is the U-turn. If several exits of one arm can be reached, ``j`` leads to the exit nearest to the kerb,
         ``j + n`` to the next exit, and so on.
         """
-        found: dict[tuple[int, int], Movement] = {}
+        table: dict[tuple[int, int], Movement] = {}
         for (entrance, exit), movement in sorted(self.movements.items()):
             direction = (self.exits[exit].arm - self.entrances[entrance].arm) % self.ways or self.ways
-            while (entrance, direction) in found:
+            while (entrance, direction) in table:
                 direction += self.ways
-            found[entrance, direction] = movement
-        return MappingProxyType(found)
+            table[entrance, direction] = movement
+        return MappingProxyType(table)
 
     @cached_property
     def entex(self) -> frozenset[tuple[int, int]]:
@@ -372,7 +372,7 @@ class Junction:
     @cached_property
     def digest(self) -> str:
         """SHA-256 of everything that a run or a verdict can depend on, including signs and centre lines, without names."""
-        found = hashlib.sha256()
+        sha = hashlib.sha256()
         entrances = [(e.arm, e.lane, e.sign, e.phase, e.setback) for e in self.entrances]
         exits = [(e.arm, e.lane) for e in self.exits]
         ways = sorted((m.entrance, m.exit, m.turn, m.length) for m in self.movements.values())
@@ -388,15 +388,15 @@ class Junction:
             ]
         }
         rare = [item for item in (signs, sorted(self.stated), joining, limits if any(limits) else None, further) if item]
-        found.update(json.dumps([entrances, exits, ways, relations, self.left_hand, self.drivable, *rare]).encode())
+        sha.update(json.dumps([entrances, exits, ways, relations, self.left_hand, self.drivable, *rare]).encode())
         if self.drivable:
-            found.update(json.dumps([self.lane_width, [len(line.points) for line in self._lines]]).encode())
+            sha.update(json.dumps([self.lane_width, [len(line.points) for line in self._lines]]).encode())
             for line in self._lines:
-                found.update(line.points.tobytes())
+                sha.update(line.points.tobytes())
             for way, start, end in self.further:
                 for beside in (start.approach, way.path, end.road):
-                    found.update(b"-" if beside is None else beside.points.tobytes())
-        return found.hexdigest()
+                    sha.update(b"-" if beside is None else beside.points.tobytes())
+        return sha.hexdigest()
 
     def leads(self, entrance: int, direction: int) -> Movement:
         """Return the movement from `entrance` into symbolic direction `direction`, see `by_direction`.
@@ -406,10 +406,10 @@ class Junction:
         """
         movement = self.by_direction.get((entrance, direction))
         if movement is None:
-            known = ", ".join(map(str, self.directions(entrance)))
+            directions = ", ".join(map(str, self.directions(entrance)))
             raise ScenarioError(
                 f"direction {direction} is none of entrance {entrance} of junction {self.name!r}, its movements lead into "
-                f"{known or 'none'}"
+                f"{directions or 'none'}"
             )
         return movement
 
@@ -428,15 +428,15 @@ class Junction:
 
         Turns may change: rotating a T is a symmetry in the paper's sense (section 5.2).
         """
-        found = []
+        symmetries = []
         for arms in range(self.ways):
             images = self.image(arms)
             if images is not None:
                 entrances, exits = images
                 same = all(lane.sign is self.entrances[entrances[k]].sign for k, lane in enumerate(self.entrances))
                 if same and {(entrances[a], exits[b]) for a, b in self.movements} == self.movements.keys():
-                    found.append(arms)
-        return tuple(found)
+                    symmetries.append(arms)
+        return tuple(symmetries)
 
     def image(self, arms: int) -> tuple[tuple[int, ...], tuple[int, ...]] | None:
         """Return the images of entrances and exits when every arm moves on by `arms`; None if a lane has no image."""

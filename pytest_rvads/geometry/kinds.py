@@ -35,22 +35,22 @@ class Kinds:
     """Least length of approaches, from the previous junction to the stopping line [m]."""
 
     @classmethod
-    def of(cls, asked: Mapping[str, Any]) -> Kinds:
+    def of(cls, properties: Mapping[str, Any]) -> Kinds:
         """Return kinds from words: ``{"control": ["stop", "lights"], "arms": 4, "approach": 40}``, one value or several.
 
         Raises:
             MapError: a key is unknown, or a value that no junction can have is given.
         """
-        require(asked, Mapping, "kinds of junctions are a dict such as {'control': 'stop', 'arms': (3, 4)}", MapError)
-        for key in asked:
+        require(properties, Mapping, "kinds of junctions are a dict such as {'control': 'stop', 'arms': (3, 4)}", MapError)
+        for key in properties:
             if key not in _KEYS:
                 hint = suggest(key, _KEYS) if isinstance(key, str) else ""
                 raise MapError(f"kinds of junctions are told by {', '.join(_KEYS)}, got {key!r}{hint}")
-        if not asked:
+        if not properties:
             raise MapError(f"kinds of junctions are empty: tell them by {', '.join(_KEYS)}, or leave them out")
-        controls, approach = tuple(JunctionControl), asked.get("approach", 0.0)
-        control = _several("control", asked, controls, f"one or several of {', '.join(controls)}")
-        arms = _several("arms", asked, range(FEWEST, MOST + 1), f"numbers from {FEWEST} to {MOST}, one or several")
+        controls, approach = tuple(JunctionControl), properties.get("approach", 0.0)
+        control = _values_of("control", properties, controls, f"one or several of {', '.join(controls)}")
+        arms = _values_of("arms", properties, range(FEWEST, MOST + 1), f"numbers from {FEWEST} to {MOST}, one or several")
         if isinstance(approach, bool) or not isinstance(approach, int | float) or not 0 <= approach < math.inf:
             raise MapError(f"approach of kinds of junctions must be a length in metres, 0 or more, got {approach!r}")
         return cls(tuple(map(JunctionControl, control)), tuple(map(int, arms)), float(approach))
@@ -61,8 +61,8 @@ class Kinds:
         match = _TYPE.fullmatch(text.strip())
         if match is None:
             return None
-        said = match["control"].lower()
-        control = next((kind for kind in JunctionControl if kind.value.removesuffix("s") in said), JunctionControl.NONE)
+        control_text = match["control"].lower()
+        control = next((kind for kind in JunctionControl if kind.value.removesuffix("s") in control_text), JunctionControl.NONE)
         return cls((control,), (int(match["ways"]),), float(match["approach"] or 0.0))
 
     def match(self, report: JunctionReport) -> bool:
@@ -76,17 +76,17 @@ class Kinds:
         return report.usable and self.match(report) and report.usable_from >= self.approach
 
     def __str__(self) -> str:
-        said = [" or ".join(self.control)] if self.control else []
-        said += [f"{' or '.join(map(str, self.arms))} arms"] if self.arms else []
-        return ", ".join([*said, *([f"{self.approach:g} m of approach"] if self.approach else [])])
+        parts = [" or ".join(self.control)] if self.control else []
+        parts += [f"{' or '.join(map(str, self.arms))} arms"] if self.arms else []
+        return ", ".join([*parts, *([f"{self.approach:g} m of approach"] if self.approach else [])])
 
 
-def _several(key: str, asked: Mapping[str, Any], known: Iterable[Any], expected: str) -> tuple[Any, ...]:
+def _values_of(key: str, properties: Mapping[str, Any], allowed: Iterable[Any], expected: str) -> tuple[Any, ...]:
     """Return the values under a key as a tuple; empty if the key is missing."""
-    if key not in asked:
+    if key not in properties:
         return ()
-    value, known = asked[key], tuple(known)
+    value, allowed = properties[key], tuple(allowed)
     values = tuple(value) if isinstance(value, Iterable) and not isinstance(value, str) else (value,)
-    if not values or any(isinstance(one, bool) or one not in known for one in values):
+    if not values or any(isinstance(item, bool) or item not in allowed for item in values):
         raise MapError(f"{key} of kinds of junctions must be {expected}, got {value!r}")
     return values

@@ -55,16 +55,16 @@ def paths_of(graph: MetricGraph, junction: str) -> list[Path]:
         MapError: the lanes of the junction branch so often that the junction can be no intersection.
     """
     edges, links, inside = graph.edges, graph.links, dict.fromkeys(graph.inside(junction))
-    starts = dict.fromkeys(one for id in inside for one in links.pred[id] if one not in inside)
+    starts = dict.fromkeys(lane for id in inside for lane in links.pred[id] if lane not in inside)
     # The junction's part of the line graph. An edge outside may lead both in and out, if a road returns.
     cut = nx.DiGraph()
-    for one in (*starts, *inside):
-        for two in links.succ[one]:
-            if two in inside:
-                cut.add_edge((one, "inside" if one in inside else "in"), (two, "inside"), weight=edges[two].length)
-            elif one in inside:
-                cut.add_edge((one, "inside"), (two, "out"), weight=0.0)
-    found: list[Path] = []
+    for lane in (*starts, *inside):
+        for next_lane in links.succ[lane]:
+            if next_lane in inside:
+                cut.add_edge((lane, "inside" if lane in inside else "in"), (next_lane, "inside"), weight=edges[next_lane].length)
+            elif lane in inside:
+                cut.add_edge((lane, "inside"), (next_lane, "out"), weight=0.0)
+    all_paths: list[Path] = []
     steps = 0
     for start in starts:
         before, length = nx.dijkstra_predecessor_and_distance(cut, (start, "in"))
@@ -81,8 +81,8 @@ def paths_of(graph: MetricGraph, junction: str) -> list[Path]:
                     way.append(before[way[-1]][0])
                 ids = tuple(id for id, _ in way[-2:0:-1])
                 paths.append(Path(start, end[0], ids, length[end], math.fsum(edges[id].turning for id in ids)))
-        found += sorted(paths, key=lambda path: path.edges)
-    return found
+        all_paths += sorted(paths, key=lambda path: path.edges)
+    return all_paths
 
 
 def walk(graph: MetricGraph, start: str, *, upstream: bool, joints: Container[str] = ()) -> list[str]:
@@ -103,14 +103,15 @@ def walk(graph: MetricGraph, start: str, *, upstream: bool, joints: Container[st
     way = [start]
     seen = {start}
     while True:
-        here = graph.edges[way[-1]]
-        choices = [graph.edges[id] for id in onward[here.id]]
+        last_edge = graph.edges[way[-1]]
+        choices = [graph.edges[id] for id in onward[last_edge.id]]
         if any(choice.junction is not None and choice.junction not in joints for choice in choices):
             return way
         bends = [
             (bend, choice.id)
             for choice in choices
-            if choice.id not in seen and (bend := _bend(*((choice, here) if upstream else (here, choice)))).gap <= GAP_LIMIT
+            if choice.id not in seen
+            and (bend := _bend(*((choice, last_edge) if upstream else (last_edge, choice)))).gap <= GAP_LIMIT
         ]
         if not bends:
             return way
@@ -130,7 +131,7 @@ class _Bend(NamedTuple):
     ids: tuple[str, str]
 
 
-def _bend(one: Edge, two: Edge) -> _Bend:
-    turn = abs(math.remainder(two.start_heading - one.end_heading, math.tau))
-    inside = math.fsum(edge.length for edge in (one, two) if edge.junction is not None)
-    return _Bend(round(turn, 3), math.dist(one.points[-1], two.points[0]), inside, (one.id, two.id))
+def _bend(edge_before: Edge, edge_after: Edge) -> _Bend:
+    turn = abs(math.remainder(edge_after.start_heading - edge_before.end_heading, math.tau))
+    inside = math.fsum(edge.length for edge in (edge_before, edge_after) if edge.junction is not None)
+    return _Bend(round(turn, 3), math.dist(edge_before.points[-1], edge_after.points[0]), inside, (edge_before.id, edge_after.id))

@@ -122,13 +122,13 @@ class Locator:
         return [place for _, place in sorted(best.values(), key=lambda entry: (entry[0], entry[1].position.segment))]
 
 
-def _cells_between(one: Sequence[float], two: Sequence[float]) -> set[tuple[int, int]]:
+def _cells_between(start: Sequence[float], end: Sequence[float]) -> set[tuple[int, int]]:
     """Return the cells that a straight piece passes, sampled densely enough to include a neighbour of each passed cell."""
-    steps = max(1, math.ceil(math.dist(one, two) / (_CELL / 2)))
+    steps = max(1, math.ceil(math.dist(start, end) / (_CELL / 2)))
     return {
         (
-            math.floor((one[0] + (two[0] - one[0]) * k / steps) / _CELL),
-            math.floor((one[1] + (two[1] - one[1]) * k / steps) / _CELL),
+            math.floor((start[0] + (end[0] - start[0]) * k / steps) / _CELL),
+            math.floor((start[1] + (end[1] - start[1]) * k / steps) / _CELL),
         )
         for k in range(steps + 1)
     }

@@ -1,12 +1,12 @@
-"""A map file as the model reads it: metric graph, junctions and warnings."""
+"""Map files: the reader of each format, and the content of a file as the model reads it (metric graph, junctions, warnings)."""
 
 from __future__ import annotations
 
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -15,19 +15,21 @@ from pytest_rvads.geometry.arms import RoadArm
 from pytest_rvads.geometry.clusters import clustered
 from pytest_rvads.geometry.conflicts import Key
 from pytest_rvads.geometry.control import MapObject, sign_of_arm
-from pytest_rvads.geometry.formats import read_file
 from pytest_rvads.geometry.graph import MetricGraph
 from pytest_rvads.geometry.junction import Entrance, Exit, Junction, Movement
-from pytest_rvads.geometry.network import Doubt, Edge, MapWarning
+from pytest_rvads.geometry.network import Doubt, Edge, MapWarning, Network
+from pytest_rvads.geometry.opendrive.builder import read_network
 from pytest_rvads.geometry.paths import walk
 from pytest_rvads.geometry.projection import Locator, Track
 from pytest_rvads.geometry.segment import Segment, join
 from pytest_rvads.geometry.turn_words import turn_word
 from pytest_rvads.geometry.yielding import Reason
+from pytest_rvads.support.entrypoints import entries, load
 from pytest_rvads.support.errors import MapError, suggest
 from pytest_rvads.support.wording import plural
 
-__all__ = ["WALK_LIMIT", "RoadMap", "describe", "read_map"]
+__all__ = ["READERS", "WALK_LIMIT", "RoadMap", "describe", "read_file", "read_map"]
+
 
 WALK_LIMIT = 600.0
 """Longest part of an approach or exit road that becomes geometry [m]."""
@@ -91,7 +93,12 @@ class RoadMap:
             MapError: no junction has this id.
         """
         pairs = [(arm.entrances, arm.exits) for arm in self.report(id).arms]
-        return {self.graph.ends(one)[1]: self.graph.ends(twos[0])[0] for ones, twos in pairs if twos for one in ones}
+        return {
+            self.graph.ends(entrance)[1]: self.graph.ends(exits[0])[0]
+            for entrances, exits in pairs
+            if exits
+            for entrance in entrances
+        }
 
     def report(self, id: str) -> JunctionReport:
         """Return the report of junction `id`.
@@ -162,13 +169,13 @@ class RoadMap:
 
     def _road(self, start: str, *, upstream: bool) -> Segment:
         """Join the segments of a walk into one segment, cut to `WALK_LIMIT`."""
-        total, kept = 0.0, []
+        total, parts = 0.0, []
         for id in self.walk(start, upstream=upstream):
-            kept.append(self.graph.segment(id))
+            parts.append(self.graph.segment(id))
             total += self.graph.edges[id].length
             if total >= WALK_LIMIT:
                 break
-        segment = self._joined(kept[::-1] if upstream else kept)
+        segment = self._joined(parts[::-1] if upstream else parts)
         if segment.length <= WALK_LIMIT:
             return segment
         return segment.tail(WALK_LIMIT) if upstream else segment.head(WALK_LIMIT)
@@ -207,6 +214,34 @@ def read_map(path: str | os.PathLike[str], *, uturns: bool = False, clusters: bo
     return RoadMap(str(path), graph, reports, warnings, joints)
 
 
+Reader = Callable[[str | os.PathLike[str]], Network]
+
+
+def _read_by_entry_point(name: str, path: str | os.PathLike[str]) -> Network:
+    """Read a map file with the reader of entry point `name`."""
+    network: Network = load("maps", name)(path)
+    return network
+
+
+READERS: dict[str, Reader] = {
+    ".xodr": read_network,
+    **{f".{name}": partial(_read_by_entry_point, name) for name in entries("maps")},
+}
+"""Per suffix, in lower case, a reader, which raises MapError for a file that it can't read.
+
+Formats of other packages are entry points ``rvads.maps``, named by the suffix.
+"""
+
+
+def read_file(path: str | os.PathLike[str]) -> Network:
+    """Return the network of a map file; a file with an unknown suffix is read as OpenDRIVE.
+
+    Raises:
+        MapError: the file cannot be used at all; the message is one sentence.
+    """
+    return READERS.get(Path(str(path)).suffix.lower(), read_network)(path)
+
+
 def describe(road_map: RoadMap) -> dict[str, Any]:
     """Return the JSON object of ``rvads map FILE --json``, as builtins."""
     return {
@@ -219,10 +254,10 @@ def describe(road_map: RoadMap) -> dict[str, Any]:
 def _bend(id: str, tight: Mapping[Key, float]) -> str:
     """Return the warning about the movements of a junction on which no car keeps its lane; it names the tightest movement."""
     entrance, exit = min(tight, key=tight.__getitem__)
-    rest = f"; nor on {plural(len(tight) - 1, 'more movement')}" if len(tight) > 1 else ""
+    more = f"; nor on {plural(len(tight) - 1, 'more movement')}" if len(tight) > 1 else ""
     return (
         f"no path of its rear axle keeps a usual car in its lane on the movement from entrance {entrance} to exit {exit} of "
-        f"junction {id!r}, which bends with a radius of {tight[entrance, exit]:.1f} m{rest}"
+        f"junction {id!r}, which bends with a radius of {tight[entrance, exit]:.1f} m{more}"
     )
 
 
@@ -269,9 +304,13 @@ def _describe(report: JunctionReport, junction: Junction | None, edges: Mapping[
             }
             for way in report.movements
         ],
-        "conflicts": sorted([numbers[one], numbers[two]] for one, two in conflicts if numbers[one] < numbers[two]),
-        "yields": sorted([numbers[one], numbers[two]] for one, two in yields.keys() - undecided),
-        "undecided": sorted([numbers[one], numbers[two]] for one, two in undecided if numbers[one] < numbers[two]),
+        "conflicts": sorted(
+            [numbers[key], numbers[other_key]] for key, other_key in conflicts if numbers[key] < numbers[other_key]
+        ),
+        "yields": sorted([numbers[key], numbers[other_key]] for key, other_key in yields.keys() - undecided),
+        "undecided": sorted(
+            [numbers[key], numbers[other_key]] for key, other_key in undecided if numbers[key] < numbers[other_key]
+        ),
         "approach": [round(min(report.approach[k] for k in by_arm[i]), 4) for i in entering],
         "right_of": sorted([list(pair) for pair in report.right_of]),
         "opposite": sorted([list(pair) for pair in report.opposite]),

@@ -194,9 +194,9 @@ class Sweep:
 
     def curvature(self, points: Array) -> Array:
         """Return the curvature at every point but the first and the last [1/m]."""
-        one, two = points[1:-1] - points[:-2], points[2:] - points[1:-1]
-        cross = one[:, 0] * two[:, 1] - one[:, 1] * two[:, 0]
-        sizes = [np.hypot(*side.T) for side in (one, two, one + two)]
+        step, next_step = points[1:-1] - points[:-2], points[2:] - points[1:-1]
+        cross = step[:, 0] * next_step[:, 1] - step[:, 1] * next_step[:, 0]
+        sizes = [np.hypot(*side.T) for side in (step, next_step, step + next_step)]
         bend: Array = 2.0 * cross / (sizes[0] * sizes[1] * sizes[2])
         return bend
 

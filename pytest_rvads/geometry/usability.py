@@ -46,20 +46,20 @@ def unusable(
     entering = sum(bool(arm.entrances) for arm in arms)
     if entering < 2:
         return f"traffic enters it from {entering} of its {len(arms)} arms, and only junctions that two or more enter are usable"
-    return _of_gaps(graph, ways)
+    return _reason_of_gaps(graph, ways)
 
 
 def widest_gap(graph: MetricGraph, path: Path) -> tuple[float, tuple[str, str]]:
     """Return the widest gap between consecutive lanes of a path [m], and the two lanes."""
     gaps = []
-    for one, two in pairwise((path.entrance, *path.edges, path.exit)):
-        (x, y), (u, v) = graph.edges[one].points[-1], graph.edges[two].points[0]
-        gaps.append((math.hypot(u - x, v - y), (one, two)))
+    for lane, next_lane in pairwise((path.entrance, *path.edges, path.exit)):
+        (x, y), (u, v) = graph.edges[lane].points[-1], graph.edges[next_lane].points[0]
+        gaps.append((math.hypot(u - x, v - y), (lane, next_lane)))
     return max(gaps)
 
 
-def _of_gaps(graph: MetricGraph, ways: Sequence[Route]) -> str | None:
-    gap, (one, two) = max(widest_gap(graph, way.path) for way in ways)
+def _reason_of_gaps(graph: MetricGraph, ways: Sequence[Route]) -> str | None:
+    gap, (lane, next_lane) = max(widest_gap(graph, way.path) for way in ways)
     if gap <= GAP_LIMIT:
         return None
-    return f"lanes {one} and {two} are linked but {gap:.2f} m apart, expected at most {GAP_LIMIT:.1f} m"
+    return f"lanes {lane} and {next_lane} are linked but {gap:.2f} m apart, expected at most {GAP_LIMIT:.1f} m"

@@ -74,56 +74,60 @@ class Precedence:
     """Pairs of movements of which, according to the map, the first joins the second."""
     left_hand: bool
 
-    def why(self, one: Key, other: Key) -> Reason | None:
-        """Return the reason why an agent on way `one` gives way to an agent on way `other`, or None.
+    def why(self, key: Key, other_key: Key) -> Reason | None:
+        """Return the reason why an agent on way `key` gives way to an agent on way `other_key`, or None.
 
         Movements from two lanes of one arm never give way to each other here: the vehicle ahead goes first. Between a movement
         and a further way the map decides alone.
         """
-        if (one, other) in self.stated:
+        if (key, other_key) in self.stated:
             return Reason.STATED
-        mine, yours = one[0], other[0]
-        if (other, one) in self.stated or max(mine, yours) >= len(self.arms) or self.arms[mine] == self.arms[yours]:
+        entrance, other_entrance = key[0], other_key[0]
+        if (
+            (other_key, key) in self.stated
+            or max(entrance, other_entrance) >= len(self.arms)
+            or self.arms[entrance] == self.arms[other_entrance]
+        ):
             return None
-        ranks = _RANK[self.signs[mine]], _RANK[self.signs[yours]]
+        ranks = _RANK[self.signs[entrance]], _RANK[self.signs[other_entrance]]
         if ranks[0] != ranks[1]:
             return Reason.SIGN if ranks[0] < ranks[1] else None
-        if (mine, yours) in self.opposite:
-            if self._across(one) != self._across(other):
-                return Reason.TURN if self._across(one) else None
-            if self._across(one):
+        if (entrance, other_entrance) in self.opposite:
+            if self._across(key) != self._across(other_key):
+                return Reason.TURN if self._across(key) else None
+            if self._across(key):
                 return None
-        elif self.signs[mine] is self.signs[yours] is Sign.LIGHTS:
+        elif self.signs[entrance] is self.signs[other_entrance] is Sign.LIGHTS:
             return None
-        return self._among_equals(one, other)
+        return self._among_equals(key, other_key)
 
-    def _among_equals(self, one: Key, other: Key) -> Reason | None:
-        mine, yours = one[0], other[0]
+    def _among_equals(self, key: Key, other_key: Key) -> Reason | None:
+        entrance, other_entrance = key[0], other_key[0]
         if set(self.signs) != {Sign.STOP}:  # at an all-way stop, lanes that come together take turns like other lanes
-            if (one, other) in self.joining or (other, one) in self.joining:
-                return Reason.MERGE if (one, other) in self.joining else None
-            if abs(math.remainder(self.starts[yours].heading - self.starts[mine].heading, math.tau)) < _FLAT:
+            if (key, other_key) in self.joining or (other_key, key) in self.joining:
+                return Reason.MERGE if (key, other_key) in self.joining else None
+            if abs(math.remainder(self.starts[other_entrance].heading - self.starts[entrance].heading, math.tau)) < _FLAT:
                 return Reason.UNDECIDED
-        return Reason.RIGHT if self._from_right(mine, yours) else None
+        return Reason.RIGHT if self._from_right(entrance, other_entrance) else None
 
     def _across(self, key: Key) -> bool:
         return self.turns[key] is (Turn.RIGHT if self.left_hand else Turn.LEFT)
 
-    def _from_right(self, mine: int, yours: int) -> bool:
-        """Return whether entrance `yours` lies to the right of entrance `mine`; to the left, where traffic keeps left.
+    def _from_right(self, entrance: int, other_entrance: int) -> bool:
+        """Return whether `other_entrance` lies to the right of `entrance`; to the left, where traffic keeps left.
 
         The places of the entrances decide, if exactly one entrance lies to the right of the other. Two facing entrances may lie
         to the right of each other. Then the paper's relation decides, and without the relation the angle between the entrances.
         """
-        right = self._right_by_place(mine, yours)
-        if right != self._right_by_place(yours, mine):
+        right = self._right_by_place(entrance, other_entrance)
+        if right != self._right_by_place(other_entrance, entrance):
             return right != self.left_hand
-        if (yours, mine) in self.right_of or (mine, yours) in self.right_of:
-            return (yours, mine) in self.right_of
-        turned = (self.starts[yours].heading - self.starts[mine].heading) % math.tau
+        if (other_entrance, entrance) in self.right_of or (entrance, other_entrance) in self.right_of:
+            return (other_entrance, entrance) in self.right_of
+        turned = (self.starts[other_entrance].heading - self.starts[entrance].heading) % math.tau
         return (turned < math.pi - _AHEAD) != self.left_hand
 
-    def _right_by_place(self, mine: int, yours: int) -> bool:
-        """Return whether entrance `yours` lies to the right of the line along which traffic enters at `mine`."""
-        (x, y, heading), (u, v, _) = self.starts[mine], self.starts[yours]
+    def _right_by_place(self, entrance: int, other_entrance: int) -> bool:
+        """Return whether entrance `other_entrance` lies to the right of the line along which traffic enters at `entrance`."""
+        (x, y, heading), (u, v, _) = self.starts[entrance], self.starts[other_entrance]
         return math.sin(heading) * (u - x) - math.cos(heading) * (v - y) > 0.0

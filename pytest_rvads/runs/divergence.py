@@ -1,4 +1,4 @@
-"""Where two runs part: the first state and the first field in which they differ, bit for bit."""
+"""The divergence of two runs: the first state and the first field in which the runs differ, bit for bit."""
 
 from __future__ import annotations
 
@@ -15,43 +15,43 @@ __all__ = ["diverge"]
 
 
 def diverge(one: Run, other: Run) -> Divergence | None:
-    """Return the first difference between two runs, or None where they are the same, which their hashes tell.
+    """Return the first difference between two runs; None if the runs have the same hash.
 
-    What the runs are of comes first (label, step, vehicles), then the states in order of time, then how the runs end.
+    The properties of the runs come first (label, step, vehicles), then the states in order of time, then the ends of the runs.
     """
-    found = _unlike(
+    difference = _first_unlike_pair(
         label=(one.label, other.label),
         step=(one.dt, other.dt),
         vehicles=(_vehicles(one), _vehicles(other)),
         facts=(one.facts, other.facts),
         junction=(one.junction.digest[:12], other.junction.digest[:12]),
     )
-    if found:
-        return found
-    states = [d for field in ARRAYS if (d := _first(one, other, field))]
+    if difference:
+        return difference
+    states = [d for field in ARRAYS if (d := _first_difference(one, other, field))]
     if states:
         return min(states, key=lambda d: -1 if d.tick is None else d.tick)
-    return _unlike(
+    return _first_unlike_pair(
         length=(one.steps, other.steps),
         fault=(one.fault, other.fault),
         collisions=(one.collisions, other.collisions),
     )
 
 
-def _unlike(**pairs: tuple[object, object]) -> Divergence | None:
+def _first_unlike_pair(**pairs: tuple[object, object]) -> Divergence | None:
     """Return the first of some named pairs whose two values differ."""
     return next((Divergence(what, str(a), str(b)) for what, (a, b) in pairs.items() if a != b), None)
 
 
 _PARTS = {"pose": ("x", "y", "heading"), "controls": ("throttle", "brake", "steering")}
-_NAMED = {"zone": Zone, "lights": Colour}
+_ENUMS = {"zone": Zone, "lights": Colour}
 
 
 def _vehicles(run: Run) -> str:
     return " ".join(f"{a.name}:{a.entrance}->{a.exit}" for a in run.agents)
 
 
-def _first(one: Run, other: Run, field: str) -> Divergence | None:
+def _first_difference(one: Run, other: Run, field: str) -> Divergence | None:
     """Return the first difference in one field of the states."""
     a: NDArray[Any] | None = getattr(one, field)
     b: NDArray[Any] | None = getattr(other, field)
@@ -79,5 +79,5 @@ def _bits(values: NDArray[Any]) -> NDArray[np.integer[Any]]:
 
 
 def _value(field: str, value: Any) -> str:
-    kind = _NAMED.get(field)
+    kind = _ENUMS.get(field)
     return kind(int(value)).name.lower() if kind else repr(float(value))

@@ -22,9 +22,9 @@ from pytest_rvads.support.errors import MapError
 __all__ = ["ENTRANCE_ZONE", "LEAVE", "Itinerary", "itinerary"]
 
 ENTRANCE_ZONE = 1.0
-"""A vehicle is at the entrance from this far before the stopping line up to the entrance vertex [m]."""
+"""Distance before the stopping line at which the entrance zone begins, which ends at the entrance vertex [m]."""
 LEAVE = 15.0
-"""A vehicle has left when its reference point is this far down the exit road [m]."""
+"""Distance down the exit road from which on the reference point of a vehicle has left [m]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,7 +39,7 @@ class Itinerary:
     origin: float
     """Arc length of the entrance vertex on `path` [m]."""
     length: float
-    """Of the movement [m]."""
+    """Length of the movement [m]."""
     line: float
     """Station of the stopping line, 0 or negative [m]."""
     end: float = field(init=False)

@@ -1,4 +1,4 @@
-"""What is measured on a run, and where two runs part: values that reports hold as they are. Reading them loads no numpy."""
+"""The measurements of a run and the divergence of two runs, as values that reports hold; this module loads no numpy."""
 
 from __future__ import annotations
 
@@ -62,14 +62,15 @@ class Divergence(msgspec.Struct, frozen=True, omit_defaults=True):
     what: str
     """Field and vehicle, such as ``speed of a1``; or what else the runs do not share."""
     one: str = ""
+    """Value of the field in the first run."""
     other: str = ""
-    """Its value in either run."""
+    """Value of the field in the other run."""
     tick: int | None = None
-    """Index of the first state that differs; None where it is not the states."""
+    """Index of the first state that differs; None if no state differs."""
     time: float | None = None
-    """Of this state [s]."""
+    """Time of this state [s]."""
     text: str = ""
-    """The difference in a sentence, where the values do not tell it."""
+    """The difference as a sentence, if the values do not show it."""
 
     def __str__(self) -> str:
         if self.text:

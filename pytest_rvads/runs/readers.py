@@ -1,9 +1,11 @@
-"""Reading files of runs: the suffix of a file selects the reader; a further format is a line of the table below."""
+"""Finds and reads files of runs: the suffix of a file selects its reader in the table `READERS`."""
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Sequence
 from functools import partial
+from glob import glob
 from pathlib import Path
 
 from pytest_rvads.runs.archive import peek
@@ -14,7 +16,7 @@ from pytest_rvads.runs.runfile import load_run
 from pytest_rvads.support.entrypoints import entries, load
 from pytest_rvads.support.errors import RunError
 
-__all__ = ["READERS", "read_runs"]
+__all__ = ["READERS", "files_of", "matching", "read_runs"]
 
 
 def _read_npz(path: str | Path) -> Sequence[Run]:
@@ -59,3 +61,27 @@ def read_runs(path: str | Path) -> Sequence[Run]:
         fault = f"expected a file of runs ({', '.join(READERS)}), got one ending in {suffix or 'nothing'!r}"
         raise RunError(f"{path}: {fault}; rvads import makes a recording (.npz) of a log of tracks")
     return READERS[suffix](path)
+
+
+def files_of(path: Path) -> list[Path]:
+    """Return the files of runs in a folder and its subfolders, sorted, without hidden files; a path that is no folder itself."""
+    if not path.is_dir():
+        return [path]
+    run_files: list[Path] = []
+    for folder, subfolders, names in os.walk(path):
+        subfolders[:] = [name for name in subfolders if not name.startswith(".")]
+        files = (Path(folder, name) for name in names if not name.startswith("."))
+        run_files += [file for file in files if file.suffix.lower() in READERS and file.is_file()]
+    return sorted(run_files)
+
+
+def matching(pattern: str, folder: Path | None = None) -> list[Path]:
+    """Return the files that a pattern matches, sorted by match; a matched folder stands for its files of runs.
+
+    Args:
+        pattern: a glob pattern, in which ``**`` matches any number of folders.
+        folder: the folder in which the pattern is matched; None for the working directory.
+    """
+    base = folder or Path()
+    matches = sorted(base / name for name in glob(pattern, root_dir=folder, recursive=True))
+    return [file for match in matches for file in files_of(match)]

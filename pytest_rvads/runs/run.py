@@ -33,7 +33,7 @@ DT = 0.01
 ARRAYS = ("zone", "lights", "station", "speed", "pose", "controls")
 """The states."""
 FAULT, LATE = "fault", "late"
-"""Ends of runs in their provenance: a fault, and one because a limit of real time was over."""
+"""Ends of runs in their provenance: a fault, and a fault because a limit of real time was exceeded."""
 Positive = Annotated[float, Meta(gt=0.0, le=sys.float_info.max)]
 """A number above 0, finite; as run files have it."""
 
@@ -51,7 +51,7 @@ class Collision:
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """Why a run ended before its time: the verdict of every rule is then ERROR."""
+    """The reason why a run ended early: the verdict of every rule is then ERROR."""
 
     time: float
     """[s]."""
@@ -83,10 +83,10 @@ class Halt(RunError):
 
 @dataclass(frozen=True, slots=True)
 class Facts:
-    """What a verdict can depend on beside the states; part of a run's hash. What is not known is None.
+    """The facts beside the states on which a verdict can depend; part of a run's hash. An unknown fact is None.
 
     Raises:
-        RunError: what can't be one of these.
+        RunError: a value is not of the type of its fact.
     """
 
     subject: str | None = None
@@ -128,8 +128,8 @@ class Excerpt:
 class Run:
     """A run of the system: states every `dt` seconds, as arrays with one row per state.
 
-    Its arrays are its own, and neither they nor the keys of its provenance can be written to. What a recording does not hold is
-    None, never guessed.
+    A run holds copies of its arrays; the arrays and the keys of the provenance are read-only. A field that a recording does not
+    hold is None.
     """
 
     label: str
@@ -152,7 +152,7 @@ class Run:
     controls: NDArray[np.float64] | None = None
     """Throttle, brake, steering commanded in each step, shape ``(steps, agents, 3)``."""
     collisions: tuple[Collision, ...] | None = None
-    """None where nobody recorded them: they are then worked out from poses and sizes."""
+    """None if collisions were not recorded; they are then computed from poses and sizes."""
     fault: Fault | None = None
     facts: Facts = Facts()
     excerpt: Excerpt | None = None
@@ -217,15 +217,15 @@ class Run:
 
     @cached_property
     def entered(self) -> NDArray[np.int64]:
-        """First tick of every agent in the junction or beyond, shape ``(agents,)``; the number of states where there is none."""
-        there = self.zone >= Zone.JUNCTION
-        first = np.where(there.any(axis=0), there.argmax(axis=0), self.steps)
-        first.flags.writeable = False
-        return first
+        """First tick in the junction or beyond, shape ``(agents,)``; the number of states for an agent that never enters."""
+        beyond = self.zone >= Zone.JUNCTION
+        ticks = np.where(beyond.any(axis=0), beyond.argmax(axis=0), self.steps)
+        ticks.flags.writeable = False
+        return ticks
 
     @cached_property
     def facing(self) -> NDArray[np.int8]:
-        """Colour of the light at the entrance of every agent, shape ``(steps, agents)``; from its entry on, as it was then."""
+        """Colour of the light at each agent's entrance, shape ``(steps, agents)``; after the entry, the colour at the entry."""
         colours = self.lights[:, [agent.entrance for agent in self.agents]]
         tick = np.minimum(np.arange(self.steps)[:, None], self.entered)
         faced: NDArray[np.int8] = np.take_along_axis(colours, tick, axis=0)
@@ -252,21 +252,21 @@ class Run:
     @cached_property
     def hash(self) -> str:
         """SHA-256 over states, collisions, fault, agents, facts and junction: equal hashes mean runs that are judged alike."""
-        found = hashlib.sha256()
+        sha = hashlib.sha256()
         agents = [[a.name, a.way.key, a.kind, a.size] for a in self.agents]
-        # Hashes of usual cars stay what they were before facts told how vehicles steer.
+        # Facts about steering enter the hash only if a vehicle has them, so that runs of usual cars keep their hashes.
         facts = astuple(self.facts) if self.facts.turning else astuple(self.facts)[:-1]
         head = [self.label, self.dt, agents, facts, self.junction.digest]
         tail = None if self.collisions is None else [[c.time, *c.agents, c.speed] for c in self.collisions]
         fault = self.fault and [self.fault.time, self.fault.agent, self.fault.reason]
-        found.update(json.dumps([head, tail, fault]).encode())
+        sha.update(json.dumps([head, tail, fault]).encode())
         for array in (getattr(self, name) for name in ARRAYS):
-            found.update(b"-" if array is None else str(array.shape).encode() + np.ascontiguousarray(array).tobytes())
+            sha.update(b"-" if array is None else str(array.shape).encode() + np.ascontiguousarray(array).tobytes())
         if self.excerpt is not None:
-            found.update(json.dumps(astuple(self.excerpt)).encode())
+            sha.update(json.dumps(astuple(self.excerpt)).encode())
         if self.spread is not None:
-            found.update(np.ascontiguousarray(self.spread).tobytes())
-        return found.hexdigest()
+            sha.update(np.ascontiguousarray(self.spread).tobytes())
+        return sha.hexdigest()
 
     @property
     def start(self) -> float:
@@ -275,19 +275,19 @@ class Run:
 
     @cached_property
     def here(self) -> NDArray[np.bool_]:
-        """Who is in the run, neither absent nor gone, shape ``(steps, agents)``."""
-        there: NDArray[np.bool_] = (self.zone != Zone.GONE) & (self.zone != Zone.ABSENT)
-        there.flags.writeable = False
-        return there
+        """Whether every agent is in the run, neither absent nor gone, shape ``(steps, agents)``."""
+        present: NDArray[np.bool_] = (self.zone != Zone.GONE) & (self.zone != Zone.ABSENT)
+        present.flags.writeable = False
+        return present
 
     @cached_property
     def spans(self) -> NDArray[np.int64]:
-        """First tick of every agent in the run, and the one after its last, shape ``(agents, 2)``; both 0 if it never is."""
-        known = self.zone != Zone.ABSENT
-        last = np.where(known.any(axis=0), self.steps - known[::-1].argmax(axis=0), 0)
-        found = np.stack((known.argmax(axis=0), last), axis=1) if self.steps else np.zeros((len(self.agents), 2), np.int64)
-        found.flags.writeable = False
-        return found
+        """First tick of every agent and the tick after its last, shape ``(agents, 2)``; both 0 if the agent never appears."""
+        present = self.zone != Zone.ABSENT
+        ends = np.where(present.any(axis=0), self.steps - present[::-1].argmax(axis=0), 0)
+        spans = np.stack((present.argmax(axis=0), ends), axis=1) if self.steps else np.zeros((len(self.agents), 2), np.int64)
+        spans.flags.writeable = False
+        return spans
 
     @property
     def subject(self) -> str | None:
@@ -317,6 +317,6 @@ class Run:
         return size
 
     def entry(self, agent: int) -> float | None:
-        """Return when the agent in column `agent` enters the junction [s], or None."""
+        """Return the time at which the agent in column `agent` enters the junction [s]; None if the agent never enters."""
         inside = np.flatnonzero(self.zone[:, agent] == Zone.JUNCTION)
         return float(inside[0]) * self.dt if len(inside) else None

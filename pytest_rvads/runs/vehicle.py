@@ -1,4 +1,4 @@
-"""The parameters of a vehicle: the plant is built from them, autopilots may read them; and of what kind it is."""
+"""The parameters and the kind of a vehicle, from which the plant is built and which autopilots may read."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ class Vehicle:
     steering_rate: float = 0.8
     """Fastest change of the front wheel angle [rad/s]."""
     kind: Kind = Kind.CAR
-    """What the others see it is; the plant goes by the parameters alone."""
+    """The kind that other vehicles see; the plant depends on the parameters alone."""
 
     def __post_init__(self) -> None:
         *parameters, _ = fields(self)
@@ -99,7 +99,7 @@ class Vehicle:
 
     @property
     def body(self) -> Body:
-        """What of it decides where it can go."""
+        """The dimensions that decide where the vehicle can go."""
         return Body(self.length, self.width, self.rear_axle_offset, self.turning_radius)
 
 

@@ -17,8 +17,7 @@ from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.geometry.segment import SPEED_LIMIT
 from pytest_rvads.logic.conduct.bodies import touch
 from pytest_rvads.runs.itineraries import Itinerary, itinerary
-from pytest_rvads.runs.lights import CLEARANCE, GREEN, YELLOW, SignalPlan
-from pytest_rvads.runs.states import Agent
+from pytest_rvads.runs.states import CLEARANCE, GREEN, YELLOW, Agent, SignalPlan
 from pytest_rvads.runs.vehicle import Vehicle
 from pytest_rvads.scenarios.classes import label, parse
 from pytest_rvads.scenarios.configurations import Configuration, explicit_label, per_entrance

@@ -21,9 +21,8 @@ from pytest_rvads.logic.judging.evaluate import Values
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.rules.lexicon import ATTRIBUTES, word_of
 from pytest_rvads.logic.rules.vocabulary import FromZones
-from pytest_rvads.runs.lights import CLEARANCE, GREEN, YELLOW, SignalPlan
 from pytest_rvads.runs.run import DT, Run
-from pytest_rvads.runs.states import Agent, Zone
+from pytest_rvads.runs.states import CLEARANCE, GREEN, YELLOW, Agent, SignalPlan, Zone
 
 __all__ = ["Model", "weak_orders"]
 

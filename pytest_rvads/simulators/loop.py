@@ -27,9 +27,8 @@ from pytest_rvads.geometry.segment import SPEED_LIMIT
 from pytest_rvads.logic.conduct.room import room
 from pytest_rvads.physics.body import Body, start
 from pytest_rvads.physics.world import World, WorldMaker
-from pytest_rvads.runs.lights import STEADY
 from pytest_rvads.runs.run import DT, LATE, Collision, Facts, Fault, Halt, Run
-from pytest_rvads.runs.states import GONE, Agent, Colour, VehicleState, Zone
+from pytest_rvads.runs.states import GONE, STEADY, Agent, Colour, VehicleState, Zone
 from pytest_rvads.runs.vehicle import usual_body
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.simulators.patience import TooLate, watch

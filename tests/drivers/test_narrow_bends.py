@@ -11,8 +11,7 @@ import pytest
 from pytest_rvads.drivers import reference
 from pytest_rvads.drivers.interface import Autopilot, Control, Observation
 from pytest_rvads.drivers.reference import Reference
-from pytest_rvads.drivers.swept import AxlePath, axle_path
-from pytest_rvads.drivers.way_ahead import track
+from pytest_rvads.drivers.way_ahead import AxlePath, axle_path, track
 from pytest_rvads.geometry.builtin import CROSSINGS
 from pytest_rvads.geometry.control import Sign
 from pytest_rvads.geometry.finder import find, names

@@ -7,8 +7,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import pytest_rvads as rvads
-from pytest_rvads.drivers.follower import STANDING
-from pytest_rvads.drivers.pursuit import lookahead, pursue
+from pytest_rvads.drivers.follower import STANDING, lookahead, pursue
 from pytest_rvads.drivers.reference import Gate
 from pytest_rvads.drivers.way_ahead import Track, track
 

@@ -11,9 +11,8 @@ import pytest
 
 from pytest_rvads.geometry.control import JunctionControl, MapObject, ObjectKind
 from pytest_rvads.geometry.finder import find
-from pytest_rvads.geometry.formats import READERS
 from pytest_rvads.geometry.network import DeclaredJunction, Edge, Network
-from pytest_rvads.geometry.road_map import describe, read_map
+from pytest_rvads.geometry.road_map import READERS, describe, read_map
 from pytest_rvads.support.errors import MapError
 
 STAR = """\

@@ -11,9 +11,8 @@ from hypothesis import strategies as st
 
 from pytest_rvads.geometry.finder import find
 from pytest_rvads.runs.itineraries import Itinerary
-from pytest_rvads.runs.lights import STEADY, SignalPlan
 from pytest_rvads.runs.run import DT, Run
-from pytest_rvads.runs.states import Agent, Colour, Zone
+from pytest_rvads.runs.states import STEADY, Agent, Colour, SignalPlan, Zone
 from pytest_rvads.runs.vehicle import Vehicle
 from pytest_rvads.support.errors import MapError, ScenarioError
 

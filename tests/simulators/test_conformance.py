@@ -14,7 +14,7 @@ import pytest_rvads as rvads
 from pytest_rvads.conformance.bench import Bench, NotTried
 from pytest_rvads.conformance.checks import CHECKS, faults, unsupported
 from pytest_rvads.drivers.reference import Reference
-from pytest_rvads.runs.lights import SignalPlan
+from pytest_rvads.runs.states import SignalPlan
 from pytest_rvads.simulators.planar import usual
 from pytest_rvads.simulators.simulator import named
 

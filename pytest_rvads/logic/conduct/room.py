@@ -43,11 +43,13 @@ def room(junction: Junction) -> Mapping[tuple[int, Key], NDArray[np.bool_]]:
     standing = {entrance: _standing(junction, entrance) for entrance in range(len(junction.entrances))}
     table: dict[tuple[int, Key], NDArray[np.bool_]] = {}
     for key in sorted(junction.movements):
-        opposing = [k for k, lane in enumerate(junction.entrances) if lane.arm != junction.entrances[key[0]].arm]
-        near = [k for k in opposing if _hits(_poses(junction, key, planned=False), standing[k], _MARGIN + _ASIDE).any()]
-        if near:
+        entrances = [k for k, lane in enumerate(junction.entrances) if lane.arm != junction.entrances[key[0]].arm]
+        near_entrances = [
+            k for k in entrances if _hits(_poses(junction, key, planned=False), standing[k], _MARGIN + _ASIDE).any()
+        ]
+        if near_entrances:
             swept = _poses(junction, key, planned=True)
-            hits = {entrance: _hits(swept, standing[entrance], _MARGIN) for entrance in near}
+            hits = {entrance: _hits(swept, standing[entrance], _MARGIN) for entrance in near_entrances}
             table |= {(entrance, key): places for entrance, places in hits.items() if places.any()}
     return MappingProxyType(table)
 
@@ -73,15 +75,15 @@ def narrow_lines(road_map: RoadMap) -> list[MapWarning]:
         junction = road_map.junction(report.id) if report.usable else None
         pairs = sorted(room(junction)) if junction else []
         if junction and pairs:
-            far = [leaves_room(junction, *pair) for pair in pairs]
-            back, (lane, (entrance, exit)) = max(zip(far, pairs, strict=True))
+            distances = [leaves_room(junction, *pair) for pair in pairs]
+            back, (lane, (entrance, exit)) = max(zip(distances, pairs, strict=True))
             where = f"in the last {PLACES[-1]:g} m" if back == math.inf else f"less than {back:g} m"
-            further_pairs = f"; nor do {plural(len(pairs) - 1, 'more pair')} of line and movement" if len(pairs) > 1 else ""
+            more = f"; nor do {plural(len(pairs) - 1, 'more pair')} of line and movement" if len(pairs) > 1 else ""
             warnings.append(
                 MapWarning(
                     Doubt.ROOM,
                     f"a usual car that stands {where} before the line of entrance {lane} of junction {report.id!r} leaves no "
-                    f"room for the movement from entrance {entrance} to exit {exit}{further_pairs}",
+                    f"room for the movement from entrance {entrance} to exit {exit}{more}",
                     None,
                     report.id,
                 )
@@ -110,12 +112,12 @@ def _poses(junction: Junction, key: Key, *, planned: bool) -> NDArray[np.float64
 def _hits(moving: NDArray[np.float64], standing: NDArray[np.float64], margin: float) -> NDArray[np.bool_]:
     """Return for which standing cars a moving car comes nearer than a margin [m], shape ``(standing,)``."""
     apart = np.hypot(*(moving[:, None, :2] - standing[None, :, :2]).transpose(2, 0, 1))
-    moving_rows, standing_rows = np.nonzero(apart < 2.0 * (CAR.length + margin))
-    if not len(moving_rows):
+    moving_index, standing_index = np.nonzero(apart < 2.0 * (CAR.length + margin))
+    if not len(moving_index):
         return np.zeros(len(standing), dtype=np.bool_)
-    front = moving[moving_rows] + margin * np.column_stack(
-        (np.cos(moving[moving_rows, 2]), np.sin(moving[moving_rows, 2]), np.zeros(len(moving_rows)))
+    front = moving[moving_index] + margin * np.column_stack(
+        (np.cos(moving[moving_index, 2]), np.sin(moving[moving_index, 2]), np.zeros(len(moving_index)))
     )
     wide = CAR.length + 2.0 * margin, CAR.width + 2.0 * margin
-    touching = touch([(front, wide), (standing[standing_rows], (CAR.length, CAR.width))])
-    return np.bincount(standing_rows[touching], minlength=len(standing)) > 0
+    touching = touch([(front, wide), (standing[standing_index], (CAR.length, CAR.width))])
+    return np.bincount(standing_index[touching], minlength=len(standing)) > 0

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.geometry.segment import Segment
-from pytest_rvads.runs.lights import SignalPlan
+from pytest_rvads.runs.states import SignalPlan
 from pytest_rvads.scenarios.orbits import Orbits, rotate
 from pytest_rvads.scenarios.scenario import Scenario, first_green
 from pytest_rvads.scenarios.senses import IDEAL

@@ -22,8 +22,7 @@ from pytest_rvads.geometry.finder import find
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.geometry.opendrive.xmlfile import MAX_BYTES
 from pytest_rvads.geometry.segment import Pose
-from pytest_rvads.runs.lights import CLEARANCE, GREEN, YELLOW, SignalPlan
-from pytest_rvads.runs.states import AXLE, Agent, Colour, Kind
+from pytest_rvads.runs.states import AXLE, CLEARANCE, GREEN, YELLOW, Agent, Colour, Kind, SignalPlan
 from pytest_rvads.runs.vehicle import Vehicle
 from pytest_rvads.satellites.tracks.lightlog import ENTRANCE, signal_ids
 from pytest_rvads.support.errors import MapError

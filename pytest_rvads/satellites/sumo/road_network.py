@@ -26,8 +26,7 @@ from pytest_rvads.geometry.segment import SPEED_LIMIT, Segment, join
 from pytest_rvads.geometry.sweep import EXIT_LENGTH
 from pytest_rvads.geometry.yielding import Reason
 from pytest_rvads.physics.braking import FASTEST
-from pytest_rvads.runs.lights import CLEARANCE, GREEN, YELLOW, SignalPlan
-from pytest_rvads.runs.states import Colour
+from pytest_rvads.runs.states import CLEARANCE, GREEN, YELLOW, Colour, SignalPlan
 from pytest_rvads.satellites.sumo.netconvert import netconvert
 from pytest_rvads.support.errors import ScenarioError
 

@@ -15,7 +15,7 @@ from importlib.util import find_spec
 from numbers import Real
 from types import MappingProxyType
 
-from pytest_rvads.drivers.sumo_driver import SumoDriver
+from pytest_rvads.drivers.traffic import SumoDriver
 from pytest_rvads.physics import engines
 from pytest_rvads.physics.braking import FASTEST, check_start, greatest_safe, vmax
 from pytest_rvads.physics.cache import cached

@@ -18,9 +18,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pytest_rvads.logic.rules.rule import Rule
-from pytest_rvads.runs.readers import READERS, read_runs
+from pytest_rvads.runs.readers import READERS, files_of, matching, read_runs
 from pytest_rvads.runs.recording import Recording
-from pytest_rvads.runs.run_paths import files_of, matching
 from pytest_rvads.runs.runfile import glance
 from pytest_rvads.session.collection.ask import judged_at
 from pytest_rvads.session.collection.cells import RecordedCell

@@ -14,8 +14,7 @@ import pytest
 import pytest_rvads as rvads
 from pytest_rvads.geometry.builtin import LAYOUTS
 from pytest_rvads.runs.itineraries import itinerary
-from pytest_rvads.runs.lights import SignalPlan
-from pytest_rvads.runs.states import Colour
+from pytest_rvads.runs.states import Colour, SignalPlan
 from pytest_rvads.satellites.sumo import netconvert as converting
 from pytest_rvads.satellites.sumo.road_network import network
 from pytest_rvads.support.errors import RunError, ScenarioError
