@@ -243,7 +243,7 @@ def read_file(path: str | os.PathLike[str]) -> Network:
 
 
 def describe(road_map: RoadMap) -> dict[str, Any]:
-    """Return the JSON object of ``rvads map FILE --json``, as builtins."""
+    """Return the JSON object of ``rvads map FILE --json`` as builtins, without warnings about the bodies of standing vehicles."""
     return {
         "file": road_map.path,
         "junctions": [_describe(report, road_map.relations(report), road_map.graph.edges) for report in road_map.junctions],

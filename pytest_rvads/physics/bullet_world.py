@@ -46,7 +46,7 @@ class BulletWorld:
         bullet.setGravity(0, 0, 0, physicsClientId=client)
         firsts = range(0, len(vehicles), _MOST)
         self._groups = [(*self._build(vehicles[k : k + _MOST]), slice(3 * k, 3 * (k + _MOST))) for k in firsts]
-        """Per multibody of `_MOST` vehicles: its number, its joints, and the slice of its forces."""
+        """Number, joints and slice of forces of every multibody; a multibody holds at most `_MOST` vehicles."""
         self._first = {group: first for (group, _, _), first in zip(self._groups, firsts, strict=True)}
         """First vehicle of each multibody."""
         for body, start in enumerate(starts):

@@ -52,7 +52,7 @@ def cached(key: Mapping[str, Any], compute: Callable[[], float | None], *librari
 
 
 def folder() -> Path | None:
-    """Return the folder of the cache: that of the environment variable, else that of the user; None if the cache is off."""
+    """Return the folder of the cache: the value of `VARIABLE`, else a folder of the user; None if `VARIABLE` is empty."""
     chosen = os.environ.get(VARIABLE)
     if chosen is not None:
         return Path(chosen) if chosen else None

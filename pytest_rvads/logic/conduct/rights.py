@@ -262,7 +262,7 @@ def _keeps(block: Block) -> NDArray[np.bool_]:
 
     A vehicle that arrived later, or owes the agent the way, does not keep the agent from going.
     """
-    passed(block)  # for the stations
+    passed(block)  # stations change the value only where a border is passed
     cast, both, at = block.cast, block.cast.static(neighbours), block.cast.static(contested_places)
     ahead = both.second(block.need("station"))
     blocking: NDArray[np.bool_] = (

@@ -157,8 +157,12 @@ def _meeting_places(cast: Cast) -> Places:
 
 @signal(pairs=meeting, steady=True)
 def _both_there(block: Block) -> NDArray[np.bool_]:
-    """Which two vehicles are both on the stretch that their movements share."""
-    passed(block)  # for the stations
+    """Pairs of agents whose bodies are both on a stretch shared by their ways.
+
+    The signal is steady although it reads stations: a body enters or leaves a stretch only when `passed`, which is read first,
+    changes.
+    """
+    passed(block)
     cast, both, at = block.cast, block.cast.static(meeting), block.cast.static(_meeting_places)
     front = block.need("station")
     rear = front - cast.length
@@ -170,7 +174,7 @@ def _both_there(block: Block) -> NDArray[np.bool_]:
 
 @signal(pairs=meeting, needs=sized)
 def meet(block: Block) -> NDArray[np.bool_]:
-    """Which two agents are both on the stretch that their ways share.
+    """Pairs of agents that meet: the bodies of both are on a stretch shared by their ways.
 
     Vehicles with movements into the same exit meet while they are side by side, not while one vehicle follows the other.
     """

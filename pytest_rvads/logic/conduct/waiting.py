@@ -158,7 +158,7 @@ def _about_to_turn(block: Block) -> NDArray[np.bool_]:
 @signal(pairs=partners, steady=True)
 def lets_pass(block: Block) -> NDArray[np.bool_]:
     """Which first vehicle has a reason to let the second pass."""
-    passed(block)  # for the stations
+    passed(block)  # stations change the value only where a border is passed
     cast, both, at = block.cast, block.cast.static(partners), block.cast.static(_places)
     station, within, apart = block.need("station"), block.zone == JUNCTION, np.isnan(at.begin)
     front, their_front, rear = both.first(station), both.second(station), station - cast.length

@@ -132,7 +132,7 @@ class RuleMonitor:
 
     @property
     def violated(self) -> tuple[dict[str, str], ...]:
-        """The violated instances, each as its variables and their values; without `agents`, only those of present vehicles."""
+        """Values of the variables of every violated instance; without `agents`, only of instances about present vehicles."""
         return tuple(_binding(watch.template, movers) for watch, movers in self._broken.items())
 
     def violated_of(self, rule: str) -> tuple[dict[str, str], ...]:

@@ -141,7 +141,7 @@ class _Judge:
         """Number of instances by status."""
 
     def judge(self, runs: Iterator[Run]) -> None:
-        """Judge every run as soon as the iterator yields it."""
+        """Judge runs one after the other, each before the next run is read."""
         from pytest_rvads.logic.check import check
 
         for run in runs:
