@@ -142,7 +142,7 @@ def _signs(formula: f.Formula, sign: bool) -> Iterator[tuple[f.Atom, bool]]:
 def _linked_groups(
     watched: Sequence[tuple[Template, Abstracted]], settled: Collection[f.Atom]
 ) -> Iterator[list[tuple[Template, Abstracted]]]:
-    """Yield groups of instances. Instances that share an atom of unknown value are in one group; an unlinked instance is alone."""
+    """Yield groups of instances. Instances that share an atom of unknown value are in one group; all others are alone."""
     groups: list[tuple[set[f.Atom], list[tuple[Template, Abstracted]]]] = []
     for entry in watched:
         part, values = entry
