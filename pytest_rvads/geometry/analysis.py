@@ -1,4 +1,4 @@
-"""Analyses a junction of a file for the model: arms, movements, priorities, control, and usability."""
+"""Analysis of a junction of a map file: arms, movements, priorities, control, and whether scenarios can run there."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import permutations
 
-from pytest_rvads.geometry.arms import RoadArm, arms_of, sort_arms, turns_in_order
+from pytest_rvads.geometry.arms import MOST, RoadArm, arms_of, sort_arms, turns_in_order, unusable, widest_gap
 from pytest_rvads.geometry.conflicts import Key
 from pytest_rvads.geometry.control import (
     JunctionControl,
@@ -24,8 +24,8 @@ from pytest_rvads.geometry.control import (
 from pytest_rvads.geometry.graph import MetricGraph
 from pytest_rvads.geometry.network import Doubt, MapWarning, Network
 from pytest_rvads.geometry.paths import Path, Route, paths_of, walk
-from pytest_rvads.geometry.segment import GAP_LIMIT, Turn
-from pytest_rvads.geometry.usability import MOST, unusable, widest_gap
+from pytest_rvads.geometry.segment import GAP_LIMIT
+from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.support.wording import plural
 
 __all__ = ["Cut", "JunctionReport", "LaneEnd", "analyse", "cut", "joints_of", "lifted", "opposite_pairs", "right_of_pairs"]
@@ -45,7 +45,7 @@ class LaneEnd:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JunctionReport:
-    """A junction of a file, usable or not."""
+    """The result of the analysis of a junction of a map file. A junction that scenarios can't use has a report, too."""
 
     id: str
     arms: tuple[RoadArm, ...]
@@ -88,7 +88,7 @@ class JunctionReport:
 
     @property
     def control(self) -> JunctionControl:
-        """The control of the junction as a whole."""
+        """Control of the junction as a whole, such as stop signs at all entrances."""
         return control_of(self.signs)
 
     @property
@@ -113,13 +113,13 @@ class Cut:
     arms: tuple[RoadArm, ...]
     """Arms, in no particular order."""
     left_out: tuple[str, ...] = ()
-    """Messages on paths of the file that are left out."""
+    """Messages about paths of the map file that are left out because two of their lanes do not meet."""
 
 
 def cut(graph: MetricGraph, id: str) -> Cut:
-    """Cut junction `id` from a metric graph.
+    """Return the part of a metric graph that is junction `id`.
 
-    Paths across a gap are left out if leaving them out costs no arm.
+    A path with a gap above `GAP_LIMIT` between two lanes is left out if the junction keeps all its arms without the path.
 
     Raises:
         MapError: the lanes of the junction branch too often, see `paths_of`.
@@ -149,7 +149,10 @@ def _ends(
 
 
 def joints_of(cuts: Iterable[Cut]) -> frozenset[str]:
-    """Return the ids of junctions that only join two roads of which one has several lanes, as at the beginning of turn lanes."""
+    """Return the ids of junctions of two arms of which an arm has several lanes in a direction, as where turn lanes begin.
+
+    Such a junction only joins two roads.
+    """
     return frozenset(
         cut.id
         for cut in cuts
@@ -171,7 +174,7 @@ def analyse(
         graph: the metric graph of the map.
         cut: the junction, cut from the graph.
         objects: signs, lights and stop lines of the junction.
-        joints: ids of junctions through which approaches continue.
+        joints: ids of junctions that only join two roads, so that approaches continue through the junctions.
         uturns: keep U-turns, which are left out otherwise.
     """
     network, id, paths, pairs, arms = graph.network, cut.id, cut.paths, cut.pairs, cut.arms
@@ -194,7 +197,7 @@ def analyse(
     left_hand = any(road in network.left_hand for arm in arms for road, _ in arm.ends)
     objects_of_entrances = [[item for item in objects if item.edge == end.edge] for end in entrances]
     signs = signs_of([{item.kind for item in items} for items in objects_of_entrances])
-    # A junction with more arms than the model allows may have thousands of turns, whose priorities mean nothing.
+    # A junction with more arms than the model allows can have thousands of turns, whose priorities mean nothing.
     turns = turns_of_arms(arms, entrances, exits, ways) if len(arms) <= MOST else {}
     opposite, right_of = opposite_pairs(turns), right_of_pairs(turns, left_hand=left_hand)
     reason = unusable(graph, id, arms, movements, pairs)
@@ -237,7 +240,7 @@ def analyse(
 
 
 def lifted(pairs: Pairs, entrances: Sequence[LaneEnd]) -> Pairs:
-    """Return a relation of arms as a relation of their entrances."""
+    """Return pairs of arms as the pairs of the entrances on these arms."""
     table: dict[int, list[int]] = {}
     for number, end in enumerate(entrances):
         table.setdefault(end.arm, []).append(number)
@@ -247,7 +250,10 @@ def lifted(pairs: Pairs, entrances: Sequence[LaneEnd]) -> Pairs:
 def turns_of_arms(
     arms: Sequence[RoadArm], entrances: Sequence[LaneEnd], exits: Sequence[LaneEnd], ways: Sequence[Route]
 ) -> dict[tuple[int, int], Turn]:
-    """Return the turn from every arm to every other arm: the turn of its first movement, else from the directions of the arms."""
+    """Return the turn from every arm to every other arm.
+
+    The turn is that of a movement between the two arms. Without such a movement, the directions of the two arms give the turn.
+    """
     turns: dict[tuple[int, int], Turn] = {}
     for way in ways:
         turns.setdefault((entrances[way.entrance].arm, exits[way.exit].arm), way.turn)
@@ -264,8 +270,8 @@ def _lanes(edges: Sequence[Sequence[str]]) -> tuple[LaneEnd, ...]:
 def right_of_pairs(turns: dict[tuple[int, int], Turn], *, left_hand: bool) -> Pairs:
     """Return the pairs ``v1 right-of v2`` (paper, table of semantics), mirrored where traffic keeps left.
 
-    v1 is right-of v2 if a right movement from v1 and a straight movement from v2 share an exit, or a straight movement from v1
-    and a left movement from v2 do. If traffic keeps left, right and left change places.
+    v1 is right-of v2 if a right movement from v1 and a straight movement from v2 share an exit, or if a straight movement from v1
+    and a left movement from v2 share an exit. If traffic keeps left, right and left change places.
     """
     near, far = (Turn.LEFT, Turn.RIGHT) if left_hand else (Turn.RIGHT, Turn.LEFT)
     right_of_turns = {(near, Turn.STRAIGHT), (Turn.STRAIGHT, far)}
@@ -278,7 +284,7 @@ def right_of_pairs(turns: dict[tuple[int, int], Turn], *, left_hand: bool) -> Pa
 
 
 def opposite_pairs(turns: dict[tuple[int, int], Turn]) -> Pairs:
-    """Return the pairs of entrances with straight movements to each other's arm (paper, table of semantics)."""
+    """Return the pairs of arms with straight movements from each arm to the other (paper, table of semantics)."""
     return frozenset(
         (a, b) for (a, b), turn in turns.items() if a != b and turn is Turn.STRAIGHT and turns.get((b, a)) is Turn.STRAIGHT
     )
@@ -298,7 +304,7 @@ def _phases(
         entrances: the entrances of the junction.
         opposite: pairs of opposite arms.
         objects: per entrance, its signs and lights.
-        protected: entrances with an arrow for the turn across oncoming traffic only.
+        protected: entrances that allow only the turn across oncoming traffic, and whose lights have an arrow for this turn.
     """
     signs = signs_of([{item.kind for item in items} for items in objects])
     lit = [number for number, sign in enumerate(signs) if sign is Sign.LIGHTS]
@@ -315,7 +321,7 @@ def _phases(
 
 
 def _arrows_across(ways: Sequence[Route], objects: Sequence[Sequence[MapObject]], *, left_hand: bool) -> frozenset[int]:
-    """Return the entrances whose lights are arrows for the turn across oncoming traffic, and that allow no other movement."""
+    """Return the entrances that allow only the turn across oncoming traffic, and whose lights all have an arrow for this turn."""
     across = {Turn.RIGHT if left_hand else Turn.LEFT}
     across_only = set()
     for number, items in enumerate(objects):
@@ -350,7 +356,8 @@ def _joining(ways: Sequence[Route], graph: MetricGraph) -> frozenset[tuple[Key, 
         edges = [graph.edges[edge] for edge in (way.path.entrance, *way.path.edges)]
         return not any(edge.joins for edge in edges), edges[0].road in graph.network.motorways
 
-    ranks = {(way.entrance, way.exit): rank(way) for way in reversed(ways)}  # the shortest of several comes first
+    # Of several routes between two lanes, the shortest comes first in `ways` and is kept.
+    ranks = {(way.entrance, way.exit): rank(way) for way in reversed(ways)}
     return frozenset((a, b) for a, b in permutations(ranks, 2) if a[1] == b[1] and ranks[a] < ranks[b])
 
 

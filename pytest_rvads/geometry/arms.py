@@ -1,8 +1,8 @@
-"""The arms of a junction, usable or not.
+"""The arms of a junction, and the reasons why the model can't use a junction, checked in order of importance.
 
 An arm is a road end where the junction is entered or left, or a pair of one-way road ends that lie side by side (the paper's
 ``entex``). Arms are numbered counter-clockwise. Arm 0 is the first arm counter-clockwise from direction -112.5 degrees as seen
-from the centre, so a southern arm with some slack is arm 0.
+from the centre, so an arm that lies about south is arm 0. Junctions that the model can't use have arms, too.
 """
 
 from __future__ import annotations
@@ -10,14 +10,16 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Container, Iterable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
 from pytest_rvads.geometry.graph import MetricGraph
 from pytest_rvads.geometry.network import Edge, facing
-from pytest_rvads.geometry.paths import walk
+from pytest_rvads.geometry.paths import Path, Route, walk
+from pytest_rvads.geometry.segment import GAP_LIMIT
 
-__all__ = ["FIRST", "RoadArm", "arms_of", "sort_arms", "turns_in_order"]
+__all__ = ["FEWEST", "FIRST", "MOST", "RoadArm", "arms_of", "sort_arms", "turns_in_order", "unusable", "widest_gap"]
 
 FIRST = math.radians(-112.5)
 """Direction from which arms are counted [rad]."""
@@ -33,6 +35,9 @@ _PER_DEGREE = 0.05
 _MOST_PAIRS = 10_000
 
 RoadEnd = tuple[str, str]
+
+FEWEST, MOST = 3, 8
+"""Least and largest number of arms of a junction of the model."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,20 +91,20 @@ def arms_of(graph: MetricGraph, pairs: Sequence[tuple[str, str]]) -> tuple[RoadA
 
 
 def sort_arms(arms: Sequence[RoadArm], in_order: Callable[[Sequence[RoadArm]], bool]) -> tuple[RoadArm, ...]:
-    """Number the arms counter-clockwise.
+    """Return the arms counter-clockwise.
 
     Args:
         arms: the arms, in any order.
         in_order: returns whether the turns of all movements agree with an order of the arms. The order of the positions around
-            the centre is tried first, then the order of the directions of the arms. If neither agrees, the order of the positions
-            is kept.
+            the centre is tried first, then the order of the directions of the arms. If neither order agrees, the order of the
+            positions is returned.
     """
     if not arms:
         return ()
     x, y = math.fsum(arm.x for arm in arms) / len(arms), math.fsum(arm.y for arm in arms) / len(arms)
 
     def turned(angle: float) -> float:
-        # Rounding must not move an arm at the starting direction to the end.
+        # Rounding must not make an arm in direction `FIRST` the last arm.
         return (angle - FIRST + 1e-9) % math.tau
 
     around = tuple(sorted(arms, key=lambda arm: (turned(math.atan2(arm.y - y, arm.x - x)), arm.ends)))
@@ -127,7 +132,7 @@ def _arm(ends: tuple[RoadEnd, ...], entering: Sequence[Edge], leaving: Sequence[
     points = [edge.points[-1] for edge in entering] + [edge.points[0] for edge in leaving]
     headings = [edge.end_heading + math.pi for edge in entering] + [edge.start_heading for edge in leaving]
     outward = math.atan2(math.fsum(map(math.sin, headings)), math.fsum(map(math.cos, headings)))
-    # From the kerb beside the entrances to the kerb beside the exits.
+    # The unit vector across the arm, from the kerb beside the entrances to the kerb beside the exits.
     across = (-math.sin(outward), math.cos(outward)) if ends[0][0] in left_hand else (math.sin(outward), -math.cos(outward))
     return RoadArm(
         ends,
@@ -142,7 +147,7 @@ def _arm(ends: tuple[RoadEnd, ...], entering: Sequence[Edge], leaving: Sequence[
 def _beside(graph: MetricGraph, entrance: Edge, exit: Edge) -> float | None:
     """Return the cost of pairing a one-way entrance with a one-way exit, or None if they are no pair.
 
-    Two one-way streets may begin next to each other and lead apart; the two sides of a dual carriageway run side by side.
+    Some one-way streets begin next to each other and lead apart; the two sides of a dual carriageway run side by side.
     """
     distance, angle, on_left = facing(entrance, exit)
     if angle > _FACING or distance > _BESIDE or on_left is (entrance.road in graph.network.left_hand):
@@ -157,3 +162,51 @@ def _away(graph: MetricGraph, edge: Edge, *, upstream: bool) -> float:
     far_enough = np.hypot(*(points - points[0]).T) >= _FURTHER_OUT
     x, y = points[int(far_enough.argmax()) if far_enough.any() else -1] - points[0]
     return math.atan2(y, x)
+
+
+def unusable(
+    graph: MetricGraph, id: str, arms: Sequence[RoadArm], ways: Sequence[Route], pairs: Sequence[tuple[str, str]]
+) -> str | None:
+    """Return the first reason why scenarios cannot use junction `id`; None for a usable junction.
+
+    Args:
+        graph: the metric graph of the map.
+        id: the id of the junction.
+        arms: the arms, counter-clockwise.
+        ways: the ways through the junction, without the ways that are left out.
+        pairs: (entrance edge, exit edge) of every way through the junction.
+    """
+    declared = graph.network.junctions[id]
+    if declared.type not in ("default", ""):
+        return f'it is of type "{declared.type}", and only junctions made of connecting roads (type "default") can be used'
+    if declared.lost is not None:
+        return f"road {declared.lost!r}, which belongs to it or leads to it, has no geometry or no length"
+    if not ways:
+        return "no drivable lane leads through it"
+    for edge in (graph.edges[id] for pair in pairs for id in pair):
+        if edge.junction is not None:
+            return f"road {edge.road!r}, which leads into or out of it, is itself part of junction {edge.junction!r}"
+    if not FEWEST <= len(arms) <= MOST:
+        return f"it has {len(arms)} arms, and only junctions of {FEWEST} to {MOST} can be used"
+    if len({road in graph.network.left_hand for arm in arms for road, _ in arm.ends}) > 1:
+        return "traffic keeps right on some of its roads and left on others"
+    entering = sum(bool(arm.entrances) for arm in arms)
+    if entering < 2:
+        return f"traffic enters it from {entering} of its {len(arms)} arms, and only junctions that two or more enter are usable"
+    return _reason_of_gaps(graph, ways)
+
+
+def widest_gap(graph: MetricGraph, path: Path) -> tuple[float, tuple[str, str]]:
+    """Return the widest gap between consecutive lanes of a path [m], and the two lanes."""
+    gaps = []
+    for lane, next_lane in pairwise((path.entrance, *path.edges, path.exit)):
+        (x, y), (u, v) = graph.edges[lane].points[-1], graph.edges[next_lane].points[0]
+        gaps.append((math.hypot(u - x, v - y), (lane, next_lane)))
+    return max(gaps)
+
+
+def _reason_of_gaps(graph: MetricGraph, ways: Sequence[Route]) -> str | None:
+    gap, (lane, next_lane) = max(widest_gap(graph, way.path) for way in ways)
+    if gap <= GAP_LIMIT:
+        return None
+    return f"lanes {lane} and {next_lane} are linked but {gap:.2f} m apart, expected at most {GAP_LIMIT:.1f} m"

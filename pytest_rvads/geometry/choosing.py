@@ -1,4 +1,4 @@
-"""Chooses several junctions: by name or id, all junctions of a map, the junctions of some kinds, or a sample."""
+"""The choice of several junctions: by name or id, all junctions of a map, the junctions of some kinds, or a sample."""
 
 from __future__ import annotations
 
@@ -9,23 +9,22 @@ from dataclasses import dataclass
 from pytest_rvads.geometry.analysis import JunctionReport
 from pytest_rvads.geometry.builtin import path_of
 from pytest_rvads.geometry.conflicts import JunctionKind
-from pytest_rvads.geometry.finder import find, load, name_of, names, offer
+from pytest_rvads.geometry.finder import Kinds, find, load, name_of, names, offer
 from pytest_rvads.geometry.junction import Junction
-from pytest_rvads.geometry.kinds import Kinds
 from pytest_rvads.support.errors import MapError, require
 from pytest_rvads.support.stratified import draw
 
 __all__ = ["EVERY", "Choice", "Kinds", "Refused", "choose", "choose_among", "some"]
 
 EVERY = "*"
-"""Stands for all junctions of a map."""
+"""The text with which a user requests all junctions of a map."""
 _FREE = "no two of its movements meet, so nobody has to give way there: ask for it by its id to drive there all the same"
 Map = str | os.PathLike[str] | None
 
 
 @dataclass(frozen=True, slots=True)
 class Refused:
-    """A requested junction that can't be used, or whose ways do not meet."""
+    """A requested junction that scenarios can't use, or in which no two ways (paths through the junction) meet."""
 
     junction: str
     """Id of the junction."""
@@ -38,7 +37,7 @@ class Refused:
 
     @property
     def name(self) -> str:
-        """Name of the junction in ids."""
+        """Name of the junction in the ids of tests."""
         return name_of(self.map, self.junction) if self.map else self.junction
 
 
@@ -50,12 +49,12 @@ class Choice:
     """The junctions in the order of the request; those of a map in the order of its file."""
     refused: tuple[Refused, ...]
     passed_over: int
-    """Number of suitable junctions beyond the limit."""
+    """Number of suitable junctions that were not chosen because of the limit."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Candidate:
-    """A suitable junction that is not yet cut from its map."""
+    """A suitable junction whose geometry is not yet cut from its map."""
 
     map: Map
     id: str
@@ -75,10 +74,10 @@ def choose(
             "3-way lights with 40 m of approach" for all junctions of this type; or a place such as "nearest to 52, 149" [m].
             Without a map, a text is a built-in name, ``"*"`` for all built-in junctions, or a type for the first built-in
             junction of this type, as in `find`, because built-in junctions come in variants.
-        map: an OpenDRIVE file, or None for the built-in maps.
+        map: a map file (OpenDRIVE, Lanelet2 or CommonRoad), or None for the built-in maps.
         kinds: choose only junctions of these kinds.
-        limit: the largest number of junctions. Of more junctions, a sample is drawn, as evenly as possible from every kind
-            (control and number of arms).
+        limit: the largest number of chosen junctions. If more junctions are suitable, a sample of them is drawn, as evenly as
+            possible from every kind (control and number of arms).
         seed: the seed of the sample.
 
     Raises:
@@ -141,10 +140,11 @@ def _refusal(candidate: _Candidate, reason: str) -> Refused:
 
 
 def _junction_of(candidate: _Candidate) -> Junction:
-    """Return a junction that was named itself, or whose ways meet.
+    """Return the junction of a candidate, with its geometry.
 
     Raises:
-        MapError: the roads of the junction can't be joined, which only cutting shows, or no two of its ways meet.
+        MapError: the roads of the junction do not meet, or no two of its ways meet and the request did not name the junction
+            itself.
     """
     place = find(candidate.id, candidate.map)
     if place.kind is JunctionKind.CONFLICT_FREE and not candidate.alone:
@@ -157,7 +157,7 @@ def _kind(junction: Junction) -> tuple[str, ...]:
 
 
 def _candidates_of(text: str, map: Map, kinds: Kinds | None, refused: dict[tuple[Map, str], Refused]) -> Iterator[_Candidate]:
-    """Yield the junctions of the given kinds that a text denotes; unusable junctions are added to `refused`."""
+    """Yield the junctions of the given kinds that a text requests, and add the unusable junctions to `refused`."""
     if map is None:
         chosen = names() if text == EVERY else (find(text).name,)
         for name in chosen:

@@ -1,17 +1,17 @@
 """Signs, lights and stop lines on lanes, the control of a junction that follows from them, and green phases.
 
-A stopping line is a marked line. Without a marked line, vehicles stop before they enter the junction. The place of a sign decides
-only the station from which on a stop counts.
+A stopping line is a line marked on the road. Without a marked line, vehicles stop before they enter the junction. The place of a
+stop sign decides only how far before the junction a stop counts.
 """
 
 from __future__ import annotations
 
 from collections.abc import Container, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 from itertools import combinations
 
-from pytest_rvads.geometry.segment import Turn
+from pytest_rvads.geometry.turns import Turn
 
 __all__ = [
     "JunctionControl",
@@ -31,14 +31,14 @@ _AT_LINE = 0.01
 
 
 class JunctionControl(StrEnum):
-    """Control of a whole junction."""
+    """Control of a whole junction, by the signs and lights at its entrances."""
 
     STOP = "stop"
     """Stop signs at all entrances."""
     LIGHTS = "lights"
     """Lights at all entrances."""
     NONE = "none"
-    """No signs and lights: right before left."""
+    """No signs and no lights: a vehicle gives way to a vehicle from its right."""
     YIELD = "yield"
     """Yield or priority signs at some or all entrances, and no stop sign or light."""
     PARTIAL = "partial"
@@ -46,7 +46,7 @@ class JunctionControl(StrEnum):
 
 
 class Sign(StrEnum):
-    """Control of an entrance."""
+    """Control of an entrance: its sign or light, or none."""
 
     STOP = "stop"
     YIELD = "yield"
@@ -56,7 +56,7 @@ class Sign(StrEnum):
 
 
 class ObjectKind(StrEnum):
-    """Kinds of objects that matter to the rules."""
+    """Kinds of objects of a map that matter to the rules, such as stop signs."""
 
     STOP = "stop"
     YIELD = "yield"
@@ -80,13 +80,17 @@ class MapObject:
     """Distance of a line or sign before the entrance vertex [m]; None for lights and for distant lines and signs."""
     arrows: frozenset[Turn] = frozenset()
     """Turns that a light with arrows regulates; empty for a light without arrows and for other objects."""
+    point: tuple[float, float] | None = field(default=None, compare=False)
+    """Place of a light in the plane of the map [m]; None for signs and lines, and where the format gives no place."""
 
 
 def signs_of(controlled: Sequence[set[ObjectKind]]) -> tuple[Sign, ...]:
-    """Return the control of each entrance.
+    """Return the sign or light that controls each entrance.
 
     Args:
-        controlled: per entrance, the kinds of its objects. A kind of all entrances counts first, then a light, then a sign.
+        controlled: per entrance, the kinds of its objects. If an entrance has several kinds, kinds that all entrances have count
+            before other kinds. Among kinds that count alike, a light decides before a stop sign, a stop sign before a yield sign,
+            and a yield sign before a priority sign.
     """
     regulating = {
         ObjectKind.LIGHT: Sign.LIGHTS,
@@ -125,7 +129,7 @@ def setback_of(objects: Iterable[MapObject]) -> float:
 
 
 def sign_setback_of(objects: Sequence[MapObject]) -> float | None:
-    """Return the distance of the nearest stop sign before the vertex [m]; None if the sign stands at the stopping line."""
+    """Return the distance of the nearest stop sign before the vertex [m]; None if no sign stands away from the stopping line."""
     signs = [item.setback for item in objects if item.kind is ObjectKind.STOP and item.setback is not None]
     return min(signs) if signs and abs(min(signs) - setback_of(objects)) > _AT_LINE else None
 
@@ -136,14 +140,15 @@ def phase_groups(
     controllers: Iterable[frozenset[int]] = (),
     protected: Container[int] = (),
 ) -> tuple[frozenset[int], ...]:
-    """Return the groups of entrances that have green together; the group with the lowest number comes first.
+    """Return the groups of entrances that have green together, sorted by the lowest entrance number of each group.
 
     Args:
         arms: the arm of every entrance with a light.
         opposite: pairs of entrances that face each other.
         controllers: entrances per controller. Controllers count only if the entrances of each controller are opposite or on one
             arm, if every entrance has one controller, and if a controller has several entrances.
-        protected: entrances with an arrow for a turn across oncoming traffic, which have green without the oncoming traffic.
+        protected: entrances with an arrow for a turn across oncoming traffic. These entrances have green while the oncoming
+            traffic has red.
     """
     groups = [group for group in controllers if group]
     fits = all(arms[a] == arms[b] or (a, b) in opposite for group in groups for a in group for b in group)

@@ -1,10 +1,10 @@
 """Metric graphs (paper, section 4.1): vertices, and edges labelled with segments of lane centre line.
 
-The paper's ``s(-, eta)``, ``s(eta, -)``, ``s[-, eta]`` and ``s[eta, -]`` are `MetricGraph.before`, `after_end`,
-`Segment.head` and `Segment.tail`; its concatenation ``s . s'`` is `Segment.then`.
+The paper's ``s(-, eta)``, ``s(eta, -)``, ``s[-, eta]`` and ``s[eta, -]`` are `MetricGraph.before`, `after_end`, `Segment.head`
+and `Segment.tail`; the paper's concatenation of segments is `Segment.then`.
 
-The graph is made from the network of a map file before anything else. Arms, ways through a junction and walks along its roads are
-found on the graph and its line graph, by networkx, which is imported with the first map or rule.
+The graph is the first value that is made from the network of a map file. Arms, ways through a junction and walks along its roads
+are found on the graph and its line graph by networkx.
 """
 
 from __future__ import annotations
@@ -17,7 +17,8 @@ from itertools import chain, pairwise
 import networkx as nx
 
 from pytest_rvads.geometry.network import Network
-from pytest_rvads.geometry.segment import Segment, Turn, join
+from pytest_rvads.geometry.segment import Segment, join
+from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.support.errors import MapError
 
 __all__ = ["MetricGraph", "Position", "Ride", "Road"]
@@ -27,7 +28,7 @@ _SAME = 1e-9
 
 @dataclass(frozen=True, slots=True)
 class Position:
-    """A position on a metric graph, the paper's ``s(-, eta)``."""
+    """A position on a metric graph: a segment and a distance along it, the paper's ``s(-, eta)``."""
 
     segment: str
     """Id of the segment."""
@@ -37,7 +38,7 @@ class Position:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Ride:
-    """A ride: consecutive segments from one position to another, the first and last cut to the positions."""
+    """A ride: consecutive segments from one position to another; the first and the last segment are cut at the positions."""
 
     segments: tuple[Segment, ...]
     """The segments; empty for the ride from a position to itself."""
@@ -138,7 +139,7 @@ class MetricGraph:
         return Position(id, min(max(eta, 0.0), length))
 
     def after_end(self, id: str, eta: float) -> Position:
-        """Return the paper's ``s(eta, -)``, the position `eta` before the end of segment `id` [m].
+        """Return the position on segment `id` that lies `eta` [m] back from the end, the paper's ``s(eta, -)``.
 
         Raises:
             MapError: no segment has this id, or the segment is shorter than `eta`.
@@ -146,7 +147,7 @@ class MetricGraph:
         return self.before(id, self.segment(id).length - eta)
 
     def distance(self, one: Position, two: Position) -> float:
-        """Return the paper's ``d_G``: 0 for the same place, else the length of the shortest ride, infinite without a ride [m]."""
+        """Return the paper's ``d_G`` [m]: the length of the shortest ride, 0 for the same place, infinite if no ride exists."""
         ride = self.ride(one, two)
         return math.inf if ride is None else ride.length
 

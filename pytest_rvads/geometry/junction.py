@@ -1,13 +1,14 @@
-"""Junctions as rules and scenarios use them: arms with their lanes, movements and further ways, and the geometry to drive on.
+"""Junctions as rules and scenarios use them: arms with their lanes, the ways through a junction, and centre lines to drive on.
 
-Arms are numbered counter-clockwise. Entrances and exits are lanes, numbered arm by arm and on each arm from the kerb. So with one
-lane per arm an entrance, and the exit beside it, have the number of their arm. Direction ``d_j`` leads from arm ``i`` to arm
+Arms are numbered counter-clockwise. Entrances and exits are lanes, numbered arm by arm and on each arm from the kerb. So in a
+junction with one lane per arm, entrances and exits have the number of their arm. Direction ``d_j`` leads from arm ``i`` to arm
 ``(i + j) mod n`` (paper, section 5.2).
 
-Arms, lanes and agents are different things. A pair of entrance and exit need not have a movement, and several agents may come to
+Arms, lanes and agents are different things. A pair of entrance and exit need not have a movement, and several agents can come to
 one entrance. So no code takes the number of an arm, a lane or an agent for the number of another thing.
 
-Ways begin at starts and end at ends. Starts are numbered: first the entrances, then the starts of further ways; ends likewise.
+Every way begins at a numbered start: the entrances have the first numbers, then come the starts of ways that are no movements.
+Every way ends at a numbered end: the exits have the first numbers, then come the ends of ways that are no movements.
 """
 
 from __future__ import annotations
@@ -15,19 +16,38 @@ from __future__ import annotations
 import copyreg
 import hashlib
 import json
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
+from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
-from pytest_rvads.geometry.conflicts import CONFLICT_WIDTH, JunctionKind, Key, Line, Shared, Way, stretches
+import numpy as np
+
+from pytest_rvads.geometry.builtin import LAYOUTS, path_of
+from pytest_rvads.geometry.conflicts import (
+    CONFLICT_WIDTH,
+    JunctionKind,
+    Key,
+    Line,
+    Precedence,
+    Reason,
+    Shared,
+    Stretch,
+    Way,
+    stretches,
+)
 from pytest_rvads.geometry.control import JunctionControl, Sign, control_of
-from pytest_rvads.geometry.segment import SPEED_LIMIT, Limits, Segment, Turn
+from pytest_rvads.geometry.crosswalks import SIDEWALK, Crossing, Crosswalk, Parking, Side, bay, covered
+from pytest_rvads.geometry.opendrive.junction_writer import Inbound, Outbound, written
+from pytest_rvads.geometry.opendrive.xmlfile import text_of
+from pytest_rvads.geometry.segment import SPEED_LIMIT, Limits, Pose, Segment
 from pytest_rvads.geometry.sweep import BEFORE, CAR, Course, no_way, through
-from pytest_rvads.geometry.yielding import Precedence, Reason
-from pytest_rvads.support.displayed import shown
+from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.support.errors import MapError, ScenarioError
+from pytest_rvads.support.wording import shown
 
 __all__ = ["Arm", "Entrance", "Exit", "Further", "Junction", "Movement", "cross"]
 
@@ -53,9 +73,16 @@ class Entrance:
     setback: float = 0.0
     """Distance of the stopping line before the entrance vertex [m]; 0 if no line is marked."""
     approach: Segment | None = None
-    """The lane followed upstream to the previous junction or the end of the road; the segment ends at the entrance vertex."""
+    """Centre line of the lane from the previous junction, or the end of the road, down to the entrance vertex."""
     sign_setback: float | None = None
     """Distance of the stop sign before the vertex [m]; None without a stop sign away from the stopping line."""
+    light: tuple[float, float] | None = None
+    """Place of the first light of the entrance in its map file [m]; None without a light, and for a junction of a run file."""
+
+    @property
+    def stop_line(self) -> Pose | None:
+        """The middle of the lane at the stopping line, in the direction of travel; None if the lane is not known."""
+        return self.approach.pose(self.approach.length - self.setback) if self.approach else None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,11 +93,11 @@ class Exit:
     lane: int = 0
     """Number of the lane on its arm, counted from the kerb."""
     road: Segment | None = None
-    """The lane followed downstream to the next junction or the end of the road; the segment starts at the exit vertex."""
+    """Centre line of the lane from the exit vertex down to the next junction, or the end of the road."""
 
 
 class Arm(NamedTuple):
-    """The lanes of an arm, as numbers of entrances and exits, counted from the kerb."""
+    """The lanes of an arm: the numbers of its entrances and of its exits, from the kerb on."""
 
     entrances: tuple[int, ...]
     exits: tuple[int, ...]
@@ -94,12 +121,12 @@ class Movement:
 
     @property
     def key(self) -> Key:
-        """Numbers of entrance and exit."""
+        """Numbers of the entrance and the exit of the movement."""
         return self.entrance, self.exit
 
     @property
     def kind(self) -> str:
-        """The kind of way: a movement."""
+        """The noun for this way in messages."""
         return "movement"
 
     @property
@@ -109,7 +136,7 @@ class Movement:
 
 
 class Further(NamedTuple):
-    """A way that is no movement, with the places where it starts and ends: kerbs of an arm, for example."""
+    """A way that is no movement of vehicles, with the places where the way starts and ends, such as kerbs of an arm."""
 
     way: Way
     start: Entrance
@@ -119,9 +146,10 @@ class Further(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Junction:
-    """A junction. Two junctions are equal if their names, lanes, movements, signs and centre lines are equal.
+    """A junction: lanes, ways, signs. Two junctions are equal if their names, lanes, ways, signs, centre lines are equal.
 
-    A recorded run may know only the topology of its junction. Segments are then None, and the junction can't be simulated.
+    Some recorded runs hold only the topology of their junction. All centre lines of such a junction are None, and no vehicle can
+    be simulated on it.
 
     Raises:
         MapError: a movement uses a lane that does not exist, a further way has the number of another start or end, the junction
@@ -135,7 +163,7 @@ class Junction:
     entrances: tuple[Entrance, ...]
     exits: tuple[Exit, ...]
     movements: Mapping[Key, Movement]
-    """Movements by (entrance, exit); some pairs may have no movement."""
+    """Movements by (entrance, exit); a pair without a key has no movement."""
     right_of: frozenset[tuple[int, int]]
     """Pairs (v1, v2) of entrances with ``v1 right-of v2`` (paper, table of semantics; mirrored where traffic keeps left)."""
     opposite: frozenset[tuple[int, int]]
@@ -151,10 +179,16 @@ class Junction:
     joining: frozenset[tuple[Key, Key]] = frozenset()
     """Pairs of movements into one exit of which, according to the map, the first joins the second.
 
-    The first movement comes from a ramp, an entry or exit lane or a lane that ends, or leads onto a motorway.
+    Either the first movement comes from a ramp, an entry or exit lane or a lane that ends, and the second movement does not. Or
+    the second movement comes along a motorway, and the first movement does not.
     """
     further: tuple[Further, ...] = ()
-    """Ways that are no movements. Way k has the key ``(entrances + k, exits + k)``, so no lane has the number of its start."""
+    """Ways that are no movements. Way k has the key (number of entrances + k, number of exits + k).
+
+    So the starts of these ways have other numbers than all entrances, and their ends have other numbers than all exits.
+    """
+    crossings: tuple[Crosswalk, ...] = ()
+    """The crosswalks over the arms. The digest ignores crosswalks until pedestrians walk there, see `walked`."""
 
     def __post_init__(self) -> None:
         arms = {entrance.arm for entrance in self.entrances} | {exit.arm for exit in self.exits}
@@ -190,7 +224,7 @@ class Junction:
 
     @cached_property
     def arms(self) -> tuple[Arm, ...]:
-        """The lanes of every arm."""
+        """The lanes of every arm, as numbers of entrances and exits."""
         return tuple(
             Arm(
                 tuple(k for k, lane in enumerate(self.entrances) if lane.arm == arm),
@@ -201,17 +235,60 @@ class Junction:
 
     @cached_property
     def every_way(self) -> Mapping[Key, Way]:
-        """The movements and the further ways, by their keys."""
+        """All ways, movements and others, by their keys."""
         return MappingProxyType({**self.movements, **{further.way.key: further.way for further in self.further}})
 
     @cached_property
+    def walked(self) -> Junction:
+        """The junction for runs in which pedestrians walk: every crosswalk has two crossings and a parking place as further ways.
+
+        Of n crosswalks, crosswalk k has the further ways 2k, from the near side to the far side, and 2k + 1, in the opposite
+        direction. The parking place before the crosswalk is the further way 2n + k.
+        """
+        if self.further or not self.crossings:
+            return self
+        sides = [(number, crosswalk, side) for number, crosswalk in enumerate(self.crossings) for side in Side]
+        further = tuple(
+            _crossing(len(self.entrances) + k, len(self.exits) + k, number, crosswalk, side)
+            for k, (number, crosswalk, side) in enumerate(sides)
+        )
+        bays = tuple(
+            _bay(len(self.entrances) + k, len(self.exits) + k, crosswalk, self.left_hand)
+            for k, crosswalk in enumerate(self.crossings, start=len(further))
+        )
+        walked = replace(self, further=further + bays)
+        walked.__dict__["unwalked"] = self  # what the two junctions have computed is not computed again
+        return walked
+
+    @cached_property
+    def unwalked(self) -> Junction:
+        """The junction for runs in which nobody walks: without the ways that `walked` adds."""
+        return replace(self, further=()) if self.further and self.crossings else self
+
+    @cached_property
+    def covers(self) -> Mapping[tuple[int, Key], Stretch]:
+        """Per crosswalk and movement that leads over the painted area, the stretch of the movement inside this area [m].
+
+        Stations are measured from the entrance vertex, so they are negative for an area on the approach.
+        """
+        courses = {
+            key: Line(course.path, CONFLICT_WIDTH, course.origin) for key in self.movements if (course := self._course(key))
+        }
+        stretches = {
+            (number, key): covered(crosswalk.area, line)
+            for number, crosswalk in enumerate(self.crossings)
+            for key, line in courses.items()
+        }
+        return MappingProxyType({pair: stretch for pair, stretch in stretches.items() if stretch})
+
+    @cached_property
     def starts(self) -> tuple[Entrance, ...]:
-        """The places where ways start: the entrances, then the starts of further ways."""
+        """The places where ways start: the entrances, then the starts of ways that are no movements."""
         return (*self.entrances, *(further.start for further in self.further))
 
     @cached_property
     def ends(self) -> tuple[Exit, ...]:
-        """The places where ways end: the exits, then the ends of further ways."""
+        """The places where ways end: the exits, then the ends of ways that are no movements."""
         return (*self.exits, *(further.end for further in self.further))
 
     @cached_property
@@ -226,7 +303,7 @@ class Junction:
 
     @cached_property
     def control(self) -> JunctionControl:
-        """The control of the junction as a whole."""
+        """Control of the junction as a whole, such as stop signs at all entrances."""
         return control_of(entrance.sign for entrance in self.entrances)
 
     @cached_property
@@ -242,7 +319,7 @@ class Junction:
 
     @cached_property
     def drivable(self) -> bool:
-        """Whether the places of all lanes are known."""
+        """Whether the centre lines of all lanes are known, so that vehicles can drive here."""
         lines = [e.approach for e in self.entrances] + [e.road for e in self.exits] + [m.path for m in self.movements.values()]
         return None not in lines
 
@@ -265,9 +342,10 @@ class Junction:
 
     @cached_property
     def stretches(self) -> Mapping[tuple[Key, Key], Shared] | None:
-        """Shared stretches of pairs of ways from different starts, in both orders; None without centre lines.
+        """Per ordered pair of ways from different starts, the stretches on which the two conflict; None without centre lines.
 
-        A movement meets further ways on its approach and its exit road, too; a station before the entrance vertex is negative.
+        The stretch that a movement shares with a way that is no movement, such as a crossing of pedestrians, can also lie on the
+        approach of the movement, where stations are negative, or on its exit road. Two ways that are no movements share nothing.
         """
         ways = {key: Line(way.path, way.width) for key, way in self.every_way.items() if way.path is not None}
         if len(ways) < len(self.every_way):
@@ -279,7 +357,7 @@ class Junction:
         }
         between = stretches({key: ways[key] for key in self.movements})
         return MappingProxyType(
-            between | {pair: s for pair, s in stretches(ways | courses).items() if not self.movements.keys() >= {*pair}}
+            between | {pair: s for pair, s in stretches(ways | courses).items() if len(self.movements.keys() & {*pair}) == 1}
         )
 
     @cached_property
@@ -289,7 +367,7 @@ class Junction:
 
     @cached_property
     def kind(self) -> JunctionKind | None:
-        """The kind of the junction by the meetings of its movements; None without centre lines."""
+        """Whether movements of the junction cross, only merge, or never meet; None without centre lines."""
         if self.stretches is None:
             return None
         meetings = [shared for pair, shared in self.stretches.items() if self.movements.keys() >= {*pair}]
@@ -299,7 +377,7 @@ class Junction:
 
     @cached_property
     def tight(self) -> Mapping[Key, float]:
-        """Least radius [m] of the movements on which no path of the rear axle keeps a usual car in its lane."""
+        """Per movement on which no path of the rear axle keeps a usual car in its lane, the least radius of the movement [m]."""
         bends = {key: no_way(course, CAR) for key in self.movements if (course := self._course(key)) is not None}
         return MappingProxyType({key: narrow.radius for key, narrow in bends.items() if narrow is not None})
 
@@ -317,8 +395,8 @@ class Junction:
         """Pairs of conflicting ways of which the first gives way to the second, with the reason.
 
         Two ways with lights that never have green together are no pair, because the light decides. If it can't be decided which
-        of two movements gives way, both orders of the two are pairs, with the reason ``undecided``. None without centre lines.
-        See `pytest_rvads.geometry.yielding`.
+        of two movements gives way, both orders of the two are pairs, with the reason ``undecided``. A junction without centre
+        lines has None instead of pairs. See `pytest_rvads.geometry.conflicts`.
         """
         if self.conflicts is None:
             return None
@@ -332,6 +410,7 @@ class Junction:
             self.stated,
             self.joining,
             self.left_hand,
+            frozenset(way.entrance for way, _, _ in self.further if isinstance(way, Crossing)),
         )
         phases = [start.phase if start.sign is Sign.LIGHTS else None for start in self.starts]
         at_once = (
@@ -344,10 +423,10 @@ class Junction:
 
     @cached_property
     def by_direction(self) -> Mapping[tuple[int, int], Movement]:
-        """Movements by entrance and symbolic direction.
+        """Movements by entrance and symbolic direction: ``j`` leads to the j-th arm after the entrance's, counter-clockwise.
 
-        Direction ``n`` is the U-turn. If several exits of one arm can be reached, ``j`` leads to the exit nearest to the kerb,
-        ``j + n`` to the next exit, and so on.
+        Direction ``n``, the number of arms, is the U-turn. If several exits of one arm can be reached, ``j`` leads to the exit
+        nearest to the kerb, ``j + n`` to the next exit, and so on.
         """
         table: dict[tuple[int, int], Movement] = {}
         for (entrance, exit), movement in sorted(self.movements.items()):
@@ -364,7 +443,7 @@ class Junction:
 
     @cached_property
     def by_turn(self) -> Mapping[tuple[int, Turn], tuple[Way, ...]]:
-        """Per start and turn, the ways that an agent with this indicator may take."""
+        """Per start of ways and turn, the ways that an agent at this start can take if it indicates this turn."""
         keys = [(start, turn) for start in range(len(self.starts)) for turn in Turn]
         ways = self.every_way.values()
         return MappingProxyType({key: tuple(way for way in ways if (way.entrance, way.turn) == key) for key in keys})
@@ -377,7 +456,8 @@ class Junction:
         exits = [(e.arm, e.lane) for e in self.exits]
         ways = sorted((m.entrance, m.exit, m.turn, m.length) for m in self.movements.values())
         relations = sorted(self.right_of), sorted(self.opposite)
-        # Rare properties enter the digest only if the junction has them, so that other junctions keep their digests.
+        # A rare property enters the digest only if the junction has the property. So a new property changes no digest of a
+        # junction without the property.
         signs = [e.sign_setback for e in self.entrances] if any(e.sign_setback is not None for e in self.entrances) else None
         joining = self.joining and {"joining": sorted(self.joining)}
         limits = [line.limits for line in self._lines]
@@ -396,6 +476,8 @@ class Junction:
             for way, start, end in self.further:
                 for beside in (start.approach, way.path, end.road):
                     sha.update(b"-" if beside is None else beside.points.tobytes())
+            for crosswalk in self.crossings if self.further else ():
+                sha.update(json.dumps([crosswalk.arm, crosswalk.middle, crosswalk.island]).encode() + crosswalk.area.tobytes())
         return sha.hexdigest()
 
     def leads(self, entrance: int, direction: int) -> Movement:
@@ -417,6 +499,23 @@ class Junction:
         """Return the symbolic directions that movements from `entrance` lead into, in ascending order."""
         return tuple(sorted(direction for start, direction in self.by_direction if start == entrance))
 
+    def exits_of(self, entrance: int, turn: str) -> tuple[int, ...]:
+        """Return the exits that vehicles reach from an entrance by a turn, in ascending order; empty if no movement turns so.
+
+        Args:
+            entrance: number of the entrance.
+            turn: ``left``, ``straight`` or ``right``; a `Turn` is such a text.
+
+        Raises:
+            ScenarioError: the junction has no such entrance, or `turn` names no turn.
+        """
+        if turn not in tuple(Turn) or not 0 <= entrance < len(self.entrances):
+            raise ScenarioError(
+                f"junction {self.name!r} has no turn {turn!r} from entrance {entrance!r}: its entrances are 0 to "
+                f"{len(self.entrances) - 1}, and the turns {', '.join(Turn)}"
+            )
+        return tuple(exit for (start, exit), way in sorted(self.movements.items()) if (start, way.turn) == (entrance, turn))
+
     @cached_property
     def one_lane_each(self) -> bool:
         """Whether no arm has more than one entrance or more than one exit."""
@@ -426,7 +525,7 @@ class Junction:
     def rotations(self) -> tuple[int, ...]:
         """Numbers of arms by which a rotation keeps lanes, movements and signs the same; 0 comes first.
 
-        Turns may change: rotating a T is a symmetry in the paper's sense (section 5.2).
+        A rotation can change the turns of movements: rotating a T is a symmetry in the paper's sense (section 5.2).
         """
         symmetries = []
         for arms in range(self.ways):
@@ -439,7 +538,14 @@ class Junction:
         return tuple(symmetries)
 
     def image(self, arms: int) -> tuple[tuple[int, ...], tuple[int, ...]] | None:
-        """Return the images of entrances and exits when every arm moves on by `arms`; None if a lane has no image."""
+        """Return the entrances and exits onto which a rotation by `arms` arms moves the entrances and exits.
+
+        Args:
+            arms: number of arms by which the junction is rotated, counter-clockwise.
+
+        Returns:
+            Per entrance the number of its image, and per exit the number of its image; None if a lane has no image.
+        """
         entrances, exits = (_image(lanes, arms, self.ways) for lanes in (self.entrances, self.exits))
         return None if entrances is None or exits is None else (entrances, exits)
 
@@ -454,7 +560,7 @@ class Junction:
         return lane.approach.length - lane.setback if lane.approach else 0.0
 
     def way_in(self, entrance: int) -> Segment:
-        """Return the lane that leads to `entrance`, or the path to the start of a further way; see `Entrance.approach`.
+        """Return the lane that leads to `entrance`, or the path to the start of another way; see `Entrance.approach`.
 
         Raises:
             MapError: the place of the lane is not known.
@@ -466,13 +572,50 @@ class Junction:
         return self._known(self.every_way[entrance, exit].path)
 
     def way_out(self, exit: int) -> Segment:
-        """Return the lane that leads away from `exit`, or the path from the end of a further way; see `way_in` for errors."""
+        """Return the lane that leads away from `exit`, or the path from the end of another way; see `way_in` for errors."""
         return self._known(self.ends[exit].road)
 
     def _known(self, line: Segment | None) -> Segment:
         if line is None:
             raise MapError(f"junction {self.name!r} comes from a recording without positions, so nothing can be placed there")
         return line
+
+    @property
+    def map_file(self) -> Path | None:
+        """The map file, also of a built-in junction; None for a junction without a map."""
+        if self.map is None:
+            return path_of(self.name) if self.name in LAYOUTS else None
+        return Path(self.map)
+
+    def opendrive(self) -> str:
+        """Return an OpenDRIVE text with the junction: the text of its map file, which may hold more junctions.
+
+        What was changed in the junction since it was read, such as a speed limit, is not in this text. For a junction of a map in
+        another format, the text is written anew, with this junction alone.
+
+        Raises:
+            MapError: the junction has no map file, or the file can't be read.
+        """
+        if self.map_file is None:
+            raise MapError(
+                f"junction {self.name!r} has no map file, expected one of rvads.find, which reads maps and built-in ones"
+            )
+        text = text_of(self.map_file)
+        if "<OpenDRIVE" in text:
+            return text
+        return written(
+            self.id,
+            [
+                Inbound(lane.arm, self.way_in(k), lane.sign, lane.phase, lane.setback, lane.sign_setback)
+                for k, lane in enumerate(self.entrances)
+            ],
+            [Outbound(lane.arm, self.way_out(k)) for k, lane in enumerate(self.exits)],
+            {key: self.way_through(*key) for key in self.movements},
+            self.stated,
+            self.crossings,
+            width=self.lane_width,
+            left_hand=self.left_hand,
+        )
 
     @property
     def near(self) -> Turn:
@@ -485,7 +628,7 @@ class Junction:
         return Turn.RIGHT if self.left_hand else Turn.LEFT
 
 
-@lru_cache(maxsize=256)  # one object per limit, so that its cached properties are computed once
+@lru_cache(maxsize=256)  # one object per junction and limit, so that the cached properties of the object are computed once
 def _limited(junction: Junction, limit: float | None) -> Junction:
     limits: Limits = () if limit is None else ((0.0, limit),)
 
@@ -498,6 +641,33 @@ def _limited(junction: Junction, limit: float | None) -> Junction:
         exits=tuple(replace(lane, road=on(lane.road)) for lane in junction.exits),
         movements={key: replace(movement, path=on(movement.path)) for key, movement in junction.movements.items()},
     )
+
+
+def _crossing(entrance: int, exit: int, number: int, crosswalk: Crosswalk, side: Side) -> Further:
+    """Return a crossing of a crosswalk with a stretch of sidewalk before and behind the roadway."""
+    points = crosswalk.path.points if side is Side.NEAR else crosswalk.path.points[::-1]
+    path = Segment(f"{crosswalk.id}.{side}", points)
+    (x, y, heading), (u, v, direction) = path.pose(0.0), path.pose(path.length)
+    back = np.array([SIDEWALK * math.cos(heading), SIDEWALK * math.sin(heading)])
+    on = np.array([SIDEWALK * math.cos(direction), SIDEWALK * math.sin(direction)])
+    sign = Sign.NONE if crosswalk.phase is None else Sign.LIGHTS
+    return Further(
+        Crossing(entrance, exit, number, side, path.length, path),
+        Entrance(
+            crosswalk.arm,
+            sign=sign,
+            phase=crosswalk.phase,
+            approach=Segment(f"{path.id}.from", np.array([np.array([x, y]) - back, (x, y)])),
+        ),
+        Exit(crosswalk.arm, road=Segment(f"{path.id}.to", np.array([(u, v), np.array([u, v]) + on]))),
+    )
+
+
+def _bay(entrance: int, exit: int, crosswalk: Crosswalk, left_hand: bool) -> Further:
+    """Return the parking place before a crosswalk as a way; a parked vehicle stands on the approach of this way."""
+    place, beside, behind = bay(crosswalk, left_hand)
+    way = Parking(entrance, exit, beside.length, beside)
+    return Further(way, Entrance(crosswalk.arm, approach=place), Exit(crosswalk.arm, road=behind))
 
 
 def _image(lanes: Sequence[Entrance | Exit], arms: int, ways: int) -> tuple[int, ...] | None:

@@ -30,7 +30,7 @@ def normal_bands(slopes: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def pull(slopes: NDArray[np.float64], errors: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the derivatives of half the sum of squares by every unknown, shape ``(unknowns,)``.
+    """Return the derivatives of half the sum of the squared errors by every unknown, shape ``(unknowns,)``.
 
     Args:
         slopes: the derivatives of the errors of every row by the unknowns of its band, shape ``(unknowns, errors, BAND)``.

@@ -18,18 +18,21 @@ from pytest_rvads.geometry.control import MapObject
 from pytest_rvads.geometry.segment import Limits
 from pytest_rvads.support.errors import MapError
 
-__all__ = ["DeclaredJunction", "Doubt", "Edge", "MapWarning", "Network", "facing"]
+__all__ = ["HAND", "DeclaredJunction", "Doubt", "Edge", "MapWarning", "Network", "PaintedCrosswalk", "facing"]
+
+HAND = "RVADS_HAND"
+"""Environment variable in which a user states the side on which traffic keeps, ``left`` or ``right``, for maps of lanelets."""
 
 
 class Doubt(StrEnum):
     """Kinds of warnings about a map."""
 
     GAP = "gap"
-    """Two linked lanes, or two pieces of a reference line, do not meet; overlaps were cut, steps to the side blended."""
+    """Two linked lanes, or two pieces of a reference line, do not meet. Overlaps were cut, and lateral steps became tapers."""
     LENGTH = "length"
     """The reference line is not as long as the road says, or the road has no reference line and was left out."""
     KINK = "kink"
-    """A reference line bends sharply; the lane on the inner side would run backwards there and was cut."""
+    """A reference line bends sharply. The lane on the inner side of the bend would run backwards in the bend and was cut."""
     ORIENTATION = "orientation"
     """The orientation of a signal contradicts the traffic it is for, and was ignored."""
     TABLE = "table"
@@ -41,24 +44,26 @@ class Doubt(StrEnum):
     LANE = "lane"
     """A lane section has two lanes with the same id; the lane that is not for driving was left out."""
     RIGHT_OF = "right_of"
-    """No pair of entrances is right-of another: a Y junction, where the priority rules say nothing."""
+    """No entrance is right-of another entrance: a Y junction, where the priority rules say nothing."""
     ORDER = "order"
-    """The movements of an entrance do not follow the cyclic order of the exits."""
+    """The movements of an entrance, sorted by turn, do not follow the cyclic order of the exits."""
     BEND = "bend"
     """No path of its rear axle keeps a usual car in its lane on a movement: the car cuts the corner or swings out."""
     ROOM = "room"
-    """A car that stands at its line leaves no room for the body of a car on another movement."""
+    """A car that stands at its stopping line leaves no room for the body of a car on another movement."""
     SIDE = "side"
     """A road does not say on which side traffic keeps, or says the wrong side; the side that the lanes need was taken."""
     SPEED = "speed"
     """A speed limit can't be read and was ignored."""
     UNITS = "units"
     """The header states another unit of length; the metres of the standard were taken."""
+    CROSSWALK = "crosswalk"
+    """A crosswalk is broken, or lies over no arm of a junction."""
 
 
 @dataclass(frozen=True, slots=True)
 class MapWarning:
-    """A repair or doubt."""
+    """A warning about a map file: a repair by the reader of the file, or a doubt."""
 
     kind: Doubt
     message: str
@@ -69,7 +74,7 @@ class MapWarning:
     """Id of the junction with the repair or doubt."""
 
     def record(self) -> dict[str, str | None]:
-        """Return the fields as builtins."""
+        """Return the fields of the warning as a dict of texts for JSON."""
         return {"kind": self.kind.value, "message": self.message, "road": self.road, "junction": self.junction}
 
 
@@ -78,20 +83,20 @@ class Edge:
     """A lane of a road, or of a way through a junction, in the direction of travel."""
 
     id: str
-    """Unique in the map."""
+    """Id of the edge, unique in the map."""
     road: str
     junction: str | None
     """Id of the junction in which the lane lies, None on a road outside of junctions."""
     forward: bool
-    """Whether travel is from the start to the end of the road; the lanes of a road may differ."""
+    """Whether traffic on the lane runs from the start to the end of the road; lanes of a road can have opposite directions."""
     points: NDArray[np.float64]
-    """Centre line, shape ``(k, 2)``, k >= 2, no two consecutive points equal [m]."""
+    """Points of the centre line, shape ``(k, 2)``, k >= 2, no two consecutive points equal [m]."""
     turning: float
     """Total unwrapped change of heading [rad]."""
     width: float
-    """At mid-length [m]."""
+    """Width of the lane at mid-length [m]."""
     length: float
-    """Arc length [m]."""
+    """Arc length of the centre line [m]."""
     joins: bool = field(default=False, kw_only=True)
     """Whether traffic on the lane joins other traffic: a ramp, entry lane, exit lane, or lane that ends narrower than a car."""
     limits: Limits = field(default=(), kw_only=True)
@@ -99,13 +104,13 @@ class Edge:
 
     @property
     def start_heading(self) -> float:
-        """Direction of the first step [rad]."""
+        """Direction of the lane at its start [rad]."""
         (x, y), (u, v) = self.points[0], self.points[1]
         return math.atan2(v - y, u - x)
 
     @property
     def end_heading(self) -> float:
-        """Direction of the last step [rad]."""
+        """Direction of the lane at its end [rad]."""
         (x, y), (u, v) = self.points[-2], self.points[-1]
         return math.atan2(v - y, u - x)
 
@@ -121,16 +126,32 @@ class Edge:
 
 
 def facing(entrance: Edge, exit: Edge) -> tuple[float, float, bool]:
-    """Return the position of an exit relative to an entrance.
+    """Return the position of an exit of a junction relative to an entrance.
 
     Returns:
-        Gap between the two [m], angle between the exit and the reverse of the entrance [rad], whether the exit lies on the left.
+        Gap between the ends of the two lanes [m], angle between the exit and the reverse of the entrance [rad], and whether the
+        exit lies on the left of the entrance.
     """
     heading = entrance.end_heading
     (x, y), (u, v) = entrance.points[-1], exit.points[0]
     angle = abs(math.remainder(exit.start_heading - heading - math.pi, math.tau))
     left = math.cos(heading) * (v - y) - math.sin(heading) * (u - x) >= 0
     return math.hypot(u - x, v - y), angle, bool(left)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PaintedCrosswalk:
+    """A crosswalk as its map file gives it, before it is known which arm of which junction the crosswalk lies over."""
+
+    id: str
+    road: str
+    """Id of the road to which the file adds the crosswalk; empty for a crosswalk without a road."""
+    area: NDArray[np.float64]
+    """Corners of the painted area, counter-clockwise, shape ``(k, 2)``, k >= 3 [m]."""
+    lights: tuple[str, ...] = ()
+    """Ids of the lights for pedestrians who cross here."""
+    beside: Mapping[str, float] = field(default_factory=dict)
+    """Per edge near the area, the width of the shoulder and of other lanes between the edge and its kerb [m]; 0 if left out."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,18 +178,19 @@ class Network:
 
     edges: Mapping[str, Edge]
     links: nx.DiGraph
-    """On the ids of edges: an arc leads to an edge on which traffic can continue."""
+    """Graph on the ids of edges: an arc leads from an edge to an edge on which traffic can continue."""
     junctions: Mapping[str, DeclaredJunction]
-    """By id, in file order."""
+    """The declared junctions by id, in file order."""
     left_hand: frozenset[str] = frozenset()
-    """Roads where traffic keeps left."""
+    """Ids of the roads where traffic keeps left."""
     motorways: frozenset[str] = field(default=frozenset(), kw_only=True)
-    """Roads that are motorways."""
+    """Ids of the roads that are motorways."""
     objects: tuple[MapObject, ...] = ()
     """Signs, lights and stop lines with the entrances that they regulate."""
     controllers: tuple[tuple[str, ...], ...] = ()
     """Per controller of lights, the ids of its objects."""
     warnings: tuple[MapWarning, ...] = ()
+    crosswalks: tuple[PaintedCrosswalk, ...] = field(default=(), kw_only=True)
 
     def __post_init__(self) -> None:
         self.links.add_nodes_from(self.edges)

@@ -1,35 +1,39 @@
-"""Map files: the reader of each format, and the content of a file as the model reads it (metric graph, junctions, warnings)."""
+"""Map files: the reader of each format, and the content of a map file as metric graph, junctions and warnings.
+
+Junctions whose ways lead into each other, without a road between the junctions, are a cluster and are read as one junction.
+"""
 
 from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
+import networkx as nx
+import numpy as np
+
 from pytest_rvads.geometry.analysis import JunctionReport, analyse, cut, joints_of, lifted
-from pytest_rvads.geometry.arms import RoadArm
-from pytest_rvads.geometry.clusters import clustered
-from pytest_rvads.geometry.conflicts import Key
-from pytest_rvads.geometry.control import MapObject, sign_of_arm
+from pytest_rvads.geometry.arms import FEWEST, MOST, RoadArm
+from pytest_rvads.geometry.conflicts import Key, Reason, Stretch
+from pytest_rvads.geometry.control import MapObject, ObjectKind, sign_of_arm
+from pytest_rvads.geometry.crosswalk_arms import lay
+from pytest_rvads.geometry.crosswalks import Crosswalk
 from pytest_rvads.geometry.graph import MetricGraph
 from pytest_rvads.geometry.junction import Entrance, Exit, Junction, Movement
-from pytest_rvads.geometry.network import Doubt, Edge, MapWarning, Network
+from pytest_rvads.geometry.network import DeclaredJunction, Doubt, Edge, MapWarning, Network
 from pytest_rvads.geometry.opendrive.builder import read_network
-from pytest_rvads.geometry.paths import walk
-from pytest_rvads.geometry.projection import Locator, Track
+from pytest_rvads.geometry.paths import Locator, Track, walk
 from pytest_rvads.geometry.segment import Segment, join
-from pytest_rvads.geometry.turn_words import turn_word
-from pytest_rvads.geometry.yielding import Reason
-from pytest_rvads.support.entrypoints import entries, load
+from pytest_rvads.geometry.turns import turn_word
 from pytest_rvads.support.errors import MapError, suggest
+from pytest_rvads.support.installed import entries, load
 from pytest_rvads.support.wording import plural
 
 __all__ = ["READERS", "WALK_LIMIT", "RoadMap", "describe", "read_file", "read_map"]
-
 
 WALK_LIMIT = 600.0
 """Longest part of an approach or exit road that becomes geometry [m]."""
@@ -37,7 +41,7 @@ WALK_LIMIT = 600.0
 
 @dataclass(frozen=True, eq=False)
 class RoadMap:
-    """The content of a map file."""
+    """The content of a map file as metric graph, junctions and warnings."""
 
     path: str
     graph: MetricGraph
@@ -47,6 +51,8 @@ class RoadMap:
     warnings: tuple[MapWarning, ...]
     joints: frozenset[str] = frozenset()
     """Ids of junctions that only join two roads; approaches and exit roads continue through them."""
+    crossings: Mapping[str, tuple[Crosswalk, ...]] = field(default_factory=dict)
+    """Per id of a junction with crosswalks, its crosswalks, arm by arm."""
 
     def walk(self, start: str, *, upstream: bool) -> list[str]:
         """Return the edges from edge `start` to the next junction or the end of the road, see `pytest_rvads.geometry.paths`."""
@@ -54,13 +60,13 @@ class RoadMap:
 
     @cached_property
     def bends(self) -> tuple[MapWarning, ...]:
-        """Warnings about movements on which no car keeps its lane, one per junction; paths are planned at the first use."""
+        """Warnings about movements on which no car keeps its lane, one per junction; computed at the first use."""
         usable = ((report.id, self._cut(report, report.id, roads=True).tight) for report in self.junctions if report.usable)
         return tuple(MapWarning(Doubt.BEND, _bend(id, tight), None, id) for id, tight in usable if tight)
 
     @cached_property
     def locator(self) -> Locator:
-        """The locator of the segments that a pose can be on."""
+        """The locator, which finds the segments of this map that a pose can be on."""
         return Locator(map(self.graph.segment, self.graph.segments))
 
     def track(self, id: str, entrance: int, exit: int) -> Track:
@@ -83,8 +89,11 @@ class RoadMap:
         return Track([self.graph.segment(edge) for edge in (*before, *way.path.edges, *after)])
 
     def relations(self, report: JunctionReport) -> Junction | None:
-        """Return a junction without its roads, for its relations; None if the junction is unusable."""
-        return self._cut(report, report.id, roads=False) if report.usable else None
+        """Return a junction for relations between its ways; None if the junction is unusable.
+
+        Only a junction with crosswalks has the geometry of its roads.
+        """
+        return self._cut(report, report.id, roads=report.id in self.crossings) if report.usable else None
 
     def entex(self, id: str) -> dict[str, str]:
         """Return the paper's ``entex`` of junction `id`: per entrance vertex the neighbouring exit vertex.
@@ -137,13 +146,14 @@ class RoadMap:
     def _cut(self, report: JunctionReport, name: str, *, roads: bool) -> Junction:
         """Return a junction; without `roads` its approaches and exit roads, which take longest to join, have no geometry."""
         movements: dict[tuple[int, int], Movement] = {}
-        for way in reversed(report.movements):  # of several ways between two lanes, the shortest comes first
+        for way in reversed(report.movements):  # of several ways between two lanes, the shortest comes first and is kept
             edges = [self.graph.edges[e] for e in way.path.edges]
             parts = [Segment(edge.id, edge.points, way.turn, report.id, edge.limits) for edge in edges]
             path = self._joined(parts)
             movements[way.entrance, way.exit] = Movement(way.entrance, way.exit, way.turn, path.length, path.id, path)
         phases = {entrance: number for number, group in enumerate(report.phase_groups) for entrance in group}
         edges = [self.graph.edges[end.edge] for end in report.entrances]
+        lights = {item.edge: item.point for item in reversed(report.objects) if item.kind is ObjectKind.LIGHT}
         lanes = zip(report.entrances, report.signs, report.setbacks, report.sign_setbacks, strict=True)
 
         def road(edge: str, *, upstream: bool) -> Segment | None:
@@ -153,7 +163,9 @@ class RoadMap:
             name,
             report.id,
             tuple(
-                Entrance(end.arm, end.lane, sign, phases.get(k), back, road(end.edge, upstream=True), posted)
+                Entrance(
+                    end.arm, end.lane, sign, phases.get(k), back, road(end.edge, upstream=True), posted, lights.get(end.edge)
+                )
                 for k, (end, sign, back, posted) in enumerate(lanes)
             ),
             tuple(Exit(end.arm, end.lane, road(end.edge, upstream=False)) for end in report.exits),
@@ -165,6 +177,7 @@ class RoadMap:
             self.path,
             report.stated,
             report.joining,
+            crossings=self.crossings.get(report.id, ()),
         )
 
     def _road(self, start: str, *, upstream: bool) -> Segment:
@@ -200,7 +213,7 @@ def read_map(path: str | os.PathLike[str], *, uturns: bool = False, clusters: bo
     """
     graph = MetricGraph(read_file(path))
     try:
-        graph = clustered(graph) if clusters else graph
+        graph = _clustered(graph) if clusters else graph
         network = graph.network
         objects: dict[str, list[MapObject]] = {id: [] for id in network.junctions}
         for item in network.objects:
@@ -208,10 +221,11 @@ def read_map(path: str | os.PathLike[str], *, uturns: bool = False, clusters: bo
         cuts = {id: cut(graph, id) for id in objects}
         joints = joints_of(cuts.values())
         reports = tuple(analyse(graph, cuts[id], items, joints=joints, uturns=uturns) for id, items in objects.items())
+        crossings, at_no_junction = lay(graph, reports, joints)
     except MapError as error:
         raise MapError(f"map file {path}: {error}") from None
-    warnings = (*network.warnings, *(warning for report in reports for warning in report.warnings))
-    return RoadMap(str(path), graph, reports, warnings, joints)
+    warnings = (*network.warnings, *(warning for report in reports for warning in report.warnings), *at_no_junction)
+    return RoadMap(str(path), graph, reports, warnings, joints, crossings)
 
 
 Reader = Callable[[str | os.PathLike[str]], Network]
@@ -242,11 +256,68 @@ def read_file(path: str | os.PathLike[str]) -> Network:
     return READERS.get(Path(str(path)).suffix.lower(), read_network)(path)
 
 
+def _clustered(graph: MetricGraph) -> MetricGraph:
+    """Return a metric graph in which each cluster of junctions with `FEWEST` to `MOST` arms in all is one junction.
+
+    Raises:
+        MapError: the lanes of a junction branch too often, see `pytest_rvads.geometry.paths.paths_of`.
+    """
+    names = _cluster_names(graph.network)
+    if not names:
+        return graph
+    merged = MetricGraph(_with_clusters(graph.network, names))
+    fitting = {name for name in set(names.values()) if FEWEST <= len(cut(merged, name).arms) <= MOST}
+    if fitting == set(names.values()):
+        return merged
+    return MetricGraph(_with_clusters(graph.network, {id: name for id, name in names.items() if name in fitting}))
+
+
+def _cluster_names(network: Network) -> dict[str, str]:
+    """Return, per junction of a cluster, the name of the cluster: the ids of its junctions in file order."""
+    beside = nx.Graph()
+    for edge, next_edge in network.links.edges:
+        junction, next_junction = network.edges[edge].junction, network.edges[next_edge].junction
+        if junction is not None and next_junction is not None and junction != next_junction:
+            beside.add_edge(junction, next_junction)
+    order = {id: k for k, id in enumerate(network.junctions)}
+    clusters = [sorted(group, key=order.__getitem__) for group in nx.connected_components(beside)]
+    return {id: "+".join(group) for group in clusters for id in group}
+
+
+def _with_clusters(network: Network, names: Mapping[str, str]) -> Network:
+    """Return a network in which the junctions of each cluster are one junction, with the name of the cluster."""
+    junctions: dict[str, list[DeclaredJunction]] = {}
+    for id, junction in network.junctions.items():
+        junctions.setdefault(names.get(id, id), []).append(junction)
+    warnings = [replace(warning, junction=names.get(warning.junction or "", warning.junction)) for warning in network.warnings]
+    for name in dict.fromkeys(names.values()):
+        ids = " and ".join(repr(id) for id, cluster in names.items() if cluster == name)
+        message = f"the ways of junctions {ids} lead into each other without a road between; they were read as one, {name!r}"
+        warnings.append(MapWarning(Doubt.TABLE, message, None, name))
+    return replace(
+        network,
+        edges={id: replace(edge, junction=names.get(edge.junction or "", edge.junction)) for id, edge in network.edges.items()},
+        junctions={
+            name: replace(
+                parts[0],
+                lost=next((part.lost for part in parts if part.lost is not None), None),
+                priorities=tuple(pair for part in parts for pair in part.priorities),
+            )
+            for name, parts in junctions.items()
+        },
+        objects=tuple(replace(item, junction=names.get(item.junction, item.junction)) for item in network.objects),
+        warnings=tuple(warnings),
+    )
+
+
 def describe(road_map: RoadMap) -> dict[str, Any]:
     """Return the JSON object of ``rvads map FILE --json`` as builtins, without warnings about the bodies of standing vehicles."""
     return {
         "file": road_map.path,
-        "junctions": [_describe(report, road_map.relations(report), road_map.graph.edges) for report in road_map.junctions],
+        "junctions": [
+            _describe(report, road_map.relations(report), road_map.graph.edges, road_map.crossings.get(report.id, ()))
+            for report in road_map.junctions
+        ],
         "warnings": [warning.record() for warning in (*road_map.warnings, *road_map.bends)],
     }
 
@@ -267,10 +338,12 @@ def _limits(arm: RoadArm, edges: Mapping[str, Edge]) -> list[float]:
     return sorted({round(limit, 4) for limits in stated for _, limit in limits if limit is not None})
 
 
-def _describe(report: JunctionReport, junction: Junction | None, edges: Mapping[str, Edge]) -> dict[str, Any]:
+def _describe(
+    report: JunctionReport, junction: Junction | None, edges: Mapping[str, Edge], crosswalks: Sequence[Crosswalk]
+) -> dict[str, Any]:
     """Return a report as builtins; conflicts and yields are given only for a usable junction."""
     entering = [i for i, arm in enumerate(report.arms) if arm.entrances]
-    # Of several ways between two lanes, the shortest is driven, which comes first.
+    # Vehicles drive the shortest of several ways between two lanes, which comes first among the movements.
     numbers = {(way.entrance, way.exit): k for k, way in reversed([*enumerate(report.movements)])}
     by_arm = {i: [k for k, end in enumerate(report.entrances) if end.arm == i] for i in range(report.ways)}
     conflicts, yields = (junction.conflicts or (), junction.yields or {}) if junction else ((), {})
@@ -314,4 +387,43 @@ def _describe(report: JunctionReport, junction: Junction | None, edges: Mapping[
         "approach": [round(min(report.approach[k] for k in by_arm[i]), 4) for i in entering],
         "right_of": sorted([list(pair) for pair in report.right_of]),
         "opposite": sorted([list(pair) for pair in report.opposite]),
+        "crossings": [_describe_crosswalk(report, junction, *numbered) for numbered in enumerate(crosswalks)],
     }
+
+
+def _describe_crosswalk(report: JunctionReport, junction: Junction | None, number: int, crosswalk: Crosswalk) -> dict[str, Any]:
+    """Return a crosswalk as builtins; the stretches that it covers are given only for a usable junction.
+
+    Stations on an exit are measured from the exit vertex [m], other stations from the entrance vertex.
+    """
+    covers = {key: stretch for (k, key), stretch in junction.covers.items() if k == number} if junction else {}
+    numbers = {(way.entrance, way.exit): k for k, way in reversed([*enumerate(report.movements)])}
+    movements, entrances, exits = {}, dict[int, Stretch](), dict[int, Stretch]()
+    for key, (start, end) in covers.items():
+        movements[numbers[key]] = Stretch(start, end)
+        length = junction.movements[key].length if junction else 0.0
+        for lanes, lane, ends, vertex in ((entrances, key[0], report.entrances, 0.0), (exits, key[1], report.exits, length)):
+            if ends[lane].arm == crosswalk.arm:
+                known = lanes.get(lane, Stretch(math.inf, -math.inf))
+                lanes[lane] = Stretch(min(known.start, start - vertex), max(known.end, end - vertex))
+    behind = [stretch.start + report.setbacks[lane] for lane, stretch in entrances.items()]
+    group = () if crosswalk.phase is None else report.phase_groups[crosswalk.phase]
+    return {
+        "id": crosswalk.id,
+        "arm": crosswalk.arm,
+        "corners": np.round(crosswalk.area, 4).tolist(),
+        "path": np.round(crosswalk.path.points, 4).tolist(),
+        "length": round(crosswalk.path.length, 4),
+        "middle": round(crosswalk.middle, 4),
+        "island": round(crosswalk.island, 4),
+        "phase": crosswalk.phase,
+        "green": sorted({report.entrances[k].arm for k in group}),
+        "behind_line": round(min(behind), 4) if behind else None,
+        "movements": [_on(k, "movement", stretch) for k, stretch in sorted(movements.items())],
+        "entrances": [_on(report.entrances[k].lane, "lane", stretch) for k, stretch in sorted(entrances.items())],
+        "exits": [_on(report.exits[k].lane, "lane", stretch) for k, stretch in sorted(exits.items())],
+    }
+
+
+def _on(number: int, name: str, stretch: Stretch) -> dict[str, float]:
+    return {name: number, "from": round(stretch.start, 4), "to": round(stretch.end, 4)}

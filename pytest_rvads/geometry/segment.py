@@ -1,8 +1,8 @@
 """Segments: the labels of the edges of a metric graph (paper, section 4.1).
 
 The speed limits of a map lie along centre lines. Segments keep their limits when they are cut and joined, so junctions,
-itineraries and run files have the limits. Where the map states no limit, `Facts.speed_limit` applies. A junction with another
-limit is another junction, see `Junction.limited`.
+itineraries and run files have the limits. Where the map states no limit, `Facts.speed_limit` applies. `Junction.limited` returns
+a copy of a junction with another limit.
 """
 
 from __future__ import annotations
@@ -11,7 +11,6 @@ import math
 from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from enum import StrEnum
 from functools import lru_cache
 from itertools import pairwise
 from operator import itemgetter
@@ -20,19 +19,21 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.support.errors import MapError
 
 __all__ = [
     "ADVISED",
     "GAP_LIMIT",
+    "LEAST_RADIUS",
     "NO_LIMIT",
     "SPEED_LIMIT",
     "Limits",
     "Pose",
     "Segment",
-    "Turn",
     "directions",
     "fixed",
+    "least_radius",
     "limit_in",
     "limits_between",
 ]
@@ -49,23 +50,18 @@ Limits = tuple[tuple[float, float | None], ...]
 """Speed limits along a line: per limit the station of its begin [m], in ascending order from 0 on, and the limit [m/s], None on a
 part without a limit in the map. Empty if the map states no limit for the line."""
 _WELD = 0.01
-_BEND = math.radians(44.0)
-"""Least change of heading of a turn [rad]; as in SUMO's netconvert, a degree below the angle between the arms of a regular 8-way
-junction, so that rounding gives neighbouring arms the same turn type."""
 _Table = tuple[tuple[float, ...], tuple[tuple[float, float, float, float, float], ...]]
 
+LEAST_RADIUS = 2.7 / math.tan(0.61)
+"""Least radius of the circle of a car's rear axle, with the wheels turned to their limit [m].
 
-class Turn(StrEnum):
-    """Turn type of a lane (the paper's tau): the side to which the lane turns and a vehicle indicates. A U-turn has a side."""
+The radius is the wheelbase, 2.7 m, divided by the tangent of the largest steering angle, 0.61 rad: 3.9 m.
+"""
+_CHORD = 4.0
+"""Length of centre line over which the radius of a bend is measured [m], about the length of the arc of a right turn.
 
-    LEFT = "left"
-    STRAIGHT = "straight"
-    RIGHT = "right"
-
-    @classmethod
-    def of(cls, turning: float) -> Turn:
-        """Return the turn type of a total change of heading [rad]."""
-        return cls.STRAIGHT if abs(turning) < _BEND else cls.LEFT if turning > 0 else cls.RIGHT
+Over a much shorter length, a single vertex of a polyline would count as a bend.
+"""
 
 
 class Pose(NamedTuple):
@@ -179,7 +175,7 @@ class Segment:
 
         Returns:
             Station and lateral offset (left positive) of the nearest point [m]. Beyond its ends the line continues straight, so
-            stations may be negative or exceed the length.
+            stations can be negative or exceed the length.
         """
         stations, pieces = self._table or self._build_table()
         last = len(pieces) - 1
@@ -217,7 +213,7 @@ class Segment:
         return Segment(self.id, points, self.turn, self.junction, limits_between(self.limits, start, end))
 
     def then(self, other: Segment) -> Segment | None:
-        """Return the paper's partial concatenation ``self . other``, or None if the two segments are not consecutive.
+        """Return the paper's concatenation of this and another segment; None if the two segments are not consecutive.
 
         Two segments are consecutive if the second segment starts within `GAP_LIMIT` of the end of the first segment.
         """
@@ -253,7 +249,7 @@ def join(segments: Sequence[Segment]) -> Segment | None:
     if any(gap > GAP_LIMIT for gap in gaps):
         return None
     junctions = {s.junction for s in segments}
-    # Lanes that meet within a centimetre meet in one point: a step of a millimetre may have any direction.
+    # Lanes that meet within a centimetre are joined in one point, because a step of a millimetre can point in any direction.
     parts = [segments[0].points]
     parts += [segment.points[gap < _WELD :] for gap, segment in zip(gaps, segments[1:], strict=True)]
     return Segment(
@@ -282,3 +278,20 @@ def _joined_limits(segments: Sequence[Segment]) -> Limits:
             if not limits or limits[-1][1] != limit:
                 limits.append((start + at, limit))
     return tuple(limits)
+
+
+def least_radius(points: NDArray[np.float64]) -> float:
+    """Return the least radius of a line of points over a length of `_CHORD`, or over the whole line if it is shorter [m].
+
+    Args:
+        points: points of the line, shape ``(points, 2)`` [m].
+    """
+    steps = np.diff(points, axis=0)
+    lengths = np.hypot(steps[:, 0], steps[:, 1])
+    steps, lengths = steps[lengths > 0.0], lengths[lengths > 0.0]
+    headings = np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))
+    middles = np.cumsum(lengths) - lengths / 2
+    chord = min(_CHORD, float(lengths.sum()))
+    # The heading of a piece holds at its middle, and changes evenly between two middles.
+    turned = np.abs(np.interp(middles + chord, middles, headings) - headings).max()
+    return chord / float(turned) if turned > 0.0 else np.inf

@@ -1,10 +1,11 @@
 """The area that a body sweeps in a bend, and the search for a path of its rear axle that keeps the body in the lane.
 
-A path is a row of offsets from the smoothed centre line, found by a Gauss-Newton descent. Drivers follow the path. The rule
+A path is a sequence of offsets from the smoothed centre line, found by a Gauss-Newton descent. Drivers follow the path. The rule
 `keep_lane` and the report of a map use whether a path exists.
 
-A path is searched once per way and body, and only where a vehicle on the centre line would break `keep_lane`, on the roads as
-well. Before and behind such a path drivers pursue the centre line. Stations always stay on the centre line.
+A path is searched once per way and body, and only if a vehicle on the centre line would break the rule `keep_lane` in the
+junction or on the roads at the junction. Before and behind such a path, drivers follow the centre line. Stations are always
+measured along the centre line.
 """
 
 from __future__ import annotations
@@ -16,9 +17,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.geometry.bends import LEAST_RADIUS, least_radius
 from pytest_rvads.geometry.least_squares import BAND, normal_bands, pull, solved
-from pytest_rvads.geometry.segment import Segment, join
+from pytest_rvads.geometry.segment import LEAST_RADIUS, Segment, join, least_radius
 
 __all__ = [
     "CAR",
@@ -37,31 +37,34 @@ __all__ = [
 Array = NDArray[np.float64]
 
 LANE_TOLERANCE = 0.3
-"""Longest distance by which a body may cross the border of its lane [m]; about the variation of people's lane keeping."""
+"""Largest distance by which the rule `keep_lane` allows a body to cross the border of its lane [m].
+
+The distance is about the variation of the lateral position of human drivers.
+"""
 STEP = 0.5
 """Distance between two points of the path [m]."""
 FINE = 0.25
 """Distance between two points of the centre line that bodies are measured against [m]."""
 AROUND = 4.0
-"""Half the range of stations in which the place of a corner is searched, around its place on a straight path [m]."""
+"""The station of a corner of a body is searched up to this distance from the corner's station on a straight path [m]."""
 EXIT_LENGTH = 60.0
 """Longest part of the exit road that belongs to the way of a vehicle [m]."""
 BEFORE, BEHIND = 12.0, 15.0
-"""Range of the search before the stopping line and behind the junction [m]."""
+"""Length before the stopping line, and length behind the junction, that the search for a path includes [m]."""
 BLUR = 2.5
 """Standard deviation of the smoothing of the centre line [m]; an axle can't follow sharper corners."""
 MARGIN = 0.2
-"""Distance kept from the border that `keep_lane` allows, if there is room [m]: the error of the tracking."""
+"""Distance that a path keeps from the border that `keep_lane` allows, if there is room [m]: the error of path tracking."""
 RESERVE = 0.97
-"""Share of the vehicle's sharpest curvature that is used for planning, if it suffices."""
+"""Share of the vehicle's sharpest curvature that a path uses, if a path with this share keeps the lane."""
 LEAST = 0.03
 """Least margin of a path that counts as keeping the lane [m]: the error of the rear axle at a walking pace."""
 LITTLE, MOST = 0.08, 0.98
-"""Margin [m] and share for planning if no path fits with `MARGIN` and `RESERVE`."""
+"""Margin [m] and share of the sharpest curvature for a path, if no path fits with `MARGIN` and `RESERVE`."""
 WITHIN = math.tan(0.61) / (0.7 * 0.8 / 1.8)
 """Least length of path in which the wheels turn from straight on to their limit [m].
 
-The wheels of a car turn by 0.61 rad, with 0.7 of their 0.8 rad/s at 1.8 m/s.
+The front wheels of a car turn by up to 0.61 rad, at up to 0.8 rad/s. The length is that at 0.7 of this rate and 1.8 m/s.
 """
 ROUNDS = 80
 """Most steps of the descent."""
@@ -141,7 +144,7 @@ class Sweep:
         points = round((last - first + self._back + self._rear + 2.0 * AROUND) / FINE) + 4
         fine = np.asarray(first - self._rear - AROUND + FINE * np.arange(points), dtype=np.float64)
         self._fine, (self._places, _) = fine, path.centre(fine + origin)
-        # For the middle of the front and for the corners, the points of the centre line among which the nearest point is.
+        # For the middle of the front and for every corner, the points of the centre line among which the nearest is searched.
         ahead = np.array([self._back, self._back, self._back, -self._rear, -self._rear])
         self._shape = ahead[:, None], np.array([0.0, -self._side, self._side, -self._side, self._side])[:, None]
         start = np.arange(count)[:, None] * round(STEP / FINE) + np.round((ahead + self._rear) / FINE).astype(np.int64)
@@ -153,9 +156,9 @@ class Sweep:
         self.centre, _ = path.centre(self.stations + origin)
         self.free = np.ones(count, dtype=np.bool_)
         self.free[:2] = False
-        self.free[-3:] = last == path.length - origin  # beyond the end of its way no vehicle pursues the centre line
+        self.free[-3:] = last == path.length - origin  # where the way of a vehicle ends, the path need not end on the centre line
         self._base = np.where(self.free[:, None], blurred, self.centre)
-        # A vehicle starts with its front on the centre line, pointing away from the place of its rear axle there.
+        # A vehicle starts with its front on the centre line, and its heading points from the first rear-axle point to the front.
         front, _ = path.centre(np.array([course.start + origin]))
         ahead = (front[0] - self._base[0]) / math.dist(front[0], self._base[0])
         self._base[:2] = front - np.array([[self._back], [self._back - STEP]]) * ahead
@@ -163,12 +166,12 @@ class Sweep:
         self._left = np.stack((-along[:, 1], along[:, 0]), axis=-1) / np.hypot(along[:, 0], along[:, 1])[:, None]
 
     def way(self, offsets: Array) -> Array:
-        """Return the points of the rear axle, shape ``(stations, 2)``."""
+        """Return the points of the rear axle on a path given by offsets, shape ``(stations, 2)``."""
         points: Array = self._base + offsets[:, None] * self._left
         return points
 
     def _spots(self, points: Array) -> Array:
-        """Return the middle of the front and the corners of the body, shape ``(stations, 5, 2)``."""
+        """Return the middle of the front and the corners of the body on a path, shape ``(stations, 5, 2)``."""
         along = np.gradient(points, axis=0)
         ahead = (along / np.hypot(along[:, 0], along[:, 1])[:, None])[:, None, :]
         left = np.stack((-ahead[..., 1], ahead[..., 0]), axis=-1)
@@ -183,7 +186,7 @@ class Sweep:
         return np.take_along_axis(self._near, square.argmin(axis=-1)[..., None], axis=-1)[..., 0]
 
     def over(self, points: Array, nearest: NDArray[np.int64]) -> tuple[Array, Array]:
-        """Return the distances of the body over the border [m]: of the points that `keep_lane` checks, and of other corners."""
+        """Return how far the body is over the border [m]: at the points that `keep_lane` checks, and at the other corners."""
         apart = self._spots(points) - self._places[nearest]
         far = np.maximum(np.hypot(apart[..., 0], apart[..., 1]) - self._half, 0.0)
         place = self._fine[nearest]
@@ -207,7 +210,7 @@ class Sweep:
         return stations
 
     def errors(self, offsets: Array, nearest: NDArray[np.int64]) -> Array:
-        """Return the weighted errors of a path, a row per station."""
+        """Return the weighted errors that the search of the best path makes small, a row per station."""
         points = self.way(offsets)
         bend = np.pad(self.curvature(points), 1)
         judged, others = self.over(points, nearest)
@@ -262,7 +265,7 @@ def with_roads(course: Course, start: float, body: Body) -> Course:
     Args:
         course: the way through the junction.
         start: station of the front from which on the approach counts [m].
-        body: what drives there, with its rear axle on the centre line.
+        body: the body of a vehicle whose rear axle follows the centre line.
     """
     start = max(start, -course.origin)
     whole = Sweep(course._replace(start=start, behind=math.inf), body, MARGIN, RESERVE)
@@ -318,7 +321,7 @@ class Narrow(NamedTuple):
 def no_way(course: Course, body: Body) -> Narrow | None:
     """Return the bend in which no path of the rear axle keeps the body in its lane; None if a path is found.
 
-    No path is planned for a bend in which the ring that the body sweeps on a circle of its radius is narrower than the lane.
+    No path is planned for a bend in which the ring that the body sweeps on a circle with the radius of the bend fits in the lane.
     """
     first = course.start - body.length - AROUND
     bend, _ = course.path.centre(np.arange(first, course.length + BEHIND, STEP) + course.origin)

@@ -2,11 +2,11 @@
 
 Traffic keeps to the side that the file states, or to the side that the lanes of the file prove.
 
-By the standard, a road without the attribute ``rule`` has right-hand traffic. Some writers leave the attribute out of maps
-with left-hand traffic, and some write a wrong value on connecting roads. The links and lanes of such a file are
-consistent with one of the two sides only. The *direction* of lanes relative to the reference line differs from the
-side on which traffic *keeps*: a map of one-way roads that are drawn along their traffic has right-hand lanes, although
-its traffic keeps left if the opposite road lies on the right.
+By the standard, a road without the attribute ``rule`` has right-hand traffic. Some writers leave the attribute out of maps with
+left-hand traffic, and some write a wrong value on connecting roads. The links and lanes of a file with such mistakes are
+consistent with only one side of traffic. The *direction* of lanes relative to the reference line does not prove the side on which
+traffic *keeps*: in a map of one-way roads that are drawn along their traffic, the lanes have the direction of right-hand traffic.
+Traffic in such a map keeps left if the road of the opposite direction lies on the right.
 """
 
 from __future__ import annotations
@@ -14,11 +14,13 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 
 from pytest_rvads.geometry.network import DeclaredJunction, Doubt, Edge, Network, facing
 from pytest_rvads.geometry.opendrive.draft import Draft, add_edges
 from pytest_rvads.geometry.opendrive.lanes import sample_count
 from pytest_rvads.geometry.opendrive.links import complete, link_roads, link_table, mend_joints, turn_links
+from pytest_rvads.geometry.opendrive.painted import painted
 from pytest_rvads.geometry.opendrive.reader import read
 from pytest_rvads.geometry.opendrive.records import Document, JunctionRecord, Road
 from pytest_rvads.geometry.opendrive.signals import attach
@@ -33,9 +35,9 @@ MAX_ROAD = 200_000.0
 _FEWEST = 2
 """Least number of votes for traffic on the left if no road states a side."""
 _BACK = math.radians(30.0)
-"""Most deviation of a road out of a junction from the reverse of a road into the junction that the road out belongs to [rad]."""
+"""Largest angle between a one-way road out of a junction and the reverse of a road into it, if they are a pair [rad]."""
 _BESIDE = 20.0
-"""Widest gap between these two roads [m]."""
+"""Widest gap between two one-way roads, out of a junction and into the junction, that are a pair [m]."""
 
 
 def read_network(path: str | os.PathLike[str]) -> Network:
@@ -71,8 +73,10 @@ def build(document: Document) -> Network:
     mend_joints(draft)
     sides = _kept_sides(draft, leftward)
     objects = attach(draft)
+    arms = {road.id: road.arm for road in document.roads.values() if road.arm in document.roads}
+    crosswalks = painted(draft)
     return Network(
-        draft.edges,
+        {id: replace(edge, road=arms[edge.road]) if edge.road in arms else edge for id, edge in draft.edges.items()},
         draft.links,
         {
             id: DeclaredJunction(junction.type, tuple(draft.direct[id]), _lost_road(draft, junction), junction.priorities)
@@ -83,6 +87,7 @@ def build(document: Document) -> Network:
         tuple(document.controllers.values()),
         tuple(draft.warnings),
         motorways=frozenset(road.id for road in document.roads.values() if road.motorway),
+        crosswalks=crosswalks,
     )
 
 
@@ -98,7 +103,7 @@ def _lost_road(draft: Draft, junction: JunctionRecord) -> str | None:
 
 
 def _check_size(document: Document) -> None:
-    """Raise an error about a map that would take too long to build."""
+    """Raise MapError if the network of a map would take too long to build."""
     for road in document.roads.values():
         if road.length > MAX_ROAD:
             raise MapError(
@@ -189,8 +194,8 @@ def _passable_links(document: Document, road: Road, sides: Mapping[str, bool]) -
 def _kept_sides(draft: Draft, leftward: Mapping[str, bool]) -> dict[str, bool]:
     """Return per road whether traffic keeps left.
 
-    The lanes of a road decide. If no road of the file states a side, and every one-way road into a junction has the opposite
-    road on its right, traffic keeps left on all roads.
+    The lanes of a road decide on which side its traffic keeps. If no road of the file states a side, and every one-way road into
+    a junction has the opposite road on its right, traffic keeps left on all roads.
 
     Args:
         draft: the draft with linked lanes.

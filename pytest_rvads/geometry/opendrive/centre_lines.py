@@ -24,13 +24,13 @@ GAP_WARNING = 0.1
 TAPER = 25**2 / 60
 """Length of a taper per metre to the side: W S^2 / 60 at S = 25 mph (MUTCD 2009, table 6C-4)."""
 _SPACING = 0.5
-"""Between the points of a taper [m]."""
+"""Distance between the points of a taper [m]."""
 _SHARP = math.radians(120.0)
-"""Most change of heading within `_WITHIN` [rad]."""
+"""Largest change of heading within the length `_WITHIN` that is no fold [rad]."""
 _WITHIN = 0.3
-"""[m]."""
+"""Length within which a change of heading above `_SHARP` is a fold [m]."""
 _NUDGE, _GROWTH = 0.02, 0.05
-"""The ends of a cut move apart by steps until the line between the ends leads forward: least step [m], step per length cut."""
+"""The ends of a cut move apart in steps until the line between the ends leads forward: least step [m], step per metre cut."""
 _MOST_FOLDS = 100
 """Most folds of a lane that are cut: the cost grows with the number of folds, and no lane of a real road folds more often."""
 _OVERLAP = 0.01
@@ -38,7 +38,7 @@ _OVERLAP = 0.01
 
 
 def chained(parts: list[Array]) -> tuple[Array, float]:
-    """Return lines that follow each other as one line, with tapers at steps to the side, and the widest step [m]."""
+    """Return the line made of consecutive lines, with tapers at lateral steps, and the width of the widest step [m]."""
     line, widest = parts[-1], 0.0
     for part in parts[-2::-1]:
         step = part[-1, :2] - line[0, :2]
@@ -62,15 +62,15 @@ def unfolded(line: Array) -> tuple[Array, float]:
 
 
 def continued(line: Array, point: Array, heading: float) -> tuple[Array, float, float] | None:
-    """Return a line as the continuation of a line before it, the length cut and the step to the side [m].
+    """Return a line changed so that it continues another line, the length cut off [m] and the lateral step [m].
 
     Args:
-        line: a line that begins at most `GAP_LIMIT` from the end of the line before, shape ``(k, 3)`` [m].
-        point: end of the line before, shape ``(2,)`` [m].
-        heading: heading at the end of the line before [rad].
+        line: a line that begins at most `GAP_LIMIT` from the end of the other line, shape ``(k, 3)`` [m].
+        point: end of the other line, shape ``(2,)`` [m].
+        heading: heading at the end of the other line [rad].
 
     Returns:
-        The line without its part behind the end of the line before, with a taper if the line begins to the side of this end.
+        The line without its part behind the end of the other line, with a taper if the line begins to the side of this end.
         None if the whole line lies behind this end.
     """
     forward = np.array([math.cos(heading), math.sin(heading)])
@@ -95,18 +95,18 @@ def continued(line: Array, point: Array, heading: float) -> tuple[Array, float, 
 
 
 def _along(line: Array) -> Array:
-    """Return the arc length at every row [m]."""
+    """Return the arc length from the start of a line to every row [m]."""
     return np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(line[:, :2], axis=0).T))))
 
 
 def _at(line: Array, stations: float | Array) -> Array:
-    """Return rows at arc lengths [m]."""
+    """Return rows of a line, interpolated at arc lengths [m]."""
     along = _along(line)
     return np.column_stack([np.interp(np.atleast_1d(stations), along, column) for column in line.T])
 
 
 def _moved(line: Array, step: Array) -> Array:
-    """Return a line that begins `step` away and returns to its old course at the end of a taper, or of the line."""
+    """Return a line whose start is moved by `step` and that is back on its old course at the end of a taper, or of the line."""
     along = _along(line)
     reach = max(min(TAPER * math.hypot(*step), float(along[-1])), _NUDGE)
     stations = np.union1d(along, np.arange(0.0, reach, _SPACING))
@@ -116,7 +116,7 @@ def _moved(line: Array, step: Array) -> Array:
 
 
 def _fold(line: Array) -> tuple[float, float] | None:
-    """Return the arc lengths between which a line turns sharply [m], None if the line does not."""
+    """Return the arc lengths between which a line turns sharply [m]; None for a line without a sharp turn."""
     headings, along, apart = np.arctan2(*np.diff(line[:, :2], axis=0).T[::-1]), _along(line), 1
     while len(headings) > apart and (near := along[apart:-1] - along[1:-apart] <= _WITHIN).any():
         turns = np.abs(np.remainder(headings[apart:] - headings[:-apart] + math.pi, math.tau) - math.pi)
@@ -129,7 +129,10 @@ def _fold(line: Array) -> tuple[float, float] | None:
 
 
 def _cut(line: Array, low: float, high: float) -> Array:
-    """Replace the line between two arc lengths by a straight piece, and more until the piece leads forward at both ends."""
+    """Return a line whose part from `low` to `high` [m] is replaced by a straight piece.
+
+    The part of the line that a straight piece replaces grows until the piece leads forward at both ends.
+    """
     along, steps = _along(line), np.diff(line[:, :2], axis=0)
     while True:
         nudge = max(_NUDGE, _GROWTH * (high - low))
@@ -145,5 +148,5 @@ def _cut(line: Array, low: float, high: float) -> Array:
 
 
 def _turn(before: Array, after: Array) -> float:
-    """Return the change of heading between two steps [rad]."""
+    """Return the change of heading between two steps of a line [rad]."""
     return abs(math.atan2(before[0] * after[1] - before[1] * after[0], before @ after))

@@ -1,15 +1,17 @@
 """The draft of a network, and its edges: chains of lanes that continue one to one from lane section to lane section of a road.
 
-The steps that build a network from the records of an OpenDRIVE file add edges, links and warnings to the draft.
+The steps that build a network from the records of an OpenDRIVE file add edges, links and warnings to the draft. The speed
+limits of an edge are those of its lanes. Where a lane has no limit, the limit of its road applies.
 """
 
 from __future__ import annotations
 
 import math
 from collections import defaultdict
-from collections.abc import Container, Iterator, Sequence
+from collections.abc import Container, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from operator import itemgetter
 
 import networkx as nx
 import numpy as np
@@ -19,23 +21,22 @@ from pytest_rvads.geometry.network import Doubt, Edge, MapWarning
 from pytest_rvads.geometry.opendrive.centre_lines import GAP_WARNING, TAPER, chained, unfolded
 from pytest_rvads.geometry.opendrive.lanes import LaneLine, lane_lines, line_warnings
 from pytest_rvads.geometry.opendrive.records import Document, Road
-from pytest_rvads.geometry.opendrive.speeds import limits_along
-from pytest_rvads.geometry.segment import GAP_LIMIT
+from pytest_rvads.geometry.segment import GAP_LIMIT, Limits
 
-__all__ = ["Chain", "Draft", "LaneEnd", "add_edges"]
+__all__ = ["Chain", "Draft", "LaneEnd", "add_edges", "limits_along"]
 
 LaneEnd = tuple[str, str, int]
 """Road id, ``start`` or ``end``, lane id."""
 _MERGE = 1e-3
 _ENDED = 1.0
-"""A lane that is narrower at its end has ended [m]: every car is wider."""
+"""Width below which the end of a lane counts as the end of its traffic [m]: every car is wider."""
 _Node = tuple[int, int]
 """Section index and lane id."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Chain(Edge):
-    """An edge made of lanes of a road that continue one to one. The id is ``road.section.lane`` of the first lane."""
+    """An edge made of lanes of a road that continue one to one. The id of the edge is ``road.section.lane`` of the first lane."""
 
     lanes: tuple[tuple[int, int], ...]
     """Pairs (section index, lane id) in the order of travel."""
@@ -49,14 +50,14 @@ class Chain(Edge):
 
 
 class Draft:
-    """Edges, links and warnings of a network that is being built."""
+    """The edges, links and warnings, collected so far, of a network that is being built."""
 
     def __init__(self, document: Document) -> None:
         self.document = document
         self.warnings: list[MapWarning] = list(document.warnings)
         self.edges: dict[str, Chain] = {}
         self.links = nx.DiGraph()
-        """On the ids of all edges: an arc leads to an edge that traffic can continue on."""
+        """Graph on the ids of all edges: an arc leads from an edge to an edge on which traffic can continue."""
         self.arriving: dict[LaneEnd, str] = {}
         """Per road end and lane, the edge whose traffic arrives at the road end."""
         self.departing: dict[LaneEnd, str] = {}
@@ -73,11 +74,11 @@ class Draft:
         """Roads that are left out because they have no geometry or no length."""
 
     def warn(self, kind: Doubt, message: str, road: str | None = None, junction: str | None = None) -> None:
-        """Add a warning."""
+        """Add a warning about the map file."""
         self.warnings.append(MapWarning(kind, message, road, junction))
 
     def pair(self, first: LaneEnd, second: LaneEnd) -> tuple[str, str] | None:
-        """Return the edges at two lane ends in the direction in which traffic passes, None if no traffic passes."""
+        """Return the two edges at two linked lane ends, in the direction of traffic; None if no traffic can pass the link."""
         for source, target in ((first, second), (second, first)):
             if source in self.arriving and target in self.departing:
                 return self.arriving[source], self.departing[target]
@@ -142,7 +143,7 @@ def _section_links(road: Road, lines: list[dict[int, LaneLine]], left_hand: bool
 
 
 def _drop_spikes(draft: Draft, road: Road, lines: list[dict[int, LaneLine]], links: Sequence[tuple[_Node, _Node]]) -> None:
-    """Move lanes that jut out in a lane section without length to the end of a linked lane."""
+    """Move, in lane sections without length, each lane that juts out sideways to the end of a lane linked to it."""
     linked: dict[_Node, list[_Node]] = defaultdict(list)
     for source, target in links:
         linked[source].append(target)
@@ -215,3 +216,37 @@ def _edge(draft: Draft, road: Road, chain: list[_Node], lines: list[LaneLine], f
     return Chain(
         name, road.id, road.junction, forward, points, turning, width, length, tuple(chain), s, limits=limits, joins=joins
     )
+
+
+def limits_along(road: Road, chain: Iterable[tuple[int, int]], stations: NDArray[np.float64], s: NDArray[np.float64]) -> Limits:
+    """Return the speed limits along an edge.
+
+    Args:
+        road: the road that the edge belongs to.
+        chain: section index and lane id of its lanes, in the direction of travel.
+        stations: arc length along the edge at points of it, shape ``(k,)`` [m].
+        s: road station at these points, shape ``(k,)`` [m]; the stations rise or fall along the edge.
+    """
+    parts = [part for i, lane in chain for part in _in_section(road, i, lane)]
+    sign = 1.0 if s[-1] >= s[0] else -1.0
+    rows = sorted(((min(sign * start, sign * end), limit) for start, end, limit in parts), key=itemgetter(0))
+    borders = np.interp([start for start, _ in rows], sign * s, stations).tolist()
+    limits = [limit for _, limit in rows]
+    changes = ((at, limit) for at, limit, before in zip(borders, limits, [0.0, *limits], strict=False) if limit != before)
+    return tuple(changes) if any(limits) else ()
+
+
+def _in_section(road: Road, i: int, lane: int) -> Iterator[tuple[float, float, float | None]]:
+    """Yield the start and end of every speed limit of a lane within a section [m], and the limit [m/s].
+
+    Where the lane and the road have a limit, the limit of the lane is yielded.
+    """
+    start, end = [*(section.s for section in road.sections), road.length][i : i + 2]
+    lane_limits = tuple((start + at, limit) for at, limit in road.sections[i].lanes[lane].limits)
+    cuts = sorted({start, *(at for at, _ in (*road.limits, *lane_limits) if start < at < end)})
+    for a, b in pairwise((*cuts, end)):
+        yield a, b, _limit_at(lane_limits, a) or _limit_at(road.limits, a)
+
+
+def _limit_at(limits: Limits, s: float) -> float | None:
+    return next((limit for at, limit in reversed(limits) if at <= s), None)

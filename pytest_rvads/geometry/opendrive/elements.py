@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
@@ -17,6 +17,7 @@ __all__ = [
     "Piece",
     "Post",
     "add",
+    "add_crosswalk",
     "add_lanes",
     "add_plan",
     "add_regulation",
@@ -28,7 +29,7 @@ __all__ = [
 
 _STRAIGHT = 1e-9
 _BROKEN_FROM = 30.0
-"""Distance from a junction from which on a centre line is broken, so that vehicles may cross the line to overtake [m]."""
+"""Distance from a junction beyond which a centre line is broken, so that overtaking vehicles are allowed to cross it [m]."""
 _MARK = 0.12
 """Width of a road mark (Richtlinien fuer die Markierung von Strassen, narrow line on other roads) [m]."""
 _SIGNS = {
@@ -40,6 +41,8 @@ _SIGNS = {
 """Name, country, type and subtype: numbers of StVO, annexes 2 and 3, and of the signal catalogue of OpenDRIVE."""
 _ARROW = "1000011"
 """Type of a light with an arrow; the subtype is 10 for an arrow to the left, 20 for an arrow to the right."""
+_FLAT: dict[str, float] = dict.fromkeys(("height", "hdg", "pitch", "roll"), 0)
+"""Height and rotation of what is painted on the road."""
 _LINES = {Sign.STOP: "StopLine", Sign.LIGHTS: "StopLine", Sign.YIELD: "HoldingLine"}
 
 
@@ -53,7 +56,7 @@ class Lane:
     mark: str = "none"
     """``solid``, ``broken``, ``none``, or ``centre``: solid near the junction where the road starts, broken farther off."""
     links: tuple[int, int] | None = None
-    """Ids of the lanes before and after the lane."""
+    """Ids of the lane that leads into this lane and of the lane that this lane leads to."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,7 +93,7 @@ def document(name: str, reach: float) -> Element:
 
 
 def finished(root: Element) -> str:
-    """Return the file of a root element as text."""
+    """Return the text of an OpenDRIVE file from its root element."""
     indent(root, "  ")
     return '<?xml version="1.0" encoding="UTF-8"?>\n' + tostring(root, encoding="unicode") + "\n"
 
@@ -108,7 +111,7 @@ def add_road(root: Element, id: int, length: float, *, junction: str = "-1", lef
 
 
 def add_plan(road: Element, pieces: Iterable[Piece]) -> None:
-    """Add a reference line."""
+    """Add the reference line of a road, piece by piece."""
     plan, s = add(road, "planView"), 0.0
     for piece in pieces:
         start = piece.start
@@ -160,7 +163,6 @@ def add_regulation(road: Element, posts: Iterable[Post], lines: Iterable[tuple[P
         posts: the signs and lights.
         lines: per line its sign or light, the lateral position of its middle [m] and its length across the road [m].
     """
-    flat: dict[str, float] = dict.fromkeys(("height", "hdg", "pitch", "roll"), 0)
     objects = Element("objects")
     for post, t, across in lines:
         if post.sign not in _LINES:
@@ -177,7 +179,7 @@ def add_regulation(road: Element, posts: Iterable[Post], lines: Iterable[tuple[P
             orientation="-",
             length=0.3,
             width=across,
-            **flat,
+            **_FLAT,
         )
         add(line, "validity", fromLane=post.lanes[0], toLane=post.lanes[1])
     if len(objects):
@@ -205,8 +207,46 @@ def add_regulation(road: Element, posts: Iterable[Post], lines: Iterable[tuple[P
         add(element, "validity", fromLane=post.lanes[0], toLane=post.lanes[1])
 
 
+def add_crosswalk(
+    road: Element, id: str, corners: Sequence[tuple[float, float]], lights: Iterable[tuple[str, float, float]] = ()
+) -> None:
+    """Add a crosswalk to a road that already has its signs and stop lines.
+
+    Args:
+        road: the road.
+        id: the id of the crosswalk.
+        corners: corners of the painted area [m]: pairs (s, t), counter-clockwise; s may lie before the start of the road.
+        lights: the id, the station and the lateral position of every light for pedestrians [m].
+    """
+    objects, signals = road.find("objects"), road.find("signals")
+    if objects is None:
+        objects = Element("objects")
+        road.insert(len(road) if signals is None else list(road).index(signals), objects)
+    length, width = (max(along) - min(along) for along in zip(*corners, strict=True))
+    place = {"s": 0.0, "t": 0.0, "zOffset": 0.0}
+    crosswalk = add(
+        objects,
+        "object",
+        id=id,
+        name="Crosswalk",
+        type="crosswalk",
+        **place,
+        orientation="none",
+        length=length,
+        width=width,
+        **_FLAT,
+    )
+    outline = add(add(crosswalk, "outlines"), "outline", id=0, outer="true", closed="true")
+    for number, (u, v) in enumerate(corners):
+        add(outline, "cornerLocal", id=number, u=u, v=v, z=0, height=0)
+    for light, s, t in lights:
+        signals = add(road, "signals") if signals is None else signals
+        type = {"dynamic": "yes", "country": "OpenDRIVE", "type": "1000002", "subtype": "-1"}
+        add(signals, "signal", id=light, name="pedestrian light", s=s, t=t, zOffset=2.5, orientation="none", **type)
+
+
 def joined(start: Pose, end: Pose) -> tuple[Piece, ...]:
-    """Return a smooth way between two poses: a line, an arc with a line before or after the arc, or two arcs.
+    """Return the pieces of a smooth line between two poses: a straight line, an arc with a straight part, or two arcs.
 
     Raises:
         MapError: the poses point away from each other.
@@ -231,7 +271,7 @@ def joined(start: Pose, end: Pose) -> tuple[Piece, ...]:
 
 
 def _beside(start: Pose, ahead: float, aside: float) -> tuple[Piece, ...]:
-    """Return the way to a pose of the same direction: a line, or two arcs of the same radius to a pose at a side."""
+    """Return the pieces of a line to a pose of the same heading: straight, or two arcs if the pose lies to the side."""
     if ahead <= 0:
         raise MapError(f"no way leads from ({start.x:g}, {start.y:g}) to a place {-ahead:g} m behind it")
     if abs(aside) < _STRAIGHT:

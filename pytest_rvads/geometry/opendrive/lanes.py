@@ -1,7 +1,7 @@
-"""Centre lines of lanes: laneOffset, the widths of inner lanes and half the width of the lane, sampled along the reference line.
+"""Centre lines of lanes, computed along the reference line from laneOffset, widths of inner lanes and half the lane's width.
 
-A record of geometry, laneOffset or width holds from its station to the station of the next record. At the end of a lane section
-the value before the station counts. Otherwise lanes would jump if the next record starts at the end of the section.
+A record of geometry, laneOffset or width holds from its station to the station of the next record. A record that starts at the
+end of a lane section does not count for this section; if it did, lanes would jump at the end of a section.
 """
 
 from __future__ import annotations
@@ -14,22 +14,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.geometry.network import Doubt, MapWarning
-from pytest_rvads.geometry.opendrive.records import Cubic, Lane, Road, Section, Shape
-from pytest_rvads.geometry.opendrive.reference_line import Line, evaluate
+from pytest_rvads.geometry.opendrive.records import Cubic, Lane, Line, Road, Section, Shape, evaluate
 from pytest_rvads.support.errors import MapError
 
-__all__ = ["SPACING", "LaneLine", "lane_lines", "line_warnings", "sample_count"]
+__all__ = ["SPACING", "LaneLine", "borders_at", "lane_lines", "line_warnings", "sample_count"]
 
 Array = NDArray[np.float64]
 
 SPACING = 0.5
-"""Distance between samples [m]; together with all breakpoints lengths are within 0.01 m on whole towns."""
+"""Distance between samples [m]; with these samples and all breakpoints, the lengths of lanes of whole towns err by 0.01 m."""
 JOINT = 0.1
 """Gap between two pieces of a reference line from which on a warning is given [m]."""
 _STRAIGHT_SPACING = 50.0
 _LOOKS_PER_SAMPLE = 20
 _BEND = 0.06
-"""Change of heading from sample to sample from which on curves are sampled finer: chords stay within 5 mm [rad]."""
+"""Change of heading between two samples above which a curve is sampled finer, so that chords stay within 5 mm of it [rad]."""
 _FINEST = 8
 _MERGE = 1e-3
 _KINK = 0.02
@@ -40,33 +39,33 @@ class LaneLine(NamedTuple):
     """Centre line of a drivable lane in a lane section, in the direction of the reference line."""
 
     points: Array
-    """Shape ``(k, 2)`` [m]."""
+    """Points of the line, shape ``(k, 2)`` [m]."""
     s: Array
     """Station of each point on the road, shape ``(k,)`` [m]."""
     turning: float
     """Total unwrapped change of heading [rad]."""
     width: float
-    """At mid-length [m]."""
+    """Width of the lane at mid-length [m]."""
     ends: tuple[float, float]
-    """Width at the first and at the last station [m]."""
+    """Width of the lane at the first and at the last station [m]."""
     cut: float
     """Length of the folds that were cut at kinks and at the ends [m]."""
 
 
 class _Samples(NamedTuple):
-    """The reference line of a lane section."""
+    """Samples of the reference line of a road along a lane section."""
 
     s: Array
     """Stations, shape ``(k,)`` [m]."""
     line: Line
     heading: Array
-    """Unwrapped, shape ``(k,)`` [rad]."""
+    """Headings, unwrapped, shape ``(k,)`` [rad]."""
     joints: list[int]
     """Indices of the first samples of the pieces of the line after the first piece."""
 
 
 def sample_count(road: Road) -> int:
-    """Return about how many samples the lanes of `road` take: a bound on the work before the work is done."""
+    """Return an estimate of the number of samples that the lanes of `road` take, which is known before the sampling."""
     tables = [
         road.offsets,
         *(cubics for section in road.sections for lane in section.lanes.values() for cubics in (lane.widths, lane.borders)),
@@ -97,6 +96,22 @@ def lane_lines(road: Road) -> list[dict[int, LaneLine]]:
             _section(road, section, start, end) if any(lane.drivable for lane in section.lanes.values()) else {}
             for section, start, end in _spans(road)
         ]
+
+
+def borders_at(road: Road, s: float) -> dict[int, tuple[float, float]]:
+    """Return the offsets of the inner and the outer border of every lane from the reference line, to the left, at a station [m].
+
+    Args:
+        road: the road.
+        s: the station [m]; the borders at an end of the road also hold beyond this end.
+    """
+    at = np.array([min(max(s, 0.0), road.length)])
+    for section, start, end in reversed([*_spans(road)]):
+        if start <= at[0]:
+            shift = float(_cubic(road.offsets, at, 0.0, end)[0])
+            sides = ((math.copysign(1.0, id), id, inner, outer) for id, inner, outer in _borders(section, at, start, end))
+            return {id: (shift + side * float(inner[0]), shift + side * float(outer[0])) for side, id, inner, outer in sides}
+    return {}
 
 
 def line_warnings(road: Road, lines: Iterable[Mapping[int, LaneLine]]) -> Iterator[MapWarning]:
@@ -141,17 +156,21 @@ def _section(road: Road, section: Section, start: float, end: float) -> dict[int
     if not np.isfinite(samples.line).all():
         raise MapError(f"road {road.id!r} has coordinates that are not finite between stations {start:.2f} and {end:.2f} m")
     shift = _cubic(road.offsets, s, 0.0, end)
-    lines = {}
+    return {
+        id: _line(road, id, samples, shift + math.copysign(0.5, id) * (inner + outer), outer - inner)
+        for id, inner, outer in _borders(section, s, start, end)
+        if section.lanes[id].drivable
+    }
+
+
+def _borders(section: Section, s: Array, start: float, end: float) -> Iterator[tuple[int, Array, Array]]:
+    """Yield the id of every lane of a section, and the distances of its two borders from the centre at stations `s` [m]."""
     for ids in (sorted(i for i in section.lanes if i > 0), sorted((i for i in section.lanes if i < 0), reverse=True)):
         inner = np.zeros_like(s)
         for id in ids:
-            lane = section.lanes[id]
-            outer = _outer(lane, inner, s, start, end)
-            if lane.drivable:
-                offset = shift + math.copysign(0.5, id) * (inner + outer)
-                lines[id] = _line(road, id, samples, offset, outer - inner)
+            outer = _outer(section.lanes[id], inner, s, start, end)
+            yield id, inner, outer
             inner = outer
-    return lines
 
 
 def _outer(lane: Lane, inner: Array, s: Array, start: float, end: float) -> Array:
@@ -253,7 +272,7 @@ def _length(points: Array) -> float:
 
 
 def _advance(points: Array, keep: NDArray[np.bool_], heading: Array) -> None:
-    """Drop the points after the first point from which a lane would run backwards: there the lane lies inside of a tight bend."""
+    """Mark in `keep` that the points after a lane's first point that lie behind it, in a tight bend, are dropped."""
     ahead = (points - points[0]) @ (math.cos(heading[0]), math.sin(heading[0])) > -_EPS
     keep[1 : int(ahead[1:].argmax()) + 1 if ahead[1:-1].any() else 1] = False
 

@@ -1,7 +1,8 @@
 """Links between the lanes of roads, and their repair.
 
-Links come from the links of roads and from the connection tables of junctions. The two are united, because some writers list
-only half of the movements in each. A link is dropped if traffic on its lane runs away from the contact point.
+Links come from the links of roads and from the connection tables of junctions. The links of both sources are kept, because some
+writers of files list only half of the movements in each source. A link is dropped if traffic on one of its lanes runs in the
+wrong direction to pass the link.
 
 Repairs concern lanes that meet without a lane link, links across gaps, links that name the wrong end of a road, and lanes that
 overlap.
@@ -116,9 +117,12 @@ def _warn_of_missing_lane(draft: Draft, id: str, ends: Iterable[LaneEnd]) -> Non
 
 
 def turn_links(draft: Draft) -> None:
-    """Move lane links that name the wrong end of a road to its other end, if the first lane continues in just one lane there.
+    """Move each lane link that names the wrong end of a road to the other end of that road.
 
-    Doubtful links are links across a gap that is too wide to drive across, and links that no traffic passes.
+    A link is in doubt if its lanes are too far apart to drive from lane to lane, or if no traffic can pass the link. The
+    candidates for a link in doubt lead from its first lane to a lane at the other end of the second lane's road, or from a lane
+    at the other end of the first lane's road to its second lane. The link is moved only if, in exactly one candidate, the second
+    lane continues the first lane.
     """
     arriving, departing = _by_end(draft.arriving), _by_end(draft.departing)
     doubtful: list[tuple[list[tuple[str, str]], list[tuple[str, str] | None]]] = []
@@ -142,10 +146,10 @@ def turn_links(draft: Draft) -> None:
 
 
 def complete(draft: Draft) -> None:
-    """Link lanes without a lane link, if just one lane continues the lane.
+    """Link each lane that has no lane link at one of its ends to the lane that continues it, if exactly one lane does.
 
-    Lanes of connecting roads are linked if they have a link at their other end. At road ends without any linked lane all lanes
-    are linked: the writer of the file left out lane links.
+    At a road end where no lane has a link, all lanes are linked, because the writer of the file left out lane links. At other
+    ends of connecting roads, a lane is linked only if the lane has a link at its opposite end.
     """
     arriving, departing = _by_end(draft.arriving), _by_end(draft.departing)
     after, before = draft.links.succ, draft.links.pred
@@ -180,7 +184,10 @@ def _by_end(table: dict[LaneEnd, str]) -> defaultdict[RoadEnd, list[str]]:
 
 
 def _neighbours(document: Document) -> dict[RoadEnd, dict[RoadEnd, None]]:
-    """Return for each road end the road ends that meet it by road links and tables; both ends of a road if no end is stated."""
+    """Return, per road end, the road ends that meet it according to the links of roads and the connection tables.
+
+    If the file does not say which end of a road meets the road end, both ends of the road are in the result.
+    """
     near: dict[RoadEnd, dict[RoadEnd, None]] = defaultdict(dict)
     around: dict[str, dict[RoadEnd, None]] = defaultdict(dict)
     links = [(road.id, *contact) for road in document.roads.values() for contact in road.contacts]
@@ -213,7 +220,13 @@ def _possible_ends(road: str, end: str) -> list[RoadEnd]:
 
 
 def _only_continuation(draft: Draft, pairs: list[tuple[str, str]], gap: float = GAP_WARNING) -> list[tuple[str, str]]:
-    """Return the only pair of lanes whose second lane continues the first lane within `gap` [m]; nothing if several pairs do."""
+    """Return the only pair of lanes whose second lane continues the first lane within a gap; an empty list if several pairs do.
+
+    Args:
+        draft: the draft with the lanes.
+        pairs: pairs of ids of lanes.
+        gap: widest gap between the two lanes [m].
+    """
     near = []
     for edge, after in ((draft.edges[a], draft.edges[b]) for a, b in pairs):
         turn = math.remainder(after.start_heading - edge.end_heading, math.tau)
@@ -223,7 +236,7 @@ def _only_continuation(draft: Draft, pairs: list[tuple[str, str]], gap: float = 
 
 
 def mend_joints(draft: Draft) -> None:
-    """Join the ends of linked lanes; outside junctions remove links across gaps that are too wide to drive across."""
+    """Close the gaps between linked lanes. Outside of junctions, remove links across gaps that are too wide to drive across."""
     for id, next_id in list(draft.links.edges):
         edge, after = draft.edges[id], draft.edges[next_id]
         gap = math.dist(edge.points[-1], after.points[0])
@@ -246,7 +259,8 @@ def mend_joints(draft: Draft) -> None:
 def _mend(draft: Draft, edge: Chain, after: Chain) -> str | None:
     """Join two linked lanes whose ends do not meet, and return the repair in words; None if `after` begins beyond `edge`.
 
-    The repair moves the lane without another link at the joint; if both lanes have another link, the lane inside a junction.
+    The repair moves the lane that has fewer links at the joint. If both lanes have equally many links, the repair moves the lane
+    inside a junction.
     """
     ends = [
         (draft.links.in_degree(after.id), after.junction is None, after, edge, 1, edge.end_heading),

@@ -1,6 +1,6 @@
 """Reading the records of an OpenDRIVE file.
 
-The reader follows ASAM OpenDRIVE 1.4 to 1.8. Ids are strings. Elements may stand in any order: the reader sorts stations.
+The reader follows ASAM OpenDRIVE 1.4 to 1.8. Ids are strings. Elements can stand in any order: the reader sorts them by station.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from xml.etree.ElementTree import Element
 from pytest_rvads.geometry.network import Doubt, MapWarning
 from pytest_rvads.geometry.opendrive.records import (
     Connection,
+    CrosswalkRecord,
     Cubic,
     Document,
     JunctionRecord,
@@ -24,8 +25,7 @@ from pytest_rvads.geometry.opendrive.records import (
     Shape,
     Signal,
 )
-from pytest_rvads.geometry.opendrive.speeds import limit_of
-from pytest_rvads.geometry.opendrive.xmlfile import integer, load, number
+from pytest_rvads.geometry.opendrive.xmlfile import ARM, integer, limit_of, load, number
 from pytest_rvads.geometry.segment import Limits
 from pytest_rvads.support.errors import MapError
 
@@ -85,10 +85,11 @@ def read(path: str | os.PathLike[str]) -> Document:
 
 
 def _assign_junctions(roads: dict[str, Road], junctions: Mapping[str, JunctionRecord]) -> list[MapWarning]:
-    """Correct, in `roads`, the junction of roads, and return a warning per correction.
+    """Correct, in `roads`, which junction a road lies in, and return a warning per correction.
 
-    A connecting road belongs to the junction whose table names the road. A road in a junction that does not exist lies outside
-    of all junctions. A road with a junction at one of its ends lies outside, even if a table names it as connecting.
+    A connecting road lies in the junction whose table names the road. A road that names a missing junction lies outside of all
+    junctions. A road with a junction at one of its ends lies outside of all junctions, even if a table names the road as
+    connecting.
     """
     warnings = []
     for road in list(roads.values()):
@@ -169,6 +170,8 @@ class _RoadReader:
             tuple(self._signals()),
             any(part.get("type") == "motorway" for part in element.iterfind("type")),
             self._limits([(part, "s", part.find("speed")) for part in element.iterfind("type")]),
+            tuple(self._crosswalks()),
+            next((part.get("value") for part in element.iterfind("userData") if part.get("code") == ARM), None),
         )
 
     def _sections(self, lanes: Element) -> tuple[Section, ...]:
@@ -215,8 +218,8 @@ class _RoadReader:
         """Return the speed limits of the road or of a lane; an unreadable limit is ignored with a warning.
 
         Args:
-            rows: for each limit the element with the station where the limit begins, the name of the attribute with the station,
-                and the element with the speed; None instead of this element for a stretch without a stated limit.
+            rows: one tuple per limit: the element with the station where the limit begins, the name of the attribute that holds
+                the station, and the element with the speed. The last item is None for a stretch without a stated limit.
         """
         limits = []
         for place, name, speed in rows:
@@ -239,6 +242,31 @@ class _RoadReader:
                 fault = str(error).removeprefix(f"{self.place}: ")
                 message = f"the {element.tag} {element.get('id', '')!r} of road {self.id!r} was left out: {fault}"
                 self.warnings.append(MapWarning(Doubt.SIGNAL, message, self.id))
+
+    def _crosswalks(self) -> Iterator[CrosswalkRecord]:
+        """Yield the crosswalks of the road; a broken crosswalk is left out with a warning."""
+        for element in self.element.iterfind("objects/object"):
+            if element.get("type", "").strip().lower() == "crosswalk":
+                try:
+                    yield _crosswalk(element, self.place)
+                except MapError as error:
+                    fault = str(error).removeprefix(f"{self.place}: ")
+                    message = f"the crosswalk {element.get('id', '')!r} of road {self.id!r} was left out: {fault}"
+                    self.warnings.append(MapWarning(Doubt.CROSSWALK, message, self.id))
+
+
+def _crosswalk(element: Element, place: str) -> CrosswalkRecord:
+    """Return the record of a crosswalk: its first outline of three corners or more, else the box of its length and width."""
+    s, t, heading = (number(element, name, place, default) for name, default in (("s", None), ("t", 0.0), ("hdg", 0.0)))
+    for outline in (*element.iterfind("outline"), *element.iterfind("outlines/outline")):
+        for tag, names in (("cornerRoad", ("s", "t")), ("cornerLocal", ("u", "v"))):
+            rows = [(number(part, names[0], place), number(part, names[1], place)) for part in outline.iterfind(tag)]
+            if len(set(rows)) > 2:
+                return CrosswalkRecord(element.get("id", ""), s, t, heading, tuple(rows), tag == "cornerLocal")
+    u, v = number(element, "length", place, 0.0) / 2, number(element, "width", place, 0.0) / 2
+    if min(u, v) <= 0:
+        raise MapError("it has neither an outline of three corners nor a length and a width above 0, expected one of the two")
+    return CrosswalkRecord(element.get("id", ""), s, t, heading, ((u, v), (-u, v), (-u, -v), (u, -v)), True)
 
 
 def _shape(element: Element, place: str) -> Shape:
@@ -313,5 +341,9 @@ def _junction(element: Element, place: str) -> JunctionRecord:
         rows.append(Connection(row.get("incomingRoad", ""), connecting, row.get("contactPoint", ""), links))
     priorities = [(part.get("high", ""), part.get("low", "")) for part in element.iterfind("priority")]
     return JunctionRecord(
-        id, element.get("type", "default").lower(), tuple(rows), tuple(pair for pair in priorities if all(pair))
+        id,
+        element.get("type", "default").lower(),
+        tuple(rows),
+        tuple(pair for pair in priorities if all(pair)),
+        tuple((part.get("id", ""), part.get("crossingRoad", "")) for part in element.iterfind("crossPath")),
     )

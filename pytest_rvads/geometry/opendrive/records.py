@@ -1,21 +1,52 @@
-"""Records of the parts of an OpenDRIVE file that the metric graph needs."""
+"""Records of the parts of an OpenDRIVE file that the metric graph needs, and the reference lines of roads, sampled by station.
+
+Reference lines have five plan-view geometries. Lines and arcs are closed forms. Spirals are integrated by 5-point
+Gauss-Legendre quadrature on pieces of at most 2 m, within 4.4e-8 m of Fresnel integrals. The parameters of poly3 and paramPoly3
+are found from arc lengths.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from pytest_rvads.geometry.network import MapWarning
 from pytest_rvads.geometry.segment import Limits
 
-__all__ = ["Connection", "Cubic", "Document", "JunctionRecord", "Lane", "Road", "RoadLink", "Section", "Shape", "Signal"]
+__all__ = [
+    "Connection",
+    "CrosswalkRecord",
+    "Cubic",
+    "Document",
+    "JunctionRecord",
+    "Lane",
+    "Line",
+    "Road",
+    "RoadLink",
+    "Section",
+    "Shape",
+    "Signal",
+    "evaluate",
+    "pose_at",
+]
 
 _RAMPS = frozenset({"entry", "exit", "mwyentry", "mwyexit", "onramp", "offramp", "connectingramp"})
 """Lane types (in lower case) of lanes whose traffic joins other traffic; mwyEntry and mwyExit are entry and exit before version
 1.4."""
 _DRIVABLE = _RAMPS | {"driving", "sliplane"}
 """Lane types that vehicles drive on."""
+
+Array = NDArray[np.float64]
+
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(5)
+_PIECE = 2.0
+_STEP = 0.05
+_MOST_CELLS = 200_000
+_END = 1e-6
 
 
 class Cubic(NamedTuple):
@@ -49,9 +80,9 @@ class Lane(NamedTuple):
 
     id: int
     type: str
-    """In lower case."""
+    """Type of the lane, in lower case."""
     widths: tuple[Cubic, ...]
-    """Stations from the start of the section."""
+    """Widths of the lane; stations count from the start of the section."""
     borders: tuple[Cubic, ...]
     """Outer border relative to the reference line, used if the lane has no widths."""
     predecessors: tuple[int, ...]
@@ -59,7 +90,7 @@ class Lane(NamedTuple):
     reversed: bool = False
     """True where traffic runs against the usual direction of the lane (OpenDRIVE 1.8)."""
     limits: Limits = ()
-    """Speed limits of the lane; stations from the start of the section."""
+    """Speed limits of the lane; stations count from the start of the section."""
 
     @property
     def drivable(self) -> bool:
@@ -76,12 +107,12 @@ class Lane(NamedTuple):
         return self.predecessors if end == "start" else self.successors
 
     def forward(self, *, left_hand: bool) -> bool:
-        """Return whether traffic on the lane runs along the reference line, from the side on which traffic keeps."""
+        """Return whether traffic on the lane runs along the reference line, if traffic keeps to the given side."""
         return ((self.id < 0) != left_hand) != self.reversed
 
 
 class Section(NamedTuple):
-    """A lane section."""
+    """A lane section: the part of a road along which its lanes stay the same."""
 
     s: float
     lanes: dict[int, Lane]
@@ -97,7 +128,7 @@ class RoadLink(NamedTuple):
 
 
 class Signal(NamedTuple):
-    """A sign, light, stop line, or a reference to one."""
+    """The record of a sign, light or stop line, or of a reference to a sign or light."""
 
     id: str
     road: str
@@ -106,7 +137,7 @@ class Signal(NamedTuple):
     orientation: str
     reference: bool
     type: str
-    """In lower case; empty for a reference."""
+    """Type of the signal, in lower case; empty for a reference."""
     subtype: str
     dynamic: bool
     lanes: tuple[tuple[int, int], ...]
@@ -114,14 +145,28 @@ class Signal(NamedTuple):
     line: bool
     """True for a stop line."""
     country: str = ""
-    """In lower case, as the file has it."""
+    """Country of the signal, in lower case, as the file has it."""
     name: str = ""
-    """In lower case."""
+    """Name of the signal, in lower case."""
+
+
+class CrosswalkRecord(NamedTuple):
+    """The record of a crosswalk on a road."""
+
+    id: str
+    s: float
+    t: float
+    heading: float
+    """Direction of the local axis u, relative to the direction of the road [rad]."""
+    corners: tuple[tuple[float, float], ...]
+    """Corners of the painted area [m]: pairs (u, v) around the place (s, t) of the crosswalk, or pairs (s, t)."""
+    local: bool
+    """Whether the corners are pairs (u, v)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Road:
-    """A ``<road>``."""
+    """The record of a ``<road>`` of the file."""
 
     id: str
     length: float
@@ -137,7 +182,10 @@ class Road:
     signals: tuple[Signal, ...]
     motorway: bool = False
     limits: Limits = ()
-    """Speed limits of the types of the road; a limit of a lane counts before them."""
+    """Speed limits of the types of the road; where a lane has a limit, the limit of the lane applies."""
+    crosswalks: tuple[CrosswalkRecord, ...] = ()
+    arm: str | None = None
+    """Id of the first road of the arm that the road is a lane of, in a file that the project wrote from lanelets."""
 
     @property
     def drivable(self) -> bool:
@@ -167,13 +215,15 @@ class Connection(NamedTuple):
 
 
 class JunctionRecord(NamedTuple):
-    """A ``<junction>`` as the file has it."""
+    """The record of a ``<junction>`` of the file."""
 
     id: str
     type: str
     connections: tuple[Connection, ...]
     priorities: tuple[tuple[str, str], ...] = ()
     """Pairs of roads: traffic on the first has priority over traffic on the second."""
+    cross_paths: tuple[tuple[str, str], ...] = ()
+    """Per ``<crossPath>`` its id and the road on which pedestrians cross (OpenDRIVE 1.8)."""
 
     @property
     def made_of_roads(self) -> bool:
@@ -202,7 +252,8 @@ class Document:
     def touching(self, junction: str, row: Connection) -> str | None:
         """Return the end of the incoming road at which a connection begins, None if the two roads do not touch.
 
-        The links of the incoming road decide, else the links of the connecting road.
+        The links of the incoming road name the end. If these links fit both ends or no end, the links of the connecting road
+        decide.
         """
         incoming, connecting = self.roads[row.incoming], self.roads[row.connecting]
         ends = [
@@ -217,3 +268,109 @@ class Document:
         if back is not None and not back.junction and back.element == incoming.id and back.contact in ("start", "end"):
             return back.contact
         return ends[0] if ends else None
+
+
+class Line(NamedTuple):
+    """Points of a reference line."""
+
+    x: Array
+    """East coordinates, shape ``(k,)`` [m]."""
+    y: Array
+    """North coordinates, shape ``(k,)`` [m]."""
+    heading: Array
+    """Headings, counter-clockwise from east, not unwrapped, shape ``(k,)`` [rad]."""
+
+
+def evaluate(shape: Shape, along: Array) -> Line:
+    """Return points of a piece of a reference line.
+
+    Args:
+        shape: the piece.
+        along: ascending distances from the start of the piece, shape ``(k,)`` [m].
+    """
+    if shape.kind == "line":
+        u, v, turn = along, np.zeros_like(along), np.zeros_like(along)
+    elif shape.kind == "arc":
+        u, v, turn = _arc(shape.values[0], along)
+    elif shape.kind == "spiral":
+        u, v, turn = _spiral(shape.values[0], shape.values[1], shape.length, along)
+    elif shape.kind == "poly3":
+        u, v, turn = _poly3(shape.values, along)
+    else:
+        u, v, turn = _param_poly3(shape.values, shape.length, shape.normalized, along)
+    cos, sin = np.cos(shape.heading), np.sin(shape.heading)
+    return Line(shape.x + u * cos - v * sin, shape.y + u * sin + v * cos, shape.heading + turn)
+
+
+def pose_at(road: Road, s: float) -> tuple[float, float, float]:
+    """Return the point of a reference line at a station [m], and the heading [rad]; beyond its ends the line goes straight on.
+
+    Args:
+        road: a road with geometry.
+        s: the station [m].
+    """
+    within = min(max(s, 0.0), road.length)
+    shape = next((shape for shape in reversed(road.shapes) if shape.s <= within), road.shapes[0])
+    (x,), (y,), (heading,) = evaluate(shape, np.array([max(within - shape.s, 0.0)]))
+    beyond = s - within
+    return float(x + beyond * np.cos(heading)), float(y + beyond * np.sin(heading)), float(heading)
+
+
+def _arc(curvature: float, along: Array) -> tuple[Array, Array, Array]:
+    turn = curvature * along
+    # sin(a)/k and (1 - cos(a))/k, written so that both terms are defined for a curvature k of zero.
+    half = np.sinc(turn / (2 * np.pi))
+    chord = along * half
+    return chord * np.cos(turn / 2), chord * np.sin(turn / 2), turn
+
+
+def _spiral(first: float, last: float, length: float, along: Array) -> tuple[Array, Array, Array]:
+    rate = (last - first) / length if length else 0.0
+    lead = np.linspace(0.0, along[0], int(np.ceil(along[0] / _PIECE)) + 1)[:-1]
+    grid = np.concatenate((lead, along)) if len(lead) or along[0] == 0.0 else np.concatenate(([0.0], along))
+    widest = float(np.max(np.diff(grid), initial=0.0))
+    parts = max(1, int(np.ceil(widest / _PIECE)))
+    fine = grid
+    if parts > 1:
+        steps = np.linspace(0.0, 1.0, parts + 1)[:-1]
+        fine = np.append((grid[:-1, None] + np.diff(grid)[:, None] * steps).ravel(), grid[-1])
+    half = np.diff(fine) / 2
+    nodes = (fine[:-1] + half)[:, None] + half[:, None] * _NODES
+    angle = first * nodes + rate * nodes**2 / 2
+    u = np.concatenate(([0.0], np.cumsum(half * (np.cos(angle) @ _WEIGHTS))))
+    v = np.concatenate(([0.0], np.cumsum(half * (np.sin(angle) @ _WEIGHTS))))
+    keep = slice(None, None, parts)
+    back = len(along)
+    return u[keep][-back:], v[keep][-back:], first * along + rate * along**2 / 2
+
+
+def _poly3(values: tuple[float, ...], along: Array) -> tuple[Array, Array, Array]:
+    a, b, c, d = values
+    grid = _grid(along[-1], along[-1])
+    u = np.interp(along, _arc_length(grid, lambda p: np.sqrt(1 + (b + p * (2 * c + 3 * d * p)) ** 2)), grid)
+    return u, a + u * (b + u * (c + u * d)), np.arctan(b + u * (2 * c + 3 * d * u))
+
+
+def _param_poly3(values: tuple[float, ...], length: float, normalized: bool, along: Array) -> tuple[Array, Array, Array]:
+    au, bu, cu, du, av, bv, cv, dv = values
+    end = 1.0 if normalized else length
+    grid = _grid(end, length)
+    arc = _arc_length(grid, lambda p: np.hypot(bu + p * (2 * cu + 3 * du * p), bv + p * (2 * cv + 3 * dv * p)))
+    p = np.interp(along, arc, grid)
+    # The stated length of a piece can differ from the arc length by centimetres; the end point is exact.
+    p[along >= length - _END] = end
+    turn = np.arctan2(bv + p * (2 * cv + 3 * dv * p), bu + p * (2 * cu + 3 * du * p))
+    return au + p * (bu + p * (cu + p * du)), av + p * (bv + p * (cv + p * dv)), turn
+
+
+def _grid(end: float, length: float) -> Array:
+    """Return parameters from 0 to `end`, about `_STEP` metres apart on a piece of this length."""
+    cells = min(max(int(np.ceil(length / _STEP)), 1), _MOST_CELLS)
+    return np.linspace(0.0, max(end, _STEP), cells + 1)
+
+
+def _arc_length(grid: Array, speed: Callable[[Array], Array]) -> Array:
+    """Return the integral of `speed` from the first parameter of `grid` to every parameter."""
+    half = np.diff(grid) / 2
+    nodes = (grid[:-1] + half)[:, None] + half[:, None] * _NODES
+    return np.concatenate(([0.0], np.cumsum(half * (speed(nodes) @ _WEIGHTS))))

@@ -2,7 +2,8 @@
 
 The `orientation` of a signal is unreliable: RoadRunner and LGSVL invert the orientation, and SUMO inverts the orientation of stop
 signs. Whole towns would have no controlled junction if the reader relied on `orientation`. So a signal regulates the entrance
-lanes at the near end of the road, or the lanes that the signal names. `orientation` only decides between the two ends of a road.
+lanes at the near end of the road, or the lanes that the signal names. The `orientation` of a signal only decides between the two
+ends of a road.
 """
 
 from __future__ import annotations
@@ -13,20 +14,21 @@ from collections import Counter, defaultdict
 from collections.abc import Container, Iterable, Iterator
 
 import networkx as nx
+import numpy as np
 
 from pytest_rvads.geometry.control import MapObject, ObjectKind
 from pytest_rvads.geometry.network import Doubt
 from pytest_rvads.geometry.opendrive.draft import Chain, Draft
-from pytest_rvads.geometry.opendrive.records import Document, Road, Signal
-from pytest_rvads.geometry.segment import Turn
+from pytest_rvads.geometry.opendrive.records import Document, Road, Signal, pose_at
+from pytest_rvads.geometry.turns import Turn
 
-__all__ = ["LINE_RANGE", "attach", "kind_of"]
+__all__ = ["LINE_RANGE", "STANDARD", "attach", "kind_of", "point_of"]
 
 SIGNAL_RANGE = 50.0
-"""Greatest distance of a signal before the junction that the signal regulates [m]."""
+"""Largest distance of a signal from the junction that the signal regulates [m]."""
 LINE_RANGE = 10.0
 """Greatest distance of a stopping line before the entrance vertex [m]."""
-_STANDARD = {
+STANDARD = {
     **dict.fromkeys(("206", "r1", "r1-1", "stop", "stop_sign"), ObjectKind.STOP),
     **dict.fromkeys(("205", "r1-2", "yield", "yield_sign", "give_way", "giveway"), ObjectKind.YIELD),
     **dict.fromkeys(("301", "306", "priority", "priority_road"), ObjectKind.PRIORITY),
@@ -85,7 +87,7 @@ def kind_of(signal: Signal) -> ObjectKind | None:
         return abroad
     if signal.type == "r1" and signal.subtype == "2":
         return ObjectKind.YIELD  # the US catalogue's R1-2
-    standard = _STANDARD.get(re.sub(r"\s+", "_", signal.type))
+    standard = STANDARD.get(re.sub(r"\s+", "_", signal.type))
     if standard is ObjectKind.LIGHT and _OTHER_NAME.search(signal.name):
         return None
     if standard is not None:
@@ -115,7 +117,7 @@ def _arrows_of(signal: Signal) -> frozenset[Turn]:
 def _counts_from_kerb(document: Document) -> bool:
     """Return whether the lanes in ``<validity>`` have the numbers of SUMO, from 0 at the kerb, as netconvert wrote until 1.15.
 
-    These files have no references, every range is one lane, and the roads are one-way without lanes of positive ids.
+    Files with such numbers have no references, every range is one lane, and the roads are one-way without lanes of positive ids.
     """
     signals = [(road, signal) for road in document.roads.values() for signal in road.signals]
     if any(signal.reference for _, signal in signals):
@@ -149,7 +151,7 @@ class _Attacher:
         self.draft = draft
         self.edges = draft.edges
         self.homes: dict[str, Signal] = {}
-        """Per id, the signal itself, which is no reference."""
+        """Per id, the signal that has the id, which references name."""
         self.by_road: dict[str, list[Chain]] = defaultdict(list)
         self.entered: dict[str, list[str]] = defaultdict(list)
         """Per edge, the junctions that the edge enters."""
@@ -174,7 +176,7 @@ class _Attacher:
                     self.homes[signal.id] = signal
 
     def _before(self, starts: Iterable[str], inside: Container[str]) -> list[str]:
-        """Return the edges outside a junction from which traffic reaches an edge of `starts` inside."""
+        """Return the edges outside a junction from which traffic reaches an edge of `starts` inside the junction."""
         before = self.draft.links.pred
 
         def predecessors(id: str | None) -> Iterator[str]:
@@ -272,9 +274,10 @@ class _Attacher:
         return [ranged for ranged in signal.lanes if ranged != (0, 0)]
 
     def _across(self, road: Road, signal: Signal, edges: Iterable[Chain]) -> list[tuple[str, str]]:
-        """Return (junction, entrance edge) of a light at the start of an exit road: entrances of traffic that goes straight on.
+        """Return the pairs (junction, entrance edge) that a light at the start of an exit road regulates.
 
-        The masts of these lights stand on the far side of the junction, and no reference names the lights.
+        These are the entrances whose traffic goes straight on into the exit road. The mast of such a light stands on the far side
+        of the junction, and no reference names the light.
         """
         reach = min(SIGNAL_RANGE, road.length / 2)
         places: dict[tuple[str, str], None] = {}
@@ -308,9 +311,13 @@ class _Attacher:
         return []
 
     def _ahead(self, edge: Chain, distance: float) -> list[tuple[str, Chain]]:
-        """Return (junction, entrance edge) that traffic reaches within `SIGNAL_RANGE` from `distance` before the end of `edge`.
+        """Return the pairs (junction, entrance edge) that traffic reaches within `SIGNAL_RANGE` of a signal.
 
-        If the last road before a junction is short, its signals stand on the road before.
+        If the last road before a junction is short, its signals stand on the road that leads to the short road.
+
+        Args:
+            edge: an edge of the road with the signal.
+            distance: distance of the signal from the end of the edge [m].
         """
         seen = {edge.id}
         while distance <= SIGNAL_RANGE:
@@ -327,7 +334,7 @@ class _Attacher:
         return []
 
     def _line_entrances(self, signal: Signal) -> list[tuple[str, str]]:
-        """Return (junction, entrance edge) of a stop line, which may lie on the road before the entrance edge."""
+        """Return (junction, entrance edge) of a stop line, which lies on the entrance edge or on the edge that leads to it."""
         road = self.draft.document.roads[signal.road]
         places = []
         for edge in self.by_road[road.id]:
@@ -344,7 +351,7 @@ class _Attacher:
         return places
 
     def _object(self, signal: Signal, kind: ObjectKind, junction: str, edge: Chain) -> MapObject:
-        """Return the object of a signal on an entrance edge."""
+        """Return the map object of a signal of the file, with its position on an entrance edge."""
         before: float = -1.0
         if signal.road == edge.road:
             before = edge.length - edge.station(signal.s)
@@ -356,7 +363,14 @@ class _Attacher:
         place = max(before, 0.0)
         setback = place if kind is not ObjectKind.LIGHT and before >= 0 and place <= LINE_RANGE else None
         arrows = _arrows_of(signal) if kind is ObjectKind.LIGHT else frozenset[Turn]()
-        return MapObject(signal.id, kind, junction, edge.id, max(edge.length - place, 0.0), setback, arrows)
+        point = point_of(self.draft.document.roads[signal.road], signal) if kind is ObjectKind.LIGHT else None
+        return MapObject(signal.id, kind, junction, edge.id, max(edge.length - place, 0.0), setback, arrows, point)
+
+
+def point_of(road: Road, signal: Signal) -> tuple[float, float]:
+    """Return the place of a signal [m], `Signal.t` to the left of the reference line of its road."""
+    x, y, heading = pose_at(road, signal.s)
+    return float(x - signal.t * np.sin(heading)), float(y + signal.t * np.cos(heading))
 
 
 def _against(signal: Signal, forward: bool) -> bool:

@@ -1,8 +1,8 @@
 """Writing junctions as OpenDRIVE 1.7: the built-in maps, and variants of the built-in maps for tests and experiments.
 
-The arms are straight and meet in one centre. Every turning movement is an arc tangent to the two lanes that the movement joins.
-A straight piece comes before or after the arc if the lanes lie at different distances from the centre. So headings are
-continuous and there are no gaps.
+The arms are straight and meet in one centre. Every turning movement is an arc tangent to the two lanes that the movement joins. A
+straight piece comes before or after the arc if the lanes lie at different distances from the centre. So the centre lines have
+continuous headings and no gaps.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from pytest_rvads.geometry.opendrive.elements import (
     Piece,
     Post,
     add,
+    add_crosswalk,
     add_lanes,
     add_plan,
     add_regulation,
@@ -26,7 +27,8 @@ from pytest_rvads.geometry.opendrive.elements import (
     finished,
     joined,
 )
-from pytest_rvads.geometry.segment import Pose, Turn
+from pytest_rvads.geometry.segment import Pose
+from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.support.errors import MapError
 
 __all__ = ["Layout", "opendrive"]
@@ -36,6 +38,13 @@ _FACING = math.radians(10.0)
 _ARROWS = {Turn.LEFT: 10, Turn.RIGHT: 20}
 _BESIDE = 0.8
 """Distance from the kerb to a sign [m]."""
+_BEHIND = 1.5
+"""Distance from the middle of a stop line to the crosswalk behind it [m].
+
+Between the edge of the line, which is 0.3 m wide, and the crosswalk lies more than 4 ft, 1.22 m (MUTCD 2009, 3B.16).
+"""
+_FLARE = 0.5
+"""Length of a crosswalk on either side of the lanes [m]: the corners of a junction widen the roadway behind the stop line."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,10 +62,10 @@ class Layout:
     stop: float = 15.0
     """Distance from the centre of the junction to the entrance and exit vertices [m]."""
     lane_offset: float = 1.75
-    """Distance from the line between the directions of a road to the centre of the first lane [m]; more than half the lane width
-    leaves a median."""
+    """Distance from the line that separates the directions of a road to the centre of the first lane [m]; more than half the lane
+    width leaves a median."""
     lane_width: float = 3.5
-    """[m]."""
+    """Width of the lanes [m]."""
     approach: float = 120.0
     """Length of the arms [m]."""
     setback: float = 0.0
@@ -69,20 +78,24 @@ class Layout:
     """Control of each arm; empty if `control` holds for all arms."""
     lanes: tuple[tuple[tuple[int, ...], ...], ...] = ()
     """Per arm the lanes that lead in, from the kerb, each lane with its allowed directions; direction ``j`` leads to the ``j``-th
-    arm after the arm. Empty for a lane per arm that allows all directions. Several lanes that allow a direction lead into as many
-    lanes of the target arm: the lanes at the kerb, for a turn across oncoming traffic the lanes at the centre. A lane for this
-    turn alone beside other lanes has a light with an arrow and its own green phase."""
+    arm after this arm, counter-clockwise. If empty, every arm has a lane that allows all directions. Several lanes that allow a
+    direction lead into as many lanes of the target arm: the lanes at the kerb or, for a turn across oncoming traffic, the lanes
+    at the centre. A lane that allows only this turn, beside other lanes, has a light with an arrow and its own green phase."""
     exits: tuple[int, ...] = ()
-    """Per arm the number of lanes that lead out; empty for a lane on every arm."""
+    """Per arm the number of lanes that lead out; if empty, one lane leads out on every arm."""
     shift: float = 0.0
     """Displacement of the line between the directions, to the side of the lanes that lead out [m]. Opposite lanes face each other
     if the displacement is half a lane and arms have one more lane in than out."""
+    crosswalk: float = 0.0
+    """Width of the crosswalk over every arm, 1.5 m behind the stop line [m]; 0 for a junction without crosswalks. If the junction
+    has lights, pedestrians have lights, too."""
 
     def __post_init__(self) -> None:
         if not 3 <= self.ways <= 8:
             raise MapError(f"a junction has 3 to 8 ways, got {self.ways!r}")
         numbers = (self.stop, self.lane_offset, self.lane_width, self.approach, self.setback)
-        if not all(map(math.isfinite, (*numbers, self.shift))) or min(numbers[:4]) <= 0 or not 0 <= self.setback < self.approach:
+        finite = all(map(math.isfinite, (*numbers, self.shift, self.crosswalk)))
+        if not finite or min(numbers[:4]) <= 0 or not 0 <= self.setback < self.approach or self.crosswalk < 0:
             raise MapError(f"lengths of a junction must be positive and the setback shorter than the approach, got {numbers}")
         if self.lane_offset < self.lane_width / 2:
             raise MapError(
@@ -157,7 +170,7 @@ class Layout:
         return Turn.RIGHT if self.left_hand else Turn.LEFT
 
     def turn(self, arm: int, direction: int) -> Turn:
-        """Return the turn from an arm into a direction."""
+        """Return the turn of a movement from an arm into a symbolic direction."""
         start, end = self.directions[arm], self.directions[(arm + direction) % self.ways]
         return Turn.of(math.remainder(end - start - math.pi, math.tau))
 
@@ -167,7 +180,7 @@ class Layout:
         return len(lanes) > 1 and bool(lanes[lane]) and {self.turn(arm, j) for j in lanes[lane]} == {self.across}
 
     def ways_through(self) -> Iterator[tuple[tuple[int, int], tuple[int, int]]]:
-        """Yield the movements: arm and lane at the start, arm and lane at the end.
+        """Yield the movements, each as arm and lane at its start and arm and lane at its end.
 
         Raises:
             MapError: more lanes of an arm allow a direction than lanes lead out in this direction.
@@ -218,11 +231,33 @@ def _controllers(root: Element, junction: Element, layout: Layout) -> None:
     facing = ((i, k) for i, (a, _) in enumerate(lit) for k, (b, _) in enumerate(lit) if (a, b) in layout.opposite)
     protected = [number for number, (arm, lane) in enumerate(lit) if layout.protected(arm, lane)]
     groups = phase_groups([arm for arm, _ in lit], frozenset(facing), protected=protected)
+    # Pedestrians walk with the first group in which neither their arm nor the arm opposite has green.
+    together = layout.opposite | {(arm, arm) for arm in range(layout.ways)}
+    walks = {
+        arm: next((k for k, group in enumerate(groups) if all((lit[p][0], arm) not in together for p in group)), None)
+        for arm in range(layout.ways if layout.crosswalk else 0)
+    }
     for number, group in enumerate(groups):
         controller = add(root, "controller", id=number, name=f"phase {number}", sequence=number)
         for place in sorted(group):
             add(controller, "control", signalId=_signal(layout, *lit[place]), type="vehicle")
+        for light in [id for arm, walking in walks.items() if walking == number for id, _ in _pedestrian_lights(layout, arm)]:
+            add(controller, "control", signalId=light, type="pedestrian")
         add(junction, "controller", id=number, type="vehicle", sequence=number)
+
+
+def _pedestrian_lights(layout: Layout, arm: int) -> tuple[tuple[str, float], ...]:
+    """Return the ids of the lights on both sides of the crosswalk of an arm, with their lateral positions [m]."""
+    left, right = _kerbs(layout, arm)
+    lights = (f"walk{arm}.left", left + _FLARE + _BESIDE), (f"walk{arm}.right", right - _FLARE - _BESIDE)
+    return lights if layout.control is JunctionControl.LIGHTS else ()
+
+
+def _kerbs(layout: Layout, arm: int) -> tuple[float, float]:
+    """Return the lateral positions of the left and the right kerb of an arm, to the left of its reference line [m]."""
+    ids = [_inbound(layout, arm, 0)] * bool(layout.entrances[arm]) + [_outbound(layout, arm, 0)] * bool(layout.leaving[arm])
+    edges = [_aside(layout, id) + side * layout.lane_width / 2 for id in ids for side in (-1, 1)]
+    return max(edges), min(edges)
 
 
 def _signal(layout: Layout, arm: int, lane: int) -> int:
@@ -230,7 +265,7 @@ def _signal(layout: Layout, arm: int, lane: int) -> int:
 
 
 def _innermost(layout: Layout) -> int:
-    """Return the number of the innermost driving lanes, counted from the centre: 2 beside a median, else 1."""
+    """Return the number of the innermost driving lanes, counted from the centre: 2 beside a median, 1 without a median."""
     return 2 if layout.lane_offset > layout.lane_width / 2 + 1e-9 else 1
 
 
@@ -269,10 +304,16 @@ def _arm(root: Element, layout: Layout, arm: int) -> None:
     add_lanes(road, lanes, layout.shift if layout.left_hand else -layout.shift)
     if layout.regulation[arm] is not Sign.NONE and layout.entrances[arm]:
         _regulate(road, layout, arm)
+    if layout.crosswalk:
+        left, right = _kerbs(layout, arm)
+        near = layout.setback - _BEHIND
+        far = near - layout.crosswalk
+        corners = [(near, right - _FLARE), (near, left + _FLARE), (far, left + _FLARE), (far, right - _FLARE)]
+        add_crosswalk(road, f"crosswalk{arm}", corners, [(id, layout.setback, t) for id, t in _pedestrian_lights(layout, arm)])
 
 
 def _regulate(road: Element, layout: Layout, arm: int) -> None:
-    """Write the line, the sign or the lights of an arm; traffic enters against the reference line."""
+    """Write the stopping line, and the sign or lights, of an arm, whose traffic enters against the reference line."""
     sign, count = layout.regulation[arm], len(layout.entrances[arm])
     ids = [_inbound(layout, arm, lane) for lane in range(count)]
     kerb, inner = _aside(layout, ids[0]), _aside(layout, ids[-1])

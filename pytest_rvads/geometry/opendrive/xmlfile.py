@@ -1,4 +1,4 @@
-"""Parsing OpenDRIVE files from unknown writers: size, depth and numbers are bounded, and every error is one sentence."""
+"""Parsing OpenDRIVE files from unknown writers: size, depth, numbers and speeds are bounded, and every error is one sentence."""
 
 from __future__ import annotations
 
@@ -7,23 +7,32 @@ import re
 from pathlib import Path
 from xml.etree.ElementTree import Element, TreeBuilder
 
-from pytest_rvads.support.boundedxml import XmlError, read_xml
+from pytest_rvads.geometry.segment import NO_LIMIT
 from pytest_rvads.support.errors import MapError
+from pytest_rvads.support.storage import XmlError, read_file, read_xml
 from pytest_rvads.support.wording import one_line
 
-__all__ = ["MAX_BYTES", "MAX_ELEMENTS", "integer", "load", "number"]
+__all__ = ["ARM", "MAX_BYTES", "MAX_ELEMENTS", "integer", "limit_of", "load", "number", "speed_of", "text_of"]
 
+ARM = "rvads-arm"
+"""Code of the ``<userData>`` in which a road names the first road of its arm, in files that the project wrote from lanelets."""
 MAX_BYTES = 128 * 2**20
 """Largest file that is read [bytes]; whole towns have 1 to 20 MB."""
 MAX_ELEMENTS = 300_000
 """Most elements of a file that are read; a town has 30,000."""
 _ID = re.compile(r"[^\x00-\x1f\x7f-\x9f]{0,1000}")
 """Pattern of ids: ids name junctions in tables, reports and files of runs."""
+_ENCODING = re.compile(rb"""<\?xml[^>]*encoding=["']([A-Za-z0-9._-]+)""")
+"""The encoding that an XML declaration names."""
 _CHUNK = 2**18
 _SKIPPED = frozenset(
     {"userData", "roadMark", "elevationProfile", "lateralProfile", "surface", "railroad", "crossSectionSurface", "outlines"}
 )
 """Elements that do not matter to the lanes in plan view."""
+
+_UNITS = {"": 1.0, "m/s": 1.0, "mph": 0.44704, "km/h": 1 / 3.6}
+"""Per unit its size [m/s]: OpenDRIVE 1.8, section 8.2; an international mile has 1,609.344 m."""
+_WITH_UNIT = re.compile(r"\s*(\d{1,9}\.?\d{0,30}(?:e[-+]?\d{1,2})?)\s*(m/s|mph|km/h)?\s*", re.IGNORECASE)
 
 
 class _Builder:
@@ -34,12 +43,16 @@ class _Builder:
         self.tree = TreeBuilder()
         self.skipping = 0
         self.count = 0
+        self.crosswalk = False
+        """Whether the last ``<object>`` is a crosswalk, whose outlines matter."""
         self.projection = False
         """Whether the parser is in ``<geoReference>``; the text of other elements is not stored."""
 
     def start(self, tag: str, attributes: dict[str, str], _row: int) -> None:
         tag = tag.rpartition(":")[2]
-        if self.skipping or tag in _SKIPPED:
+        if tag == "object":
+            self.crosswalk = attributes.get("type", "").lower() == "crosswalk"
+        if self.skipping or (tag in _SKIPPED and attributes.get("code") != ARM and not (tag == "outlines" and self.crosswalk)):
             self.skipping += 1
             return
         self.count += 1
@@ -134,3 +147,46 @@ def integer(element: Element, name: str, place: str) -> int:
     if abs(value) > 999_999:
         raise MapError(f"{place}: {name}={text[:40]!r} of <{element.tag}> is out of range, expected at most six digits")
     return value
+
+
+def speed_of(text: str, what: str) -> float:
+    """Return a speed [m/s] from text with or without a unit, such as ``30mph``.
+
+    Args:
+        text: the speed; without a unit in m/s.
+        what: the name of the speed in the message of the error.
+
+    Raises:
+        MapError: the text is no speed above 0 and below `NO_LIMIT`.
+    """
+    match = _WITH_UNIT.fullmatch(text)
+    speed = float(match[1]) * _UNITS[(match[2] or "").lower()] if match else 0.0
+    if not 0.0 < speed < NO_LIMIT:
+        raise MapError(f"{what} must be a speed above 0 such as 30mph, 50km/h or, in m/s, 13.9, got {text[:40]!r}")
+    return speed
+
+
+def limit_of(element: Element) -> float | None:
+    """Return the speed limit of an element [m/s], None if the element leaves the limit undefined.
+
+    Raises:
+        MapError: the limit is no speed, see `speed_of`.
+    """
+    most = element.get("max", "").strip()
+    if most.lower() in ("undefined", ""):
+        return None
+    return NO_LIMIT if most.lower() == "no limit" else speed_of(f"{most} {element.get('unit', '')}".strip(), "it")
+
+
+def text_of(path: Path) -> str:
+    """Return the text of an XML file, in the encoding that its XML declaration names; UTF-8 without a declaration.
+
+    Raises:
+        MapError: the file can't be read, or is larger than `MAX_BYTES`.
+    """
+    try:
+        content = read_file(path, MAX_BYTES)
+        declared = _ENCODING.match(content)
+        return content.decode(declared[1].decode() if declared else "utf-8-sig")
+    except (OSError, ValueError, LookupError) as error:
+        raise MapError(f"map file {path} can't be read as text: {error}") from None

@@ -10,8 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pytest_rvads.geometry.opendrive.lanes import lane_lines, line_warnings
-from pytest_rvads.geometry.opendrive.records import Cubic, Lane, Road, Section, Shape
-from pytest_rvads.geometry.opendrive.reference_line import evaluate
+from pytest_rvads.geometry.opendrive.records import Cubic, Lane, Road, Section, Shape, evaluate
 
 ALONG = np.linspace(0.0, 40.0, 81)
 QUICK = settings(derandomize=True, deadline=None, max_examples=40)

@@ -7,13 +7,12 @@ from itertools import pairwise
 
 import pytest
 
-from pytest_rvads.geometry.builtin import LAYOUTS, path_of
+from pytest_rvads.geometry.builtin import LAYOUTS, Roundabout, path_of, roundabout
 from pytest_rvads.geometry.control import JunctionControl
 from pytest_rvads.geometry.finder import find, names
-from pytest_rvads.geometry.opendrive.roundabout import Roundabout, roundabout
 from pytest_rvads.geometry.opendrive.writer import Layout, opendrive
 from pytest_rvads.geometry.road_map import read_map
-from pytest_rvads.geometry.segment import Turn
+from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.runs.itineraries import Itinerary
 
 from .conftest import Read

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pytest_rvads.geometry.bends import LEAST_RADIUS, least_radius
 from pytest_rvads.geometry.opendrive.writer import Layout, opendrive
 from pytest_rvads.geometry.road_map import read_map
+from pytest_rvads.geometry.segment import LEAST_RADIUS, least_radius
 from pytest_rvads.geometry.sweep import CAR
-from pytest_rvads.runs.vehicle import Vehicle, usual_body
+from pytest_rvads.runs.states import Vehicle, usual_body
 from pytest_rvads.scenarios.configurations import grid
 from pytest_rvads.scenarios.selection import Selection
 from pytest_rvads.support.errors import ScenarioError

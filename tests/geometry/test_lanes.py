@@ -9,15 +9,15 @@ from hypothesis import HealthCheck, given, settings
 import pytest_rvads as rvads
 from pytest_rvads.geometry.control import Sign
 from pytest_rvads.geometry.junction import Entrance, Exit, Junction, Movement
-from pytest_rvads.geometry.segment import Turn
+from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.logic.conduct.predicates import extract
 from pytest_rvads.logic.judging.ground import ground
 from pytest_rvads.logic.rules.rule import parse
 from pytest_rvads.scenarios.case import Case
+from pytest_rvads.search.consistency import survey
 from pytest_rvads.search.relations import RELATIONS, Incomparable, Variant
 from pytest_rvads.search.remap import Symmetry, broken_by, rotations_of
 from pytest_rvads.search.strategies import scenarios
-from pytest_rvads.search.survey import survey
 
 TURNS = {1: Turn.RIGHT, 2: Turn.STRAIGHT, 3: Turn.LEFT}
 

@@ -50,6 +50,7 @@ def test_all_fields() -> None:
         "approach": [120.0, 120.0, 120.0],
         "right_of": [[0, 2], [1, 0]],
         "opposite": [[1, 2], [2, 1]],
+        "crossings": [],
     }
 
 

@@ -14,7 +14,7 @@ from pytest_rvads.geometry.builtin import path_of
 from pytest_rvads.geometry.graph import MetricGraph, Position
 from pytest_rvads.geometry.network import Edge, Network
 from pytest_rvads.geometry.road_map import RoadMap, read_map
-from pytest_rvads.geometry.segment import Turn
+from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.support.errors import MapError
 
 QUICK = settings(derandomize=True, deadline=None, max_examples=60)

@@ -1,0 +1,221 @@
+"""Crosswalks of a junction, and the crossings: the ways of pedestrians over a crosswalk, from kerb to kerb.
+
+A crosswalk lies over one arm. It has two crossings, one in each direction. The near side of a crosswalk is the side of the
+entrances of its arm: in right-hand traffic, the right side for a driver who comes to the junction on this arm.
+
+The stretch that a movement shares with a crossing surrounds the line on which pedestrians walk. The stretch that a crosswalk
+covers is the part of a movement inside the painted area.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from enum import StrEnum
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pytest_rvads.geometry.conflicts import Key, Line, Stretch
+from pytest_rvads.geometry.segment import Segment, fixed
+from pytest_rvads.geometry.sweep import CAR
+from pytest_rvads.geometry.turns import Turn
+
+__all__ = ["PERSON", "SIDEWALK", "Crossing", "Crosswalk", "Parking", "Side", "bay", "covered", "half", "hull"]
+
+PERSON = 0.6
+"""Diameter of a pedestrian [m]: a circle of radius 0.3 m, the larger end of the usual 0.25 to 0.3 m."""
+SIDEWALK = 3.0
+"""Length of the way of a pedestrian before and behind a crosswalk [m]."""
+_BAY, _OFF = 8.0, 1.2
+"""Length of a parking place before a crosswalk, and the distance from the kerb to the middle of the place [m]."""
+_SPACING, _FINER = 0.1, 101
+"""Distance between the points of a line that are compared with an area [m]; number of points that are then compared within this
+distance of the first and the last point inside, so that stretches are exact to 1 mm."""
+
+
+class Side(StrEnum):
+    """A side of a crosswalk, from which a pedestrian comes."""
+
+    NEAR = "near"
+    """The side of the entrances: the right side for drivers who enter the junction, where traffic keeps right."""
+    FAR = "far"
+    """The side of the exits."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Crosswalk:
+    """A crosswalk over one arm of a junction."""
+
+    id: str
+    """Id of the crosswalk in the map file."""
+    arm: int
+    """Number of the arm."""
+    area: NDArray[np.float64] = field(repr=False)
+    """Corners of the painted area, in order, shape ``(k, 2)`` [m]."""
+    path: Segment = field(repr=False)
+    """The line on which pedestrians walk, from the kerb of the near side to the kerb of the far side."""
+    middle: float
+    """Distance along `path` from the near kerb to the middle of the roadway or of its island [m]."""
+    island: float = 0.0
+    """Width of the island between the entrances and the exits [m]; 0 without an island."""
+    phase: int | None = None
+    """Number of the phase group of entrances that has green while pedestrians may walk; None without lights."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "area", fixed(np.asarray(self.area, dtype=np.float64)))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        parts = self.id, self.arm, self.area, self.path, self.middle, self.island, self.phase
+        return Crosswalk, parts  # the arrays that numpy unpickles are writable
+
+
+class _Straight:
+    """A way that does not turn: the properties that crossings and parking places have in common."""
+
+    __slots__ = ()
+    entrance: int
+    exit: int
+
+    @property
+    def key(self) -> Key:
+        """Numbers of the start and the end of the way."""
+        return self.entrance, self.exit
+
+    @property
+    def turn(self) -> Turn:
+        """Pedestrians on a crosswalk go straight on, and parked vehicles stand."""
+        return Turn.STRAIGHT
+
+
+@dataclass(frozen=True, slots=True)
+class Crossing(_Straight):
+    """The way of pedestrians over a crosswalk in one direction."""
+
+    entrance: int
+    """Number of the start of the way, see `Junction.starts`."""
+    exit: int
+    """Number of the end of the way, see `Junction.ends`."""
+    crosswalk: int
+    """Number of the crosswalk in `Junction.crossings`."""
+    side: Side
+    """The side on which the way starts."""
+    length: float
+    """Length from kerb to kerb [m]."""
+    path: Segment | None = field(default=None, compare=False, repr=False)
+    """The line from kerb to kerb; None if a recording does not hold the line."""
+
+    @property
+    def kind(self) -> str:
+        """The noun for this way in messages."""
+        return "crossing"
+
+    @property
+    def width(self) -> float:
+        """Width that a pedestrian takes up [m]."""
+        return PERSON
+
+
+@dataclass(frozen=True, slots=True)
+class Parking(_Straight):
+    """A place beside the entrances of an arm, directly before a crosswalk, where a parked vehicle hides pedestrians."""
+
+    entrance: int
+    """Number of the start of the way, see `Junction.starts`."""
+    exit: int
+    """Number of the end of the way, see `Junction.ends`."""
+    length: float
+    """Length of the way behind the parking place, along the crosswalk [m]."""
+    path: Segment | None = field(default=None, compare=False, repr=False)
+    """The line of the way; None if a recording does not hold the line."""
+
+    @property
+    def kind(self) -> str:
+        """The noun for this way in messages."""
+        return "parking place"
+
+    @property
+    def width(self) -> float:
+        """Width that a parked car takes up [m]."""
+        return CAR.width
+
+
+def half(crosswalk: Crosswalk, way: Crossing, *, first: bool) -> Stretch:
+    """Return the half of the roadway, without the island, that pedestrians on a crossing walk over first or last [m]."""
+    middle = crosswalk.middle if way.side is Side.NEAR else way.length - crosswalk.middle
+    edge = crosswalk.island / 2
+    return Stretch(0.0, middle - edge) if first else Stretch(middle + edge, way.length)
+
+
+def bay(crosswalk: Crosswalk, left_hand: bool) -> tuple[Segment, Segment, Segment]:
+    """Return the parking place before a crosswalk, the line along the crosswalk, and the line behind the crosswalk.
+
+    The lines lie beside the kerb of the near side, in the direction of vehicles that come to the junction.
+
+    Args:
+        crosswalk: the crosswalk.
+        left_hand: True where traffic keeps left.
+    """
+    x, y, across = crosswalk.path.pose(0.0)
+    heading = across + (math.pi / 2 if left_hand else -math.pi / 2)
+    ahead = np.array([math.cos(heading), math.sin(heading)])
+    kerb = np.array([x - _OFF * math.cos(across), y - _OFF * math.sin(across)])
+    along = (crosswalk.area - kerb) @ ahead
+    before, after = float(along.min()), float(along.max())
+    points = [kerb + at * ahead for at in (before - _BAY, before, after, after + _BAY)]
+    names = ("bay", "beside", "behind")
+    place, beside, behind = (
+        Segment(f"{crosswalk.id}.{name}", np.array(ends)) for name, ends in zip(names, pairwise(points), strict=True)
+    )
+    return place, beside, behind
+
+
+def covered(area: NDArray[np.float64], line: Line) -> Stretch | None:
+    """Return the first and last station of a line inside an area [m]; None if the line passes the area by.
+
+    Args:
+        area: corners of the area in order, shape ``(k, 2)`` [m].
+        line: the centre line of a movement.
+    """
+    path = line.path
+
+    def inside(stations: NDArray[np.float64]) -> NDArray[np.float64]:
+        x, y = (np.interp(stations, path.stations, path.points[:, axis]) for axis in (0, 1))
+        odd = np.zeros(len(stations), dtype=bool)
+        # A point is inside if a ray to the east crosses an odd number of sides.
+        for (x0, y0), (x1, y1) in zip(area, np.roll(area, -1, axis=0), strict=True):
+            if y0 != y1:
+                odd ^= ((y0 > y) != (y1 > y)) & (x < x0 + (y - y0) * (x1 - x0) / (y1 - y0))
+        return stations[odd]
+
+    within = inside(np.append(np.arange(0.0, path.length, _SPACING), path.length))
+    if not len(within):
+        return None
+    first, last = (float(within[k]) for k in (0, -1))
+    starts = inside(np.linspace(max(first - _SPACING, 0.0), first, _FINER))
+    ends = inside(np.linspace(last, min(last + _SPACING, path.length), _FINER))
+    return Stretch(float(starts[0]) - line.origin, float(ends[-1]) - line.origin)
+
+
+def hull(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the corners of the convex hull of points, counter-clockwise; fewer than three if all points lie on a line.
+
+    Args:
+        points: points in any order, shape ``(k, 2)`` [m].
+    """
+    ordered = sorted({(float(x), float(y)) for x, y in points})
+    corners: list[tuple[float, float]] = []
+    # Andrew's monotone chain: first the lower side of the hull, then the upper side.
+    for chain in (ordered, ordered[::-1]):
+        side: list[tuple[float, float]] = []
+        for x, y in chain:
+            while len(side) > 1:
+                (x0, y0), (x1, y1) = side[-2:]
+                if (x1 - x0) * (y - y0) > (y1 - y0) * (x - x0):
+                    break
+                side.pop()
+            side.append((x, y))
+        corners += side[:-1]
+    return np.array(corners).reshape(-1, 2)

@@ -1,0 +1,196 @@
+"""Writing the junction of a map in another format as OpenDRIVE, for simulators that read only OpenDRIVE.
+
+Every lane into the junction, every lane out of it and every movement is a road of one lane. The reference line of the road is the
+centre line of the lane, as cubics through the points of the centre line. So each lane ends where its centre line ends, also if
+lanes side by side end at different places. A road outside of the junction runs away from it. For OpenDRIVE a road is an arm, so
+the road names the first road of its arm in ``<userData>``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Mapping, Sequence
+from itertools import pairwise
+from typing import NamedTuple
+from xml.etree.ElementTree import Element
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pytest_rvads.geometry.control import Sign
+from pytest_rvads.geometry.crosswalks import Crosswalk
+from pytest_rvads.geometry.opendrive.elements import (
+    Lane,
+    Post,
+    add,
+    add_crosswalk,
+    add_lanes,
+    add_regulation,
+    add_road,
+    document,
+    finished,
+)
+from pytest_rvads.geometry.opendrive.xmlfile import ARM
+from pytest_rvads.geometry.segment import NO_LIMIT, Segment
+
+__all__ = ["Inbound", "Outbound", "written"]
+
+Array = NDArray[np.float64]
+Key = tuple[int, int]
+_BESIDE = 0.8
+"""Distance from the border of a lane to its sign or light [m]."""
+_BEND = 1e-6
+"""Change of heading at a point of a centre line up to which the line is straight there [rad]."""
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(5)
+
+
+class Inbound(NamedTuple):
+    """A lane that leads into a junction; the fields are those of `pytest_rvads.geometry.junction.Entrance`."""
+
+    arm: int
+    line: Segment
+    sign: Sign
+    phase: int | None
+    setback: float
+    sign_setback: float | None
+
+
+class Outbound(NamedTuple):
+    """A lane that leads out of a junction."""
+
+    arm: int
+    line: Segment
+
+
+def written(  # noqa: PLR0913 - the lanes, the movements and two properties of a junction
+    id: str,
+    entrances: Sequence[Inbound],
+    exits: Sequence[Outbound],
+    movements: Mapping[Key, Segment],
+    stated: Collection[tuple[Key, Key]],
+    crossings: Collection[Crosswalk],
+    *,
+    width: float,
+    left_hand: bool,
+) -> str:
+    """Return an OpenDRIVE document with one junction, as text.
+
+    The project's reader of OpenDRIVE does not find a stopping line that lies more than 10 m before the junction.
+
+    Args:
+        id: id of the junction.
+        entrances: the lanes into the junction.
+        exits: the lanes out of the junction.
+        movements: centre lines of the movements by number of the entrance and of the exit.
+        stated: pairs of movements of which, according to the map, the first gives way to the second.
+        crossings: the crosswalks over the arms.
+        width: width of all lanes [m].
+        left_hand: whether traffic keeps left.
+    """
+    lanes: list[Inbound | Outbound] = [*entrances, *exits]
+    writer = _Writer(document(id, max(float(np.abs(lane.line.points).max()) for lane in lanes)), width, left_hand)
+    arms = [lane.arm for lane in lanes]
+    for number, lane in enumerate(lanes):
+        road = writer.road(number, lane.line, against=number < len(entrances))
+        add(road[0], "predecessor", elementType="junction", elementId=id)
+        if isinstance(lane, Inbound):
+            writer.regulate(road, number, lane)
+        start = lane.line.pose(lane.line.length if isinstance(lane, Inbound) else 0.0)
+        heading = start.heading + (math.pi if isinstance(lane, Inbound) else 0.0)
+        turn = np.array([(math.cos(heading), -math.sin(heading)), (math.sin(heading), math.cos(heading))])
+        for crosswalk in crossings if number == arms.index(lane.arm) else ():
+            if crosswalk.arm == lane.arm:
+                add_crosswalk(road, crosswalk.id, ((crosswalk.area - start[:2]) @ turn).tolist())
+        add(road, "userData", code=ARM, value=arms.index(lane.arm))
+    junction = Element("junction", {"id": id, "name": id})
+    numbers = {key: len(lanes) + k for k, key in enumerate(movements)}
+    for key, line in movements.items():
+        ends, before, after = (key[0], len(entrances) + key[1]), entrances[key[0]].line, exits[key[1]].line
+        road = writer.road(numbers[key], line, headings=(before.pose(before.length).heading, after.pose(0.0).heading))
+        road.set("junction", id)
+        for tag, end in zip(("predecessor", "successor"), ends, strict=True):
+            add(road[0], tag, elementType="road", elementId=end, contactPoint="start")
+        row = add(
+            junction, "connection", id=numbers[key], incomingRoad=ends[0], connectingRoad=numbers[key], contactPoint="start"
+        )
+        add(row, "laneLink", **{"from": -writer.along}, to=writer.along)
+    for yielding, prior in sorted(stated):
+        add(junction, "priority", high=numbers[prior], low=numbers[yielding])
+    for phase in sorted({lane.phase for lane in entrances if lane.phase is not None}):
+        controller = add(writer.root, "controller", id=phase, name=f"phase {phase}", sequence=phase)
+        for number in (k for k, lane in enumerate(entrances) if lane.phase == phase):
+            add(controller, "control", signalId=number, type="vehicle")
+        add(junction, "controller", id=phase, type="vehicle", sequence=phase)
+    writer.root.append(junction)
+    return finished(writer.root)
+
+
+class _Writer:
+    """Adds roads of one lane to the root element of a document."""
+
+    def __init__(self, root: Element, width: float, left_hand: bool) -> None:
+        self.root, self.width, self.left_hand = root, width, left_hand
+        self.along = 1 if left_hand else -1
+        """Id of a lane whose traffic runs along the reference line."""
+
+    def road(self, id: int, line: Segment, *, against: bool = False, headings: tuple[float, float] | None = None) -> Element:
+        """Add a road.
+
+        Args:
+            id: id of the road.
+            line: centre line of the lane in the direction of travel.
+            against: whether the road runs against the direction of travel.
+            headings: headings at the start and the end of a movement [rad]; None for other roads.
+        """
+        pieces = _cubics(line.points[::-1] if against else line.points, headings)
+        road = add_road(self.root, id, math.fsum(place["length"] for place, _ in pieces), left_hand=self.left_hand)
+        plan, s = add(road, "planView"), 0.0
+        for place, cubic in pieces:
+            add(add(plan, "geometry", s=s, **place), "paramPoly3", pRange="normalized", **cubic)
+            s += place["length"]
+        lane = -self.along if against else self.along
+        links = (-self.along, self.along) if headings else None
+        add_lanes(road, [Lane(0), Lane(lane, "driving", self.width, "solid", links)], math.copysign(self.width / 2, -lane))
+        (element,) = road.findall(f".//lane[@id='{lane}']")
+        ends = [*(station for station, _ in line.limits[1:]), line.length]
+        spans = [(line.length - end if against else start, limit) for (start, limit), end in zip(line.limits, ends, strict=False)]
+        for start, limit in spans[:: -1 if against else 1]:
+            most = "undefined" if limit is None else "no limit" if limit >= NO_LIMIT else limit
+            add(element, "speed", sOffset=start, max=most, unit="m/s")
+        return road
+
+    def regulate(self, road: Element, id: int, lane: Inbound) -> None:
+        """Add the sign or light of a lane into the junction, and its stopping line, to the road of the lane."""
+        lanes = -self.along, -self.along
+        beside = math.copysign(self.width / 2 + _BESIDE, -self.along)
+        setback = lane.setback if lane.sign_setback is None else lane.sign_setback
+        posts = [] if lane.sign is Sign.NONE else [Post(id, lane.sign, lanes, setback, beside)]
+        mark = Sign.YIELD if lane.sign in (Sign.NONE, Sign.PRIORITY) else lane.sign  # a line without its sign is a holding line
+        add_regulation(road, posts, [(Post(id, mark, lanes, lane.setback, beside), 0.0, self.width)] if lane.setback else [])
+
+
+def _cubics(points: Array, headings: tuple[float, float] | None) -> list[tuple[dict[str, float], dict[str, float]]]:
+    """Return the pieces of a smooth line through points: the place of each piece, and its cubic with a parameter from 0 to 1."""
+    steps = np.diff(points, axis=0)
+    turns = np.remainder(np.diff(np.arctan2(steps[:, 1], steps[:, 0])) + math.pi, math.tau) - math.pi
+    bends = np.concatenate(([True], np.abs(turns) > _BEND, [True]))
+    points = points[bends | np.append(bends[1:], True) | np.append(True, bends[:-1])]  # a straight part keeps its ends
+    steps = np.diff(points, axis=0)
+    lengths = np.hypot(*steps.T)
+    units = steps / lengths[:, None]
+    # At a point, the direction of the parabola through the point and its neighbours (Bessel's tangents).
+    inner = units[:-1] * lengths[1:, None] + units[1:] * lengths[:-1, None]
+    tangents = np.vstack((units[:1], inner / np.hypot(*inner.T)[:, None], units[-1:]))
+    if headings is not None:
+        tangents[[0, -1]] = [(math.cos(heading), math.sin(heading)) for heading in headings]
+    pieces = []
+    for (x, y), step, length, (start, end) in zip(points, steps, lengths.tolist(), pairwise(tangents), strict=False):
+        axes = np.array([start, (-start[1], start[0])])  # the axes u and v of the piece
+        (u, v), (end_u, end_v) = (axes @ step).tolist(), (length * axes @ end).tolist()
+        cubic = {"aU": 0.0, "bU": length, "cU": 3 * u - 2 * length - end_u, "dU": length + end_u - 2 * u}
+        cubic |= {"aV": 0.0, "bV": 0.0, "cV": 3 * v - end_v, "dV": end_v - 2 * v}
+        p = (_NODES + 1) / 2
+        speed = np.hypot(*(cubic[f"b{axis}"] + p * (2 * cubic[f"c{axis}"] + 3 * p * cubic[f"d{axis}"]) for axis in "UV"))
+        place = {"x": float(x), "y": float(y), "hdg": math.atan2(start[1], start[0]), "length": float(speed @ _WEIGHTS) / 2}
+        pieces.append((place, cubic))
+    return pieces
