@@ -1,1 +1,1 @@
-"""Optional parts of the package, which `pytest` with built-in junctions does not need: a folder each, found by entry points."""
+"""Optional parts of the package, each in a folder and found by an entry point. Tests at built-in junctions need no such part."""

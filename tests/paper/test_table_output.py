@@ -8,8 +8,7 @@ import pytest
 
 from pytest_rvads import cli
 from pytest_rvads.satellites.paper.experiment import TABLES, Key, entries
-from pytest_rvads.satellites.paper.table_output import disagreements, svg_tables, text_sweep, text_tables
-from pytest_rvads.satellites.paper.tables import published
+from pytest_rvads.satellites.paper.tables import disagreements, published, svg_tables, text_sweep, text_tables
 
 
 @pytest.fixture

@@ -15,7 +15,7 @@ from pytest_rvads.logic.conduct.presence import near, together
 from pytest_rvads.logic.conduct.standing import stopped
 from pytest_rvads.logic.conduct.validate import validate
 from pytest_rvads.logic.judging.verdicts import Status
-from pytest_rvads.logic.timeline import timelines
+from pytest_rvads.report.failure_page import timelines
 from pytest_rvads.runs import periods
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.runfile import load_run, save_run

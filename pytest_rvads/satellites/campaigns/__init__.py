@@ -1,1 +1,1 @@
-"""Campaigns: many cases, judged on many processes and machines, with results on disk as they arrive."""
+"""Campaigns: many cases are simulated and judged on many processes and machines, and results are written to disk at once."""

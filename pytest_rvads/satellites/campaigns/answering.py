@@ -1,4 +1,7 @@
-"""Simulates and judges a case in any process. The question travels with the case; a process with other code refuses to answer."""
+"""Simulates and judges one case of a campaign in any process, given the rules and settings of the campaign with the case.
+
+A process whose code differs from the code of the process that started the campaign refuses to judge.
+"""
 
 from __future__ import annotations
 
@@ -9,19 +12,18 @@ from functools import lru_cache
 import msgspec
 
 from pytest_rvads.geometry.junction import Junction
-from pytest_rvads.logic.conduct.kpis import kpis
+from pytest_rvads.logic.conduct.kpis import arrival_differences, kpis
 from pytest_rvads.logic.rules.book import rules_for
 from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.report.run_record import of_run, sentence, unjudged, verdict_by
-from pytest_rvads.satellites.campaigns.judged import Judged
+from pytest_rvads.satellites.campaigns.resultsfile import Judged
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.ids import run_id
-from pytest_rvads.simulators.choice import Choice, choosing
-from pytest_rvads.simulators.patience import Limits
+from pytest_rvads.simulators.patience import Choice, Limits, choosing
 from pytest_rvads.simulators.simulator import Simulator, made_by, simulate
 from pytest_rvads.support.decoding import encode
 from pytest_rvads.support.errors import RvadsError
-from pytest_rvads.support.versions import code, versions
+from pytest_rvads.support.installed import code, versions
 
 __all__ = ["Job", "Question", "judge", "undecided"]
 
@@ -30,15 +32,15 @@ _STANDARD_ERROR = 2
 
 @dataclass(frozen=True, slots=True)
 class Question:
-    """The question of a campaign about every case."""
+    """What a campaign uses for every case: its rules, simulator and limits of real time, and the code that workers must have."""
 
     rules: tuple[str | Rule, ...]
     """Shipped rules and rulebooks as names, other rules as `Rule`."""
     simulator: Simulator
     limits: Limits
-    """Limits of real time."""
+    """Limits of real time for runs and for decisions of drivers."""
     code: str
-    """Checksum of the package that asks."""
+    """Checksum of this package's code in the process that started the campaign."""
     versions: dict[str, str]
     """Version of each package on which results depend, by name of the package."""
 
@@ -54,59 +56,67 @@ class Job:
     driver: str
     """Name of the driver in reports."""
     traffic: str | None
-    """Policy of the traffic around a subject."""
+    """Name of the traffic's driver, if the case has a subject (vehicle under test)."""
 
 
 def judge(question: Question, job: Job) -> bytes:
-    """Return the verdicts of all rules on a case, as a `Judged` in JSON; an error of simulating or judging is an ERROR in it.
+    """Return the verdicts of all rules on a case, as a `Judged` in JSON.
+
+    If the simulation raises an error, every verdict is ERROR.
 
     Raises:
-        RvadsError: the code or the versions of this process differ from those of the asking process.
+        RvadsError: the code or the versions of packages in this process differ from the code or the versions in the process
+            that started the campaign.
     """
     own_versions = _versions(tuple(question.versions))
     if (code(), own_versions) != (question.code, question.versions):
         raise RvadsError(
-            f"a worker has other code ({code()[:8]}, {_listed(own_versions)}) than who asks it ({question.code[:8]}, "
-            f"{_listed(question.versions)}): install the same version of pytest-rvads and of what it needs on all machines"
+            f"a worker has other code ({code()[:8]}, {_versions_text(own_versions)}) than the process that asks it "
+            f"({question.code[:8]}, {_versions_text(question.versions)}): install the same version of pytest-rvads and of its "
+            "dependencies on all machines"
         )
-    # A process of the campaign may end if a driver can't be stopped otherwise: the campaign continues without the process.
+    # A worker process may end itself to stop a driver that hangs, because the campaign continues without the process.
     ends = multiprocessing.parent_process() is not None
     limits = question.limits._replace(dump=_STANDARD_ERROR) if ends else question.limits
     try:
         with choosing(Choice(question.simulator, limits)):
-            run = simulate(_at_home(job.case), question.simulator)
+            run = simulate(_with_first_equal_place(job.case), question.simulator)
     except Exception as error:
         return encode(undecided(question, job, sentence(error)))
     return encode(
         msgspec.structs.replace(
-            _started(job),
+            _unjudged_result(job),
             simulator=made_by(question.simulator, run),
             kpis=kpis(run),
-            verdicts=tuple(msgspec.structs.replace(verdict_by(run, r), explanation="") for r in _rules(question, job)),
+            arrivals=arrival_differences(run),
+            verdicts=tuple(msgspec.structs.replace(verdict_by(run, r), explanation="") for r in _case_rules(question, job)),
             **of_run(run),
         )
     )
 
 
-def _at_home(case: Case) -> Case:
-    """Return a case with the first of equal junctions: every batch brings a copy of its junction, and caches are per copy."""
-    place = _first(case.scenario.place)
+def _with_first_equal_place(case: Case) -> Case:
+    """Return a case whose junction is one object for all equal junctions.
+
+    Each case arrives with a copy of its junction, and caches are kept per junction object.
+    """
+    place = _first_equal(case.scenario.place)
     return case if place is case.scenario.place else case.but(place=place)
 
 
 @lru_cache(maxsize=256)
-def _first(place: Junction) -> Junction:
+def _first_equal(place: Junction) -> Junction:
     return place
 
 
 @lru_cache(maxsize=8)
 def _versions(names: tuple[str, ...]) -> dict[str, str]:
-    """Return the versions of packages in this process; the look-up takes as long as judging a run."""
+    """Return the versions of packages in this process, from a cache, because a lookup takes as long as judging a run."""
     return {name: version for name, version in versions(*names).items() if name in names}
 
 
-def _started(job: Job) -> Judged:
-    """Return the result of a case as far as it is known before the simulation."""
+def _unjudged_result(job: Job) -> Judged:
+    """Return a result without verdicts, filled with what is known of a case before its simulation: ids, junction, driver."""
     scenario = job.case.scenario
     place, name = scenario.place, run_id(scenario, job.traffic)
     return Judged(
@@ -122,6 +132,7 @@ def _started(job: Job) -> Judged:
         cfg=scenario.point,
         rotation=scenario.rotation,
         seat=scenario.subject,
+        pedestrians=scenario.walking,
         traffic=job.traffic,
         orbit=scenario.orbit,
         driver=job.driver,
@@ -132,13 +143,15 @@ def _started(job: Job) -> Judged:
 
 
 def undecided(question: Question, job: Job, reason: str) -> Judged:
-    """Return the result of a case without a run: an ERROR by every rule, with the reason."""
-    return msgspec.structs.replace(_started(job), verdicts=tuple(unjudged(rule, reason) for rule in _rules(question, job)))
+    """Return the result of a case without a run: the verdict ERROR with a reason for every rule."""
+    return msgspec.structs.replace(
+        _unjudged_result(job), verdicts=tuple(unjudged(rule, reason) for rule in _case_rules(question, job))
+    )
 
 
-def _rules(question: Question, job: Job) -> tuple[Rule, ...]:
+def _case_rules(question: Question, job: Job) -> tuple[Rule, ...]:
     return rules_for(question.rules, job.case.scenario.place)
 
 
-def _listed(versions: dict[str, str]) -> str:
+def _versions_text(versions: dict[str, str]) -> str:
     return ", ".join(f"{name} {version}" for name, version in versions.items())

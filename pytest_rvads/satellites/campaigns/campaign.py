@@ -1,4 +1,7 @@
-"""Judges many cases on any executor, with results on disk as they arrive; a campaign that is started again continues."""
+"""Judges many cases on any executor, and writes each result to disk when it arrives.
+
+A campaign that was interrupted and is started again continues after its last result.
+"""
 
 from __future__ import annotations
 
@@ -23,20 +26,19 @@ from pytest_rvads.drivers.traffic import policy_name
 from pytest_rvads.logic.rules.book import SHIPPED, get_rule, is_rulebook, rules_for
 from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.satellites.campaigns.answering import Job, Question, judge, undecided
-from pytest_rvads.satellites.campaigns.judged import Head
-from pytest_rvads.satellites.campaigns.resultsfile import Results
+from pytest_rvads.satellites.campaigns.resultsfile import Head, Results
 from pytest_rvads.scenarios.case import Case, Fleet
-from pytest_rvads.simulators.choice import choice
+from pytest_rvads.simulators.patience import choice
 from pytest_rvads.simulators.simulator import Simulator, meant
 from pytest_rvads.support.decoding import encode
 from pytest_rvads.support.errors import FormulaError, RvadsError, ScenarioError, require
 from pytest_rvads.support.executors import ExecutorGone, Failed, Progress, gathered
-from pytest_rvads.support.versions import code, versions
+from pytest_rvads.support.installed import code, versions
 
 __all__ = ["Keys", "campaign"]
 
 _MOST = 64
-"""Most drivers that are cached; a campaign often has one driver, and never thousands."""
+"""Largest number of drivers whose names and identities are cached; most campaigns have one driver, and none has thousands."""
 
 
 def campaign(  # noqa: PLR0913 - keywords; a campaign has many settings
@@ -51,27 +53,29 @@ def campaign(  # noqa: PLR0913 - keywords; a campaign has many settings
 ) -> Results:
     """Simulate cases and judge every run by all rules, on many processes and machines.
 
-    The results are bit-identical for every executor and in every order. A case that can't be simulated or judged, or that ends
-    its process, is an ERROR by every rule; the other cases are not affected. A case that was in flight when its process died of
-    another cause runs again. A case in which a vehicle has no room at its start is left out, and counted.
+    The results are bit-identical for every executor and for every order in which cases end. A case that can't be simulated or
+    judged, or that kills its worker process, gets the verdict ERROR by every rule, and all other cases are judged. A case whose
+    worker process died of another cause runs again. A case in which a vehicle has no room at its start is left out and counted.
 
     Args:
-        cases: any number of cases; they are taken only when a process is free, and not kept.
-        rules: rulebooks and rules, as for `check`; of a rulebook only the rules about the junction of the case.
-        executor: a number of processes, by default one per processor; 1 is this process. Or any executor, such as that of a Dask
-            client, whose workers have this package and the code of the drivers.
+        cases: any number of cases. An iterator is asked for a case only when a process is free, and no case is kept in memory
+            after its result.
+        rules: rulebooks and rules, as for `check`. Of a rulebook, only the rules about the junction of a case judge its run.
+        executor: a number of processes, by default a process per processor; 1 simulates in this process. Or any executor, such
+            as the executor of a Dask client; its workers must have this package and the code of the drivers.
         results: the file of results, to which every new result is appended. Cases with a result in the file are not run again,
             so that an interrupted campaign continues. None for a temporary file.
         simulator: the simulator of the runs, as for `simulate`.
-        progress: called after every case, with the number of finished cases and the number of all cases.
+        progress: function that is called after every case, with the number of finished cases and the number of all cases.
         total: the number of cases, if `cases` has no length.
 
     Returns:
         All results in the file, including the results of an earlier call with the same file.
 
     Raises:
-        RvadsError: a case, rule or driver can't be sent to other processes, the executor is gone (a second call with the same
-            file continues), or the file holds results of another campaign, is in use by another process, or can't be written.
+        RvadsError: a case, rule or driver can't be sent to other processes; the executor takes no more work (a second call with
+            the same file continues); or the file holds results of another campaign, is in use by another process, or can't be
+            written.
         ScenarioError: an element of `cases` is no case.
         FormulaError: a rule is unknown.
     """
@@ -80,19 +84,21 @@ def campaign(  # noqa: PLR0913 - keywords; a campaign has many settings
     remaining = iter(cases)
     first = next(remaining, None)
     keys = Keys(maker)
-    question = Question(_asked(rules), maker, choice().limits, code(), versions(*_libraries(maker)))
+    question = Question(_portable_rules(rules), maker, choice().limits, code(), versions(*_libraries(maker)))
     if first is not None:
         require(first, Case, "a campaign takes cases: rvads.Case(scenario, driver)", ScenarioError)
         remaining = chain((first,), remaining)
     if total is None:
         total = len(cases) if isinstance(cases, Sized) else 0
-    stored = Results(results, _head(question, keys, first))
+    stored = Results(results, _campaign_head(question, keys, first))
     try:
         _Campaign(question, keys, stored, progress, total).run(remaining, executor)
     except ExecutorGone as error:
-        advice = "nothing is kept, name a file as results= to go on where it was"
+        advice = "no result is kept: a campaign with a file as results= continues after its last result"
         if stored.path is not None:
-            advice = f"{len(stored):,} results are kept in {stored.path}, run the campaign again and it goes on where it was"
+            advice = (
+                f"{len(stored):,} results are kept in {stored.path}: run the campaign again, it continues after these results"
+            )
         stored.close()
         raise RvadsError(f"{error}; {advice}") from error
     except BaseException:
@@ -103,21 +109,21 @@ def campaign(  # noqa: PLR0913 - keywords; a campaign has many settings
 
 
 class _Campaign:
-    """The state of a running campaign."""
+    """A running campaign: its cases, its executor and its file of results."""
 
     def __init__(self, question: Question, keys: Keys, results: Results, progress: Progress | None, total: int) -> None:
         self._question, self._keys, self._results = question, keys, results
         self._progress, self._total = progress, total
-        self._cases = self._done = self._sent = 0
+        self._cases = self._finished = self._sent = 0
         self._unfit: Counter[str] = Counter()
-        self._away: dict[int, Job] = {}
-        """Jobs in flight, by their number in the order of sending."""
+        self._in_flight: dict[int, Job] = {}
+        """Jobs that were sent to the executor and have no answer yet, by the number of the job in the order of sending."""
 
     def run(self, cases: Iterator[Case], executor: Executor | int | None) -> None:
         """Judge the cases that have no result yet."""
         with closing(gathered(partial(judge, self._question), self._jobs(cases), executor)) as answers:
             for number, answer in answers:
-                job = self._away.pop(number)
+                job = self._in_flight.pop(number)
                 if isinstance(answer, Failed):
                     if not answer.lost:
                         raise answer.error
@@ -125,12 +131,12 @@ class _Campaign:
                         undecided(self._question, job, "the process that simulated it died, perhaps for lack of memory")
                     )
                 self._results.add(answer)
-                self._tell()
-        ended = {"cases": self._cases, "results": len(self._results), "unfit": dict(sorted(self._unfit.items()))}
-        self._results.tell(msgspec.structs.replace(self._results.head, **ended))
+                self._report_progress()
+        end_facts = {"cases": self._cases, "results": len(self._results), "unfit": dict(sorted(self._unfit.items()))}
+        self._results.tell(msgspec.structs.replace(self._results.head, **end_facts))
 
     def _jobs(self, cases: Iterator[Case]) -> Iterator[Job]:
-        """Yield the cases that fit and have no result yet."""
+        """Yield a job for each case without a result, and leave out each case in which a vehicle has no room at its start."""
         for number, case in enumerate(cases):
             require(case, Case, "a campaign takes cases: rvads.Case(scenario, driver)", ScenarioError)
             self._cases += 1
@@ -138,59 +144,59 @@ class _Campaign:
                 case.starts()
             except ScenarioError:
                 self._unfit[case.scenario.place.name] += 1
-                self._tell()
+                self._report_progress()
                 continue
             key = self._keys.of(case)
             if self._results.holds(key):
-                self._tell()
+                self._report_progress()
                 continue
-            job = Job(number, key, case, *self._named(case))
-            self._away[self._sent] = job
+            job = Job(number, key, case, *self._registered_names(case))
+            self._in_flight[self._sent] = job
             self._sent += 1
             yield job
 
-    def _named(self, case: Case) -> tuple[str, str | None]:
-        """Return the names of the driver and the traffic, and register both in the file of results."""
+    def _registered_names(self, case: Case) -> tuple[str, str | None]:
+        """Return the names of a case's driver and traffic, and write the identity of both into the file of results."""
         head = self._results.head
-        driver, traffic = self._keys.known(case.driver), case.traffic and self._keys.known(case.traffic)
-        # A policy may be the driver's class with other numbers, so it has another name.
+        driver, traffic = self._keys.identified(case.driver), case.traffic and self._keys.identified(case.traffic)
+        # The class of the driver with other parameters may drive the traffic, so the two identities need different names.
         identities = {driver.name: driver.identity} | ({f"{traffic.policy} traffic": traffic.identity} if traffic else {})
         changed = next((name for name, key in identities.items() if head.drivers.get(name, key) != key), None)
         if changed is not None:
             raise RvadsError(
-                f"two drivers of a campaign are called {changed} and are not the same: give each a name of its own, or a campaign"
+                f"two different drivers of a campaign have the name {changed}: give each driver a name or a campaign of its own"
             )
         self._results.tell(msgspec.structs.replace(head, drivers=head.drivers | identities, cases=None))
         return driver.name, traffic.policy if traffic else None
 
-    def _tell(self) -> None:
-        self._done += 1
+    def _report_progress(self) -> None:
+        self._finished += 1
         if self._progress is not None:
-            self._progress(self._done, max(self._total, self._cases))
+            self._progress(self._finished, max(self._total, self._cases))
 
 
-def _asked(rules: str | Rule | Iterable[str | Rule]) -> tuple[str | Rule, ...]:
+def _portable_rules(rules: str | Rule | Iterable[str | Rule]) -> tuple[str | Rule, ...]:
     """Return rules in a form for other processes: shipped rules by name, other rules as parsed rules."""
     require(rules, str | Rule | Iterable, "rules are named one by one, or as a list of names and of Rules", FormulaError)
     parts = (rules,) if isinstance(rules, str | Rule) else tuple(rules)
     rules_for(parts)
-    asked: list[str | Rule] = []
+    portable_rules: list[str | Rule] = []
     for part in parts:
         rule = None if isinstance(part, str) and is_rulebook(part) else get_rule(part)
         if rule is not None and rule.name not in SHIPPED.rules:
-            rule.formula  # noqa: B018 - parses the rule, which stores the words known here
-            asked.append(rule)
+            rule.formula  # noqa: B018 - parses the rule, which stores the words of this process in the rule
+            portable_rules.append(rule)
         else:
-            asked.append(part if isinstance(part, str) else part.name)
-    return tuple(asked)
+            portable_rules.append(part if isinstance(part, str) else part.name)
+    return tuple(portable_rules)
 
 
 def _libraries(simulator: Simulator) -> tuple[str, ...]:
     return tuple(getattr(simulator, "libraries", ()))
 
 
-def _head(question: Question, keys: Keys, first: Case | None) -> Head:
-    """Return the head of the results: everything that is the same for every case, and the driver of the first case."""
+def _campaign_head(question: Question, keys: Keys, first: Case | None) -> Head:
+    """Return the first line of the file of results: what is equal for every case, and the driver of the first case."""
     origins: dict[str, Any] = {
         "package": question.code,
         "rules": ", ".join(rule if isinstance(rule, str) else f"{rule.name} {identity(rule)}" for rule in question.rules),
@@ -198,16 +204,16 @@ def _head(question: Question, keys: Keys, first: Case | None) -> Head:
     }
     drivers = {}
     if first is not None:
-        driver = keys.known(first.driver)
+        driver = keys.identified(first.driver)
         origins |= {"driver": driver.name, "bodies": bodies(first.fleet)}
         drivers[driver.name] = driver.identity
     return Head(made=origins, drivers=drivers, versions=question.versions)
 
 
-class Known(NamedTuple):
-    """Name and identity of a driver."""
+class IdentifiedDriver(NamedTuple):
+    """A driver with its name and its identity (a hash that changes if the code or a parameter of the driver changes)."""
 
-    made: Factory
+    factory: Factory
     """The driver, kept alive so that its id() cannot be reused for another object."""
     name: str
     policy: str
@@ -216,33 +222,33 @@ class Known(NamedTuple):
 
 
 class Keys:
-    """Computes the hashes of cases; names and identities of drivers are computed once."""
+    """Computes the hash by which the file of results recognises a case; the identity of each driver is computed once."""
 
     def __init__(self, simulator: Simulator) -> None:
         self._simulator = simulator.name, identity(simulator)
-        self._known: dict[int, Known] = {}
+        self._drivers: dict[int, IdentifiedDriver] = {}
 
-    def known(self, driver: Factory) -> Known:
-        """Return name and identity of a driver."""
-        known_driver = self._known.get(id(driver))
-        if known_driver is None:
-            if len(self._known) >= _MOST:
-                self._known.clear()
-            known_driver = Known(driver, called(driver), policy_name(driver), identity(driver))
-            self._known[id(driver)] = known_driver
-        return known_driver
+    def identified(self, driver: Factory) -> IdentifiedDriver:
+        """Return a driver with its name and identity; both are computed at the first call for the driver."""
+        identified_driver = self._drivers.get(id(driver))
+        if identified_driver is None:
+            if len(self._drivers) >= _MOST:
+                self._drivers.clear()
+            identified_driver = IdentifiedDriver(driver, called(driver), policy_name(driver), identity(driver))
+            self._drivers[id(driver)] = identified_driver
+        return identified_driver
 
     def of(self, case: Case) -> str:
-        """Return the SHA-256 of everything that decides the run of a case, without the path of its map and names of files."""
+        """Return the SHA-256 of everything on which the run of a case depends, without the names of map and code files."""
         scenario = case.scenario
         fields = {**scenario.record(), "map": None, "place": scenario.place.digest}
-        drivers = [factory and self.known(factory)[1:] for factory in (case.driver, case.traffic)]
-        whole = [fields, drivers, _fleet(case.fleet), self._simulator]
-        return sha256(json.dumps(whole, sort_keys=True).encode("utf-8", "surrogatepass")).hexdigest()
+        drivers = [factory and self.identified(factory)[1:] for factory in (case.driver, case.traffic)]
+        key_parts = [fields, drivers, _fleet(case.fleet), self._simulator]
+        return sha256(json.dumps(key_parts, sort_keys=True).encode("utf-8", "surrogatepass")).hexdigest()
 
 
 def bodies(fleet: Fleet) -> str:
-    """Return a digest of a fleet."""
+    """Return a digest of a fleet (the vehicle parameters of a case)."""
     return sha256(json.dumps(_fleet(fleet), sort_keys=True).encode()).hexdigest()[:12]
 
 

@@ -1,6 +1,8 @@
-"""The results of a campaign on disk: a line of JSON per case, added as they come, so that they need no memory and outlive us.
+"""The results of a campaign in a file with a line of JSON per case, so that results need no memory and outlive the process.
 
-Lines stand in the order of arrival; readers get results in the order of the cases.
+Lines stand in the order in which results arrived; `Results` yields the results in the order of the cases. The first line, the
+head, names the code of this package and of the driver, the rules and the versions. A campaign is continued in a file only if both
+have equal heads, so that a file never holds results of different code.
 """
 
 from __future__ import annotations
@@ -14,46 +16,131 @@ from io import BufferedReader, FileIO
 from itertools import chain
 from pathlib import Path
 from tempfile import TemporaryFile
-from typing import cast
+from typing import Annotated, cast
 
 import msgspec
 import numpy as np
 
 from pytest_rvads.logic.outcome import Outcome
-from pytest_rvads.report.record import Record
+from pytest_rvads.report.record import Count, Record, SimulatedItem
 from pytest_rvads.report.run_record import by_rule
 from pytest_rvads.report.session_report import Anew, Report, exit_status
-from pytest_rvads.satellites.campaigns.judged import FORMAT, VERSION, Glance, Head, Judged
 from pytest_rvads.support.decoding import decode, encode
 from pytest_rvads.support.errors import RvadsError
 from pytest_rvads.support.storage import open_file
+from pytest_rvads.support.wording import shown
 
 try:
     import fcntl
-except ImportError:  # not a POSIX system: nobody is kept out
+except ImportError:  # not a POSIX system: the file is not locked
     fcntl = None  # type: ignore[assignment]
 
-__all__ = ["Results", "joined"]
+__all__ = ["FORMAT", "VERSION", "Glance", "Head", "Judged", "Results", "joined"]
 
+FORMAT, VERSION = "rvads-campaign", 2
 _HEAD = b'{"format"'
-"""How a line begins that is no result."""
+"""Beginning of a line that holds a head."""
 _LONGEST = 2**26
 """Longest line that is read [bytes]."""
 _PATIENCE = 3.0
-"""Longest time in which the processes of a killed campaign notice its end and close its file [s]."""
+"""Longest wait for the worker processes of a killed campaign, which close its file as soon as they notice its end [s]."""
+
+
+class Head(msgspec.Struct, frozen=True, kw_only=True):
+    """Facts about all results of a campaign: the first line of its file, and later lines that add facts."""
+
+    format: str = FORMAT
+    version: int = VERSION
+    made: dict[str, str]
+    """Names and hashes of what results depend on, by the words ``package``, ``rules``, ``simulator``, ``driver``, ``bodies``."""
+    drivers: dict[str, str]
+    """Identity of each driver, by name of the driver."""
+    versions: dict[str, str]
+    """Version of each package on which results depend, by name of the package."""
+    cases: Count | None = None
+    """Number of cases of the campaign; None until the campaign has ended."""
+    results: Count = 0
+    """Number of results when the campaign ended; a file with fewer results is incomplete."""
+    unfit: dict[str, int] = {}
+    """Per junction, the number of cases that were left out because a vehicle has no room at its start."""
+
+    def with_part(self, other: Head) -> Head:
+        """Return the head for the joined results of two files; it says that the campaign has ended if both heads say so."""
+        ended = None if self.cases is None or other.cases is None else max(self.cases, other.cases)
+        unfit = {name: max(self.unfit.get(name, 0), other.unfit.get(name, 0)) for name in sorted({**self.unfit, **other.unfit})}
+        drivers, results = self.drivers | other.drivers, max(self.results, other.results)
+        return msgspec.structs.replace(self, drivers=drivers, cases=ended, results=results, unfit=unfit)
+
+    def differs(self, other: Head) -> str:
+        """Return the names of the values in which two heads differ, as a text, which is empty if the heads agree.
+
+        A driver that only one of the two heads names is no difference.
+        """
+        pairs = [(word, self.made.get(word), other.made.get(word)) for word in {**self.made, **other.made}]
+        pairs += [(f"version of {name}", version, other.versions.get(name)) for name, version in self.versions.items()]
+        pairs += [(f"code or values of {name}", key, other.drivers.get(name, key)) for name, key in self.drivers.items()]
+        return ", ".join(word for word, own_value, other_value in pairs if own_value != other_value)
+
+
+class Judged(SimulatedItem, frozen=True, kw_only=True, omit_defaults=True, tag="judged"):
+    """The result of a case of a campaign: its run with the verdict of every rule, in the order of the rules.
+
+    The id is the id of the run. Every verdict of a case that could not be simulated is ERROR. `by_rule` makes a record per rule.
+    """
+
+    case: str
+    """Hash of the case; a case with a result is not run again."""
+    number: Count = 0
+    """Position of the case in the campaign."""
+    shape: str = ""
+    """Name of the congruent junction at which the run was simulated instead; empty if simulated at the junction of the case."""
+    line: Count = 0
+    test: str = ""
+    rotation: Count = 0
+    seat: Count | None = None
+    traffic: str | None = None
+    rule: str | None = None
+    requirements: tuple[str, ...] = ()
+    status: Outcome = Outcome.NOT_RUN
+    known: str | None = None
+    outcome: str = ""
+    message: str = ""
+
+    @property
+    def name(self) -> str:
+        """Id of the run: the id of a test item without the name of the rule."""
+        return self.nodeid
+
+
+class _Judgement(msgspec.Struct):
+    status: Outcome
+    unavoidable: bool = False
+    provoked: bool = False
+
+    @property
+    def outcome(self) -> Outcome:
+        return Outcome.UNAVOIDABLE if self.unavoidable else Outcome.PROVOKED if self.provoked else self.status
+
+
+class Glance(msgspec.Struct):
+    """The fields of a `Judged` that are read when a file is opened: hash and number of the case, and outcomes of its verdicts."""
+
+    case: Annotated[str, msgspec.Meta(pattern="^[0-9a-f]{64}$")]
+    number: Count = 0
+    verdicts: tuple[_Judgement, ...] = ()
 
 
 class Results:
-    """The results of a campaign so far, one per case in the order of the cases; each access reads them from disk.
+    """The results of a campaign so far, one per case in the order of the cases; every iteration reads the results from disk.
 
-    Memory holds the hash, the number and the place of the line of each case: some 150 bytes.
+    Memory holds some 150 bytes per case: the hash and the number of the case, and the position of its line in the file.
 
     Args:
-        path: the file; None for a file without a name, which ends with this process.
-        head: head of the results that will be added; None to read only.
+        path: the file; None for a temporary file, which is deleted when this process ends.
+        head: facts about the results that will be added to the file; None to open the file only for reading.
 
     Raises:
-        RvadsError: the file holds no results, or results of another campaign, or another process adds to it.
+        RvadsError: the file holds no results, or results of another campaign, or another process adds to the file.
         OSError: the file can't be opened.
     """
 
@@ -61,71 +148,71 @@ class Results:
         self.path = None if path is None else Path(path)
         self.verdicts = 0
         """Number of verdicts of all cases."""
-        self._file = _opened(self.path, head is not None)
+        self._file = _open_results(self.path, head is not None)
         weakref.finalize(self, self._file.close)
-        self._known: set[bytes] = set()
+        self._case_hashes: set[bytes] = set()
         self._index = array("q"), array("q"), array("q"), array("q")
-        """Per result: number of the case, beginning of its hash, begin of the line and its length [bytes]."""
+        """Four columns with a row per result: number of the case, start of its hash, offset and length of its line [bytes]."""
         self._outcomes: set[Outcome] = set()
         try:
-            self.head = self._begun(head)
+            self.head = self._read_or_begin(head)
         except BaseException:
             self._file.close()
             raise
 
-    def _begun(self, head: Head | None) -> Head:
-        """Read the file and return its head; an empty file gets `head`."""
-        found = self._scanned()
-        if found is None and head is not None and self._is_begun(b"\n" + encode(head)):
+    def _read_or_begin(self, head: Head | None) -> Head:
+        """Read the file and return its head; write `head` if the file is empty."""
+        file_head = self._scan()
+        if file_head is None and head is not None and self._is_begun(b"\n" + encode(head)):
             self._file.truncate(0)
             self._append(encode(head))
             return head
-        if found is None or (found.format, found.version) != (FORMAT, VERSION):
-            raise RvadsError(f"{self.path} holds no results of a campaign of version {VERSION}: name such a file, or a new one")
-        differs = "" if head is None else found.differs(head)
+        if file_head is None or (file_head.format, file_head.version) != (FORMAT, VERSION):
+            raise RvadsError(f"{self.path} holds no results of a campaign of version {VERSION}: name such a file, or a new file")
+        differs = "" if head is None else file_head.differs(head)
         if differs:
-            raise RvadsError(f"{self.path} holds results of another campaign ({differs}): name another file, or remove this one")
-        return found
+            raise RvadsError(f"{self.path} holds results of another campaign ({differs}): name another file, or remove it")
+        return file_head
 
     def _is_begun(self, line: bytes) -> bool:
-        """Return whether the file is empty, or holds only the beginning of a line that was cut off."""
+        """Return whether the file holds nothing but a beginning of `line`, as after a write that was interrupted, or nothing."""
         self._file.seek(0)
         return line.startswith(self._file.read(len(line)) + self._file.read(1))
 
-    def _scanned(self) -> Head | None:
-        """Index all lines and return the last head; other lines, such as a line that was cut off, are ignored.
+    def _scan(self) -> Head | None:
+        """Index the lines with results, and return the last head; damaged lines, such as a line that was cut off, are ignored.
 
         Raises:
             RvadsError: the file has results of several campaigns.
         """
-        found: Head | None = None
+        head: Head | None = None
         self._file.seek(0)
         lines, place = BufferedReader(self._file, 2**20), 0
         while line := lines.readline(_LONGEST):
             try:
                 if line.startswith(_HEAD):
-                    found, before = msgspec.json.decode(line, type=Head), found
-                    if before is not None and (differs := before.differs(found)):
+                    head, earlier_head = msgspec.json.decode(line, type=Head), head
+                    if earlier_head is not None and (differs := earlier_head.differs(head)):
                         raise RvadsError(
-                            f"{self.path} holds results of several campaigns ({differs}): name a file with those of one"
+                            f"{self.path} holds results of several campaigns ({differs}): name a file with results of one"
                         )
-                elif found is not None and line != b"\n":
-                    self._note(line, place)
+                elif head is not None and line != b"\n":
+                    self._index_line(line, place)
             except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
                 pass
-            if found is None and line != b"\n":
+            if head is None and line != b"\n":
                 break
             place += len(line)
         lines.detach()
-        return found
+        return head
 
-    def _note(self, line: bytes, place: int) -> bool:
-        """Index the place of a line, and return whether its case is new."""
+    def _index_line(self, line: bytes, place: int) -> bool:
+        """Index a line with a result, given its offset in the file, and return whether its case is new."""
         glance = msgspec.json.decode(line, type=Glance)
         key = bytes.fromhex(glance.case)
-        if key in self._known:
+        if key in self._case_hashes:
             return False
-        self._known.add(key)
+        self._case_hashes.add(key)
         for column, value in zip(self._index, (glance.number, int.from_bytes(key[:7]), place, len(line)), strict=True):
             column.append(value)
         self.verdicts += len(glance.verdicts)
@@ -133,16 +220,16 @@ class Results:
         return True
 
     def add(self, line: bytes) -> None:
-        """Write a result (a `Judged` in JSON) to disk at once; a second result of a case is left out.
+        """Write a result (a `Judged` in JSON) to disk at once; a second result of the same case is dropped.
 
         Raises:
             RvadsError: the result can't be written, for example for lack of room.
         """
-        if self._note(line, self._file.seek(0, os.SEEK_END) + 1):
+        if self._index_line(line, self._file.seek(0, os.SEEK_END) + 1):
             self._append(line)
 
     def tell(self, head: Head) -> None:
-        """Write a head with further facts about all results.
+        """Append a head, a line of facts about all results, to the file if the head is new.
 
         Raises:
             RvadsError: the head can't be written.
@@ -152,57 +239,58 @@ class Results:
             self.head = head
 
     def _append(self, line: bytes) -> None:
-        whole = b"\n" + line  # the line end comes first: it closes one that was cut off
+        full_line = b"\n" + line  # the line end comes first, because the last line of the file may have been cut off
         try:
             self._file.seek(0, os.SEEK_END)
-            written, trouble = self._file.write(whole), "there is no room"
+            written_length, trouble = self._file.write(full_line), "there is no room"
         except OSError as error:
-            written, trouble = 0, str(error)
-        if written != len(whole):
+            written_length, trouble = 0, str(error)
+        if written_length != len(full_line):
             raise RvadsError(
-                f"the results in {self.path or 'the folder for temporary files'} can't be added to ({trouble}): make room, then "
-                "run the campaign again, it goes on where it was"
+                f"no result can be added to {self.path or 'the folder for temporary files'} ({trouble}): make room, then run the "
+                "campaign again, it continues after its last result"
             )
 
     def holds(self, case: str) -> bool:
         """Return whether a case has a result, given the hash of the case."""
-        return bytes.fromhex(case) in self._known
+        return bytes.fromhex(case) in self._case_hashes
 
     def lines(self) -> Iterator[bytes]:
-        """Yield the results as they are on disk, JSON each, in the order of the cases."""
+        """Yield the results in JSON as on disk, in the order of the cases."""
         numbers, keys, places, lengths = (np.array(column, np.int64) for column in self._index)
         for k in np.lexsort((keys, numbers)):
             self._file.seek(int(places[k]))
             yield self._file.read(int(lengths[k]))
 
     def __len__(self) -> int:
-        return len(self._known)
+        return len(self._case_hashes)
 
     def __iter__(self) -> Iterator[Judged]:
         for line in self.lines():
             yield decode(line, Judged, f"{self.path} is damaged", RvadsError)
 
     def records(self) -> Collection[Record]:
-        """Return a record per case and rule, made from what is on disk in every pass."""
+        """Return the records, one per case and rule; every iteration over this collection reads the file."""
         return Anew(lambda: chain.from_iterable(map(by_rule, self)), lambda: self.verdicts)
 
     @property
     def complete(self) -> bool:
-        """Whether the campaign came to its end, and no line is damaged that it had written by then."""
+        """Whether the campaign has ended and the file holds all its results."""
         return self.head.cases is not None and len(self) >= self.head.results
 
     @property
     def exitstatus(self) -> int:
-        """As of sessions: 0 if all is well, 1 if something is wrong, 2 if it is not `complete`, 5 if nothing was judged."""
-        return exit_status(self._outcomes, whole=self.complete)
+        """Exit status: 0 for no failure, 1 for a failure, 2 for results that are not `complete`, 5 if nothing was judged."""
+        return exit_status(self._outcomes, complete=self.complete)
 
     def report(self, again: str = "") -> Report:
-        """Return what a session would report of it; its records are those of `records`.
+        """Return the report of the campaign, with the records of `records`.
 
         Args:
-            again: the command that runs a case once more, when its id follows in quotes; where none does, ids stand alone.
+            again: the beginning of a command that runs a case again; the report appends the quoted id of the case. With an empty
+                text, the report shows the id alone.
         """
-        note = f"INCOMPLETE: the campaign has not come to its end, {len(self):,} cases are judged; run it again, it goes on"
+        note = f"INCOMPLETE: the campaign has not come to its end, {len(self):,} cases are judged; run it again to continue"
         return Report(
             self.records(),
             versions=self.head.versions,
@@ -213,13 +301,16 @@ class Results:
             again=again,
         )
 
+    def _repr_html_(self) -> str:
+        return shown(self.report())
+
     def release(self) -> None:
-        """Let others add to the file."""
+        """Unlock the file, so that other processes can add to the file."""
         if fcntl:
             fcntl.flock(self._file, fcntl.LOCK_UN)
 
     def close(self) -> None:
-        """Let go of the file; nothing can be read after that."""
+        """Close the file; results can no longer be read."""
         self._file.close()
 
     def __enter__(self) -> Results:
@@ -230,32 +321,32 @@ class Results:
 
 
 def joined(paths: Sequence[str | os.PathLike[str]]) -> Results:
-    """Return the results of several files of one campaign, each case once, to read; of a single file itself.
+    """Return the results of several files of a campaign, for reading; of a case in several files, the first result is taken.
 
     Raises:
-        RvadsError: a file is none of a campaign, or one of another campaign than the first.
+        RvadsError: a file holds no results of a campaign, or results of another campaign than the first file.
         OSError: a file can't be read.
     """
     if len(paths) == 1:
         return Results(paths[0])
-    whole: Results | None = None
+    all_results: Results | None = None
     for path in paths:
         with Results(path) as part:
-            if whole is None:
-                whole = Results(None, part.head)
-            elif differs := whole.head.differs(part.head):
+            if all_results is None:
+                all_results = Results(None, part.head)
+            elif differs := all_results.head.differs(part.head):
                 raise RvadsError(f"{path} holds results of another campaign than {paths[0]} ({differs}): make a report of each")
             for line in part.lines():
-                whole.add(line)
+                all_results.add(line)
             head = part.head if part.complete else msgspec.structs.replace(part.head, cases=None)
-            whole.tell(whole.head.with_part(head))
-    if whole is None:
-        raise RvadsError("no file of results is named: name one or more")
-    return whole
+            all_results.tell(all_results.head.with_part(head))
+    if all_results is None:
+        raise RvadsError("no file of results is named: name at least one file")
+    return all_results
 
 
-def _opened(path: Path | None, add: bool) -> FileIO:
-    """Return the file, without a buffer; of one that is to be added to, for this process alone."""
+def _open_results(path: Path | None, add: bool) -> FileIO:
+    """Open a file of results without a buffer; with `add`, the file is locked, so that no other process adds results."""
     if path is None:
         return TemporaryFile(buffering=0)
     if not add:

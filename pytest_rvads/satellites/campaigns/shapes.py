@@ -1,11 +1,11 @@
-"""Shapes: classes of junctions that are equal up to a motion of the plane, so that one run stands for a run at each.
+"""Shapes: classes of congruent junctions, so that a run at one junction of a class counts for every junction of the class.
 
-Builders of towns place the same junction in many places. Two junctions have the same shape if a rotation of arms maps lanes,
-movements, turns, signs, phases and all relations of the first to those of the second, and a rigid motion maps their centre lines,
-within a tolerance. Mirror images have different shapes, because traffic keeps to one side.
+Makers of maps place the same junction in many places. Two junctions have the same shape if a cyclic renumbering of the arms maps
+the lanes, movements, turns, signs, phases and relations of one junction to those of the other, and a rigid motion of the plane
+maps the centre lines within a tolerance. Mirror images have different shapes, because traffic keeps to one side.
 
-Junctions are compared as far as runs reach. Results are shared only on request, because a driver that reads coordinates could
-tell the junctions of a shape apart.
+Roads are compared up to the distance from the junction that vehicles reach in a run. Results are shared only on request, because
+a driver that reads coordinates can tell the junctions of a shape apart.
 """
 
 from __future__ import annotations
@@ -29,33 +29,33 @@ from pytest_rvads.support.errors import ScenarioError, require
 __all__ = ["REACH", "TOLERANCE", "Member", "Shape", "shapes", "twin"]
 
 REACH = 60.0
-"""Compared length of approaches and exit roads [m].
+"""Length of approaches and exit roads that is compared [m].
 
-Itineraries end this far down the exit road (`EXIT_LENGTH`), and the shipped drivers plan from this far before the junction. A
-vehicle that starts farther out needs more, see `twin`.
+Itineraries end at this distance on the exit road (`EXIT_LENGTH`), and the shipped drivers plan from this distance before the
+junction. If a vehicle starts farther away, `twin` returns None.
 """
 TOLERANCE = 0.1
-"""Largest distance between corresponding points, and largest difference of stopping lines and widths [m]."""
+"""Largest difference between junctions of a shape: between corresponding points, positions of stopping lines, and widths [m]."""
 _SPACING = 0.5
 """Distance between compared points [m]."""
 _ROOM = 10.0
-"""Length that has to be compared behind the farthest starting point, for a body and for the view of drivers [m]."""
+"""Length of road behind the starting point of a vehicle that is compared, for its body and for the view of drivers [m]."""
 
 _Complex = NDArray[np.complex128]
 
 
 class _Onto(NamedTuple):
-    """A mapping of the arms, and so of the lanes, of a junction to those of another junction."""
+    """A mapping of the arms and lanes of a junction to the arms and lanes of another junction."""
 
     arms: int
     entrances: tuple[int, ...]
-    """The image of every entrance."""
+    """Per entrance, its image at the other junction."""
     exits: tuple[int, ...]
 
 
 @dataclass(frozen=True, slots=True)
 class Member:
-    """A junction of a shape."""
+    """A junction of a shape (a class of congruent junctions), with its mapping to the representative, the first junction."""
 
     junction: Junction
     rotation: int
@@ -63,12 +63,12 @@ class Member:
     entrances: tuple[int, ...]
     """Per entrance, the corresponding entrance of the representative."""
     deviation: float
-    """Largest distance between corresponding points after the best motion [m]."""
+    """Largest distance between corresponding points after the best rigid motion [m]."""
 
 
 @dataclass(frozen=True, slots=True)
 class Shape:
-    """Junctions that are equal up to a motion of the plane."""
+    """A class of congruent junctions: a rigid motion of the plane maps each of them to each other."""
 
     representative: Junction
     members: tuple[Member, ...]
@@ -78,39 +78,39 @@ class Shape:
 
 
 def shapes(junctions: Sequence[Junction], reach: float = REACH) -> tuple[Shape, ...]:
-    """Return the shapes of junctions; each junction is in exactly one shape, and the first junction of a shape represents it.
+    """Return the classes of congruent junctions; each junction is in one class, and the first junction of a class represents it.
 
     Args:
         junctions: the junctions, with their geometry.
         reach: the compared length of approaches and exit roads [m].
 
     Raises:
-        ScenarioError: an element of `junctions` is no junction, or has no geometry.
+        ScenarioError: an element of `junctions` is no junction, or is a junction without geometry.
     """
-    found: dict[object, list[tuple[_Form, list[Member]]]] = {}
+    groups_by_signature: dict[object, list[tuple[_Form, list[Member]]]] = {}
     for junction in junctions:
-        require(junction, Junction, "shapes are those of junctions, as rvads.find('stop4') returns them", ScenarioError)
+        require(junction, Junction, "junctions have shapes, and rvads.find('stop4') returns a junction", ScenarioError)
         if not junction.drivable:
             raise ScenarioError(
                 f"junction {junction.name!r} has no shape because it is not known where its lanes lie: take it from a map"
             )
         form = _Form(junction, reach)
-        alike = found.setdefault(form.signature, [])
+        alike = groups_by_signature.setdefault(form.signature, [])
         for other, members in alike:
-            if (member := _laid(form, other)) is not None:
+            if (member := _as_member(form, other)) is not None:
                 members.append(member)
                 break
         else:
-            same = tuple(range(len(junction.entrances)))
-            alike.append((form, [Member(junction, 0, same, 0.0)]))
-    groups = [(form.junction, tuple(members)) for alike in found.values() for form, members in alike]
+            identity = tuple(range(len(junction.entrances)))
+            alike.append((form, [Member(junction, 0, identity, 0.0)]))
+    groups = [(form.junction, tuple(members)) for alike in groups_by_signature.values() for form, members in alike]
     places = {id(junction): number for number, junction in reversed([*enumerate(junctions)])}
     groups.sort(key=lambda group: places[id(group[0])])
     return tuple(Shape(first, members, reach) for first, members in groups)
 
 
 def twin(scenario: Scenario, member: Member, shape: Shape) -> Scenario | None:
-    """Return the scenario at the representative whose run is that of `scenario`, moved to the representative.
+    """Return the scenario at a shape's representative whose run equals the run of `scenario` up to a motion of the plane.
 
     Args:
         scenario: a scenario at the junction of `member`.
@@ -118,8 +118,8 @@ def twin(scenario: Scenario, member: Member, shape: Shape) -> Scenario | None:
         shape: the shape.
 
     Returns:
-        The scenario; None if vehicles start farther out than was compared or have no room at their start, or if the senses are
-        not ideal (noise depends on the name of the junction).
+        The scenario; None if a vehicle starts farther away than roads were compared, if a vehicle has no room at its start at the
+        representative, or if the senses are not ideal, because noise depends on the name of the junction.
     """
     place = shape.representative
     if scenario.place is place:
@@ -128,19 +128,19 @@ def twin(scenario: Scenario, member: Member, shape: Shape) -> Scenario | None:
     if scenario.senses != IDEAL or max(starts) + max(scenario.place.setbacks) + _ROOM > shape.reach:
         return None
     count, onto = len(member.entrances), member.entrances
-    row = _row(member.junction, scenario.rotation, place, onto)
+    row = _equal_row(member.junction, scenario.rotation, place, onto)
     if row is None:
         return None
 
     def moved(values: Sequence[Any]) -> tuple[Any, ...]:
-        """Return values per entrance of the map as values per entrance of the representative before its rotation."""
+        """Return values per entrance as values per entrance of the representative, numbered as before a rotation by `row`."""
         images: list[Any] = [None] * count
         for entrance, value in enumerate(values):
             images[onto[entrance]] = value
         return rotate(tuple(images), -row)
 
-    made = ((first + scenario.rotation) % count for first in scenario.order)
-    other = Scenario(
+    map_order = ((first + scenario.rotation) % count for first in scenario.order)
+    image = Scenario(
         place,
         moved(scenario.placed),
         distance=moved(rotate(scenario.distances, scenario.rotation)),
@@ -151,33 +151,34 @@ def twin(scenario: Scenario, member: Member, shape: Shape) -> Scenario | None:
         aggression=scenario.aggression,
         wait=scenario.wait,
         subject=None if scenario.subject is None else onto[scenario.subject],
-        order=tuple((onto[entrance] - row) % count for entrance in made),
+        order=tuple((onto[entrance] - row) % count for entrance in map_order),
         followers=scenario.followers,
+        elapsed=scenario.elapsed,
     )
     try:
-        other.starts()
+        image.starts()
     except ScenarioError:
         return None
-    return other
+    return image
 
 
 @dataclass(frozen=True, eq=False)
 class _Form:
-    """A junction with its compared properties."""
+    """A junction with the properties by which shapes are compared."""
 
     junction: Junction
     reach: float
 
     @cached_property
     def signature(self) -> object:
-        """A cheap key, equal for all junctions of a shape, whatever their first arm, and different for most others."""
+        """A key that all junctions of a shape share, whichever arm is numbered first; it differs for most other junctions."""
         arms = self.labels
         least = min(arms[k:] + arms[:k] for k in range(len(arms)))
         return self.junction.left_hand, least
 
     @cached_property
     def labels(self) -> tuple[Any, ...]:
-        """Per arm, its lanes with their signs, and its movements with their targets as numbers of arms onward."""
+        """Per arm, the signs of its entrances, its number of exits, and its movements, with target arms counted from the arm."""
         place = self.junction
         ways: list[list[tuple[int, int, int, str]]] = [[] for _ in place.arms]
         for movement in place.movements.values():
@@ -190,22 +191,22 @@ class _Form:
 
     @cached_property
     def ins(self) -> tuple[_Complex, ...]:
-        """Per entrance, points of the approach, from the vertex upstream."""
+        """Per entrance, points on its approach, from the entrance vertex against the direction of travel."""
         return tuple(_points(self.junction.way_in(e), self.reach, back=True) for e in range(len(self.junction.entrances)))
 
     @cached_property
     def outs(self) -> tuple[_Complex, ...]:
-        """Per exit, points of its road, from the vertex on."""
+        """Per exit, points on its road, from the exit vertex in the direction of travel."""
         return tuple(_points(self.junction.way_out(e), self.reach) for e in range(len(self.junction.exits)))
 
     @cached_property
     def through(self) -> Mapping[tuple[int, int], _Complex]:
-        """Points of the movements."""
+        """Points on the centre line of each movement, by entrance and exit."""
         return {key: _points(self.junction.way_through(*key), np.inf) for key in self.junction.movements}
 
 
 def _points(line: Segment, reach: float, *, back: bool = False) -> _Complex:
-    """Return points of a line as complex numbers, from its start or its end on: at equal distances, and the last point."""
+    """Return points of a line as complex numbers, at equal distances from its start and at its end; with `back` from its end."""
     length = min(line.length, reach)
     stations = np.append(np.arange(0.0, length, _SPACING), length)
     if back:
@@ -215,17 +216,20 @@ def _points(line: Segment, reach: float, *, back: bool = False) -> _Complex:
     return points
 
 
-def _laid(form: _Form, other: _Form) -> Member | None:
-    """Return a junction as a member of another junction's shape, by the least possible rotation of arms; None if impossible."""
+def _as_member(form: _Form, other: _Form) -> Member | None:
+    """Return a junction as a member of another junction's shape; None if the two junctions have different shapes.
+
+    Of several renumberings of the arms that fit, the least is taken.
+    """
     for onto in _rotations(form, other):
         deviation = _deviation(form, other, onto)
-        if deviation <= TOLERANCE and _same(form.junction, other.junction, onto):
+        if deviation <= TOLERANCE and _same_relations(form.junction, other.junction, onto):
             return Member(form.junction, onto.arms, onto.entrances, deviation)
     return None
 
 
 def _rotations(form: _Form, other: _Form) -> Iterator[_Onto]:
-    """Yield the rotations of arms that take lanes, signs and movements of one junction to those of another."""
+    """Yield the cyclic renumberings of arms that map lanes, signs and movements of a junction to those of another junction."""
     labels, other_labels = form.labels, other.labels
     place, other_place = form.junction, other.junction
     entrances = {(lane.arm, lane.lane): number for number, lane in enumerate(other_place.entrances)}
@@ -240,14 +244,14 @@ def _rotations(form: _Form, other: _Form) -> Iterator[_Onto]:
 
 
 def _deviation(form: _Form, other: _Form, onto: _Onto) -> float:
-    """Return the largest distance of corresponding points after the best motion [m]; infinite for lines of different lengths."""
+    """Return the largest distance of corresponding points after the best rigid motion [m]; infinite if lines differ in length."""
     pairs = [(line, other.ins[onto.entrances[k]]) for k, line in enumerate(form.ins)]
     pairs += [(line, other.outs[onto.exits[k]]) for k, line in enumerate(form.outs)]
     pairs += [(line, other.through[onto.entrances[e], onto.exits[x]]) for (e, x), line in form.through.items()]
-    # The numbers of points of lines within the tolerance differ by at most one, and then the last two points are neighbours.
+    # If the lengths of two lines agree within the tolerance, their numbers of points differ by at most one.
     if any(abs(len(own_points) - len(other_points)) > 1 for own_points, other_points in pairs):
         return np.inf
-    # The last points correspond, and so do the points before at equal distances.
+    # The last points of two lines correspond, and so do points at equal distances from the start.
     ours, theirs = (
         np.concatenate([np.append(pair[k][: min(map(len, pair)) - 1], pair[k][-1]) for pair in pairs]) for k in (0, 1)
     )
@@ -257,8 +261,8 @@ def _deviation(form: _Form, other: _Form, onto: _Onto) -> float:
     return float(np.abs(turn * own_points - other_points).max())
 
 
-def _same(place: Junction, other_place: Junction, onto: _Onto) -> bool:
-    """Return whether stopping lines, phases and the relations of entrances and movements are the same."""
+def _same_relations(place: Junction, other_place: Junction, onto: _Onto) -> bool:
+    """Return whether a mapping keeps the stopping lines, phases, and relations of entrances and movements of a junction."""
     entrances = onto.entrances
     rows = Orbits.at(place).rows if place.phase_groups else range(1)
     widths = [(place.lane_width, other_place.lane_width)]
@@ -273,33 +277,42 @@ def _same(place: Junction, other_place: Junction, onto: _Onto) -> bool:
 
     return (
         all(abs(own_value - other_value) <= TOLERANCE for own_value, other_value in widths)
-        and _lifted(place.right_of, entrances.__getitem__) == other_place.right_of
-        and _lifted(place.opposite, entrances.__getitem__) == other_place.opposite
-        and _lifted(place.stated, key) == other_place.stated
-        and _lifted(place.conflicts or (), key) == other_place.conflicts
+        and _mapped_pairs(place.right_of, entrances.__getitem__) == other_place.right_of
+        and _mapped_pairs(place.opposite, entrances.__getitem__) == other_place.opposite
+        and _mapped_pairs(place.stated, key) == other_place.stated
+        and _mapped_pairs(place.conflicts or (), key) == other_place.conflicts
         and {(key(own_value), key(other_value)): why for (own_value, other_value), why in (place.yields or {}).items()}
         == other_place.yields
-        and all(_row(place, row, other_place, entrances) is not None for row in rows)
+        and all(_equal_row(place, row, other_place, entrances) is not None for row in rows)
     )
 
 
-def _lifted(pairs: Any, image: Callable[[Any], Any]) -> frozenset[tuple[Any, Any]]:
+def _mapped_pairs(pairs: Any, image: Callable[[Any], Any]) -> frozenset[tuple[Any, Any]]:
     return frozenset((image(first), image(second)) for first, second in pairs)
 
 
-def _row(place: Junction, row: int, other_place: Junction, entrances: Sequence[int]) -> int | None:
-    """Return the row of the other junction in which lights begin as in a row of this junction; None if no such row exists.
+def _equal_row(place: Junction, row: int, other_place: Junction, entrances: Sequence[int]) -> int | None:
+    """Return the rotation of scenarios at another junction that has the same order of green as rotation `row` at this junction.
 
-    Of several rows, the row that also keeps the order of creation is returned.
+    Of several such rotations, a rotation that also creates the vehicles in the same order is preferred.
+
+    Returns:
+        Number of entrances by which scenarios are rotated at the other junction; None if no rotation has the same order of green.
     """
-    turns = _turns(place, row, entrances)
+    turns = _green_order(place, row, entrances)
     rows = Orbits.at(other_place).rows
     same_order = [other_row for other_row in rows if other_row == entrances[row]]
-    return next((other_row for other_row in (*same_order, *rows) if _turns(other_place, other_row) == turns), None)
+    return next((other_row for other_row in (*same_order, *rows) if _green_order(other_place, other_row) == turns), None)
 
 
-def _turns(place: Junction, row: int, entrances: Sequence[int] | None = None) -> list[frozenset[int]]:
-    """Return the groups of entrances that have green, in order from the first group on, as images of the entrances."""
+def _green_order(place: Junction, row: int, entrances: Sequence[int] | None = None) -> list[frozenset[int]]:
+    """Return the groups of entrances that have green together, in the order in which they get green in a rotated scenario.
+
+    Args:
+        place: the junction.
+        row: number of entrances by which the scenario is rotated.
+        entrances: per entrance, its number at another junction; the groups are given in these numbers. None for own numbers.
+    """
     plan = SignalPlan(place.phase_groups, first_green(place, row))
     groups = plan.groups[plan.first :] + plan.groups[: plan.first]
     return [group if entrances is None else frozenset(entrances[k] for k in group) for group in groups]

@@ -1,14 +1,25 @@
-"""What ``rvads town`` leaves behind: replays, the page, the report, and the summary on standard output."""
+"""Writes the output of ``rvads town``: replays, the page, the report, the summary, and the progress on standard error.
+
+The progress is a bar with the remaining time, or a line per tenth of the jobs if there is no terminal. This module is imported
+only when a town is judged, because it imports rich.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+import sys
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import NamedTuple
 
-from pytest_rvads.cli.common import say, show
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import Progress as ProgressBar
+
+from pytest_rvads.cli.common import say, show, warn
+from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.logic.rules.rule import Rule
@@ -17,11 +28,10 @@ from pytest_rvads.report.files import save
 from pytest_rvads.report.outline import Figures, Head, Notes, outline
 from pytest_rvads.report.session_report import exit_status
 from pytest_rvads.runs.measured import Divergence
-from pytest_rvads.satellites.campaigns.progress_bar import progressing
 from pytest_rvads.satellites.campaigns.resultsfile import Results
 from pytest_rvads.satellites.campaigns.town import Town, tallied, town_records
 from pytest_rvads.satellites.campaigns.town_page import town_page
-from pytest_rvads.satellites.campaigns.town_tally import CauseTally, JunctionTally
+from pytest_rvads.satellites.campaigns.town_tally import CauseTally, Tally
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.simulators.simulator import Simulator, simulate
 from pytest_rvads.support.errors import RvadsError
@@ -29,48 +39,51 @@ from pytest_rvads.support.executors import Failed, Progress, gathered
 from pytest_rvads.support.storage import slug, write_file
 from pytest_rvads.support.wording import quoted
 
-__all__ = ["Order", "written"]
+__all__ = ["Order", "Replays", "Source", "draw_replays", "progressing", "written"]
 
 MOST = 100
-"""Most pages that are drawn: a page is some 100 KB, and nobody looks at more."""
-_OTHERWISE = "the same start gave another run when it was simulated once more, so its verdicts mean little"
+"""Largest number of runs whose replay pages are drawn; a page has some 100 KB, and nobody looks at more pages."""
+_OTHERWISE = "the same start gave another run when it was simulated again, so its verdicts mean little"
 
 
 @dataclass(frozen=True, slots=True)
 class Order:
-    """What was asked for, understood."""
+    """What a command ``rvads town`` asks for: the town, the simulator, and the reports to write."""
 
     town: Town
     simulator: Simulator
     again: str
-    """The command that runs some of it again; ids follow."""
+    """The beginning of a command that runs a part of the town again; ids of runs are appended."""
     reports: tuple[Path, ...] = ()
-    """Files to write reports to, beside that in the folder of the town."""
+    """Paths of reports that are written in addition to the report in the folder of the town."""
 
 
 def written(order: Order, results: Results, folder: Path, executor: Executor | int | None, cut: str = "") -> int:
     """Write replays, page and report, print the summary, and return the exit status.
 
     Args:
-        order: what was asked for.
-        results: all there are.
-        folder: to write to.
-        executor: to simulate examples on.
-        cut: why results are missing, or nothing.
+        order: the request of the command.
+        results: all results of the campaign.
+        folder: folder for the files.
+        executor: executor that simulates the examples.
+        cut: reason why the campaign was cut off; empty if it came to its end.
     """
     town = order.town
     judged = town.judged(results)
     tallies, replays = tallied(judged), Replays()
     if not cut:
         with progressing("replays") as progress:
-            replays = draw_replays(town, tallies, folder, order.again, executor, order.simulator, progress)
+            source = Source(town.case_of, town.plan.rules, lambda name: f"{order.again} {quoted(name)}")
+            replays = draw_replays(tallies, source, folder, executor, order.simulator, progress)
     missing = sum(town.counts.values()) - sum(tally.runs for tally in tallies.values())
     notes = (
-        [f"INCOMPLETE: {cut or 'results are missing'}, {missing} runs have no result: run it again to go on"] if missing else []
+        [f"INCOMPLETE: {cut or 'results are missing'}, {missing} runs have no result: run it again to continue"]
+        if missing
+        else []
     )
     notes += [*town.notes(), *replays.notes]
     outcomes = {outcome for tally in tallies.values() for outcome in tally.outcomes}
-    status = exit_status(outcomes | ({Outcome.FLAKY} if replays.flaky else set()), whole=not missing)
+    status = exit_status(outcomes | ({Outcome.FLAKY} if replays.flaky else set()), complete=not missing)
     report = replace(
         results.report(again=order.again),
         records=town_records(judged, {key: f"{folder / page}" for key, page in replays.looks.items()}, replays.flaky),
@@ -80,11 +93,13 @@ def written(order: Order, results: Results, folder: Path, executor: Executor | i
         extents=town.plan.extents(),
         refused=town.refused(),
         drawn=town.drawn(),
-        unfit={place.name: found.scenarios for place in town.plan.places if (found := town.plan.left_out(place))},
+        unfit={place.name: left_out.scenarios for place in town.plan.places if (left_out := town.plan.left_out(place))},
     )
     title = f"rvads town: {', '.join(map.stem for map in town.maps)}"
-    drawn = (f"{one.taken:,} of {one.total:,} {one.what} drawn, seed {one.seed}" for one in report.drawn)
-    blocks = [Notes((*notes, *drawn)), *(block for block in outline(report) if isinstance(block, Head | Figures))]
+    blocks = [
+        Notes((*notes, *map(str, report.drawn))),
+        *(block for block in outline(report) if isinstance(block, Head | Figures)),
+    ]
     page = town_page(title, blocks, town.pictures(), town.sites(), tallies, replays.looks, order.again)
     write_file(folder / "town.html", page.encode())
     for path in (folder / "town.json", *order.reports):
@@ -98,14 +113,25 @@ def written(order: Order, results: Results, folder: Path, executor: Executor | i
 
 @dataclass(frozen=True, slots=True)
 class Replays:
-    """The drawn replays."""
+    """The drawn replay pages of a town or of a driver in a league, and notes on replays that were not drawn."""
 
     looks: Mapping[tuple[str, str], str] = field(default_factory=dict)
-    """By name of a run and rule, the path of the page relative to the folder, with the time of the violation."""
+    """By name of a run and rule, the path of the page relative to the folder of the town, ending in the time of the violation."""
     flaky: Mapping[str, Divergence] = field(default_factory=dict)
-    """Runs, by name, that differed when they were simulated again."""
+    """By name of a run, its difference; only runs that differed when they were simulated again for their replay pages."""
     notes: tuple[str, ...] = ()
-    """Sentences on replays that were not drawn, with reasons."""
+    """Sentences on replay pages that could not be drawn, with the reasons."""
+
+
+class Source(NamedTuple):
+    """Where replays get their runs from."""
+
+    case_of: Callable[[Collection[str]], Mapping[str, Case]]
+    """Returns the case of each of the named runs."""
+    rules: Callable[[Junction], tuple[Rule, ...]]
+    """Returns the rules that judge runs at a junction."""
+    again: Callable[[str], str]
+    """Returns the command that simulates a run, given by name, again."""
 
 
 class _Job(NamedTuple):
@@ -120,41 +146,39 @@ class _Drawn(NamedTuple):
     name: str
     hash: str
     pages: tuple[tuple[str, float, str], ...]
-    """Triples of rule, time [s] and HTML."""
+    """Per replay page: name of the rule, time of the violation [s], HTML."""
 
 
-def draw_replays(  # noqa: PLR0913 - a campaign, and the place of its simulation and drawings
-    town: Town,
-    tallies: Mapping[str, JunctionTally],
+def draw_replays(
+    tallies: Mapping[str, Tally],
+    source: Source,
     folder: Path,
-    again: str,
     executor: Executor | int | None = None,
     simulator: Simulator | None = None,
     progress: Progress | None = None,
 ) -> Replays:
-    """Simulate the first run of every cause again, and write replay pages of its violations.
+    """Simulate the example run of every cause of failures again, and write replay pages of its violations.
 
     Args:
-        town: the town.
-        tallies: the results, by junction.
+        tallies: the results, by junction or by driver.
+        source: the cases of the runs, with their rules and commands.
         folder: the folder in which the folder ``replays`` is made.
-        again: the command that runs a part of the town again; the pages name the command.
         executor: the executor of the simulations, see `spread`.
         simulator: the simulator of the runs.
-        progress: called after every run.
+        progress: function that is called after every run, with the number of finished runs and the number of all runs.
 
     Raises:
         OSError: a page can't be written.
     """
     examples = list(_examples(tallies))
-    jobs = _jobs(town, examples[:MOST], again, simulator)
+    jobs = _replay_jobs(source, examples[:MOST], simulator)
     hashes = {cause.run: cause.hash for cause in examples}
     looks: dict[tuple[str, str], str] = {}
     flaky: dict[str, Divergence] = {}
     troubles: list[str] = []
-    for done, (number, answer) in enumerate(gathered(_draw, jobs, executor, batch=1), start=1):
+    for finished, (number, answer) in enumerate(gathered(_draw, jobs, executor, batch=1), start=1):
         if progress is not None:
-            progress(done, len(jobs))
+            progress(finished, len(jobs))
         if isinstance(answer, Failed):
             troubles.append(f"{jobs[number].name}: {answer.error}")
             continue
@@ -170,25 +194,28 @@ def draw_replays(  # noqa: PLR0913 - a campaign, and the place of its simulation
     if troubles:
         notes.append(f"{len(troubles)} replays could not be drawn, the first: {min(troubles)}")
     if flaky:
-        notes.append(f"{len(flaky)} runs came out differently when they were simulated once more, the first: {min(flaky)}")
+        notes.append(f"{len(flaky)} runs were different when they were simulated again, the first: {min(flaky)}")
     return Replays(looks, flaky, tuple(notes))
 
 
-def _jobs(town: Town, examples: Sequence[CauseTally], again: str, simulator: Simulator | None) -> list[_Job]:
-    """Return the jobs to simulate, one per run, by name."""
-    wanted: dict[str, set[str]] = {}
+def _replay_jobs(source: Source, examples: Sequence[CauseTally], simulator: Simulator | None) -> list[_Job]:
+    """Return the runs to simulate again for replays, by name of the run."""
+    rules_of_run: dict[str, set[str]] = {}
     for cause in examples:
-        wanted.setdefault(cause.run, set()).add(cause.rule)
-    cases = town.case_of(wanted)
-    found = []
+        rules_of_run.setdefault(cause.run, set()).add(cause.rule)
+    cases = source.case_of(rules_of_run)
+    jobs = []
     for name in sorted(cases):
-        rules = tuple(rule for rule in town.plan.rules(cases[name].scenario.place) if rule.name in wanted[name])
-        found.append(_Job(name, cases[name], rules, f"again     {again} {quoted(name)}", simulator))
-    return found
+        rules = tuple(rule for rule in source.rules(cases[name].scenario.place) if rule.name in rules_of_run[name])
+        jobs.append(_Job(name, cases[name], rules, f"again     {source.again(name)}", simulator))
+    return jobs
 
 
-def _examples(tallies: Mapping[str, JunctionTally]) -> Iterator[CauseTally]:
-    """Yield the causes: first the first cause of every junction, then the second causes, so that every junction has pages."""
+def _examples(tallies: Mapping[str, Tally]) -> Iterator[CauseTally]:
+    """Yield the gravest cause of failures of every junction, then the second gravest of every junction, and so on.
+
+    In this order, every junction gets a replay page if the number of pages is limited.
+    """
     groups: Sequence[list[CauseTally]] = [
         [cause for _, causes in tally.grouped() for cause in causes if cause.title != "unsure"] for tally in tallies.values()
     ]
@@ -197,14 +224,52 @@ def _examples(tallies: Mapping[str, JunctionTally]) -> Iterator[CauseTally]:
 
 
 def _draw(job: _Job) -> _Drawn:
-    """Simulate and judge a run, and draw its violations."""
+    """Simulate and judge a run, and draw replay pages of its violations."""
     run = simulate(job.case, job.simulator)
     pages = []
     for rule in job.rules:
         try:
             verdict = check(run, rule)
             page = next(failure_pages(run, verdict, rule, f"{verdict.explanation}\n{job.notes}"))
-        except RvadsError:  # a run that a fault ended at once has no page
+        except RvadsError:  # a run that a fault ended at its start has no page
             continue
         pages.append((rule.name, page.time, page.html))
     return _Drawn(job.name, run.hash, tuple(pages))
+
+
+@contextmanager
+def progressing(what: str) -> Iterator[Progress]:
+    """Yield a function that shows progress on standard error, called with the number of finished jobs and of all jobs.
+
+    Args:
+        what: the name of the jobs, such as ``runs``.
+    """
+    if not sys.stderr.isatty():
+        yield _Lines(what)
+        return
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TextColumn("left"),
+        TimeRemainingColumn(),
+    )
+    with ProgressBar(*columns, console=Console(stderr=True)) as bars:
+        task = bars.add_task(what, total=None)
+
+        def show(done: int, total: int) -> None:
+            bars.update(task, completed=done, total=total)
+
+        yield show
+
+
+class _Lines:
+    def __init__(self, what: str) -> None:
+        self._what, self._last_tenth = what, -1
+
+    def __call__(self, done: int, total: int) -> None:
+        tenth = 10 * done // max(total, 1)
+        if tenth > self._last_tenth and done:
+            self._last_tenth = tenth
+            warn(f"{done}/{total} {self._what}")

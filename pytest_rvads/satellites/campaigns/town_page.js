@@ -3,13 +3,13 @@ const view = get("view");
 const bodies = {good: "M-9 0a9 9 0 1 0 18 0a9 9 0 1 0 -18 0", bad: "M-8.5 -8.5h17v17h-17z", doubt: "M0 -11.5L11.5 0L0 11.5L-11.5 0z",
   error: "M-10 -6L0 -11L10 -6V6L0 11L-10 6z", none: "M-8 0a8 8 0 1 0 16 0a8 8 0 1 0 -16 0"};
 const signs = {good: "M-4 0L-1 3.2L4.2 -3.6", bad: "M-3.8 -3.8L3.8 3.8M3.8 -3.8L-3.8 3.8", doubt: "M0 -5.5V1.5M0 5V5.2", error: "M3.6 -4.6H-3V4.6H3.6M-3 0H2.6", none: "M-3.2 0H3.2"};
-const least = 6, names = new Map(town.junctions.map(one => [one.name, one]));
+const least = 6, names = new Map(town.junctions.map(site => [site.name, site]));
 let at = {x: 0, y: 0, width: 1}, map = -1, chosen = null, shown = page, fingers = new Map(), moved = 0;
 function draw(tag, parent, values) {
-  const one = document.createElementNS("http://www.w3.org/2000/svg", tag);
-  Object.entries(values).forEach(([name, value]) => one.setAttribute(name, value));
-  parent.append(one);
-  return one;
+  const element = document.createElementNS("http://www.w3.org/2000/svg", tag);
+  Object.entries(values).forEach(([name, value]) => element.setAttribute(name, value));
+  parent.append(element);
+  return element;
 }
 function symbol(parent, state) {
   const body = draw("path", parent, {class: "body", d: bodies[state]});
@@ -20,7 +20,7 @@ function icon(parent, state) {
   const svg = draw("svg", parent, {viewBox: "-13 -13 26 26", class: "mark " + state, "aria-hidden": "true"});
   symbol(svg, state);
 }
-// Ids that converters put together from others would cover the map; whoever points at a mark or chooses it sees the whole id.
+// Some converters join ids to long ids, which would cover the map. The title of a mark and its section have the whole id.
 function short(id) { return id.length > 12 ? `${id.slice(0, 4)}\u2026${id.slice(-5)}` : id; }
 function link(name) { return "#" + encodeURIComponent(name); }
 function size() { const box = view.getBoundingClientRect(); return [Math.max(box.width, 1), Math.max(box.height, 1)]; }
@@ -36,14 +36,14 @@ function show() {
   get("marks").querySelectorAll("a").forEach(mark => {
     mark.setAttribute("transform", `translate(${mark.dataset.x} ${mark.dataset.y}) scale(${unit * many})`);
   });
-  // Names that do not cover each other: that of the chosen junction, then those of the worst, which come last.
+  // Shows names that do not cover each other: the name of the chosen junction first, then the names of the worst junctions, which come last.
   const boxes = [], grain = unit * many;
   [...get("marks").children].reverse().sort((a, b) => (b.dataset.name === chosen) - (a.dataset.name === chosen)).forEach(mark => {
     const text = mark.querySelector("text"), half = 3.3 * grain * text.textContent.length, picked = mark.dataset.name === chosen;
     const free = boxes.every(([x, y, wide]) => Math.abs(x - mark.dataset.x) > half + wide || Math.abs(y - mark.dataset.y) > 13 * grain);
-    const told = picked || free && unit < 1.2 && !mark.classList.contains("none");
-    text.style.display = told ? "" : "none";
-    if (told) boxes.push([+mark.dataset.x, +mark.dataset.y, half]);
+    const named = picked || free && unit < 1.2 && !mark.classList.contains("none");
+    text.style.display = named ? "" : "none";
+    if (named) boxes.push([+mark.dataset.x, +mark.dataset.y, half]);
   });
   const step = [1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000].find(metres => metres / unit >= 60) || 10000;
   get("scale").textContent = `${Math.round(at.width)} m wide`;
@@ -65,40 +65,40 @@ function open(number) {
   get("map").value = number;
   ["lanes", "areas", "marks"].forEach(id => get(id).replaceChildren());
   town.maps[map].lanes.forEach(([width, d]) => { draw("path", get("lanes"), {d}).dataset.width = width; });
-  // The worst come last, so that they lie on top.
-  town.junctions.filter(one => one.map === map && one.spot).reverse().forEach(one => {
-    const [x, y, radius] = one.spot;
-    if (one.state !== "none") draw("circle", get("areas"), {cx: x, cy: y, r: radius, class: one.state});
-    const mark = draw("a", get("marks"), {href: link(one.name), class: "mark " + one.state, "aria-label": `${one.name}: ${one.told}`});
-    Object.assign(mark.dataset, {x, y, name: one.name});
-    draw("title", mark, {}).textContent = `${one.name}: ${one.told}`;
-    symbol(mark, one.state);
-    draw("text", mark, {y: 25}).textContent = short(one.id);
+  // The worst junctions come last, so that their marks lie on top.
+  town.junctions.filter(site => site.map === map && site.spot).reverse().forEach(site => {
+    const [x, y, radius] = site.spot;
+    if (site.state !== "none") draw("circle", get("areas"), {cx: x, cy: y, r: radius, class: site.state});
+    const mark = draw("a", get("marks"), {href: link(site.name), class: "mark " + site.state, "aria-label": `${site.name}: ${site.told}`});
+    Object.assign(mark.dataset, {x, y, name: site.name});
+    draw("title", mark, {}).textContent = `${site.name}: ${site.told}`;
+    symbol(mark, site.state);
+    draw("text", mark, {y: 25}).textContent = short(site.id);
   });
   whole();
   show();
 }
-function tell(one) {
+function tell(site) {
   const part = get("one");
   part.replaceChildren();
-  if (!one) return;
+  if (!site) return;
   const head = make("h2", part);
-  icon(head, one.state);
-  head.append(`${one.name}: ${one.told}`);
-  make("p", part, one.kind);
-  one.notes.forEach(text => make("p", part, text));
-  if (one.rules.length) {
+  icon(head, site.state);
+  head.append(`${site.name}: ${site.told}`);
+  make("p", part, site.kind);
+  site.notes.forEach(text => make("p", part, text));
+  if (site.rules.length) {
     const table = make("table", make("div", part, "", "scroll")), row = table.createTHead().insertRow();
     make("th", row, "rule");
-    one.configurations.forEach(name => make("th", row, name));
+    site.configurations.forEach(name => make("th", row, name));
     const body = table.createTBody();
-    one.rules.forEach(([rule, cells]) => {
+    site.rules.forEach(([rule, cells]) => {
       const line = body.insertRow();
       make("th", line, rule);
       cells.forEach(([text, state]) => { make("td", line, text, state); });
     });
   }
-  one.causes.forEach(([title, causes]) => {
+  site.causes.forEach(([title, causes]) => {
     make("h3", part, title);
     causes.forEach(cause => {
       const line = make("p", part, `${cause.count} x ${cause.rule}: ${cause.text} `);
@@ -107,39 +107,39 @@ function tell(one) {
       make("code", again, cause.again);
     });
   });
-  if (one.again) make("code", make("p", part, "all of it again: "), one.again);
+  if (site.again) make("code", make("p", part, "all runs of the junction again: "), site.again);
 }
 function choose() {
   let name = "";
   try { name = decodeURIComponent(location.hash.slice(1)); } catch { name = ""; }
-  const one = names.get(name);
-  chosen = one ? name : null;
-  if (one) {
-    open(one.map);
-    if (one.spot) {
-      const [x, y, radius] = one.spot, [w, h] = size(), tall = at.width * h / w;
+  const site = names.get(name);
+  chosen = site ? name : null;
+  if (site) {
+    open(site.map);
+    if (site.spot) {
+      const [x, y, radius] = site.spot, [w, h] = size(), tall = at.width * h / w;
       if (Math.abs(x - at.x) > .45 * at.width || Math.abs(y - at.y) > .45 * tall) at = {...at, x, y};
     }
   }
-  tell(one);
+  tell(site);
   document.querySelectorAll("#marks a, #list a").forEach(mark => mark.classList.toggle("chosen", mark.dataset.name === chosen));
   show();
-  if (one && innerWidth < 800) get("one").scrollIntoView();
+  if (site && innerWidth < 800) get("one").scrollIntoView();
 }
 function list() {
   const part = get("search").value.toLowerCase();
-  const found = town.junctions.filter(one => [one.name, one.kind, one.told, ...one.notes].join(" ").toLowerCase().includes(part));
+  const matches = town.junctions.filter(site => [site.name, site.kind, site.told, ...site.notes].join(" ").toLowerCase().includes(part));
   get("list").replaceChildren();
-  found.slice(0, shown).forEach(one => {
+  matches.slice(0, shown).forEach(site => {
     const line = make("a", make("li", get("list")));
-    line.href = link(one.name);
-    line.dataset.name = one.name;
-    icon(line, one.state);
-    const text = make("span", line, town.maps.length > 1 ? one.name : one.id);
-    make("small", text, `${one.told}; ${one.kind}`);
+    line.href = link(site.name);
+    line.dataset.name = site.name;
+    icon(line, site.state);
+    const text = make("span", line, town.maps.length > 1 ? site.name : site.id);
+    make("small", text, `${site.told}; ${site.kind}`);
   });
-  get("count").textContent = `${found.length} of ${town.junctions.length}`;
-  get("more").hidden = found.length <= shown;
+  get("count").textContent = `${matches.length} of ${town.junctions.length}`;
+  get("more").hidden = matches.length <= shown;
 }
 view.addEventListener("wheel", event => {
   event.preventDefault();
@@ -164,14 +164,14 @@ addEventListener("pointermove", event => {
   }
 });
 ["pointerup", "pointercancel"].forEach(kind => addEventListener(kind, event => fingers.delete(event.pointerId)));
-// Whoever clicks means the nearest one, however small it is; by keyboard, links do it themselves.
+// A click chooses the nearest junction, however small its mark is; the keyboard follows the links of the marks.
 view.addEventListener("click", event => {
   if (!event.detail) return;
   event.preventDefault();
   if (moved > least) return;
   const [x, y] = point(event.clientX, event.clientY), unit = at.width / size()[0];
-  const far = one => Math.hypot(one.spot[0] - x, one.spot[1] - y);
-  const near = town.junctions.filter(one => one.map === map && one.spot).sort((a, b) => far(a) - far(b))[0];
+  const far = site => Math.hypot(site.spot[0] - x, site.spot[1] - y);
+  const near = town.junctions.filter(site => site.map === map && site.spot).sort((a, b) => far(a) - far(b))[0];
   if (near && far(near) < Math.max(26 * unit, near.spot[2])) location.hash = link(near.name);
 });
 view.addEventListener("dragstart", event => event.preventDefault());
@@ -191,7 +191,7 @@ get("all").onclick = () => { whole(); show(); };
 get("map").onchange = event => open(+event.target.value);
 get("search").oninput = () => { shown = page; list(); };
 get("more").onclick = () => { shown += page; list(); };
-town.maps.forEach((one, number) => { make("option", get("map"), one.name).value = number; });
+town.maps.forEach((townMap, number) => { make("option", get("map"), townMap.name).value = number; });
 get("map").hidden = town.maps.length < 2;
 town.legend.forEach(([state, text]) => { const line = make("li", get("legend")); icon(line, state); line.append(text); });
 addEventListener("hashchange", choose);

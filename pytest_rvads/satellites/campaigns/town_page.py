@@ -4,17 +4,16 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from urllib.parse import quote
 
 from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.report.outline import Block
 from pytest_rvads.report.page import rendered
-from pytest_rvads.satellites.campaigns.town_picture import Spot, TownPicture
-from pytest_rvads.satellites.campaigns.town_tally import JunctionTally, TownMark, cell
-from pytest_rvads.support.wording import markup, quoted
+from pytest_rvads.satellites.campaigns.town_picture import Site, TownMap
+from pytest_rvads.satellites.campaigns.town_tally import Tally, TownMark, cell
+from pytest_rvads.support.wording import markup, plural, quoted
 
-__all__ = ["Site", "TownMap", "state", "town_page", "worst_first"]
+__all__ = ["state", "town_page", "worst_first"]
 
 LEGEND: tuple[tuple[TownMark, str], ...] = (
     ("bad", "failed"),
@@ -23,53 +22,23 @@ LEGEND: tuple[tuple[TownMark, str], ...] = (
     ("good", "passed"),
     ("none", "refused or not judged"),
 )
-"""The marks on the map and their meanings, the worst first."""
+"""The marks (colours) of junctions on the map, with their meanings, from the worst to the best."""
 
 
-@dataclass(frozen=True, slots=True)
-class TownMap:
-    """A map of a town."""
-
-    name: str
-    picture: TownPicture
-
-
-@dataclass(frozen=True, slots=True)
-class Site:
-    """A junction of a town, with its properties on the page."""
-
-    name: str
-    """Name of the junction in ids."""
-    id: str
-    """Id of the junction in its map."""
-    map: int
-    """Number of its map among the maps of the page."""
-    spot: Spot | None
-    """Place of the junction on the map; None for a junction without lanes."""
-    kind: str
-    """Kind of the junction, such as ``4-way stop``."""
-    planned: int = 0
-    """Number of planned runs."""
-    refused: str = ""
-    """The reason why nothing runs at the junction."""
-    notes: tuple[str, ...] = ()
-    """Further sentences, for example on scenarios that were left out."""
-
-
-def state(site: Site, tally: JunctionTally) -> TownMark:
-    """Return the mark of a junction; a junction with missing runs is not good yet."""
+def state(site: Site, tally: Tally) -> TownMark:
+    """Return the mark (colour) of a junction on the map; a junction of which results are missing is never ``good``."""
     return "doubt" if tally.mark == "good" and tally.runs < site.planned else tally.mark
 
 
-def worst_first(sites: Sequence[Site], tallies: Mapping[str, JunctionTally]) -> list[Site]:
-    """Return the junctions, the worst first; equally bad junctions in the given order."""
+def worst_first(sites: Sequence[Site], tallies: Mapping[str, Tally]) -> list[Site]:
+    """Return the junctions sorted by their marks and numbers of failures, the worst first; ties keep the given order."""
 
     def wrong(site: Site) -> tuple[int, ...]:
-        tally = tallies.get(site.name, JunctionTally())
+        tally = tallies.get(site.name, Tally())
         marks = [mark for mark, _ in LEGEND]
-        found = tally.outcomes
+        outcomes = tally.outcomes
         return marks.index(state(site, tally)), *(
-            -found[outcome] for outcome in Outcome.worst_first() if outcome.mark in ("bad", "doubt")
+            -outcomes[outcome] for outcome in Outcome.worst_first() if outcome.mark in ("bad", "doubt")
         )
 
     return sorted(sites, key=wrong)
@@ -80,36 +49,36 @@ def town_page(  # noqa: PLR0913 - the content of the page
     blocks: Sequence[Block],
     maps: Sequence[TownMap],
     sites: Sequence[Site],
-    tallies: Mapping[str, JunctionTally],
+    tallies: Mapping[str, Tally],
     looks: Mapping[tuple[str, str], str],
     again: str,
 ) -> str:
-    """Return the page.
+    """Return the HTML page of a town.
 
     Args:
         title: the title of the page.
-        blocks: the blocks of the report that the page begins with, and its figures.
+        blocks: the blocks (parts of a report, see `outline`) that the page shows above the map.
         maps: one or more maps.
-        sites: all junctions of the maps, also junctions where nothing runs.
+        sites: the requested junctions of the maps, including junctions without runs.
         tallies: the results of the junctions with runs, by name.
         looks: by name of a run and rule, the path of the replay relative to the folder of the page.
-        again: the command that runs a part of the town again, to be followed by ids of runs.
+        again: the beginning of a command that runs a part of the town again; the page appends ids of runs.
     """
     ordered = worst_first(sites, tallies)
-    found = [_shown(site, tallies.get(site.name, JunctionTally()), looks, again) for site in ordered]
-    marks = Counter(str(one["state"]) for one in found)
-    said = "; ".join(f"{marks[mark]} {what}" for mark, what in LEGEND if marks[mark])
+    junctions = [_junction_data(site, tallies.get(site.name, Tally()), looks, again) for site in ordered]
+    marks = Counter(str(entry["state"]) for entry in junctions)
+    counts_text = "; ".join(f"{marks[mark]} {what}" for mark, what in LEGEND if marks[mark])
     content = {
-        "maps": [{"name": one.name, "view": one.picture.view, "lanes": one.picture.lanes} for one in maps],
-        "junctions": found,
+        "maps": [{"name": entry.name, "view": entry.picture.view, "lanes": entry.picture.lanes} for entry in maps],
+        "junctions": junctions,
         "legend": LEGEND,
     }
-    marked = markup(f"{len(found)} junctions: {said}" if found else "no junctions")
-    return rendered(title, blocks, content, ("pytest_rvads.satellites.campaigns", "town_page"), marked=marked)
+    heading_text = markup(f"{plural(len(junctions), 'junction')}: {counts_text}" if junctions else "no junctions")
+    return rendered(title, blocks, content, ("pytest_rvads.satellites.campaigns", "town_page"), marked=heading_text)
 
 
-def _shown(site: Site, tally: JunctionTally, looks: Mapping[tuple[str, str], str], again: str) -> dict[str, object]:
-    """Return the content of the page on a junction, for JSON."""
+def _junction_data(site: Site, tally: Tally, looks: Mapping[tuple[str, str], str], again: str) -> dict[str, object]:
+    """Return what the page shows of a junction, as a JSON object for the script of the page."""
     configurations = sorted({cfg for _, cfg, _ in tally.table})
     rules = list(dict.fromkeys(rule for rule, _, _ in sorted(tally.table)))
     outcomes = {(rule, cfg): Counter[Outcome]() for rule in rules for cfg in configurations}
@@ -119,7 +88,7 @@ def _shown(site: Site, tally: JunctionTally, looks: Mapping[tuple[str, str], str
     notes = [f"refused: {site.refused}"] if site.refused else []
     notes += [f"{missing} of {site.planned} runs are missing"] if missing > 0 else []
     notes += [f"{count} of {tally.runs} runs were simulated at {name}, of the same shape" for name, count in tally.shapes.items()]
-    notes += [f"{tally.untold} more verdicts have causes of their own"] if tally.untold else []
+    notes += [f"{tally.unlisted} more verdicts have causes of their own"] if tally.unlisted else []
     causes = [
         (
             title,
@@ -143,7 +112,7 @@ def _shown(site: Site, tally: JunctionTally, looks: Mapping[tuple[str, str], str
         "spot": site.spot,
         "kind": site.kind,
         "state": state(site, tally),
-        "told": tally.told or ("refused" if site.refused else "nothing judged"),
+        "told": tally.text or ("refused" if site.refused else "nothing judged"),
         "notes": [*notes, *site.notes],
         "configurations": configurations,
         "rules": [(rule, [cell(outcomes[rule, cfg]) for cfg in configurations]) for rule in rules],

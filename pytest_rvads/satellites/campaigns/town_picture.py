@@ -1,8 +1,9 @@
-"""A whole map from above: every drivable lane as small paths of SVG."""
+"""Draws the maps of a town from above: all drivable lanes as paths of SVG, and the positions of the junctions."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -11,25 +12,25 @@ from numpy.typing import NDArray
 from pytest_rvads.geometry.analysis import JunctionReport
 from pytest_rvads.geometry.road_map import RoadMap
 
-__all__ = ["Spot", "TownPicture", "simplified", "spot", "town_picture"]
+__all__ = ["Site", "Spot", "TownMap", "TownPicture", "simplified", "spot", "town_picture"]
 
 TOLERANCE = 0.2
 """Largest distance of a drawn line from the centre line of its lane [m]."""
 _MARGIN = 15.0
-"""Margin around the lanes [m]."""
+"""Empty margin of a picture around the lanes [m]."""
 _SMALLEST = 8.0
-"""Least radius of a junction [m]."""
+"""Least radius of the disc that marks a junction [m]."""
 _WIDTHS = (0.5, 6.0)
-"""Least and greatest width drawn [m]."""
+"""Least and greatest width with which a lane is drawn [m]."""
 
 
 class TownPicture(NamedTuple):
-    """The lanes of a map; x grows to the east, y to the south, as in SVG [m]."""
+    """The lanes of a map as SVG; x grows to the east, and y grows to the south [m]."""
 
     view: tuple[float, float, float, float]
-    """West, north, width and height of the picture."""
+    """The SVG view box: x of the west edge, y of the north edge, width and height [m]."""
     lanes: tuple[tuple[float, str], ...]
-    """Widths, and per width the attribute ``d`` of a path with all lanes of this width."""
+    """Pairs of a lane width [m] and the attribute ``d`` of an SVG path with the centre lines of all lanes of this width."""
 
 
 class Spot(NamedTuple):
@@ -38,11 +39,41 @@ class Spot(NamedTuple):
     x: float
     y: float
     radius: float
-    """Radius of a disc that reaches to the arms of the junction."""
+    """Radius of the disc that marks the junction and reaches all its arms [m]."""
+
+
+@dataclass(frozen=True, slots=True)
+class TownMap:
+    """A map of a town."""
+
+    name: str
+    picture: TownPicture
+
+
+@dataclass(frozen=True, slots=True)
+class Site:
+    """A junction of a town, with its properties on the page."""
+
+    name: str
+    """Name of the junction in ids."""
+    id: str
+    """Id of the junction in its map."""
+    map: int
+    """Position of the junction's map among the maps of the page, from 0."""
+    spot: Spot | None
+    """Position of the junction in the picture of the map; None for a junction without arms."""
+    kind: str
+    """Kind of the junction, such as ``4-way stop``."""
+    planned: int = 0
+    """Number of planned runs."""
+    refused: str = ""
+    """The reason why no run is possible at the junction; empty if runs are possible."""
+    notes: tuple[str, ...] = ()
+    """Further sentences, for example on scenarios that were left out."""
 
 
 def town_picture(road_map: RoadMap) -> TownPicture:
-    """Return the lanes of a map; a map without lanes gives an empty picture of some metres."""
+    """Return a picture of the lanes of a map; a map without lanes gives an empty picture of 30 m by 30 m."""
     groups: dict[float, list[str]] = {}
     low, high = np.full(2, np.inf), np.full(2, -np.inf)
     for id in sorted(road_map.graph.edges):
@@ -59,7 +90,7 @@ def town_picture(road_map: RoadMap) -> TownPicture:
 
 
 def spot(report: JunctionReport) -> Spot | None:
-    """Return the position of a junction, the mean of its arms; None for a junction without arms."""
+    """Return the position of a junction, which is the mean position of its arms; None for a junction without arms."""
     arms = report.arms
     if not arms:
         return None
@@ -99,7 +130,7 @@ def simplified(points: NDArray[np.float64], tolerance: float) -> NDArray[np.floa
 
 
 def _path(points: NDArray[np.float64]) -> str:
-    """Return a line for the attribute ``d``: steps between points rounded to decimetres, so that rounding errors don't add up."""
+    """Return a line as the attribute ``d`` of an SVG path, in steps between points that are rounded to decimetres."""
     tenths = np.rint(points * 10.0).astype(int)
     (x, y), steps = tenths[0].tolist(), np.diff(tenths, axis=0)
     return f"M{_tenth(x)} {_tenth(y)}" + "".join(f"l{_tenth(dx)} {_tenth(dy)}" for dx, dy in steps.tolist() if dx or dy)

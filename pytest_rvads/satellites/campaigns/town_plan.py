@@ -1,4 +1,4 @@
-"""The planned runs at many junctions: cases one after the other, never all at once, and their numbers."""
+"""The planned runs at many junctions: cases, made one by one while the plan is iterated, and counts of cases."""
 
 from __future__ import annotations
 
@@ -21,62 +21,66 @@ from pytest_rvads.scenarios.selection import Selection, alone, extended
 from pytest_rvads.support.errors import RvadsError, ScenarioError
 from pytest_rvads.support.stratified import draw
 
-__all__ = ["Asked", "LeftOut", "Plan", "Planned"]
+__all__ = ["LeftOut", "Plan", "Planned", "Request"]
 
 
 @dataclass(frozen=True, slots=True)
-class Asked:
-    """The runs requested at every junction, in the terms of ``@rvads.scenario``."""
+class Request:
+    """The runs requested at every junction; the fields have the meanings of the arguments of ``@rvads.scenario``."""
 
     driver: Factory
     rules: tuple[str | Rule, ...] = ("road",)
     cover: str = "conflicts"
     occupancy: str = "arms"
     grid: tuple[str, ...] | None = None
-    """Configurations; None for the paper's, or with a subject those of `ARRIVALS`, one per scenario and seat."""
+    """Configurations; None for the configurations of the paper, or, with a subject, for `ARRIVALS`.
+
+    With None and a subject, each scenario has only one of these configurations for each seat (entrance of the subject), and the
+    configurations alternate.
+    """
     subject: int | str | None = None
     traffic: Policy | None = None
-    """Drives the other vehicles if there is a subject."""
+    """Driver of the other vehicles if there is a subject (vehicle under test)."""
     followers: tuple[int, ...] = (0,)
 
 
 class Planned(NamedTuple):
-    """A case with its name."""
+    """A planned case with its name."""
 
     name: str
-    """Name of the run in ids, without a rule."""
+    """Id of the run: the id of a test item without the name of the rule."""
     case: Case
 
 
 class LeftOut(NamedTuple):
-    """Scenarios of a junction in which a vehicle has no room at its start."""
+    """Number of scenarios of a junction that are left out because a vehicle has no room at its start, and the reason."""
 
     scenarios: int
     reason: str
-    """The reason for the first scenario."""
+    """The reason why the first of the left-out scenarios is left out."""
 
 
 @dataclass(eq=False)
 class Plan:
-    """The cases of several junctions, junction by junction; the plan can be iterated any number of times."""
+    """The planned cases at several junctions, junction by junction; a plan can be iterated any number of times."""
 
     junctions: Sequence[Junction]
-    asked: Asked
+    request: Request
     only: tuple[str, ...] = ()
-    """Patterns for ids of runs or verdicts, with the wildcards of file names; empty for all runs."""
+    """Patterns for ids of runs or of verdicts (run and rule), with the wildcards of file names; empty for all runs."""
     sample: int | None = None
     """Number of cases drawn, spread evenly over junctions, classes and configurations; None for all cases."""
     seed: int = 0
-    _counted: dict[str, tuple[int, LeftOut | None]] = field(default_factory=dict, init=False)
+    _counts: dict[str, tuple[int, LeftOut | None]] = field(default_factory=dict, init=False)
 
     @cached_property
     def refused(self) -> dict[str, str]:
-        """Reasons, by name of the junction, why none of the requested runs is possible there."""
+        """By name of a junction, the reason why none of the requested runs is possible at the junction."""
         reasons = {}
         for place in self.junctions:
             try:
                 if not self.rules(place):
-                    raise ScenarioError(f"none of the rules asked for is about {place.control} junctions")
+                    raise ScenarioError(f"none of the requested rules is about {place.control} junctions")
                 count, unfit = self._count(place)
                 if unfit and not count:
                     raise ScenarioError(unfit.reason)
@@ -95,14 +99,14 @@ class Plan:
         Raises:
             FormulaError: a rule is unknown.
         """
-        return rules_for(self.asked.rules, place)
+        return rules_for(self.request.rules, place)
 
     def left_out(self, place: Junction) -> LeftOut | None:
-        """Return the requested scenarios of a junction that are left out; None if no scenario is, or the junction is refused."""
+        """Return the number of left-out scenarios of a junction; None if no scenario is left out or the junction is refused."""
         return None if place.name in self.refused else self._count(place)[1]
 
     def extents(self) -> dict[str, Extent]:
-        """Return the extents of coverage, by junction."""
+        """Return the numbers of classes and scenarios at each junction, as the total for the coverage in reports."""
         extents: dict[str, Extent] = {}
         for place in self.places:
             for selection in self.selections(place):
@@ -111,11 +115,11 @@ class Plan:
 
     @property
     def total(self) -> int:
-        """Number of cases without patterns and sample."""
+        """Number of cases without the restrictions by `only` and `sample`."""
         return sum(self._count(place)[0] for place in self.places)
 
     def counts(self) -> dict[str, int]:
-        """Return the number of cases per junction, in order; 0 for a refused junction."""
+        """Return the number of cases by name of the junction, in the order of `junctions`; 0 for a refused junction."""
         if self.sample is None and not self.only:
             return {place.name: 0 if place.name in self.refused else self._count(place)[0] for place in self.junctions}
         counts = dict.fromkeys((place.name for place in self.junctions), 0)
@@ -124,71 +128,74 @@ class Plan:
         return counts
 
     def __iter__(self) -> Iterator[Planned]:
-        """Yield the cases."""
+        """Yield the planned cases, junction by junction."""
         if self.sample is None:
-            yield from self._every()
+            yield from self._all_cases()
         else:
-            yield from self._drawn
+            yield from self._sampled_cases
 
     @cached_property
-    def _drawn(self) -> list[Planned]:
-        return draw(_Again(self), self.sample or 0, self.seed, _stratum, _name)
+    def _sampled_cases(self) -> list[Planned]:
+        return draw(_Again(self), self.sample or 0, self.seed, _stratum, _run_name)
 
-    def _every(self) -> Iterator[Planned]:
-        asked = self.asked
-        traffic = None if asked.traffic is None or asked.subject is None else asked.traffic
+    def _all_cases(self) -> Iterator[Planned]:
+        request = self.request
+        traffic = None if request.traffic is None or request.subject is None else request.traffic
         for place in self.places:
             rules = [rule.name for rule in self.rules(place)]
             for scenario in (
-                fitting_scenario for selection in self.selections(place) for fitting_scenario in selection.fitting(_nobody)
+                fitting_scenario for selection in self.selections(place) for fitting_scenario in selection.fitting(_ignore)
             ):
                 name = run_id(scenario, None if traffic is None else traffic.name)
-                if not self.only or self._wanted(name, rules):
-                    yield Planned(name, Case(scenario, asked.driver, traffic.factory if traffic else None))
+                if not self.only or self._matches_patterns(name, rules):
+                    yield Planned(name, Case(scenario, request.driver, traffic.factory if traffic else None))
 
-    def _wanted(self, name: str, rules: Sequence[str]) -> bool:
+    def _matches_patterns(self, name: str, rules: Sequence[str]) -> bool:
         ids = (name, *(f"{name}-{rule}" for rule in rules))
         return any(fnmatchcase(id, pattern) for pattern in self.only for id in ids)
 
     def selections(self, place: Junction) -> tuple[Selection, ...]:
-        """Return the selections of a junction, including scenarios that do not fit; raises ScenarioError if none is possible.
+        """Return the selected scenarios of a junction, including scenarios in which a vehicle has no room at its start.
 
-        With a subject, scenarios with the subject `alone` are added; the cover ``partial`` contains such scenarios itself.
+        With a subject, scenarios without other vehicles (`alone`) are added, unless the cover ``partial`` contains them.
+
+        Raises:
+            ScenarioError: no scenario is possible at the junction.
         """
-        asked, seat = self.asked, self.asked.subject
-        names = asked.grid or ("paper" if seat is None else ARRIVALS,)
+        request, seat = self.request, self.request.subject
+        names = request.grid or ("paper" if seat is None else ARRIVALS,)
         points = grid(names, len(place.entrances), place.control)
-        alternating = not asked.grid and seat is not None
-        every = partial(Selection, place, occupancy=asked.occupancy, subject=seat, followers=asked.followers)
-        most = every(configurations=points, cover=asked.cover, alternating=alternating)
-        if seat is None or asked.cover == "partial":
-            return (most,)
-        single = [code for code in alone(place) if seat == "all" or code[int(seat)]]
-        return most, every(configurations=points[:1], scenarios=tuple(single))
+        alternating = not request.grid and seat is not None
+        select = partial(Selection, place, occupancy=request.occupancy, subject=seat, followers=request.followers)
+        covering = select(configurations=points, cover=request.cover, alternating=alternating)
+        if seat is None or request.cover == "partial":
+            return (covering,)
+        alone_scenarios = [code for code in alone(place) if seat == "all" or code[int(seat)]]
+        return covering, select(configurations=points[:1], scenarios=tuple(alone_scenarios))
 
     def _count(self, place: Junction) -> tuple[int, LeftOut | None]:
-        """Return the number of scenarios that fit at a junction, and those left out; scenarios are tried only if necessary."""
-        if place.name not in self._counted:
+        """Return the number of scenarios at a junction in which all vehicles have room, and the number of left-out scenarios."""
+        if place.name not in self._counts:
             unfit, count = list[ScenarioError](), 0
             for selection in self.selections(place):
                 total = selection.count() * selection.points
                 count += total if selection.roomy else sum(1 for _ in selection.fitting(unfit.append))
-            self._counted[place.name] = count, LeftOut(len(unfit), str(unfit[0])) if unfit else None
-        return self._counted[place.name]
+            self._counts[place.name] = count, LeftOut(len(unfit), str(unfit[0])) if unfit else None
+        return self._counts[place.name]
 
 
 class _Again:
-    """All cases of a plan, as an object that can be iterated twice."""
+    """All cases of a plan, including cases outside its sample, as an object that can be iterated several times."""
 
     def __init__(self, plan: Plan) -> None:
         self._plan = plan
 
     def __iter__(self) -> Iterator[Planned]:
-        return self._plan._every()
+        return self._plan._all_cases()
 
 
-def _nobody(_: ScenarioError) -> None:
-    """Ignore the reason of a scenario that is left out, because the plan already knows these scenarios."""
+def _ignore(_: ScenarioError) -> None:
+    """Ignore the reason why a scenario is left out, because `Plan._count` counts the left-out scenarios."""
 
 
 def _stratum(planned: Planned) -> tuple[str, ...]:
@@ -196,5 +203,5 @@ def _stratum(planned: Planned) -> tuple[str, ...]:
     return scenario.place.name, f"{scenario.number} {scenario.orbit or scenario.label}", scenario.point
 
 
-def _name(planned: Planned) -> str:
+def _run_name(planned: Planned) -> str:
     return planned.name

@@ -1,4 +1,4 @@
-"""Sums of the results of a junction of a town: memory grows with junctions, rules and causes, not with runs."""
+"""Sums of results, per junction of a town or per driver of a league; their memory grows with rules and causes, not with runs."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from pytest_rvads.logic.outcome import Mark, Outcome, counted
 from pytest_rvads.report.record import Record
 from pytest_rvads.report.run_record import by_rule
 from pytest_rvads.report.triage import Cause, causes, gravity, provoked, unavoidable, unsure
-from pytest_rvads.satellites.campaigns.judged import Judged
+from pytest_rvads.satellites.campaigns.resultsfile import Judged
 
-__all__ = ["CauseTally", "JunctionTally", "TownMark", "cell"]
+__all__ = ["CauseTally", "Tally", "TownMark", "cell"]
 
 TownMark = Mark | Literal["error"]
-"""How a map or a cell shows what came of runs; ``error``: the runs have no verdict, which says nothing about the driving."""
+"""The mark (colour) of runs on a map or in a table cell; ``error``: the runs have no verdict, so the driving is unknown."""
 
 _GROUPS = (
     ("causes of failures", causes),
@@ -25,45 +25,48 @@ _GROUPS = (
     ("unsure", unsure),
 )
 _MOST = 100
-"""Most causes kept per junction, since the messages of foreign code may differ in every run."""
+"""Largest number of causes kept per tally, since the messages of foreign code may differ in every run."""
 _MARKS: tuple[TownMark, ...] = ("bad", "error", "doubt", "good")
 
 
 @dataclass(slots=True)
 class CauseTally:
-    """A cause of verdicts at a junction, with an example."""
+    """A cause of failures or doubts in a tally, with an example run."""
 
     title: str
-    """Kind of the cause."""
+    """Kind of the cause, such as ``provoked by traffic``."""
     text: str
     rules: tuple[str, ...]
-    """Violated rules of the example. The example is the first run by name, so that no order of results matters."""
+    """Violated rules of the example run.
+
+    The example is the run whose name comes first in the alphabet, so that the order of results does not matter.
+    """
     run: str
-    """Name of the example."""
+    """Name of the example run."""
     rule: str
-    """The rule whose verdict shows the cause in the example."""
+    """The rule whose verdict shows the cause in the example run."""
     hash: str | None
-    """Hash of the example."""
+    """Hash of the example run; None without a run."""
     count: int = 0
     """Number of verdicts with this cause."""
 
 
 @dataclass(slots=True)
-class JunctionTally:
-    """Sums of the results of a junction."""
+class Tally:
+    """Sums of the results of some runs: of all runs at a junction, or of all runs of a driver."""
 
     runs: int = 0
     table: Counter[tuple[str, str, Outcome]] = field(default_factory=Counter)
     """Number of verdicts by rule, configuration and outcome."""
     causes: dict[tuple[str, str], CauseTally] = field(default_factory=dict)
-    """The causes, by title and text."""
-    untold: int = 0
-    """Number of verdicts whose causes exceed the most causes kept."""
+    """The causes by their title and text."""
+    unlisted: int = 0
+    """Number of verdicts whose causes were not kept, because the tally has too many causes."""
     shapes: Counter[str] = field(default_factory=Counter)
     """Number of runs simulated at other junctions of the same shape, by name of the junction."""
 
     def add(self, judged: Judged) -> None:
-        """Add a result."""
+        """Add the result of a run."""
         self.runs += 1
         if judged.shape:
             self.shapes[judged.shape] += 1
@@ -76,15 +79,15 @@ class JunctionTally:
             for record in records.values():
                 groups.add(record)
             for cause in groups.causes():
-                self._explain(title, cause, judged, records[cause.example])
+                self._add_cause(title, cause, judged, records[cause.example])
 
-    def _explain(self, title: str, cause: Cause, judged: Judged, example: Record) -> None:
-        """Add a cause of verdicts of a run, without the vehicles: the replay shows the vehicles."""
+    def _add_cause(self, title: str, cause: Cause, judged: Judged, example: Record) -> None:
+        """Add a cause of verdicts of a run; the names of vehicles are cut from its text, because the replay page shows them."""
         roles = next((f" ({verdict.roles})" for verdict in example.verdicts if verdict.roles), "")
         text = cause.text.removesuffix(roles)
         tally = self.causes.get((title, text))
         if tally is None and len(self.causes) >= _MOST:
-            self.untold += cause.count
+            self.unlisted += cause.count
             return
         count = cause.count + (tally.count if tally else 0)
         if tally is None or judged.nodeid < tally.run:
@@ -102,18 +105,18 @@ class JunctionTally:
 
     @property
     def mark(self) -> TownMark:
-        """Mark of the junction on a map: bad, error, doubt or good; none without verdicts."""
+        """Mark of the junction on a map: the worst mark of its verdicts, or ``none`` if it has no verdicts."""
         marks = {_mark(outcome) for outcome in self.outcomes}
         return next((mark for mark in _MARKS if mark in marks), "none")
 
     @property
-    def told(self) -> str:
-        """The outcomes in one line."""
+    def text(self) -> str:
+        """The numbers of verdicts by outcome in one line."""
         counts = self.outcomes
         return counted({outcome: counts[outcome] for outcome in counts})
 
     def grouped(self) -> Iterator[tuple[str, list[CauseTally]]]:
-        """Yield the causes of each kind, the gravest first, then the most frequent."""
+        """Yield each kind of causes with its causes, which are sorted by gravity of the rules, then by frequency."""
         for title, _ in _GROUPS:
             tallies = [cause for cause in self.causes.values() if cause.title == title]
             if tallies:
@@ -125,7 +128,7 @@ def _mark(outcome: Outcome) -> TownMark:
 
 
 def cell(counts: Counter[Outcome]) -> tuple[str, TownMark]:
-    """Return the text and the mark of a table cell, given its outcomes: the worst outcome with its share."""
+    """Return the text and the mark of a table cell: the worst of its outcomes, with the share of this outcome."""
     total = sum(counts.values())
     if not total:
         return "", "none"

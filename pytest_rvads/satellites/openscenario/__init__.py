@@ -1,1 +1,1 @@
-"""OpenSCENARIO XML for others: runs as trajectories, scenarios to be driven by somebody else's controller."""
+"""Reads and writes OpenSCENARIO XML: runs as trajectories, and scenarios for controllers in other simulators."""

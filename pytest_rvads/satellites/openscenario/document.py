@@ -1,8 +1,7 @@
 """The parts of an OpenSCENARIO file that the exports write, as plain values; `writing` turns the values into XML.
 
-Lights as OpenSCENARIO has them: what the signals of the map show, phase by phase.
-
-Copies the map file of a junction into the folder of an exported file.
+Traffic lights are described by phases: periods in which every signal of the map keeps its colour. The module also copies the map
+file of a junction into the folder of an exported file.
 """
 
 from __future__ import annotations
@@ -18,12 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.geometry.builtin import LAYOUTS, path_of
+from pytest_rvads.geometry.crosswalks import Crossing
 from pytest_rvads.geometry.finder import find
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.geometry.opendrive.xmlfile import MAX_BYTES
 from pytest_rvads.geometry.segment import Pose
-from pytest_rvads.runs.states import AXLE, CLEARANCE, GREEN, YELLOW, Agent, Colour, Kind, SignalPlan
-from pytest_rvads.runs.vehicle import Vehicle
+from pytest_rvads.runs.states import AXLE, Agent, Colour, Kind, SignalPlan, Vehicle
 from pytest_rvads.satellites.tracks.lightlog import ENTRANCE, signal_ids
 from pytest_rvads.support.errors import MapError
 from pytest_rvads.support.storage import read_file, write_file
@@ -42,6 +41,9 @@ __all__ = [
     "put_map",
 ]
 
+_TALL = 1.8
+"""Height of a pedestrian in pictures of other tools [m]: an adult."""
+
 
 @dataclass(frozen=True, slots=True)
 class Body:
@@ -55,16 +57,16 @@ class Body:
     height: float
     """Height of the vehicle [m]."""
     back: float
-    """Distance from the front bumper back to the reference point of OpenSCENARIO, which is the middle of the rear axle [m]."""
+    """Distance from the front bumper to the reference point of OpenSCENARIO, which is the middle of the rear axle [m]."""
     wheelbase: float
     """Distance between the axles [m]."""
     vehicle: Vehicle
-    """Further parameters: mass, acceleration, braking, steering."""
+    """Parameters of the vehicle's mass, acceleration, braking and steering."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trajectory:
-    """The motion of a reference point, with at least two vertices."""
+    """The motion of the reference point of a vehicle, as a polyline with at least two vertices."""
 
     times: NDArray[np.float64]
     """Increasing time of each vertex, shape ``(vertices,)`` [s]."""
@@ -74,7 +76,7 @@ class Trajectory:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Actor:
-    """A vehicle or pedestrian of a file, with either a trajectory or a route to drive."""
+    """A vehicle or pedestrian in a file, which has either a trajectory to replay or a route for its controller."""
 
     name: str
     body: Body
@@ -84,7 +86,7 @@ class Actor:
     """Initial speed [m/s]."""
     trajectory: Trajectory | None = None
     route: tuple[Pose, ...] = ()
-    """Waypoints, beginning with the start."""
+    """Waypoints of the route; the first waypoint is the start."""
     appears: float | None = None
     """Time at which the actor is added [s]; None for an actor that exists from the beginning."""
     leaves: float | None = None
@@ -93,61 +95,65 @@ class Actor:
 
 @dataclass(frozen=True, slots=True)
 class Phase:
-    """A time in which no light changes its colour."""
+    """A period of time in which no traffic light changes its colour."""
 
     duration: float
     """Duration of the phase [s]."""
     colours: Mapping[str, Colour]
-    """Colour by id of the signal."""
+    """Colour of each signal, by id of the signal."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Document:
-    """The content of a file."""
+    """The content of an OpenSCENARIO file."""
 
     title: str
-    """Description of the file in a line."""
+    """Description of the content in one line, for the file header."""
     map: str
-    """Name of the OpenDRIVE file in the same folder."""
+    """Name of the OpenDRIVE file, which lies in the folder of the OpenSCENARIO file."""
     note: tuple[str, str]
-    """Name and value of the property with the facts that only this package reads."""
+    """Name and value of the property in the file header that holds facts for this package; other tools ignore the property."""
     actors: tuple[Actor, ...]
     phases: tuple[Phase, ...]
-    """Phases of the single controller of all lights, which repeats the phases."""
+    """Phases of all traffic lights in order; a single signal controller repeats the phases."""
     duration: float
-    """Time of the end [s]."""
+    """Time at which the scenario ends [s]."""
 
 
 def body_of(agent: Agent, vehicle: Vehicle | None = None) -> Body:
     """Return the body of an agent.
 
-    Without parameters of the agent's size, the rear axle is assumed at the share `AXLE` of the length, as in a usual car. The
-    axles are assumed symmetric about the middle of the body, as in `Vehicle.rear_axle_offset`, and this gives the wheelbase.
+    If the parameters are unknown or have another size than the agent, the distance from the front to the rear axle is assumed to
+    be the share `AXLE` of the length, as in a usual car. The wheelbase follows from the assumption that the axles lie
+    symmetrically about the middle of the body, as in `Vehicle.rear_axle_offset`. A pedestrian has no axles, and its
+    reference point is its middle.
 
     Args:
         agent: the agent.
-        vehicle: parameters with which the agent was simulated, if they are known.
+        vehicle: parameters with which the agent was simulated; None if they are unknown.
     """
     usual = Vehicle()
     if vehicle is not None and agent.size in (None, (vehicle.length, vehicle.width)):
         back, wheelbase = vehicle.rear_axle_offset, vehicle.wheelbase
         return Body(agent.kind, vehicle.length, vehicle.width, vehicle.height, back, wheelbase, vehicle)
     length, width = agent.size or (usual.length, usual.width)
+    if agent.kind is Kind.PEDESTRIAN:
+        return Body(agent.kind, length, width, _TALL, length / 2.0, 0.0, usual)
     return Body(agent.kind, length, width, usual.height, AXLE * length, (2 * AXLE - 1) * length, usual)
 
 
 def moved_back(front: Pose, back: float) -> Pose:
-    """Return the pose of the reference point of a body, given the pose of its front and the distance `back` between both [m]."""
+    """Return the pose of a vehicle's reference point, which lies `back` metres behind the given pose of the vehicle's front."""
     ahead = np.cos(front.heading), np.sin(front.heading)
     return Pose(float(front.x - back * ahead[0]), float(front.y - back * ahead[1]), front.heading)
 
 
 def phases_of_run(junction: Junction, lights: NDArray[np.int8], dt: float) -> tuple[Phase, ...]:
-    """Return the phases of the lights of a run; none for a junction without lights.
+    """Return the phases of the traffic lights in a run; the result is empty for a junction without lights.
 
     Args:
         junction: the junction.
-        lights: colour in each state, shape ``(steps, entrances)``.
+        lights: colour in each state, shape ``(steps, starts)``.
         dt: time between two states [s].
     """
     if not lights.any():
@@ -158,25 +164,28 @@ def phases_of_run(junction: Junction, lights: NDArray[np.int8], dt: float) -> tu
 
 
 def phases_of_plan(junction: Junction, plan: SignalPlan) -> tuple[Phase, ...]:
-    """Return the phases of a cycle of a signal plan; none for a plan without lights."""
-    count, times = len(junction.entrances), (0.0, GREEN, GREEN + YELLOW)
-    slot = GREEN + YELLOW + CLEARANCE
-    steps = [(turn * slot + time) for turn in range(len(plan.groups)) for time in times]
-    shown = np.array([plan.colours(time, count) for time in steps], dtype=np.int8).reshape(-1, count)
-    names = _signals_to_write(junction, shown)
-    lasting = (GREEN, YELLOW, CLEARANCE) * len(plan.groups)
-    return tuple(_phase(names, colours, seconds) for colours, seconds in zip(shown, lasting, strict=True))
+    """Return the phases of one cycle of a signal plan; the result is empty for a plan without lights."""
+    count, phases = len(junction.entrances), plan.phases()
+    lights = np.array([plan.colours(begin, count) for begin, _ in phases], dtype=np.int8).reshape(-1, count)
+    names = _signals_to_write(junction, lights)
+    return tuple(_phase(names, colours, seconds) for colours, (_, seconds) in zip(lights, phases, strict=True))
 
 
 def _signals_to_write(junction: Junction, lights: NDArray[np.int8]) -> dict[str, int]:
-    """Return the signals to write, each with an entrance whose light shows the signal's colours.
+    """Return the ids of the signals to write, each with the number of an entrance whose light has the colours of the signal.
 
-    The signals are those of the map. An entrance is written as a signal itself if the map has no light for the entrance, or if
-    the light also controls entrances with other colours.
+    A pedestrian light has the number of its crosswalk, as in ``w0``.
+
+    The ids are the ids of signals in the map. If the map has no signal for an entrance, or if its signal also controls entrances
+    with other colours, an id made from the label of the entrance is written.
     """
     ids = signal_ids(junction)
     names: dict[str, int] = {}
     for entrance in np.flatnonzero(lights.any(axis=0)).tolist():
+        way = None if entrance < len(junction.entrances) else junction.further[entrance - len(junction.entrances)].way
+        if isinstance(way, Crossing):
+            names[f"w{way.crosswalk}"] = entrance
+            continue
         signals = [id for id, entrances in ids.items() if entrance in entrances and _same_colours(lights, entrances)]
         label = junction.vehicle_at(entrance).removeprefix("a")
         names |= dict.fromkeys(signals or [f"{ENTRANCE}{label}"], entrance)
@@ -193,11 +202,11 @@ def _phase(names: dict[str, int], colours: NDArray[np.int8], seconds: float) -> 
 
 
 def mapped(junction: Junction, *maps: str | os.PathLike[str] | None) -> Junction:
-    """Return a junction as read from its map file, with the path of that file.
+    """Return a junction with `map` set to the path of a map file in which the junction was found unchanged.
 
     Args:
         junction: the junction.
-        maps: further map files that may hold the junction; the first file that holds it counts.
+        maps: map files that are searched before the file that the junction names; None is skipped.
 
     Raises:
         MapError: no file holds the junction, or the file holds a different junction of this name.
@@ -211,6 +220,7 @@ def mapped(junction: Junction, *maps: str | os.PathLike[str] | None) -> Junction
         except MapError as error:
             error_of_last = error
             continue
+        mapped_junction = mapped_junction.walked if junction.further else mapped_junction
         if mapped_junction.digest == junction.digest:
             return replace(junction, map=str(path))
         error_of_last = MapError(
@@ -224,9 +234,13 @@ def mapped(junction: Junction, *maps: str | os.PathLike[str] | None) -> Junction
 
 
 def put_map(junction: Junction, folder: Path) -> str:
-    """Copy the map file of a junction from `mapped` into a folder, and return the name of the copy.
+    """Copy the map file of a junction into a folder, and return the name of the copy.
 
-    The map is written once. If a different file has the same name, the copy gets another name.
+    An equal copy in the folder is not written again. If a file with other content has the name, the copy gets another name.
+
+    Args:
+        junction: a junction that `mapped` returned.
+        folder: the folder for the copy.
 
     Raises:
         MapError: the map can't be read or written.

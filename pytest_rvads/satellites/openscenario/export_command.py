@@ -1,4 +1,4 @@
-"""``rvads export``: writes runs and scenarios as OpenSCENARIO XML for other tools."""
+"""The command ``rvads export``: writes runs and scenarios as OpenSCENARIO XML for other tools."""
 
 from __future__ import annotations
 
@@ -19,32 +19,32 @@ __all__ = ["declare"]
 
 
 def declare(commands: Subparsers) -> None:
-    """Add the command of this module."""
+    """Add the command ``rvads export`` to the parser."""
     parser = commands.add_parser(
         "export",
         help="write a run, or a scenario for another tool's controller, as OpenSCENARIO XML",
-        description="The OpenDRIVE map of the junction is written into the same folder.",
+        description="The map of the junction is written into the same folder.",
     )
     parser.add_argument(
-        "source", metavar="RUN|CASE", help="file of a run (.npz), or the id of a scenario: stop4-class07-as1133-cfgD"
+        "source", metavar="RUN|CASE", help="file of a run (.npz), or id of a scenario, such as stop4-class07-as1133-cfgD"
     )
     parser.add_argument("--xosc", metavar="OUT", required=True, help="file to write (.xosc)")
     parser.add_argument("--scenario", action="store_true", help="write the initial scenario of a run, without its trajectories")
     parser.add_argument("--rules", metavar="RULE", help="judge the run by this rule and quote the verdict in the file")
-    parser.add_argument("--map", metavar="FILE", help="OpenDRIVE file of the junction, unless it is built in or named by the run")
+    parser.add_argument("--map", metavar="FILE", help="map file of the junction, unless it is built in or named by the run")
     parser.set_defaults(command=_export)
 
 
 def _export(options: argparse.Namespace) -> int:
     from pytest_rvads.runs.readers import READERS
 
-    source, out = Path(options.source), Path(options.xosc)
+    source, output = Path(options.source), Path(options.xosc)
     is_file = source.exists() or source.suffix.lower() in READERS
     if options.rules and (options.scenario or not is_file):
         raise ScenarioError(
             "--rules judges a run, and a scenario has no run: leave --rules out, or export a file of a run without --scenario"
         )
-    return _export_run(options, source, out) if is_file else _export_scenario(options, out)
+    return _export_run(options, source, output) if is_file else _export_scenario(options, output)
 
 
 def _export_scenario(options: argparse.Namespace, out: Path) -> int:
@@ -60,6 +60,7 @@ def _export_scenario(options: argparse.Namespace, out: Path) -> int:
 def _export_run(options: argparse.Namespace, source: Path, out: Path) -> int:
     from pytest_rvads.logic.check import check
     from pytest_rvads.runs.readers import read_runs
+    from pytest_rvads.runs.states import crowd
     from pytest_rvads.satellites.openscenario.run_export import export_run
     from pytest_rvads.satellites.openscenario.scenario_xosc import save_scenario
 
@@ -74,14 +75,14 @@ def _export_run(options: argparse.Namespace, source: Path, out: Path) -> int:
         return 0
     verdict = check(run, options.rules) if options.rules else None
     export_run(run, out, map=options.map, verdict=verdict)
-    say(f"{out}: {len(run.agents)} vehicles at {run.junction.name}, {run.duration:.2f} s")
+    say(f"{out}: {crowd(run.agents)} at {run.junction.name}, {run.duration:.2f} s")
     if verdict is not None:
         say(f"  {verdict.message}")
     return 0
 
 
 def _initial_scenario(run: Run, source: Path, map: str | None) -> tuple[Scenario, Fleet]:
-    """Return the scenario and the fleet from which a run was simulated, as recorded in its provenance."""
+    """Return the scenario and the fleet (vehicle parameters) of a simulated run, as the run's provenance records them."""
     from pytest_rvads.satellites.openscenario.document import mapped
     from pytest_rvads.satellites.openscenario.run_export import recorded_map, vehicles
     from pytest_rvads.scenarios.case import Fleet

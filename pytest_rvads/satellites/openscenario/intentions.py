@@ -1,4 +1,4 @@
-"""The intentions of the vehicles in a scenario of OpenSCENARIO (start, speed, route), and the movements that realise them."""
+"""Start, speed and route of every vehicle in an OpenSCENARIO file, and the movements through a junction that match the routes."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ _ACTIONS_READ = ("TeleportAction", "SpeedAction", "AssignRouteAction", "AcquireP
 _FARTHEST_POINT = 1.5
 """Largest distance of a start or goal from the centre of its lane [m]."""
 _LONGEST = 100.0
-"""Longest vehicle [m]."""
+"""Greatest length of a vehicle that is accepted [m]."""
 _LINE_TOLERANCE = 1e-6
-"""Largest distance behind the stopping line of a start that still counts as on the line [m]."""
+"""A start at most this far past the stopping line, from rounding, counts as a start on the line [m]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,18 +34,18 @@ class Intention:
     point: tuple[float, float]
     """Initial position of the reference point [m]."""
     heading: float | None
-    """Initial heading [rad]; None for the direction of the lane."""
+    """Initial heading [rad]; None if the file states no heading, so that the vehicle faces along its lane."""
     ahead: float
     """Distance from the reference point to the front [m]."""
     speed: float
     """Initial speed [m/s]."""
     route: tuple[tuple[float, float], ...]
-    """Waypoints, at least the goal [m]."""
+    """Waypoints [m], at least one; the last waypoint is the goal."""
 
 
 @dataclass(frozen=True, slots=True)
 class Drive:
-    """An intention as a movement through a junction."""
+    """The start, speed and movement of a vehicle at a junction, as they follow from its `Intention`."""
 
     name: str
     length: float | None
@@ -59,7 +59,7 @@ class Drive:
 
 
 def intentions(root: Node, where: str) -> Mapping[str, Intention]:
-    """Return the intention of each vehicle by name, in the order of the declarations in the file.
+    """Return start, speed and route of each vehicle by name, in the order in which the file declares the vehicles.
 
     Raises:
         RunError: an element is not supported, or a required element is missing; the message names the element and its line.
@@ -89,7 +89,7 @@ def intentions(root: Node, where: str) -> Mapping[str, Intention]:
 
 
 def _innermost_actions(node: Node) -> Iterator[Node]:
-    """Yield the actions inside of an element; an action that contains actions is not yielded itself."""
+    """Yield the actions inside of an element; instead of an action that contains actions, the contained actions are yielded."""
     for child in node.children:
         holds = any(inner.tag.endswith("Action") for inner in child.children)
         if child.tag.endswith("Action") and not holds:
@@ -141,7 +141,12 @@ def _world_position(node: Node) -> Node:
 
 
 def matched(intention: Intention, junction: Junction) -> Drive | None:
-    """Return the movement of a vehicle through a junction; None if it starts on no approach or does not pass the junction."""
+    """Return the movement of a vehicle through a junction.
+
+    Returns:
+        Of the movements that fit, the movement with the least sum of distances between its path and the vehicle's start and
+        waypoints; None if the vehicle starts on no approach or its route does not lead through the junction.
+    """
     best: tuple[float, Drive] | None = None
     for key in sorted(junction.movements):
         way = itinerary(junction, *key)

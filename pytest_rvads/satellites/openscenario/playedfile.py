@@ -1,10 +1,10 @@
 """Reads runs from OpenSCENARIO XML: files of `export_run` as simulated runs, files of other tools as recorded traffic.
 
-An exported file has a note (`Note`) with the facts that trajectories can't hold: the ways of all vehicles, the collisions and
-faults of the simulation, and the vehicle under test. Positions, times and speeds are read from the trajectories. A zone in the
-note counts only if a station is at the border of a zone to within rounding.
+An exported file has a note (`Note`) with the facts that trajectories can't express: the ways of all vehicles, the collisions and
+faults of the simulation, and the vehicle under test. Positions, times and speeds are read from the trajectories. The zones in the
+note are used only where a vehicle is so close to the border of two zones that rounding decides on its zone.
 
-A file of another tool is a log. Its vehicles are matched to ways, and a vehicle without a known way is left out.
+In a file of another tool, each vehicle is matched to a way through a junction; a vehicle that fits no way is left out.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from pytest_rvads.geometry.builtin import LAYOUTS
 from pytest_rvads.geometry.finder import find
 from pytest_rvads.geometry.junction import Junction
-from pytest_rvads.runs.bounds import FARTHEST, Name, Size, Step, check_size
+from pytest_rvads.runs.archive import FARTHEST, Name, Size, Step, check_size
 from pytest_rvads.runs.itineraries import Itinerary, itinerary
 from pytest_rvads.runs.junctionfile import Key
 from pytest_rvads.runs.run import Collision, Facts, Fault, Run
@@ -39,13 +39,13 @@ from pytest_rvads.support.errors import RunError
 __all__ = ["VERSION", "Judged", "Note", "Site", "read_played", "site_of"]
 
 VERSION = 1
-"""Version of the note."""
+"""Version of the fields of `Note`; a file with another version is refused."""
 _SEARCH_RANGE = 0.75
-"""Distance around the last station within which the next station is searched [m]; simulators use the same range."""
+"""Distance around the station of a vehicle within which its station in the next state is searched [m], as in simulators."""
 _STATION_TOLERANCE = 1e-6
 """Largest change of a station by rounding when a file is written and read [m]."""
 _SLOWEST_REVERSE = 0.01
-"""Slowest backward motion that counts [m/s]. A slower one is an artefact of lanes that overlap at a joint."""
+"""Least backward speed at which a station decreases [m/s]; slower backward motion is an artefact of lanes that overlap."""
 
 
 class Site(msgspec.Struct, frozen=True):
@@ -71,13 +71,16 @@ class _Way(msgspec.Struct, frozen=True, omit_defaults=True):
     route: Key
     """Entrance and exit."""
     zones: list[tuple[int, Zone]]
-    """Run-length encoded: ticks, and the zone from there on. It counts where a station is at a border, within `_TIE`."""
+    """Pairs of a tick and the zone of the vehicle from this tick on.
+
+    These zones are used only for stations within `_STATION_TOLERANCE` of the border of two zones.
+    """
     sized: bool = True
-    """Whether its size is known; else the box in the file is that of a usual car, which no rule may judge."""
+    """Whether the size of the vehicle is known. If not, the box in the file is the box of a usual car, and no rule uses it."""
 
 
 class Note(msgspec.Struct, frozen=True):
-    """The facts about an exported run that its trajectories don't hold."""
+    """The facts about an exported run that trajectories can't express; a property in the header of the file holds the note."""
 
     version: int
     label: Name
@@ -94,7 +97,7 @@ class Note(msgspec.Struct, frozen=True):
 
     @classmethod
     def of(cls, run: Run, verdict: Judged | None) -> Note:
-        """Return the note about a run."""
+        """Return the note about a run, with a verdict that the exported file quotes."""
         return cls(
             VERSION,
             run.label,
@@ -116,10 +119,13 @@ def _run_lengths(zone: NDArray[np.int8]) -> list[tuple[int, Zone]]:
 
 
 def read_played(path: str | Path) -> Sequence[Run]:
-    """Read the runs of a file; the path of its map is relative to the file's folder.
+    """Return the run of an exported file, or the runs into which the traffic in a file of another tool is cut.
+
+    Args:
+        path: path of the file; the path of the map in the file is relative to the folder of the file.
 
     Raises:
-        RunError: the file can't be read, no entity follows a trajectory, or the junction of the traffic is ambiguous.
+        RunError: the file can't be read, no vehicle follows a trajectory, or the vehicles fit several junctions equally well.
         MapError: the map can't be read.
     """
     path = Path(path)
@@ -136,17 +142,22 @@ def read_played(path: str | Path) -> Sequence[Run]:
 
 
 def site_of(site: Site, map: Path | None, where: str) -> Junction:
-    """Return the junction of an export.
+    """Return the junction of an exported run or scenario, from the built-in maps or from the map of the file.
+
+    Args:
+        site: the junction as the note of the file names it.
+        map: path of the map that the file names; None if the file names no map.
+        where: name of the file in messages.
 
     Raises:
-        RunError: the junction differs from the junction that was exported.
+        RunError: the junction in the map differs from the junction that was exported, or the file names no map.
         MapError: the junction can't be found.
     """
-    if site.name in LAYOUTS and (builtin := find(site.name)).digest == site.digest:
+    if site.name in LAYOUTS and (builtin := _as_exported(find(site.name), site.digest)).digest == site.digest:
         return builtin
     if map is None:
         raise RunError(f"{where}: the file names no map in <LogicFile>, expected the map of junction {site.name!r}")
-    junction = _with_name(find(site.id, map), site.name)
+    junction = _as_exported(_with_name(find(site.id, map), site.name), site.digest)
     if junction.digest != site.digest:
         raise RunError(
             f"{where}: junction {site.name!r} of map file {map} has changed since the export: put the original map into the "
@@ -155,27 +166,30 @@ def site_of(site: Site, map: Path | None, where: str) -> Junction:
     return junction
 
 
+def _as_exported(junction: Junction, digest: str) -> Junction:
+    """Return the junction with the ways of pedestrians if the exported junction had these ways."""
+    return junction.walked if junction.walked.digest == digest else junction
+
+
 @lru_cache(maxsize=16)
 def _with_name(junction: Junction, name: str) -> Junction:
-    """Return a junction with another name. Equal arguments give the same object, and its cached results are computed once."""
+    """Return a junction with another name; equal arguments give the same object, so that values cached in the object are kept."""
     return junction if junction.name == name else replace(junction, name=name)
 
 
 def _simulated_run(file: TrajectoryFile, note: Note, junction: Junction) -> Run:
-    check_size(file.where, [(note.steps, len(note.agents), len(junction.entrances))])
+    check_size(file.where, [(note.steps, len(note.agents), len(junction.starts))])
     if not junction.drivable:
         raise RunError(f"{file.where}: the geometry of junction {junction.name!r} is not known")
     entities = {entity.name: entity for entity in file.entities}
     agents, columns = [], []
     for way in note.agents:
         entity, vertices = entities.get(way.name), file.ways.get(way.name)
-        if entity is None or vertices is None or entity.ahead is None or way.route not in junction.movements:
+        if entity is None or vertices is None or entity.ahead is None or way.route not in junction.every_way:
             route = f"entrance {way.route[0]} to exit {way.route[1]}"
-            why = (
-                "the junction has no such movement" if way.route not in junction.movements else "the file has no such trajectory"
-            )
+            why = "the junction has no such way" if way.route not in junction.every_way else "the file has no such trajectory"
             raise RunError(f"{file.where}: the property rvads.run sends {way.name!r} from {route}, and {why}")
-        agents.append(Agent(way.name, junction.movements[way.route], entity.kind, _size(file, entity) if way.sized else None))
+        agents.append(Agent(way.name, junction.every_way[way.route], entity.kind, _size(file, entity) if way.sized else None))
         columns.append(_motion(file, note, entity, itinerary(junction, *way.route), way.zones))
     names = [agent.name for agent in agents]
     named_vehicles = [note.facts.subject, *note.facts.strayed, *(name for c in note.collisions or () for name in c.agents)]
@@ -202,14 +216,16 @@ def _simulated_run(file: TrajectoryFile, note: Note, junction: Junction) -> Run:
 
 
 def _size(file: TrajectoryFile, entity: Entity) -> tuple[float, float]:
-    """Return the size of a vehicle, within the bounds for sizes in files of runs."""
+    """Return length and width of a vehicle; raise RunError if they are outside of the bounds for sizes in files of runs."""
     return typed(entity.size, tuple[Size, Size], f"{file.where}: length and width of {entity.name!r}", RunError)
 
 
 def _lights(file: TrajectoryFile, note: Note, junction: Junction) -> NDArray[np.int8]:
-    lights = np.zeros((note.steps, len(junction.entrances)), dtype=np.int8)
+    lights = np.zeros((note.steps, len(junction.starts)), dtype=np.int8)
     ticks = np.arange(note.steps)
     for entrance, changes in (lights_at(junction, file.lights) if file.lights else {}).items():
+        if entrance >= len(junction.starts):
+            continue  # a pedestrian light in the file of a run in which nobody walks
         colours = np.concatenate(([Colour.NONE], changes.colours)).astype(np.int8)
         lights[:, entrance] = colours[np.searchsorted(np.round(changes.times / note.dt), ticks, side="right")]
     return lights
@@ -218,10 +234,10 @@ def _lights(file: TrajectoryFile, note: Note, junction: Junction) -> NDArray[np.
 def _motion(
     file: TrajectoryFile, note: Note, entity: Entity, way: Itinerary, zones: Sequence[tuple[int, Zone]]
 ) -> tuple[NDArray[Any], ...]:
-    """Return pose, station, speed and zone of a vehicle in every state, as a `Run` has them.
+    """Return pose, station, speed and zone of a vehicle in every state, in the form of the columns of a `Run`.
 
-    The speed in a state is the distance of the rear axle in the step before, along the heading, divided by the duration of the
-    step. This holds for rolling without slipping.
+    The speed in a state is the distance that the rear axle moved along the heading since the state before, divided by the time
+    between the states. This speed is exact if the wheels roll without slipping.
     """
     starts = [tick for tick, _ in zones]
     if not starts or starts[0] != 0 or any(b <= a for a, b in pairwise(starts)) or starts[-1] >= note.steps:
@@ -262,7 +278,7 @@ def _motion(
 
 
 def _stations(way: Itinerary, front: NDArray[np.float64], speed: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the station of a vehicle in every state; each station is searched around the station before."""
+    """Return the station of a vehicle in every state; each station is searched around the station in the state before."""
     path, stations = way.path, np.empty(len(front))
     points = front.tolist()
     along, _ = path.project(points[0][0], points[0][1], path.length / 2, path.length)

@@ -1,7 +1,7 @@
 """Writes a run as OpenSCENARIO XML: a trajectory per vehicle, the phases of the lights, and the map in the same folder.
 
-An exported run is read back with the same verdict. A property of the file holds the facts that trajectories can't express: ways,
-facts and collisions. Writing needs the library scenariogeneration, reading does not.
+If the file is read back, the run gets the same verdicts. A property in the header of the file holds what trajectories can't
+express: the ways of the vehicles, `Facts` and collisions. Only writing needs the library scenariogeneration.
 """
 
 from __future__ import annotations
@@ -17,8 +17,7 @@ import numpy as np
 from pytest_rvads.geometry.segment import Pose
 from pytest_rvads.logic.judging.verdicts import Verdict
 from pytest_rvads.runs.run import Run
-from pytest_rvads.runs.states import Agent, Zone
-from pytest_rvads.runs.vehicle import Vehicle
+from pytest_rvads.runs.states import Agent, Vehicle, Zone
 from pytest_rvads.satellites.openscenario.document import (
     Actor,
     Body,
@@ -40,26 +39,29 @@ __all__ = ["export_run", "recorded_map", "vehicles", "write"]
 
 
 class Excerpted(msgspec.Struct, frozen=True):
-    """The note about an excerpt of a recording. The file is read as recorded traffic, and of the note only `unsized` is read."""
+    """The note of a file that holds an excerpt of a recording.
+
+    Such a file is read as recorded traffic, like a file of another tool; of its note, only `unsized` is used.
+    """
 
     label: str
     hash: str
     verdict: Judged | None
     unsized: list[str]
-    """Vehicles of unknown size, with the box of a usual car in the file."""
+    """Names of the vehicles of unknown size, which have the box of a usual car in the file."""
 
 
 def export_run(run: Run, path: str | Path, *, map: str | os.PathLike[str] | None = None, verdict: Verdict | None = None) -> None:
     """Write a run as OpenSCENARIO XML 1.2, and the map of its junction into the same folder; equal runs give equal files.
 
-    Every vehicle follows a trajectory of its rear axle, with a vertex per state in which it moves. Lights are phases of a
-    controller. `read_runs` and ``rvads check`` read the file and give the verdicts of the run; an excerpt of a recording is read
-    as recorded traffic.
+    Every vehicle follows a trajectory of its rear axle, with a vertex per state in which the vehicle moves. The traffic lights
+    are phases of a signal controller. `read_runs` and ``rvads check`` read the file, and give the run the same verdicts. A file
+    of an excerpt of a recording is read as recorded traffic.
 
     Args:
         run: the run.
         path: path of the file, by convention ``.xosc``; missing folders are made.
-        map: OpenDRIVE file of the junction; by default the file that the junction or its scenario names.
+        map: map file of the junction; by default the file that the junction or its scenario names.
         verdict: a verdict on the run, which the file quotes.
 
     Raises:
@@ -96,10 +98,10 @@ def export_run(run: Run, path: str | Path, *, map: str | os.PathLike[str] | None
 
 
 def write(path: Path, document: Document) -> None:
-    """Write a document.
+    """Write a document to a file.
 
     Raises:
-        RvadsError: the file can't be written, or has the name of its map.
+        RvadsError: the file can't be written, or `path` is the name of the map in the same folder.
     """
     if path.name == document.map:
         raise RvadsError(f"{path}: the map has this name: give the file another name, such as {path.with_suffix('.xosc')}")
@@ -110,7 +112,7 @@ def write(path: Path, document: Document) -> None:
 
 
 def recorded_map(provenance: Mapping[str, Any]) -> str | None:
-    """Return the map file of the scenario of a run, as recorded in the provenance of the run; None if it names no map."""
+    """Return the map file that the provenance of a run records for its scenario; None if the provenance names no map."""
     scenario = provenance.get("scenario")
     path = scenario.get("map") if isinstance(scenario, Mapping) else None
     return path if isinstance(path, str) else None
@@ -131,12 +133,12 @@ def _vehicle(provenance: Mapping[str, Any], agent: Agent) -> Vehicle | None:
 
 
 def _is_whole(run: Run) -> bool:
-    """Return whether a file can hold all of a run. It can't hold late arrivals and accuracies, which recordings have."""
+    """Return whether a file can hold all of a run: recordings have late arrivals and accuracies, which a file can't hold."""
     return run.excerpt is None and run.spread is None and not (run.zone == Zone.ABSENT).any()
 
 
 def _actor(run: Run, column: int, body: Body) -> Actor | None:
-    """Return a vehicle with its trajectory from its first state to its last; None for a single state in an excerpt."""
+    """Return a vehicle with its trajectory while it was present; None for a vehicle with a single state in an excerpt."""
     agent, zone, pose = run.agents[column], run.zone[:, column], run.need("pose")[:, column]
     begin, end = run.spans[column].tolist()
     gone = np.flatnonzero(zone == Zone.GONE)
@@ -148,7 +150,7 @@ def _actor(run: Run, column: int, body: Body) -> Actor | None:
     axle = pose[begin:end].copy()
     axle[:, 0] -= body.back * np.cos(axle[:, 2])
     axle[:, 1] -= body.back * np.sin(axle[:, 2])
-    if len(axle) == 1:  # a trajectory needs two vertices; the second is after the end of the run and is not read
+    if len(axle) == 1:  # a trajectory needs two vertices; the second vertex is after the end of the run and is not read
         axle = np.vstack((axle, axle))
     rows = _informative_states(axle)
     times = np.round((begin + rows) * run.dt, 9)
@@ -165,7 +167,7 @@ def _actor(run: Run, column: int, body: Body) -> Actor | None:
 
 
 def _informative_states(poses: np.ndarray[Any, np.dtype[np.float64]]) -> np.ndarray[Any, np.dtype[np.int64]]:
-    """Return the numbers of the states to write: of a standing vehicle, only the first and the last state are needed."""
+    """Return the numbers of the states to write; of a time in which the vehicle stands, only first and last state are written."""
     same = (np.diff(poses, axis=0) == 0.0).all(axis=1)
     idle = np.concatenate(([False], same[:-1] & same[1:], [False]))
     return np.flatnonzero(~idle)

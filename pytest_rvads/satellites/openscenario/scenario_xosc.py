@@ -1,7 +1,7 @@
 """Scenarios in OpenSCENARIO XML: `save_scenario` writes a scenario, and `load_scenario` reads the same subset of elements.
 
-A written file has the start, speed and route of every vehicle, for another tool's controller to drive. Its note (`ScenarioNote`)
-holds the values of the scenario that the elements can't express.
+A written file has the start, speed and route of every vehicle, so that controllers in another simulator can drive the vehicles.
+The note of a written file (`ScenarioNote`) holds the values of the scenario that the elements of OpenSCENARIO can't express.
 """
 
 from __future__ import annotations
@@ -21,8 +21,7 @@ from pytest_rvads.geometry.finder import find, load, names
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.geometry.segment import Pose
 from pytest_rvads.runs.itineraries import Itinerary
-from pytest_rvads.runs.states import Colour
-from pytest_rvads.runs.vehicle import Vehicle
+from pytest_rvads.runs.states import Colour, Vehicle
 from pytest_rvads.satellites.openscenario.document import Actor, Document, body_of, mapped, moved_back, phases_of_plan, put_map
 from pytest_rvads.satellites.openscenario.intentions import Drive, Intention, intentions, matched
 from pytest_rvads.satellites.openscenario.playedfile import Site, site_of
@@ -43,11 +42,11 @@ __all__ = ["VERSION", "ScenarioNote", "load_scenario", "save_scenario"]
 
 
 VERSION = 1
-"""Version of the note."""
+"""Version of the fields of `ScenarioNote`; a file with another version is refused."""
 
 
 class ScenarioNote(msgspec.Struct, frozen=True):
-    """The scenario of a file with the values that its elements can't hold."""
+    """The scenario as a property in the header of its file, including values that elements of OpenSCENARIO can't express."""
 
     version: int
     site: Site
@@ -60,24 +59,28 @@ def save_scenario(
 ) -> None:
     """Write a scenario as OpenSCENARIO XML 1.2, and the map of its junction into the same folder.
 
-    Equal scenarios give equal files.
-    Vehicles are declared in the order of their creation. Each vehicle is teleported to its start, and has its initial speed and
-    its route. The lights follow their plan. The end is the end of the longest run of the scenario. `load_scenario` reads the
-    file.
+    Equal scenarios give equal files. `load_scenario` reads the file.
+    Vehicles are declared in the order of their creation. Each vehicle is teleported to its start, gets its initial speed, and is
+    assigned its route. The traffic lights follow the signal plan of the scenario. The stop trigger is the scenario's duration.
 
     Args:
         scenario: the scenario.
         path: path of the file, by convention ``.xosc``; missing folders are made.
-        map: OpenDRIVE file of the junction; by default the file that the junction names.
-        fleet: the bodies of the vehicles; passenger cars by default.
+        map: map file of the junction; by default the file that the junction names.
+        fleet: the vehicle parameters; passenger cars by default.
 
     Raises:
-        ScenarioError: a vehicle does not fit on its approach.
+        ScenarioError: a vehicle does not fit on its approach, or the scenario has pedestrians.
         MapError: the map of the junction is unknown.
         RvadsError: the library scenariogeneration is not installed, or the file can't be written.
     """
     require(scenario, Scenario, "save_scenario takes a rvads.Scenario(rvads.find('stop4'), '1133')", ScenarioError)
     require(fleet, Fleet | None, "fleet= must be a rvads.Fleet(vehicle)", ScenarioError)
+    if scenario.pedestrians:
+        raise ScenarioError(
+            f"{scenario.name} has pedestrians, and elements of OpenSCENARIO can't express how they behave: save the scenario "
+            "without pedestrians, or export a run of it, which holds where they walked"
+        )
     library()
     path, bodies = Path(path), fleet or Fleet()
     place = mapped(scenario.place, map)
@@ -104,28 +107,28 @@ def save_scenario(
 
 
 def _front_pose(way: Itinerary, station: float, back: float) -> Pose:
-    """Return the pose of a front at a station; the rear axle is on the centre line, too, as at the start of a simulation."""
+    """Return the pose of a vehicle's front, given its station; front and rear axle lie on the centre line, as at a start."""
     front, axle = way.pose(station), way.pose(station - back)
     return Pose(front.x, front.y, math.atan2(front.y - axle.y, front.x - axle.x))
 
 
 _TOLERANCE = 1e-3
-"""Largest difference between equal positions [m] and equal speeds [m/s]."""
+"""Largest difference at which two positions [m] or two speeds [m/s] count as equal."""
 _EVERY, _WITHIN = 0.25, 0.1
-"""Lights are compared every `_EVERY` [s], each time `_WITHIN` [s] after a multiple of a quarter of a second, at which plans may
-change colours."""
+"""The colours of lights are compared every `_EVERY` [s], and `_WITHIN` [s] after the multiples of a quarter of a second, because
+signal plans change their colours at these multiples."""
 
 
 def load_scenario(path: str | Path, *, junction: str | None = None, map: str | os.PathLike[str] | None = None) -> Scenario:
     """Read a scenario that `save_scenario` wrote, or a scenario of another tool with the same kinds of elements.
 
-    In a file of another tool, every vehicle is projected onto an approach, and its route onto a movement. An element that is not
-    supported is an error. Names and bodies of the vehicles are dropped, because a `Scenario` has none.
+    In a file of another tool, the start of every vehicle is projected onto an approach, and its route onto a movement. The names
+    and bodies of the vehicles are not read, because a `Scenario` has neither.
 
     Args:
         path: path of the file.
         junction: argument of `find`; by default the single junction of the map through which all routes lead.
-        map: OpenDRIVE file; by default the file that the scenario names, relative to its folder.
+        map: map file; by default the file that the scenario names, with a path relative to the folder of the scenario.
 
     Raises:
         ScenarioError: the file can't be read, or holds elements that no `Scenario` has; the message names file, line and element.
@@ -153,7 +156,7 @@ def load_scenario(path: str | Path, *, junction: str | None = None, map: str | o
 
 
 def _check_note(scenario: Scenario, by_name: Mapping[str, Intention], root: Node, where: str) -> None:
-    """Check that the elements of an exported file still agree with its note.
+    """Check that an exported file was not edited: its elements agree with the scenario in its note.
 
     Raises:
         ScenarioError: the vehicles, a start or route, the end or the lights differ from the note.
@@ -183,10 +186,10 @@ def _contradiction(where: str, what: str) -> ScenarioError:
 
 
 def _vehicle_of_length(length: float | None) -> Vehicle:
-    """Return a vehicle of a length [m]; the places of vehicles in a queue depend on their lengths alone."""
+    """Return a vehicle of a length [m]; of all vehicle parameters, only lengths decide on the positions of queued vehicles."""
     usual = Vehicle()
-    share = usual.length if length is None else length
-    return Vehicle(length=share, front_axle=share / 4, rear_axle=share / 4)
+    vehicle_length = usual.length if length is None else length
+    return Vehicle(length=vehicle_length, front_axle=vehicle_length / 4, rear_axle=vehicle_length / 4)
 
 
 def _candidate_junctions(junction: str | None, map: Path | None, where: str) -> list[Junction]:
@@ -198,10 +201,10 @@ def _candidate_junctions(junction: str | None, map: Path | None, where: str) -> 
 
 
 def _foreign_scenario(by_name: Mapping[str, Intention], root: Node, places: list[Junction], where: str) -> Scenario:
-    """Return the scenario of a file of another tool, at the single junction that fits.
+    """Return the scenario in a file of another tool, at the single junction through which the routes of all vehicles lead.
 
     Raises:
-        ScenarioError: no junction fits, or several junctions fit.
+        ScenarioError: the routes lead through no junction of `places`, or through several of these junctions.
     """
     fitting: list[tuple[Junction, list[Drive]]] = []
     unplaced = next(iter(by_name))
@@ -264,10 +267,10 @@ def _scenario_of_drives(place: Junction, drives: list[Drive], root: Node, where:
 
 
 def _check_queues(scenario: Scenario, queues: Mapping[int, list[Drive]], where: str) -> None:
-    """Check that queued vehicles start at the places at which a `Scenario` puts followers.
+    """Check that queued vehicles start at the positions and speeds that a `Scenario` gives to followers.
 
     Raises:
-        ScenarioError: a vehicle starts at another place, or at another speed.
+        ScenarioError: a vehicle starts at another position or speed.
     """
     rows = [drive for entrance in sorted(queues) for drive in sorted(queues[entrance], key=lambda drive: drive.distance)]
     lengths = {agent.name: _vehicle_of_length(drive.length) for agent, drive in zip(scenario.agents(), rows, strict=True)}
@@ -286,12 +289,12 @@ def _duration(root: Node) -> float | None:
 
 
 def _lights_match(scenario: Scenario, root: Node) -> bool:
-    """Return whether the colours in a file are the colours of the signal plan of a scenario, or the file has no lights."""
+    """Return whether a file has no traffic lights, or its lights have the colours of a scenario's signal plan at all times."""
     place, plan = scenario.place, scenario.signals()
-    shown = lights_of(root, scenario.duration)
-    lights = lights_at(place, shown) if shown else {}
+    file_lights = lights_of(root, scenario.duration)
+    lights = lights_at(place, file_lights) if file_lights else {}
     if not lights:
-        return not shown
+        return not file_lights
     times = np.arange(0.0, scenario.duration, _EVERY) + _WITHIN
     expected = np.array([plan.colours(time, len(place.entrances)) for time in times.tolist()], dtype=np.int8)
     for entrance, light in lights.items():

@@ -1,8 +1,9 @@
 """Writes a `Document` as XML by the library scenariogeneration. No other module uses this library.
 
-The version is 1.2: the first whose file header holds properties, and to which every rule of ASAM's quality checker applies.
+The files have version 1.2 of OpenSCENARIO XML, the first version whose file header holds properties. All rules of ASAM's quality
+checker apply to version 1.2.
 
-The import of scenariogeneration takes a second, and happens only for an export; reading does not need the library.
+The library is imported only for an export, because the import takes a second.
 """
 
 from __future__ import annotations
@@ -25,16 +26,17 @@ __all__ = ["library", "written"]
 
 _MINOR = 2
 _DATE = datetime(2000, 1, 1)
-"""Fixed creation date, because equal runs give equal files."""
+"""Creation date in every file; it is constant so that equal runs give equal files."""
 _AUTHOR = "pytest-rvads"
 _FASTEST = 70.0
-"""Declared top speed of every vehicle [m/s]."""
+"""Top speed that is declared for every vehicle [m/s]."""
 _TRACK, _WHEEL = 0.85, 0.64
-"""Track width as a share of the width of the body, and diameter of the wheels [m], of usual cars; only pictures depend on
-both."""
+"""Track width as a share of the width of the body, and diameter of the wheels [m], of usual cars; only pictures depend on these
+values."""
+_PERSON = 75.0
+"""Mass of a pedestrian [kg]: an adult, as crash test dummies of 50th percentile."""
 _NOT_IN_XML = re.compile("[^\t\n\r -\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 """Characters that XML 1.0, section 2.2, excludes."""
-_CATEGORIES = {Kind.CAR: "car", Kind.TRUCK: "truck", Kind.CYCLIST: "bicycle"}
 
 
 def library() -> Any:
@@ -50,7 +52,7 @@ def library() -> Any:
 
 
 def written(document: Document) -> bytes:
-    """Return the content of a file; equal documents give equal bytes.
+    """Return the content of an OpenSCENARIO file for a document; equal documents give equal bytes.
 
     Raises:
         RvadsError: the library is not installed, or a name begins with a dollar sign or has a character that XML excludes.
@@ -72,7 +74,7 @@ def written(document: Document) -> bytes:
 
 @contextmanager
 def _with_version(xosc: Any) -> Iterator[None]:
-    """Set the version of the library for a while: the library has a single version per process, which other code may use."""
+    """Set the version of OpenSCENARIO that the library writes, and restore the previous version at the end of the context."""
     base = xosc.VersionBase
     before = base.version_minor
     base.version_minor = _MINOR
@@ -83,7 +85,7 @@ def _with_version(xosc: Any) -> Iterator[None]:
 
 
 class _Writer:
-    """Makes objects of the library from the parts of a document."""
+    """Makes objects of the library scenariogeneration from the parts of a document."""
 
     def __init__(self, xosc: Any) -> None:
         self.xosc = xosc
@@ -132,15 +134,15 @@ class _Writer:
         return controller
 
     def body(self, body: Body) -> Any:
-        """Return a vehicle or pedestrian; the center of its box is relative to the reference point."""
+        """Return a vehicle or pedestrian whose bounding box has its center relative to the reference point, the rear axle."""
         xosc, vehicle = self.xosc, body.vehicle
         box = xosc.BoundingBox(body.width, body.length, body.height, body.back - body.length / 2, 0.0, body.height / 2)
         if body.kind is Kind.PEDESTRIAN:
-            return xosc.Pedestrian(str(body.kind), vehicle.mass, xosc.PedestrianCategory.pedestrian, box)
+            return xosc.Pedestrian(str(body.kind), _PERSON, xosc.PedestrianCategory.pedestrian, box)
         turned = vehicle.steering_limit, _WHEEL, _TRACK * body.width
         return xosc.Vehicle(
             str(body.kind),
-            getattr(xosc.VehicleCategory, _CATEGORIES[body.kind]),
+            getattr(xosc.VehicleCategory, body.kind.words[0]),
             box,
             xosc.Axle(*turned, body.wheelbase, _WHEEL / 2),
             xosc.Axle(*turned, 0.0, _WHEEL / 2),
@@ -151,7 +153,7 @@ class _Writer:
         )
 
     def starting(self, actor: Actor) -> Iterator[Any]:
-        """Yield the initial actions of an actor; none for an actor that appears later."""
+        """Yield the initial actions of an actor (vehicle or pedestrian); an actor that appears during the run has none."""
         xosc = self.xosc
         if actor.appears is not None:
             return
@@ -165,7 +167,7 @@ class _Writer:
             yield xosc.AssignRouteAction(route)
 
     def group(self, actor: Actor) -> Any:
-        """Return the actions of an actor: to appear, to follow its trajectory, to leave."""
+        """Return the actions of an actor with a trajectory: to appear, to follow the trajectory, and to leave."""
         xosc = self.xosc
         maneuver = xosc.Maneuver(f"{actor.name} drives")
         begins = 0.0 if actor.appears is None else actor.appears

@@ -1,4 +1,4 @@
-"""Tracks in OpenSCENARIO XML: entities, trajectories with times, and the lights of the controllers in a file."""
+"""Reads tracks from OpenSCENARIO XML: vehicles and pedestrians, trajectories with times, and the colours of traffic lights."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ __all__ = [
 
 
 LAMPS = {Colour.NONE: "off;off;off", Colour.RED: "on;off;off", Colour.YELLOW: "off;on;off", Colour.GREEN: "off;off;on"}
-"""State of a light per colour in a written file: the lamps from top to bottom, which are red, yellow and green."""
+"""Per colour, the state of a light in a written file: the lamps from top to bottom, which are red, yellow and green."""
 _COLOUR_OF_STATE = {lamps: colour for colour, lamps in LAMPS.items()}
 _COLOUR_OF_STATE |= {
     "on;on;off": Colour.RED,
@@ -49,7 +49,7 @@ _COLOUR_OF_STATE |= {
     "green": Colour.GREEN,
 }
 _MOST_CHANGES = 1_000_000
-"""Most phases of a controller up to the end of the run."""
+"""Largest number of phases of a signal controller that are read up to the end of the run."""
 
 
 _COLUMNS = {"time": "time", "heading": "h", "size": "Dimensions"}
@@ -62,9 +62,9 @@ class Entity:
     name: str
     kind: Kind
     size: tuple[float, float] | None
-    """Length and width [m]; None for an entity of a catalogue, and for a size that was not known when the file was exported."""
+    """Length and width [m]; None for an entity that is declared in a catalogue, or whose size was unknown at the export."""
     ahead: float | None
-    """Distance from the reference point, which is the middle of the rear axle, to the front [m]."""
+    """Distance from the reference point, the middle of the rear axle, to the front [m]; None for an entity of a catalogue."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -76,26 +76,33 @@ class TrajectoryFile:
     entities: tuple[Entity, ...]
     """Entities in the order of the file."""
     ways: Mapping[str, NDArray[np.float64]]
-    """Vertices of the trajectories by name of the entity, shape ``(vertices, 5)``; `VERTEX` names the columns."""
-    untold: Mapping[str, str]
-    """For each entity without a trajectory the reason, as a sentence that begins with ``it``."""
+    """Vertices of the trajectory by name of the entity, each of shape ``(vertices, 5)``; `VERTEX` names the columns."""
+    reasons: Mapping[str, str]
+    """By name of an entity without a readable trajectory, the reason, in words that follow the name and a colon."""
     speeds: Mapping[str, float]
-    """Initial speeds of the entities for which the file states a speed [m/s]."""
+    """Initial speed by name of the entity [m/s]; only of entities for which the file states a speed."""
     lights: Mapping[str, Changes]
-    """Colour changes by id of the signal."""
+    """Changes of colour by id of the signal."""
     map: Path | None
-    """The OpenDRIVE file that the scenario names, relative to the scenario's folder."""
+    """Path of the OpenDRIVE file; the file names the map by a path relative to its own folder. None if it names no map."""
     note: str | None
-    """Note of an export by this package, as JSON; None for a file of another tool."""
+    """Note about the run, as JSON, if this package exported the file; None for a file of another tool."""
 
 
 def read_xosc(path: Path, columns: Mapping[str, str] | None, *, strict: bool, watch: Watch | None) -> Log:
-    """Return the vehicles of a file, the lights of its controllers, and the map that the file names.
+    """Return the tracks of the vehicles in a file, the colours of its traffic lights, and the map that the file names.
 
-    The recorded point of a vehicle is the middle of its rear axle. The bounding box gives the distance from there to the front.
+    The positions of a vehicle are the positions of the middle of its rear axle. The bounding box in the file gives the distance
+    from the rear axle to the front.
+
+    Args:
+        path: path of the file.
+        columns: names of columns of a table, which this format refuses.
+        strict: whether a bad vertex is an error; if not, bad vertices are left out and counted.
+        watch: function that is called with the number of bytes read so far and the number of all bytes.
 
     Raises:
-        RunError: the file can't be read, no vehicle follows a trajectory, or a vertex is bad while reading is `strict`.
+        RunError: the file can't be read, no vehicle follows a trajectory, or a vertex is bad and reading is `strict`.
     """
     if columns:
         raise RunError(f"{path.name}: OpenSCENARIO has fixed attributes, leave --columns out")
@@ -103,10 +110,10 @@ def read_xosc(path: Path, columns: Mapping[str, str] | None, *, strict: bool, wa
 
 
 def log_of(file: TrajectoryFile, *, strict: bool = False) -> Log:
-    """Return the content of a file as a log.
+    """Return the content of a file as a log, the form that all formats of tracks share.
 
     Raises:
-        RunError: no vehicle follows a trajectory, or a vertex is bad while reading is `strict`.
+        RunError: no vehicle follows a trajectory, or a vertex is bad and reading is `strict`.
     """
     if not file.ways:
         raise no_trajectories(file.where)
@@ -118,11 +125,11 @@ def log_of(file: TrajectoryFile, *, strict: bool = False) -> Log:
             gather.describe(entity.name, entity.size, entity.kind, entity.ahead)
     gather.lights = dict(file.lights)
     log = gather.log()
-    return replace(log, refused=(*log.refused, *file.untold.items()), map=file.map)
+    return replace(log, refused=(*log.refused, *file.reasons.items()), map=file.map)
 
 
 def read_trajectories(path: Path, watch: Watch | None = None) -> TrajectoryFile:
-    """Return the content of a file with trajectories.
+    """Return the vehicles, trajectories, speeds, lights, map and note of a file.
 
     Raises:
         RunError: the file can't be read; the message names file, line and element.
@@ -131,25 +138,25 @@ def read_trajectories(path: Path, watch: Watch | None = None) -> TrajectoryFile:
     unsized = _vehicles_without_size(root, path.name)
     entities = [replace(entity, size=None) if entity.name in unsized else entity for entity in entities_of(root)]
     ways: dict[str, list[NDArray[np.float64]]] = {entity.name: [] for entity in entities}
-    untold: dict[str, str] = {}
+    reasons: dict[str, str] = {}
     for name, action, trigger in _trajectory_actions(root):
         line, timing = action.first("Polyline"), action.first("TimeReference", "Timing")
         if name not in ways:
             raise action.refused(f"is for {name!r:.60}, which is no vehicle of this file")
         if line is None:
-            untold[name] = "its trajectory is no polyline, and only polylines are read"
+            reasons[name] = "its trajectory is no polyline, and only polylines are read"
         elif timing is None or bool(np.isnan(line.points()[:, 1]).any()):
-            untold[name] = "its trajectory has no times"
+            reasons[name] = "its trajectory has no times"
         else:
             ways[name].append(_timed(line.points(), timing, trigger))
-    trajectories = {name: np.vstack(parts) for name, parts in ways.items() if parts and name not in untold}
-    reasons = {name: untold.get(name, "it follows no trajectory") for name in ways if name not in trajectories}
+    trajectories = {name: np.vstack(parts) for name, parts in ways.items() if parts and name not in reasons}
+    all_reasons = {name: reasons.get(name, "it follows no trajectory") for name in ways if name not in trajectories}
     end = max((float(way[-1, 1]) for way in trajectories.values() if len(way)), default=0.0)
     return TrajectoryFile(
         path.name,
         tuple(entities),
         trajectories,
-        reasons,
+        all_reasons,
         _speeds(root),
         lights_of(root, end),
         map_of(root, path),
@@ -162,13 +169,18 @@ class _Excerpt(msgspec.Struct):
 
 
 def _vehicles_without_size(root: Node, where: str) -> list[str]:
-    """Return the vehicles without a known size, which an export of an excerpt lists in its note."""
+    """Return the names of the vehicles of unknown size, which the note of an exported excerpt of a recording lists."""
     note = note_of(root, "excerpt")
     return [] if note is None else decode(note.encode(), _Excerpt, f"{where}: the property rvads.excerpt", RunError).unsized
 
 
 def note_of(root: Node, subject: str) -> str | None:
-    """Return the note of an export about its ``run``, ``scenario`` or ``excerpt``, as JSON; None if the file has no such note."""
+    """Return the note of a file that this package exported, as JSON; None for other files.
+
+    Args:
+        root: the root element of the file.
+        subject: what the note is about: ``run``, ``scenario`` or ``excerpt``.
+    """
     header = root.first("FileHeader")
     properties = () if header is None else header.walk("Property")
     return next((node.text("value") for node in properties if node.attributes.get("name") == f"rvads.{subject}"), None)
@@ -198,7 +210,10 @@ def entities_of(root: Node) -> list[Entity]:
 
 
 def _trajectory_actions(root: Node) -> Iterator[tuple[str, Node, Node | None]]:
-    """Yield for each trajectory the name of its entity, its action, and its trigger; the trigger of an initial action is None."""
+    """Yield, for each trajectory, the name of its entity, its action, and the trigger of its event.
+
+    The trigger is None for an initial action, which no event triggers.
+    """
     for private in root.walk("Private"):
         for action in private.walk("FollowTrajectoryAction"):
             yield private.text("entityRef"), action, None
@@ -211,7 +226,7 @@ def _trajectory_actions(root: Node) -> Iterator[tuple[str, Node, Node | None]]:
 
 
 def _timed(points: NDArray[np.float64], timing: Node, trigger: Node | None) -> NDArray[np.float64]:
-    """Return the vertices of a trajectory with their times on the clock of the simulation."""
+    """Return the vertices of a trajectory with their times counted from the beginning of the simulation."""
     start = 0.0
     if trigger is not None and timing.attributes.get("domainAbsoluteRelative") == "relative":
         begins = trigger.first("SimulationTimeCondition")
@@ -232,13 +247,13 @@ def _speeds(root: Node) -> dict[str, float]:
 
 
 def lights_of(root: Node, end: float) -> dict[str, Changes]:
-    """Return the changes of colour of all signals up to a time [s]; a controller repeats its phases.
+    """Return the changes of colour of each signal, by its id, up to the time `end` [s]; a controller repeats its phases.
 
     Raises:
-        RunError: phases have no positive duration, or the state of a signal is not known.
+        RunError: the phases of a controller have no positive duration, or the state of a signal is not known.
     """
-    shown: dict[str, list[tuple[float, Colour]]] = {}
-    states_shown = 0
+    colours_by_signal: dict[str, list[tuple[float, Colour]]] = {}
+    state_count = 0
     for controller in root.walk("TrafficSignalController"):
         phases = [
             (
@@ -255,14 +270,14 @@ def lights_of(root: Node, end: float) -> dict[str, Changes]:
         for duration, states in cycle(phases):
             if time > end:
                 break
-            states_shown += 1 + len(states)
-            limit_lights(states_shown, len(shown), controller.where)
+            state_count += 1 + len(states)
+            limit_lights(state_count, len(colours_by_signal), controller.where)
             for name, colour in states.items():
-                before = shown.setdefault(name, [])
-                if not before or before[-1][1] is not colour:
-                    before.append((round(time, 9), colour))
+                earlier_colours = colours_by_signal.setdefault(name, [])
+                if not earlier_colours or earlier_colours[-1][1] is not colour:
+                    earlier_colours.append((round(time, 9), colour))
             time += duration
-    return changes_of(shown)
+    return changes_of(colours_by_signal)
 
 
 def _colour(state: Node) -> Colour:
@@ -277,5 +292,5 @@ def no_trajectories(where: str) -> RunError:
     return RunError(f"{where}: no vehicle follows a trajectory, expected a run: rvads.load_scenario reads files of scenarios")
 
 
-FORMAT = Format(read_xosc, (".xosc",), "rear_axle")
+FORMAT = Format(read_xosc, (".xosc",), "rear_axle", with_map=True)
 """OpenSCENARIO XML as a format of tracks."""

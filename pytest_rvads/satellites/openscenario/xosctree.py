@@ -1,4 +1,4 @@
-"""OpenSCENARIO XML as a tree of bounded size.
+"""Reads a file of OpenSCENARIO XML as a tree of elements, up to bounds for the size of the tree.
 
 The vertices of a polyline are stored in an array. Parameters and expressions in attributes (``$speed``, ``${$speed / 3.6}``) are
 replaced by their values.
@@ -19,15 +19,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.satellites.tracks.source import Watch, opened
-from pytest_rvads.support.boundedxml import read_xml
 from pytest_rvads.support.errors import RunError
+from pytest_rvads.support.storage import read_xml
 from pytest_rvads.support.wording import one_line
 
 __all__ = ["VERTEX", "Node", "evaluate", "read_tree"]
 
 
 _LONGEST_EXPRESSION, _LONGEST_NUMBER = 1000, 40
-"""Longest expression, and longest value of a parameter inside of an expression [characters]."""
+"""Greatest length of an expression, and of the value of a parameter inside of an expression [characters]."""
 _PARAMETER = re.compile(r"\$(\w+)")
 _OPERATORS: Mapping[type[ast.AST], Callable[..., float]] = {
     ast.Add: operator.add,
@@ -53,13 +53,13 @@ _FUNCTIONS: Mapping[str, Callable[..., float]] = {
 VERTEX = ("row", "time", "x", "y", "h")
 """Fields of a vertex: line in the file, time [s], position [m], heading [rad]."""
 _MOST_NODES = 200_000
-"""Most elements outside of trajectories."""
+"""Largest number of elements of a file, without the elements inside of polylines."""
 _MOST_VERTICES = 5_000_000
-"""Most vertices of a polyline: an hour of fourteen vehicles at 100 Hz has as many."""
+"""Largest number of vertices of a polyline: an hour of fourteen vehicles at 100 Hz has as many."""
 _LONGEST = 2**20
-"""Longest value of an attribute [characters]."""
-_MOST_KEPT = 2**26
-"""Largest sum of the lengths of all attributes outside of trajectories [characters]."""
+"""Greatest length of the value of an attribute [characters]."""
+_MOST_CHARACTERS = 2**26
+"""Largest sum of the lengths of all attributes of a file, without the attributes inside of polylines [characters]."""
 
 
 @dataclass(slots=True, eq=False)
@@ -72,7 +72,7 @@ class Node:
     """File and line, for messages."""
     children: list[Node] = field(default_factory=list)
     vertices: array[float] | None = None
-    """Concatenated vertices of a polyline, each with the fields of `VERTEX`; a missing number is NaN."""
+    """The vertices of a polyline one after the other, each with the fields of `VERTEX`; a missing number is NaN."""
 
     def walk(self, *tags: str) -> Iterator[Node]:
         """Yield the elements inside of this element that have any of these tags, in the order of the file."""
@@ -84,7 +84,7 @@ class Node:
     def first(self, *path: str) -> Node | None:
         """Return the element at the end of a path of tags; None if there is no such element.
 
-        Each tag of the path selects the first element with this tag inside of the element before.
+        Each tag of the path selects the first element with this tag inside of the element that the tag before selected.
         """
         node: Node | None = self
         for tag in path:
@@ -120,7 +120,7 @@ class Node:
         return np.array(self.vertices or (), dtype=np.float64).reshape(-1, len(VERTEX))
 
     def refused(self, why: str) -> RunError:
-        """Return an error about this element, with file, line and tag before the reason."""
+        """Return an error about this element, whose message names file, line, tag and reason."""
         return RunError(one_line(f"{self.where}: <{self.tag}> {why}"))
 
 
@@ -132,16 +132,16 @@ class _Builder:
         self.root: Node | None = None
         self._stack: list[Node] = []
         self._parameters: dict[str, str] = {}
-        self._nodes = self._kept = 0
+        self._nodes = self._characters = 0
         self._line: Node | None = None
-        """The polyline around the current element."""
+        """The polyline that the parser is inside of; None outside of polylines."""
         self._inside = 0
-        """Number of open elements inside of the polyline."""
+        """Number of elements inside of the polyline whose end tags the parser has not reached."""
         self._time = (0, math.nan)
 
     def start(self, tag: str, attributes: dict[str, str], row: int) -> None:
         place = f"{self.where}: row {row}"
-        if tag == "ParameterDeclaration":  # some tools begin the name with a dollar sign, too
+        if tag == "ParameterDeclaration":  # some tools put a dollar sign before the declared name
             attributes["name"] = attributes.get("name", "").removeprefix("$")
         node = Node(tag, {name: self._value(value, place) for name, value in attributes.items()}, place)
         if self._line is not None:
@@ -149,10 +149,10 @@ class _Builder:
             self._vertex(self._line, node, row)
             return
         self._nodes += 1
-        self._kept += sum(map(len, attributes.values()))
-        if self._nodes > _MOST_NODES or self._kept > _MOST_KEPT:
+        self._characters += sum(map(len, attributes.values()))
+        if self._nodes > _MOST_NODES or self._characters > _MOST_CHARACTERS:
             raise RunError(
-                f"{self.where}: the file has more than {_MOST_NODES:,} elements, or more than {_MOST_KEPT:,} characters in "
+                f"{self.where}: the file has more than {_MOST_NODES:,} elements, or more than {_MOST_CHARACTERS:,} characters in "
                 "attributes: cut the file into several files"
             )
         if self._stack:
@@ -185,7 +185,7 @@ class _Builder:
             raise RunError(one_line(f"{place}: {text[:60]!r} {error}")) from error
 
     def _vertex(self, line: Node, node: Node, row: int) -> None:
-        """Read a part of a vertex: the element `Vertex` has the time, and the inner element `WorldPosition` has the position."""
+        """Store a part of a vertex: the time in the element `Vertex`, or the position in the inner element `WorldPosition`."""
         if node.tag == "Vertex":
             self._time = row, _number(node.attributes.get("time", "nan"))
         elif node.tag == "WorldPosition" and line.vertices is not None:
@@ -208,7 +208,7 @@ def _number(text: str) -> float:
 
 
 def read_tree(path: Path, watch: Watch | None = None) -> Node:
-    """Return the root of a file.
+    """Return the root element of a file.
 
     Raises:
         RunError: the file can't be read, is no OpenSCENARIO XML, or is too large.

@@ -1,1 +1,1 @@
-"""The experiment of the paper: its two tables, and how firmly they are reproduced."""
+"""Reproduces the experiment of the paper: its two tables, and evidence on how robust the reproduction is."""

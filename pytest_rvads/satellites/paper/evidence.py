@@ -1,19 +1,35 @@
-"""Evidence for the replication: margins of p1, ablation of the mechanisms, and room of the free constants.
+"""Evidence for the replication of the paper's tables.
 
-``rvads paper --margins``, ``--ablation`` and ``--null-models`` print this evidence, and ``docs/replication.md`` quotes it.
+``rvads paper --margins`` prints by how many ticks each verdict of rule p1 is decided. ``--ablation`` prints which cells change if
+a deficiency of the driver is switched off, and how far each constant that the paper does not fix can change without a change of
+verdicts (its room). ``--null-models`` prints how well cells can be guessed without a simulation. ``docs/replication.md`` quotes
+this evidence.
+
+``--snapshots`` draws a violation of each of p1 to p6 as in the paper's figures: the state before the violation and the state of
+the violation, with the scheduler's zone shaded. None of the five deficiencies of the driver violates p3, because the scheduler's
+queue is first in, first out. So the violation of p3 is shown for a faulty driver, whose scheduler calls the last vehicle first.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from pytest_rvads.drivers.lgsvl import Constants
+from pytest_rvads.drivers.interface import Drives, Observation
+from pytest_rvads.drivers.lgsvl import Constants, LgsvlLike
+from pytest_rvads.drivers.lgsvl.pilot import Pilot
+from pytest_rvads.drivers.lgsvl.scheduler import Box, Scheduler, zone_of
+from pytest_rvads.geometry.control import JunctionControl
+from pytest_rvads.logic.check import check
+from pytest_rvads.logic.judging.verdicts import Status
+from pytest_rvads.report.draw.picture import picture
 from pytest_rvads.runs.run import Run
-from pytest_rvads.runs.states import Zone
+from pytest_rvads.runs.states import Agent, Zone
 from pytest_rvads.satellites.paper.experiment import (
     LIGHT,
     ROWS,
@@ -29,58 +45,81 @@ from pytest_rvads.satellites.paper.experiment import (
     run_entry,
 )
 from pytest_rvads.satellites.paper.tables import FITTED, null_models, published
+from pytest_rvads.scenarios.case import Case
+from pytest_rvads.simulators.loop import usual
+from pytest_rvads.support.errors import RunError
 from pytest_rvads.support.executors import Progress, spread
 
 __all__ = [
     "FREE",
+    "SHOWN",
     "Free",
+    "LastFirst",
     "Room",
+    "Snapshot",
     "ablation",
     "p1_margin",
     "p1_margins",
     "rooms",
+    "snapshot",
+    "snapshots",
     "text_ablation",
     "text_margins",
     "text_null_models",
     "text_rooms",
+    "write_snapshots",
 ]
 
 Margins = Mapping[tuple[int, int, str], int]
-"""Margin of p1 in ticks, by class, row and configuration."""
+"""Margin of rule p1 in ticks of 0.01 s, see `p1_margin`, by class, row and configuration."""
 Flips = Mapping[str, list[tuple[Key, str, str]]]
-"""Flipped cells per switched-off deficiency: cell, verdict with the deficiency, verdict without the deficiency."""
+"""By name of a switched-off deficiency, the changed cells: cell, verdict with the deficiency, verdict without the deficiency."""
 
 
 @dataclass(frozen=True, slots=True)
 class Free:
-    """A free constant of the surrogate, with a function that moves the constant, and the tables that depend on it."""
+    """A constant that the paper does not fix, with a function that changes it, and the tables whose verdicts depend on it."""
 
     move: Callable[[float], Setup]
-    """Returns the setup of the experiment with the constant moved by the argument."""
+    """Returns the settings of the experiment, given by how much the constant is changed."""
     resolution: float
-    """Step of the search for the room, in the unit of the constant."""
+    """Step between the changes that are tried, in the unit of the constant."""
     limit: float
-    """Farthest tried move, in the unit of the constant."""
+    """Greatest change that is tried, in the unit of the constant."""
     tables: tuple[Table, ...] = TABLES
 
 
 @dataclass(frozen=True, slots=True)
 class Room:
-    """The farthest moves of a constant that change no cell of its tables."""
+    """The room of a constant: its greatest decrease and its greatest increase that change no verdict of its tables."""
 
     down: float
     up: float
     limit: float
-    """Farthest tried move."""
+    """Greatest change that was tried; a decrease or increase of this size may be possible beyond it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Snapshot:
+    """Two pictures of a violation, as SVG documents."""
+
+    rule: str
+    before: str
+    """Picture of the state before the violation."""
+    broken: str
+    """Picture of the state of the violation: the first state after which no continuation of the run satisfies the rule."""
 
 
 def _setup_with(constants: Constants) -> Setup:
-    """Return the setup with constants and the random draw that follows from these constants."""
+    """Return the settings of the experiment with constants and the waiting time that `crossing_wait` derives from them."""
     return Setup(constants, wait=crossing_wait(Setup(constants)))
 
 
 def _setup_with_zone(**moves: float) -> Setup:
-    """Return the setup with the zone of the X-junction moved; the draw stays, because junctions with lights have no zone."""
+    """Return the settings with changes of the scheduler's zone at the 4-way stop, by field of the zone [m].
+
+    The random draw keeps its value, because the draw affects only junctions with lights, which have no scheduler.
+    """
     box = Constants().zone4
     return Setup(replace(Constants(), zone4=replace(box, **{name: getattr(box, name) + by for name, by in moves.items()})))
 
@@ -94,13 +133,22 @@ FREE: dict[str, Free] = {
     "braking": Free(lambda by: _setup_with(replace(Constants(), braking=Constants().braking + by)), 0.03, 0.21),
     "draw [s]": Free(lambda by: Setup(wait=round(Setup().wait + by, 6)), 0.01, 0.15, (LIGHT,)),
 }
+SHOWN: Mapping[str, Entry] = {
+    "p1": Entry(STOP, 2, 0, "C"),
+    "p2": Entry(STOP, 1, 0, "E"),
+    "p3": Entry(STOP, 1, 0, "E"),
+    "p4": Entry(LIGHT, 3, 0, "F"),
+    "p5": Entry(LIGHT, 4, 0, "J"),
+    "p6": Entry(LIGHT, 3, 0, "G"),
+}
+"""By rule, the run whose violation is drawn; the runs of p1, p2, p5 and p6 are also the runs in the paper's figures."""
 
 
 def p1_margin(run: Run) -> int:
-    """Return the margin of p1 on a run, in ticks; the verdict changes with the sign of the margin.
+    """Return by how many ticks a run keeps rule p1 (at most one vehicle in the junction), or violates p1 if negative.
 
-    A positive margin is the shortest time from the exit of a vehicle to the entry of the next vehicle. A negative margin is the
-    longest time that two vehicles were in the junction together.
+    A positive margin is the shortest time between a vehicle's exit from the junction and the entry of a later vehicle. A negative
+    margin is the longest time that two vehicles were in the junction together.
     """
     inside = run.zone == Zone.JUNCTION
     spans = []
@@ -114,7 +162,7 @@ def p1_margin(run: Run) -> int:
 
 
 def p1_margins(*, executor: Executor | int | None = None, progress: Progress | None = None) -> dict[tuple[int, int, str], int]:
-    """Return `p1_margin` per class, row and configuration of the stop table."""
+    """Return `p1_margin` by class, row and configuration of the paper's table of the stop junction."""
     stop_entries = list(entries(STOP))
     margins = spread(_margin, stop_entries, executor, progress)
     return {(e.number, e.row, e.configuration): ticks for e, ticks in zip(stop_entries, margins, strict=True)}
@@ -127,7 +175,14 @@ def ablation(
     executor: Executor | int | None = None,
     progress: Progress | None = None,
 ) -> Flips:
-    """Return the flipped cells per switched-off deficiency, compared to the verdicts `base` with all deficiencies."""
+    """Return, by name of a deficiency of the driver, the cells whose verdicts change if only this deficiency is switched off.
+
+    Args:
+        base: the verdicts with all deficiencies.
+        names: the deficiencies to switch off, one at a time.
+        executor: executor or number of processes, as for `spread`.
+        progress: function that is called after every run.
+    """
     jobs = [(entry, Setup(off=(name,))) for name in names for table in TABLES for entry in entries(table)]
     flips: dict[str, list[tuple[Key, str, str]]] = {name: [] for name in names}
     for (entry, setup), verdicts in zip(jobs, spread(judge, jobs, executor, progress), strict=True):
@@ -144,14 +199,14 @@ def rooms(
     executor: Executor | int | None = None,
     progress: Progress | None = None,
 ) -> dict[str, Room]:
-    """Return the room of each free constant, with all other constants fixed and every cell as in `base`."""
+    """Return how far each free constant can be changed, with all others fixed, so that every verdict stays as in `base`."""
     jobs = [(name, sign, dict(base)) for name in names for sign in (-1.0, 1.0)]
     farthest = list(spread(_farthest_move, jobs, executor, progress, batch=1))
     return {name: Room(farthest[2 * k], farthest[2 * k + 1], FREE[name].limit) for k, name in enumerate(names)}
 
 
 def text_margins(margins: Margins) -> str:
-    """Return the margins of p1 as a table."""
+    """Return the margins of rule p1 as a text table."""
     lines = [
         "Ticks of 0.01 s that p1 hangs on: > 0 shortest gap between two vehicles in the junction, < 0 longest time together",
         "class, row" + "".join(f"{letter:>7}" for letter in STOP.configurations),
@@ -165,7 +220,7 @@ def text_margins(margins: Margins) -> str:
 
 
 def text_rooms(rooms_by_name: Mapping[str, Room]) -> str:
-    """Return the room of the constants as a table."""
+    """Return the room of the constants as a text table."""
     lines = ["How far a constant can move with no cell of its tables changing, the others fixed"]
     for name, room in rooms_by_name.items():
         down, up = (f"{by:+.2f}" + (" or more" if abs(by) >= room.limit - 1e-9 else "") for by in (room.down, room.up))
@@ -174,7 +229,7 @@ def text_rooms(rooms_by_name: Mapping[str, Room]) -> str:
 
 
 def text_ablation(flips: Flips) -> str:
-    """Return the flipped cells per switched-off deficiency as text, with a line per rule and configuration."""
+    """Return the cells that change per switched-off deficiency as text, with a line per rule, configuration and change."""
     lines = ["Cells of 240 that flip when a deficiency is switched off"]
     for name, cells in flips.items():
         lines.append(f"{name.upper()}: {len(cells)} cells")
@@ -189,9 +244,68 @@ def text_ablation(flips: Flips) -> str:
 
 
 def text_null_models() -> str:
-    """Return the scores of the models without a simulation as text."""
+    """Return, as text, how many cells models get right that predict cells without a simulation, see `null_models`."""
     rows = [f"{name:<32}{score:4} of {len(published(FITTED))}" for name, score in null_models().items()]
     return "\n".join(["Cells of classes 1 and 3 that a table would get with the best answer to cells it can't tell apart", *rows])
+
+
+class LastFirst(LgsvlLike):
+    """A driver with one fault: its scheduler waits until all vehicles are in the queue, and then calls the last vehicle first."""
+
+    def autopilots(self, agents: Sequence[Agent]) -> Sequence[Drives]:
+        """Return an autopilot per agent, in the order of creation."""
+        scheduler = _LastFirst((agent.name for agent in agents), self.switches.i3)
+        return [Pilot(self.switches, self.constants, scheduler) for _ in agents]
+
+
+class _LastFirst(Scheduler):
+    def _next_vehicle(self, seen: Observation) -> str:
+        return self._queue[-1].name if len(self._queue) > len(seen.others) else ""
+
+
+def snapshots() -> dict[str, Snapshot]:
+    """Return a snapshot of a violation of every rule of the paper."""
+    setup = Setup()
+    by_rule = {}
+    for rule, entry in SHOWN.items():
+        system: Any = LastFirst if rule == "p3" else setup.system()
+        by_rule[rule] = snapshot(usual()(Case(entry.scenario(setup.wait), system)), rule, setup.constants)
+    return by_rule
+
+
+def write_snapshots(folder: str | Path) -> list[Path]:
+    """Write `snapshots`, two pictures per rule, into a folder, and return the paths; a missing folder is made."""
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    paths = []
+    for rule, pictures in snapshots().items():
+        for moment, svg in (("before", pictures.before), ("broken", pictures.broken)):
+            path = folder / f"{rule}-{moment}.svg"
+            path.write_text(svg, encoding="utf-8")
+            paths.append(path)
+    return paths
+
+
+def snapshot(run: Run, rule: str, constants: Constants) -> Snapshot:
+    """Return the two pictures of the first violation of `rule` on `run`.
+
+    Raises:
+        RunError: the run does not violate the rule, or does so in its first state.
+    """
+    verdict = check(run, rule)
+    if verdict.status is not Status.FAIL or verdict.time is None or verdict.time <= 0.0:
+        raise RunError(f"run {run.label} has no violation of {rule} to show: {verdict.message}")
+    tick = round(verdict.time / run.dt)
+    violated = [instance for instance in verdict.instances if instance.failed == tick]
+    guilty = [name for instance in violated for name in instance.responsible]
+    names = {name for _, name in violated[0].binding}
+    involved = [column for column, agent in enumerate(run.agents) if agent.name in names]
+    heads = {tick - 1: f"{rule}, t-1 = {(tick - 1) * run.dt:.2f} s", tick: f"{rule} broken, t = {tick * run.dt:.2f} s"}
+    before, after = (
+        _shaded(picture(run, t, f"{head}: {', '.join(_where(run, t, column) for column in involved)}", guilty), run, constants)
+        for t, head in heads.items()
+    )
+    return Snapshot(rule, before, after)
 
 
 def _margin(entry: Entry) -> int:
@@ -199,7 +313,11 @@ def _margin(entry: Entry) -> int:
 
 
 def _farthest_move(job: tuple[str, float, Mapping[Key, str]]) -> float:
-    """Return the farthest move of a constant in a direction that changes no cell."""
+    """Return the greatest change of a constant in one direction that changes no cell.
+
+    Args:
+        job: name of the constant, sign of the change, and the verdicts to compare with.
+    """
     name, sign, base = job
     free = FREE[name]
     steps = 0
@@ -210,8 +328,27 @@ def _farthest_move(job: tuple[str, float, Mapping[Key, str]]) -> float:
 
 def _same_verdicts(free: Free, by: float, base: Mapping[Key, str]) -> bool:
     setup = free.move(by)
-    # The configurations with the smallest margins come first, because they change first.
+    # The configurations with the smallest margins are simulated first, because their verdicts are the first to change.
     order = [
         entry for letters in ("CFJ", "BEG", "ADHI") for t in free.tables for entry in entries(t) if entry.configuration in letters
     ]
     return all(base[entry.key(rule)] == value for entry in order for rule, value in judge((entry, setup)).items())
+
+
+def _where(run: Run, tick: int, column: int) -> str:
+    """Return the name and the position of a vehicle in words, such as ``a0 at entrance 0``."""
+    agent, zone = run.agents[column], Zone(run.zone[tick, column])
+    places = {Zone.APPROACH: f"before entrance {agent.entrance}", Zone.ENTRANCE: f"at entrance {agent.entrance}"}
+    return f"{agent.name} {places.get(zone, 'in the junction' if zone is Zone.JUNCTION else 'past the junction')}"
+
+
+def _shaded(svg: str, run: Run, constants: Constants) -> str:
+    """Add the scheduler's zone to a picture, above the road and below the vehicles; junctions with lights have no scheduler."""
+    if run.junction.control is not JunctionControl.STOP:
+        return svg
+    zone = zone_of(run.junction, constants, hidden=True)
+    if not isinstance(zone, Box):
+        return svg
+    points = " ".join(f"{x:.2f},{-y:.2f}" for x, y in zone.corners())
+    polygon = f'<polygon class="zone" points="{points}" fill="#444" fill-opacity="0.25"/>'
+    return svg.replace('<polyline class="trail"', polygon + '<polyline class="trail"', 1)

@@ -1,4 +1,4 @@
-"""The experiment of the paper: the scenarios of its two tables, the run and the verdicts of an entry, and the random draw."""
+"""The experiment of the paper: the scenarios of its two tables, their runs and verdicts, and the random wait of vehicles."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from functools import partial
 import numpy as np
 
 from pytest_rvads.drivers.lgsvl import Constants, LgsvlLike
-from pytest_rvads.drivers.lgsvl.constants import RED_WAIT, TURN_WAIT
+from pytest_rvads.drivers.lgsvl.scheduler import RED_WAIT, TURN_WAIT
 from pytest_rvads.geometry.finder import find
-from pytest_rvads.geometry.segment import Turn
+from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.judging.verdicts import Status
 from pytest_rvads.runs.run import Run
@@ -43,13 +43,13 @@ __all__ = [
 
 
 _DRAW_CLASS = 4
-"""Class with a configuration, J, in which the paper's verdict needs a certain draw."""
+"""Number of the class whose published verdict in configuration J holds only for certain random waiting times."""
 
 
 ROWS = 4
-"""Rows per class: the rotations of the junction."""
+"""Number of rows per class in a table: a row per rotation of the class's scenario through the four entrances."""
 WAIT = 3.32
-"""Random draw of all runs of the tables [s]; `crossing_wait` derives the draw."""
+"""Waiting time that is drawn at random in the paper, fixed for all runs of the tables [s]; `crossing_wait` derives the value."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,15 +57,15 @@ class Table:
     """A table of the paper."""
 
     name: str
-    """Name of the table in the paper's files."""
+    """Name of the table in the files of the paper's authors."""
     junction: str
-    """Built-in junction with the recorded lengths."""
+    """Name of the built-in junction, whose roads have the lengths in the recordings of the paper's authors."""
     classes: Mapping[int, str] = field(hash=False)
-    """Directions of row 1 by the paper's number of the class."""
+    """By the paper's number of a class, the directions of its vehicles in row 1."""
     configurations: str
     rules: tuple[str, ...]
     duration: float
-    """Longest run [s]."""
+    """Duration after which a run ends [s]."""
 
 
 STOP = Table("stop4", "paper_stop4", {1: "2111", 2: "3111"}, "ABCDE", ("p1", "p2", "p3"), 30.0)
@@ -79,21 +79,21 @@ Key = tuple[int, int, str, str]
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """A run of a table, which fills a cell per rule."""
+    """A run of a table of the paper; its verdicts fill a cell per rule."""
 
     table: Table
     number: int
     """The paper's number of the class."""
     row: int
-    """Rotation, 0 for row 1."""
+    """Number of entrances by which the scenario is rotated; 0 for row 1."""
     configuration: str
 
     def key(self, rule: str) -> Key:
-        """Return the cell of a rule."""
+        """Return the row and the column of the paper's table of verdicts in which the verdict of a rule on this run stands."""
         return self.number, self.row, self.configuration, rule
 
     def scenario(self, wait: float = WAIT) -> Scenario:
-        """Return the concrete scenario with `wait` as the random draw [s]."""
+        """Return the concrete scenario, with `wait` as the waiting time that drivers would draw at random [s]."""
         point = configuration(self.configuration, ROWS)
         return Scenario(
             find(self.table.junction),
@@ -113,14 +113,14 @@ class Setup:
 
     constants: Constants = field(default_factory=Constants)
     off: tuple[str, ...] = ()
-    """Deficiencies that are switched off, such as ``("i2",)``."""
+    """Deficiencies of the driver that are switched off, such as ``("i2",)``."""
     wait: float = WAIT
-    """Random draw [s]."""
+    """Waiting time that drivers would draw at random [s]."""
     simulator: str | None = None
     """Name of the simulator; None for the default simulator."""
 
     def system(self) -> partial[LgsvlLike]:
-        """Return the autopilot of the experiment, as a factory."""
+        """Return the driver of all vehicles: LGSVL-like autopilots with these constants and switched-off deficiencies."""
         return partial(LgsvlLike, constants=self.constants, **dict.fromkeys(self.off, False))
 
 
@@ -129,7 +129,7 @@ Job = tuple[Entry, Setup]
 
 
 def entries(table: Table) -> Iterator[Entry]:
-    """Yield the runs of a table, by class, row and configuration in the order of the paper."""
+    """Yield the runs of a table, sorted by class, row and configuration as in the paper."""
     for number in table.classes:
         for row in range(ROWS):
             for letter in table.configurations:
@@ -137,18 +137,18 @@ def entries(table: Table) -> Iterator[Entry]:
 
 
 def run_entry(entry: Entry, setup: Setup) -> Run:
-    """Simulate the run of an entry."""
+    """Simulate and return the run of a table entry."""
     return simulate(Case(entry.scenario(setup.wait), setup.system()), named(setup.simulator))
 
 
 def judge(job: Job) -> dict[str, str]:
-    """Simulate and judge a run of a table. The single argument allows mapping the function over processes."""
+    """Simulate a run of a table and return its verdict per rule. A single argument lets executors map this function."""
     entry, setup = job
     return outcome(run_entry(entry, setup), entry.table.rules)
 
 
 def outcome(run: Run, rules: tuple[str, ...]) -> dict[str, str]:
-    """Return PASS, FAIL or NA per rule; OPEN counts as FAIL, as in the paper.
+    """Return the verdict PASS, FAIL or NA per rule; OPEN (an obligation is left at the end) counts as FAIL, as in the paper.
 
     Raises:
         RunError: the run can't be judged.
@@ -163,10 +163,10 @@ def outcome(run: Run, rules: tuple[str, ...]) -> dict[str, str]:
 
 
 def draw_range(entry: Entry) -> tuple[float, float] | None:
-    """Return the range of the draw of a run [s]; None for a run without a draw.
+    """Return the range of the waiting time that the driver draws at random in a run [s]; None if it draws none.
 
-    A vehicle that turns right on red draws its waiting time. A vehicle that turns left and faces red draws its waiting time after
-    green.
+    A vehicle that turns right on red draws how long it waits at red. A vehicle that turns left, with red at the start of the run,
+    draws how long it waits after its light has become green.
     """
     if entry.table is not LIGHT:
         return None
@@ -179,14 +179,18 @@ def draw_range(entry: Entry) -> tuple[float, float] | None:
 
 
 def crossing_wait(setup: Setup | None = None) -> float:
-    """Return the wait [s] after which a right turn on red enters while a crossing vehicle is at its entrance.
+    """Return the wait [s] after which a vehicle that turns right on red enters while a crossing vehicle is at its own entrance.
 
-    In configuration J of class 4, p5 is violated only by a draw from a narrow window: the vehicle that turns right must enter
-    while the vehicle with green passes its entrance zone. A dry run with the longest draw gives the times at which the crossing
-    vehicle is at its entrance, and the time from the end of the wait to the line.
+    In configuration J of the paper's class 4, rule p5 is violated only if the random wait of the vehicle that turns right lies in
+    a narrow window: this vehicle must enter while the vehicle with green is in its own entrance zone. A run with the longest
+    possible wait shows when the crossing vehicle is in its entrance zone, and how long the turning vehicle needs from the end of
+    its wait to the line. The returned wait is in the middle of the window.
+
+    Args:
+        setup: settings of the run; the settings of the paper by default.
 
     Raises:
-        RunError: the dry run ends before a vehicle enters the junction.
+        RunError: the run with the longest wait ends before one of the two vehicles enters the junction.
     """
     setup = setup or Setup()
     longest = RED_WAIT[1]
@@ -195,9 +199,9 @@ def crossing_wait(setup: Setup | None = None) -> float:
     entry = dry.entry(1)
     if not len(crossing) or entry is None:
         raise RunError(f"the dry run {dry.label} ended before a vehicle entered the junction, so no wait follows from it")
-    # The time at which the vehicle that turns right stands at its entrance.
+    # The time at which the vehicle that turns right has stopped at its entrance.
     standing = float(np.flatnonzero(dry.need("speed")[:, 1] < 0.05)[0]) * dry.dt
     start_up = entry - longest - standing
-    # An entry breaks the rule from a step after the arrival of the crossing vehicle to the step in which this vehicle enters.
+    # p5 is violated if the turning vehicle enters after the crossing vehicle reached its entrance, and not after it entered.
     middle = int(crossing[0] + crossing[-1] + 2) // 2
     return round(middle * dry.dt - start_up, 2)

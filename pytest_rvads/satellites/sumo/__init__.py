@@ -1,1 +1,1 @@
-"""The simulator ``sumo``: Eclipse SUMO drives the vehicles that its driver is named for, in a process of its own."""
+"""The simulator ``sumo``: Eclipse SUMO runs in another process and drives the vehicles whose driver is `SumoDriver`."""

@@ -1,12 +1,12 @@
 """A program that runs libsumo in its own process and answers requests with the motions of vehicles.
 
 The program is started by its path and imports nothing of this package. The argument of the program is the path of its working
-folder. The program removes this folder at the end.
+folder, which the program removes when it ends.
 
-A request is a line of JSON with the name of a method of `Server` and its arguments. The answer is a line of JSON, followed by as
-many native doubles as its field ``numbers`` says. The field ``error`` has the reason if the request failed. The doubles are, per
-step and vehicle, x and y of the front bumper [m], the heading clockwise from north [degrees] and the speed [m/s]; all four are
-not-a-number for a vehicle that has arrived.
+A request is a line of JSON with the name of a method of `Server` and the arguments of the method. The answer is a line of JSON,
+followed by doubles in native byte order. The field ``numbers`` of the line is the number of doubles. The field ``error`` has the
+reason if the request failed. The doubles are, per step and vehicle, x and y of the front bumper [m], the heading clockwise from
+north [degrees] and the speed [m/s]; all four are not-a-number for a vehicle that has arrived at the end of its route.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _NOWHERE = (float("nan"),) * 4
 
 
 class Server:
-    """A simulation of SUMO, replaced by each `load`."""
+    """A simulation of SUMO; `load` begins a simulation, and ends an earlier one."""
 
     def __init__(self, sumo: Any) -> None:
         self._sumo = sumo
@@ -33,7 +33,10 @@ class Server:
         self._driving: set[str] = set()
 
     def load(self, options: list[str], names: list[str], others: Collection[str] = ()) -> array[float]:
-        """Load a network, let every vehicle depart, and return the first row; `others` are the vehicles that the caller moves."""
+        """Load a network, let every vehicle depart, and return the motions of the vehicles after their departure.
+
+        SUMO does not control the vehicles in `others`, whose positions each call of `step` sets.
+        """
         if self._loaded:
             self._sumo.load(options)
         else:
@@ -45,15 +48,15 @@ class Server:
         if missing := [name for name in names if name not in self._driving]:
             raise RuntimeError(f"it does not let {', '.join(missing)} depart")
         for name in names:
-            self._sumo.vehicle.setLaneChangeMode(name, 0)  # a route leads along the lanes of an entrance and an exit
+            self._sumo.vehicle.setLaneChangeMode(name, 0)  # no lane changes: a route leads along one lane of each edge
         for name in others:
-            self._sumo.vehicle.setSpeedMode(name, 0)  # SUMO must not change the speed
+            self._sumo.vehicle.setSpeedMode(name, 0)  # SUMO must not change the speed of a vehicle that the caller moves
         return array("d", self._row())
 
     def step(self, count: int, moved: dict[str, list[float]], gone: list[str]) -> array[float]:
-        """Take `count` steps and return a row of each.
+        """Take `count` steps and return the motions of all vehicles after each step.
 
-        Before the first step, the vehicles in `moved` get their x, y, heading and speed, and those in `gone` are removed.
+        Before the first step, the vehicles in `moved` get their x, y, heading and speed, and the vehicles in `gone` are removed.
         """
         vehicle = self._sumo.vehicle
         for name in gone:
@@ -72,7 +75,10 @@ class Server:
         return rows
 
     def brake(self, options: list[str], name: str) -> array[float]:
-        """Return the braking distance of a vehicle that brakes from its departure on [m]; infinite if the road is too short."""
+        """Return the distance that a vehicle needs to stop if it brakes from its departure on [m].
+
+        The distance is infinite if the vehicle reaches the end of the road before it stops.
+        """
         self.load(options, [name])
         vehicle = self._sumo.vehicle
         start = vehicle.getLanePosition(name)
@@ -93,13 +99,13 @@ class Server:
 
 
 _KEEP_ROUTE = 3
-"""Keep the route and use exactly this position (TraCI, move to XY)."""
+"""Flag of TraCI's command "move to XY": keep the route and use exactly the given position."""
 
 
 def main() -> None:
     """Answer requests until the end of standard input, or until SIGTERM."""
     signal.signal(signal.SIGTERM, lambda *_: sys.exit())
-    # SUMO writes messages to standard output, which is redirected to standard error.
+    # SUMO prints messages, so standard output is redirected to standard error, and answers go to a copy of standard output.
     out = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
     import libsumo
@@ -117,7 +123,7 @@ def main() -> None:
                 head, numbers = {"numbers": 0, "error": f"{error}"}, array("d")
             out.write(json.dumps(head).encode() + b"\n" + numbers.tobytes())
             out.flush()
-    finally:  # also after the end of the parent process
+    finally:  # also runs after the end of the parent process, which closes standard input
         shutil.rmtree(sys.argv[1], ignore_errors=True)
 
 

@@ -1,53 +1,70 @@
 """The road network of SUMO for a junction: edges, connections, right of way and signal program.
 
-An arm is an edge in, ``in0``, and an edge out, ``out0``, with a lane per entrance and exit. The edge in ends at the stopping
-line, because SUMO's vehicles stop at the end of an edge. From there, a connection leads along the center line of the movement.
+Arm 0 of the junction is represented by the edge ``in0`` toward the junction, with a lane per entrance, and the edge ``out0`` away
+from the junction, with a lane per exit. The edge ``in0`` ends at the stopping line, because SUMO's vehicles stop at the end of an
+edge. From the stopping line, a connection leads along the center line of each movement.
 
-The network is made from the `Junction` and not from its map file. So SUMO can simulate junctions of every map format.
+The network is made from the `Junction` and not from its map file, so that SUMO can simulate junctions of every map format.
+netconvert, SUMO's program that builds road networks, makes the network from files in plain XML.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import os
+import shutil
+import subprocess
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from hashlib import sha256
+from importlib.util import find_spec
 from itertools import pairwise
 from math import dist, fsum
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
-from xml.etree.ElementTree import Element, SubElement, tostring
+from xml.etree.ElementTree import Element, ElementTree, ParseError, SubElement, fromstring, tostring
 
 from numpy.typing import NDArray
 
-from pytest_rvads.geometry.conflicts import Key
+from pytest_rvads.geometry.conflicts import Key, Reason
 from pytest_rvads.geometry.control import Sign
 from pytest_rvads.geometry.junction import Arm, Junction
 from pytest_rvads.geometry.segment import SPEED_LIMIT, Segment, join
 from pytest_rvads.geometry.sweep import EXIT_LENGTH
-from pytest_rvads.geometry.yielding import Reason
 from pytest_rvads.physics.braking import FASTEST
-from pytest_rvads.runs.states import CLEARANCE, GREEN, YELLOW, Colour, SignalPlan
-from pytest_rvads.satellites.sumo.netconvert import netconvert
-from pytest_rvads.support.errors import ScenarioError
+from pytest_rvads.runs.states import Colour, SignalPlan
+from pytest_rvads.support.errors import RunError, ScenarioError, needs
+from pytest_rvads.support.wording import one_line
 
-__all__ = ["Network", "lane_in", "lane_limit", "lane_out", "network", "straight"]
+__all__ = ["Network", "lane_in", "lane_limit", "lane_out", "netconvert", "network", "program_and_home", "straight"]
 
 _LETTERS = {Colour.YELLOW: "y", Colour.RED: "r"}
-"""Letter of SUMO per colour other than green."""
+"""By colour other than green, the letter for the colour in SUMO's signal programs."""
 _RANK = {Sign.STOP: 1, Sign.YIELD: 1, Sign.NONE: 2, Sign.LIGHTS: 2, Sign.PRIORITY: 3}
-"""Rank of a sign, as in `pytest_rvads.geometry.yielding`; the movement with the higher rank goes first."""
+"""Rank of a sign, as in `pytest_rvads.geometry.conflicts`; a movement gives way to a movement whose sign has a higher rank."""
 _LENGTH_TOLERANCE = 1e-6
-"""Largest difference between equal lengths [m]."""
+"""Largest difference at which two lengths count as equal [m]."""
+_LONGEST_CALL = 60.0
+"""Longest duration of a call of netconvert [s]; a junction takes some hundredths of a second."""
+_RESULT = "net.xml"
+_NETCONVERT_OPTIONS = (
+    "--offset.disable-normalization",  # keep the coordinates of the map
+    "--no-turnarounds",  # add no U-turns, which the junction does not have
+    "--junctions.endpoint-shape",  # keep the positions of the ends of lanes
+    "--precision=9",
+    "--xml-validation=never",
+)
 
 
 @dataclass(frozen=True, slots=True)
 class Network:
-    """A network in SUMO's format."""
+    """A road network in the file format of SUMO."""
 
     text: bytes
     """Content of the network file."""
     name: str
-    """Name of the network file; equal networks have equal names."""
+    """Name of the network file, which is made from a hash of its content."""
 
 
 @lru_cache(maxsize=64)
@@ -94,7 +111,12 @@ def lane_out(junction: Junction, exit: int) -> tuple[str, int]:
 
 
 def lane_limit(way: Segment, end: int) -> float:
-    """Return the speed limit of a lane in SUMO [m/s]: the limit at its end (-1) or start (0), because SUMO has a single limit."""
+    """Return the speed limit of a lane in SUMO [m/s]: a single limit per lane, which is the limit at one end of the road.
+
+    Args:
+        way: the road, whose limit may change along it.
+        end: 0 for the limit at the start of the road, -1 for the limit at its end.
+    """
     return way.limits[end][1] or SPEED_LIMIT if way.limits else SPEED_LIMIT
 
 
@@ -110,15 +132,15 @@ def _plain_files(junction: Junction) -> dict[str, Element]:
         (start, entrance_lane), (end, exit_lane) = lane_in(junction, entrance), lane_out(junction, exit)
         way = junction.way_through(entrance, exit)
         setback = junction.setbacks[entrance]
-        if setback and (whole := join((junction.way_in(entrance).tail(setback), way))):
-            way = whole
+        if setback and (extended_way := join((junction.way_in(entrance).tail(setback), way))):
+            way = extended_way
         ways = {"from": start, "to": end, "fromLane": str(entrance_lane), "toLane": str(exit_lane), "shape": _shape(way.points)}
         SubElement(connections, "connection", ways)
     return {"node-files": nodes, "edge-files": edges, "connection-files": connections}
 
 
 def _add_arm(junction: Junction, number: int, arm: Arm, nodes: Element, edges: Element) -> None:
-    """Add the edges of an arm, and the node at the far end of each."""
+    """Add the edges of an arm to the network, and the node at the far end of each edge."""
     ways_in = [junction.way_in(k) for k in arm.entrances]
     ways_in = [way.head(way.length - junction.setbacks[k]) for way, k in zip(ways_in, arm.entrances, strict=True)]
     ways_out = [junction.way_out(k) for k in arm.exits]
@@ -147,7 +169,7 @@ def _add_arm(junction: Junction, number: int, arm: Arm, nodes: Element, edges: E
 
 
 def _links(junction: Junction, root: Element, node: Element) -> list[Key]:
-    """Return the movement of each link of the junction, in the order of the link numbers."""
+    """Return the movement of each link (a connection through SUMO's junction), in the order of SUMO's link numbers."""
     entrances = {lane_in(junction, k): k for k in range(len(junction.entrances))}
     exits = {lane_out(junction, k): k for k in range(len(junction.exits))}
     by_lane: dict[str, list[Key]] = {}
@@ -160,9 +182,10 @@ def _links(junction: Junction, root: Element, node: Element) -> list[Key]:
 
 
 def _restore(root: Element, edges: Element) -> None:
-    """Set the shapes and lengths of all lanes to those of the junction.
+    """Reset shape and length of every lane of a SUMO network to the values in the model of the junction.
 
-    If the lanes of an edge end at different places, netconvert moves their ends and gives them equal lengths.
+    This is needed because netconvert moves the ends of lanes and makes lanes equally long if the lanes of an edge end at
+    different distances from the junction.
     """
     lanes = {lane.attrib["id"]: lane for lane in root.iter("lane")}
     shapes = {name: lane.attrib["shape"].split() for name, lane in lanes.items()}
@@ -191,7 +214,7 @@ def _network_of(root: Element) -> Network:
 
 
 def node_type(junction: Junction) -> str:
-    """Return the type of the node for a junction (page "Networks/PlainXML" of SUMO, node types).
+    """Return SUMO's node type for a junction, such as ``allway_stop`` (page "Networks/PlainXML" of SUMO, node types).
 
     Raises:
         ScenarioError: SUMO can't represent the junction.
@@ -200,27 +223,28 @@ def node_type(junction: Junction) -> str:
     lower = {sign for sign in signs if _RANK[sign] == min(_RANK[s] for s in signs)}
     if Sign.LIGHTS in signs:
         if len(signs) > 1 or None in {entrance.phase for entrance in junction.entrances}:
-            raise _refused(junction, "lights at some entrances only, where SUMO has them at all or none")
+            raise _unsupported(junction, "lights at some entrances only, and SUMO has lights at all entrances or at none")
         return "traffic_light"
     if signs == {Sign.STOP}:
         return "allway_stop"
     if len({_RANK[sign] for sign in signs}) == 1 and Sign.STOP not in signs:
         return "right_before_left"
     if lower == {Sign.STOP, Sign.YIELD}:
-        raise _refused(junction, "stop signs beside yield signs, where SUMO has one of the two at all minor roads")
+        raise _unsupported(junction, "stop signs beside yield signs, and SUMO has the same sign at all minor roads")
     return "priority_stop" if lower == {Sign.STOP} else "priority"
 
 
 def priority(sign: Sign) -> int:
-    """Return the priority of an edge that ends at a sign; vehicles on the edge with the higher priority go first."""
+    """Return the priority of an edge that ends at a sign; vehicles give way to vehicles on an edge with a higher priority."""
     return _RANK[sign]
 
 
 def check_yields(junction: Junction, node: Element, links: Sequence[Key]) -> None:
-    """Check that every movement that must give way in the junction gives way in SUMO, and not the other way round.
+    """Check that SUMO's network has the right of way of the junction.
 
-    An all-way stop is not checked, because there the arrival times decide. SUMO may require more: for movements without a
-    conflict in the junction, and for undecided pairs of movements.
+    Each movement that must give way to another movement in the junction must give way to it in SUMO, and not the other way round.
+    In SUMO, further pairs of movements may have to give way: pairs without a conflict in the junction, and undecided pairs. An
+    all-way stop is not checked, because at an all-way stop the arrival times decide who gives way.
 
     Args:
         junction: the junction with the intended right of way.
@@ -232,7 +256,7 @@ def check_yields(junction: Junction, node: Element, links: Sequence[Key]) -> Non
     """
     if node.get("type") == "allway_stop":
         return
-    # The last digit of a response belongs to link 0.
+    # SUMO writes the digits of a response from the last link to link 0, so the digits are reversed.
     rows = {links[int(item.attrib["index"])]: item.attrib["response"][::-1] for item in node.iter("request")}
     entrances, lights = junction.entrances, node.get("type") == "traffic_light"
     for (lower, higher), reason in (junction.yields or {}).items():
@@ -242,11 +266,11 @@ def check_yields(junction: Junction, node: Element, links: Sequence[Key]) -> Non
         lower_waits, higher_waits = rows[lower][links.index(higher)] == "1", rows[higher][links.index(lower)] == "1"
         if at_once and (higher_waits or not lower_waits):
             ways = f"the movement {lower[0]} to {lower[1]} gives way to the movement {higher[0]} to {higher[1]}"
-            raise _refused(junction, f"a right of way that SUMO's network does not have: {ways}")
+            raise _unsupported(junction, f"a right of way that SUMO's network does not have: {ways}")
 
 
-def _refused(junction: Junction, why: str) -> ScenarioError:
-    return ScenarioError(f"junction {junction.name!r} can't be simulated in SUMO, it has {why}: choose another simulator for it")
+def _unsupported(junction: Junction, why: str) -> ScenarioError:
+    return ScenarioError(f"junction {junction.name!r} can't be simulated in SUMO, it has {why}: choose another simulator")
 
 
 def signal_program(junction: Junction, plan: SignalPlan, links: Sequence[Key]) -> Element:
@@ -254,16 +278,14 @@ def signal_program(junction: Junction, plan: SignalPlan, links: Sequence[Key]) -
 
     Args:
         junction: a junction with lights at all entrances.
-        plan: the signal plan of these lights, beginning at time 0.
+        plan: the signal plan of these lights, whose first phase begins at time 0.
         links: the movement of each link, in the order of the link numbers.
     """
     logic = Element("tlLogic", id="J", type="static", programID="rvads", offset="0")
-    slot = GREEN + YELLOW + CLEARANCE
-    for turn in range(len(plan.groups)):
-        for duration, since in ((GREEN, 0.0), (YELLOW, GREEN), (CLEARANCE, GREEN + YELLOW)):
-            colours = plan.colours(turn * slot + since, len(junction.entrances))
-            state = "".join(_letter(junction, colours, key) for key in links)
-            SubElement(logic, "phase", duration=f"{duration:g}", state=state)
+    for begin, duration in plan.phases():
+        colours = plan.colours(begin, len(junction.entrances))
+        state = "".join(_letter(junction, colours, key) for key in links)
+        SubElement(logic, "phase", duration=f"{duration:g}", state=state)
     return logic
 
 
@@ -273,3 +295,70 @@ def _letter(junction: Junction, colours: Sequence[Colour], key: Key) -> str:
         return _LETTERS[colour]
     yields = junction.yields or {}
     return "g" if any(lower == key and colours[higher[0]] is Colour.GREEN for lower, higher in yields) else "G"
+
+
+def netconvert(files: Mapping[str, Element], *, left_hand: bool) -> Element:
+    """Return the network that netconvert makes from files in plain XML.
+
+    Args:
+        files: content of each input file, by the name of its option.
+        left_hand: whether traffic keeps left.
+
+    Raises:
+        RunError: netconvert is not installed, or failed.
+    """
+    program, home = program_and_home()
+    # File names are given without folders, because netconvert takes a comma in a path for the end of the path.
+    names = {option: f"{option}.xml" for option in files}
+    options = [f"--{option}={name}" for option, name in names.items()]
+    options += [*_NETCONVERT_OPTIONS, *(["--lefthand"] if left_hand else []), f"--output-file={_RESULT}"]
+    try:
+        with TemporaryDirectory(prefix="rvads-net-") as folder:
+            for option, root in files.items():
+                ElementTree(root).write(Path(folder, names[option]), encoding="utf-8")
+            messages = _call([program, *options], home, folder)
+            result = Path(folder, _RESULT)
+            content = result.read_bytes() if result.exists() else b""
+    except OSError as error:
+        raise RunError(f"files for SUMO's netconvert can't be written or read: {error}") from None
+    try:
+        return fromstring(content)
+    except ParseError:
+        raise RunError(f"SUMO's netconvert ({program}) made no network: {one_line(messages[-500:])}") from None
+
+
+def _call(command: Sequence[str], home: str | None, folder: str) -> str:
+    """Run netconvert in a folder and return its standard error."""
+    try:
+        finished = subprocess.run(
+            command,
+            cwd=folder,
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            timeout=_LONGEST_CALL,
+            check=False,
+            env=os.environ | ({"SUMO_HOME": home} if home else {}),
+        )
+    except (OSError, subprocess.TimeoutExpired) as error:
+        raise RunError(f"SUMO's netconvert can't be run: {one_line(str(error), 300)}") from None
+    return finished.stderr.decode(errors="replace")
+
+
+@lru_cache(maxsize=1)
+def program_and_home() -> tuple[str, str | None]:
+    """Return the path of netconvert and the path of SUMO's home, which is None if netconvert was found on the PATH.
+
+    netconvert is searched in the package eclipse-sumo, in the folder that SUMO_HOME names, and on the PATH, in this order.
+
+    Raises:
+        RunError: netconvert is not installed.
+    """
+    spec = find_spec("sumo")
+    homes = [*((spec and spec.submodule_search_locations) or ()), os.environ.get("SUMO_HOME", "")]
+    for home in map(os.path.abspath, filter(None, homes)):  # absolute, because netconvert runs in another folder
+        if program := shutil.which("netconvert", path=str(Path(home, "bin"))):
+            return program, home
+    program = shutil.which("netconvert")
+    if program is None:
+        raise RunError(needs("simulator 'sumo' makes networks by netconvert and", "eclipse-sumo", "sumo"))
+    return os.path.abspath(program), None

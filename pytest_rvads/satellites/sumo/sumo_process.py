@@ -1,4 +1,4 @@
-"""The process of SUMO as seen by its parent: started on demand, used for many runs, and replaced after a failure."""
+"""Starts and uses processes of SUMO: a process is started on demand, used for many runs, and replaced after a failure."""
 
 from __future__ import annotations
 
@@ -16,22 +16,22 @@ from typing import Any
 from pytest_rvads.drivers.stacks.child import Child, StackError, StackTimeout
 from pytest_rvads.satellites.sumo import libsumo_server
 from pytest_rvads.satellites.sumo.road_network import Network
-from pytest_rvads.simulators.choice import choice
+from pytest_rvads.simulators.patience import choice
 from pytest_rvads.support.errors import RunError
 from pytest_rvads.support.wording import one_line
 
 __all__ = ["SumoFailed", "SumoProcess", "acquire", "release"]
 
 _NO_LIMIT = 86400.0
-"""Limit of an answer if the session sets no limit [s]."""
+"""Longest real time to wait for an answer of SUMO if the session sets no limit for decisions [s]."""
 _OPTIONS = (
     "--step-length=0.01",
     "--no-step-log",
     "--duration-log.disable",
     "--xml-validation=never",
     "--xml-validation.net=never",
-    "--time-to-teleport=-1",  # never move a waiting vehicle elsewhere
-    "--collision.action=none",  # contacts are found by the boxes of the vehicles
+    "--time-to-teleport=-1",  # SUMO must not move a vehicle elsewhere that has waited long
+    "--collision.action=none",  # SUMO must not react to collisions, which `SumoWorld` finds by the boxes of the vehicles
     "--insertion-checks=none",  # keep the positions and speeds of the case
 )
 
@@ -68,28 +68,28 @@ class SumoProcess:
 
     @property
     def usable(self) -> bool:
-        """Whether the process can simulate."""
+        """Whether the process of SUMO still runs and was not closed."""
         return not self._closed and self._child.running
 
     @property
     def pid(self) -> int:
-        """Id of the process."""
+        """Id of the process of SUMO."""
         return self._child.pid
 
     def load(self, network: Network, routes: str, names: list[str], others: list[str], seed: int) -> array[float]:
-        """Begin a simulation, and return the first row, with the motions of the vehicles after their departure."""
+        """Begin a simulation, and return the motions of the vehicles after their departure."""
         return self._ask(do="load", options=self._options(network, routes, seed), names=names, others=others)
 
     def step(self, count: int, moved: Mapping[str, Sequence[float]], gone: list[str]) -> array[float]:
-        """Take `count` steps and return a row of each; `libsumo_server` explains rows and arguments."""
+        """Simulate `count` steps and return the motions after each step; `Server.step` explains arguments and result."""
         return self._ask(do="step", count=count, moved=moved, gone=gone)
 
     def brake(self, network: Network, routes: str, name: str) -> float:
-        """Return the braking distance of a vehicle alone on a road [m]; infinite if the road is too short."""
+        """Return the distance that a single vehicle on a road needs to stop [m]; infinite if it does not stop on the road."""
         return self._ask(do="brake", options=self._options(network, routes, 0), name=name)[0]
 
     def close(self) -> None:
-        """End the process."""
+        """End the process of SUMO."""
         self._closed = True
         if self.owner == os.getpid():
             self._child.close()
@@ -108,11 +108,11 @@ class SumoProcess:
             departures.write_text(routes, encoding="utf-8")
         except OSError as error:  # the folder was removed, or the disk is full
             raise self._failed(f"its files can't be written to {self._folder}: {error.strerror}") from None
-        # Names without folders: the server works in the folder, and SUMO ends a path at a comma.
+        # File names are given without the folder, in which the process works: SUMO takes a comma in a path for its end.
         return [*_OPTIONS, f"--net-file={net.name}", f"--route-files={departures.name}", f"--seed={seed}"]
 
     def _ask(self, **request: Any) -> array[float]:
-        """Send a request and return the numbers of the answer.
+        """Send a request to SUMO and return the numbers of its answer.
 
         Raises:
             SumoFailed: SUMO gave no answer within the limit for decisions, or the request failed.
@@ -126,7 +126,7 @@ class SumoProcess:
             raise self._failed(f"no answer within {limit:g} s of real time (--rvads-decision-limit)") from None
         except StackError as error:
             raise self._failed(f"{error}") from None
-        except BaseException:  # after an interrupt, an answer to this request may still come
+        except BaseException:  # after an interrupt, the answer could arrive late and be taken for the answer to another request
             self.close()
             raise
         if message := head.get("error"):
@@ -136,17 +136,17 @@ class SumoProcess:
     def _failed(self, why: str) -> SumoFailed:
         detail = self._child.tail()
         self.close()
-        return SumoFailed(f"SUMO (libsumo): {why}", detail)  # no numbers that vary, because the reason is part of the run's hash
+        return SumoFailed(f"SUMO (libsumo): {why}", detail)  # the reason is part of the run's hash: no numbers that vary
 
 
 _FREE: list[SumoProcess] = []
-"""Running processes without a simulation, kept because starting a process takes a third of a second."""
+"""Running processes that simulate nothing now; they are used again, because starting a process takes a third of a second."""
 _PARENTS: list[SumoProcess] = []
-"""SUMO processes of the parent of a forked process. They are kept alive here, because their destructor would end them."""
+"""In a forked process, objects for SUMO processes of its parent; they are kept, because deleting them would end the processes."""
 
 
 def acquire() -> SumoProcess:
-    """Return a free process, or start a process."""
+    """Return a running SUMO process that simulates nothing; start a process if there is none."""
     while _FREE:
         process = _FREE.pop()
         if process.usable:
@@ -156,7 +156,7 @@ def acquire() -> SumoProcess:
 
 
 def release(process: SumoProcess) -> None:
-    """Return a process to the free processes, for the next simulation."""
+    """Make a SUMO process available to the next call of `acquire`."""
     if process.usable:
         _FREE.append(process)
 

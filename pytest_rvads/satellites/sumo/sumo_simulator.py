@@ -1,7 +1,7 @@
 """The simulator ``sumo``: runs of cases in which SUMO's models drive the vehicles with the driver `SumoDriver`.
 
-Every other vehicle is driven by its own driver and moved by the vehicle dynamics of this package, because a verdict must be about
-the named driver. SUMO runs in another process, and a crash or a hang of SUMO costs a single run.
+A vehicle with another driver is moved by the commands of that driver and by the vehicle dynamics of this package, because a
+verdict must be about the driver that was named. SUMO runs in another process, so that a crash or hang of SUMO ends a single run.
 """
 
 from __future__ import annotations
@@ -17,47 +17,45 @@ from types import MappingProxyType
 
 from pytest_rvads.drivers.traffic import SumoDriver
 from pytest_rvads.physics import engines
-from pytest_rvads.physics.braking import FASTEST, check_start, greatest_safe, vmax
-from pytest_rvads.physics.cache import cached
+from pytest_rvads.physics.braking import FASTEST, cached, check_start, greatest_safe, vmax
 from pytest_rvads.runs.run import Run
-from pytest_rvads.runs.vehicle import Vehicle
+from pytest_rvads.runs.states import Vehicle
 from pytest_rvads.satellites.sumo.road_network import straight
 from pytest_rvads.satellites.sumo.sumo_process import acquire, release
 from pytest_rvads.satellites.sumo.sumo_world import SumoWorld, lone_departure
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.forks import forks
 from pytest_rvads.scenarios.senses import Senses
-from pytest_rvads.simulators.loop import Loop
-from pytest_rvads.simulators.planar import usual
+from pytest_rvads.simulators.loop import Loop, usual
 from pytest_rvads.support.errors import ScenarioError, needs, require
-from pytest_rvads.support.versions import versions
+from pytest_rvads.support.installed import versions
 
 __all__ = ["Sumo", "sumo"]
 
 SEED = 23423
-"""SUMO's default seed; the seed of a scenario's senses is added."""
+"""SUMO's default seed; a run uses the sum of this seed and the seed of the scenario's senses."""
 _SEED_BOUND = 2**31
-"""Upper bound of SUMO's seeds."""
+"""Upper bound of SUMO's seeds, exclusive."""
 _ROAD = 5000.0
-"""Length of the road for tests of braking [m]; a vehicle that has not stopped at its end counts as unable to stop."""
+"""Length of the road on which braking distances are measured [m]; a vehicle that does not stop on it counts as unable to stop."""
 _FIXED_ATTRIBUTES = ("id", "length", "width", "height")
-"""Attributes of vehicle types that follow from the case."""
+"""Attributes of vehicle types that the case determines, so that users can't set them."""
 _LIBRARIES = ("libsumo", "eclipse-sumo")
 
 
 class Sumo:
     """SUMO's microscopic traffic simulation, in steps of 0.01 s.
 
-    SUMO's models move the vehicles with the driver `SumoDriver` along their lanes. All other vehicles are driven as in every
-    simulator and moved by the vehicle dynamics of this package. SUMO gets their positions in every step.
+    SUMO's models move the vehicles with the driver `SumoDriver` along their lanes. Vehicles with other drivers are driven as in
+    every simulator and moved by the vehicle dynamics of this package. SUMO gets the positions of these vehicles in every step.
 
     Args:
-        attributes: attributes of the types of all vehicles in SUMO, in place of SUMO's defaults, such as ``sigma=0`` or
-            ``jmTimegapMinor=2``; see SUMO's page "Definition of Vehicles, Vehicle Types, and Routes". Sizes are the sizes of the
-            case's vehicles.
+        attributes: attributes of the vehicle types in SUMO that replace SUMO's defaults for all vehicles, such as ``sigma=0`` or
+            ``jmTimegapMinor=2``; see SUMO's page "Definition of Vehicles, Vehicle Types, and Routes". The sizes of vehicles can't
+            be set, because the case determines them.
 
     Raises:
-        ScenarioError: a name is no attribute, a value is no number or text, or the attribute follows from the case.
+        ScenarioError: a name is no name of an attribute, a value is no number or text, or the case determines the attribute.
     """
 
     name = "sumo"
@@ -81,12 +79,12 @@ class Sumo:
     def __call__(self, case: Case) -> Run:
         """Simulate a case, see `pytest_rvads.simulators.simulator.simulate`.
 
-        A case without a vehicle for SUMO is simulated by the default simulator, and the provenance of the run names this
-        simulator.
+        A case in which no vehicle has the driver `SumoDriver` is simulated by the default simulator, which the provenance of the
+        run names.
 
         Raises:
-            ScenarioError: SUMO can't represent the junction, SUMO's driver has senses that are not ideal, or two entrances share
-                a lane at the starts.
+            ScenarioError: SUMO can't represent the junction, `SumoDriver` has senses that are not ideal, or vehicles of two
+                entrances start where the lanes of these entrances are still one lane.
             RunError: SUMO or netconvert is not installed or failed.
         """
         _check_installation()
@@ -99,10 +97,10 @@ class Sumo:
         return replace(run, provenance={**run.provenance, "sumo": {"seed": seed, "attributes": dict(self.attributes)}})
 
     def vmax(self, distance: float, aggression: int = 1, vehicle: Vehicle | None = None) -> float | None:
-        """Return the greatest safe speed before the stopping line, for SUMO's vehicles and for all other vehicles [m/s].
+        """Return the greatest speed [m/s] from which every vehicle can stop within a distance before its stopping line.
 
-        For SUMO's vehicles the speed is found by tests of braking in SUMO, whose brakes have no lag. For all other vehicles the
-        speed is the result of `pytest_rvads.physics.braking.vmax`. The smaller of both speeds is returned.
+        For vehicles that SUMO drives, the speed is found by braking in SUMO, whose brakes have no lag. For vehicles with other
+        drivers, the speed is the result of `pytest_rvads.physics.braking.vmax`. The smaller of the two speeds is returned.
 
         Args:
             distance: distance from the front to the stopping line [m].
@@ -110,7 +108,7 @@ class Sumo:
             vehicle: parameters of the vehicle; None for a passenger car.
 
         Returns:
-            The speed [m/s]; None if no speed is safe.
+            The speed [m/s]; None if a vehicle can't stop within the distance from any speed.
 
         Raises:
             ScenarioError: the distance is negative or not finite, or the aggression is unknown.
@@ -121,7 +119,7 @@ class Sumo:
         attributes = dict(self.attributes)
         values = {"distance": float(distance), "aggression": aggression, "vehicle": asdict(body), "attributes": attributes}
         cache_key = {"what": self.name, "up to": FASTEST} | values
-        limit_of_sumo = cached(cache_key, lambda: self._tested(distance, aggression, body), *_LIBRARIES)
+        limit_of_sumo = cached(cache_key, lambda: self._measured_vmax(distance, aggression, body), *_LIBRARIES)
         limit_of_dynamics = vmax(distance, aggression, body, limit=FASTEST)
         return None if limit_of_sumo is None or limit_of_dynamics is None else min(limit_of_sumo, limit_of_dynamics)
 
@@ -129,7 +127,7 @@ class Sumo:
         arguments = ", ".join(f"{name}={value}" for name, value in self.attributes.items())
         return f"rvads.Sumo({arguments})" if arguments else "rvads.sumo"
 
-    def _tested(self, distance: float, aggression: int, vehicle: Vehicle) -> float | None:
+    def _measured_vmax(self, distance: float, aggression: int, vehicle: Vehicle) -> float | None:
         _check_installation()
         road, process = straight(_ROAD), acquire()
         try:
@@ -143,18 +141,24 @@ class Sumo:
 
 
 def _columns_driven_by_sumo(case: Case) -> tuple[int, ...]:
-    """Return the columns of the vehicles that SUMO drives.
+    """Return the columns (positions among the agents of a case) of the vehicles that SUMO drives.
 
     Raises:
-        ScenarioError: SUMO's driver has senses that are not ideal, or two entrances share a lane at the starts.
+        ScenarioError: `SumoDriver` has senses that are not ideal, or vehicles of two entrances start where the lanes of these
+            entrances are still one lane.
     """
-    scenario, agents = case.scenario, case.agents()
+    scenario, agents = case.scenario, case.vehicles()
     drivers = [case.driver if case.traffic is None or a.name == scenario.under_test else case.traffic for a in agents]
     driven = tuple(column for column, driver in enumerate(drivers) if driver is SumoDriver)
     if case.driver is SumoDriver and scenario.senses != Senses(seed=scenario.senses.seed):
         raise ScenarioError(
             f"SUMO's driver has ideal senses and no delay, got senses with {scenario.senses.label} in {scenario.name}: choose "
             "ideal senses, or name another driver"
+        )
+    if driven and scenario.pedestrians:
+        raise ScenarioError(
+            f"SUMO's driver does not see pedestrians, and {scenario.name} has some: leave the pedestrians out, or name another "
+            "driver"
         )
     farthest = {agent.entrance: distance for agent, (distance, _) in zip(agents, case.starts(), strict=True)}
     for fork in forks(scenario.place) if driven else ():
@@ -169,7 +173,9 @@ def _columns_driven_by_sumo(case: Case) -> tuple[int, ...]:
 
 def _check_installation() -> None:
     if os.name != "posix":
-        raise ScenarioError(f"simulator 'sumo' runs SUMO in a process of its own on POSIX systems, this one is {os.name!r}")
+        raise ScenarioError(
+            f"simulator 'sumo' needs a POSIX system for the process of SUMO, got {os.name!r}: choose another simulator"
+        )
     if not find_spec("libsumo"):
         raise ScenarioError(needs("simulator 'sumo'", "libsumo", "sumo"))
 

@@ -1,6 +1,6 @@
-"""The world of the simulator ``sumo``: SUMO moves its vehicles, and a physics engine moves all other vehicles.
+"""The world of the simulator ``sumo``: SUMO moves the vehicles with SUMO's driver, and a physics engine moves all other vehicles.
 
-SUMO gets the positions of the engine's vehicles in every step, so that its vehicles react to them.
+SUMO gets the positions of the engine's vehicles in every step, so that SUMO's vehicles react to the engine's vehicles.
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ from xml.etree.ElementTree import Element, SubElement, tostring
 
 from pytest_rvads.logic.conduct.bodies import Box, gap
 from pytest_rvads.physics import engines
-from pytest_rvads.physics.world import Motion, World
+from pytest_rvads.physics.body import Motion, World
 from pytest_rvads.runs.run import DT, Halt
-from pytest_rvads.runs.vehicle import Vehicle
+from pytest_rvads.runs.states import Vehicle
 from pytest_rvads.satellites.sumo.road_network import lane_in, lane_limit, lane_out, network
 from pytest_rvads.satellites.sumo.sumo_process import SumoFailed, acquire, release
 from pytest_rvads.scenarios.case import Case
@@ -25,23 +25,24 @@ __all__ = ["SumoWorld", "departures", "lone_departure"]
 
 
 _EMERGENCY = 9.0
-"""SUMO's own deceleration in an emergency [m/s^2]."""
+"""SUMO's default for the deceleration of a vehicle in an emergency [m/s^2]."""
 
 
 _AHEAD = 100
-"""Steps per call if SUMO drives all vehicles; the results equal those of single steps."""
+"""Steps per request if SUMO drives all vehicles; the motions are the same as with single steps."""
 _EXACT = 0.01
-"""Largest deviation of a departure in SUMO from the start [m], [m/s]: joints of lanes may have gaps of this size."""
+"""Largest difference between departure in SUMO and start of the case [m], [m/s]; joints between lanes can have such gaps."""
 
 
 class SumoWorld:
     """A `World` in which SUMO drives some vehicles.
 
-    A vehicle of SUMO touches another vehicle if the boxes of both overlap. Such a contact has no effect on the motions.
+    A vehicle of SUMO is in contact with another vehicle if the boxes of the two vehicles overlap. Such a contact has no effect on
+    the motions.
 
     Args:
         case: the case to simulate.
-        driven: columns of SUMO's vehicles, at least one.
+        driven: columns (positions among the agents of the case) of the vehicles that SUMO drives, at least one.
         seed: seed of SUMO's random numbers.
         attributes: attributes of the vehicle types, see `departures`.
         vehicles: parameters of the vehicle in each column.
@@ -62,7 +63,7 @@ class SumoWorld:
         vehicles: Sequence[Vehicle],
         starts: Sequence[Motion],
     ) -> None:
-        self._names = [agent.name for agent in case.agents()]
+        self._names = [agent.name for agent in case.vehicles()]
         self._vehicles = list(vehicles)
         self._driven = sorted(driven)
         self._ours = [column for column in range(len(vehicles)) if column not in driven]
@@ -76,7 +77,7 @@ class SumoWorld:
             others = [self._names[column] for column in self._ours]
             row = self._sumo.load(net, departures(case, attributes), self._names, others, seed)
             self._motions = list(starts)
-            self._motions = self._moved(row, 0)
+            self._motions = self._motions_from(row, 0)
             self._check_departures(starts)
             if self._ours:
                 self._plane = engines.usual().world([vehicles[k] for k in self._ours], [starts[k] for k in self._ours])
@@ -87,13 +88,13 @@ class SumoWorld:
         self._before, self._touching = self._motions, self._contacts_in_plane()
 
     def motions(self) -> list[Motion]:
-        """Return the motion of every vehicle."""
+        """Return the present motion of every vehicle."""
         return list(self._motions)
 
     def step(self, forces: Sequence[float]) -> None:
-        """Advance by a step: the vehicles of the engine move under `forces`, and SUMO moves its vehicles.
+        """Advance by one time step: the vehicles of the engine move under `forces`, and SUMO moves its vehicles.
 
-        SUMO's vehicles react to the positions before the step.
+        SUMO's vehicles react to the positions that the other vehicles had before the step.
 
         Raises:
             Halt: SUMO ended or does not answer.
@@ -107,13 +108,13 @@ class SumoWorld:
                 self._advance()
         except SumoFailed as error:
             raise Halt(self._names[self._driven[0]], str(error), error.detail) from None
-        self._motions = self._moved(self._rows, self._next)
+        self._motions = self._motions_from(self._rows, self._next)
         self._next += 4 * len(self._names)
         if self._plane is not None:
             self._copy_motions(self._plane)
 
     def contacts(self) -> list[tuple[int, int]]:
-        """Return the pairs of vehicles that touched at the start of the last step."""
+        """Return the pairs of vehicles that were in contact at the beginning of the latest step."""
         pairs = set(self._touching)
         for first, second in combinations(range(len(self._names)), 2):
             if (
@@ -125,20 +126,20 @@ class SumoWorld:
         return sorted(pairs)
 
     def remove(self, body: int) -> None:
-        """Remove a vehicle; SUMO removes its own vehicles at the end of their ways."""
+        """Remove a vehicle from the physics engine; SUMO removes its own vehicles at the end of their ways."""
         self._gone.add(body)
         if body in self._ours and self._plane is not None:
             self._plane.remove(self._ours.index(body))
             self._leaving.append(self._names[body])
 
     def close(self) -> None:
-        """Close the engine, and release SUMO for the next world."""
+        """Close the physics engine, and release the process of SUMO for the next simulation."""
         if self._plane is not None:
             self._plane.close()
         release(self._sumo)
 
     def _advance(self) -> None:
-        """Let SUMO take the next steps: a single step if other vehicles are simulated outside SUMO and have to be moved."""
+        """Let SUMO simulate `_AHEAD` steps, or a single step if there are vehicles that the engine moves."""
         if self._plane is None:
             self._rows = self._sumo.step(_AHEAD, {}, [])
         else:
@@ -148,17 +149,22 @@ class SumoWorld:
         self._next = 0
 
     def _copy_motions(self, plane: World) -> None:
-        """Copy the motions of the engine's vehicles."""
+        """Take over the motions of the vehicles that the physics engine moves."""
         for column, motion in zip(self._ours, plane.motions(), strict=True):
             self._motions[column] = motion
 
-    def _moved(self, rows: array[float], first: int) -> list[Motion]:
-        """Return the motions of all vehicles, with SUMO's vehicles moved to the row that begins at index `first` of `rows`."""
+    def _motions_from(self, rows: array[float], first: int) -> list[Motion]:
+        """Return the motions of all vehicles, with new motions of SUMO's vehicles from SUMO's answer.
+
+        Args:
+            rows: the numbers of the answer, four per step and vehicle.
+            first: index in `rows` of the first number of the step.
+        """
         motions = list(self._motions)
         for column in self._driven:
             x, y, heading, speed = rows[first + 4 * column : first + 4 * column + 4]
             before = motions[column]
-            if math.isnan(x):  # the vehicle has arrived and goes straight on until it counts as gone
+            if math.isnan(x):  # the vehicle has left SUMO; it continues straight until its zone is gone
                 motions[column] = before._replace(x=before.x + before.vx * DT, y=before.y + before.vy * DT, yaw_rate=0.0)
                 continue
             yaw = before.yaw + math.remainder(math.radians(90.0 - heading) - before.yaw, math.tau)
@@ -168,13 +174,13 @@ class SumoWorld:
         return motions
 
     def _front(self, column: int, motion: Motion) -> tuple[float, float, float, float]:
-        """Return a vehicle's position in SUMO's terms: front bumper [m], heading clockwise from north [degrees], speed [m/s]."""
+        """Return a motion in SUMO's terms: x, y of the front bumper [m], heading clockwise from north [degrees], speed [m/s]."""
         cos, sin, ahead = math.cos(motion.yaw), math.sin(motion.yaw), self._vehicles[column].gravity_offset
         heading = (90.0 - math.degrees(motion.yaw)) % 360.0
         return motion.x + ahead * cos, motion.y + ahead * sin, heading, motion.vx * cos + motion.vy * sin
 
     def _check_departures(self, starts: Sequence[Motion]) -> None:
-        """Check that SUMO's vehicles depart with the positions, headings and speeds of `starts`."""
+        """Check that SUMO's vehicles depart with the positions and speeds of `starts`, and set their yaw rates to 0."""
         for column in self._driven:
             x, y, _, speed = self._front(column, self._motions[column])
             expected = self._front(column, starts[column])
@@ -191,7 +197,7 @@ class SumoWorld:
         )
 
     def _overlap(self, first: int, second: int) -> bool:
-        """Return whether the boxes of two vehicles overlapped before the last step."""
+        """Return whether the boxes of two vehicles overlapped at the beginning of the latest step."""
         return gap(self._box(first), self._box(second)) < 0.0
 
     def _box(self, column: int) -> Box:
@@ -202,26 +208,26 @@ class SumoWorld:
 
 
 def departures(case: Case, attributes: Mapping[str, str]) -> str:
-    """Return the content of a route file (page "Definition of Vehicles, Vehicle Types, and Routes" of SUMO).
+    """Return the content of SUMO's route file for a case (page "Definition of Vehicles, Vehicle Types, and Routes" of SUMO).
 
-    Every vehicle departs at time 0. The vehicles have the order of their creation.
+    Every vehicle departs at time 0. The vehicles stand in the order of their creation.
 
     Args:
         case: the case to simulate.
-        attributes: attributes of the vehicle types, which replace the attributes that follow from the vehicles.
+        attributes: attributes of the vehicle types, which replace the attributes made from the vehicle parameters.
     """
     scenario, root = case.scenario, Element("routes")
     created = scenario.creation.index
-    rows = sorted(zip(case.agents(), case.starts(), strict=True), key=lambda row: created(row[0].entrance))
+    rows = sorted(zip(case.vehicles(), case.starts(), strict=True), key=lambda row: created(row[0].entrance))
     for agent, (distance, speed) in rows:
         vehicle = case.fleet.of(agent.name)
         _add_type(root, agent.name, vehicle, scenario.aggression, attributes)
         (start, lane), (end, exit_lane) = lane_in(scenario.place, agent.entrance), lane_out(scenario.place, agent.exit)
-        # The position of a vehicle in SUMO is the position of its front bumper, too.
+        # SUMO's position of a vehicle is the position of its front bumper, as in a scenario.
         place = scenario.place.approach(agent.entrance) - distance
         speed = min(
             speed, lane_limit(scenario.place.way_in(agent.entrance), -1)
-        )  # vehicles with another driver are moved from outside
+        )  # SUMO refuses higher speeds; vehicles with another driver get their speed in the first step
         _add_vehicle(root, agent.name, (start, end), (lane, exit_lane), place, speed)
     return tostring(root, encoding="unicode")
 

@@ -1,1 +1,1 @@
-"""Recorded traffic from elsewhere: logs are read, every vehicle is matched to a way through a junction, and cleaned."""
+"""Imports logs of recorded traffic: each vehicle is matched to a way (a path through a junction), and noise is smoothed away."""

@@ -1,8 +1,9 @@
-"""Tracks in CSV files: files of the data sets inD and INTERACTION, and other files by the names of their columns."""
+"""Reads tracks from CSV files: files of the data sets inD and INTERACTION, and other files by the names of their columns."""
 
 from __future__ import annotations
 
 import csv
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import islice
@@ -10,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pytest_rvads.satellites.tracks.samples import Log, kind_of
+from pytest_rvads.satellites.tracks.samples import Log
 from pytest_rvads.satellites.tracks.source import Source, Watch, opened
 from pytest_rvads.satellites.tracks.table import TEXTS, Column, Rows, columns_of, log_of, numbers_of
 from pytest_rvads.support.errors import RunError
@@ -20,52 +21,69 @@ __all__ = ["read_csv", "read_ind", "read_interaction", "rows_of", "wrong_cells"]
 _BATCH = 20_000
 """Number of rows that are converted together."""
 _LONGEST, _COLUMNS = 2**15, 1000
-"""Longest row [bytes] and most columns, because `_BATCH` rows are in memory together."""
+"""Greatest length of a row [bytes], and largest number of columns; both limit the memory of a batch of `_BATCH` rows."""
 _DELIMITERS = ",;\t"
 
 
 def read_csv(
-    path: Path, columns: Mapping[str, str] | None, *, strict: bool, watch: Watch | None, preset: str | None = None
+    path: Path,
+    columns: Mapping[str, str] | None,
+    *,
+    strict: bool,
+    watch: Watch | None,
+    preset: str | None = None,
+    classes: Mapping[str, str] | None = None,
 ) -> Log:
-    """Return the vehicles of a CSV file; `columns_of` explains `columns` and `preset`.
+    """Return the vehicles of a CSV file; `columns_of` explains `columns` and `preset`, and `log_of` explains `classes`.
 
     Raises:
-        RunError: the file can't be read, lacks a column, or has a bad row while reading is `strict`.
+        RunError: the file can't be read, lacks a column, or has a bad row and `strict` is set.
     """
     with opened(path, watch) as source:
         rows = rows_of(source)
         names = next(rows, (0, []))[1]
         fields = columns_of(columns, names, source.where, preset=preset)
-        return log_of(_batches(rows, names, fields), fields, source.where, strict=strict)
+        return log_of(_batches(rows, names, fields), fields, source.where, strict=strict, classes=classes)
 
 
 def read_ind(path: Path, columns: Mapping[str, str] | None, *, strict: bool, watch: Watch | None) -> Log:
     """Return the vehicles of ``NN_tracks.csv`` of the data sets inD, rounD, exiD and uniD.
 
-    Frame rate and classes are read from ``NN_recordingMeta.csv`` and ``NN_tracksMeta.csv`` if the folder has these files.
+    Frame rate and UTM coordinates of the origin are read from ``NN_recordingMeta.csv``, and classes from ``NN_tracksMeta.csv``,
+    if the folder has these files.
     """
     named_columns = dict(columns or {})
     stem = path.name.partition("_tracks")[0]
+    utm: complex | None = None
     for row in _rows_of_neighbour(path, f"{stem}_recordingMeta.csv"):
         if "time" not in named_columns and row.get("frameRate"):
             named_columns["time"] = f"frame:{row['frameRate']}hz"
-    log = read_csv(path, named_columns, strict=strict, watch=watch, preset="ind")
+        (east, north), _ = numbers_of([row.get("xUtmOrigin", ""), row.get("yUtmOrigin", "")])
+        utm = complex(east, north) if math.isfinite(east + north) else None
     classes = {
         row["trackId"]: row["class"]
         for row in _rows_of_neighbour(path, f"{stem}_tracksMeta.csv")
         if {"trackId", "class"} <= row.keys()
     }
-    vehicles = (replace(v, kind=kind_of(classes[v.name])) if v.name in classes else v for v in log.vehicles)
-    return replace(log, vehicles=tuple(vehicles))
+    log = read_csv(path, named_columns, strict=strict, watch=watch, preset="ind", classes=classes)
+    return replace(log, utm=utm)
 
 
 def read_interaction(path: Path, columns: Mapping[str, str] | None, *, strict: bool, watch: Watch | None) -> Log:
-    """Return the vehicles of a file of the data set INTERACTION."""
-    return read_csv(path, columns, strict=strict, watch=watch, preset="interaction")
+    """Return the vehicles of a file of the data set INTERACTION.
+
+    The pedestrians and cyclists beside ``vehicle_tracks_NNN.csv`` are read from ``pedestrian_tracks_NNN.csv``, if it is there.
+    """
+    log = read_csv(path, columns, strict=strict, watch=watch, preset="interaction")
+    on_foot = path.with_name(path.name.replace("vehicle_tracks", "pedestrian_tracks"))
+    if on_foot == path or not on_foot.is_file():
+        return log
+    beside = read_csv(on_foot, columns, strict=strict, watch=None, preset="interaction")
+    return replace(log, vehicles=log.vehicles + beside.vehicles, refused=log.refused + beside.refused)
 
 
 def _rows_of_neighbour(path: Path, name: str) -> Iterator[dict[str, str]]:
-    """Yield the rows of another file in the folder of `path`; nothing if the folder has no such file."""
+    """Yield the rows of the CSV file `name` in the folder of `path`, by column; no rows if the folder has no such file."""
     neighbour = path.with_name(name)
     if neighbour.is_file():
         with opened(neighbour) as source:
@@ -76,9 +94,9 @@ def _rows_of_neighbour(path: Path, name: str) -> Iterator[dict[str, str]]:
 
 
 def rows_of(source: Source) -> Iterator[tuple[int, list[str]]]:
-    """Yield the rows of a CSV file that are not empty, each with its line number. The first row holds the column names.
+    """Yield the cells of each row of a CSV file with its line number. The first row holds the column names.
 
-    A row is one line. A line with a quote that is not closed gives a row without cells.
+    Empty lines are skipped. A row is one line. A line with a quote that is not closed gives a row without cells.
 
     Raises:
         RunError: the file has no row of column names, or a line or the number of columns exceeds its bound.
@@ -99,14 +117,14 @@ def rows_of(source: Source) -> Iterator[tuple[int, list[str]]]:
 
 
 def wrong_cells(cells: Sequence[str], names: Sequence[str]) -> str:
-    """Return in words why a row does not have a cell per column."""
+    """Return, in words, how the number of cells in a row differs from the number of columns."""
     if not cells:
         return "a quote in the row is not closed"
     return f"the row has {len(cells)} cells, expected {len(names)} as in row 1"
 
 
 def _cells(line: str, delimiter: str) -> list[str]:
-    """Return the cells of a line; none if a quote is not closed."""
+    """Return the cells of a line of CSV; no cells if a quote is not closed."""
     if '"' not in line:
         return line.rstrip("\r\n").split(delimiter, _COLUMNS)
     try:
@@ -116,7 +134,7 @@ def _cells(line: str, delimiter: str) -> list[str]:
 
 
 def _batches(rows: Iterator[tuple[int, list[str]]], names: Sequence[str], columns: Mapping[str, Column]) -> Iterator[Rows]:
-    """Yield batches of rows, each with its numbers and texts by field."""
+    """Yield batches of rows, in which the cells are converted to numbers and texts by field."""
     places = {field: list(names).index(column.name) for field, column in columns.items()}
     while batch := list(islice(rows, _BATCH)):
         lines = np.array([line for line, _ in batch], dtype=np.int64)

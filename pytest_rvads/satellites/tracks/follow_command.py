@@ -1,4 +1,4 @@
-"""``rvads check --follow``: judges traffic while the traffic is being recorded."""
+"""The command ``rvads check --follow``: judges traffic while the traffic is being recorded."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Any
 
-from pytest_rvads.cli.common import LINE_LIMIT, say, warn
+from pytest_rvads.cli.common import LINE_LIMIT, MAP_FORMATS, named_rules, say, warn
 from pytest_rvads.satellites.tracks.import_command import INTAKE, add_intake, intake_of
 from pytest_rvads.support.errors import RunError
 
@@ -25,9 +25,9 @@ if TYPE_CHECKING:
 __all__ = ["declare", "follow"]
 
 _MOST_SHOWN = 20
-"""Most messages about omitted lines; further omitted lines are only counted."""
+"""Largest number of messages about omitted lines; further omitted lines are only counted."""
 _POLL = 0.2
-"""Time between two reads of a file that has not grown [s]."""
+"""Wait before a file that has not grown is read again [s]."""
 
 
 def declare(check: argparse.ArgumentParser) -> None:
@@ -37,14 +37,16 @@ def declare(check: argparse.ArgumentParser) -> None:
         action="store_true",
         help="judge states as FILE grows (- for standard input): a state per line, in JSON; print each verdict when it is final",
     )
-    check.add_argument("--map", metavar="FILE", help="with --follow, the OpenDRIVE file of a junction given by id")
+    check.add_argument("--map", metavar="FILE", help=f"with --follow, the map file ({MAP_FORMATS}) of a junction given by id")
     check.add_argument("--junction", metavar="NAME", help="with --follow, the junction: a built-in name, or an id in --map")
     add_intake(check.add_argument_group("with --follow, as with rvads import"))
     check.add_argument("--strict", action="store_true", help="with --follow, stop at the first line that is no state")
 
 
 def refuse_without(options: argparse.Namespace) -> None:
-    """Check that no option of ``--follow`` is given without ``--follow``: files of runs hold their junction and their accuracy.
+    """Check that no option of ``--follow`` is given without ``--follow``.
+
+    Without ``--follow``, ``rvads check`` reads files of runs, which hold the junction and the accuracy themselves.
 
     Raises:
         RunError: an option of ``--follow`` is given without ``--follow``.
@@ -60,7 +62,6 @@ def refuse_without(options: argparse.Namespace) -> None:
 
 def follow(options: argparse.Namespace) -> int:
     """Judge states until the end of the input or until Ctrl-C, and return the exit status."""
-    from pytest_rvads.cli.answers import named_rules
     from pytest_rvads.geometry.finder import find
     from pytest_rvads.satellites.tracks.streaming import Stream
 
@@ -99,25 +100,25 @@ def follow(options: argparse.Namespace) -> int:
 
 
 class _Interrupt:
-    """Lets Ctrl-C end the reading of lines, but not the judging and writing of verdicts."""
+    """A context in which Ctrl-C ends the reading of lines, but does not interrupt the judging and printing of verdicts."""
 
     def __init__(self) -> None:
         self._reading = self._interrupted = False
 
     def __enter__(self) -> _Interrupt:
-        self._before = signal.signal(signal.SIGINT, self._note)
+        self._before = signal.signal(signal.SIGINT, self._note_interrupt)
         return self
 
     def __exit__(self, *_: object) -> None:
         signal.signal(signal.SIGINT, self._before)
 
-    def _note(self, _signal: int, _frame: FrameType | None) -> None:
+    def _note_interrupt(self, _signal: int, _frame: FrameType | None) -> None:
         self._interrupted = True
         if self._reading:
             raise KeyboardInterrupt
 
     def until(self, lines: Iterator[bytes]) -> Iterator[bytes]:
-        """Yield lines until the end of the input, or until Ctrl-C."""
+        """Yield the given lines until they end, or until Ctrl-C."""
         while not self._interrupted:
             self._reading = True
             try:
@@ -132,16 +133,16 @@ class _Interrupt:
 
 
 class _Judge:
-    """Judges runs and prints the verdicts of the instances."""
+    """Judges runs by rules, and prints a line per instance of a rule (the rule for certain vehicles) that is not NA."""
 
     def __init__(self, rules: Sequence[Rule], *, as_json: bool) -> None:
         self._rules = rules
         self._print: Callable[[dict[str, Any]], None] = _print_json if as_json else _print_text
         self.counts: Counter[str] = Counter()
-        """Number of instances by status."""
+        """Number of printed instances by status, and of runs without a verdict as ``ERROR``."""
 
     def judge(self, runs: Iterator[Run]) -> None:
-        """Judge runs one after the other, each before the next run is read."""
+        """Judge runs as they arrive: the verdicts on a run are printed before the iterator is asked for another run."""
         from pytest_rvads.logic.check import check
 
         for run in runs:
@@ -158,8 +159,8 @@ class _Judge:
             if instance.status == "NA":
                 continue
             self.counts[instance.status.value] += 1
-            who = {"rule": verdict.rule, "status": instance.status.value, "binding": dict(instance.binding)}
-            self._print(who | measured(verdict, instance))
+            instance_facts = {"rule": verdict.rule, "status": instance.status.value, "binding": dict(instance.binding)}
+            self._print(instance_facts | measured(verdict, instance))
 
     def status(self) -> int:
         """Return the exit status of ``rvads check`` for the counted verdicts."""
@@ -185,7 +186,7 @@ def _print_text(answer: dict[str, Any]) -> None:
 
 
 def _lines(file: str) -> Iterator[bytes]:
-    """Yield whole lines: of standard input until its end, or of a growing file without an end.
+    """Yield whole lines: of standard input until its end, or of a growing file without end.
 
     Raises:
         RunError: the file can't be read, or a line is too long.
@@ -207,7 +208,7 @@ def _lines(file: str) -> Iterator[bytes]:
 
 
 def _whole_lines(read: Callable[[], bytes], where: str) -> Iterator[bytes]:
-    """Yield lines joined from the parts that `read` returns."""
+    """Yield whole lines, joined from the parts of lines that `read` returns while a line is being written."""
     line = b""
     while part := read():
         line += part

@@ -1,4 +1,4 @@
-"""``rvads import``: matches a log of traffic to a junction and writes a recording.
+"""The command ``rvads import``: matches a log of traffic to a junction and writes a recording.
 
 `add_intake` and `intake_of` hold the options that `rvads import` shares with `rvads check --follow`.
 """
@@ -9,18 +9,21 @@ import argparse
 import json
 import math
 from collections import Counter
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pytest_rvads.cli.common import Subparsers, progress, say, warn
-from pytest_rvads.geometry.turn_words import turn_word
+from pytest_rvads.cli.common import MAP_FORMATS, Subparsers, progress, say, warn
+from pytest_rvads.geometry.turns import turn_word
 from pytest_rvads.support.errors import RunError
 
 if TYPE_CHECKING:
     from pytest_rvads.runs.recording import Recording
+    from pytest_rvads.satellites.tracks.aligning import Misalignment
     from pytest_rvads.satellites.tracks.importing import Intake
     from pytest_rvads.satellites.tracks.logformats import Point
+    from pytest_rvads.satellites.tracks.samples import Log
 
 __all__ = ["INTAKE", "add_intake", "declare", "intake_of"]
 
@@ -28,18 +31,20 @@ __all__ = ["INTAKE", "add_intake", "declare", "intake_of"]
 INTAKE = ("point", "size", "offset", "position_accuracy", "speed_accuracy", "speed_limit")
 """Names of the parsed options of `add_intake`."""
 _MOST_SHOWN = 3
-"""Most reasons for omitted vehicles, and most reused ids, that are shown without ``-v``."""
+"""Without ``-v``, largest number of reasons for omitted vehicles that are shown, and largest number of reused ids."""
 
 
 def declare(commands: Subparsers) -> None:
-    """Add the command of this module."""
+    """Add the command ``rvads import`` to the parser."""
     parser = commands.add_parser(
         "import",
-        help="bring in recorded traffic: CSV, SUMO, CARLA, OSI, ROS bags, OpenSCENARIO",
+        help="import recorded traffic: CSV, SUMO, CARLA, OSI, ROS bags, CommonRoad, OpenSCENARIO",
         description="Matches every vehicle of a log to a way through a junction and writes the recording for `rvads check`.",
     )
     parser.add_argument("tracks", metavar="TRACKS", help="file of tracks, or the folder of a bag")
-    parser.add_argument("--map", metavar="FILE", help="OpenDRIVE file of the junction; tracks have the coordinates of this map")
+    parser.add_argument(
+        "--map", metavar="FILE", help=f"map file ({MAP_FORMATS}) of the junction; tracks have the coordinates of this map"
+    )
     parser.add_argument(
         "--junction",
         metavar="ID",
@@ -51,11 +56,18 @@ def declare(commands: Subparsers) -> None:
         metavar="NAME",
         help="csv, fcd or another format (default: by the suffix of the file); a wrong name lists all formats",
     )
-    parser.add_argument("--columns", metavar="FIELD=COLUMN[:UNIT],...", help="as in time=t:ms,id=track,x=X,y=Y,heading=yaw:deg")
+    parser.add_argument(
+        "--columns", metavar="FIELD=COLUMN[:UNIT],...", help="column per field, as in time=t:ms,id=track,x=X,y=Y,heading=yaw:deg"
+    )
     add_intake(parser)
-    parser.add_argument("--lights", metavar="FILE", help="CSV with time, signal or entrance, colour; or <tlsState> of SUMO")
+    parser.add_argument(
+        "--align", action="store_true", help="shift and turn all tracks so that they lie on the lanes of the map on average"
+    )
+    parser.add_argument(
+        "--lights", metavar="FILE", help="file of lights: CSV with time, signal or entrance, colour; or <tlsState> of SUMO"
+    )
     parser.add_argument("--label", metavar="NAME", help="prefix of the names of the runs (default: the name of the file)")
-    parser.add_argument("--strict", action="store_true", help="a bad row is an error; otherwise its vehicle is left out")
+    parser.add_argument("--strict", action="store_true", help="stop at a bad row; otherwise the vehicle of the row is left out")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     parser.add_argument("-v", "--verbose", action="store_true", help="list every omitted vehicle")
     parser.set_defaults(command=_import)
@@ -69,13 +81,14 @@ def _import(options: argparse.Namespace) -> int:
         label_of,
         light_log,
         lights_elsewhere,
+        on_map,
         recordings_at,
     )
-    from pytest_rvads.satellites.tracks.logformats import read_log
+    from pytest_rvads.satellites.tracks.logformats import format_of, read_log
     from pytest_rvads.satellites.tracks.table import parse_columns
 
     all_junctions = options.junction == "all"
-    if (options.format or Path(options.tracks).suffix.lower().removeprefix(".")) != "xosc":  # an OpenSCENARIO file names its map
+    if not format_of(Path(options.tracks), options.format).with_map:
         _check_junction(options)
     columns = parse_columns(options.columns) if options.columns else None
     log, usual_point = read_log(options.tracks, format=options.format, columns=columns, strict=options.strict, watch=_watch())
@@ -83,13 +96,21 @@ def _import(options: argparse.Namespace) -> int:
         warn(f"warning: {sentence}")
     if len(log.reused_ids) > _MOST_SHOWN:
         warn(f"warning: several vehicles share each of {len(log.reused_ids)} ids, the first {_MOST_SHOWN} are listed above")
+    log = on_map(log, options.map)
     junctions = junctions_of(log, options.junction, options.map)
     intake = intake_of(options, usual_point)
     lights = light_log(log, options.lights)
     watch = partial(progress, what="junctions") if all_junctions else None
-    recordings = recordings_at(
-        log, junctions, intake, lights, label_of(log, options.label), by_junction=all_junctions, watch=watch
+    recorded = partial(
+        recordings_at,
+        junctions=junctions,
+        intake=intake,
+        recorded_lights=lights,
+        label=label_of(log, options.label),
+        by_junction=all_junctions,
+        watch=watch,
     )
+    recordings, misalignment = _aligned(log, recorded, intake, align=options.align)
     if not all_junctions:
         check_single_junction(log, recordings)
     files = [(Path(options.output, f"{r.junction.name}.npz") if all_junctions else Path(options.output), r) for r in recordings]
@@ -99,17 +120,21 @@ def _import(options: argparse.Namespace) -> int:
         warn(f"warning: {lights_elsewhere(lights, recordings[0].junction)}")
     for path, recording in files:
         save_recording(recording, path)
-    summaries = [_summary(path, recording, stated=options.position_accuracy is not None) for path, recording in files]
+    correction = misalignment.as_json() | {"applied": options.align}
+    summaries = [
+        _recording_summary(path, recording, stated=options.position_accuracy is not None) | {"misalignment": correction}
+        for path, recording in files
+    ]
     if options.json:
         print(json.dumps(summaries if all_junctions else summaries[0]))
         return 0
     for summary in summaries:
-        say("\n  ".join(_lines(summary, verbose=options.verbose)))
+        say("\n  ".join(_summary_lines(summary, verbose=options.verbose)))
     return 0
 
 
 def _check_junction(options: argparse.Namespace) -> None:
-    """Check the options ``--junction`` and ``--map`` before a long file is read.
+    """Check the options ``--junction`` and ``--map``, so that a wrong option is an error before a long file is read.
 
     Raises:
         RunError: the junction is not named, or ``all`` is given without a map.
@@ -125,6 +150,22 @@ def _check_junction(options: argparse.Namespace) -> None:
         raise RunError("--junction all means all junctions of a map: give --map FILE")
 
 
+def _aligned(
+    log: Log, recorded: Callable[[Log], list[Recording]], intake: Intake, *, align: bool
+) -> tuple[list[Recording], Misalignment]:
+    """Return the recordings of a log, and by how much the tracks lie beside the lanes; with `align`, the tracks are corrected."""
+    from pytest_rvads.satellites.tracks.aligning import TOLERATED, misalignment_of
+
+    recordings = recorded(log)
+    misalignment = misalignment_of(recordings)
+    if align:
+        recordings = recorded(log.moved(*misalignment.similarity(intake.offset)))
+        warn(f"the tracks were moved, because they {misalignment.in_words()}")
+    elif misalignment.systematic > TOLERATED:
+        warn(f"warning: the tracks {misalignment.in_words()}: --align moves them")
+    return recordings, misalignment
+
+
 def _watch() -> Any:
     """Return a function that draws a progress bar in percent while a file is read."""
     drawn_part = [0]
@@ -138,9 +179,11 @@ def _watch() -> Any:
     return watch
 
 
-def _summary(path: Path, recording: Recording, *, stated: bool) -> dict[str, Any]:
+def _recording_summary(path: Path, recording: Recording, *, stated: bool) -> dict[str, Any]:
     """Return the summary of an imported recording as a JSON object."""
-    junction, tracks = recording.junction, recording.tracks
+    from pytest_rvads.geometry.crosswalks import Crossing
+
+    junction, tracks = recording.junction, recording.vehicles
     ways = Counter(track.agent.way.key for track in tracks)
     arms = {key: (junction.vehicle_at(key[0]).removeprefix("a"), f"{junction.exits[key[1]].arm}") for key in ways}
     worst = max(tracks, key=lambda track: track.offset)
@@ -151,6 +194,7 @@ def _summary(path: Path, recording: Recording, *, stated: bool) -> dict[str, Any
         "recording": recording.label,
         "junction": junction.name,
         "vehicles": len(tracks),
+        "pedestrians": len(recording.tracks) - len(tracks),
         "movements": {
             f"{arms[key][0]} to {arms[key][1]}, {turn_word(junction, junction.movements[key])}": count
             for key, count in sorted(ways.items())
@@ -167,17 +211,24 @@ def _summary(path: Path, recording: Recording, *, stated: bool) -> dict[str, Any
             "step": round(step, 4),
             "resampled": recording.dt,
         },
-        "lights": sorted(junction.vehicle_at(entrance).removeprefix("a") for entrance in recording.lights),
+        "lights": sorted(
+            junction.vehicle_at(start).removeprefix("a") for start in recording.lights if start < len(junction.entrances)
+        ),
+        "walk_lights": sorted(
+            {way.crosswalk for way, _, _ in junction.further if isinstance(way, Crossing) and way.entrance in recording.lights}
+        ),
         "periods": len(recording),
         "left_out": dict(recording.left_out),
     }
 
 
-def _lines(summary: dict[str, Any], *, verbose: bool) -> list[str]:
+def _summary_lines(summary: dict[str, Any], *, verbose: bool) -> list[str]:
     """Return the summary of an imported recording as lines of text."""
     offset, accuracy, clock, left_out = summary["offset"], summary["accuracy"], summary["clock"], summary["left_out"]
     origin = "stated" if accuracy["stated"] else "estimated"
-    vehicles, periods = _counted(summary["vehicles"], "vehicle"), _counted(summary["periods"], "busy period")
+    vehicles, periods = _count_text(summary["vehicles"], "vehicle"), _count_text(summary["periods"], "busy period")
+    if summary["pedestrians"]:
+        vehicles += f" and {_count_text(summary['pedestrians'], 'pedestrian')}"
     lines = [
         f"{summary['file']}: {vehicles} at {summary['junction']}, {periods}",
         f"from {clock['begin']:.13g} to {clock['end']:.13g} s, "
@@ -190,6 +241,8 @@ def _lines(summary: dict[str, Any], *, verbose: bool) -> list[str]:
         lines.append(f"speeds are {accuracy['speed']:.2f} m/s accurate")
     if summary["lights"]:
         lines.append(f"lights at entrances {', '.join(summary['lights'])}")
+    if summary["walk_lights"]:
+        lines.append(f"pedestrian lights at crosswalks {', '.join(map(str, summary['walk_lights']))}")
     reasons = Counter(left_out.values()).most_common()
     if left_out:
         lines.append(f"left out: {len(left_out)}")
@@ -201,15 +254,15 @@ def _lines(summary: dict[str, Any], *, verbose: bool) -> list[str]:
     return lines
 
 
-def _counted(count: int, what: str) -> str:
+def _count_text(count: int, what: str) -> str:
     return f"{count} {what}{'' if count == 1 else 's'}"
 
 
 def add_intake(parser: argparse._ActionsContainer) -> None:
-    """Add the options that set an `Intake`."""
+    """Add the options for the settings of an import (`Intake`) to the parser of a command."""
     parser.add_argument("--point", metavar="POINT", help="recorded point of a vehicle: center (of its box), front or rear_axle")
     parser.add_argument("--size", metavar="L,W", help="length and width of vehicles without a size in the log [m]")
-    parser.add_argument("--offset", metavar="X,Y", help="added to every position [m]; write --offset=-5,2")
+    parser.add_argument("--offset", metavar="X,Y", help="add this to every position [m]; write --offset=-5,2")
     parser.add_argument(
         "--position-accuracy", type=float, metavar="M", help="standard deviation of a coordinate [m] (default: estimated)"
     )
@@ -218,7 +271,7 @@ def add_intake(parser: argparse._ActionsContainer) -> None:
 
 
 def intake_of(options: argparse.Namespace, usual: Point) -> Intake:
-    """Return the `Intake` that the options set; without ``--point``, the recorded point is `usual`.
+    """Return the settings of an import from the options; `usual` is the recorded point of vehicles without ``--point``.
 
     Raises:
         RunError: an option has a value out of its range.

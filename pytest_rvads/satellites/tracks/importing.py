@@ -1,6 +1,7 @@
-"""From a log of traffic to recordings at junctions: `read_tracks` and its steps.
+"""Makes recordings at junctions from a log of traffic: `read_tracks` and its steps.
 
-`Intake` holds what a log does not tell about itself: the recorded point of vehicles, sizes, offset and accuracy.
+`Intake` holds settings that a log does not state: the point of a vehicle to which its positions refer, sizes of vehicles, the
+offset from the coordinates of the map, and accuracies.
 """
 
 from __future__ import annotations
@@ -16,16 +17,28 @@ from typing import Any, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from pytest_rvads.geometry.crosswalks import PERSON
 from pytest_rvads.geometry.finder import find, load, names
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.runs.recording import Changes, Recording, Track
 from pytest_rvads.runs.run import Facts
 from pytest_rvads.runs.smoothing import DERIVED
 from pytest_rvads.runs.states import AXLE, Agent, Kind
-from pytest_rvads.satellites.tracks.cleaning import accuracy_of, delay_of, noise_of, track_of
+from pytest_rvads.satellites.lanelet2.osm_file import plane_of_utm, read_osm
+from pytest_rvads.satellites.tracks.crossing_tracks import CrossingMatcher, track_on_foot
 from pytest_rvads.satellites.tracks.lightlog import lights_at, read_lights, signals_at
 from pytest_rvads.satellites.tracks.logformats import Point, read_log
-from pytest_rvads.satellites.tracks.matching import NEVER, STANDS, Matched, Matcher, directions
+from pytest_rvads.satellites.tracks.matching import (
+    NEVER,
+    STANDS,
+    Matched,
+    Matcher,
+    accuracy_of,
+    delay_of,
+    directions,
+    noise_of,
+    track_of,
+)
 from pytest_rvads.satellites.tracks.samples import Log, Samples
 from pytest_rvads.satellites.tracks.source import Watch
 from pytest_rvads.support.errors import MapError, RunError, suggest
@@ -38,6 +51,7 @@ __all__ = [
     "label_of",
     "light_log",
     "lights_elsewhere",
+    "on_map",
     "read_tracks",
     "recording_of",
     "recordings_at",
@@ -46,9 +60,12 @@ __all__ = [
 
 
 _Values = NDArray[np.float64]
+_Match = tuple[str, Samples, Matched]
+"""Name of an agent, its samples, and its way."""
 _AHEAD = {"front": 0.0, "center": 0.5, "rear_axle": AXLE}
-"""Distance from the recorded point of a vehicle to its front bumper, as a share of its length."""
+"""By the point of a vehicle to which its positions refer, the distance from this point to the front, as a share of the length."""
 _PEDESTRIAN = "it is a pedestrian"
+_OFF_CROSSWALKS = "it is a pedestrian who walks over no crosswalk"
 _UNSIZED = "its length is not known, and the place of its front depends on the length: give a length by --size (size=)"
 
 
@@ -71,29 +88,32 @@ def read_tracks(  # noqa: PLR0913 - the options of a command
 ) -> Recording:
     """Return recorded traffic at a junction; ``left_out`` of the recording lists the omitted vehicles with reasons.
 
-    Every vehicle is matched to the way through the junction that is nearest to its whole track, from 150 m before the stopping
-    line to the end of the exit road. The vehicle is absent before its first sample and after its last sample on this way.
+    Every vehicle is matched to the way (path through the junction) that is nearest to its whole track, from 150 m before the
+    stopping line to the end of the exit road. In the recording, the vehicle is present from its first to its last sample on this
+    way. A pedestrian is present while it is on a crosswalk of the junction, or on the sidewalk before or behind the crosswalk.
 
     Args:
         source: path of a file, or a table: of pandas, polars or pyarrow, or a dictionary of columns.
         junction: a junction, or an argument of `find`; None for the single junction that vehicles pass on the map of the log.
-        map: OpenDRIVE file of a junction given by id; None for the map that the log names, as OpenSCENARIO does.
-        format: ``csv``, ``ind``, ``interaction``, ``fcd``, ``carla``, ``osi``, ``rosbag`` or ``xosc``; None to choose the format
-            by the suffix of the file.
+        map: map file of a junction given by id; None for the map that the log names, as OpenSCENARIO and CommonRoad do.
+        format: ``csv``, ``ind``, ``interaction``, ``fcd``, ``commonroad``, ``carla``, ``osi``, ``rosbag`` or ``xosc``; None to
+            choose the format by the suffix of the file.
         columns: column of a table per field (time, id, x, y, heading, speed, vx, vy, length, width, class), with a unit after a
             colon unless the unit is s, rad or m/s: ``{"time": "t:ms", "heading": "yaw:deg"}``; None to look for the usual names.
-        point: recorded point of the vehicles: ``"front"`` is the middle of the front bumper, ``"center"`` the center of the box,
-            and ``"rear_axle"`` the middle of the rear axle; None for the point of the format, which is the center for tables.
-        size: length and width of vehicles without a size in the log [m].
-        offset: numbers added to every x and y, for a log with another origin than the map [m].
+        point: the point of a vehicle to which positions in the log refer: ``"front"`` is the middle of the front bumper,
+            ``"center"`` the center of the box, and ``"rear_axle"`` the middle of the rear axle; None for the point of the
+            format, which is the center for tables.
+        size: length and width of vehicles whose size the log does not state [m].
+        offset: numbers added to every x and y, for a log with another origin than the map [m]. Tracks of inD and its relatives
+            are brought to the coordinates of a Lanelet2 map by themselves if the meta file of the recording lies beside them.
         lights: file of lights: CSV with the columns time, signal or entrance, colour; or ``<tlsState>`` of SUMO.
         position_accuracy: standard deviation of a coordinate [m]. A verdict is UNSURE if positions within the accuracy would give
-            another verdict. None to estimate the accuracy from the roughness of the tracks; the estimate misses errors that all
-            samples share, and errors that were smoothed away.
-        speed_accuracy: standard deviation of a speed [m/s]; None to estimate it like the accuracy of positions. Speeds that are
-            derived from positions have the accuracy that smoothing leaves.
+            another verdict. None to estimate the accuracy from the noise of the tracks; the estimate misses errors that all
+            samples share, and noise that was smoothed away before.
+        speed_accuracy: standard deviation of a speed [m/s]; None to estimate the accuracy from the noise of the speeds. The
+            accuracy of a speed that is derived from positions follows from the smoothing.
         speed_limit: speed limit at the junction [m/s]; by default the limits of the map.
-        strict: whether a bad row is an error; otherwise the vehicle of a bad row is left out.
+        strict: whether a bad row is an error; without `strict`, a vehicle with a bad row is left out.
         label: prefix of the labels of the runs; None for the name of the file.
 
     Raises:
@@ -102,20 +122,21 @@ def read_tracks(  # noqa: PLR0913 - the options of a command
     """
     log, usual_point = read_log(source, format=format, columns=columns, strict=strict)
     intake = Intake(point or usual_point, size, offset, position_accuracy, speed_accuracy, speed_limit)
-    shown = light_log(log, lights)
+    recorded_lights = light_log(log, lights)
+    log = on_map(log, map)
     places = [junction] if isinstance(junction, Junction) else junctions_of(log, junction, map)
-    recordings = recordings_at(log, places, intake, shown, label_of(log, label))
+    recordings = recordings_at(log, places, intake, recorded_lights, label_of(log, label))
     check_single_junction(log, recordings)
-    if shown and not recordings[0].lights:
-        raise RunError(lights_elsewhere(shown, recordings[0].junction))
+    if recorded_lights and not recordings[0].lights:
+        raise RunError(lights_elsewhere(recorded_lights, recordings[0].junction))
     return recordings[0]
 
 
 def check_single_junction(log: Log, recordings: Sequence[Recording]) -> None:
-    """Check that the vehicles of a log pass a single junction.
+    """Check that all vehicles of a log pass the same junction.
 
     Raises:
-        RunError: vehicles pass several junctions.
+        RunError: the vehicles pass several junctions.
     """
     if len(recordings) > 1:
         ids = one_line(", ".join(recording.junction.id for recording in recordings), 200)
@@ -141,7 +162,7 @@ def junctions_of(log: Log, junction: str | None, map: str | os.PathLike[str] | N
     Args:
         log: the log.
         junction: argument of `find`; ``all`` or None for all usable junctions of the map.
-        map: OpenDRIVE file; None for the map that the log names, unless `junction` is built in.
+        map: map file; None for the map that the log names, unless `junction` is built in.
 
     Raises:
         RunError: neither a junction nor a map is named.
@@ -161,11 +182,29 @@ def junctions_of(log: Log, junction: str | None, map: str | os.PathLike[str] | N
     return usable
 
 
+def on_map(log: Log, map: str | os.PathLike[str] | None) -> Log:
+    """Return a log in the coordinates of its map.
+
+    The positions of a log with UTM coordinates are projected as the nodes of a Lanelet2 file are; other logs and maps have the
+    same coordinates.
+
+    Raises:
+        MapError: the map can't be read.
+    """
+    if log.utm is None or map is None or Path(map).suffix.lower() != ".osm":
+        return log
+    origin = read_osm(map).origin
+    if origin is None:
+        return log
+    turn, utm = plane_of_utm(origin)
+    return log.moved(turn, turn * (log.utm - utm))
+
+
 def recordings_at(  # noqa: PLR0913 - the log, the junctions, and the settings of an import
     log: Log,
     junctions: Sequence[Junction],
     intake: Intake,
-    shown: Mapping[str, Changes],
+    recorded_lights: Mapping[str, Changes],
     label: str,
     *,
     by_junction: bool = False,
@@ -175,12 +214,12 @@ def recordings_at(  # noqa: PLR0913 - the log, the junctions, and the settings o
 
     Args:
         log: the log.
-        junctions: junctions at which vehicles may pass.
-        intake: recorded point, sizes, offset and accuracy.
-        shown: recorded colours by id of the signal.
+        junctions: junctions to which the vehicles are matched.
+        intake: settings that the log does not state.
+        recorded_lights: changes of colour by id of the signal.
         label: prefix of the labels of the runs.
         by_junction: whether the id of the junction is added to the label.
-        watch: called with the number of finished junctions and the number of junctions.
+        watch: function that is called with the number of finished junctions and the number of all junctions.
 
     Raises:
         RunError: no vehicle passes any of the junctions; the message names the most frequent reason at the last junction.
@@ -188,7 +227,7 @@ def recordings_at(  # noqa: PLR0913 - the log, the junctions, and the settings o
     recordings: list[Recording] = []
     left_out: Sequence[tuple[str, str]] = ()
     for number, junction in enumerate(junctions, start=1):
-        recording = recording_of(log, junction, intake, shown, f"{label} {junction.id}" if by_junction else label)
+        recording = recording_of(log, junction, intake, recorded_lights, f"{label} {junction.id}" if by_junction else label)
         left_out = recording.left_out
         recordings += [recording] if recording.tracks else []
         if watch is not None:
@@ -199,22 +238,24 @@ def recordings_at(  # noqa: PLR0913 - the log, the junctions, and the settings o
 
 
 def label_of(log: Log, label: str | None) -> str:
-    """Return the prefix of the labels of runs: the given label, else the name of the file up to the first dot."""
+    """Return the prefix of the labels of runs: `label`, or without a label the name of the log's file up to its first dot."""
     return one_line(label or log.where.partition(".")[0], 200) or "tracks"
 
 
 def light_log(log: Log, lights: str | os.PathLike[str] | None) -> Mapping[str, Changes]:
-    """Return the recorded colours by id of the signal: of the file `lights`, else of the log."""
+    """Return the changes of colour by id of the signal: from the file `lights`, or without this file from the log."""
     return log.lights if lights is None else read_lights(Path(lights))
 
 
-def lights_elsewhere(shown: Mapping[str, Changes], junction: Junction) -> str:
-    """Return the message for lights that all are elsewhere than at a junction."""
-    shown_names, junction_names = (one_line(", ".join(sorted(names)), 300) for names in (shown, signals_at(junction)))
-    return f"none of the lights ({shown_names}) is at junction {junction.name!r}, which has the lights {junction_names}"
+def lights_elsewhere(recorded_lights: Mapping[str, Changes], junction: Junction) -> str:
+    """Return the error message for the case that none of the recorded lights stands at the junction."""
+    recorded_names, junction_names = (
+        one_line(", ".join(sorted(names)), 300) for names in (recorded_lights, signals_at(junction))
+    )
+    return f"none of the lights ({recorded_names}) is at junction {junction.name!r}, which has the lights {junction_names}"
 
 
-def recording_of(log: Log, junction: Junction, intake: Intake, shown: Mapping[str, Changes], label: str) -> Recording:
+def recording_of(log: Log, junction: Junction, intake: Intake, recorded_lights: Mapping[str, Changes], label: str) -> Recording:
     """Return the recording of a log at a junction; the recording has no tracks if no vehicle passes the junction.
 
     Raises:
@@ -224,33 +265,45 @@ def recording_of(log: Log, junction: Junction, intake: Intake, shown: Mapping[st
         raise RunError(f"junction {junction.name!r} has no geometry, and tracks are matched to the geometry: give its map")
     if intake.speed_limit is not None:
         junction = junction.limited(None)
-    unsized = [vehicle for vehicle in log.vehicles if _ahead(vehicle, intake) is None]
+    vehicles = [vehicle for vehicle in log.vehicles if vehicle.kind is not Kind.PEDESTRIAN]
+    unsized = [vehicle for vehicle in vehicles if _front_distance(vehicle, intake) is None]
     matcher = Matcher(junction)
-    matched: list[tuple[str, Samples, Matched]] = []
+    matched: list[_Match] = []
     left_out = [*log.refused, *((vehicle.name, _UNSIZED) for vehicle in unsized)]
-    for vehicle in log.vehicles:
-        if _ahead(vehicle, intake) is None:
+    for vehicle in vehicles:
+        if _front_distance(vehicle, intake) is None:
             continue
         matches = [STANDS] if len(vehicle.times) < 2 else list(matcher.match(vehicle, *front_positions(vehicle, intake)))
-        if vehicle.kind is Kind.PEDESTRIAN:
-            matches = [_PEDESTRIAN]
         passes = [match for match in matches if isinstance(match, Matched)]
         matched += [(_pass_name(vehicle.name, k), vehicle, match) for k, match in enumerate(passes)]
         reasons = [match for match in matches if isinstance(match, str)]
         if reasons and not passes:
             left_out.append((vehicle.name, next((why for why in reasons if why not in (NEVER, STANDS)), reasons[0])))
+    walkers = [walker for walker in log.vehicles if walker.kind is Kind.PEDESTRIAN]
+    walks = _walks(junction, walkers, intake) if junction.crossings and matched else []
+    on_foot = {walker.name for _, walker, _ in walks}
+    reason = _OFF_CROSSWALKS if junction.crossings and matched else _PEDESTRIAN
+    left_out += [(walker.name, reason) for walker in walkers if walker.name not in on_foot]
+    junction = junction.walked if walks else junction
     accuracy = intake.position_accuracy
     if accuracy is None:
         accuracy = accuracy_of([(vehicle, match) for _, vehicle, match in matched])
+    accuracy_on_foot = intake.position_accuracy
+    if accuracy_on_foot is None:
+        accuracy_on_foot = max(accuracy, accuracy_of([(walker, walk) for _, walker, walk in walks]))
     noise = intake.speed_accuracy
     if noise is None:
         noise = noise_of([(vehicle, match) for _, vehicle, match in matched]) if accuracy > 0.0 else 0.0
     derived = any(vehicle.speed is None for _, vehicle, _ in matched)
+    named = _uniquely_named([*matched, *walks])
     return Recording(
         label,
         junction,
-        tuple(_tracks(matched, junction, intake, float(accuracy), float(noise))),
-        lights_at(junction, shown) if shown else {},
+        (
+            *_tracks(named[: len(matched)], junction, intake, float(accuracy), float(noise)),
+            *_tracks_on_foot(named[len(matched) :], junction, intake, float(accuracy_on_foot)),
+        ),
+        lights_at(junction, recorded_lights) if recorded_lights else {},
         Facts(speed_limit=intake.speed_limit),
         float(accuracy),
         max(float(noise), DERIVED if derived and accuracy > 0.0 else 0.0),
@@ -258,33 +311,59 @@ def recording_of(log: Log, junction: Junction, intake: Intake, shown: Mapping[st
     )
 
 
-def _tracks(
-    matched: Sequence[tuple[str, Samples, Matched]], junction: Junction, intake: Intake, accuracy: float, noise: float
-) -> Iterable[Track]:
-    taken = {vehicle.name for _, vehicle, _ in matched}
-    late = delay_of([(vehicle, match) for _, vehicle, match in matched]) if accuracy > 0.0 else 0.0
+def _walks(junction: Junction, walkers: Sequence[Samples], intake: Intake) -> list[_Match]:
+    """Return the walks of pedestrians over the crosswalks of a junction."""
+    matcher = CrossingMatcher(junction.walked)
+    matches = ((walker, matcher.match(walker, *_placed_on_foot(walker, intake))) for walker in walkers)
+    return [(_pass_name(walker.name, k), walker, walk) for walker, walks in matches for k, walk in enumerate(walks)]
+
+
+def _uniquely_named(matched: Sequence[_Match]) -> list[_Match]:
+    """Return the agents with names that differ from each other and from all other names in the log."""
+    used_names, named = {vehicle.name for _, vehicle, _ in matched}, []
     for name, vehicle, match in matched:
         unique_name = name
-        while unique_name != vehicle.name and unique_name in taken:  # the log itself has a vehicle with this name
+        while unique_name != vehicle.name and unique_name in used_names:  # the log itself has a vehicle with this name
             unique_name += "'"
-        taken.add(unique_name)
-        agent = Agent(
-            unique_name, junction.movements[match.way.entrance, match.way.exit], vehicle.kind, vehicle.size or intake.size
-        )
+        used_names.add(unique_name)
+        named.append((unique_name, vehicle, match))
+    return named
+
+
+def _tracks(matched: Sequence[_Match], junction: Junction, intake: Intake, accuracy: float, noise: float) -> Iterable[Track]:
+    late = delay_of([(vehicle, match) for _, vehicle, match in matched]) if accuracy > 0.0 else 0.0
+    for name, vehicle, match in matched:
+        agent = Agent(name, junction.movements[match.way.entrance, match.way.exit], vehicle.kind, vehicle.size or intake.size)
         points, _ = front_positions(vehicle, intake)
         yield track_of(agent, vehicle, match, points, vehicle.heading, accuracy, late, noise)
 
 
+def _tracks_on_foot(walks: Sequence[_Match], junction: Junction, intake: Intake, accuracy: float) -> Iterable[Track]:
+    for name, walker, walk in walks:
+        agent = Agent(name, junction.every_way[walk.way.entrance, walk.way.exit], walker.kind, (PERSON, PERSON))
+        yield track_on_foot(agent, walker, walk, *_placed_on_foot(walker, intake), accuracy)
+
+
 def front_positions(vehicle: Samples, intake: Intake) -> tuple[_Values, _Values]:
-    """Return the middle of the front bumper, shape ``(samples, 2)`` [m], and the heading, shape ``(samples,)`` [rad]."""
+    """Return the positions of a vehicle's front, shape ``(samples, 2)`` [m], and its headings, shape ``(samples,)`` [rad].
+
+    The positions are given in the coordinates of the map. Headings that the log lacks are derived from the positions.
+    """
     heading = directions(vehicle.points) if vehicle.heading is None else vehicle.heading
     points = vehicle.points + np.asarray(intake.offset, dtype=np.float64)
-    ahead = _ahead(vehicle, intake) or 0.0
+    ahead = _front_distance(vehicle, intake) or 0.0
     return points + ahead * np.column_stack((np.cos(heading), np.sin(heading))), heading
 
 
-def _ahead(vehicle: Samples, intake: Intake) -> float | None:
-    """Return the distance from the recorded point of a vehicle to its front [m]; None where the log states no length."""
+def _placed_on_foot(walker: Samples, intake: Intake) -> tuple[_Values, float]:
+    """Return the recorded point of a pedestrian on the map, shape ``(samples, 2)``, and the distance from it to the front [m]."""
+    points = walker.points + np.asarray(intake.offset, dtype=np.float64)
+    usual = 0.0 if intake.point == "front" else PERSON / 2
+    return points, usual if walker.ahead is None else walker.ahead
+
+
+def _front_distance(vehicle: Samples, intake: Intake) -> float | None:
+    """Return the distance from the recorded point of a vehicle to its front [m]; None if it depends on an unknown length."""
     share, size = _AHEAD[intake.point], vehicle.size or intake.size
     if vehicle.ahead is not None or not share:
         return vehicle.ahead or 0.0
@@ -296,7 +375,7 @@ def _pass_name(name: str, number: int) -> str:
 
 
 def _explain_empty(log: Log, junctions: Sequence[Junction], intake: Intake, left_out: Sequence[tuple[str, str]]) -> str:
-    """Return the message for a log without a vehicle at any of the junctions."""
+    """Return the error message for a log of which no vehicle passes any of the junctions."""
     place = f"junction {junctions[0].name!r}" if len(junctions) == 1 else f"any of the {len(junctions)} junctions"
     finding = f"no vehicle in {log.where} passes {place}"
     if not log.vehicles:
@@ -316,12 +395,12 @@ def _explain_empty(log: Log, junctions: Sequence[Junction], intake: Intake, left
 
 
 _FARTHEST_TRACK = 30.0
-"""Distance of the nearest track from the centre of a junction above which the log has another origin than the map [m]."""
+"""If every track is farther than this from every junction's centre, log and map are taken to have different origins [m]."""
 
 
 @dataclass(frozen=True, slots=True)
 class Intake:
-    """Settings of an import that a log does not contain. `read_tracks` explains the fields.
+    """Settings of an import that a log does not state. `read_tracks` explains the fields.
 
     Raises:
         RunError: a value is out of its range.

@@ -1,4 +1,4 @@
-"""Recorded lights: the changes of colour of each signal, and the entrances of a junction that each signal controls."""
+"""Reads recorded traffic lights: when each signal changed its colour, and which entrances of a junction each signal controls."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 
-from pytest_rvads.geometry.builtin import LAYOUTS, path_of
 from pytest_rvads.geometry.control import ObjectKind
 from pytest_rvads.geometry.finder import load
 from pytest_rvads.geometry.junction import Junction
@@ -17,8 +16,8 @@ from pytest_rvads.runs.recording import Changes
 from pytest_rvads.runs.states import Colour
 from pytest_rvads.satellites.tracks.csvfile import rows_of, wrong_cells
 from pytest_rvads.satellites.tracks.source import opened
-from pytest_rvads.support.boundedxml import read_xml
 from pytest_rvads.support.errors import RunError
+from pytest_rvads.support.storage import read_xml
 from pytest_rvads.support.wording import one_line
 
 __all__ = ["ENTRANCE", "changes_of", "lights_at", "limit_lights", "read_lights", "signal_ids", "signals_at"]
@@ -32,18 +31,18 @@ _COLOURS = {
 _COLOUR = {word: colour for colour, words in _COLOURS.items() for word in words}
 _MOST_CHANGES, _MOST_SIGNALS = 5_000_000, 100_000
 ENTRANCE = "entrance "
-"""Prefix that distinguishes the name of an entrance from an equal id of a signal."""
+"""Prefix of the name of an entrance, so that the name differs from the id of a signal."""
 
 
 def read_lights(path: Path) -> dict[str, Changes]:
     """Return the changes of colour in a file, by name of the signal.
 
-    A CSV file has the columns time [s], signal or entrance, and colour. A colour holds until the next row of the same signal. A
-    column ``signal`` has ids of signals of the map; a name without a signal on the map is the name of an entrance (``0``,
-    ``0.1``). A column ``entrance`` has names of entrances, and the returned name is ``entrance 0``.
+    A CSV file has the columns time [s], signal or entrance, and colour. A colour holds until a later row gives the signal another
+    colour. A column ``signal`` holds ids of signals of the map, or names of entrances (``0``, ``0.1``), which are returned
+    unchanged. A column ``entrance`` holds names of entrances, to which `ENTRANCE` is prefixed, as in ``entrance 0``.
 
-    A file ending in ``.xml`` has ``<tlsState>`` of SUMO, written by ``SaveTLSStates``. Link ``k`` of light ``C`` has the name
-    ``C_k``, which is the id of the signal when SUMO writes OpenDRIVE.
+    A file ending in ``.xml`` holds elements ``<tlsState>`` of SUMO, written by ``SaveTLSStates``. Link ``k`` of the traffic light
+    ``C`` gets the name ``C_k``, which is the id of its signal in an OpenDRIVE file that SUMO writes.
 
     Raises:
         RunError: the file can't be read; the message names row and column.
@@ -52,10 +51,10 @@ def read_lights(path: Path) -> dict[str, Changes]:
 
 
 def changes_of(rows: Mapping[str, list[tuple[float, Colour]]]) -> dict[str, Changes]:
-    """Return the changes of colour of each signal, given the times [s] and colours that the signal showed, in order of time."""
+    """Return the changes of colour of each signal, given pairs of a time [s] and the colour from then on, sorted by time."""
     changes = {}
-    for name, shown in rows.items():
-        new_colours = [now for k, now in enumerate(shown) if k == 0 or now[1] is not shown[k - 1][1]]
+    for name, colours in rows.items():
+        new_colours = [now for k, now in enumerate(colours) if k == 0 or now[1] is not colours[k - 1][1]]
         changes[name] = Changes(
             np.array([time for time, _ in new_colours]), np.array([colour for _, colour in new_colours], dtype=np.int8)
         )
@@ -63,18 +62,24 @@ def changes_of(rows: Mapping[str, list[tuple[float, Colour]]]) -> dict[str, Chan
 
 
 def signals_at(junction: Junction) -> dict[str, tuple[int, ...]]:
-    """Return the entrances that each signal of a junction controls, by id of the signal and by name of the entrance."""
+    """Return the numbers of the entrances, or other starts of ways, that each signal of a junction controls.
+
+    The keys are ids of signals, names of entrances such as ``0.1``, names with prefix such as ``entrance 0.1``, and names of
+    pedestrian lights: ``w0`` is the light of crosswalk 0, which controls the starts of its two crossings, see `Junction.walked`.
+    """
     labels = {junction.vehicle_at(number).removeprefix("a"): (number,) for number in range(len(junction.entrances))}
     named = {f"{ENTRANCE}{label}": numbers for label, numbers in labels.items()}
-    return {**labels, **named, **signal_ids(junction)}
+    first = len(junction.entrances)
+    lit = (number for number, crosswalk in enumerate(junction.crossings) if crosswalk.phase is not None)
+    walks = {f"w{number}": (first + 2 * number, first + 2 * number + 1) for number in lit}
+    return {**labels, **named, **walks, **signal_ids(junction)}
 
 
 def signal_ids(junction: Junction) -> dict[str, tuple[int, ...]]:
-    """Return the entrances that each light of the map controls, by id of the light; empty for a junction without a map."""
+    """Return the numbers of the entrances that each traffic light controls, by id of the light; empty without a map."""
     entrances: dict[str, tuple[int, ...]] = {}
-    map = junction.map or (path_of(junction.name) if junction.name in LAYOUTS else None)
-    if map is not None:
-        report = load(map).report(junction.id)
+    if junction.map_file is not None:
+        report = load(junction.map_file).report(junction.id)
         for item in report.objects:
             numbers = tuple(number for number, end in enumerate(report.entrances) if end.edge == item.edge)
             if item.kind is ObjectKind.LIGHT:
@@ -82,15 +87,16 @@ def signal_ids(junction: Junction) -> dict[str, tuple[int, ...]]:
     return entrances
 
 
-def lights_at(junction: Junction, shown: Mapping[str, Changes]) -> dict[int, Changes]:
-    """Return the changes of colour at a junction by entrance; signals of other junctions are left out.
+def lights_at(junction: Junction, recorded_lights: Mapping[str, Changes]) -> dict[int, Changes]:
+    """Return the changes of colour at each entrance of a junction, and at each crossing if somebody walks.
 
-    An entrance may have several signals, such as a signal per arrow. While the signals differ, the colour is unknown.
+    Signals of other junctions are ignored.
+    If an entrance has several signals, such as a signal per arrow, its colour is `Colour.NONE` while the signals differ.
     """
     signals = signals_at(junction)
     by_entrance: dict[int, list[Changes]] = {}
-    for name, changes in shown.items():
-        for entrance in signals.get(name, ()):
+    for name, changes in recorded_lights.items():
+        for entrance in (number for number in signals.get(name, ()) if number < len(junction.starts)):
             by_entrance.setdefault(entrance, []).append(changes)
     return {entrance: _common_colour(lights) for entrance, lights in sorted(by_entrance.items())}
 
@@ -105,32 +111,32 @@ def _common_colour(lights: list[Changes]) -> Changes:
 
 
 def _read_csv_lights(path: Path) -> dict[str, Changes]:
-    shown: dict[str, list[tuple[float, Colour]]] = {}
+    colours: dict[str, list[tuple[float, Colour]]] = {}
     with opened(path) as source:
         rows = rows_of(source)
         names = [name.strip().lower() for name in next(rows, (0, []))[1]]
         signal = next((name for name in ("signal", "entrance") if name in names), None)
         colour = next((name for name in ("colour", "color", "state") if name in names), None)
         if "time" not in names or signal is None or colour is None:
-            listed = one_line(", ".join(names), 200)
-            raise RunError(f"{source.where}: row 1 must have the columns time, signal or entrance, and colour, got {listed}")
+            column_list = one_line(", ".join(names), 200)
+            raise RunError(f"{source.where}: row 1 must have the columns time, signal or entrance, and colour, got {column_list}")
         prefix = ENTRANCE if signal == "entrance" else ""
         for number, (line, cells) in enumerate(rows):
             if len(cells) != len(names):
                 raise RunError(f"{source.where}: row {line}: {wrong_cells(cells, names)}")
             row = dict(zip(names, (cell.strip() for cell in cells), strict=True))
-            _add_colour(shown, row["time"], prefix + row[signal], row[colour], f"{source.where}: row {line}")
-            limit_lights(number, len(shown), source.where)
-    if not shown:
+            _add_colour(colours, row["time"], prefix + row[signal], row[colour], f"{source.where}: row {line}")
+            limit_lights(number, len(colours), source.where)
+    if not colours:
         raise RunError(f"{path.name}: the file has only the names of columns, expected a row per change of colour")
-    return changes_of(shown)
+    return changes_of(colours)
 
 
-def _add_colour(shown: dict[str, list[tuple[float, Colour]]], time: str, name: str, colour: str, where: str) -> None:
-    """Add the colour of a signal from a time on.
+def _add_colour(colours_by_signal: dict[str, list[tuple[float, Colour]]], time: str, name: str, colour: str, where: str) -> None:
+    """Add the colour that a signal shows from a time on.
 
     Raises:
-        RunError: the time is no number or not later than the last time of the signal, or the colour is not known.
+        RunError: the time is no number or not later than the time before of this signal, or the colour is not known.
     """
     try:
         seconds = float(time)
@@ -141,19 +147,19 @@ def _add_colour(shown: dict[str, list[tuple[float, Colour]]], time: str, name: s
     if colour.lower() not in _COLOUR:
         colours = ", ".join(words[0] for words in _COLOURS.values())
         raise RunError(f"{where}, column colour: {colour!r:.60} is no colour, expected {colours}, their first letters, or SUMO's")
-    before = shown.setdefault(name, [])
-    if before and seconds <= before[-1][0]:
+    earlier_colours = colours_by_signal.setdefault(name, [])
+    if earlier_colours and seconds <= earlier_colours[-1][0]:
         raise RunError(
-            f"{where}, column time: {seconds:g} s is too early for {name!r:.60}, expected more than {before[-1][0]:g} s"
+            f"{where}, column time: {seconds:g} s is too early for {name!r:.60}, expected more than {earlier_colours[-1][0]:g} s"
         )
-    before.append((seconds, _COLOUR[colour.lower()]))
+    earlier_colours.append((seconds, _COLOUR[colour.lower()]))
 
 
 def limit_lights(changes: int, signals: int, where: str) -> None:
     """Check that a file has no more changes of colour and signals than fit in memory.
 
     Raises:
-        RunError: the file has more.
+        RunError: the file has more changes or signals.
     """
     if changes >= _MOST_CHANGES or signals > _MOST_SIGNALS:
         raise RunError(
@@ -163,7 +169,7 @@ def limit_lights(changes: int, signals: int, where: str) -> None:
 
 
 def _read_sumo_lights(path: Path) -> dict[str, Changes]:
-    shown: dict[str, list[tuple[float, Colour]]] = {}
+    colours: dict[str, list[tuple[float, Colour]]] = {}
     last: dict[str, str] = {}
     numbers = count()
 
@@ -174,12 +180,12 @@ def _read_sumo_lights(path: Path) -> dict[str, Changes]:
         before = last.get(name, "")
         for link, letter in enumerate(state):
             if letter != before[link : link + 1]:
-                _add_colour(shown, attributes.get("time", ""), f"{name}_{link}", letter, f"{path.name}: row {row}")
-                limit_lights(next(numbers), len(shown), path.name)
+                _add_colour(colours, attributes.get("time", ""), f"{name}_{link}", letter, f"{path.name}: row {row}")
+                limit_lights(next(numbers), len(colours), path.name)
         last[name] = state
 
     with opened(path) as source:
         read_xml(source.chunks(), "light states of SUMO", start)
-    if not shown:
+    if not colours:
         raise RunError(f"{path.name}: <tlsState> is missing, expected light states of SUMO, written by SaveTLSStates")
-    return changes_of(shown)
+    return changes_of(colours)

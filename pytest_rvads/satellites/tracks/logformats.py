@@ -1,4 +1,4 @@
-"""The formats of tracks, and the reading of a log in any of these formats. A new format is a new row of `FORMATS`."""
+"""The formats of track files, and the reading of a log in any of these formats. A new format is a new row of `FORMATS`."""
 
 from __future__ import annotations
 
@@ -10,30 +10,31 @@ from typing import Any, Literal, Protocol
 
 import numpy as np
 
+from pytest_rvads.runs.states import Kind
+from pytest_rvads.satellites.tracks.commonroad_tracks import is_commonroad, read_commonroad_tracks
 from pytest_rvads.satellites.tracks.csvfile import read_csv, read_ind, read_interaction
 from pytest_rvads.satellites.tracks.matching import directions
-from pytest_rvads.satellites.tracks.message_logs import read_osi, read_rosbag
+from pytest_rvads.satellites.tracks.program_logs import read_carla, read_fcd, read_osi, read_rosbag
 from pytest_rvads.satellites.tracks.samples import Log, Samples
-from pytest_rvads.satellites.tracks.simulator_logs import read_carla, read_fcd
 from pytest_rvads.satellites.tracks.source import Watch
 from pytest_rvads.satellites.tracks.table import PRESETS, is_table, read_table
-from pytest_rvads.support.entrypoints import entries, load
 from pytest_rvads.support.errors import RunError, suggest
+from pytest_rvads.support.installed import entries, load
 
-__all__ = ["FORMATS", "Format", "Point", "Reader", "check_facing", "formats", "read_log"]
+__all__ = ["FORMATS", "Format", "Point", "Reader", "check_facing", "format_of", "formats", "read_log"]
 
 
 _COMPARED = 100
-"""Number of vehicles with a comparison of heading and direction of motion."""
+"""Largest number of vehicles of a log whose headings are compared with their direction of motion."""
 _SHORTEST_DRIVE = 10.0
-"""Shortest distance driven by a compared vehicle, so that noise does not hide its direction [m]."""
+"""Only vehicles that drive at least this distance are compared, because noise hides the direction of a shorter drive [m]."""
 _LEAST_AGREEMENT = 0.92
-"""Least cosine of the angle between heading and direction of motion, averaged over a track. Noise and slipping leave a larger
-cosine. North in degrees, read as 90 rad, gives 0.89."""
+"""Least cosine of the angle between heading and direction of motion, averaged over a track, at which both agree. With noise and
+slipping, the cosine is larger. If a log states headings in degrees, and 90 degrees are read as 90 rad, the cosine is 0.89."""
 
 
 Point = Literal["front", "center", "rear_axle"]
-"""The recorded point of a vehicle, to which x and y refer."""
+"""The recorded point: the point of a vehicle to which x and y in a log refer."""
 
 
 class Reader(Protocol):
@@ -44,10 +45,9 @@ class Reader(Protocol):
 
         Args:
             path: path of the file, or of the folder if the format is a folder.
-            columns: column per field as the user named them, None if the user named none; a format with fixed columns refuses
-                any.
-            strict: whether a bad row is an error, see `Gather`.
-            watch: called with the progress of reading; None for no calls.
+            columns: the user's choice of a column per field, or None; a format with fixed columns refuses a choice.
+            strict: whether a bad row is an error; without `strict`, a vehicle with a bad row is left out.
+            watch: function that is called with the number of bytes read so far and the number of all bytes, or None.
 
         Raises:
             RunError: the file can't be read.
@@ -56,13 +56,15 @@ class Reader(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Format:
-    """A format of tracks."""
+    """A format of track files."""
 
     read: Reader
     suffixes: tuple[str, ...] = ()
-    """File suffixes of the format, in lower case; none if another format reads files with these suffixes."""
+    """File suffixes by which the format is recognised, in lower case; empty if users must name the format."""
     point: Point = "center"
-    """The point of a vehicle to which the positions refer, unless the user names another point."""
+    """The point of a vehicle to which positions refer if the user names no point."""
+    with_map: bool = False
+    """Whether a file names its map, so that users need not name a junction."""
 
 
 FORMATS: dict[str, Format] = {
@@ -70,6 +72,7 @@ FORMATS: dict[str, Format] = {
     "ind": Format(read_ind),
     "interaction": Format(read_interaction),
     "fcd": Format(read_fcd, (".xml", ".xml.gz"), "front"),
+    "commonroad": Format(read_commonroad_tracks, with_map=True),
     "carla": Format(read_carla, (".jsonl", ".jsonl.gz"), "front"),
     "osi": Format(read_osi, (".mcap", ".osi")),
     "rosbag": Format(read_rosbag, (".db3", ".bag"), "rear_axle"),
@@ -100,8 +103,8 @@ def read_log(
         source: path of a file, or a table in memory.
         format: name of a format; None to choose the format by the suffix of the file.
         columns: column per field, see `columns_of`.
-        strict: whether a bad row is an error.
-        watch: called with the progress of reading.
+        strict: whether a bad row is an error; without `strict`, a vehicle with a bad row is left out.
+        watch: function that is called with the number of bytes read so far and the number of all bytes, or None.
 
     Raises:
         RunError: the source can't be read, the format is not known, or most headings differ from the direction of motion.
@@ -116,15 +119,25 @@ def read_log(
         path = Path(source)
     except TypeError:
         raise RunError(f"tracks must come from a file or a table, got {type(source).__name__}") from None
+    log_format = format_of(path, format)
+    log = log_format.read(path, columns, strict=strict, watch=watch)
+    check_facing(log)
+    return log, log_format.point
+
+
+def format_of(path: Path, format: str | None) -> Format:
+    """Return the named format, or without a name the format of a file by its suffix; XML is CommonRoad if its root says so.
+
+    Raises:
+        RunError: the name or the suffix is not known, or an XML file can't be read.
+    """
     known_formats = formats()
     if format is not None and format not in known_formats:
         raise RunError(
             f"{format!r:.60} is no format of tracks, known are {', '.join(known_formats)}{suggest(str(format), known_formats)}"
         )
-    log_format = known_formats[format or _format_of_name(path, known_formats)]
-    log = log_format.read(path, columns, strict=strict, watch=watch)
-    check_facing(log)
-    return log, log_format.point
+    name = format or _format_of_name(path, known_formats)
+    return known_formats["commonroad" if format is None and name == "fcd" and is_commonroad(path) else name]
 
 
 def _format_of_name(path: Path, known_formats: Mapping[str, Format]) -> str:
@@ -136,12 +149,13 @@ def _format_of_name(path: Path, known_formats: Mapping[str, Format]) -> str:
             return format
     suffixes = ", ".join(suffix for candidate in known_formats.values() for suffix in candidate.suffixes)
     raise RunError(
-        f"{path}: its name says no format of tracks ({suffixes}): name one by --format (format=), of {', '.join(known_formats)}"
+        f"{path} has none of the suffixes of formats of tracks ({suffixes}): name the format by --format (format=), one of "
+        f"{', '.join(known_formats)}"
     )
 
 
 def check_facing(log: Log) -> None:
-    """Check that most vehicles head in their direction of motion.
+    """Check that the headings of most vehicles agree with their direction of motion.
 
     Raises:
         RunError: most headings differ from the direction of motion, so that neither front bumpers nor ways can be derived.
@@ -157,4 +171,6 @@ def check_facing(log: Log) -> None:
 
 
 def _has_comparable_heading(vehicle: Samples) -> bool:
-    return vehicle.heading is not None and bool(np.hypot(*(vehicle.points - vehicle.points[0]).T).max() >= _SHORTEST_DRIVE)
+    if vehicle.heading is None or vehicle.kind is Kind.PEDESTRIAN:  # the headings of pedestrians are not used
+        return False
+    return bool(np.hypot(*(vehicle.points - vehicle.points[0]).T).max() >= _SHORTEST_DRIVE)

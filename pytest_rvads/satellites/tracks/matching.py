@@ -1,11 +1,13 @@
-"""Matching of recorded vehicles to ways through a junction: the way of a vehicle is the way nearest to its whole track.
+"""Finds the way (path through a junction) that a recorded vehicle drove, and computes the vehicle's track along this way.
 
-A track that is equally near to several ways has no way.
+The way of a vehicle is the way nearest to its whole track. If several ways are equally near, the way is unknown. The track of a
+matched vehicle is computed from the samples of a log: station, speed, and the accuracy of both.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -14,50 +16,72 @@ from numpy.typing import NDArray
 
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.runs.itineraries import Itinerary
+from pytest_rvads.runs.recording import Track
+from pytest_rvads.runs.smoothing import QUIET, delay, roughness, smoothed
+from pytest_rvads.runs.states import Agent
 from pytest_rvads.satellites.tracks.samples import Samples
 
-__all__ = ["NEVER", "STANDS", "Matched", "Matcher", "directions"]
+__all__ = [
+    "NEVER",
+    "STANDS",
+    "Line",
+    "Matched",
+    "Matcher",
+    "accuracy_of",
+    "delay_of",
+    "directions",
+    "noise_of",
+    "track_of",
+    "unbroken",
+]
 
 _Values = NDArray[np.float64]
 
 _FOLLOWED_APPROACH = 150.0
 """Distance before the stopping line from which a vehicle is followed [m]."""
 FAR = 3.0
-"""Largest distance between a track and its way, root mean square [m]. It is about the width of a lane, because some vehicles
-change lanes late."""
+"""Largest root mean square of the distances between the points of a track and its way [m]: about the width of a lane, because
+some vehicles change lanes late."""
 _FARTHEST_SAMPLE = 6.0
-"""Largest distance between a sample and the way of its vehicle [m]; a farther sample lies on another road."""
+"""Largest distance between a sample and a way [m]; a sample farther away lies on another road."""
 _DECISIVE_APPROACH = 50.0
-"""Distance before the entrance vertex from which a track decides on the way [m]; vehicles farther away may change lanes."""
+"""Distance before the entrance vertex from which a track is compared with ways [m]; earlier, the vehicle can change lanes."""
 _LEAST_DIFFERENCE = 0.5
-"""Least difference between the distances of the two nearest ways, root mean square [m]; below it the way is ambiguous."""
+"""If the root mean square distances of a track from the two nearest ways differ by less than this [m], its way is unknown."""
 _STEP = 2.0
-"""Distance between the compared points of a track [m]: equal distances keep a long stand from dominating."""
+"""Distance between the points of a track that are compared with ways [m]; a vehicle that stands adds no points."""
 _GAP = 2.0
-"""Longest gap between samples of a vehicle [s]; after a longer gap of more than five usual steps it is another vehicle."""
+"""A track is cut at a gap between samples that is longer than this [s] and longer than five usual times between samples."""
 _LONGEST_GAP = 10.0
-"""Longest gap for vehicles with rare samples [s]; during a longer gap the place of the vehicle is not known."""
+"""A track with rare samples is cut at a longer gap [s], because the position of the vehicle in the gap is unknown."""
 _AGAINST = -0.3
-"""Cosine of the angle between a vehicle and a way; with a smaller cosine, the vehicle drives against the way."""
+"""Least cosine of the angle between the headings of a vehicle and of a way at which the vehicle can be on the way."""
+_EXACT = 0.005
+"""Standard deviation of positions below which positions count as exact [m]: rounding to two decimals has a smaller deviation."""
+_BODY = 5.0
+"""Length that is assumed for a vehicle without a recorded length [m]. While any part of this length is in a bend, recorded speeds
+can differ from the speed of the front bumper, because the front bumper follows another line than the recorded point."""
+_WIDE = 200.0
+"""Least radius of a bend that counts as straight [m]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Matched:
-    """A vehicle on its way through a junction."""
+    """A pass of a vehicle through a junction, with the way that it was matched to."""
 
     way: Itinerary
     rows: slice
-    """Samples of the vehicle that lie on the way."""
+    """The samples of the vehicle that lie on the way."""
     station: _Values
     """Station of each of these samples, shape ``(rows,)`` [m]."""
     lateral: _Values
-    """Distance to the left of the way of each of these samples, shape ``(rows,)`` [m]."""
+    """Distance of each of these samples from the way, positive to the left, shape ``(rows,)`` [m]."""
     offset: float
     """Root mean square of the lateral distance over points at equal distances along the track [m]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Line:
+class Line:
     """The centre line of a way as straight pieces."""
 
     way: Itinerary
@@ -71,23 +95,24 @@ class _Line:
     """Length of each piece, shape ``(pieces,)`` [m]."""
 
     @classmethod
-    def of(cls, way: Itinerary) -> _Line:
+    def of(cls, way: Itinerary) -> Line:
+        """Return the centre line of a way."""
         points, station = way.path.points, way.path.stations - way.origin
         long = np.diff(station)
         return cls(way, points[:-1], np.diff(points, axis=0) / long[:, None], station[:-1], long)
 
-    def project(self, points: _Values, heading: _Values) -> tuple[_Values, _Values]:
-        """Project points onto the nearest piece of the line that does not lead against the heading.
+    def project(self, points: _Values, heading: _Values | None = None) -> tuple[_Values, _Values]:
+        """Project each point onto the nearest piece of the line that does not lead against the heading of the vehicle.
 
         Args:
             points: positions of a vehicle, shape ``(points, 2)`` [m].
-            heading: headings of the vehicle, shape ``(points,)`` [rad].
+            heading: headings of the vehicle, shape ``(points,)`` [rad]; None if every piece can be the nearest.
 
         Returns:
-            Stations and distances to the left, both of shape ``(points,)`` [m]; a distance is infinite if every piece leads
-            against the heading.
+            Stations, and distances from the line, positive to the left, both of shape ``(points,)`` [m]. A distance is infinite
+            if every piece leads against the heading.
         """
-        facing = np.stack((np.cos(heading), np.sin(heading)), axis=1)
+        facing = None if heading is None else np.stack((np.cos(heading), np.sin(heading)), axis=1)
         station, offset = np.empty(len(points)), np.empty(len(points))
         for begin in range(0, len(points), _BATCH):
             block = slice(begin, begin + _BATCH)
@@ -95,7 +120,8 @@ class _Line:
             along = np.clip((apart * self.ahead).sum(axis=2), 0.0, self.long)
             apart -= along[:, :, None] * self.ahead
             squared = (apart**2).sum(axis=2)
-            squared[facing[block] @ self.ahead.T < _AGAINST] = np.inf
+            if facing is not None:
+                squared[facing[block] @ self.ahead.T < _AGAINST] = np.inf
             best = squared.argmin(axis=1)
             rows = np.arange(len(best))
             ahead, beside = self.ahead[best], apart[rows, best]
@@ -113,13 +139,13 @@ class Matcher:
     """Matches vehicles to the ways through a junction."""
 
     def __init__(self, junction: Junction) -> None:
-        self._lines = [_Line.of(Itinerary.through(junction, *key)) for key in sorted(junction.movements)]
+        self._lines = [Line.of(Itinerary.through(junction, *key)) for key in sorted(junction.movements)]
         inner = np.vstack([movement.path.points for movement in junction.movements.values() if movement.path is not None])
         self.centre = inner.mean(axis=0)
         self._radius = float(np.hypot(*(inner - self.centre).T).max()) + _DECISIVE_APPROACH
 
     def match(self, vehicle: Samples, points: _Values, heading: _Values) -> Iterator[Matched | str]:
-        """Yield each pass of a vehicle through the junction; instead of a pass that has no way, yield the reason.
+        """Yield each pass of a vehicle through the junction, or the reason why the way of the pass is unknown.
 
         Args:
             vehicle: samples of the vehicle in the log.
@@ -129,18 +155,18 @@ class Matcher:
         if float(np.hypot(*(points - self.centre).T).min()) > self._radius:
             yield NEVER
             return
-        for piece in _unbroken(vehicle.times):
+        for piece in unbroken(vehicle.times):
             yield from self._passes(points[piece], heading[piece], piece.start)
 
     def _passes(self, points: _Values, heading: _Values, first: int) -> Iterator[Matched | str]:
-        """Yield the passes of a track without a gap; `first` is the number of its first sample."""
+        """Yield the passes, or reasons, of a part of a track without gaps, whose first sample has the number `first`."""
         picked = evenly_spaced(points)
         if len(picked) < 2:
             yield STANDS
             return
         projections = [line.project(points[picked], heading[picked]) for line in self._lines]
         station, offset = (np.array(values) for values in zip(*projections, strict=True))  # (ways, picked)
-        # A point is inside the junction if the nearest place of the nearest way lies between entrance and exit.
+        # A point counts as inside the junction if its projection onto the nearest way lies between entrance and exit.
         nearest = np.abs(offset).argmin(axis=0)
         column = np.arange(len(picked))
         lengths = np.array([line.way.length for line in self._lines])
@@ -161,12 +187,12 @@ class Matcher:
             else:
                 yield _match_along(chosen, points[begin:end], heading[begin:end], first + begin)
 
-    def _choose(self, station: _Values, offset: _Values) -> _Line | str:
-        """Return the way of a pass, or the reason why the pass has no way.
+    def _choose(self, station: _Values, offset: _Values) -> Line | str:
+        """Return the way of a pass, or the reason why the way is unknown.
 
         Args:
             station: stations of the points of the pass on each way, shape ``(ways, points)`` [m].
-            offset: distances of the points to the left of each way, shape ``(ways, points)`` [m].
+            offset: distances of the points from each way, positive to the left, shape ``(ways, points)`` [m].
         """
         ends = np.array([line.way.end for line in self._lines])[:, None]
         starts = np.array([max(-line.way.origin, -_DECISIVE_APPROACH) for line in self._lines])[:, None]
@@ -197,11 +223,13 @@ BEHIND = "its way is not known: the track begins in the junction or behind it"
 UNCLEAR = "its way is not known: the track ends in the junction, and several ways are equally near"
 BESIDE = f"it is more than {FAR:g} m away from every way through the junction"
 _OFF_DISTANCE = 10.0
-"""Distance that counts for every point farther away from a way [m]."""
+"""A point farther away from a way counts as if it had this distance, so that single points do not decide on the way [m]."""
 
 
 def directions(points: _Values) -> _Values:
-    """Return the headings of a vehicle derived from its motion, shape ``(samples,)`` [rad]; a standing vehicle keeps its heading.
+    """Return the headings of a vehicle, derived from its positions, shape ``(samples,)`` [rad].
+
+    A standing vehicle keeps its heading; the headings of a vehicle that never moves by `_STEP` are 0.
 
     Args:
         points: positions of the vehicle, shape ``(samples, 2)`` [m].
@@ -216,7 +244,7 @@ def directions(points: _Values) -> _Values:
 
 
 def evenly_spaced(points: _Values) -> NDArray[np.int64]:
-    """Return the numbers of samples at distances of `_STEP` along a track, beginning with the first sample."""
+    """Return the numbers of samples of a track that are at least `_STEP` apart, beginning with the first sample."""
     picked, (x, y) = [0], points[0].tolist()
     for k, (px, py) in enumerate(points.tolist()):
         if (px - x) ** 2 + (py - y) ** 2 >= _STEP**2:
@@ -225,8 +253,8 @@ def evenly_spaced(points: _Values) -> NDArray[np.int64]:
     return np.array(picked)
 
 
-def _unbroken(times: _Values) -> list[slice]:
-    """Return the parts of a track between gaps, given its times [s]."""
+def unbroken(times: _Values) -> list[slice]:
+    """Return the parts of a track between long gaps, given the times of its samples [s]."""
     steps = np.diff(times)
     limit = min(max(_GAP, 5.0 * float(np.median(steps))), _LONGEST_GAP) if len(steps) else _GAP
     bounds = [0, *(np.flatnonzero(steps > limit) + 1).tolist(), len(times)]
@@ -234,7 +262,11 @@ def _unbroken(times: _Values) -> list[slice]:
 
 
 def _pass_starts(inside: NDArray[np.int64]) -> list[int]:
-    """Return the numbers of the points at which the passes begin, given the numbers of the points inside the junction."""
+    """Return the numbers of the points of a track at which its passes through the junction begin.
+
+    Args:
+        inside: numbers of the points that are inside the junction.
+    """
     if not len(inside):
         return []
     exits = np.flatnonzero(np.diff(inside) > _SHORTEST_ABSENCE / _STEP)
@@ -242,11 +274,14 @@ def _pass_starts(inside: NDArray[np.int64]) -> list[int]:
 
 
 _SHORTEST_ABSENCE = 20.0
-"""Distance driven outside of the junction between two passes [m]; a shorter distance belongs to the same pass."""
+"""Least distance driven outside of the junction between two passes [m]; after a shorter distance, the same pass goes on."""
 
 
-def _match_along(line: _Line, points: _Values, heading: _Values, first: int) -> Matched | str:
-    """Return the unbroken part of a pass that lies on its way and contains the crossing of the entrance vertex."""
+def _match_along(line: Line, points: _Values, heading: _Values, first: int) -> Matched | str:
+    """Return the samples of a pass around the crossing of the entrance vertex for which the vehicle was always on the way.
+
+    The result is the reason if these samples do not begin before the junction.
+    """
     way = line.way
     station, lateral = line.project(points, heading)
     low, high = max(-way.origin, way.line - _FOLLOWED_APPROACH), way.end
@@ -255,10 +290,102 @@ def _match_along(line: _Line, points: _Values, heading: _Values, first: int) -> 
     crossing = int(crossed[0]) if len(crossed) else int(np.flatnonzero(on)[-1])
     off = np.flatnonzero(~on)
     before, after = off[off < crossing], off[off > crossing]
-    kept = slice(int(before[-1]) + 1 if len(before) else 0, int(after[0]) if len(after) else len(points))
-    station, lateral = station[kept], lateral[kept]
+    rows = slice(int(before[-1]) + 1 if len(before) else 0, int(after[0]) if len(after) else len(points))
+    station, lateral = station[rows], lateral[rows]
     if len(station) < 2 or station[0] >= 0.0:
         return BEHIND
-    picked = evenly_spaced(points[kept])
+    picked = evenly_spaced(points[rows])
     offset = float(np.sqrt((lateral[picked] ** 2).mean()))
-    return Matched(way, slice(first + kept.start, first + kept.stop), station, lateral, offset)
+    return Matched(way, slice(first + rows.start, first + rows.stop), station, lateral, offset)
+
+
+def accuracy_of(matches: Sequence[tuple[Samples, Matched]]) -> float:
+    """Return the standard deviation of a coordinate, estimated from the roughness of the tracks [m]; 0 if positions are exact.
+
+    The roughness of a sequence is the standard deviation of the noise that its third differences show. Noise of positions makes
+    stations and lateral offsets rough. Braking makes stations rough even without noise. A simulator that moves vehicles exactly
+    along their ways makes lateral offsets smooth. So the smaller of the two values is taken for each vehicle, and the estimate is
+    the median over all vehicles.
+    """
+    estimates = []
+    for vehicle, match in matches:
+        times = vehicle.times[match.rows]
+        estimates.append(min(roughness(times, match.station), roughness(times, match.lateral)))
+    estimate = float(np.median(estimates)) if estimates else 0.0
+    return estimate if estimate >= _EXACT else 0.0
+
+
+def noise_of(matches: Sequence[tuple[Samples, Matched]]) -> float:
+    """Return the standard deviation of a recorded speed, estimated from the roughness of the speeds [m/s].
+
+    The result is 0 if the speeds are exact or the log has no speeds.
+    """
+    estimates = [
+        roughness(vehicle.times[match.rows], vehicle.speed[match.rows]) for vehicle, match in matches if vehicle.speed is not None
+    ]
+    estimate = float(np.median(estimates)) if estimates else 0.0
+    return estimate if estimate > QUIET else 0.0
+
+
+def delay_of(matches: Sequence[tuple[Samples, Matched]]) -> float:
+    """Return by how much the recorded speeds lag behind the recorded positions, estimated from all vehicles [s]."""
+    delays = [
+        delay(vehicle.times[match.rows], match.station, vehicle.speed[match.rows], _straight(match))
+        for vehicle, match in matches
+        if vehicle.speed is not None
+    ]
+    weight = math.fsum(weight for _, weight in delays)
+    return math.fsum(late * weight for late, weight in delays) / weight if weight else 0.0
+
+
+def track_of(  # noqa: PLR0913 - the vehicle, its samples, and their accuracy
+    agent: Agent,
+    vehicle: Samples,
+    match: Matched,
+    points: NDArray[np.float64],
+    heading: NDArray[np.float64] | None,
+    accuracy: float,
+    late: float = 0.0,
+    noise: float | None = None,
+) -> Track:
+    """Return the track of a vehicle along its way: stations, speeds and poses, smoothed according to their accuracy.
+
+    Args:
+        agent: name, kind, body and way of the vehicle.
+        vehicle: the vehicle's samples in the log.
+        match: the vehicle's way, and the samples that lie on the way.
+        points: middle of the front bumper in all samples, shape ``(samples, 2)`` [m].
+        heading: heading in all samples, shape ``(samples,)`` [rad]; None to derive the headings from the way.
+        accuracy: standard deviation of a coordinate [m]; with 0, the positions are not smoothed.
+        late: time by which the speeds lag behind the positions [s], see `delay_of`.
+        noise: standard deviation of a recorded speed [m/s]; None to estimate it from the vehicle's speeds.
+    """
+    times = vehicle.times[match.rows]
+    speed = None if vehicle.speed is None else vehicle.speed[match.rows]
+    straight = _straight(match) if accuracy > 0.0 else None
+    station, fast, spread = smoothed(times, match.station, speed, accuracy, straight, late, noise)
+    place, ahead = match.way.centre(station)
+    if accuracy > 0.0:
+        lateral = smoothed(times, match.lateral, None, accuracy)[0]
+        place = place + lateral[:, None] * np.column_stack((-ahead[:, 1], ahead[:, 0]))
+    else:
+        place = points[match.rows]
+    facing = _facing(match, station, agent) if heading is None else heading[match.rows]
+    return Track(agent, times, station, fast, np.column_stack((place, facing)), spread, match.offset)
+
+
+def _facing(match: Matched, station: NDArray[np.float64], agent: Agent) -> NDArray[np.float64]:
+    """Return the heading of a vehicle whose front and rear are both on the way, shape ``(rows,)`` [rad]."""
+    length = _BODY if agent.size is None else agent.size[0]
+    front, rear = (match.way.centre(station - back)[0] for back in (0.0, length))
+    along = front - rear
+    headings: NDArray[np.float64] = np.arctan2(along[:, 1], along[:, 0])
+    return headings
+
+
+def _straight(match: Matched) -> NDArray[np.bool_]:
+    """Return, for each sample, whether the part of the way below the vehicle is straight, shape ``(rows,)``."""
+    behind, ahead = (match.way.centre(match.station - back)[1] for back in (_BODY, 0.0))
+    turn = behind[:, 0] * ahead[:, 1] - behind[:, 1] * ahead[:, 0]
+    straight: NDArray[np.bool_] = np.abs(turn) <= _BODY / _WIDE
+    return straight

@@ -1,22 +1,24 @@
 """Samples of the vehicles of a log, independent of the log's format. Readers return a `Log`, and matching takes a `Log`.
 
-A vehicle with a bad row is left out, and so is a vehicle that passes no junction. Every output counts both, with the reason.
+A vehicle with a bad row is left out, as is a vehicle that passes no junction. Every output counts these vehicles by reason.
 """
 
 from __future__ import annotations
 
+import cmath
 import math
 from array import array
 from bisect import bisect_right
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.runs.bounds import FARTHEST
+from pytest_rvads.geometry.crosswalks import PERSON
+from pytest_rvads.runs.archive import FARTHEST
 from pytest_rvads.runs.recording import Changes
 from pytest_rvads.runs.states import Kind
 from pytest_rvads.support.errors import RunError
@@ -27,75 +29,83 @@ __all__ = ["FIELDS", "LATEST", "Gather", "Log", "Samples", "kind_of"]
 _Values = NDArray[np.float64]
 
 FIELDS = ("time", "x", "y", "heading", "speed")
-"""Fields of a sample of a vehicle; heading and speed may be missing."""
+"""Fields of a sample of a vehicle; a log can lack heading and speed."""
 LATEST = 1e12
-"""Largest time [s]: clocks may count from 1970, or in milliseconds by mistake."""
+"""Largest time that is accepted [s]: some clocks count from 1970, and some logs give milliseconds as seconds by mistake."""
 _LARGEST = {"time": LATEST, "x": FARTHEST, "y": FARTHEST, "heading": 1e6, "speed": 1e3}
 """Largest absolute value per field; a larger number is an error of the log."""
 _MOST_SAMPLES = 20_000_000
-"""Most samples of a log: they take a gigabyte of memory, and an hour of a hundred vehicles at 50 Hz has as many."""
+"""Largest number of samples of a log: an hour of a hundred vehicles at 50 Hz, which takes a gigabyte of memory."""
 _MOST_VEHICLES = 200_000
-"""Most vehicles of a log."""
+"""Largest number of vehicles of a log."""
 _FASTEST, _JUMP = 60.0, 4.0
-"""Largest speed between two samples [m/s], on top of a jump of `_JUMP` [m]. After a faster step the id belongs to another
-vehicle. The jump is allowed because simulators of lanes move a vehicle from one lane to the next in one step."""
+"""Between two samples, a vehicle moves at most `_JUMP` [m] plus the distance at speed `_FASTEST` [m/s]; after a longer move, the
+id belongs to another vehicle. `_JUMP` is allowed because some simulators move a vehicle to another lane in one step."""
 _COMPARABLE_TIME = 1.0
-"""Longest time between two samples after which size and class are not compared [s]. After a longer time the id may belong to
-another vehicle."""
+"""Size and class of a vehicle are compared with its earlier size and class only after a jump, or after a longer gap between
+samples than this [s], because only then can the id belong to another vehicle."""
 _SIZE_TOLERANCE = 0.3
-"""Largest difference of length or width between two samples of one vehicle [m]; the boxes of a detector vary by less."""
+"""Largest difference of length or width between samples of the same vehicle [m]; boxes of a detector vary by less."""
 _LONGEST = 100.0
-"""Longest vehicle [m]."""
-_KINDS = {
-    Kind.TRUCK: ("truck", "lorry", "bus", "trailer", "coach"),
-    Kind.CYCLIST: ("bicycl", "cyclist", "bike"),
-    Kind.PEDESTRIAN: ("pedestrian", "walker", "person"),
-}
+"""Greatest length or width of a vehicle that is accepted [m]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Samples:
-    """A vehicle of a log; arrays have a row per sample."""
+    """The samples of a vehicle of a log; each array has a row per sample."""
 
     name: str
     times: _Values
-    """Increasing, shape ``(samples,)`` [s]."""
+    """Increasing times of the samples, shape ``(samples,)`` [s]."""
     points: _Values
     """x and y of the recorded point of the vehicle, shape ``(samples, 2)`` [m]."""
     heading: _Values | None = None
-    """Counter-clockwise from east, shape ``(samples,)`` [rad]."""
+    """Heading, counter-clockwise from east, shape ``(samples,)`` [rad]."""
     speed: _Values | None = None
     """Forward speed, shape ``(samples,)`` [m/s]."""
     size: tuple[float, float] | None = None
     """Length and width [m]."""
     kind: Kind = Kind.CAR
     ahead: float | None = None
-    """Distance from the recorded point to the front bumper [m]; None if the kind of point and the length decide it."""
+    """Distance from the recorded point to the front bumper [m]; None if it follows from the kind of point and the length."""
+
+    def moved(self, turn: complex, shift: complex) -> Samples:
+        """Return the vehicle after a similarity: the point ``x + y * 1j`` goes to ``turn * point + shift`` [m]."""
+        places = turn * (self.points @ np.array([1.0, 1j])) + shift
+        heading = None if self.heading is None else self.heading + cmath.phase(turn)
+        speed = None if self.speed is None else self.speed * abs(turn)
+        return replace(self, points=np.column_stack((places.real, places.imag)), heading=heading, speed=speed)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Log:
-    """The content of a log."""
+    """The content of a log of traffic: vehicles with their samples, lights, and left-out vehicles."""
 
     where: str
     """Name of the log in messages."""
     vehicles: tuple[Samples, ...]
     refused: tuple[tuple[str, str], ...] = ()
-    """Name of each vehicle with a damaged row, with a sentence that names file, row, column and reason."""
+    """Per vehicle that was left out because of a bad row, its name and a sentence that names file, row, column and reason."""
     lights: Mapping[str, Changes] = field(default_factory=dict)
-    """Recorded colours by id of the signal; empty if the log has none."""
+    """Changes of colour by id of the signal; empty if the log has no lights."""
     map: Path | None = None
-    """Path of the OpenDRIVE file named by the log."""
+    """Path of the map file that the log names; None if the log names no map."""
     reused_ids: tuple[str, ...] = ()
-    """A sentence per id that a second vehicle uses: file, row, reason, and the name given to the second vehicle."""
+    """Per vehicle whose id an earlier vehicle had, a sentence that names file, row, reason, and the new name of the vehicle."""
+    utm: complex | None = None
+    """UTM coordinates of the origin of x and y, as ``east + north * 1j`` [m]; None if the log does not name its place."""
+
+    def moved(self, turn: complex, shift: complex) -> Log:
+        """Return the log after a similarity of all vehicles, see `Samples.moved`."""
+        return replace(self, vehicles=tuple(vehicle.moved(turn, shift) for vehicle in self.vehicles), utm=None)
 
 
 @dataclass(frozen=True, slots=True)
 class _Body:
-    """Size and kind of a vehicle, valid from a sample on."""
+    """Size and kind of a vehicle, as the log states them from a certain sample on."""
 
     at: int
-    """Number of the sample."""
+    """Number of the first sample for which this size and kind hold."""
     size: tuple[float, float] | None = None
     kind: Kind = Kind.CAR
     ahead: float | None = None
@@ -138,7 +148,8 @@ class Gather:
             numbers: a number per field of `FIELDS`, in SI units; heading and speed are NaN if the log has none.
 
         Returns:
-            Whether the caller must call `describe`: the sample is the first, or the id may belong to another vehicle by now.
+            Whether the caller must call `describe`: the sample is the first sample of the id, or comes after a long gap or a
+            jump, so that the id can belong to another vehicle.
         """
         series = self._rows.get(name)
         if series is None:
@@ -162,7 +173,8 @@ class Gather:
             numbers: values of the fields as for `add`, shape ``(samples, 5)``.
 
         Returns:
-            The number of earlier samples of the vehicle, and the new samples for which the caller must call `describe`.
+            The number of samples of the vehicle before this call, and the indices in `rows` of the samples for which the caller
+            must call `describe`.
         """
         series = self._rows.get(name)
         if series is None:
@@ -202,17 +214,21 @@ class Gather:
         ahead: float | None = None,
         at: int | None = None,
     ) -> None:
-        """Describe a vehicle from a sample on.
+        """Set size and kind of a vehicle from a sample on.
 
         Args:
             name: id of the vehicle.
-            size: length and width [m].
+            size: length and width [m]. A pedestrian is a circle of the diameter `PERSON` about the middle of its recorded body,
+                and has no size here, because some data sets state 0.
             kind: kind of road user.
             ahead: distance from the recorded point to the front bumper [m], see `Samples`.
-            at: number of the sample; None for the last sample.
+            at: number of the first sample for which size and kind hold; None for the sample that was added last.
         """
         bodies = self._bodies.setdefault(name, [])
         first = len(self._rows[name][0]) - 1 if at is None else at
+        if kind is Kind.PEDESTRIAN:
+            ahead = None if ahead is None or size is None else ahead + (PERSON - size[0]) / 2
+            size = None
         body = _Body(first if bodies else 0, size, kind, ahead)
         if not bodies or bodies[-1].differs(body):
             bodies.append(body)
@@ -225,7 +241,7 @@ class Gather:
             name: id of the vehicle.
             row: number of the row in the log.
             column: field with the bad value.
-            why: got and expected value, in words.
+            why: the value and the expected value, in words.
 
         Raises:
             RunError: a bad row is an error, because reading is strict.
@@ -236,7 +252,7 @@ class Gather:
         self._refused.setdefault(one_line(name, 60) or f"row {row}", one_line(message))
 
     def log(self) -> Log:
-        """Return all gathered vehicles, and empty the gatherer."""
+        """Return all gathered vehicles as a `Log`, and remove them from this object."""
         vehicles: list[Samples] = []
         reused_ids: list[str] = []
         names = set(self._rows)
@@ -289,7 +305,7 @@ class Gather:
             )
         track = numbers[:3].T
         jumps = np.flatnonzero(_impossible_steps(np.diff(track, axis=0)))
-        # If the vehicle returns to its place before the jump, the id still belongs to the same vehicle.
+        # If a second jump leads back to where the vehicle was before the first jump, the positions between the jumps are wrong.
         returns = ~_impossible_steps(track[jumps[1:] + 1] - track[jumps[:-1]])
         bad_rows = jumps if self._strict else jumps[:-1][returns]
         if len(bad_rows):
@@ -302,19 +318,26 @@ class Gather:
 
 
 def _impossible_steps(steps: _Values) -> NDArray[np.bool_]:
-    """Return which steps in time [s], x and y [m], shape ``(steps, 3)``, are too long for a vehicle."""
+    """Return, for each step between samples, whether it is too long for a vehicle.
+
+    Args:
+        steps: differences in time [s], x [m] and y [m], shape ``(steps, 3)``.
+    """
     too_far: NDArray[np.bool_] = np.hypot(steps[:, 1], steps[:, 2]) > _FASTEST * steps[:, 0] + _JUMP
     return too_far
 
 
 def _jump_in_words(numbers: _Values, at: int) -> str:
-    """Return in words how far the vehicle moved from the sample before `at` to the sample `at`."""
+    """Return, in words, how far the vehicle moved between the sample `at` and the sample before `at`."""
     time, x, y = numbers[:3, at] - numbers[:3, at - 1]
     return f"{math.hypot(x, y):.1f} m from where it was {time:g} s before"
 
 
 def _split_by_vehicle(numbers: _Values, bodies: Sequence[_Body]) -> Iterator[tuple[int, int, _Body, str]]:
-    """Yield for each vehicle of an id its first sample, the sample after its last, its body, and the reason for a new vehicle."""
+    """Yield, for each vehicle that used an id, the range of its samples (begin and end), its body, and a reason.
+
+    The reason says why the samples belong to another vehicle than the samples before; it is empty for the first vehicle.
+    """
     why = {
         int(at) + 1: _jump_in_words(numbers, int(at) + 1)
         for at in np.flatnonzero(_impossible_steps(np.diff(numbers[:3].T, axis=0)))
@@ -327,6 +350,11 @@ def _split_by_vehicle(numbers: _Values, bodies: Sequence[_Body]) -> Iterator[tup
 
 
 def kind_of(text: str) -> Kind:
-    """Return the kind of road user for a class named in a log; an unknown class is a car."""
+    """Return the kind of road user for a class named in a log; an unknown class is a car.
+
+    The class ``pedestrian/bicycle`` of the data set INTERACTION is a pedestrian, who is matched to crosswalks only.
+    """
     lowered = text.lower()
-    return next((kind for kind, words in _KINDS.items() if any(word in lowered for word in words)), Kind.CAR)
+    if lowered == "pedestrian/bicycle":
+        return Kind.PEDESTRIAN
+    return next((kind for kind in Kind if kind is not Kind.CAR and any(word in lowered for word in kind.words)), Kind.CAR)

@@ -1,4 +1,4 @@
-"""Files of tracks, read piece by piece, because a file may be compressed or larger than memory."""
+"""Reads files of tracks piece by piece, because a file may be compressed or larger than memory."""
 
 from __future__ import annotations
 
@@ -10,26 +10,25 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO, cast
 
-from pytest_rvads.support.boundedxml import XmlError
 from pytest_rvads.support.errors import RunError
-from pytest_rvads.support.storage import open_file
+from pytest_rvads.support.storage import XmlError, open_file
 from pytest_rvads.support.wording import one_line
 
 __all__ = ["Source", "Watch", "opened"]
 
 Watch = Callable[[int, int], None]
-"""Called with the number of bytes read so far and the number of all bytes."""
+"""A function that is called with the number of bytes read so far and the number of all bytes."""
 _LONGEST_LINE = 2**22
-"""Longest line of a file [bytes]."""
+"""Greatest length of a line of a file [bytes]."""
 _MOST_UNPACKED = 2**33
 """Largest size of an unpacked file [bytes]: 20 million samples have 1 to 4 GB."""
 _MOST_RATIO, _ALWAYS_UNPACKED = 200, 2**24
-"""An unpacked file has at most `_MOST_RATIO` times the packed size, or at most `_ALWAYS_UNPACKED` bytes. Logs pack to a fiftieth
-at best, so a larger ratio is an attack."""
+"""The content of a packed file can have `_ALWAYS_UNPACKED` bytes, or if more, `_MOST_RATIO` times the packed size. Logs pack to a
+fiftieth at best, so a larger ratio is an attack."""
 _MOST_BLANK = 100_000
-"""Largest surplus of empty lines over lines with content."""
+"""Largest number by which empty lines of a file exceed its lines with content."""
 _CHUNK = 2**18
-"""Bytes of a piece."""
+"""Length of the pieces in which a file is read [bytes]."""
 
 
 class Source:
@@ -38,7 +37,7 @@ class Source:
     Args:
         where: name of the file, for messages.
         raw: the file.
-        watch: called with the progress of reading.
+        watch: function that is called with the number of bytes read so far and the number of all bytes, or None.
     """
 
     def __init__(self, where: str, raw: BinaryIO, watch: Watch | None) -> None:
@@ -53,10 +52,10 @@ class Source:
         self._file = cast(BinaryIO, gzip.GzipFile(fileobj=raw)) if start == b"\x1f\x8b" else raw
 
     def chunks(self) -> Iterator[bytes]:
-        """Yield the unpacked content of the file."""
+        """Yield the unpacked content of the file in pieces."""
         while chunk := self._file.read(_CHUNK):
             self._count(len(chunk))
-            self._tell()
+            self._report_progress()
             yield chunk
 
     def lines(self, longest: int = _LONGEST_LINE) -> Iterator[bytes]:
@@ -75,7 +74,7 @@ class Source:
             if 2 * blank > count + _MOST_BLANK:
                 raise RunError(f"{self.where}: row {count}: {blank:,} of the rows up to here are empty, expected fewer")
             if count % 1000 == 0:
-                self._tell()
+                self._report_progress()
             yield line
 
     def _count(self, size: int) -> None:
@@ -83,7 +82,7 @@ class Source:
         if self._unpacked > self._most:
             raise RunError(f"{self.where}: the file unpacks to more than {self._most:,} bytes: cut the file into several files")
 
-    def _tell(self) -> None:
+    def _report_progress(self) -> None:
         if self._watch is not None and self._size:
             self._watch(min(self._raw.tell(), self._size), self._size)
 

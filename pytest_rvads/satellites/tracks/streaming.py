@@ -1,7 +1,7 @@
-"""Traffic that is still being recorded: a `Stream` reads states and yields runs of the vehicles that can be judged.
+"""Reads traffic that is still being recorded: a `Stream` reads states and yields runs in which vehicles can be judged.
 
-A vehicle can be judged as soon as all vehicles that were at the junction with it have left: then the ways of all are known. The
-memory is bounded by the number of vehicles at the junction and by the time that they stay.
+A vehicle can be judged as soon as the vehicles that were at the junction at the same time have left, because the ways of vehicles
+are known only when they have left. The memory grows with the number of vehicles at the junction and with the time that they stay.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ import numpy as np
 from msgspec import Meta
 
 from pytest_rvads.geometry.junction import Junction
-from pytest_rvads.runs.bounds import FARTHEST, Name, Size
+from pytest_rvads.runs.archive import FARTHEST, Name, Size
 from pytest_rvads.runs.run import Run
-from pytest_rvads.runs.states import Colour
+from pytest_rvads.runs.states import Colour, Kind
 from pytest_rvads.satellites.tracks.importing import Intake, recording_of
 from pytest_rvads.satellites.tracks.lightlog import changes_of, signals_at
 from pytest_rvads.satellites.tracks.samples import LATEST, Log, Samples, kind_of
@@ -28,19 +28,21 @@ from pytest_rvads.support.wording import one_line
 __all__ = ["GONE_AFTER", "LONGEST", "State", "Stream"]
 
 GONE_AFTER = 2.0
-"""Time without a sample after which a vehicle has left [s]."""
+"""Time without a sample after which a vehicle counts as gone [s]."""
 LONGEST = 300.0
-"""Longest stay of a vehicle for which other vehicles wait with their judgment [s]. So a parked vehicle stops no judgment, and
-older samples are dropped."""
+"""Longest time for which a vehicle that stays at the junction delays the verdicts on other vehicles [s].
+
+A vehicle that stays longer, such as a parked vehicle, no longer delays verdicts, and its older samples are dropped.
+"""
 _LONGEST_PAUSE = 10.0
-"""Longest time between two searches for vehicles that can be judged [s]; a vehicle that leaves starts a search at once."""
+"""Longest time between two searches for vehicles that can be judged [s]; a search also starts whenever a vehicle has left."""
 
 _Place = Annotated[float, Meta(ge=-FARTHEST, le=FARTHEST)]
 _Time = Annotated[float, Meta(ge=-LATEST, le=LATEST)]
 
 
 class SeenVehicle(msgspec.Struct, frozen=True):
-    """A vehicle of a state."""
+    """A vehicle as a line of the stream describes it at one time."""
 
     id: Name
     x: _Place
@@ -48,7 +50,7 @@ class SeenVehicle(msgspec.Struct, frozen=True):
     y: _Place
     """North coordinate of the recorded point of the vehicle [m]."""
     heading: _Place | None = None
-    """Counter-clockwise from east [rad]; None to derive the heading from the positions."""
+    """Heading, counter-clockwise from east [rad]; None to derive the heading from the positions."""
     speed: _Place | None = None
     """Forward speed [m/s]; None to derive the speed from the positions."""
     length: Size | None = None
@@ -57,30 +59,30 @@ class SeenVehicle(msgspec.Struct, frozen=True):
 
 
 class State(msgspec.Struct, frozen=True):
-    """A line of the stream: all vehicles and lights at a time."""
+    """A line of the stream: all vehicles and lights at one time."""
 
     t: _Time
     """Time on the clock of the log [s]."""
     vehicles: tuple[SeenVehicle, ...] = ()
     lights: dict[str, str] = {}
-    """Colour by entrance (``0``, ``0.1``) or id of a signal: green, yellow, red or none. A colour holds until a later line has
-    another colour."""
+    """Colour (green, yellow, red or none) by name of an entrance (``0``, ``0.1``) or id of a signal. A colour holds until a later
+    line has another colour for the same name."""
 
 
 @dataclass(slots=True)
-class _Seen:
-    """All samples of a vehicle so far."""
+class _SampledVehicle:
+    """The samples of a vehicle in the stream so far."""
 
     first: SeenVehicle
-    """The first sample, which has size and kind."""
+    """The vehicle in its first sample, from which its size and kind are taken."""
     times: list[float] = field(default_factory=list)
     rows: list[tuple[float, float, float | None, float | None]] = field(default_factory=list)
     """x, y, heading, speed of each sample, in SI units."""
     judged: bool = False
 
     def samples(self) -> Samples:
-        """Return the samples as a vehicle of a log."""
-        columns = np.array(self.rows, dtype=np.float64).T  # None becomes NaN
+        """Return the samples in the form that all log formats share."""
+        columns = np.array(self.rows, dtype=np.float64).T  # numpy converts None to NaN
         heading, speed = (None if np.isnan(values).any() else values for values in columns[2:])
         vehicle = self.first
         size = None if vehicle.length is None or vehicle.width is None else (vehicle.length, vehicle.width)
@@ -98,32 +100,33 @@ class Stream:
     Args:
         label: prefix of the labels of the runs.
         junction: the junction of the vehicles.
-        intake: recorded point, sizes, offset and accuracy, as for `read_tracks`; None for exact positions of the front bumper.
+        intake: recorded point, sizes, offset and accuracy, as for `read_tracks`; None if positions are exact and refer to the
+            front bumper.
     """
 
     def __init__(self, label: str, junction: Junction, intake: Intake | None = None) -> None:
         self._label, self._junction, self._intake = label, junction, intake or Intake("front", position_accuracy=0.0)
         self._signals = signals_at(junction)
         self._now: float | None = None
-        self._looked = -np.inf
-        self._there: dict[str, _Seen] = {}
-        self._past: list[_Seen] = []
+        self._last_search = -np.inf
+        self._present: dict[str, _SampledVehicle] = {}
+        self._departed: list[_SampledVehicle] = []
         self._lights: dict[str, list[tuple[float, Colour]]] = {}
         self.left_out: dict[str, int] = {}
         """Number of omitted vehicles by reason."""
         self.judged = 0
-        """Number of judged vehicles."""
+        """Number of vehicles that were judged so far."""
 
     def read(self, line: bytes, where: str) -> Iterator[Run]:
-        """Read a line and return the runs that this line completes.
+        """Read a line, and return runs of the vehicles that can be judged now.
 
         Args:
             line: a state in JSON, see `State`.
             where: name of the line in messages.
 
         Raises:
-            RunError: the line is no state, or its time is not later than the time of the line before; the stream ignores the
-                line.
+            RunError: the line is no state, names an unknown light, or is not later than the line before. The stream stays as it
+                was before the line.
         """
         state = decode(line, State, where, RunError)
         if self._now is not None and state.t <= self._now:
@@ -136,22 +139,22 @@ class Stream:
         for signal, colour in colours:
             self._lights.setdefault(signal, []).append((state.t, colour))
         for vehicle in state.vehicles:
-            track = self._there.get(vehicle.id)
+            track = self._present.get(vehicle.id)
             if track is None:
-                track = self._there[vehicle.id] = _Seen(vehicle)
+                track = self._present[vehicle.id] = _SampledVehicle(vehicle)
             track.times.append(state.t)
             track.rows.append((vehicle.x, vehicle.y, vehicle.heading, vehicle.speed))
-        gone_names = [name for name, track in self._there.items() if track.span[1] < state.t - GONE_AFTER]
-        self._past += [self._there.pop(name) for name in gone_names]
-        if not gone_names and state.t < self._looked + _LONGEST_PAUSE:
+        gone_names = [name for name, track in self._present.items() if track.span[1] < state.t - GONE_AFTER]
+        self._departed += [self._present.pop(name) for name in gone_names]
+        if not gone_names and state.t < self._last_search + _LONGEST_PAUSE:
             return iter(())
-        self._looked = state.t
+        self._last_search = state.t
         return self._ready(state.t)
 
     def end(self) -> Iterator[Run]:
-        """Return the runs of all vehicles that are not judged yet; the caller reads no more lines."""
-        self._past += self._there.values()
-        self._there.clear()
+        """Return the runs of all vehicles that are not judged yet. Callers must not read another line after this call."""
+        self._departed += self._present.values()
+        self._present.clear()
         return self._ready(np.inf)
 
     def _signal(self, key: str, where: str) -> str:
@@ -160,23 +163,23 @@ class Stream:
         return key
 
     def _ready(self, now: float) -> Iterator[Run]:
-        """Yield runs of the vehicles that left and whose companions all left, and drop the vehicles that no later run needs."""
-        present_since = [seen.span[0] for seen in self._there.values() if seen.span[0] > now - LONGEST]
+        """Yield runs of the vehicles that left before every present vehicle came, and drop vehicles that no later run needs."""
+        present_since = [seen.span[0] for seen in self._present.values() if seen.span[0] > now - LONGEST]
         first_present = min(present_since, default=np.inf)
-        ready = [seen for seen in self._past if not seen.judged and seen.span[1] < first_present]
+        ready = [seen for seen in self._departed if not seen.judged and seen.span[1] < first_present]
         if ready:
             yield from self._runs(ready)
             for seen in ready:
                 seen.judged = True
-            self.judged += len(ready)
-        needed_since = min((s.span[0] for s in (*self._past, *self._there.values()) if not s.judged), default=now)
+            self.judged += sum(kind_of(seen.first.kind) is not Kind.PEDESTRIAN for seen in ready)
+        needed_since = min((s.span[0] for s in (*self._departed, *self._present.values()) if not s.judged), default=now)
         needed_since = max(needed_since, now - LONGEST)
-        self._past = [seen for seen in self._past if not seen.judged or seen.span[1] >= needed_since]
+        self._departed = [seen for seen in self._departed if not seen.judged or seen.span[1] >= needed_since]
         self._forget(needed_since)
 
     def _forget(self, needed_since: float) -> None:
-        """Drop samples and colours that are so old that no later run needs them."""
-        for seen in self._there.values():
+        """Drop samples and colours that no later run needs, given the time from which runs still need them [s]."""
+        for seen in self._present.values():
             count = int(np.searchsorted(seen.times, needed_since - LONGEST))
             if count:
                 del seen.times[:count], seen.rows[:count]
@@ -184,10 +187,10 @@ class Stream:
             last = max((k for k, (time, _) in enumerate(changes) if time <= needed_since), default=0)
             self._lights[signal] = changes[last:]
 
-    def _runs(self, ready: list[_Seen]) -> Iterator[Run]:
+    def _runs(self, ready: list[_SampledVehicle]) -> Iterator[Run]:
         names = {seen.first.id for seen in ready}
         begin, end = min(seen.span[0] for seen in ready), max(seen.span[1] for seen in ready)
-        meanwhile = [seen for seen in (*self._past, *self._there.values()) if seen.span[0] <= end and seen.span[1] >= begin]
+        meanwhile = [seen for seen in (*self._departed, *self._present.values()) if seen.span[0] <= end and seen.span[1] >= begin]
         log = Log(self._label, tuple(seen.samples() for seen in meanwhile))
         recording = recording_of(log, self._junction, self._intake, changes_of(self._lights), self._label)
         for name, why in recording.left_out:
@@ -197,7 +200,7 @@ class Stream:
             if run.excerpt is None or run.excerpt.judged is None:
                 yield run
                 continue
-            # A vehicle that comes back has the name v17#2.
+            # A second pass of vehicle v17 through the junction has the name v17#2.
             judged = tuple(name for name in run.excerpt.judged if name.partition("#")[0] in names or name in names)
             if judged:
                 yield replace(run, excerpt=replace(run.excerpt, judged=judged))

@@ -1,4 +1,4 @@
-"""Tables of tracks: the column and unit of each field, and the vehicles in the rows.
+"""Reads tables of tracks: finds the column and unit of each field, and gathers the vehicles from the rows.
 
 A table is a CSV file, or a table in memory: of pandas, polars or pyarrow, or a dictionary of columns. This module imports none of
 the three libraries.
@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pytest_rvads.runs.states import Kind
 from pytest_rvads.satellites.tracks.samples import Gather, Log, kind_of
 from pytest_rvads.support.errors import RunError, suggest
 from pytest_rvads.support.wording import one_line
@@ -26,7 +27,7 @@ __all__ = ["PRESETS", "TEXTS", "Column", "Rows", "columns_of", "is_table", "log_
 _REQUIRED = ("time", "id", "x", "y")
 _OPTIONAL = ("heading", "speed", "vx", "vy", "length", "width", "class", "case")
 TEXTS = ("id", "class", "case")
-"""Fields with texts; all other fields have numbers."""
+"""Fields whose values are texts; the values of all other fields are numbers."""
 _UNITS = {
     "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
     "heading": {"rad": 1.0, "deg": math.pi / 180, "north": -math.pi / 180},
@@ -34,9 +35,9 @@ _UNITS = {
     "vx": {"m/s": 1.0, "km/h": 1 / 3.6},
     "vy": {"m/s": 1.0, "km/h": 1 / 3.6},
 }
-"""Factor of each unit of a field; ``north`` are degrees clockwise from north."""
+"""By field and name of a unit, the factor from the unit to the SI unit; the unit ``north`` is degrees clockwise from north."""
 _RATE = re.compile(r"(\d+(?:\.\d+)?)hz", re.IGNORECASE)
-"""Unit of a frame number used as time, in frames per second, as in ``time=frame:25hz``."""
+"""Pattern of the unit of a time that counts frames: the number of frames per second, as in ``time=frame:25hz``."""
 _USUAL_NAMES = {
     "time": ("time", "t", "timestamp", "time_s", "timestamp_s", "sim_time", "timestamp_ms:ms", "time_ms:ms", "timestamp_ns:ns"),
     "id": ("id", "track_id", "trackid", "vehicle_id", "vehicle", "agent_id", "object_id", "agent", "name"),
@@ -50,7 +51,7 @@ _USUAL_NAMES = {
     "width": ("width", "w", "width_m"),
     "class": ("class", "type", "kind", "agent_type", "category", "object_type"),
 }
-"""Usual names of the columns of each field, in lower case."""
+"""Per field, names of columns that are tried if the user names no column, in lower case, with a unit after a colon."""
 PRESETS = {
     "ind": {
         "time": "frame:25hz",
@@ -77,27 +78,27 @@ PRESETS = {
         "class": "agent_type",
     },
 }
-"""Columns of data sets. A file may lack a column of an optional field."""
+"""By name of a data set, the column of each field. Files can lack the columns of optional fields."""
 
 
 _CASE_LENGTH = 1000.0
-"""Time between the starts of two cases of a file [s]. A case is a scene of some seconds whose clock begins at zero."""
+"""Time between the starts of two cases of a file of INTERACTION [s]; a case is a scene of some seconds with a clock from zero."""
 
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """The column of a field."""
+    """The column of a table that holds the values of a field (such as time or x), with the unit of the values."""
 
     name: str
     factor: float = 1.0
     """Factor from the unit of the column to the SI unit."""
     north: bool = False
-    """Whether angles count from north; otherwise angles count from east."""
+    """Whether angles are measured from north; if not, they are measured from east."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rows:
-    """A batch of rows of a table, by field."""
+    """A batch of rows of a table, with the values of each field."""
 
     numbers: Mapping[str, NDArray[np.float64]]
     """Numbers of each field, shape ``(rows,)``, in the unit of the column; NaN if the cell has no number."""
@@ -106,11 +107,11 @@ class Rows:
     lines: NDArray[np.int64]
     """Line number of each row in the file, for messages, shape ``(rows,)``."""
     bad: Sequence[tuple[int, str, str]] = ()
-    """Bad rows: index, field and reason."""
+    """Per bad row, its index in the batch, the field with the bad value, and the reason."""
 
 
 def parse_columns(text: str) -> dict[str, str]:
-    """Return the column of each field that a text such as ``time=t:ms,id=track,x=X,y=Y,heading=yaw:deg`` names.
+    """Return the column (with its unit) by field, given a text such as ``time=t:ms,id=track,x=X,y=Y,heading=yaw:deg``.
 
     Raises:
         RunError: the text has another form.
@@ -125,22 +126,23 @@ def parse_columns(text: str) -> dict[str, str]:
 
 
 def columns_of(
-    given: Mapping[str, str] | None, names: Sequence[str], where: str, *, preset: str | None = None
+    columns: Mapping[str, str] | None, names: Sequence[str], where: str, *, preset: str | None = None
 ) -> dict[str, Column]:
     """Return the column of each field of a table.
 
     Args:
-        given: column per field, with a unit after a colon unless the column has SI units; None to look for the usual names.
+        columns: column per field, with a unit after a colon unless the column has SI units; None if the user names no column.
         names: names of the columns of the table.
         where: name of the table in messages.
-        preset: key of `PRESETS` that `given` overrides; None for the preset that fits the names.
+        preset: key of `PRESETS` for the fields that `columns` does not name; None to take, if `columns` is None as well, the
+            preset whose columns the table has. Fields without a preset get the column with a usual name.
 
     Raises:
         RunError: a field, column or unit is not known, or a required field has no column.
     """
     table_columns = {name.strip().lower(): name for name in reversed(names)}
-    chosen = PRESETS.get(preset or (_fitting_preset(table_columns) if given is None else ""), {})
-    named_columns = {} if given is None else dict(given)
+    preset_columns = PRESETS.get(preset or (_fitting_preset(table_columns) if columns is None else ""), {})
+    named_columns = {} if columns is None else dict(columns)
     for field in named_columns:
         if field not in (*_REQUIRED, *_OPTIONAL):
             all_fields = (*_REQUIRED, *_OPTIONAL)
@@ -152,8 +154,8 @@ def columns_of(
         texts = (
             (named_columns[field],)
             if field in named_columns
-            else (chosen[field],)
-            if field in chosen
+            else (preset_columns[field],)
+            if field in preset_columns
             else _USUAL_NAMES.get(field, ())
         )
         for text in texts:
@@ -168,13 +170,13 @@ def columns_of(
                     if field in named_columns
                     else f"column for the {field} ({', '.join(texts)})"
                 )
-                listed = one_line(", ".join(names[:20]), 300)
-                raise RunError(f"{where}: row 1 has no {missing}, it has {listed}: name it by --columns {field}=...")
+                column_list = one_line(", ".join(names[:20]), 300)
+                raise RunError(f"{where}: row 1 has no {missing}, it has {column_list}: name it by --columns {field}=...")
     return fields
 
 
 def _fitting_preset(table_columns: Mapping[str, str]) -> str:
-    """Return the preset whose columns a table has, apart from ``case``, which only some files have; empty if none fits."""
+    """Return the preset of whose columns a table has all but perhaps ``case``, which only some files have; empty without one."""
     for name, fields in PRESETS.items():
         needed = {text.partition(":")[0].lower() for field, text in fields.items() if field != "case"}
         if needed <= table_columns.keys():
@@ -183,7 +185,7 @@ def _fitting_preset(table_columns: Mapping[str, str]) -> str:
 
 
 def _column(field: str, text: str, table_columns: Mapping[str, str], where: str) -> Column | None:
-    """Return the column that a text names, with an optional unit after a colon; None if no column has the name."""
+    """Return the column that a text such as ``t:ms`` names, with an optional unit after a colon; None if the table lacks it."""
     if text.strip().lower() in table_columns:
         return Column(table_columns[text.strip().lower()])
     name, _, unit = text.rpartition(":")
@@ -199,11 +201,20 @@ def _column(field: str, text: str, table_columns: Mapping[str, str], where: str)
     return Column(table_columns[name.strip().lower()], units[unit], unit == "north")
 
 
-def log_of(chunks: Iterable[Rows], columns: Mapping[str, Column], where: str, *, strict: bool) -> Log:
-    """Return the vehicles of a table that comes in batches of rows.
+def log_of(
+    chunks: Iterable[Rows], columns: Mapping[str, Column], where: str, *, strict: bool, classes: Mapping[str, str] | None = None
+) -> Log:
+    """Return the vehicles of a table.
+
+    Args:
+        chunks: the rows of the table in batches.
+        columns: column per field.
+        where: name of the table in messages.
+        strict: whether a bad row is an error.
+        classes: class by id of the vehicle, for a table without a column for the class.
 
     Raises:
-        RunError: the table is too large, or has a bad row while reading is `strict`.
+        RunError: the table is too large, or has a bad row and `strict` is set.
     """
     column_names = {field: column.name for field, column in columns.items()}
     column_names.setdefault("speed", column_names.get("vx", "speed"))
@@ -211,12 +222,22 @@ def log_of(chunks: Iterable[Rows], columns: Mapping[str, Column], where: str, *,
     gather = Gather(where, column_names, strict=strict)
     cases: dict[str, int] = {}
     for rows in chunks:
-        _add_rows(gather, rows, columns, cases)
+        _add_rows(gather, rows, columns, cases, classes or {})
     return gather.log()
 
 
-def _add_rows(gather: Gather, rows: Rows, columns: Mapping[str, Column], cases: dict[str, int]) -> None:
-    """Add a batch of rows, vehicle by vehicle; `cases` holds the numbers of the cases met so far."""
+def _add_rows(
+    gather: Gather, rows: Rows, columns: Mapping[str, Column], cases: dict[str, int], classes: Mapping[str, str]
+) -> None:
+    """Add a batch of rows to the vehicles.
+
+    Args:
+        gather: collects the vehicles.
+        rows: the batch.
+        columns: column per field.
+        cases: number of each case (scene of the data set INTERACTION) in the batches so far, to which new cases are added.
+        classes: as for `log_of`.
+    """
     nothing = np.full(len(rows.numbers["x"]), np.nan)
     times = rows.numbers["time"] * columns["time"].factor
     names = rows.texts["id"]
@@ -232,7 +253,7 @@ def _add_rows(gather: Gather, rows: Rows, columns: Mapping[str, Column], cases: 
         speed = speed * columns["speed"].factor
     elif {"vx", "vy"} <= columns.keys():
         east, north = (rows.numbers[field] * columns[field].factor for field in ("vx", "vy"))
-        # Noise makes the magnitude of a velocity too large on average, but not its component along the heading.
+        # Noise increases the magnitude of a velocity on average, but does not increase its component along the heading.
         speed = east * np.cos(heading) + north * np.sin(heading) if "heading" in columns else np.hypot(east, north)
     table = np.column_stack((times, rows.numbers["x"], rows.numbers["y"], heading, nothing if speed is None else speed))
     for at, field, why in rows.bad:
@@ -245,17 +266,22 @@ def _add_rows(gather: Gather, rows: Rows, columns: Mapping[str, Column], cases: 
         rows_of_vehicle = order[begin:end]
         before, to_describe = gather.extend(name, rows.lines[rows_of_vehicle], table[rows_of_vehicle])
         for k in to_describe.tolist():
-            _describe(gather, name, rows, int(rows_of_vehicle[k]), before + k)
+            at = int(rows_of_vehicle[k])
+            kind = kind_of(rows.texts["class"][at] if "class" in rows.texts else classes.get(name, ""))
+            _describe(gather, name, rows, at, before + k, kind)
 
 
-def _describe(gather: Gather, name: str, rows: Rows, at: int, sample: int) -> None:
+def _describe(gather: Gather, name: str, rows: Rows, at: int, sample: int, kind: Kind) -> None:
     size = tuple(float(rows.numbers[field][at]) for field in ("length", "width") if field in rows.numbers)
     dimensions = (size[0], size[1]) if len(size) == 2 and not any(math.isnan(number) for number in size) else None
-    gather.describe(name, dimensions, kind_of(rows.texts["class"][at] if "class" in rows.texts else ""), at=sample)
+    gather.describe(name, dimensions, kind, at=sample)
 
 
 def numbers_of(values: Any) -> tuple[NDArray[np.float64], list[int]]:
-    """Return values as numbers, with NaN for other values, and the indices of values that are neither missing nor a number."""
+    """Return values as numbers, with NaN for a value that is no number, and the indices of the bad values.
+
+    A value is bad if its cell is not empty and its text is not a number.
+    """
     with suppress(TypeError, ValueError, OverflowError):
         return np.asarray(values, dtype=np.float64), []
     numbers, wrong = np.full(len(values), np.nan), []
@@ -274,15 +300,15 @@ _WHERE = "table"
 
 
 def is_table(source: object) -> bool:
-    """Return whether a value is a table: a mapping of columns, or a value with a protocol of dataframes or Arrow."""
+    """Return whether a value is a table: a mapping of columns, or an object with the protocol of dataframes or of Arrow."""
     return isinstance(source, Mapping) or hasattr(source, "__dataframe__") or hasattr(source, "__arrow_c_stream__")
 
 
 def read_table(table: Any, columns: Mapping[str, str] | None, *, strict: bool, preset: str | None = None) -> Log:
-    """Return the vehicles of a table in memory; `columns_of` explains `columns` and `preset`. Row numbers begin with 0.
+    """Return the vehicles of a table in memory; `columns_of` explains `columns` and `preset`. Messages count rows from 0.
 
     Raises:
-        RunError: the table lacks a column, its columns differ in length, or a row is bad while reading is `strict`.
+        RunError: the table lacks a column, its columns differ in length, or a row is bad and `strict` is set.
     """
     names = _column_names(table)
     fields = columns_of(columns, names, _WHERE, preset=preset)
@@ -323,13 +349,13 @@ def _batches(values: Mapping[str, Any], columns: Mapping[str, Column]) -> Iterat
         for field in columns:
             values_of_batch: Sequence[Any] = values[field][batch].tolist()
             if field in TEXTS:
-                texts[field] = [_text(value) for value in values_of_batch]
+                texts[field] = [_cell_text(value) for value in values_of_batch]
                 continue
             numbers[field], wrong = numbers_of(values[field][batch])
             bad += [(k, field, f"{one_line(repr(values_of_batch[k]), 60)} is no number") for k in wrong]
         yield Rows(numbers, texts, np.arange(batch.start, batch.stop), bad)
 
 
-def _text(value: Any) -> str:
+def _cell_text(value: Any) -> str:
     """Return a value as a text. The ids 7 and 7.0 give the same text, because pandas has floats in a column with gaps."""
     return str(int(value)) if isinstance(value, float) and value.is_integer() else str(value)

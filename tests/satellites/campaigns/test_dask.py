@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 import pytest_rvads as rvads
-from pytest_rvads.satellites.campaigns.judged import Judged
+from pytest_rvads.satellites.campaigns.resultsfile import Judged
 
 distributed = pytest.importorskip("distributed")
 

@@ -46,9 +46,20 @@ def case(driver: Any = rvads.Reference, fleet: rvads.Fleet | None = None, **chan
 
 def test_every_change_of_a_scenario_is_another_case() -> None:
     known = {"place", "directions", "distance", "speed", *(item.name for item in fields(rvads.Scenario)[4:])}
-    assert set(CHANGES) == known - {"subject"}
+    assert set(CHANGES) == known - {"subject", "elapsed", "pedestrians"}
     keys = [key(case()), *(key(case(**{name: value})) for name, value in CHANGES.items())]
     assert len(set(keys)) == len(keys)
+
+
+def test_elapsed_time_of_the_lights_is_part_of_a_case() -> None:
+    at_lights: dict[str, Any] = {"place": rvads.find("light4")}
+    assert key(case(**at_lights)) != key(case(**at_lights, elapsed=12))
+
+
+def test_pedestrians_are_part_of_a_case() -> None:
+    walked: dict[str, Any] = {"place": rvads.find("zebra4"), "directions": "2222"}
+    walkers = [[], [rvads.Pedestrian(0)], [rvads.Pedestrian(0, difference=0.5)], [rvads.Pedestrian(0), rvads.Pedestrian(2)]]
+    assert len({key(case(**walked, pedestrians=each)) for each in walkers}) == len(walkers)
 
 
 def test_what_drives_is_part_of_a_case() -> None:

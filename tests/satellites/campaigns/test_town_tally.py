@@ -7,8 +7,8 @@ from msgspec import structs
 
 from pytest_rvads.logic.judging.verdicts import Status, Verdict
 from pytest_rvads.logic.outcome import Outcome
-from pytest_rvads.satellites.campaigns.judged import Judged
-from pytest_rvads.satellites.campaigns.town_tally import JunctionTally, cell
+from pytest_rvads.satellites.campaigns.resultsfile import Judged
+from pytest_rvads.satellites.campaigns.town_tally import Tally, cell
 
 
 def result(name: str, *outcomes: Outcome, violated: str = "a left too early", cfg: str = "A") -> Judged:
@@ -40,8 +40,8 @@ def result(name: str, *outcomes: Outcome, violated: str = "a left too early", cf
     )
 
 
-def of(*results: Judged) -> JunctionTally:
-    found = JunctionTally()
+def of(*results: Judged) -> Tally:
+    found = Tally()
     for one in results:
         found.add(one)
     return found
@@ -64,7 +64,7 @@ def test_a_junction_is_marked_by_the_worst_that_happened(outcomes: tuple[Outcome
 
 
 def test_nothing_is_neither_good_nor_bad() -> None:
-    assert JunctionTally().mark == "none"
+    assert Tally().mark == "none"
 
 
 def test_what_broke_first_explains_the_rest_of_its_run() -> None:
@@ -87,7 +87,7 @@ def test_the_order_of_results_does_not_matter() -> None:
         result("run3", Outcome.PASS, Outcome.FAIL, violated="a never stopped"),
         result("run4", Outcome.ERROR, Outcome.ERROR),
     ]
-    told = [(tally.told, [*tally.grouped()]) for tally in (of(*order) for order in permutations(results))]
+    told = [(tally.text, [*tally.grouped()]) for tally in (of(*order) for order in permutations(results))]
     assert all(one == told[0] for one in told)
     causes = [cause for _, group in told[0][1] for cause in group]
     assert [cause.run for cause in causes if "left" in cause.text or "stopped" in cause.text] == ["run1", "run3"]
@@ -96,8 +96,8 @@ def test_the_order_of_results_does_not_matter() -> None:
 def test_causes_beyond_the_hundredth_are_counted() -> None:
     tally = of(*(result(f"run{k:03}", Outcome.FAIL, violated=f"cause {k}") for k in range(130)))
     assert len(tally.causes) == 100
-    assert tally.untold == 30
-    assert tally.told == "130 fail"
+    assert tally.unlisted == 30
+    assert tally.text == "130 fail"
 
 
 @pytest.mark.parametrize(

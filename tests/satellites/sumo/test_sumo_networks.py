@@ -15,7 +15,7 @@ import pytest_rvads as rvads
 from pytest_rvads.geometry.builtin import LAYOUTS
 from pytest_rvads.runs.itineraries import itinerary
 from pytest_rvads.runs.states import Colour, SignalPlan
-from pytest_rvads.satellites.sumo import netconvert as converting
+from pytest_rvads.satellites.sumo import road_network
 from pytest_rvads.satellites.sumo.road_network import network
 from pytest_rvads.support.errors import RunError, ScenarioError
 
@@ -164,13 +164,13 @@ def test_left_hand_traffic_keeps_left_in_sumo(shared: Path) -> None:
 
 
 def test_missing_netconvert_names_the_package_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(converting, "find_spec", lambda _name: None)
+    monkeypatch.setattr(road_network, "find_spec", lambda _name: None)
     monkeypatch.setenv("SUMO_HOME", "")
     monkeypatch.setenv("PATH", "")
     with pytest.raises(RunError, match=r"eclipse-sumo, which is not installed: pip install 'pytest-rvads\[sumo\]'$"):
-        converting.program_and_home.__wrapped__()
+        road_network.program_and_home.__wrapped__()
 
 
 def test_failing_netconvert_is_named_with_its_output() -> None:
     with pytest.raises(RunError, match=r"^SUMO's netconvert \(.*\) made no network: .*Error"):
-        converting.netconvert({"node-files": ET.Element("nothing")}, left_hand=False)
+        road_network.netconvert({"node-files": ET.Element("nothing")}, left_hand=False)

@@ -21,7 +21,7 @@ from pytest_rvads.logic.conduct.bodies import overlap
 from pytest_rvads.runs.states import Colour
 from pytest_rvads.satellites.sumo import sumo_process, sumo_simulator, sumo_world
 from pytest_rvads.satellites.sumo.sumo_process import SumoProcess
-from pytest_rvads.simulators.planar import usual
+from pytest_rvads.simulators.loop import usual
 from pytest_rvads.support.errors import ScenarioError
 
 from .with_sumo import needs_sumo, simulated

@@ -7,7 +7,7 @@ import pytest
 
 from pytest_rvads.satellites.sumo import sumo_simulator
 from pytest_rvads.simulators import simulator as choosing
-from pytest_rvads.simulators.planar import usual
+from pytest_rvads.simulators.loop import usual
 
 from .with_sumo import needs_sumo
 
@@ -28,7 +28,7 @@ SUMO = "--rvads-simulator=sumo"
 
 def test_example_runs_in_sumo_with_its_driver(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(test_1=EXAMPLE.read_text(encoding="utf-8"))
-    result = pytester.runpytest(SUMO, "--rvads-autopilot=sumo", "-k", "class01 and cfgC", "--rvads-report=report.json")
+    result = pytester.runpytest(SUMO, "--rvads-autopilot=sumo", "-k", "class01 and cfgC", "--rvads-report=report.json", "-vv")
     result.stdout.fnmatch_lines(
         [
             "rvads: driven by --rvads-autopilot=sumo (pytest-rvads *)",
@@ -96,7 +96,7 @@ def test_missing_libsumo_ends_the_session_before_any_run(pytester: pytest.Pytest
 def test_custom_simulator_may_state_a_caveat(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(
         own="""
-        from pytest_rvads.simulators.planar import usual
+        from pytest_rvads.simulators.loop import usual
 
         class Own:
             name = "own"

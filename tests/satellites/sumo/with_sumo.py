@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 import pytest_rvads as rvads
-from pytest_rvads.satellites.sumo.netconvert import program_and_home
+from pytest_rvads.satellites.sumo.road_network import program_and_home
 from pytest_rvads.support.errors import RunError
 
 

@@ -162,7 +162,7 @@ def test_standing_vehicle_does_not_delay_verdicts() -> None:
         if k % 30 < 12:
             seen.append(place(f"reckless-{k // 30}", float(k % 30)))
         list(stream.read(json.dumps({"t": float(k), "vehicles": seen}).encode(), "here"))
-        kept.append(sum(len(s.times) for s in (*stream._past, *stream._there.values())))
+        kept.append(sum(len(s.times) for s in (*stream._departed, *stream._present.values())))
     assert stream.judged >= 0.5 * LONGEST * 4 / 30
     assert max(kept) <= 3 * (LONGEST + GONE_AFTER)
 
@@ -174,7 +174,7 @@ def test_memory_is_bounded_beside_a_standing_vehicle() -> None:
         seen = [{"id": "parked", "x": x + 50.0, "y": y + 50.0, "heading": heading}, *([place("reckless", k)] if k < 9 else [])]
         list(stream.read(json.dumps({"t": float(k), "vehicles": seen, "lights": {"0": "red"}}).encode(), "here"))
         assert stream.judged == 1 or k < LONGEST + 20.0
-    assert len(stream._there["parked"].times) <= 2 * LONGEST + 20.0
+    assert len(stream._present["parked"].times) <= 2 * LONGEST + 20.0
     assert len(stream._lights["0"]) <= 2 * LONGEST + 20.0
 
 

@@ -185,7 +185,7 @@ def test_missing_extra_is_named(tmp_path: Path, name: str, extra: str, monkeypat
 
 
 def test_unknown_format_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(RunError, match=r"t\.dat: .*\.csv.*--format"):
+    with pytest.raises(RunError, match=r"t\.dat has none of .*\.csv.*--format"):
         read_tracks(tmp_path / "t.dat", STOP)
     with pytest.raises(RunError, match=r"'fdc' is no format of tracks, .* did you mean 'fcd'\?"):
         read_tracks(tmp_path / "t.dat", STOP, format="fdc")

@@ -1,0 +1,201 @@
+"""Judges the drivers of a league one after the other, and writes the page and the JSON of the league."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from concurrent.futures import Executor
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from pytest_rvads.cli.common import say, warn
+from pytest_rvads.cli.shared_options import opened_driver
+from pytest_rvads.drivers.identity import identity
+from pytest_rvads.drivers.interface import Factory
+from pytest_rvads.logic.outcome import Outcome
+from pytest_rvads.logic.rules.book import rules_for
+from pytest_rvads.report.arrivals import ArrivalCoverage
+from pytest_rvads.report.run_record import by_rule
+from pytest_rvads.report.session_report import exit_status
+from pytest_rvads.satellites.campaigns.campaign import Keys, campaign
+from pytest_rvads.satellites.campaigns.league import Config, League, about
+from pytest_rvads.satellites.campaigns.league_page import league_page, summary
+from pytest_rvads.satellites.campaigns.resultsfile import Judged
+from pytest_rvads.satellites.campaigns.town_output import Replays, Source, draw_replays, progressing
+from pytest_rvads.satellites.campaigns.town_tally import Tally
+from pytest_rvads.search.critical import critical_starts
+from pytest_rvads.search.trials import Setting
+from pytest_rvads.simulators.simulator import Simulator, meant, named
+from pytest_rvads.support.decoding import decode, encode
+from pytest_rvads.support.errors import RvadsError
+from pytest_rvads.support.installed import code, versions
+from pytest_rvads.support.storage import read_file, slug, write_file
+from pytest_rvads.support.wording import plural
+
+__all__ = ["judge_league"]
+
+_LARGEST = 2**26
+"""Largest file of critical starts that is read [bytes]."""
+
+
+def judge_league(path: Path, folder: Path, report: Path | None, executor: Executor | int | None) -> int:
+    """Judge the drivers of a league, print a line per driver, write the page, and return the exit status.
+
+    Args:
+        path: file of the configuration.
+        folder: folder for the page, the replays and the results so far.
+        report: JSON file to write, if any.
+        executor: executor of the simulations.
+
+    Raises:
+        RvadsError: the configuration is wrong.
+        OSError: a file of results can't be read or written.
+    """
+    config = Config.read(path)
+    league = League(config, path)
+    simulators = {}
+    for name, entry in config.drivers.items():  # a driver that can't be imported is an error before anything runs
+        with about(f"{path}: drivers.{name}"), opened_driver(entry.words()):
+            simulators[name] = named(entry.simulator, Path.cwd()) if entry.simulator else meant()
+    count = len(league.cells)
+    drawn = f"{plural(count, 'cell')} and {plural(len(league.lines), 'line')} of starts"
+    warn(f"{plural(len(simulators), 'driver')}, each with {drawn}")
+    for reason in league.refused:
+        warn(f"left out: {reason}")
+    folder.mkdir(parents=True, exist_ok=True)
+    drivers = []
+    for name, simulator in simulators.items():
+        drivers.append(_judged(league, name, simulator, folder, executor))
+        say(summary(drivers[-1]))
+    content = {
+        "format": "rvads-league",
+        "version": 1,
+        "config": msgspec.to_builtins(config),
+        "cells": count,
+        "lines": len(league.lines),
+        "junctions": [place.name for place in league.places],
+        "rules": [rule.name for rule in rules_for(league.rules) if any(rule.name in driver["verdicts"] for driver in drivers)],
+        "versions": versions(),
+        "drivers": drivers,
+    }
+    write_file(folder / "league.html", league_page(content, f"rvads league: {path.stem}").encode())
+    if report is not None:
+        write_file(report, msgspec.json.format(encode(content), indent=1) + b"\n")
+    say(f"look: {folder / 'league.html'}")
+    statuses = {outcome for driver in drivers for counts in driver["verdicts"].values() for outcome in counts}
+    statuses |= {Outcome(side["status"]) for driver in drivers for side in driver["sides"]}
+    statuses |= {Outcome.FLAKY for driver in drivers if driver["flaky"]}
+    return exit_status(statuses, complete=all(driver["runs"] == count for driver in drivers))
+
+
+def _judged(league: League, name: str, simulator: Simulator, folder: Path, executor: Executor | int | None) -> dict[str, Any]:
+    """Return the results of a driver as a JSON object, after its cells and lines without a result have been simulated."""
+    with opened_driver(league.config.drivers[name].words()) as driver:
+        cases, tally = league.cases(driver), Tally()
+        key = f"{slug(name)}-{_digest(league, driver, simulator)}"
+        file = folder / f"results-{key}.jsonl"
+        try:
+            with progressing(f"runs of {name}") as progress:
+                results = campaign(
+                    list(cases.values()), league.rules, executor=executor, results=file, simulator=simulator, progress=progress
+                )
+            sides = _sides(league, name, driver, simulator, folder / f"critical-{key}.json", executor)
+        except RvadsError as error:
+            return _standing(league, name, (), tally, Replays(notes=(f"INCOMPLETE: {error}",)), (), key)
+        with results:
+            for result in results:
+                tally.add(result)
+            source = Source(
+                lambda names: {run: cases[run] for run in names},
+                lambda place: rules_for(league.rules, place),
+                lambda run: league.again(name, run),
+            )
+            with progressing(f"replays of {name}") as progress:
+                replays = draw_replays({name: tally}, source, folder / key, executor, simulator, progress)
+            return _standing(league, name, results, tally, replays, sides, key)
+
+
+def _sides(
+    league: League, name: str, driver: Factory, simulator: Simulator, path: Path, executor: Executor | int | None
+) -> list[dict[str, Any]]:
+    """Return both sides of every line of starts; sides in the file are not searched again, other sides are added."""
+    sides = decode(read_file(path, _LARGEST), list[dict[str, Any]], f"{path} is damaged", RvadsError) if path.exists() else []
+    groups = [[line] for line in league.lines[len(sides) // 2 :]]
+    traffic = league.config.traffic[0]
+    setting = Setting.of(driver, rules_for(league.rules), traffic, simulator=simulator)
+    with progressing(f"lines of starts of {name}") as progress:
+        for side in critical_starts(groups, setting, executor, progress):
+            id = setting.id(side.line.scenario(side.failed.lead)) if side.failed else ""
+            sides.append(
+                {
+                    "line": side.line.id,
+                    "order": side.order,
+                    "started": side.start is not None,
+                    "status": side.status,
+                    "fault": side.fault,
+                    "rule": side.rule,
+                    "rerun": league.rerun(name, side.line.place, id, traffic) if id else "",
+                    "error": side.error,
+                }
+            )
+            if len(sides) % 2 == 0:
+                write_file(path, encode(sides))
+    return sides
+
+
+def _digest(league: League, driver: Factory, simulator: Simulator) -> str:
+    """Return a digest of everything on which the results of a driver depend, for the names of its files."""
+    keys = Keys(simulator)
+    rules = [rule if isinstance(rule, str) else f"{rule.name} {identity(rule)}" for rule in league.rules]
+    cases = [keys.of(case) for case in league.cases(driver).values()]
+    key_parts = [code(), rules, cases, [line.id for line in league.lines]]
+    return sha256(json.dumps(key_parts).encode("utf-8", "surrogatepass")).hexdigest()[:12]
+
+
+def _standing(  # noqa: PLR0913 - the results of a driver
+    league: League,
+    name: str,
+    results: Iterable[Judged],
+    tally: Tally,
+    replays: Replays,
+    sides: Sequence[dict[str, Any]],
+    folder: str,
+) -> dict[str, Any]:
+    """Return the results of a driver as a JSON object, given also their sums, and the folder of its replays."""
+    coverage, seconds = ArrivalCoverage(), 0.0
+    for result in results:
+        seconds += result.duration or 0.0
+        for record in by_rule(result):
+            coverage.add(record)
+    verdicts: dict[str, Counter[Outcome]] = {}
+    for (rule, _, outcome), count in sorted(tally.table.items()):
+        verdicts.setdefault(rule, Counter())[outcome] += count
+    return {
+        "name": name,
+        "runs": tally.runs,
+        "hours": round(seconds / 3600, 3),
+        "verdicts": verdicts,
+        "causes": [
+            {
+                "title": title,
+                "text": cause.text,
+                "rules": cause.rules,
+                "count": cause.count,
+                "run": cause.run,
+                "rerun": league.again(name, cause.run),
+                "look": f"{folder}/{look}" if (look := replays.looks.get((cause.run, cause.rule))) else "",
+            }
+            for title, group in tally.grouped()
+            for cause in group
+        ],
+        "met": sum(met for _, met, *_ in coverage.at_junctions()),
+        "pairs": coverage.pairs,
+        "gap": coverage.length,
+        "sides": sides,
+        "flaky": sorted(replays.flaky),
+        "notes": replays.notes,
+    }

@@ -1,0 +1,265 @@
+"""Junction areas: which lanelets form a junction, found by geometry, because Lanelet2 has no junctions.
+
+Lanelets in conflict with each other form a cluster. Clusters that adjoin are joined, or one of the two is part of an approach.
+The limits of this module were chosen on 58 public maps.
+"""
+
+from __future__ import annotations
+
+from collections import Counter, defaultdict
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import combinations
+
+import networkx as nx
+import numpy as np
+
+from pytest_rvads.geometry.network import Doubt, MapWarning
+from pytest_rvads.satellites.lanelet2.lanelet_conflicts import Conflicts, free_ends
+from pytest_rvads.satellites.lanelet2.lanelets import Bound, Lanelet
+from pytest_rvads.support.wording import first
+
+__all__ = ["Ground", "areas_of", "cut_off", "listed"]
+
+_JOINT = 25.0
+"""Length up to which a lanelet between two clusters with crossings joins the clusters [m]."""
+_SMALL = 12.0
+"""Mean length of lanelets up to which a cluster without crossings joins a cluster with crossings [m]."""
+_FREE, _MARGIN = 30.0, 15.0
+"""Length from which a lanelet that is in nobody's way is cut off a junction [m], and the part of this length that is kept [m]."""
+
+
+@dataclass(slots=True, eq=False)
+class Ground:
+    """The lanelets of a map with their links."""
+
+    lanes: dict[str, Lanelet]
+    links: nx.DiGraph
+    approaches: Collection[str] = ()
+    """Sources with a light, a stop sign or a yield sign: a lanelet of these that crosses nobody leads to a junction."""
+    stated: Mapping[str, Collection[str]] = field(default_factory=dict)
+    """Per junction that the file states, the sources of lanelets in the junction."""
+    outside: Collection[str] = ()
+    """Sources that the file states to be outside of junctions."""
+
+
+def listed(ids: Iterable[str]) -> str:
+    """Return the first five of some ids for a message, with the number of further ids."""
+    return first(list(dict.fromkeys(ids)), 5)
+
+
+def areas_of(ground: Ground, conflicts: Conflicts) -> tuple[dict[str, list[str]], list[MapWarning]]:
+    """Find the junctions of a map, and cut off the long parts of lanelets that lie before or behind their conflicts.
+
+    The cuts change `ground`.
+
+    Returns:
+        Per junction the ids of its lanelets; warnings.
+    """
+    finder = _Finder(ground, conflicts)
+    finder.join_small()
+    finder.find_cuts()
+    finder.leave_out_few_ends()
+    finder.settle_neighbours()
+    named = finder.named()
+    for id in (id for members in named.values() for id in members):
+        before, behind = finder.cuts[id]
+        if before:
+            cut_off(ground, id, "before", before, back=False)
+        if behind:
+            cut_off(ground, id, "after", ground.lanes[id].length - behind, back=True)
+    return named, [MapWarning(Doubt.TABLE, message) for message in finder.doubts]
+
+
+class _Finder:
+    def __init__(self, ground: Ground, conflicts: Conflicts) -> None:
+        self.ground, self.lanes, self.links = ground, ground.lanes, ground.links
+        self.doubts: list[str] = []
+        self.cuts: dict[str, tuple[float, float]] = dict.fromkeys(self.lanes, (0.0, 0.0))
+        """Per lanelet, the lengths that are cut off before and behind its conflicts; 0 where nothing is cut off [m]."""
+        source = {id: lane.source for id, lane in self.lanes.items()}
+        # A conflict with a lanelet that the file states to be outside of junctions forms no junction.
+        self.pairs = [pair for pair in conflicts.pairs if not {source[id] for id in pair} & set(ground.outside)]
+        self.crossing = {source[id] for pair in conflicts.crossing for id in pair}
+        self.approaches = set(ground.approaches) - self.crossing
+        classes = nx.utils.UnionFind()
+        for sources in (*([source[a], source[b]] for a, b in self.pairs), *ground.stated.values()):
+            classes.union(*sources)
+        self.cluster = {id: min(sources, key=_order) for sources in classes.to_sets() for id in sources}
+        """Per source in a cluster, the name of the cluster, which is a source."""
+        self.joined: list[str] = []
+        """Names of the clusters that were joined to others."""
+
+    def groups(self) -> dict[str, list[str]]:
+        """Return the ids of the lanelets of every cluster."""
+        groups: dict[str, list[str]] = {}
+        for id, lane in self.lanes.items():
+            if lane.source in self.cluster:
+                groups.setdefault(self.cluster[lane.source], []).append(id)
+        return groups
+
+    def adjoining(self) -> list[tuple[str, str, str, str]]:
+        """Return the links from one cluster into another: the two lanelets and the names of the two clusters."""
+        names = {id: self.cluster.get(lane.source) for id, lane in self.lanes.items()}
+        pairs = ((a, b, names[a], names[b]) for a, b in self.links.edges if not self.cuts[a][1] and not self.cuts[b][0])
+        return [(a, b, one, two) for a, b, one, two in pairs if one is not None and two is not None and one != two]
+
+    def join(self, *names: str) -> None:
+        name, other = sorted(names, key=_order)
+        self.joined.append(other)
+        self.cluster = {source: name if cluster == other else cluster for source, cluster in self.cluster.items()}
+
+    def drop(self, name: str) -> None:
+        self.cluster = {source: cluster for source, cluster in self.cluster.items() if cluster != name}
+
+    def crosses(self, ids: Iterable[str]) -> bool:
+        return not self.crossing.isdisjoint(self.lanes[id].source for id in ids)
+
+    def mean(self, ids: Iterable[str]) -> float:
+        return float(np.mean([self.lanes[id].length for id in ids]))
+
+    def join_small(self) -> None:
+        """Join adjoining clusters of crossing lanelets, and small clusters with clusters of crossing lanelets."""
+        while True:
+            groups = self.groups()
+            crossing = {name for name, ids in groups.items() if self.crosses(ids)}
+            small = {name for name, ids in groups.items() if self.mean(ids) < _SMALL}
+            for a, b, *names in self.adjoining():
+                short = min(self.lanes[a].length, self.lanes[b].length) < _JOINT and crossing.issuperset(names)
+                near = not crossing.isdisjoint(names) and not small.isdisjoint(set(names) - crossing)
+                if (short or near) and self.approaches.isdisjoint(self.lanes[id].source for id in (a, b)):
+                    self.join(*names)
+                    break
+            else:
+                return
+
+    def find_cuts(self) -> None:
+        """Find how much is cut off the lanelets; lanelets side by side are cut at the same distance."""
+        for ids in self.groups().values():
+            free = free_ends(self.lanes, self.pairs, set(ids))
+            for group in _side_by_side([self.lanes[id] for id in free]):
+                # Per end of the road, the shortest free part.
+                ends = [min(free[id][at if along else 1 - at] for id, along in group) for at in (0, 1)]
+                cuts = [end - _MARGIN if end > _FREE else 0.0 for end in ends]
+                for id, along in group:
+                    self.cuts[id] = (cuts[0], cuts[1]) if along else (cuts[1], cuts[0])
+
+    def ends(self, ids: Sequence[str]) -> tuple[int, int]:
+        """Return how many lanelets lead into a cluster and out of it."""
+        inside = set(ids)
+        before = {lane for id in ids for lane in ([f"{id}:before"] if self.cuts[id][0] else self.links.pred[id])} - inside
+        after = {lane for id in ids for lane in ([f"{id}:after"] if self.cuts[id][1] else self.links.succ[id])} - inside
+        return len(before), len(after)
+
+    def leave_out_few_ends(self) -> None:
+        """Drop clusters with fewer than three lanes that lead in or out."""
+        dropped = [name for name, ids in self.groups().items() if sum(self.ends(ids)) < 3]
+        for name in dropped:
+            self.drop(name)
+        if dropped:
+            self.doubts.append(
+                f"places where lanelets meet, with fewer than three lanes in and out, are no junctions: {listed(dropped)}"
+            )
+
+    def settle_neighbours(self) -> None:
+        """Join clusters without a lane between, or drop one of the two that only parts or only joins the lanes of an approach."""
+        while links := self.adjoining():
+            groups, names = self.groups(), links[0][2:]
+            weak = next((name for name in names if self.parts_or_joins(groups[name])), None)
+            if weak is None:
+                self.join(*names)
+                continue
+            self.drop(weak)
+            lanelets, other = listed(self.lanes[id].source for id in groups[weak]), names[names[0] == weak]
+            self.doubts.append(f"lanelets {lanelets} only part or join lanes beside junction J{other} and were read as its roads")
+        table: defaultdict[str, list[str]] = defaultdict(list)
+        for name in (name for name in self.joined if name in self.cluster):
+            table[self.cluster[name]].append(name)
+        for name, others in table.items():
+            self.doubts.append(f"junctions of lanelets {listed([name, *others])} with no lane between were read as one")
+
+    def parts_or_joins(self, ids: Sequence[str]) -> bool:
+        """Return whether a cluster of lanelets that do not cross only parts or only joins lanes, or holds an approach."""
+        if self.crosses(ids):
+            return False
+        approach = not self.approaches.isdisjoint(self.lanes[id].source for id in ids)
+        return approach or (min(self.ends(ids)) < 2 and self.mean(ids) > _SMALL)
+
+    def named(self) -> dict[str, list[str]]:
+        """Return the ids of the lanelets of every junction by its name: the stated name, the area, or ``J`` and a lanelet."""
+        named: dict[str, list[str]] = {}
+        for cluster, ids in self.groups().items():
+            sources = {self.lanes[id].source for id in ids}
+            areas = Counter(area for id in ids if (area := self.lanes[id].area) is not None)
+            names = [name for name, stated in self.ground.stated.items() if not sources.isdisjoint(stated)]
+            names += [area for area, _ in areas.most_common()]
+            named[next((name for name in names if name not in named), f"J{cluster}")] = ids
+        return named
+
+
+def _order(id: str) -> tuple[int, str]:
+    """Return the key that sorts ids: numbers of fewer digits first."""
+    return len(id), id
+
+
+def _side_by_side(lanes: Sequence[Lanelet]) -> list[list[tuple[str, bool]]]:
+    """Return groups of lanelets that share whole ways as bounds, each lanelet with whether it runs along the group's first."""
+    users: defaultdict[str, list[tuple[str, bool]]] = defaultdict(list)
+    for lane in lanes:
+        for way, along in (*lane.left.ways, *lane.right.ways):
+            users[way].append((lane.id, along))
+    beside = nx.Graph()
+    beside.add_nodes_from(lane.id for lane in lanes)
+    for row in users.values():
+        for (one, along), (two, other_along) in combinations(row[:8], 2):
+            if one != two:
+                beside.add_edge(one, two, same=along == other_along)
+    groups = []
+    for component in nx.connected_components(beside):
+        start = min(component, key=_order)
+        direction = {start: True}
+        for one, two in nx.bfs_edges(beside, start):
+            direction[two] = direction[one] == beside.edges[one, two]["same"]
+        groups.append(list(direction.items()))
+    return groups
+
+
+def cut_off(ground: Ground, id: str, name: str, station: float, *, back: bool) -> None:
+    """Cut a lanelet in two at the point of its centre line nearest to a station, and change `ground`.
+
+    Args:
+        ground: the lanelets of the map.
+        id: id of the lanelet, which has three points or more; a part keeps this id.
+        name: name of the part that is cut off; its id is the id of the lanelet with this name.
+        station: station of the cut [m].
+        back: whether the part behind the station is cut off, not the part before the station.
+    """
+    lane = ground.lanes[id]
+    k = int(np.clip(np.abs(lane.stations - station).argmin(), 1, len(lane.points) - 2))
+    left, right = ((bound, _place(bound, back=back)) for bound in (lane.left, lane.right))
+    head = replace(
+        lane,
+        left=replace(left[0], last=left[1]),
+        right=replace(right[0], last=right[1]),
+        points=lane.points[: k + 1],
+        stations=lane.stations[: k + 1],
+    )
+    tail = replace(
+        lane,
+        left=replace(left[0], first=left[1]),
+        right=replace(right[0], first=right[1]),
+        points=lane.points[k:],
+        stations=lane.stations[k:] - lane.stations[k],
+    )
+    part = replace(tail if back else head, id=f"{id}:{name}")
+    ground.lanes[id] = head if back else tail
+    ground.lanes[part.id] = part
+    for neighbour in list(ground.links.succ[id] if back else ground.links.pred[id]):
+        ground.links.remove_edge(*((id, neighbour) if back else (neighbour, id)))
+        ground.links.add_edge(*((part.id, neighbour) if back else (neighbour, part.id)))
+    ground.links.add_edge(*((id, part.id) if back else (part.id, id)))
+
+
+def _place(bound: Bound, *, back: bool) -> tuple[object, ...]:
+    """Return the name of the place where a bound is cut, the same for both lanelets that the bound lies between."""
+    return "cut", tuple(sorted(way for way, _ in bound.ways)), all(along for _, along in bound.ways) == back

@@ -1,0 +1,196 @@
+"""Reading a Lanelet2 file (``.osm``): its lanelets and its regulatory elements."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections import Counter, defaultdict
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import chain
+
+import numpy as np
+
+from pytest_rvads.geometry.control import ObjectKind
+from pytest_rvads.geometry.network import Doubt, MapWarning, Network, PaintedCrosswalk
+from pytest_rvads.geometry.opendrive.signals import STANDARD
+from pytest_rvads.geometry.opendrive.xmlfile import speed_of
+from pytest_rvads.satellites.lanelet2.lanelet_areas import Ground, listed
+from pytest_rvads.satellites.lanelet2.lanelet_network import Regulation, Rules, network_of
+from pytest_rvads.satellites.lanelet2.lanelets import (
+    Bound,
+    Lanelet,
+    aligned,
+    crosswalk_of,
+    link_lanelets,
+    turned,
+    with_centre_lines,
+)
+from pytest_rvads.satellites.lanelet2.osm_file import OsmMap, Relation, read_osm
+from pytest_rvads.support.errors import MapError
+from pytest_rvads.support.wording import plural
+
+__all__ = ["read_lanelet2"]
+
+_DRIVABLE = frozenset({"", "road", "highway", "play_street", "exit"})
+"""Subtypes of lanelets for cars."""
+_YES, _NO = frozenset({"yes", "true", "1"}), frozenset({"no", "false", "0"})
+
+
+def read_lanelet2(path: str | os.PathLike[str]) -> Network:
+    """Return the network of a Lanelet2 file.
+
+    Raises:
+        MapError: the file cannot be used at all; the message is one sentence.
+    """
+    osm = read_osm(path)
+    try:
+        return _Reader(osm).network()
+    except MapError as error:
+        raise MapError(f"map file {path}: {error}") from None
+
+
+class _Reader:
+    """Reads the lanelets and regulatory elements of a file, and collects warnings."""
+
+    def __init__(self, osm: OsmMap) -> None:
+        self.osm = osm
+        self.warnings: list[MapWarning] = []
+        self.left_out: defaultdict[str, list[str]] = defaultdict(list)
+        """Per reason, the ids of lanelets that are left out."""
+        self.crosswalks: list[PaintedCrosswalk] = []
+        self.others: Counter[str] = Counter()
+        """Per subtype that no car drives on, the number of lanelets."""
+        self.referring: defaultdict[str, list[str]] = defaultdict(list)
+        """Per regulatory element, the lanelets that refer to the element."""
+        self.elements = {id: item for id, item in osm.relations.items() if item.tags.get("type") == "regulatory_element"}
+        self.relations = {id: item for id, item in osm.relations.items() if item.tags.get("type") == "lanelet"}
+
+    def network(self) -> Network:
+        """Return the network of the file."""
+        if not self.relations:
+            raise MapError(
+                f"it has {plural(len(self.osm.ways), 'way')} but no lanelet, as an extract of OpenStreetMap or a map of a "
+                "parking lot, expected relations with the tag type=lanelet; convert it to Lanelet2 first"
+            )
+        for id, relation in self.relations.items():
+            for element in relation.refs("regulatory_element", "relation"):
+                self.referring[element].append(id)
+        lanes, short = with_centre_lines(chain.from_iterable(self._lanelets(id, item) for id, item in self.relations.items()))
+        self.left_out["have no length"] += short
+        for reason, ids in self.left_out.items():
+            if ids:
+                self.warnings.append(MapWarning(Doubt.LANE, f"lanelets that {reason} were left out: {listed(ids)}"))
+        if +self.others:
+            counts = ", ".join(f"{count} {subtype}" for subtype, count in (+self.others).most_common())
+            self.warnings.append(MapWarning(Doubt.LANE, f"lanelets that no car drives on were left out: {counts}"))
+        if not lanes:
+            raise MapError(f"it has {plural(len(self.relations), 'lanelet')}, and none that a car can drive on; use another map")
+        rules = self._rules(lanes)
+        return network_of(Ground(lanes, link_lanelets(lanes), rules.approaches), rules, self.warnings)
+
+    def _lanelets(self, id: str, relation: Relation) -> Iterator[Lanelet]:
+        """Yield the lanelets of a relation: none for a broken lanelet or one without cars, two for a two-way lanelet."""
+        tags = relation.tags
+        bounds = [self._bound(relation.refs(role, "way")) for role in ("left", "right")]
+        if not _for_cars(tags):
+            lines = [bound.points for bound in bounds if bound is not None]
+            crosswalk = crosswalk_of(id, lines) if tags.get("subtype") == "crosswalk" and len(lines) == 2 else None
+            self.crosswalks += [crosswalk] if crosswalk else []
+            self.others[tags.get("subtype", "") or "without subtype"] += crosswalk is None
+            return
+        if bounds[0] is None or bounds[1] is None:
+            self.left_out["have a bound with fewer than two points or of ways that do not meet"].append(id)
+            return
+        left, right = aligned(bounds[0], bounds[1])
+        lanelet = Lanelet(id, id, left, right, self._limit(id, relation), area=tags.get("intersection_area"))
+        yield lanelet
+        if tags.get("one_way") in _NO:
+            yield turned(lanelet)
+
+    def _bound(self, ways: Sequence[str]) -> Bound | None:
+        """Return a bound of one or several ways, joined at shared end nodes; None if the ways do not meet."""
+        lines = {way: self.osm.ways[way].nodes for way in ways if way in self.osm.ways and len(self.osm.ways[way].nodes) > 1}
+        if not lines or len(lines) < len(ways):
+            return None
+        name = next(iter(lines))
+        nodes, order = lines.pop(name), [(name, True)]
+        while lines:
+            for name, line in lines.items():
+                ends = {line[0]: True, line[-1]: False}
+                if nodes[-1] in ends:
+                    along = ends[nodes[-1]]
+                    nodes, order = nodes + (line if along else line[::-1])[1:], [*order, (name, along)]
+                elif nodes[0] in ends:
+                    along = not ends[nodes[0]]
+                    nodes, order = (line if along else line[::-1])[:-1] + nodes, [(name, along), *order]
+                else:
+                    continue
+                del lines[name]
+                break
+            else:
+                return None
+        points = self.osm.points
+        kept = [node for k, node in enumerate(nodes) if not k or (points[node] != points[nodes[k - 1]]).any()]
+        if len(kept) < 2:
+            return None
+        return Bound(np.array([points[node] for node in kept]), nodes[0], nodes[-1], tuple(order))
+
+    def _limit(self, id: str, relation: Relation) -> float | None:
+        """Return the speed limit of a lanelet by its tag or by an element [m/s]; an unreadable limit gives a warning."""
+        elements = [self.elements[ref] for ref in relation.refs("regulatory_element", "relation") if ref in self.elements]
+        signs = [item.tags.get("sign_type", "") for item in elements if item.tags.get("subtype") == "speed_limit"]
+        text = relation.tags.get("speed_limit") or next(filter(None, signs), "")
+        if not text:
+            return None
+        try:
+            return speed_of(text.strip() if re.search("[a-zA-Z]", text) else f"{text.strip()} km/h", "it")
+        except MapError as error:
+            self.warnings.append(MapWarning(Doubt.SPEED, f"the speed limit of lanelet {id!r} was ignored: {error}", id))
+            return None
+
+    def _rules(self, lanes: dict[str, Lanelet]) -> Rules:
+        """Return the lights, signs and stop lines of the regulatory elements."""
+        rules = Rules(crosswalks=self.crosswalks)
+        lines = [id for id, way in self.osm.ways.items() if way.tags.get("type") == "stop_line"]
+        unknown: Counter[str] = Counter()
+        for id, element in self.elements.items():
+            subtype = element.tags.get("subtype", "")
+            own_lines = tuple(element.refs("ref_line", "way"))
+            referring = self.referring[id]
+            drivable = tuple(source for source in referring if source in lanes)
+            if subtype == "traffic_light":
+                if drivable or not referring:  # a light that only crosswalks refer to is for pedestrians
+                    rules.regulations.append(Regulation(id, ObjectKind.LIGHT, drivable, own_lines))
+            elif subtype == "all_way_stop":
+                yielding = tuple(element.refs("yield", "relation")) or drivable
+                rules.regulations.append(Regulation(id, ObjectKind.STOP, yielding, own_lines))
+            elif subtype == "right_of_way":
+                prior, yielding = (tuple(element.refs(role, "relation")) for role in ("right_of_way", "yield"))
+                sign = ObjectKind.STOP if ObjectKind.STOP in self._signs(element) else ObjectKind.YIELD
+                rules.regulations.append(Regulation(id, sign, yielding, own_lines, prior=prior))
+            elif subtype == "traffic_sign":
+                rules.regulations += [Regulation(id, kind, drivable, own_lines) for kind in dict.fromkeys(self._signs(element))]
+            elif subtype not in ("speed_limit", "road_marking", "crosswalk"):
+                unknown[subtype or "without subtype"] += 1
+                continue
+            lines += own_lines
+        if unknown:
+            counts = ", ".join(f"{count} {subtype}" for subtype, count in unknown.most_common())
+            message = f"regulatory elements that say nothing about junctions were left out: {counts}"
+            self.warnings.append(MapWarning(Doubt.SIGNAL, message))
+        rules.lines = {id: line for id in dict.fromkeys(lines) if (line := self.osm.line(id)) is not None}
+        return rules
+
+    def _signs(self, element: Relation) -> list[ObjectKind]:
+        """Return the kinds of the stop, yield and priority signs of a regulatory element."""
+        subtypes = [self.osm.ways[way].tags.get("subtype", "") for way in element.refs("refers", "way") if way in self.osm.ways]
+        kinds = (STANDARD.get(re.sub("^(us|de)", "", subtype.lower())) for subtype in subtypes)
+        return [kind for kind in kinds if kind is not None]
+
+
+def _for_cars(tags: Mapping[str, str]) -> bool:
+    """Return whether cars drive on a lanelet: by the tags ``participant:*`` if there are any, else by the subtype."""
+    stated = {key: value for key, value in tags.items() if key.startswith("participant:")}
+    if stated:
+        return any(stated.get(key) in _YES for key in ("participant:vehicle", "participant:vehicle:car"))
+    return tags.get("subtype", "") in _DRIVABLE

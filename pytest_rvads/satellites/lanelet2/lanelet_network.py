@@ -1,0 +1,363 @@
+"""The network of a map of lanelets: roads, junctions, and signs, lights and stop lines at entrances."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections import Counter, defaultdict
+from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import combinations
+
+import networkx as nx
+import numpy as np
+from numpy.typing import NDArray
+
+from pytest_rvads.geometry.control import MapObject, ObjectKind
+from pytest_rvads.geometry.network import HAND, DeclaredJunction, Doubt, Edge, MapWarning, Network, PaintedCrosswalk, facing
+from pytest_rvads.geometry.turns import Turn
+from pytest_rvads.satellites.lanelet2.lanelet_areas import Ground, areas_of, cut_off, listed
+from pytest_rvads.satellites.lanelet2.lanelet_conflicts import conflicts_of, intersections
+from pytest_rvads.satellites.lanelet2.lanelets import Lanelet, hand_votes, stations_of
+from pytest_rvads.support.errors import MapError
+from pytest_rvads.support.wording import plural
+
+__all__ = ["Regulation", "Rules", "network_of"]
+
+_ACROSS, _ALONG, _PARALLEL = 5.5, 15.0, math.radians(30.0)
+"""Lanes of one direction that end within these distances [m] and this angle [rad] of each other are of one arm."""
+_OPPOSITE_GAP = 20.0
+"""Widest gap between a lane into a junction and the lane out of it that belongs to the same road [m]."""
+_LINE_RANGE = 25.0
+"""Greatest distance of a stop line before the junction [m]."""
+_BEYOND = 1.0
+"""Greatest distance of a stop line behind the end of the entrance lane [m]."""
+_REFERENCE_RANGE = 50.0
+"""Greatest length of lanelets between a lanelet with a sign or light and the junction [m]."""
+
+Array = NDArray[np.float64]
+Members = Mapping[str, Sequence[str]]
+"""Per junction, the ids of its lanelets."""
+LaneEnd = tuple[str, int]
+"""Id of a lanelet, and -1 for its end or 0 for its start."""
+
+
+@dataclass(frozen=True, slots=True)
+class Regulation:
+    """A light, a sign, or a statement on who gives way to whom."""
+
+    id: str
+    kind: ObjectKind
+    lanelets: tuple[str, ...]
+    """Sources of the lanelets that the light or sign is for, in the junction or before the junction."""
+    lines: tuple[str, ...] = ()
+    """Ids of the stop lines of the light or sign."""
+    arrows: frozenset[Turn] = frozenset()
+    """The turns of the arrows of a light; empty for a light without arrows."""
+    prior: tuple[str, ...] = ()
+    """Sources of the lanelets that have priority over `lanelets`."""
+
+
+@dataclass(slots=True, eq=False)
+class Rules:
+    """The lights, signs and lines of a map."""
+
+    regulations: list[Regulation] = field(default_factory=list)
+    lines: dict[str, Array] = field(default_factory=dict)
+    """Points of the stop lines, shape ``(k, 2)`` [m]."""
+    controllers: tuple[tuple[str, ...], ...] = ()
+    """Groups of lights that change together."""
+    crosswalks: list[PaintedCrosswalk] = field(default_factory=list)
+
+    @property
+    def approaches(self) -> set[str]:
+        """Sources of lanelets with a light, a stop sign or a yield sign."""
+        return {id for row in self.regulations for id in row.lanelets}
+
+
+def network_of(ground: Ground, rules: Rules, warnings: Iterable[MapWarning]) -> Network:
+    """Return the network of the lanelets of a map.
+
+    Raises:
+        MapError: too many lanelets overlap, no junction is found, or the environment states an unknown side of traffic.
+    """
+    doubts = list(warnings)
+    members, doubts_of_areas = areas_of(ground, conflicts_of(ground.lanes, ground.links))
+    doubts += doubts_of_areas
+    if not members:
+        raise MapError(
+            f"it has {plural(len(ground.lanes), 'lane')} but no place where lanelets of three roads cross, merge or part, so it "
+            "offers nothing to test; use a map with a junction"
+        )
+    left_hand = _keeps_left(ground, members, doubts)
+    junctions = {id: name for name, ids in members.items() for id in ids}
+    roads = _roads(ground, members, left_hand=left_hand)
+    edges = {
+        id: _edge(lane, roads[id], junctions.get(id), _kinks(ground, id, junctions) if id in junctions else 0.0)
+        for id, lane in ground.lanes.items()
+    }
+    attacher = _Attacher(ground, junctions)
+    objects = attacher.attach(rules)
+    doubts += attacher.warnings
+    return Network(
+        edges,
+        ground.links,
+        {name: DeclaredJunction(priorities=tuple(attacher.priorities.get(name, ()))) for name in members},
+        frozenset(edge.road for edge in edges.values()) if left_hand else frozenset(),
+        tuple(objects),
+        rules.controllers,
+        tuple(doubts),
+        crosswalks=tuple(rules.crosswalks),
+    )
+
+
+def _keeps_left(ground: Ground, members: Members, doubts: list[MapWarning]) -> bool:
+    """Return whether traffic keeps left.
+
+    The environment decides, else the bounds that opposite lanelets share, else the lanes out of junctions: traffic keeps left if
+    all of them lie on the right of the nearest lanes in. A doubt is added to `doubts`.
+    """
+    stated = os.environ.get(HAND, "")
+    if stated not in ("", "left", "right"):
+        raise MapError(f"the variable {HAND} must be left or right, got {stated[:40]!r}")
+    votes = hand_votes([lane for lane in ground.lanes.values() if ":back" not in lane.id])
+    most = "left" if votes["left"] > votes["right"] else "right"
+    if stated and votes[stated] < votes[most]:
+        counts = f"{votes[most]} bounds between opposite lanelets say {most}"
+        doubts.append(MapWarning(Doubt.SIDE, f"traffic keeps {stated}, as --hand or {HAND} says, though {counts}"))
+    if not stated and votes["left"] == votes["right"]:
+        places = list(_sides_of_exits(ground, members))
+        most = "left" if len(places) > 1 and not any(places) else "right"
+        message = (
+            f"no bounds of opposite lanelets say on which side traffic keeps, and {sum(places)} of {len(places)} lanes out of "
+            f"junctions lie on the left of a lane in; {most} was taken, --hand or the variable {HAND} states the side"
+        )
+        doubts.append(MapWarning(Doubt.SIDE, message))
+    return (stated or most) == "left"
+
+
+def _sides_of_exits(ground: Ground, members: Members) -> Iterator[bool]:
+    """Yield, per lane into a junction, whether the nearest opposite lane out of the junction lies on the left."""
+    for ids in members.values():
+        inside = set(ids)
+        before, after = ({lane for id in ids for lane in links[id]} - inside for links in (ground.links.pred, ground.links.succ))
+        exits = [_edge(ground.lanes[id]) for id in sorted(after - before)]
+        for entrance in (_edge(ground.lanes[id]) for id in sorted(before - after)):
+            rows = [facing(entrance, exit) for exit in exits]
+            opposite = [(gap, left) for gap, angle, left in rows if gap <= _OPPOSITE_GAP and angle <= _PARALLEL]
+            if opposite:
+                yield min(opposite)[1]
+
+
+def _edge(lane: Lanelet, road: tuple[str, bool] = ("", True), junction: str | None = None, kinks: float = 0.0) -> Edge:
+    steps = np.diff(lane.points, axis=0)
+    headings = np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))
+    limits = () if lane.limit is None else ((0.0, lane.limit),)
+    turning = float(headings[-1] - headings[0]) + kinks
+    return Edge(lane.id, road[0], junction, road[1], lane.points, turning, lane.width, lane.length, limits=limits)
+
+
+def _kinks(ground: Ground, id: str, inside: Container[str]) -> float:
+    """Return the change of heading from the lanelet before a lanelet of a junction, and at the end of the junction [rad].
+
+    The bounds are polylines, so a part of a bend lies at the ends of lanelets.
+    """
+    lane = ground.lanes[id]
+    starts = [lane.heading(0) - ground.lanes[before].heading(-1) for before in ground.links.pred[id]]
+    ends = [ground.lanes[after].heading(0) - lane.heading(-1) for after in ground.links.succ[id] if after not in inside]
+    return math.fsum(min((math.remainder(turn, math.tau) for turn in turns), key=abs, default=0.0) for turns in (starts, ends))
+
+
+def _roads(ground: Ground, members: Members, *, left_hand: bool) -> dict[str, tuple[str, bool]]:
+    """Return, per lanelet, its road and whether the lanelet runs from the start to the end of the road.
+
+    Lanelets side by side at a junction are of one road. A lanelet in a junction is a road of its own. Where a road would have
+    lanelets at one end that are not side by side there, the lanelets from a junction to a junction are cut in the middle.
+    """
+    while True:
+        beside, groups = _sides(ground, members, left_hand=left_hand)
+        roads: dict[str, tuple[str, bool]] = {}
+        for id in ground.lanes:
+            if id not in roads:
+                roads[id] = (id, True)
+                for one, two in nx.bfs_edges(beside, id):
+                    roads[two] = (id, roads[one][1] == beside.edges[one, two]["same"])
+        mixed = {road for group in groups for road in _mixed(group, roads)}
+        ends = Counter(id for group in groups for id, _ in group)
+        between = [id for id, lane in ground.lanes.items() if ends[id] > 1 and roads[id][0] in mixed and len(lane.points) > 4]
+        if not between:
+            return roads
+        for id in between:
+            cut_off(ground, id, "next", ground.lanes[id].length / 2, back=True)
+
+
+def _sides(ground: Ground, members: Members, *, left_hand: bool) -> tuple[nx.Graph, list[dict[LaneEnd, int]]]:
+    """Return the graph of lanelets side by side at junctions, and per junction its lane ends, numbered by road end."""
+    beside = nx.Graph()
+    beside.add_nodes_from(ground.lanes)
+    groups = []
+    for ids in members.values():
+        inside, ends = set(ids), nx.Graph()
+        ends.add_nodes_from((lane, -1) for id in ids for lane in ground.links.pred[id] if lane not in inside)
+        ends.add_nodes_from((lane, 0) for id in ids for lane in ground.links.succ[id] if lane not in inside)
+        for (id, at), (other_id, other_at) in combinations(ends, 2):
+            lane, other = ground.lanes[id], ground.lanes[other_id]
+            if id != other_id and (_beside(lane, other, at) if at == other_at else _opposite(lane, other, left_hand=left_hand)):
+                ends.add_edge((id, at), (other_id, other_at))
+                beside.add_edge(id, other_id, same=at == other_at)
+        groups.append({end: number for number, part in enumerate(nx.connected_components(ends)) for end in part})
+    return beside, groups
+
+
+def _mixed(group: Mapping[LaneEnd, int], roads: Mapping[str, tuple[str, bool]]) -> Iterator[str]:
+    """Yield the roads of which one end has lanes from several groups of lanes side by side at a junction."""
+    numbers: dict[tuple[str, bool], int] = {}
+    for (id, at), number in group.items():
+        road, forward = roads[id]
+        if numbers.setdefault((road, forward == (at == 0)), number) != number:
+            yield road
+
+
+def _beside(lane: Lanelet, other: Lanelet, at: int) -> bool:
+    """Return whether two lanelets of one direction lie side by side at their starts (0) or ends (-1)."""
+    heading = lane.heading(at)
+    if abs(math.remainder(other.heading(at) - heading, math.tau)) > _PARALLEL:
+        return False
+    places, other_places = (lane.start, other.start) if at == 0 else (lane.end, other.end)
+    if places[0] == other_places[1] or places[1] == other_places[0]:
+        return True
+    x, y = other.points[at] - lane.points[at]
+    along, across = math.cos(heading) * x + math.sin(heading) * y, math.cos(heading) * y - math.sin(heading) * x
+    return bool(abs(along) < _ALONG and abs(across) < _ACROSS)
+
+
+def _opposite(lane: Lanelet, other: Lanelet, *, left_hand: bool) -> bool:
+    """Return whether the end of a lanelet and the start of another meet at the bound between opposite lanes of a road."""
+    turn = math.remainder(other.heading(0) - lane.heading(-1) - math.pi, math.tau)
+    side = 1 if left_hand else 0
+    same = lane.source == other.source and lane.end == other.start[::-1]
+    return abs(turn) <= _PARALLEL and (same or lane.end[side] == other.start[side])
+
+
+class _Attacher:
+    """Assigns lights, signs, lines and priorities to the entrances of junctions."""
+
+    def __init__(self, ground: Ground, junctions: Mapping[str, str]) -> None:
+        self.lanes, self.links, self.junctions = ground.lanes, ground.links, junctions
+        self._doubts: defaultdict[str, dict[str, None]] = defaultdict(dict)
+        """Per kind of doubt, the ids of elements."""
+        self.priorities: defaultdict[str, dict[tuple[str, str], None]] = defaultdict(dict)
+        """Per junction, pairs of roads of which the first has priority over the second."""
+        self.pieces: defaultdict[str, list[str]] = defaultdict(list)
+        """Per source, the ids of its pieces in the direction of its bounds."""
+        for id, lane in self.lanes.items():
+            if ":back" not in id:
+                self.pieces[lane.source].append(id)
+        self.entrances = [
+            (junction, before)
+            for junction, before in dict.fromkeys((junctions[id], before) for id in junctions for before in self.links.pred[id])
+            if junctions.get(before) != junction
+        ]
+        self.setbacks: dict[tuple[str, str, str], float] = {}
+        """Per line, junction and entrance, the distance of the line before the junction [m]."""
+
+    def attach(self, rules: Rules) -> list[MapObject]:
+        """Return the lights, signs and lines, an object per light, sign or line and entrance."""
+        for junction, entrance in self.entrances:
+            for line, distance in self._lines_across(entrance, rules.lines):
+                self.setbacks[line, junction, entrance] = distance
+        objects: dict[tuple[str, str, ObjectKind, str], MapObject] = {}
+        for (line, junction, entrance), distance in self.setbacks.items():
+            stop_line = Regulation(line, ObjectKind.LINE, ())
+            objects[junction, entrance, ObjectKind.LINE, line] = self._object(stop_line, junction, entrance, distance)
+        crossing = {line for line, *_ in self.setbacks}
+        for sign in (sign for regulation in rules.regulations for sign in self._signs_of(regulation)):
+            places = self._places(sign)
+            if not places:
+                noun = "lights" if sign.kind is ObjectKind.LIGHT else f"{sign.kind} signs"
+                self._doubt(f"{noun} for no entrance of a junction were ignored", [sign.id])
+                continue
+            if not sign.lanelets:
+                self._doubt("lights and signs that no lanelet refers to were assigned by their stop lines", [sign.id])
+            astray = [line for line in sign.lines if line in rules.lines and line not in crossing]
+            self._doubt("stop lines of lights or signs cross no lane into a junction", astray)
+            for junction, entrance in places:
+                setbacks = [self.setbacks.get((line, junction, entrance)) for line in sign.lines]
+                setback = None if sign.kind is ObjectKind.LIGHT else min((s for s in setbacks if s is not None), default=None)
+                objects[junction, entrance, sign.kind, sign.id] = self._object(sign, junction, entrance, setback)
+        return list(objects.values())
+
+    def _doubt(self, message: str, ids: Iterable[str]) -> None:
+        self._doubts[message].update(dict.fromkeys(ids))
+
+    @property
+    def warnings(self) -> list[MapWarning]:
+        """A warning per kind of doubt, with the ids of the elements."""
+        return [MapWarning(Doubt.SIGNAL, f"{message}: {listed(ids)}") for message, ids in self._doubts.items() if ids]
+
+    def _object(self, sign: Regulation, junction: str, entrance: str, setback: float | None) -> MapObject:
+        station = max(self.lanes[entrance].length - (setback or 0.0), 0.0)
+        return MapObject(sign.id, sign.kind, junction, entrance, station, setback, sign.arrows)
+
+    def _signs_of(self, regulation: Regulation) -> Iterator[Regulation]:
+        """Yield the signs of a regulation; a statement about lanelets in a junction is a priority of roads, and no sign."""
+        groups = [[id for source in sources for id in self.pieces[source]] for sources in (regulation.prior, regulation.lanelets)]
+        inside = [[(self.junctions[id], id) for id in ids if id in self.junctions] for ids in groups]
+        pairs = [(junction, a, b) for junction, a in inside[0] for other, b in inside[1] if junction == other and a != b]
+        for junction, prior, yielding in pairs:
+            self.priorities[junction][prior, yielding] = None
+        if not pairs:
+            yield regulation
+            if regulation.prior:
+                yield replace(regulation, kind=ObjectKind.PRIORITY, lanelets=regulation.prior)
+
+    def _places(self, regulation: Regulation) -> list[tuple[str, str]]:
+        """Return the junctions and entrances that a light or sign is for, by its lanelets, or else by its lines."""
+        places = dict.fromkeys(place for source in regulation.lanelets for id in self.pieces[source] for place in self._ahead(id))
+        if not places:
+            lines = set(regulation.lines)
+            places = dict.fromkeys((junction, entrance) for line, junction, entrance in self.setbacks if line in lines)
+        return list(places)
+
+    def _ahead(self, id: str) -> Iterator[tuple[str, str]]:
+        """Yield the junctions and entrances by which traffic comes to a lanelet inside, or from a lanelet before the junction."""
+        junction = self.junctions.get(id)
+        if junction is not None:
+            reached = nx.generic_bfs_edges(self.links, id, lambda lane: self.links.pred[lane] if lane in self.junctions else ())
+            yield from ((junction, before) for _, before in reached if self.junctions.get(before) != junction)
+            return
+        ahead, seen = [(id, 0.0)], {id}
+        while ahead:
+            lane, distance = ahead.pop()
+            for after in self.links.succ[lane]:
+                if after in self.junctions:
+                    yield self.junctions[after], lane
+                elif after not in seen and distance + self.lanes[after].length <= _REFERENCE_RANGE:
+                    seen.add(after)
+                    ahead.append((after, distance + self.lanes[after].length))
+
+    def _lines_across(self, entrance: str, lines: Mapping[str, Array]) -> Iterator[tuple[str, float]]:
+        """Yield the stop lines across an entrance lane or its approach, each with its distance before the junction [m]."""
+        path = self._approach(entrance)
+        end, step = path[-1], path[-1] - path[-2]
+        path = np.vstack((path, end + _BEYOND * step / np.hypot(*step)))
+        stations = stations_of(path)
+        for id, line in lines.items():
+            if np.hypot(*(line - end).T).min() > 2 * _LINE_RANGE:
+                continue
+            places, _ = intersections(path, line)
+            setbacks = stations[-2] - np.interp(places[np.isfinite(places)], np.arange(len(path)), stations)
+            if (setbacks <= _LINE_RANGE).any():
+                yield id, max(round(float(setbacks.min()), 6), 0.0)
+
+    def _approach(self, entrance: str) -> Array:
+        """Return the centre line of an entrance lane with the lanes before it, up to about `_LINE_RANGE`."""
+        parts, length, lane = [self.lanes[entrance].points], self.lanes[entrance].length, entrance
+        while length < _LINE_RANGE:
+            before = [id for id in self.links.pred[lane] if id not in self.junctions]
+            if len(before) != 1 or len(parts) > 20:
+                break
+            lane = before[0]
+            parts.insert(0, self.lanes[lane].points)
+            length += self.lanes[lane].length
+        return np.vstack(parts)

@@ -1,0 +1,222 @@
+"""Lanelets: lanes between a left and a right bound, with their centre lines and their links."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter, defaultdict
+from collections.abc import Hashable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import networkx as nx
+import numpy as np
+from numpy.typing import NDArray
+
+from pytest_rvads.geometry.crosswalks import hull
+from pytest_rvads.geometry.network import PaintedCrosswalk
+from pytest_rvads.geometry.opendrive.builder import MAX_ROAD, MAX_SAMPLES
+from pytest_rvads.support.errors import MapError
+
+__all__ = [
+    "Bound",
+    "Lanelet",
+    "aligned",
+    "crosswalk_of",
+    "hand_votes",
+    "link_lanelets",
+    "stations_of",
+    "turned",
+    "with_centre_lines",
+]
+
+_STEP = 0.75
+"""Distance between the points of centre lines [m]."""
+_SHORTEST = 0.05
+"""Length up to which a lanelet or a bound is left out [m]."""
+_GAP, _BEND = 0.6, math.radians(20.0)
+"""Widest gap [m] and largest bend [rad] between two lanelets that are linked though they share no nodes."""
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Bound:
+    """A bound of a lanelet in the direction of travel."""
+
+    points: Array
+    """Points of the bound, shape ``(k, 2)``, k >= 2 [m]."""
+    first: Hashable
+    """Name of the place where the bound begins; bounds with equal names meet there."""
+    last: Hashable
+    """Name of the place where the bound ends."""
+    ways: tuple[tuple[str, bool], ...] = ()
+    """The ways of the bound, each with whether the way runs in the direction of travel."""
+
+    def reversed(self) -> Bound:
+        """Return the bound in the other direction."""
+        return Bound(self.points[::-1], self.last, self.first, tuple((way, not along) for way, along in self.ways[::-1]))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Lanelet:
+    """A lanelet for vehicles in one direction of travel, or a piece of such a lanelet."""
+
+    id: str
+    """Id of the edge that the lanelet becomes."""
+    source: str
+    """Id of the lanelet in the file; both directions and all pieces of a lanelet have the same source."""
+    left: Bound
+    right: Bound
+    limit: float | None = None
+    """Speed limit that the file states [m/s]; `NO_LIMIT` for no limit, None if nothing is stated."""
+    area: str | None = field(default=None, kw_only=True)
+    """Id of the intersection area of the lanelet."""
+    points: Array = field(default_factory=lambda: np.empty((0, 2)), kw_only=True)
+    """Points of the centre line, shape ``(k, 2)``, k >= 3 [m]."""
+    stations: Array = field(default_factory=lambda: np.empty(0), kw_only=True)
+    """Stations of these points along the centre line, shape ``(k,)`` [m]."""
+    width: float = field(default=0.0, kw_only=True)
+    """Distance between the bounds at mid-length [m]."""
+
+    @property
+    def length(self) -> float:
+        """Length of the centre line [m]."""
+        return float(self.stations[-1])
+
+    @property
+    def start(self) -> tuple[Hashable, Hashable]:
+        """The places where the left and the right bound begin."""
+        return self.left.first, self.right.first
+
+    @property
+    def end(self) -> tuple[Hashable, Hashable]:
+        """The places where the left and the right bound end."""
+        return self.left.last, self.right.last
+
+    def heading(self, at: int) -> float:
+        """Return the direction of the centre line at its start (0) or end (-1) [rad]."""
+        x, y = self.points[1] - self.points[0] if at == 0 else self.points[-1] - self.points[-2]
+        return math.atan2(y, x)
+
+
+def turned(lanelet: Lanelet) -> Lanelet:
+    """Return the lanelet of the other direction of travel on a two-way lanelet."""
+    return replace(lanelet, id=f"{lanelet.id}:back", left=lanelet.right.reversed(), right=lanelet.left.reversed())
+
+
+def crosswalk_of(id: str, bounds: Sequence[Array]) -> PaintedCrosswalk | None:
+    """Return the crosswalk between two bounds, which are points of shape ``(k, 2)`` [m]; None if the points have no area."""
+    area = hull(np.vstack(bounds))
+    return PaintedCrosswalk(id, "", area) if len(area) > 2 else None
+
+
+def aligned(left: Bound, right: Bound) -> tuple[Bound, Bound]:
+    """Return two bounds turned so that the right bound lies on the right of the left bound, as Lanelet2's ``geometry::align``."""
+    if _on_left(left.points, _middle(right.points)):
+        left = left.reversed()
+    if not _on_left(right.points, _middle(left.points)):
+        right = right.reversed()
+    return left, right
+
+
+def _middle(line: Array) -> Array:
+    return np.asarray(line[len(line) // 2] if len(line) > 2 else line.mean(axis=0))
+
+
+def _on_left(line: Array, point: Array) -> bool:
+    """Return whether a point lies on the left of the nearest place of a line."""
+    start, step = line[:-1], line[1:] - line[:-1]
+    square = np.maximum((step**2).sum(axis=1), 1e-12)
+    along = np.clip(((point - start) * step).sum(axis=1) / square, 0.0, 1.0)
+    away = point - start - along[:, None] * step
+    distance = np.hypot(*away.T)
+    nearest = distance <= distance.min() + 1e-9  # at a corner of the line, two pieces are nearest
+    side = (step[:, 0] * (point - start)[:, 1] - step[:, 1] * (point - start)[:, 0]) / np.sqrt(square)
+    return float(side[nearest][np.abs(side[nearest]).argmax()]) > 0
+
+
+def stations_of(line: Array) -> Array:
+    """Return the stations of the points of a line along the line, shape ``(k,)`` [m]."""
+    steps = line[1:] - line[:-1]
+    stations = np.zeros(len(line))
+    np.cumsum(np.hypot(steps[:, 0], steps[:, 1]), out=stations[1:])
+    return stations
+
+
+def with_centre_lines(lanelets: Iterable[Lanelet]) -> tuple[dict[str, Lanelet], list[str]]:
+    """Return the lanelets with centre lines by id, and the ids of lanelets that are left out because they are too short.
+
+    A centre line lies midway between the bounds, which are divided into equal fractions.
+
+    Raises:
+        MapError: a lanelet is longer than 200 km, or all lanelets together are too long to sample.
+    """
+    lanes: dict[str, Lanelet] = {}
+    short: list[str] = []
+    samples = 0
+    for lanelet in lanelets:
+        bounds = [(bound.points, stations_of(bound.points)) for bound in (lanelet.left, lanelet.right)]
+        lengths = [float(stations[-1]) for _, stations in bounds]
+        if max(lengths) > MAX_ROAD:
+            raise MapError(
+                f"lanelet {lanelet.id!r} is {max(lengths) / 1000:,.0f} km long, expected at most {MAX_ROAD / 1000:.0f} km"
+            )
+        fractions = np.linspace(0.0, 1.0, max(math.ceil(max(lengths) / _STEP), 2) + 1)
+        samples += len(fractions)
+        if samples > MAX_SAMPLES:
+            raise MapError(f"its lanelets would take more than {MAX_SAMPLES:,} samples; cut the map into pieces")
+        sides = np.array([[np.interp(fractions * s[-1], s, line[:, axis]) for axis in (0, 1)] for line, s in bounds])
+        points = sides.mean(axis=0).T
+        stations = stations_of(points)
+        apart = np.concatenate(([True], np.diff(stations) > 1e-6))
+        if min(lengths) < _SHORTEST or math.dist(points[0], points[-1]) < _SHORTEST or apart.sum() < 3:
+            short.append(lanelet.id)
+            continue
+        width = float(np.hypot(*(sides[0] - sides[1])[:, len(fractions) // 2]))
+        lanes[lanelet.id] = replace(lanelet, points=points[apart], stations=stations[apart], width=width)
+    return lanes, short
+
+
+def link_lanelets(lanes: Mapping[str, Lanelet]) -> nx.DiGraph:
+    """Return the links of lanelets: a lanelet follows another lanelet if both its bounds begin where the bounds of the other end.
+
+    Lanelets that share no end points are linked if their centre lines meet within 0.6 m and 20 degrees.
+    """
+    links = nx.DiGraph()
+    links.add_nodes_from(lanes)
+    starts: defaultdict[Hashable, list[str]] = defaultdict(list)
+    cells: defaultdict[tuple[int, int], list[str]] = defaultdict(list)
+    for id, lane in lanes.items():
+        starts[lane.start].append(id)
+        cells[_cell(lane.points[0])].append(id)
+    for id, lane in lanes.items():
+        links.add_edges_from((id, after) for after in starts[lane.end] if after != id)
+        column, row = _cell(lane.points[-1])
+        near = (after for i in (-1, 0, 1) for k in (-1, 0, 1) for after in cells.get((column + i, row + k), ()))
+        for after in near:
+            bend = math.remainder(lanes[after].heading(0) - lane.heading(-1), math.tau)
+            if (
+                math.dist(lane.points[-1], lanes[after].points[0]) <= _GAP
+                and abs(bend) <= _BEND
+                and lanes[after].source != lane.source
+            ):
+                links.add_edge(id, after)
+    return links
+
+
+def _cell(point: Array) -> tuple[int, int]:
+    return math.floor(point[0]), math.floor(point[1])
+
+
+def hand_votes(lanes: Iterable[Lanelet]) -> Counter[str]:
+    """Return the votes for the side on which traffic keeps: the numbers of ways that opposite lanelets share as bounds.
+
+    A way that is the left bound of both lanelets is a vote for ``right``, a way that is the right bound of both for ``left``.
+    """
+    votes: Counter[str] = Counter()
+    for hand, side in (("right", "left"), ("left", "right")):
+        bounds: Sequence[Bound] = [getattr(lane, side) for lane in lanes]
+        directions: defaultdict[str, set[bool]] = defaultdict(set)
+        for way, along in (row for bound in bounds for row in bound.ways):
+            directions[way].add(along)
+        votes[hand] = sum(len(both) == 2 for both in directions.values())
+    return votes

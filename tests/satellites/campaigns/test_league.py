@@ -1,0 +1,287 @@
+"""``rvads league``: drivers share their cells, a killed league continues, and a wrong configuration gives one sentence."""
+
+import json
+import re
+import shlex
+import subprocess
+import sys
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+from urllib.parse import unquote
+
+import pytest
+
+from pytest_rvads.cli import main
+from pytest_rvads.runs.run import Run
+from pytest_rvads.satellites.campaigns import answering, league_output
+from pytest_rvads.satellites.campaigns.campaign import campaign
+from pytest_rvads.satellites.campaigns.league import Config, League
+from pytest_rvads.satellites.campaigns.league_page import league_page
+from pytest_rvads.satellites.campaigns.resultsfile import Results
+from pytest_rvads.scenarios.case import Case
+from pytest_rvads.search.trials import Fault
+from pytest_rvads.simulators.simulator import Simulator, simulate
+from pytest_rvads.support.errors import RvadsError
+
+CELLS = """
+junctions = ["stop4"]
+traffic = ["reference", "hesitant"]
+cells = 3
+seed = 1
+"""
+TWO = f"""{CELLS}
+[drivers]
+reference = {{ autopilot = "reference" }}
+"rolling stop" = {{ autopilot = "rolling_stop" }}
+"""
+PILOTS = """
+import os
+import signal
+from pathlib import Path
+
+from pytest_rvads import Reference
+
+class Raising(Reference):
+    def control(self, seen):
+        raise ValueError("no idea")
+
+class Killed(Reference):
+    made = 0
+
+    def __init__(self):
+        super().__init__()
+        Killed.made += 1
+        if Killed.made == 2 and Path("kill").exists():
+            os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+class Page(HTMLParser):
+    """The tags, the links and the cells of a page."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__()
+        self.tags: list[str] = []
+        self.links: list[str] = []
+        self.cells: list[str] = []
+        self.feed(path.read_text(encoding="utf-8"))
+
+    def handle_starttag(self, tag: str, attributes: list[tuple[str, str | None]]) -> None:
+        self.tags.append(tag)
+        self.links += [value or "" for name, value in attributes if (tag, name) == ("a", "href")]
+        if tag in ("th", "td"):
+            self.cells.append("")
+
+    def handle_data(self, data: str) -> None:
+        if self.cells:
+            self.cells[-1] += data
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder to work in, with drivers."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "league_pilots", raising=False)
+    (tmp_path / "league_pilots.py").write_text(PILOTS)
+    return tmp_path
+
+
+def judged(text: str, out: str = "out") -> tuple[int, dict[str, Any]]:
+    """Return the exit status and the JSON object of a league with a configuration."""
+    Path("league.toml").write_text(text, encoding="utf-8")
+    status = main(["league", "league.toml", "-j", "1", "-o", out, "--json", "league.json"])
+    return status, json.loads(Path("league.json").read_text(encoding="utf-8"))
+
+
+def never(*_: object, **__: object) -> None:
+    raise AssertionError("this was judged before")
+
+
+def test_two_drivers_are_judged_on_the_same_cells(
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    status, league = judged(TWO)
+    assert status == 1
+    reference, rolling = league["drivers"]
+    assert (reference["name"], rolling["name"]) == ("reference", "rolling stop")
+    runs = [[(result.run, result.traffic) for result in Results(path)] for path in sorted((folder / "out").glob("results-*"))]
+    assert runs[0] == runs[1]
+    assert sorted(traffic or "" for _, traffic in runs[0]) == ["hesitant", "reference", "reference"]
+    assert reference["verdicts"]["full_stop"] == {"PASS": 3}
+    assert rolling["verdicts"]["full_stop"] == {"FAIL": 3}
+    assert not reference["causes"]
+    assert {rule for cause in rolling["causes"] for rule in cause["rules"]} == {"full_stop"}
+    page = Page(folder / "out" / "league.html")
+    assert page.cells[page.cells.index("rolling stop") + 1] == "FAIL (3)"
+    assert page.links == [cause["look"] for cause in rolling["causes"]]
+    assert all((folder / "out" / unquote(link.partition("#")[0])).is_file() for link in page.links)
+    capsys.readouterr()
+    assert main(shlex.split(rolling["causes"][0]["rerun"])[1:]) == 1
+    assert "full_stop" in capsys.readouterr().out
+
+    page_before = (folder / "out" / "league.html").read_bytes()
+    monkeypatch.setattr(answering, "simulate", never)
+    assert judged(TWO) == (1, league)
+    assert (folder / "out" / "league.html").read_bytes() == page_before
+
+
+def test_driver_that_raises_costs_only_its_own_cells() -> None:
+    status, league = judged(TWO.replace("rolling_stop", "league_pilots:Raising"))
+    reference, raising = league["drivers"]
+    assert status == 1
+    assert all(counts == {"ERROR": 3} for counts in raising["verdicts"].values())
+    assert "no idea" in raising["causes"][0]["text"]
+    assert reference["verdicts"]["full_stop"] == {"PASS": 3}
+
+
+def test_driver_that_cannot_be_sent_to_processes_leaves_the_league_incomplete(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refused(cases: list[Any], *words: Any, **more: Any) -> Results:
+        if "RollingStop" in str(cases[0].driver):
+            raise RvadsError("it can't be pickled")
+        return campaign(cases, *words, **more)
+
+    monkeypatch.setattr(league_output, "campaign", refused)
+    status, league = judged(TWO)
+    assert status == 2
+    assert [driver["runs"] for driver in league["drivers"]] == [3, 0]
+    assert league["drivers"][1]["notes"] == ["INCOMPLETE: it can't be pickled"]
+
+
+@pytest.mark.extended
+def test_killed_league_continues(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    text = f'{CELLS}[drivers]\nkilled = {{ autopilot = "league_pilots:Killed" }}\n'
+    Path("league.toml").write_text(text)
+    Path("kill").touch()
+    words = [sys.executable, "-c", "from pytest_rvads.cli import main; main()", "league", "league.toml", "-j", "1", "-o", "out"]
+    assert subprocess.run(words, capture_output=True, check=False).returncode == -9
+    Path("kill").unlink()
+    (path,) = (folder / "out").glob("results-*")
+    with Results(path) as results:
+        assert len(results) == 1
+    assert not (folder / "out" / "league.html").exists()
+    made = []
+
+    def counted(case: Case, simulator: Simulator) -> Run:
+        made.append(case)
+        return simulate(case, simulator)
+
+    monkeypatch.setattr(answering, "simulate", counted)
+    continued = judged(text)
+    assert len(made) == 2
+    assert continued == judged(text, out="another")
+    assert len(made) == 5
+
+
+@pytest.mark.extended
+def test_critical_starts_are_searched_once_and_their_failures_can_be_seen_again(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    text = TWO.replace("seed", "critical = 2\nseed").replace("cells = 3", "cells = 1")
+    status, league = judged(text)
+    assert status == 1
+    reference, rolling = league["drivers"]
+    assert [side["line"] for side in reference["sides"]] == [side["line"] for side in rolling["sides"]]
+    assert len(rolling["sides"]) == 2 * league["lines"] == 4
+    assert not any(side["fault"] for side in reference["sides"])
+    failed = [side for side in rolling["sides"] if side["fault"]]
+    assert failed
+    capsys.readouterr()
+    assert main(shlex.split(failed[0]["rerun"])[1:]) == 1
+    assert failed[0]["rule"] in capsys.readouterr().out
+
+    def nothing(groups: list[Any], *_: Any) -> list[Any]:
+        assert not groups
+        return []
+
+    monkeypatch.setattr(league_output, "critical_starts", nothing)
+    assert judged(text) == (1, league)
+
+
+def test_name_of_a_driver_is_text_on_the_page_and_stays_in_the_folder(folder: Path) -> None:
+    hostile = "../../<script>alert(1)</script>\\u001b[31m"
+    _, league = judged(f'{CELLS}[drivers]\n"{hostile}" = {{ autopilot = "rolling_stop" }}\n')
+    assert league["drivers"][0]["name"] == hostile.replace("\\u001b", "\x1b")
+    page = Page(folder / "out" / "league.html")
+    assert page.tags.count("script") == 2, "the data and the script of the page"
+    assert "../../<script>alert(1)</script>\\x1b[31m" in page.cells
+    assert {path.name for path in folder.iterdir()} == {"league.toml", "league.json", "league_pilots.py", "out"}
+    assert len(page.links) == 1
+    assert (folder / "out" / unquote(page.links[0].partition("#")[0])).is_file()
+
+
+def test_hostile_texts_of_results_are_texts_on_the_page() -> None:
+    def page(text: str) -> str:
+        cause = {"title": text, "text": text, "count": 1, "rules": [text], "rerun": text, "look": f"{text}.html#t=1.00"}
+        side = {"fault": Fault.BOLD, "error": text, "rule": text, "order": text, "started": 1, "rerun": text, "line": text}
+        numbers = {"runs": 1, "hours": 0.5, "met": 1, "pairs": 2, "gap": 0.5}
+        driver = {"name": text, "verdicts": {text: {"FAIL": 1}}, "causes": [cause], "sides": [side], "notes": [text], **numbers}
+        names = {"junctions": [text], "rules": [text], "config": {"traffic": [text]}, "cells": 1, "lines": 1}
+        return league_page({**names, "drivers": [driver]}, text)
+
+    hostile = "javascript:1</td></script><script>alert(1)</script><img src=x onerror=alert(2)>\"' \x1b[2J"
+    shown, tame = page(hostile), page("tame")
+    assert re.findall("<[a-zA-Z/][^ >]*", shown) == re.findall("<[a-zA-Z/][^ >]*", tame)
+    assert "\x1b" not in shown
+    assert not [href for href in re.findall('href="([^"]*)"', shown) if href.startswith("javascript:")]
+
+
+DRIVER = '[drivers.a]\nautopilot = "reference"\n'
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("junctions = [", "league.toml must hold a league in TOML: Invalid value (at end of document)"),
+        (CELLS, "league.toml: the field 'drivers' is missing"),
+        (f"{CELLS}drivers = 3\n", "league.toml: the field 'drivers' must be an object, got 3"),
+        (f"cels = 3\n{DRIVER}", "league.toml: the field 'cels' is unknown, expected one of drivers, cells, junctions, "),
+        (f"{CELLS}{DRIVER}speed = 3\n", "league.toml: the field 'drivers.a.speed' is unknown, expected one of autopilot, sut, "),
+        (f'{CELLS}{DRIVER}sut = "x"\n', "league.toml: the field 'drivers.a' must have an autopilot or a sut, got both: "),
+        (f"{CELLS}[drivers.a]\n", "league.toml: the field 'drivers.a' must have an autopilot or a sut, got none: "),
+        (f'{CELLS}[drivers.a]\nsut = "\'"\n', """league.toml: drivers.a: a stack needs a command as for a shell, got "'": """),
+        (f'{CELLS}{DRIVER}simulator = "none"\n', "league.toml: drivers.a: unknown simulator 'none', there is "),
+        (f'{CELLS}[drivers.a]\nautopilot = "no_module:X"\n', "league.toml: drivers.a: --autopilot must name an autopilot as "),
+        (f"{CELLS.replace('3', '0')}{DRIVER}", "league.toml: the field 'cells' must be a whole number >= 1, got 0"),
+        (
+            f"{CELLS.replace('stop4', 'stop5')}{DRIVER}",
+            "league.toml: junctions: unknown junction 'stop5': the built-in ",
+        ),
+        (f"cells = 3\n{DRIVER}", "league.toml: no cell is possible: name junctions or maps"),
+        (f"seats = [7]\n{CELLS}{DRIVER}", "league.toml: no cell is possible: stop4: subject must be an entrance, 0 to 3, "),
+        (f"{CELLS.replace('hesitant', 'shy')}{DRIVER}", "league.toml: traffic: unknown traffic 'shy', there are reference, "),
+        (f'rules = ["nope"]\n{CELLS}{DRIVER}', "league.toml: rules: unknown rule 'nope', there are "),
+        (f'maps = [{{file = "x.xodr"}}]\n{CELLS}{DRIVER}', "league.toml: the field 'maps[0].junctions' is missing"),
+        (f'maps = [{{file = "x.xodr", junctions = 1}}]\n{CELLS}{DRIVER}', "league.toml: maps: map file x.xodr does not exist; "),
+    ],
+)
+def test_wrong_configuration_is_one_sentence(text: str, sentence: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    Path("league.toml").write_text(text)
+    assert main(["league", "league.toml", "-j", "1"]) == 2
+    out, err = capsys.readouterr()
+    assert not out
+    assert err.count("\n") == 1
+    assert err.startswith(f"rvads: {sentence}")
+    assert not (folder / "rvads-league").exists()
+
+
+def test_missing_configuration_is_one_sentence(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["league", "missing.toml"]) == 2
+    sentence = "missing.toml can't be read: No such file or directory, expected the configuration of a league in TOML"
+    assert capsys.readouterr().err == f"rvads: {sentence}\n"
+
+
+def test_seats_and_traffic_share_the_cells() -> None:
+    text = TWO.replace("cells = 3", "cells = 5").replace("seed", "seats = [2, 0]\nseed")
+    config = Path("league.toml")
+    config.write_text(text)
+    league = League(Config.read(config), config)
+    groups = [(case.scenario.subject, "hesitant" in name) for name, case in league.cells.items()]
+    assert sorted(groups) == [(0, False), (0, True), (2, False), (2, False), (2, True)]
+
+
+def test_junction_without_a_seat_is_left_out(capsys: pytest.CaptureFixture[str]) -> None:
+    _, league = judged(TWO.replace('"stop4"', '"stop3", "stop4"').replace("seed", "seats = [3]\nseed"))
+    assert league["junctions"] == ["stop4"]
+    assert "left out: stop3: subject must be an entrance, 0 to 2" in capsys.readouterr().err

@@ -1,0 +1,97 @@
+"""Runs with pedestrians in OpenSCENARIO: entities, lights, the same verdicts when read again; scenarios are refused."""
+
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+import pytest_rvads as rvads
+from pytest_rvads.cli import main
+from pytest_rvads.drivers.interface import Command, Observation
+from pytest_rvads.geometry.builtin import path_of
+from pytest_rvads.logic.rules.book import rules_for
+from pytest_rvads.runs.run import Run
+from pytest_rvads.support.errors import ScenarioError
+
+pytestmark = pytest.mark.usefixtures("library")
+
+
+class Drives:
+    """Drives at 8 m/s whoever is in the way."""
+
+    def control(self, seen: Observation) -> Command:
+        return rvads.TargetSpeed(8.0)
+
+
+def scenario(name: str, difference: float = 1.5) -> rvads.Scenario:
+    walkers = [
+        rvads.Pedestrian(1, "near", "hidden", difference),
+        rvads.Pedestrian(3, "far", "group", 3.0),
+        rvads.Pedestrian(1, "far", "returns", 2.0),
+    ]
+    place = rvads.find(name) if name in ("zebra4", "walk4") else rvads.find("1", path_of("zebra4"))
+    return rvads.Scenario(place, "0200", distance=20, speed=8, subject=1, pedestrians=walkers, duration=14.0)
+
+
+@pytest.fixture(params=["zebra4", "walk4"])
+def run(request: pytest.FixtureRequest) -> Run:
+    return rvads.simulate(rvads.Case(scenario(request.param), Drives))
+
+
+def test_exported_pedestrians_come_back_with_the_same_verdicts(run: Run, tmp_path: Path) -> None:
+    path = tmp_path / "run.xosc"
+    rvads.export_run(run, path)
+    (back,) = rvads.read_runs(path)
+    assert back.agents == run.agents
+    assert back.junction == run.junction
+    assert np.array_equal(back.zone, run.zone)
+    assert np.array_equal(back.lights, run.lights)
+    for name in ("pose", "station"):
+        assert np.abs(back.need(name) - run.need(name)).max() < 1e-9
+    for rule in rules_for("road", run.junction):
+        assert rvads.check(back, rule).record() == rvads.check(run, rule).record()
+    statuses = {rule.name: rvads.check(run, rule).status for rule in rules_for("road", run.junction)}
+    assert statuses["no_collision"] == "PASS"
+
+
+def test_file_has_pedestrians_as_pedestrians(run: Run, tmp_path: Path) -> None:
+    rvads.export_run(run, tmp_path / "run.xosc")
+    root = ElementTree.parse(tmp_path / "run.xosc").getroot()
+    entities = {entity.get("name"): entity[0] for entity in root.iter("ScenarioObject")}
+    kinds = {name: entity.tag for name, entity in entities.items()}
+    people = dict.fromkeys(("p0", "p1", "p1+1", "p1+2", "p2"), "Pedestrian")
+    assert kinds == {"a1": "Vehicle", "parked0": "Vehicle", **people}
+    middle, size = entities["p0"].find("BoundingBox/Center"), entities["p0"].find("BoundingBox/Dimensions")
+    assert middle is not None
+    assert size is not None
+    assert (float(middle.get("x", "1")), float(size.get("length", "0")), float(size.get("width", "0"))) == (0.0, 0.6, 0.6)
+    signals = {state.get("trafficSignalId") for state in root.iter("TrafficSignalState")}
+    walks = {f"w{k}" for k in range(4)}
+    assert walks & signals == (walks if run.junction.phase_groups else set())
+
+
+def test_contact_with_a_pedestrian_carries_over(tmp_path: Path) -> None:
+    run = rvads.simulate(rvads.Case(scenario("zebra4", 0.0), Drives))
+    assert [hit.agents for hit in run.collisions or ()] == [("a1", "p0")]
+    rvads.export_run(run, tmp_path / "run.xosc", verdict=rvads.check(run, "no_collision"))
+    (back,) = rvads.read_runs(tmp_path / "run.xosc")
+    assert back.collisions == run.collisions
+    assert rvads.check(back, "no_collision").status == "FAIL"
+
+
+def test_command_exports_a_kept_run_of_a_map_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    rvads.save_run(rvads.simulate(rvads.Case(scenario("file"), Drives)), tmp_path / "kept.npz")
+    assert main(["export", str(tmp_path / "kept.npz"), "--xosc", str(tmp_path / "out" / "run.xosc")]) == 0
+    assert "2 vehicles, 5 pedestrians at zebra4.1, " in capsys.readouterr().out
+    (back,) = rvads.read_runs(tmp_path / "out" / "run.xosc")
+    assert [agent.name for agent in back.agents if agent.kind is rvads.Kind.PEDESTRIAN] == ["p0", "p1", "p1+1", "p1+2", "p2"]
+
+
+def test_scenario_with_pedestrians_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(
+        ScenarioError, match="has pedestrians, and elements of OpenSCENARIO can't express how they behave"
+    ) as caught:
+        rvads.save_scenario(scenario("zebra4"), tmp_path / "start.xosc")
+    assert "\n" not in str(caught.value)
+    assert not list(tmp_path.iterdir())
