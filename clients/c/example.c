@@ -1,4 +1,4 @@
-/* Keeps its distance, stops at stop signs and red lights, gives way, waits while somebody is in its way, and goes. */
+/* Keeps its distance, stops at stop signs, red lights and for pedestrians, gives way, waits while somebody is in its way, and goes. */
 #include "rvads.h" /* gcc -std=c99 -O2 -o stack example.c */
 
 int main(void) {
@@ -6,7 +6,7 @@ int main(void) {
     rvads_observation seen;
     rvads_command command;
     double stood = -1.0; /* since when it stands at the line */
-    if (!rvads_open(&link, "example", 20.0)) return 1;
+    if (!rvads_open_with_pedestrians(&link, "example", 20.0)) return 1;
     while (rvads_next(&link, &seen)) {
         const rvads_scenario *scenario = &link.scenario;
         const rvads_vehicle *me = &seen.me;
@@ -28,6 +28,7 @@ int main(void) {
             may = may && !(due && rvads_gives_way_to(&link, other));
         }
         if (me->zone <= RVADS_ENTRANCE && !may && line < gap) gap = line;
+        if (rvads_gap_to_pedestrians(&link, &seen, 4.0) - 0.5 < gap) gap = rvads_gap_to_pedestrians(&link, &seen, 4.0) - 0.5;
         if (rvads_stopping_speed(gap, 2.0) < speed) speed = rvads_stopping_speed(gap, 2.0);
         rvads_target_speed(&command, speed);
         rvads_answer(&link, &command);

@@ -1,73 +1,209 @@
-"""The bench: what all checks of a simulator share, and the cases that they try it with."""
+"""The bench of the conformance checks: the cases and the drivers with which the checks try a simulator."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+import math
+import time
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
-from pytest_rvads.conformance.probes import Brakes, Cruises
-from pytest_rvads.drivers.interface import Factory
+from pytest_rvads.drivers.interface import Command, Control, Drives, Factory, Observation, TargetSpeed
 from pytest_rvads.geometry.junction import Junction, Movement
-from pytest_rvads.geometry.segment import Turn
+from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.logic.conduct.validate import damage
 from pytest_rvads.runs.itineraries import itinerary
-from pytest_rvads.runs.run import Run
+from pytest_rvads.runs.run import DT, Run
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.orbits import Orbits
 from pytest_rvads.scenarios.scenario import Scenario
-from pytest_rvads.simulators.choice import limits
+from pytest_rvads.simulators.patience import limits
 from pytest_rvads.simulators.simulator import Simulator, answered
 from pytest_rvads.support.errors import ScenarioError
 
-__all__ = ["JUNCTIONS", "Bench", "Broken", "Look", "NotTried", "among", "crowd", "meeting", "own_row", "set_back", "straight"]
+__all__ = [
+    "FAULTY_FROM",
+    "JUNCTIONS",
+    "Bench",
+    "Brakes",
+    "Broken",
+    "Cast",
+    "Cruises",
+    "Hangs",
+    "Look",
+    "NotANumber",
+    "NotTried",
+    "Raises",
+    "Steers",
+    "Witness",
+    "among",
+    "crowd",
+    "meeting",
+    "own_row",
+    "set_back",
+    "straight",
+    "unmade",
+]
+
+FAULTY_FROM = 3
+"""Tick (number of a state of the run) from which a driver with a fault shows the fault."""
+_ASLEEP = 30.0
+"""Time after which a hanging driver returns if no time limit ends the run before [s]."""
 
 JUNCTIONS = ("stop4", "stop3", "light4", "yield4", "lanes4")
-"""Names of the built-in junctions at which a simulator is checked; most is tried at the first one."""
+"""Names of the built-in junctions at which a simulator is checked; most checks use only the first junction."""
 _SETBACK = 3.0
-"""Of stopping lines that are set back [m]."""
+"""Distance by which `set_back` moves stopping lines away from the junction [m]."""
+
+
+class Brakes:
+    """A driver that always brakes fully."""
+
+    def control(self, _seen: Observation, /) -> Control:
+        """Return the command to brake fully."""
+        return Control(brake=1.0)
+
+
+class Cruises:
+    """A driver that keeps a constant speed, whatever other vehicles do.
+
+    Args:
+        speed: the speed to keep [m/s].
+    """
+
+    def __init__(self, speed: float = 8.0) -> None:
+        self._speed = speed
+
+    def control(self, _seen: Observation, /) -> TargetSpeed:
+        """Return the constant speed as the target speed."""
+        return TargetSpeed(self._speed)
+
+
+class Cast:
+    """A driver that keeps the speed given for its vehicle, whatever other vehicles do; a vehicle without a speed brakes.
+
+    Args:
+        speeds: speed of each vehicle, by the name of the vehicle [m/s].
+        since: time at which each vehicle sets out, by the name of the vehicle [s]; 0 for a vehicle without a time.
+    """
+
+    def __init__(self, speeds: Mapping[str, float], since: Mapping[str, float] = MappingProxyType({})) -> None:
+        self._speeds, self._since = speeds, since
+
+    def control(self, seen: Observation) -> Control | TargetSpeed:
+        """Return the speed given for the vehicle, or the command to brake fully."""
+        speed = self._speeds.get(seen.me.name)
+        if speed is None or seen.time < self._since.get(seen.me.name, 0.0):
+            return Control(brake=1.0)
+        return TargetSpeed(speed)
+
+
+class Steers:
+    """A driver that steers to the left until the vehicle leaves the route."""
+
+    def control(self, _seen: Observation, /) -> Control:
+        """Return some throttle and a large steering angle."""
+        return Control(throttle=0.3, steering=0.5)
+
+
+class Witness:
+    """A driver that stores each observation, and returns the command of another driver.
+
+    Args:
+        shown: list to which every observation is appended.
+        driver: makes the other driver, which decides on the answers.
+    """
+
+    def __init__(self, shown: list[Observation], driver: Callable[[], Drives] = Brakes) -> None:
+        self._shown = shown
+        self._driver = driver()
+
+    def control(self, seen: Observation) -> Command:
+        """Store the observation, and return the command of the other driver."""
+        self._shown.append(seen)
+        return self._driver.control(seen)
+
+
+def _due(seen: Observation) -> bool:
+    # Only the vehicle that was created first has no vehicle created before it.
+    return round(seen.time / DT) >= FAULTY_FROM and not seen.created
+
+
+class Raises:
+    """A driver that brakes, and raises an error from tick `FAULTY_FROM` on."""
+
+    def control(self, seen: Observation) -> Control:
+        """Return the command to brake, or raise an error from tick `FAULTY_FROM` on."""
+        if _due(seen):
+            raise ValueError("raised by the conformance tests")
+        return Control(brake=1.0)
+
+
+class NotANumber:
+    """A driver that brakes, and answers with a throttle of NaN from tick `FAULTY_FROM` on."""
+
+    def control(self, seen: Observation) -> Control:
+        """Return the command to brake, or a throttle of NaN from tick `FAULTY_FROM` on."""
+        return Control(throttle=math.nan) if _due(seen) else Control(brake=1.0)
+
+
+class Hangs:
+    """A driver that brakes, and no longer answers from tick `FAULTY_FROM` on."""
+
+    def control(self, seen: Observation) -> Control:
+        """Return the command to brake, or sleep from tick `FAULTY_FROM` on."""
+        begun = time.monotonic()
+        while _due(seen) and time.monotonic() - begun < _ASLEEP:
+            time.sleep(0.05)
+        return Control(brake=1.0)
+
+
+def unmade() -> Brakes:
+    """Raise an error when the simulator calls this factory to make a driver."""
+    raise ValueError("raised by the conformance tests")
 
 
 class NotTried(Exception):
-    """None of the junctions has what a check needs; says which."""
+    """No junction of the bench has what a check needs, such as crossing movements; the message says what to add."""
 
 
 class Broken(Exception):
-    """What a check needs to look at did not come about; says why."""
+    """A run that a check needs is damaged or ended by a fault; the message gives the reason."""
 
 
 @dataclass(frozen=True, slots=True)
 class Bench:
-    """What is checked, and with what."""
+    """A simulator to check, with the drivers and junctions for the checks."""
 
     simulator: Simulator
     drivers: tuple[Factory, ...]
-    """What drives where any driver will do."""
+    """Drivers for the checks that work with any driver."""
     junctions: tuple[Junction, ...]
-    """At least one."""
+    """Junctions at which the simulator is checked, at least one."""
     where: str | None = None
-    """How another process finds the simulator, ``module:name``; None: it is named or pickled."""
+    """The simulator as ``module:name``, for another process; None if that process gets a shipped name or a pickled simulator."""
     longest: float = 60.0
-    """Real time that a run may take [s]."""
+    """Limit of the real time of a run [s]."""
     _trips: list[Run] = field(default_factory=list, repr=False, compare=False)
 
     @property
     def place(self) -> Junction:
-        """The first of the junctions."""
+        """The first junction of the bench, which most checks use."""
         return self.junctions[0]
 
     def run(self, case: Case, decision: float | None = None) -> Run:
         """Return the run of a case.
 
         Args:
-            case: what is simulated.
-            decision: real time that one call into a driver may take [s]; as much as a run by default.
+            case: the case to simulate.
+            decision: limit of the real time of a call of a driver [s]; by default `longest`, the limit of a run.
 
         Raises:
-            RvadsError: as for `answered`.
-            Broken: the run lacks something, or is damaged.
+            RvadsError: the simulator refuses the case, or returns no run of the case.
+            Broken: the run has no stations, speeds or poses, or is damaged.
         """
         with limits(decision=self.longest if decision is None else decision, run=self.longest):
             run = answered(case, self.simulator)
@@ -83,10 +219,10 @@ class Bench:
         return crowd(self.place, driver, most=most, **scenario)
 
     def queue(self, followers: int, **scenario: Any) -> Case:
-        """Return a case with vehicles that brake at the first entrances of the first junction, and followers behind each.
+        """Return a case at the first junction with braking vehicles at its first entrances, and followers behind each vehicle.
 
         Raises:
-            NotTried: there is no room for them.
+            NotTried: the approaches have no room for the followers.
         """
         case = self.alone(Brakes, followers=followers, **scenario)
         try:
@@ -96,10 +232,10 @@ class Bench:
         return case
 
     def trips(self) -> Iterator[tuple[Case, Run]]:
-        """Return runs of every driver at every junction, made once; nobody is in a hurry.
+        """Yield a case and its run for every driver at every junction, at low speed; each run is made only once.
 
         Raises:
-            Broken: one of them ended by a fault.
+            Broken: a run ended by a fault.
         """
         cases = [crowd(place, driver, speed=3.0, duration=12.0) for place in self.junctions for driver in self.drivers]
         for number, case in enumerate(cases):
@@ -115,16 +251,16 @@ class Bench:
 
 
 Look = Callable[[Bench], Iterator[str]]
-"""A check looks for what is wrong: a sentence each."""
+"""A check of a simulator: a function that yields a sentence for each error of the simulator."""
 
 
 def crowd(place: Junction, driver: Factory, *, most: int | None = None, **scenario: Any) -> Case:
-    """Return a case with a vehicle at every entrance of a junction, or a vehicle per arm if the entrances have no room.
+    """Return a case with a vehicle at every entrance of a junction, or a vehicle per arm if vehicles at all entrances don't fit.
 
     Args:
         place: the junction.
         driver: the driver of every vehicle.
-        most: largest number of vehicles; the first entrances get a vehicle.
+        most: largest number of vehicles, which start at the first entrances; None for no limit.
         scenario: arguments of `Scenario`; by default the distances of the entrances differ.
     """
     ways = [place.directions(entrance) for entrance in range(len(place.entrances))]
@@ -145,7 +281,7 @@ def crowd(place: Junction, driver: Factory, *, most: int | None = None, **scenar
 
 
 def among(place: Junction, movements: dict[Movement, float], driver: Factory, **scenario: Any) -> Case:
-    """Return a case with one vehicle per movement, `movements` tells how far before its line each starts [m]."""
+    """Return a case with a vehicle per movement; `movements` has the distance from each start to the stopping line [m]."""
     codes, far = [0] * len(place.entrances), [1.0] * len(place.entrances)
     for (entrance, direction), movement in place.by_direction.items():
         if movement in movements:
@@ -154,12 +290,12 @@ def among(place: Junction, movements: dict[Movement, float], driver: Factory, **
 
 
 def own_row(place: Junction) -> int:
-    """Return the last rotation of a junction: by that many entrances it keeps lanes, movements and signs."""
+    """Return the largest rotation that keeps lanes, movements and signs of a junction, as a number of entrances."""
     return list(Orbits.at(place).rows)[-1]
 
 
 def set_back(place: Junction) -> Junction:
-    """Return a junction with stopping lines further from it."""
+    """Return a junction with its stopping lines moved away from the junction by `_SETBACK`."""
     return replace(
         place,
         name=f"{place.name}_set_back",
@@ -168,7 +304,7 @@ def set_back(place: Junction) -> Junction:
 
 
 def straight(place: Junction, *, conflicting: bool) -> list[tuple[Movement, Movement]]:
-    """Return pairs of movements straight ahead from different arms, which conflict or do not."""
+    """Return pairs of movements straight ahead from different arms: all conflicting pairs, or all pairs without a conflict."""
     ahead = [m for m in place.movements.values() if m.turn is Turn.STRAIGHT]
     conflicts = place.conflicts or frozenset()
     return [
@@ -181,7 +317,7 @@ def straight(place: Junction, *, conflicting: bool) -> list[tuple[Movement, Move
 
 
 def meeting(place: Junction, one: Movement, two: Movement) -> tuple[float, float, float]:
-    """Return where the centre lines of two movements come nearest: the stations on each [m], and how near [m]."""
+    """Return the stations of two movements at which their centre lines are nearest [m], and the distance between the two [m]."""
     ways = [itinerary(place, *movement.key) for movement in (one, two)]
     along = [np.arange(0.0, way.length, 0.1) for way in ways]
     points = [way.centre(stations)[0] for way, stations in zip(ways, along, strict=True)]

@@ -1,4 +1,4 @@
-"""Checks of what happens between vehicles: who is gone is out of the way, who touches has collided, who does not has not."""
+"""Checks of events between agents: a vehicle that has left is out of the way, only bodies that touch collide, people walk."""
 
 from __future__ import annotations
 
@@ -9,28 +9,31 @@ from functools import partial
 
 import numpy as np
 
-from pytest_rvads.conformance.bench import Bench, NotTried, among, meeting, straight
-from pytest_rvads.conformance.probes import Cast, Cruises, Witness
+from pytest_rvads.conformance.bench import Bench, Brakes, Cast, Cruises, NotTried, Witness, among, meeting, straight
 from pytest_rvads.drivers.interface import Observation
+from pytest_rvads.geometry.finder import find
 from pytest_rvads.geometry.sweep import EXIT_LENGTH
 from pytest_rvads.logic.conduct.bodies import overlap
 from pytest_rvads.runs.run import DT, Run
-from pytest_rvads.runs.states import Zone
-from pytest_rvads.runs.vehicle import Vehicle
+from pytest_rvads.runs.states import Vehicle, Zone
 from pytest_rvads.scenarios.case import Case, Fleet
+from pytest_rvads.scenarios.pedestrians import Pedestrian
+from pytest_rvads.simulators.walkers import Walker
 
-__all__ = ["crossing", "gone_for_good", "passing", "running_into"]
+__all__ = ["crossing", "gone_for_good", "passing", "pedestrians", "running_into"]
 
 SPEED = 8.0
 """Speed of the vehicles that meet [m/s]."""
 LATER = 8.0
-"""Delay of the following vehicle's start [s]: by then the leading vehicle has left the bend, where it drives slowly."""
+"""Delay of the following vehicle's start [s], after which the leading vehicle has left the bend, where it drives slowly."""
 GAP = 0.5
-"""Between bodies that pass each other [m]."""
+"""Gap between two bodies that pass each other [m]."""
 NEAR = 0.2
-"""Bodies whose contact is reported may have this much between them in the states around it [m]; an engine parts them at once."""
+"""Largest gap between two bodies in the states around a reported contact [m]; a physics engine pushes bodies apart at once."""
 EARLY = 0.05
-"""A contact may be reported this much later than bodies overlap [s]."""
+"""Longest accepted time from the first overlap of two bodies to the reported contact [s]."""
+STRAY = 0.1
+"""Largest distance of a pedestrian from the station that the behaviour gives [m]."""
 
 
 def gone_for_good(bench: Bench) -> Iterator[str]:
@@ -98,6 +101,29 @@ def running_into(bench: Bench) -> Iterator[str]:
     yield from _collides(bench, Case(case.scenario, partial(Cast, {behind: SPEED})))
 
 
+def pedestrians(bench: Bench) -> Iterator[str]:
+    """Pedestrians walk by their behaviours, as Walker moves them, and who drives into a pedestrian collides with the pedestrian.
+
+    The check uses the first junction with crosswalks, or the built-in junction zebra4.
+    """
+    place = next((junction for junction in bench.junctions if junction.crossings), find("zebra4"))
+    over = [key for number, key in place.covers if not number and place.entrances[key[0]].arm == place.crossings[0].arm]
+    drive = {place.movements[over[0]]: 10.0}
+    case = among(place, drive, Brakes, duration=15.0, pedestrians=[Pedestrian(0, behaviour="stops")])
+    run, (setting,) = bench.run(case), case.scenario.walkers()
+    walker = Walker(case.scenario.place, setting, ())
+    for tick in range(run.steps):
+        wanted, got = walker.sample().station, float(run.need("station")[tick, 1])
+        if abs(got - wanted) > STRAY:
+            yield (
+                f"{run.label}: {setting.agent.name} is at station {got:.2f} m at {tick * DT:.2f} s, its behaviour gives "
+                f"{wanted:.2f} m: move it by pytest_rvads.simulators.walkers.Walker"
+            )
+            break
+        walker.walk(tick * DT, run.lights[tick].tolist(), ())
+    yield from _collides(bench, among(place, drive, Cruises, speed=SPEED, duration=15.0, pedestrians=[Pedestrian(0)]))
+
+
 def _collides(bench: Bench, case: Case) -> Iterator[str]:
     run = bench.run(case)
     pair = {agent.name for agent in run.agents}
@@ -139,7 +165,7 @@ def _collides(bench: Bench, case: Case) -> Iterator[str]:
 
 
 def _wider(run: Run) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
-    """Return where bodies overlap that are wider and longer by `NEAR`."""
+    """Return for each state whether the two bodies, made longer and wider by `NEAR`, overlap, shape ``(steps,)``."""
     sizes = [agent.size or (0.0, 0.0) for agent in run.agents]
     agents = [
         replace(agent, size=(length + NEAR, width + NEAR)) for agent, (length, width) in zip(run.agents, sizes, strict=True)
@@ -148,7 +174,7 @@ def _wider(run: Run) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
 
 
 def _apart(run: Run, tick: int) -> float:
-    """Return the relative speed of the two vehicles [m/s]."""
+    """Return the relative speed of the two vehicles in a state [m/s]."""
     (_, _, one), (_, _, two) = run.need("pose")[tick]
     fast, slow = run.need("speed")[tick]
     return math.hypot(fast * math.cos(one) - slow * math.cos(two), fast * math.sin(one) - slow * math.sin(two))

@@ -1,4 +1,4 @@
-"""Checks of what every state of a run holds: clock, zones, speeds, poses, bodies, lights; and how runs end."""
+"""Checks of the values in every state of a run (clock, zones, speeds, poses, bodies, lights), and of the end of runs."""
 
 from __future__ import annotations
 
@@ -8,14 +8,12 @@ from functools import partial
 
 import numpy as np
 
-from pytest_rvads.conformance.bench import Bench, crowd, own_row
-from pytest_rvads.conformance.probes import Brakes, Cruises, Witness
+from pytest_rvads.conformance.bench import Bench, Brakes, Cruises, Witness, crowd, own_row
 from pytest_rvads.drivers.interface import Observation
 from pytest_rvads.logic.conduct.validate import validate
 from pytest_rvads.runs.itineraries import Itinerary
 from pytest_rvads.runs.run import DT, Run
-from pytest_rvads.runs.states import CLEARANCE, GREEN, YELLOW, Colour, Kind, Zone
-from pytest_rvads.runs.vehicle import Vehicle
+from pytest_rvads.runs.states import CLEARANCE, GREEN, YELLOW, Colour, Kind, Vehicle, Zone
 from pytest_rvads.scenarios.case import Case, Fleet
 
 __all__ = [
@@ -30,27 +28,30 @@ __all__ = [
 ]
 
 RATE = (0.1, 0.03)
-"""Progress per second on an approach may differ from the speed by this much [m/s] and this share."""
+"""Largest difference between the speed on an approach and the progress of the station: a part [m/s], and a share of the speed."""
 OFFSET = 1.5
-"""The front bumper may be so far beside the centre line [m]: it swings out in bends by half of that."""
+"""Largest distance of the front bumper from the centre line [m]; in bends the bumper swings out by half of this distance."""
 LAG = 0.3
-"""A station may be so far from where the pose lies on the centre line [m]."""
+"""Largest difference between the station of a vehicle and the projection of its pose onto the centre line [m]."""
 TURNED = 0.6
-"""A heading may differ so much from the direction of the centre line under the middle of the body [rad]."""
+"""Largest angle between a heading and the direction of the centre line under the middle of the body [rad]."""
 _BODY = 6.0
-"""How far behind the bumper a body may reach, and a little more [m]."""
+"""Distance behind the front bumper that is longer than every body [m]."""
 _STRAIGHT = 0.02
-"""A lane is straight where its heading changes by less along a body [rad]: speeds then differ by a fiftieth of a percent."""
+"""Largest change of direction along a body for which a lane counts as straight [rad].
+
+With this change, the speed of the bumper differs from that of the vehicle by a fiftieth of a percent.
+"""
 _EVERY = 10
-"""Poses are looked at in every tenth state."""
+"""The pose in every state whose number is a multiple of this number is checked."""
 _SPEED, _WHILE = 5.0, 1.0
-"""Of the vehicle by which the clock is looked at [m/s], and for how long [s]."""
+"""Speed of the vehicle in the check `clock` [m/s], and duration of the run [s]."""
 
 
 def clock(bench: Bench) -> Iterator[str]:
-    """States are 0.01 s apart: drivers are asked once in each but the last, told its time, and shown what the run records.
+    """States are 0.01 s apart; in every state but the last, each driver is asked once, with the time and values of the state.
 
-    A vehicle that keeps a speed gets on by that speed: time in the plant is time in the run.
+    A vehicle with a constant speed advances by this speed, so the vehicle dynamics advance by 0.01 s per state.
     """
     shown: list[Observation] = []
     case = bench.alone(partial(Witness, shown, partial(Cruises, _SPEED)), distance=12.0, speed=_SPEED, duration=_WHILE)
@@ -86,10 +87,10 @@ def clock(bench: Bench) -> Iterator[str]:
 
 
 def ends(bench: Bench) -> Iterator[str]:
-    """A run ends in the state in which the last vehicle has left, or at the scenario's duration; no state follows.
+    """A run ends with the state in which the last vehicle has left the junction, or at the duration of the scenario.
 
-    A vehicle has left 15 m down its exit road. `Run.provenance` has why the run ended, under ``end``: left, duration, collision,
-    route, fault, late.
+    A vehicle has left after 15 m of its exit road. The entry ``end`` of `Run.provenance` is the reason of the end: left,
+    duration, collision, route, fault or late.
     """
     for duration in (0.5, 0.37):
         run = bench.run(bench.alone(Brakes, duration=duration))
@@ -121,9 +122,9 @@ def _said(run: Run, end: str) -> Iterator[str]:
 
 
 def integrity(bench: Bench) -> Iterator[str]:
-    """rvads.validate finds nothing: no jumps, no gaps, colours in their order, nobody touches without a collision.
+    """rvads.validate finds no error in a run: no jump, no gap, no wrong order of colours, no contact without a collision.
 
-    Progress is left to the check of speeds: in narrow bends the bumper is slower than the vehicle.
+    Progress along the itinerary is tested by the check ``speeds``, because in narrow bends the bumper is slower than the vehicle.
     """
     for _, run in bench.trips():
         if run.collisions is None:
@@ -134,7 +135,7 @@ def integrity(bench: Bench) -> Iterator[str]:
 
 
 def zones_follow_stations(bench: Bench) -> Iterator[str]:
-    """The zone of every vehicle is that of its station, and never an earlier one than before: rules see zones alone."""
+    """The zone of every vehicle is the zone of its station, and a vehicle never returns to an earlier zone."""
     for case, run in bench.trips():
         for column, way in enumerate(case.scenario.itineraries()):
             name, zone = run.agents[column].name, run.zone[:, column].astype(np.int64)
@@ -155,7 +156,7 @@ def zones_follow_stations(bench: Bench) -> Iterator[str]:
 
 
 def speeds_are_progress(bench: Bench) -> Iterator[str]:
-    """On the approach, progress along the itinerary over time is the speed: in metres per second, of the same instant."""
+    """On the approach, the speed of a vehicle [m/s] equals the progress of its station per second at the same time."""
     absolute, relative = RATE
     for case, run in bench.trips():
         ways = case.scenario.itineraries()
@@ -176,15 +177,15 @@ def speeds_are_progress(bench: Bench) -> Iterator[str]:
 
 
 def _bent(way: Itinerary, station: float) -> bool:
-    """Tell whether a centre line bends near a station: there the bumper makes another way than the vehicle."""
+    """Return whether a centre line bends near a station; in a bend the front bumper moves on another path than the vehicle."""
     before, after = (way.pose(station + d).heading for d in (-_BODY, 1.0))
     return abs(math.remainder(after - before, math.tau)) > _STRAIGHT
 
 
 def headings_and_places(bench: Bench) -> Iterator[str]:
-    """Poses are those of the front bumper on the map, headings in radians, counter-clockwise from east: near the centre line.
+    """A pose is the front bumper's position on the map, near the centre line, and a heading in rad counter-clockwise from east.
 
-    The station is where the bumper is on it.
+    The station is the projection of the front bumper onto the centre line.
     """
     for case, run in bench.trips():
         for column, way in enumerate(case.scenario.itineraries()):
@@ -197,7 +198,7 @@ def headings_and_places(bench: Bench) -> Iterator[str]:
 
 
 def _astray(run: Run, way: Itinerary, tick: int, column: int, length: float) -> str:
-    """Return what is wrong with a pose, if anything."""
+    """Return the error of a pose in words; an empty text for a correct pose."""
     x, y, heading = (float(number) for number in run.need("pose")[tick, column])
     station = float(run.need("station")[tick, column])
     if not all(map(math.isfinite, (x, y, heading, station))):
@@ -217,7 +218,7 @@ def _astray(run: Run, way: Itinerary, tick: int, column: int, length: float) -> 
 
 
 def bodies_of_the_fleet(bench: Bench) -> Iterator[str]:
-    """Agents have the kind and the size of their vehicles in the case's fleet: length and width decide who touches whom."""
+    """Agents have the kind and size of their vehicles in the fleet of the case, because the sizes decide which vehicles touch."""
     case = bench.alone(Brakes, most=2, duration=DT)
     first = case.agents()[0].name
     truck = Vehicle(length=8.0, width=2.4, front_axle=2.4, rear_axle=2.4, mass=9000.0, kind=Kind.TRUCK)
@@ -233,7 +234,7 @@ def bodies_of_the_fleet(bench: Bench) -> Iterator[str]:
 def lights(bench: Bench) -> Iterator[str]:
     """In every state each entrance has the colour of Scenario.signals at that time, and NONE where no light stands.
 
-    Drivers are shown the same colours. Tried over a whole cycle at every junction, and rotated.
+    Drivers are shown the same colours. The check runs a whole cycle at every junction, and half a cycle of the rotated junction.
     """
     for place in bench.junctions:
         cycle = len(place.phase_groups) * (GREEN + YELLOW + CLEARANCE)

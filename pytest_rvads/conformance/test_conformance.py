@@ -1,24 +1,67 @@
-"""Every check of a simulator as a test. The simulator is that of the session, `--rvads-simulator`.
+"""The conformance checks of a simulator by name, each as a test of the simulator that the option `--rvads-simulator` names.
 
-A simulator that can't pass a check says so in an attribute ``unsupported``, a reason by the name of the check: the test is then
-expected to fail, and fails if the check passes. An attribute ``drivers`` names the drivers that a simulator has of its own.
+A simulator can have an attribute ``unsupported``: for the name of each check that the simulator can't pass, a reason. The test
+of such a check is expected to fail (a strict xfail). An attribute ``drivers`` holds further drivers for the checks.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from itertools import islice
+from types import MappingProxyType
+from typing import Any
+
 import pytest
 
-from pytest_rvads.conformance.bench import JUNCTIONS, Bench, NotTried
-from pytest_rvads.conformance.checks import CHECKS, demand, faults, unsupported
+from pytest_rvads.conformance import events, in_motion, start_and_repetition, with_drivers
+from pytest_rvads.conformance.bench import JUNCTIONS, Bench, Broken, Look, NotTried
 from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.geometry.finder import find
 from pytest_rvads.session.options import Options
 from pytest_rvads.simulators.simulator import Simulator, meant
+from pytest_rvads.support.errors import ScenarioError, require, suggest
+from pytest_rvads.support.wording import one_line
+
+__all__ = ["CHECKS", "demand", "faults", "unsupported"]
+
+_MOST = 3
+"""Largest number of sentences that a failed check prints."""
+CHECKS: Mapping[str, tuple[Look, bool]] = MappingProxyType(
+    {
+        "name": (start_and_repetition.has_a_name, True),
+        "vmax": (start_and_repetition.envelope_is_a_curve, True),
+        "starts": (start_and_repetition.start_places, True),
+        "refusals": (start_and_repetition.impossible_cases, True),
+        "clock": (in_motion.clock, True),
+        "ends": (in_motion.ends, True),
+        "integrity": (in_motion.integrity, True),
+        "zones": (in_motion.zones_follow_stations, True),
+        "speeds": (in_motion.speeds_are_progress, True),
+        "poses": (in_motion.headings_and_places, True),
+        "bodies": (in_motion.bodies_of_the_fleet, False),
+        "lights": (in_motion.lights, False),
+        "seen": (with_drivers.what_drivers_see, False),
+        "subject": (with_drivers.subject_and_traffic, False),
+        "faults": (with_drivers.faults, True),
+        "hanging": (with_drivers.hanging, False),
+        "route": (with_drivers.leaving_the_route, False),
+        "braking": (with_drivers.brakes_by_its_envelope, False),
+        "gone": (events.gone_for_good, False),
+        "crossing": (events.crossing, False),
+        "running_into": (events.running_into, False),
+        "passing": (events.passing, False),
+        "pedestrians": (events.pedestrians, False),
+        "repeatable": (start_and_repetition.repeatable, True),
+        "another_process": (start_and_repetition.another_process, False),
+        "provenance": (start_and_repetition.provenance, True),
+    }
+)
+"""Per name of a check, the function of the check, and whether every simulator has to pass the check."""
 
 
 @pytest.fixture(scope="module")
 def bench(pytestconfig: pytest.Config) -> Bench:
-    """Return the bench on which the checks share their runs."""
+    """Return the bench: the simulator, with the drivers and junctions of the checks. The checks share its runs."""
     simulator: Simulator = meant()
     name = Options.read(pytestconfig).simulator
     drivers = (Reference, *getattr(simulator, "drivers", ()))
@@ -27,7 +70,7 @@ def bench(pytestconfig: pytest.Config) -> Bench:
 
 @pytest.mark.parametrize("check", CHECKS)
 def test_simulator(check: str, bench: Bench, request: pytest.FixtureRequest) -> None:
-    """The simulator passes the check."""
+    """The simulator of the session passes the check."""
     if reason := unsupported(bench.simulator).get(check):
         request.applymarker(pytest.mark.xfail(reason=reason, strict=True))
     try:
@@ -36,3 +79,48 @@ def test_simulator(check: str, bench: Bench, request: pytest.FixtureRequest) -> 
         pytest.skip(str(untried))
     if wrong:
         pytest.fail("\n  ".join((demand(check), *wrong)), pytrace=False)
+
+
+def demand(name: str) -> str:
+    """Return the requirement that a check tests, in a sentence."""
+    return (CHECKS[name][0].__doc__ or "").partition("\n")[0]
+
+
+def faults(name: str, bench: Bench) -> tuple[str, ...]:
+    """Run a check, and return the errors of the simulator as at most three sentences; an empty tuple if the check passes.
+
+    Args:
+        name: name of the check.
+        bench: the simulator, with the drivers and junctions of the checks.
+
+    Raises:
+        NotTried: no junction of the bench has what the check needs.
+    """
+    try:
+        return tuple(islice(CHECKS[name][0](bench), _MOST))
+    except NotTried:
+        raise
+    except Broken as broken:
+        return (str(broken),)
+    except Exception as error:
+        return (f"the simulator raised {type(error).__name__}: {one_line(str(error), 400)}",)
+
+
+def unsupported(simulator: Simulator) -> Mapping[str, str]:
+    """Return the reasons by name of check in a simulator's attribute ``unsupported``: the checks that the simulator can't pass.
+
+    Raises:
+        ScenarioError: the attribute is no mapping, names an unknown check or a check that every simulator has to pass, or lacks
+            a reason.
+    """
+    reasons: Any = getattr(simulator, "unsupported", {})
+    require(reasons, Mapping, "unsupported takes reasons by the name of a check, such as {'lights': 'has none'}", ScenarioError)
+    for name, reason in reasons.items():
+        if name not in CHECKS:
+            raise ScenarioError(f"unsupported names {name!r}, the checks are {', '.join(CHECKS)}{suggest(str(name), CHECKS)}")
+        if CHECKS[name][1]:
+            optional = ", ".join(other for other, (_, needed) in CHECKS.items() if not needed)
+            raise ScenarioError(f"unsupported names {name!r}, which no simulator can do without; it may do without {optional}")
+        if not (isinstance(reason, str) and reason.strip()):
+            raise ScenarioError(f"unsupported needs a reason for {name!r}, a sentence for whoever reads it, got {reason!r:.60}")
+    return dict(reasons)

@@ -1,4 +1,4 @@
-"""Checks of how a simulator asks drivers: observations, faults of drivers, traffic systems, vehicles that leave their route."""
+"""Checks of a simulator's exchange with drivers: observations, faults of drivers, traffic, vehicles that leave their route."""
 
 from __future__ import annotations
 
@@ -7,16 +7,20 @@ from functools import partial
 
 import numpy as np
 
-from pytest_rvads.conformance.bench import Bench, Broken, NotTried, crowd, own_row
-from pytest_rvads.conformance.probes import (
+from pytest_rvads.conformance.bench import (
     FAULTY_FROM,
+    Bench,
     Brakes,
+    Broken,
     Cruises,
     Hangs,
     NotANumber,
+    NotTried,
     Raises,
     Steers,
     Witness,
+    crowd,
+    own_row,
     unmade,
 )
 from pytest_rvads.drivers.interface import Observation
@@ -26,24 +30,24 @@ from pytest_rvads.logic.conduct.lane import off_route
 from pytest_rvads.logic.judging.verdicts import Status
 from pytest_rvads.physics.braking import STANDING
 from pytest_rvads.runs.run import DT, Run
-from pytest_rvads.runs.vehicle import Vehicle
+from pytest_rvads.runs.states import Vehicle
 from pytest_rvads.scenarios.case import Case, Fleet
 from pytest_rvads.simulators.simulator import vmax
 
 __all__ = ["brakes_by_its_envelope", "faults", "hanging", "leaving_the_route", "subject_and_traffic", "what_drivers_see"]
 
 _PATIENCE = 1.0
-"""Real time that a driver which hangs is given [s]."""
+"""Longest real time for a decision of the hanging driver [s]."""
 _BRAKING_FROM = 8.0
-"""Where vehicles begin to brake, before the line [m]."""
+"""Distance before the stopping line at which a vehicle begins to brake, at aggression 1 [m]."""
 _RULE = "speed_limit"
-"""Concerns every vehicle at every junction."""
+"""A rule that applies to every vehicle at every junction."""
 
 
 def what_drivers_see(bench: Bench) -> Iterator[str]:
-    """Every driver is shown its own state, and the others that are still in the run in the order of their creation.
+    """Every driver is shown its vehicle and the other vehicles that are still in the run, in the order of their creation.
 
-    All of the same instant, as the run records it; with the itinerary, the vehicle, the junction and what the scenario fixes.
+    An observation equals the recorded state, and holds the itinerary, the vehicle, the junction and the settings of the scenario.
     """
     shown: list[Observation] = []
     place = bench.place
@@ -93,9 +97,9 @@ def what_drivers_see(bench: Bench) -> Iterator[str]:
 
 
 def faults(bench: Bench) -> Iterator[str]:
-    """A driver that raises, answers nonsense or can't be made ends its run by a fault: rules then say ERROR.
+    """A driver that raises an error, answers NaN or can't be made ends its run by a fault, and the verdicts are ERROR.
 
-    The fault names the vehicle and its time, the states before are kept, and the next run is as if nothing had been.
+    The fault names the vehicle and the time. The run keeps the states before the fault, and a fault does not change the next run.
     """
     case = bench.alone(Brakes, most=2, duration=0.2)
     before = bench.run(case).hash
@@ -119,7 +123,7 @@ def _kind(driver: object) -> str:
 
 
 def _ended(run: Run, driver: str, states: int) -> Iterator[str]:
-    """Say what is wrong with how a run ended by a fault of the driver of its first vehicle."""
+    """Yield the errors of a run that should have ended by a fault of the driver of its first vehicle."""
     if run.fault is None:
         yield f"{run.label}: the driver {driver} has a fault, the run has none: set Run.fault, or nobody learns of it"
         return
@@ -137,9 +141,9 @@ def _ended(run: Run, driver: str, states: int) -> Iterator[str]:
 
 
 def hanging(bench: Bench) -> Iterator[str]:
-    """A driver that does not answer within the limit of a decision ends its run by a fault, and holds up no other.
+    """A driver that does not answer within the time limit of a decision ends its run by a fault.
 
-    `rvads.limits` sets the limits; seats of `pytest_rvads.simulators.seat` watch them. ``end`` in the provenance is late.
+    `rvads.limits` sets the time limit, and `pytest_rvads.simulators.seat` enforces it. ``end`` in `Run.provenance` is ``late``.
     """
     case = Case(bench.alone(Brakes, most=2, duration=0.2).scenario, Hangs)
     try:
@@ -158,7 +162,7 @@ def hanging(bench: Bench) -> Iterator[str]:
 
 
 def subject_and_traffic(bench: Bench) -> Iterator[str]:
-    """With a subject, the case's driver drives that vehicle and its traffic the others; the facts name it and the speed limit."""
+    """The driver of a case drives the vehicle under test, the traffic of the case all others; the facts hold the speed limit."""
     scenario = bench.alone(Brakes, most=2, duration=1.0, speed=0.0).scenario
     entrances = scenario.creation
     if len(entrances) < 2:
@@ -180,7 +184,7 @@ def subject_and_traffic(bench: Bench) -> Iterator[str]:
 
 
 def leaving_the_route(bench: Bench) -> Iterator[str]:
-    """A vehicle that leaves its route ends the run, which names it in `Facts.strayed`: no fault, the rule on_route is broken."""
+    """A vehicle that leaves its route ends the run without a fault, and `Facts.strayed` names the vehicle."""
     case = bench.alone(Steers, distance=20.0, speed=6.0, duration=20.0)
     run = bench.run(case)
     first = run.agents[0].name
@@ -197,7 +201,7 @@ def leaving_the_route(bench: Bench) -> Iterator[str]:
 def brakes_by_its_envelope(bench: Bench) -> Iterator[str]:
     """A vehicle that brakes fully from v(d)max stops before the line; from 1.3 times that speed it does not.
 
-    Which starts are worth a test, and whether a violation could have been helped, is decided by this envelope.
+    The braking envelope v(d)max decides which starts are worth a test.
     """
     for aggression in (1, 3):
         distance = _BRAKING_FROM / aggression

@@ -1,1 +1,1 @@
-"""What drives: the interface, the tracking controller, the reference autopilot, traffic policies, stacks in other processes."""
+"""Drivers of vehicles: their interface, the tracking controller, the reference autopilot, traffic, drivers in other processes."""

@@ -1,35 +1,48 @@
-"""The check of the commands of autopilots: numbers of the right type, finite, in range."""
+"""The commands of autopilots: their check, and the tracking controller, which turns commands into throttle, brake and steering.
+
+The check requires that the numbers of a command are of the right type, finite and in range. The controller executes the commands
+that name a target speed, an acceleration or a trajectory.
+"""
 
 from __future__ import annotations
 
 import math
+from bisect import bisect_right
 from collections.abc import Iterable, Iterator
+from itertools import pairwise
 from numbers import Real
 from typing import Any, get_args
 
-from pytest_rvads.drivers.interface import Acceleration, Command, Control, TargetSpeed, Trajectory, Waypoint
+from pytest_rvads.drivers.follower import Follower, lookahead, pursue
+from pytest_rvads.drivers.interface import Acceleration, Command, Control, Observation, TargetSpeed, Trajectory, Waypoint
 
-__all__ = ["UnfitCommand", "plain"]
+__all__ = ["PLACE_GAIN", "SPEED_GAIN", "Tracker", "UnfitCommand", "plain"]
 
-MAX_ACCELERATION = 20.0
-"""Greatest acceleration of a command [m/s^2]; a greater value is a mistake of units."""
 MAX_SPEED = 70.0
 """Greatest speed of a command [m/s]; a greater value is a mistake of units."""
 TOLERANCE = 1e-6
-"""Rounding error by which throttle and brake may leave 0..1; throttle and brake are clamped."""
+"""Throttle and brake outside of 0..1 by at most this rounding error are accepted and clamped."""
 POINTS = 10_000
-"""Most points of a trajectory, which bounds endless generators."""
+"""Largest number of points of a trajectory, so that a generator without an end is refused."""
+
+PLACE_GAIN, SPEED_GAIN = 1.5, 2.5
+"""Acceleration of the controller per metre that a vehicle is behind its target [1/s^2], and per m/s that it is too slow [1/s].
+The motion toward the target is critically damped."""
+_SHORT = 0.05
+"""Least distance between two points of a trajectory at which they determine a direction [m]."""
+_STOP = 0.05
+"""A vehicle at the end of its trajectory that is slower than this is held [m/s]."""
 
 
 class UnfitCommand(Exception):
-    """A command of an autopilot is invalid. The text of the error continues the word "returned".
+    """A command of an autopilot is invalid. The text of the error follows the word "returned" in a message.
 
     The text contains no repr of a value, because a repr may contain an address and the text is part of the hash of a run.
     """
 
 
 def plain(answer: Any) -> Command:
-    """Return the answer of an autopilot as a command of plain floats; throttle and brake are in 0..1.
+    """Return the command that an autopilot returned, with its numbers as floats, and throttle and brake clamped to 0..1.
 
     Raises:
         UnfitCommand: the answer is no command, or its numbers are not finite or not in range.
@@ -46,9 +59,9 @@ def plain(answer: Any) -> Command:
         case TargetSpeed(speed):
             return TargetSpeed(_within(speed, "target speed", 0.0, MAX_SPEED, "m/s"))
         case Acceleration(acceleration, steering):
-            number = _within(acceleration, "acceleration", -MAX_ACCELERATION, MAX_ACCELERATION, "m/s^2")
             half = math.pi / 2
-            return Acceleration(number, None if steering is None else _within(steering, "steering", -half, half, "rad"))
+            angle = None if steering is None else _within(steering, "steering", -half, half, "rad")
+            return Acceleration(_quantity(acceleration, "acceleration"), angle)
         case Trajectory(points):
             return Trajectory(tuple(_waypoints(points)))
     kinds = " or ".join(kind.__name__ for kind in get_args(Command))
@@ -102,3 +115,93 @@ def _finite(value: Any, name: str, article: str = "") -> float:
 
 def _article(name: str) -> str:
     return "an" if name[0] in "aeiou" else "a"
+
+
+class Tracker:
+    """Turns the last command of an autopilot into throttle, brake and steering, step by step."""
+
+    def __init__(self) -> None:
+        self._follower = Follower()
+        self._last: Trajectory | None = None
+        self._line: _Line | None = None
+
+    def control(self, command: Command, seen: Observation) -> Control:
+        """Return throttle, brake and steering for the next step of the simulation."""
+        follower = self._follower
+        match command:
+            case TargetSpeed(speed):
+                return follower.drive(seen, follower.towards(seen, float(speed)))
+            case Acceleration(acceleration, None):
+                return follower.drive(seen, float(acceleration))
+            case Acceleration(acceleration, float() as steering):
+                return follower.drive(seen, float(acceleration))._replace(steering=steering)
+            case Trajectory():
+                return self._track(command, seen)
+        return Control(*command)
+
+    def _track(self, command: Trajectory, seen: Observation) -> Control:
+        if command is not self._last or self._line is None:
+            self._last, self._line = command, _Line(command)
+        line, me, vehicle = self._line, seen.me, seen.vehicle
+        place, speed = line.at(seen.time)
+        station = line.project(me.x, me.y)
+        if speed <= _STOP and me.speed < 0.3 and place - station < _STOP:
+            return self._follower.drive(seen, -math.inf)
+        soon = line.at(seen.time + vehicle.drive_lag)[1]
+        acceleration = (soon - speed) / vehicle.drive_lag + PLACE_GAIN * (place - station) + SPEED_GAIN * (speed - me.speed)
+        x, y = line.point(station - vehicle.rear_axle_offset + lookahead(me.speed))
+        return self._follower.drive(seen, acceleration)._replace(
+            steering=pursue(me, vehicle.rear_axle_offset, vehicle.wheelbase, x, y)
+        )
+
+
+class _Line:
+    """A trajectory as a polyline with times, which continues straight beyond its ends."""
+
+    def __init__(self, trajectory: Trajectory) -> None:
+        points = [tuple(map(float, p)) for p in trajectory.points]
+        self._times = [p[0] for p in points]
+        self._arcs = [0.0]
+        for (_, ax, ay), (_, bx, by) in pairwise(points):
+            self._arcs.append(self._arcs[-1] + math.hypot(bx - ax, by - ay))
+        # Points that are at least `_SHORT` apart, so that each pair has a direction, with their arc lengths.
+        self._corners = [(self._arcs[0], points[0][1], points[0][2])]
+        for arc, (_, x, y) in zip(self._arcs[1:], points[1:], strict=True):
+            if arc - self._corners[-1][0] > _SHORT:
+                self._corners.append((arc, x, y))
+
+    def at(self, time: float) -> tuple[float, float]:
+        """Return arc length [m] and speed [m/s] of the trajectory at a time [s]; the speed is 0 from the last point on."""
+        times, arcs = self._times, self._arcs
+        if time >= times[-1]:
+            return arcs[-1], 0.0
+        k = min(max(bisect_right(times, time) - 1, 0), len(times) - 2)
+        speed = (arcs[k + 1] - arcs[k]) / (times[k + 1] - times[k])
+        return arcs[k] + speed * (time - times[k]), speed
+
+    def project(self, x: float, y: float) -> float:
+        """Return the arc length of the point of the line that is nearest to (x, y) [m]; negative before the start."""
+        least_distance, nearest = math.inf, 0.0
+        corners = self._corners
+        for k, ((a, ax, ay), (b, bx, by)) in enumerate(pairwise(corners)):
+            along = ((x - ax) * (bx - ax) + (y - ay) * (by - ay)) / (b - a)
+            along = min(along, b - a) if k < len(corners) - 2 else along
+            along = max(along, 0.0) if k else along
+            share = along / (b - a)
+            distance = math.hypot(x - ax - share * (bx - ax), y - ay - share * (by - ay))
+            if distance < least_distance:
+                least_distance, nearest = distance, a + along
+        return nearest
+
+    def point(self, arc: float) -> tuple[float, float]:
+        """Return the point at an arc length [m], on a straight continuation beyond the ends.
+
+        If all points of the trajectory are closer than `_SHORT`, the result is always the first point.
+        """
+        corners = self._corners
+        if len(corners) == 1:
+            return corners[0][1:]
+        k = min(max(bisect_right(corners, arc, key=lambda c: c[0]) - 1, 0), len(corners) - 2)
+        (a, ax, ay), (b, bx, by) = corners[k], corners[k + 1]
+        share = (arc - a) / (b - a)
+        return ax + share * (bx - ax), ay + share * (by - ay)

@@ -1,4 +1,8 @@
-"""The meetings of ways in a junction: which vehicles the own vehicle meets, and where."""
+"""Meetings in a junction: the stretches that the own movement shares with the possible movements of other vehicles.
+
+The movements of another vehicle are possible if they start at its entrance and have the turn that its indicator shows. "Own"
+refers to the vehicle whose driver decides.
+"""
 
 from __future__ import annotations
 
@@ -9,10 +13,9 @@ from typing import NamedTuple
 
 from pytest_rvads.drivers.interface import Observation
 from pytest_rvads.drivers.way_ahead import track
-from pytest_rvads.geometry.conflicts import Key, Shared
+from pytest_rvads.geometry.conflicts import Key, Reason, Shared
 from pytest_rvads.geometry.junction import Junction
-from pytest_rvads.geometry.segment import Turn
-from pytest_rvads.geometry.yielding import Reason
+from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.runs.itineraries import Itinerary, itinerary
 from pytest_rvads.runs.states import APPROACH, ENTRANCE, EXIT, JUNCTION, VehicleState
 
@@ -31,23 +34,23 @@ __all__ = [
 ]
 
 ROLLING = 3.0
-"""A vehicle before the junction that goes first and is this fast drives on, and the vehicle behind it may follow [m/s]."""
+"""A vehicle before the junction that is at least this fast drives on, so that vehicles behind it are not queued [m/s]."""
 RUNNER = 4.5
 """A vehicle that needs a higher deceleration than this to stop before the junction will not stop [m/s^2]."""
 SOON = 1.5
-"""A vehicle that is this time away from the junction and does not brake is about to enter [s]."""
+"""A vehicle that will reach the junction within this time and does not brake is about to enter [s]."""
 
 
 class Meeting(NamedTuple):
-    """The shared stretch of the own movement and a possible movement of another vehicle, and which of the two gives way."""
+    """The stretches that the own movement and a possible movement of another vehicle share, and which movement gives way."""
 
     shared: Shared
     mine: bool
-    """Whether the own movement gives way."""
+    """Whether the own movement has to give way."""
     yours: bool
-    """Whether the other movement gives way."""
+    """Whether the movement of the other vehicle has to give way."""
     slow: float
-    """Speed of the other vehicle in the narrowest bend of its movement [m/s]; inf for a straight movement."""
+    """Highest speed at which the other vehicle takes the narrowest bend of its movement [m/s]; inf for a straight movement."""
 
 
 class Meetings:
@@ -63,7 +66,7 @@ class Meetings:
         self._cache: dict[str, tuple[Meeting, ...]] = {}
 
     def of(self, other: VehicleState) -> tuple[Meeting, ...]:
-        """Return the meetings with the movements that `other` may take; empty if no movement is in the way."""
+        """Return a meeting per possible movement of `other` that shares a stretch with the own movement."""
         meetings = self._cache.get(other.name)
         if meetings is None:
             meetings = self._cache[other.name] = self._meetings_with(other)
@@ -81,7 +84,7 @@ class Meetings:
 
 
 def _settled(junction: Junction) -> Set[tuple[Key, Key]]:
-    """Return the pairs of movements of which the first gives way; of the undecided pairs, whoever is nearer goes first."""
+    """Return the pairs of movements whose first movement gives way to the second, without pairs that the map leaves undecided."""
     return {pair for pair, reason in (junction.yields or {}).items() if reason is not Reason.UNDECIDED}
 
 
@@ -91,7 +94,7 @@ def _bend_speed(junction: Junction, key: Key) -> float:
 
 
 def ahead_in_lane(seen: Observation) -> VehicleState | None:
-    """Return the next vehicle ahead that came by the own entrance, in any zone; None without any."""
+    """Return the nearest vehicle ahead of the own vehicle that came from the own entrance, in any zone; None without one."""
     me = seen.me
     entrance, ahead = me.entrance, None
     for other in seen.others:
@@ -103,7 +106,8 @@ def ahead_in_lane(seen: Observation) -> VehicleState | None:
 def conflicts(seen: Observation, other: VehicleState) -> list[Shared]:
     """Return the stretches that the own movement shares with the possible movements of `other`.
 
-    The list is empty if all these movements can be driven at the same time as the own movement, or if the geometry is unknown.
+    The list is empty if no possible movement shares a stretch with the own movement, or if the geometry of the junction is
+    unknown.
     """
     junction, own_key = seen.junction, (seen.itinerary.entrance, seen.itinerary.exit)
     stretches = junction.stretches or {}
@@ -112,9 +116,14 @@ def conflicts(seen: Observation, other: VehicleState) -> list[Shared]:
 
 @lru_cache(maxsize=4096)
 def may_meet(junction: Junction, vehicle: tuple[int, Turn], other_vehicle: tuple[int, Turn]) -> bool:
-    """Return whether two vehicles of different arms may share a stretch; each vehicle is given by its entrance and indicator.
+    """Return whether possible movements of two vehicles from different arms share a stretch.
 
-    The answer is True if the geometry of the junction is unknown.
+    The result is True if the geometry of the junction is unknown.
+
+    Args:
+        junction: the junction.
+        vehicle: number of the entrance and indicated turn of a vehicle.
+        other_vehicle: the same of the other vehicle.
     """
     if junction.starts[vehicle[0]].arm == junction.starts[other_vehicle[0]].arm:
         return False
@@ -124,13 +133,22 @@ def may_meet(junction: Junction, vehicle: tuple[int, Turn], other_vehicle: tuple
 
 @lru_cache(maxsize=4096)
 def may_yield(junction: Junction, vehicle: tuple[int, Turn], other_vehicle: tuple[int, Turn]) -> bool:
-    """Return whether the first of two vehicles, as for `may_meet`, may have to give way to the second."""
+    """Return whether a possible movement of `vehicle` has to give way to a possible movement of `other_vehicle`.
+
+    Args:
+        junction: the junction.
+        vehicle: number of the entrance and indicated turn of a vehicle.
+        other_vehicle: the same of the other vehicle.
+    """
     pairs, ways = _settled(junction), junction.by_turn
     return any((way.key, other_way.key) in pairs for way in ways[vehicle] for other_way in ways[other_vehicle])
 
 
 def not_queued(seen: Observation) -> list[tuple[int, VehicleState]]:
-    """Return the other vehicles with their numbers, without vehicles that queue behind a slow vehicle before the junction."""
+    """Return the other vehicles with their positions in `seen.others`, but not vehicles that are behind a slow vehicle.
+
+    A vehicle before the junction is slow if its speed is below `ROLLING`; the vehicles behind it at the same entrance queue.
+    """
     slow: dict[int, float] = {}
     for other in seen.others:
         if other.speed < ROLLING and other.zone < JUNCTION:
@@ -144,7 +162,7 @@ def in_the_way(seen: Observation, other: VehicleState) -> bool:
 
 
 def runs_through(other: VehicleState) -> bool:
-    """Return whether `other`, before the junction, can't stop there, or is about to enter without braking."""
+    """Return whether `other`, before the junction, can no longer stop, or is about to enter and brakes too little to stop."""
     if other.speed < 1.0 or (other.zone is not APPROACH and other.zone is not ENTRANCE):
         return False
     distance = max(-other.station, 0.1)
@@ -153,7 +171,7 @@ def runs_through(other: VehicleState) -> bool:
 
 
 def exit_blocked(seen: Observation) -> bool:
-    """Return whether a vehicle stands on the own exit road and leaves no room behind it."""
+    """Return whether a vehicle that stands on the own exit road leaves too little room behind it for the own vehicle."""
     me = seen.me
     for other in seen.others:
         if other.zone is EXIT and other.speed < 1.0:

@@ -1,7 +1,7 @@
-"""A base class for autopilots: it follows the itinerary, and the autopilot decides only how fast to drive.
+"""A base class for autopilots: it steers along the itinerary, and the autopilot decides only how fast to drive.
 
-Steering is pure pursuit on the rear axle (Coulter, Implementation of the Pure Pursuit Path Tracking Algorithm, 1992). Speed is a
-proportional controller that knows the resistances of its vehicle.
+Steering is pure pursuit on the rear axle (Coulter, Implementation of the Pure Pursuit Path Tracking Algorithm, 1992). A
+proportional controller that compensates the resistance of tyres and air keeps the speed.
 """
 
 from __future__ import annotations
@@ -10,31 +10,30 @@ import math
 
 from pytest_rvads.drivers.interface import Autopilot, Control, Observation
 from pytest_rvads.drivers.way_ahead import EASE, AxlePath, Track, axle_path, track
-from pytest_rvads.runs.states import VehicleState
-from pytest_rvads.runs.vehicle import GRAVITY, Vehicle
+from pytest_rvads.runs.states import GRAVITY, Vehicle, VehicleState
 
 __all__ = ["STANDING", "Follower", "lookahead", "pursue", "resistance"]
 
 
 _GAIN = 4.0
-"""Acceleration asked for per speed error [1/s]."""
+"""Acceleration per difference between target speed and speed [1/s]."""
 _FIRM = 3.0
-"""Hardest braking for a bend [m/s^2]."""
+"""Highest deceleration with which the vehicle brakes for a bend [m/s^2]."""
 _HOLD = 2.5
-"""Brake that ends a stop and keeps the vehicle standing [m/s^2]."""
+"""Deceleration for which the brake is set to end a stop, and to hold the vehicle [m/s^2]."""
 _BACK, _BACK_TIME = 0.6, 0.3
-"""Within about how far the rear axle comes back to a planned path [m], and at speed [s].
+"""The rear axle returns to a planned path within about `_BACK` [m] plus the distance driven in `_BACK_TIME` [s].
 
-Measured: with 1.2 m instead of 0.6 m a car errs by 2.6 cm where its wheels turn as fast as they can.
+Measured: with 1.2 m instead of 0.6 m, a car leaves the path by 2.6 cm where the front wheels turn at their highest rate.
 """
 _NEAR = 2.0
-"""How far along its path the rear axle is looked for, around its last place [m]."""
+"""The rear axle is searched on its path within this distance of its position in the step before [m]."""
 STANDING = 0.01
 """A vehicle slower than this stands [m/s]."""
 
 
 class Follower(Autopilot):
-    """Follows its itinerary at the speed that `target_speed` returns, slower in bends.
+    """An autopilot that follows its itinerary at the speed that `target_speed` returns, and more slowly in bends.
 
     Example:
         >>> class Cruiser(Follower):
@@ -43,26 +42,27 @@ class Follower(Autopilot):
         ...         return self.stopping_speed(line - 0.5) if line > 0 else 5.0
     """
 
-    # Defaults of the class, so that a subclass with a constructor of its own need not call this one.
+    # These are attributes of the class, so that the constructor of a subclass need not call a constructor of this class.
     _steering = 0.0
     _track: Track | None = None
     _wheels: tuple[float, float] | None = None
-    """Distances from reference point to rear axle and from rear axle to front axle [m], looked up once."""
+    """Distances from reference point to rear axle and from rear axle to front axle [m]; None until they are needed."""
     _way: AxlePath | None = None
-    """The path of the rear axle, if a narrow bend makes it differ from the itinerary."""
+    """The planned path of the rear axle if the itinerary has a narrow bend; None if the rear axle follows the itinerary."""
     _axle = 0.0
-    """Last known distance of the rear axle along its path [m]."""
+    """Distance of the rear axle along its planned path in the step before [m]."""
     _piece = (math.inf, -math.inf, 0.0, 0.0, 0.0, 0.0, 0.0)
-    """The piece of the path at which the vehicle aims; the piece stays the same for many steps."""
+    """The piece of the itinerary to which the vehicle steers, kept because the piece stays the same for many steps."""
 
     def target_speed(self, seen: Observation) -> float:
-        """Return how fast to drive where the road is straight [m/s]; 0 stops and holds the vehicle.
+        """Return the speed to drive on a straight road [m/s]; 0 stops and holds the vehicle.
 
-        By default it is the speed limit, less before a lower one, so that the lower limit is kept from its first metre on.
+        The default is the speed limit. Before a lower limit begins, the default decreases in time, so that the vehicle keeps the
+        lower limit from its first metre on.
         """
         me, limits, speed = seen.me, seen.itinerary.limits, seen.speed_limit
         if len(limits) > 1:
-            begun = me.station + me.speed * (1.0 / _GAIN + seen.vehicle.brake_lag)  # the vehicle is later than its target
+            begun = me.station + me.speed * (1.0 / _GAIN + seen.vehicle.brake_lag)  # the speed lags behind its target
             for border, _ in limits:
                 if border > me.station:
                     slower = math.hypot(seen.itinerary.limit_at(border), self.stopping_speed(border - begun, EASE))
@@ -70,14 +70,14 @@ class Follower(Autopilot):
         return speed
 
     def stopping_speed(self, distance: float, deceleration: float = 2.0) -> float:
-        """Return the speed from which braking at `deceleration` [m/s^2] ends after `distance` [m]; 0 from there on."""
+        """Return the speed [m/s] from which braking at `deceleration` [m/s^2] needs `distance` [m]; 0 without a distance."""
         return math.sqrt(2.0 * deceleration * distance) if distance > 0.0 else 0.0
 
     def control(self, seen: Observation) -> Control:
-        """Return throttle, brake and steering.
+        """Return throttle, brake and steering for the next step.
 
         Raises:
-            ValueError: a target speed that is negative or not finite.
+            ValueError: `target_speed` returned a negative number, or a number that is not finite.
         """
         target = self.target_speed(seen)
         if not 0.0 <= target < math.inf:
@@ -85,18 +85,18 @@ class Follower(Autopilot):
         return self.drive(seen, self.towards(seen, target))
 
     def towards(self, seen: Observation, target: float) -> float:
-        """Return the acceleration [m/s^2] that leads to `target` [m/s], or to what the bend ahead allows."""
+        """Return the acceleration [m/s^2] toward the speed `target` [m/s], or toward a lower speed that a bend requires."""
         speed = seen.me.speed
         if target <= 0.0 and speed < 0.3:
             return -math.inf
         acceleration = _GAIN * (target - speed)
         bend = _GAIN * ((self._track or self.track(seen)).speed(seen.me.station) - speed)
-        # Comparisons instead of min and max here and below: this is asked for every vehicle in every step.
+        # Comparisons replace min and max in this class, because they are faster and run for every vehicle in every step.
         firm = bend if bend >= -_FIRM else -_FIRM
         return firm if firm < acceleration else acceleration
 
     def track(self, seen: Observation) -> Track:
-        """Return the track of the way ahead, which is computed once."""
+        """Return the points of the itinerary with the highest speed at each point, computed at the first call."""
         if self._track is None:
             back, way = (
                 seen.vehicle.rear_axle_offset,
@@ -108,7 +108,7 @@ class Follower(Autopilot):
         return self._track
 
     def drive(self, seen: Observation, acceleration: float) -> Control:
-        """Return the control that yields `acceleration` [m/s^2] along the itinerary; -inf holds a standing vehicle."""
+        """Return throttle, brake and steering for `acceleration` [m/s^2] along the itinerary; -inf holds a standing vehicle."""
         vehicle = seen.vehicle
         speed = seen.me.speed
         if acceleration == -math.inf and speed < 0.3:
@@ -122,7 +122,7 @@ class Follower(Autopilot):
         return Control(0.0, brake if brake < 1.0 else 1.0, self.steer(seen))
 
     def steer(self, seen: Observation) -> float:
-        """Return the angle of the front wheels [rad] that leads the rear axle back to the itinerary."""
+        """Return the angle of the front wheels [rad] that leads the rear axle to the itinerary, or to its planned path."""
         me = seen.me
         if self._wheels is None:
             self.track(seen)
@@ -139,10 +139,11 @@ class Follower(Autopilot):
         return steering
 
     def _steered(self, way: AxlePath, me: VehicleState, back: float, wheelbase: float) -> float:
-        """Return the angle of the front wheels [rad] that keeps the rear axle on its path.
+        """Return the angle of the front wheels [rad] that keeps the rear axle on its planned path in a narrow bend.
 
-        In a narrow bend the front swings out and lags behind: its place says nothing of the rear axle's. The curvature is that of
-        the path, and what brings offset and heading back without swinging over.
+        The rear axle is projected onto its path, because in a narrow bend the station of the front does not determine the
+        position of the rear axle. The angle follows the curvature of the path, and corrects offset and heading without
+        overshooting.
         """
         x, y = me.x - back * math.cos(me.heading), me.y - back * math.sin(me.heading)
         self._axle, offset = way.path.project(x, y, self._axle, _NEAR)
@@ -154,18 +155,18 @@ class Follower(Autopilot):
 
 
 def resistance(vehicle: Vehicle, speed: float) -> float:
-    """Return the deceleration that tyres and air cause at `speed` [m/s] without any brake [m/s^2]."""
+    """Return the deceleration that tyres and air cause at `speed` [m/s] without braking [m/s^2]."""
     return vehicle.rolling * GRAVITY + vehicle.drag * speed * speed / vehicle.mass
 
 
 def lookahead(speed: float) -> float:
-    """Return how far ahead of the rear axle to aim at `speed` [m/s], along the way [m]."""
+    """Return the distance [m] along the itinerary from the rear axle to the point that the driver steers to at `speed` [m/s]."""
     ahead = 0.35 * speed + 1.5
     return ahead if ahead > 2.5 else 2.5
 
 
 def pursue(me: VehicleState, back: float, wheelbase: float, x: float, y: float) -> float:
-    """Return the angle of the front wheels [rad] that leads the rear axle to a point on a circle.
+    """Return the angle of the front wheels [rad] at which the rear axle moves on a circle to the point (x, y).
 
     Args:
         me: the own vehicle.

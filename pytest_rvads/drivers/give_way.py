@@ -1,20 +1,19 @@
-"""When the reference driver enters a junction with yield signs, mixed signs, no signs, or several lanes per arm.
+"""Decides when the reference driver enters a junction with yield signs, mixed signs, no signs, or several lanes per arm.
 
-The driver looks at every vehicle whose possible movement shares a stretch with the own movement. The driver leaves time to the
-vehicles that go first. The driver relies on all other vehicles to give way, unless their motion shows that they will not.
+The driver looks at every vehicle whose possible movement shares a stretch with the own movement. For a vehicle that goes first,
+the driver leaves enough time. The driver relies on every other vehicle to give way, unless the motion of this vehicle shows that
+it will not.
 """
 
 from __future__ import annotations
 
 import math
 
-from pytest_rvads.drivers.at_light import EAGER, SET_OFF, YELLOW, Light
 from pytest_rvads.drivers.crossing import ROLLING, Meeting, Meetings, exit_blocked, may_meet, may_yield, not_queued, runs_through
 from pytest_rvads.drivers.follower import STANDING
 from pytest_rvads.drivers.interface import Observation
-from pytest_rvads.drivers.order import Queue
-from pytest_rvads.drivers.spacing import BEFORE, LEEWAY, can_stop, stop_before, time_to
-from pytest_rvads.drivers.stop_sign import HOLD, WAIVER
+from pytest_rvads.drivers.signs_and_lights import EAGER, HOLD, SET_OFF, WAIVER, Light, OnYellow, Queue, may_get_green
+from pytest_rvads.drivers.spacing import BEFORE, LEEWAY, stop_before, time_to
 from pytest_rvads.drivers.way_ahead import Track
 from pytest_rvads.geometry.control import JunctionControl, Sign
 from pytest_rvads.logic.conduct.room import stand_back
@@ -24,33 +23,34 @@ from pytest_rvads.runs.states import APPROACH, ENTRANCE, JUNCTION, Colour, Vehic
 __all__ = ["GiveWay", "clear_of_meetings"]
 
 DRIVE = 2.3
-"""Own acceleration that decisions count on [m/s^2]; the earliest arrival is computed with `EAGER`."""
+"""Acceleration that the driver expects of its own vehicle when it computes how soon it leaves a stretch [m/s^2]; how soon it can
+arrive is computed with `EAGER`."""
 TARDY, CRAWL = 1.5, 4.0
-"""Least assumed acceleration [m/s^2] and speed [m/s] of other vehicles that leave the junction."""
+"""Acceleration [m/s^2] and final speed [m/s] that the driver expects at least of other vehicles that leave the junction."""
 MARGIN = 1.6
-"""Time kept between leaving a place and the arrival there of a vehicle that goes first [s]; at a near miss it is 1 s."""
+"""Least time from the own leaving of a shared stretch to the arrival of a vehicle that goes first [s]; 1 s is a near miss."""
 MOVING = 0.15
-"""A vehicle faster than this moves [m/s]."""
+"""A vehicle faster than this counts as moving [m/s]."""
 PATIENCE_STEP = 0.5
-"""Where all vehicles wait for one another: how long the first vehicle waits, and how much longer each next vehicle [s]. In this
-time a driver sees that another vehicle has set off."""
+"""If all vehicles wait for one another, the vehicle that arrived first waits for this time, and each later vehicle waits for this
+time longer than the vehicle before [s]. The time is long enough to see that another vehicle has set off."""
 EARLY = 6.0
-"""Distance before the beginning of braking from which on a decision is needed [m]."""
+"""The driver begins to decide on entering at this distance before the point where it would have to brake gently [m]."""
 _GENTLE = 1.5
-"""Deceleration that is still possible after a decision [m/s^2]."""
+"""Deceleration of gentle braking, with which the driver can stop if it decides to wait [m/s^2]."""
 _GAP = 2.0
-"""Distance kept behind a vehicle that merges first [m]."""
+"""Distance that the own vehicle keeps behind a vehicle that drives into the same exit first [m]."""
 _GREEN, _YELLOW, _RED = Colour.GREEN, Colour.YELLOW, Colour.RED
 
 
 class GiveWay:
-    """Stops at the own stop sign or light, gives way to the vehicles that go first, and enters when the exit has room.
+    """Decides when to enter: after a stop at a sign or light, in gaps between vehicles that go first, if the exit has room.
 
     Args:
         seen: the first observation.
-        track: the own track.
+        track: the points and highest speeds of the own itinerary.
         tie: arrivals within this time count as simultaneous at an all-way stop [s], see `Queue`.
-        stops: whether the driver stops at stop signs; otherwise stop signs count as yield signs.
+        stops: whether the driver stops at stop signs; if not, it treats stop signs as yield signs.
     """
 
     def __init__(self, seen: Observation, track: Track, tie: float = 0.0, *, stops: bool = True) -> None:
@@ -59,21 +59,22 @@ class GiveWay:
         self._meetings = Meetings(junction, itinerary)
         self._queue = Queue(tie)
         self._paper = Light() if junction.control is JunctionControl.LIGHTS and not tie else None
-        """The gate of the paper's rules at lights, which hold besides giving way; None elsewhere."""
+        """The paper's rules at lights, which the driver keeps in addition to giving way; None where they don't apply."""
         self._all_stop = junction.control is JunctionControl.STOP
         self._must_stop = stops and entrance.sign is Sign.STOP
         self._on_red = itinerary.turn is junction.near and entrance.lane == 0 and not junction.left_hand
         self._stop_signs = frozenset(k for k, lane in enumerate(junction.entrances) if lane.sign is Sign.STOP)
-        # The slowest place of the movement decides how fast the vehicle clears the junction.
+        # The lowest speed limit and the narrowest bend of the movement decide how soon the vehicle leaves the junction.
         limits = (itinerary.limit_at(max(station, 0.0)) for station, _ in itinerary.limits if station < itinerary.length)
         self._cruise = min((track.slowest(itinerary.length), *limits))
         self._back = stand_back(junction, itinerary.entrance)
         self._stood_since: float | None = None
         self._quiet_since: float | None = None
         self._released = False
+        self._yellow = OnYellow()
 
     def allows(self, seen: Observation) -> bool:
-        """Return whether to enter the junction; to be called in every step before it."""
+        """Return whether to enter the junction; must be called in every step before the junction."""
         me = seen.me
         speed = me.speed
         if me.zone is APPROACH and -me.station > EARLY + self._back + speed + speed * speed / (2.0 * _GENTLE):
@@ -95,21 +96,22 @@ class GiveWay:
         return not waits_for or self._patience_ends(seen, waits_for)
 
     def _permitted(self, seen: Observation) -> bool:
-        """Return whether the own sign and the own light allow the entry."""
+        """Return whether the sign and the light at the own entrance allow the entry."""
         stood = self._at_line(seen.me) and self._stood_since is not None and seen.time - self._stood_since >= HOLD
         if self._must_stop and not stood:
             return False
         colour = seen.lights[seen.me.entrance]
+        passes = self._yellow.allows(seen)
         if colour is _YELLOW:
-            return not can_stop(seen, YELLOW)
+            return passes
         return colour is not _RED or (self._on_red and self._stood_since is not None)
 
     def _at_line(self, me: VehicleState) -> bool:
-        """Return whether the own vehicle is at its entrance, or has stopped farther from the line so that others have room."""
+        """Return whether the own vehicle is in its entrance zone, or has stopped before this zone to leave room for others."""
         return me.zone is ENTRANCE or (self._back > 0.0 and self._queue.stood(me))
 
     def _came_first(self, seen: Observation, vehicle: VehicleState) -> list[VehicleState]:
-        """Return the vehicles that have arrived at an all-way stop, may meet `vehicle`, and enter before it."""
+        """Return the vehicles at an all-way stop that have arrived and enter before `vehicle`, if their movements can meet."""
         junction, prior = seen.junction, []
         for other in seen.everybody():
             if self._queue.arrived(other) and may_meet(junction, (vehicle.entrance, vehicle.turn), (other.entrance, other.turn)):
@@ -119,14 +121,22 @@ class GiveWay:
         return prior
 
     def _blocked(self, seen: Observation, other: VehicleState, earlier: bool) -> bool:
-        """Return whether the own vehicle has to wait for `other`; `earlier` states whether `other` was created first."""
+        """Return whether the own vehicle has to wait for `other`.
+
+        Args:
+            seen: the observation.
+            other: another vehicle.
+            earlier: whether `other` was created before the own vehicle.
+        """
         if other.zone >= JUNCTION:
             red = seen.lights[seen.me.entrance] is _RED
             return not all(self._fits(seen, other, m, MARGIN if m.mine or red else 0.0) for m in self._meetings.of(other))
         colour = seen.lights[other.entrance]
         runs = runs_through(other)
         if not runs and (colour is _RED or (colour is _YELLOW and other.speed < MOVING)):
-            return False
+            # The light of a vehicle that waits at red can turn green before the own vehicle has finished its turn on red.
+            waits = seen.lights[seen.me.entrance] is _RED and self._queue.arrived(other) and may_get_green(seen, other)
+            return waits and bool(self._meetings.of(other))
         for meeting in self._meetings.of(other):
             goes_first = self._goes_first(seen, other, meeting, earlier)
             if goes_first and not self._leaves_time(seen, other, meeting):
@@ -136,7 +146,7 @@ class GiveWay:
         return False
 
     def _goes_first(self, seen: Observation, other: VehicleState, meeting: Meeting, earlier: bool) -> bool:
-        """Return whether `other`, before the junction, goes first."""
+        """Return whether `other`, which is still before the junction, enters before the own vehicle."""
         me = seen.me
         if self._all_stop:
             if not self._queue.arrived(other) or not self._queue.arrived(me):
@@ -148,7 +158,7 @@ class GiveWay:
             if (me.entrance, other.entrance) in right_of:
                 return False
             if (other.entrance, me.entrance) not in right_of and self._came_first(seen, other):
-                # A turning vehicle waits for an oncoming vehicle only if no vehicle goes before the oncoming vehicle.
+                # The own vehicle does not wait for an oncoming vehicle that has to let a third vehicle go first.
                 return False
         elif seen.lights[me.entrance] is _RED:
             return True
@@ -157,27 +167,28 @@ class GiveWay:
         return other.station > me.station or (other.station == me.station and earlier)
 
     def _sets_off(self, seen: Observation, other: VehicleState) -> bool:
-        """Return whether `other` has set off from its line before the own vehicle did from its own."""
+        """Return whether `other` has set off from its line while the own vehicle still stands at its line."""
         return self._queue.setting_off(other) and not self._queue.setting_off(seen.me) and self._queue.stood(seen.me)
 
     def _leaves_time(self, seen: Observation, other: VehicleState, meeting: Meeting) -> bool:
-        """Return whether this vehicle passes before `other`, which goes first, comes to the place, or after `other` has left it.
+        """Return whether the own vehicle need not wait for `other`, although `other` goes first.
 
-        No vehicle passes in front of a vehicle that is first at its line: the vehicle at the line may set off.
+        The own vehicle need not wait if it leaves the shared stretch before `other` arrives, or arrives after `other` has left.
+        It does not pass before a vehicle that has arrived at its line, because this vehicle could set off.
         """
         return (not self._queue.arrived(other) and self._before(seen, other, meeting, MARGIN)) or (
             other.speed > ROLLING and not self._will_stop(other) and self._after(seen, other, meeting)
         )
 
     def _fits(self, seen: Observation, other: VehicleState, meeting: Meeting, margin: float) -> bool:
-        """Return whether `other`, which does not stop, and the own vehicle pass the place one after the other."""
+        """Return whether the own vehicle passes the shared stretch before or after `other`, if `other` does not stop."""
         return self._after(seen, other, meeting) or self._before(seen, other, meeting, margin)
 
     def _before(self, seen: Observation, other: VehicleState, meeting: Meeting, margin: float) -> bool:
-        """Return whether the own vehicle has passed `margin` [s] before the earliest arrival of `other`.
+        """Return whether the own vehicle will have left the shared stretch at least `margin` [s] before `other` can arrive.
 
-        A vehicle that joins the exit of another vehicle to which it owes the way is clear of it only `LEAVE` down the exit road:
-        it also has to be clear before `other` comes at its present speed, since `other` may brake meanwhile.
+        If both vehicles drive into the same exit and `other` has priority, the own vehicle is in its way until it is `LEAVE` down
+        the exit road. So the own vehicle also has to be so far down before `other` arrives at its present speed.
         """
         me, (mine, yours, merges) = seen.me, meeting.shared
         if other.station >= yours.start:
@@ -193,7 +204,7 @@ class GiveWay:
             clear = delay + time_to(inside, speed, DRIVE, cruise) + time_to(LEAVE + me.length, fast, DRIVE, seen.speed_limit)
             if yours.start - other.station < other.speed * (clear + margin):
                 return False
-        # The vehicle behind is faster for a while: it must neither come near nor have to brake.
+        # `other` will be faster than the own vehicle for a while; it must not have to brake, nor come close from behind.
         way = mine.start - me.station
         arrival = delay + time_to(way, speed, DRIVE, cruise)
         reached = min(math.sqrt(speed * speed + 2.0 * DRIVE * max(way, 0.0)), cruise)
@@ -204,20 +215,20 @@ class GiveWay:
         return arrival + gap < self._arrives(seen, other, yours.start)
 
     def _after(self, seen: Observation, other: VehicleState, meeting: Meeting) -> bool:
-        """Return whether `other` has left the shared stretch before the own earliest arrival, so that no stop is needed."""
+        """Return whether `other` will have left the shared stretch before the own vehicle can arrive."""
         me, (mine, yours, merges) = seen.me, meeting.shared
         end = yours.start + _GAP if merges else yours.end
         if other.station - other.length >= end:
             return True
         soonest = time_to(mine.start - me.station, me.speed, EAGER, max(seen.speed_limit, me.speed))
-        # A standing vehicle can wait for the longer margin; a moving vehicle would have to brake.
+        # A standing vehicle can wait for the longer margin without a disadvantage; a moving vehicle would have to brake for it.
         return _leaves(other, end, meeting.slow) + (LEEWAY if me.speed > ROLLING else MARGIN) < soonest
 
     def _will_stop(self, other: VehicleState) -> bool:
         return other.entrance in self._stop_signs and other.zone < JUNCTION and not self._queue.stood(other)
 
     def _arrives(self, seen: Observation, other: VehicleState, place: float) -> float:
-        """Return the earliest time at which `other` can be at `place` of its movement [s], after a stop at its stop sign."""
+        """Return the least time until `other` can reach the station `place` [s], including the stop that its sign requires."""
         limit = seen.limit_of(other)
         if not self._will_stop(other):
             return time_to(place - other.station, other.speed, EAGER, limit)
@@ -226,11 +237,12 @@ class GiveWay:
         return before + HOLD + time_to(place - max(line, other.station), 0.0, EAGER, limit)
 
     def _patience_ends(self, seen: Observation, waits_for: list[VehicleState]) -> bool:
-        """Return whether to go before the standing vehicles `waits_for`, because these vehicles wait as well or do not go.
+        """Return whether the own vehicle has waited long enough to go before the standing vehicles `waits_for`.
 
-        The patience runs while no vehicle moves that would meet the own vehicle or one of `waits_for`. The patience is longer for
-        every vehicle that arrived earlier, so that a single vehicle breaks a circle of waiting vehicles: a second vehicle could
-        take the way of a vehicle that may go by then.
+        The wait counts while no vehicle moves whose movement can meet the own movement or a movement of `waits_for`. The wait is
+        short if all vehicles of `waits_for` have to wait for other vehicles, and `WAIVER` if a vehicle of `waits_for` could go
+        but stands. The wait is longer by `PATIENCE_STEP` for each vehicle that arrived earlier than the own vehicle, so that of
+        several vehicles that wait for each other only one sets off.
         """
         me = seen.me
         if self._released and me.speed > MOVING:
@@ -260,7 +272,7 @@ class GiveWay:
         )
 
     def _concerns(self, seen: Observation, moving: VehicleState, waits_for: list[VehicleState]) -> bool:
-        """Return whether this vehicle may be waiting for `moving`, directly or by way of a vehicle that it waits for."""
+        """Return whether the movement of `moving` can meet the own movement, or a movement of the vehicles `waits_for`."""
         if any(moving.station - moving.length < meeting.shared.yours.end for meeting in self._meetings.of(moving)):
             return True
         way = moving.entrance, moving.turn
@@ -268,10 +280,11 @@ class GiveWay:
 
 
 def clear_of_meetings(seen: Observation, meetings: Meetings) -> float:
-    """Return the acceleration [m/s^2] that lets pass crossing vehicles that are first at the place; inf without any.
+    """Return the acceleration [m/s^2] with which the own vehicle stops before a stretch that a crossing vehicle reaches first.
 
-    All these vehicles are in the junction. Vehicles that leave the place in time are not waited for. Vehicles that drive into the
-    same exit are followed instead.
+    The result is inf if no stop is needed. Only vehicles in the junction or on an exit road are considered. The own vehicle does
+    not stop for a vehicle that leaves the shared stretch in time. Vehicles that drive into the own exit are ignored, because the
+    driver follows them at a distance.
     """
     me = seen.me
     least = math.inf
@@ -291,18 +304,18 @@ def clear_of_meetings(seen: Observation, meetings: Meetings) -> float:
 
 
 def _stuck(seen: Observation) -> bool:
-    """Return whether a vehicle from the own lane stands in the junction, so that the own vehicle would have to stop behind it."""
+    """Return whether a vehicle from the own entrance stands in the junction, so that the own vehicle would stop behind it."""
     entrance = seen.me.entrance
     return any(other.entrance == entrance and other.zone is JUNCTION and other.speed < 1.0 for other in seen.others)
 
 
 def _leaves(other: VehicleState, end: float, slow: float) -> float:
-    """Return the time until the body of `other` has left a place that ends at station `end` [s]; inf while `other` stands.
+    """Return the time until the whole body of `other` has left a stretch of its movement [s]; inf while `other` stands.
 
     Args:
         other: the other vehicle.
-        end: station of the end of the place [m].
-        slow: highest speed of the other vehicle in its bend [m/s].
+        end: station at which the stretch ends [m].
+        slow: highest speed at which the other vehicle takes the narrowest bend of its movement [m/s].
     """
     if other.speed < MOVING:
         return math.inf

@@ -1,10 +1,8 @@
-"""A digest of a driver, equal in every process for equal code and equal values.
+"""Computes the digest of a driver: a hash that is equal in all processes if the code and the parameters of the driver are equal.
 
-A digest of source files alone is not enough: after ``Pilot.speed = 9``, or with another argument, a campaign would return the
-results of the former speed.
-
-The digest covers the files that the code of the driver imports by name, and the values of the driver as pickle would store them.
-The digest never depends on the modules that are loaded.
+The digest covers the source files of the driver and of the modules that they import, and the values of the driver's attributes
+and arguments. A digest of source files alone is not enough: after ``Pilot.speed = 9``, or with another argument, a campaign would
+return results that were stored for the earlier speed. The digest does not depend on which modules are loaded.
 """
 
 from __future__ import annotations
@@ -22,7 +20,7 @@ from typing import Any
 from pytest_rvads import __version__
 from pytest_rvads.drivers.stacks.process import Process
 from pytest_rvads.logic.rules.sameness import codes, content
-from pytest_rvads.support.versions import code
+from pytest_rvads.support.installed import code
 from pytest_rvads.support.wording import one_line
 
 __all__ = ["identity", "source"]
@@ -31,23 +29,26 @@ _PLAIN = {bool, int, float, complex, str, bytes, type(None), type(Path())}
 _PACKAGE = __name__.partition(".")[0]
 _SITES = {Path(path).resolve() for name, path in sysconfig.get_paths().items() if name.endswith("lib")}
 _INSTALLED = {"site-packages", "dist-packages"}
-"""Names of folders of installed packages, also in other installations of Python."""
+"""Names of the folders that hold installed packages in any installation of Python."""
 _WRAPPED = ("func", "args", "keywords", "__func__", "__self__", "fget", "fset", "fdel")
-"""Attributes of partials, methods and properties with the function that they call, and its arguments."""
+"""Attributes of partials, methods and properties that hold the wrapped function or object, and its arguments."""
 
 
 def identity(thing: Any) -> str:
     """Return a digest of the code and values of a driver, a simulator or a function of the user.
 
-    Code counts by its source files: the module of the object, and all modules that are imported by name, directly or not, from
-    the same package or folder, loaded or not. Installed packages do not count. A stack in another process counts by its command
-    and the files that the command names. Values count as they are now: arguments, attributes of objects and classes (such as
-    ``version``), and the globals that functions name. A value that can't be pickled, such as a lock, counts by its type. Files
-    that a program reads itself do not count.
+    The digest covers these inputs:
+
+    - The source files of the object's module and of all modules that it imports, directly or indirectly, from the same package or
+      folder, even if they are not loaded. The code of installed packages is not covered.
+    - The present values of arguments, of attributes of objects and classes (such as ``version``), and of the global variables
+      that functions use. Of a value that can't be pickled, such as a lock, only the type is covered.
+    - For a stack in another process, its command and the files that the command names. Other files that a program reads are not
+      covered.
     """
     lines: list[str] = []
     visited: dict[int, tuple[int, Any]] = {}
-    """By address: the number of a value, and the value, so that no other value gets the address."""
+    """By id() of a value, its number and the value, which is kept alive so that its id() cannot be reused for another value."""
     files: dict[Path, str] = {}
     home = _top_package(thing)
     pending = [thing]
@@ -68,10 +69,11 @@ def identity(thing: Any) -> str:
 
 
 def source(driver: Any, folder: Path) -> str:
-    """Return the file of a driver with a short digest, ``pilots.py 3fa29c01``; for a bundled driver the version of the package.
+    """Return the source file of a driver with a short digest, such as ``pilots.py 3fa29c01``, for reports.
 
-    The digest covers the files that `identity` counts and no values, so the digest is the same before and after a run. The text
-    of an attribute ``version`` follows. The answer is empty if the code can't be read; this costs no verdict.
+    The digest covers the source files that `identity` covers, but no values of attributes, which can change during a run. The
+    text of the driver's attribute ``version`` is appended. The result is the version of this package for a driver of this
+    package, and empty if the source code can't be read.
 
     Args:
         driver: the driver, or its factory.
@@ -88,7 +90,7 @@ def source(driver: Any, folder: Path) -> str:
         return ""
 
 
-@lru_cache(maxsize=64)  # every item reports the source
+@lru_cache(maxsize=64)  # the source is computed for the record of every test item
 def _source(definition: type | FunctionType, folder: Path) -> str:
     if _top_package(definition) == _PACKAGE:
         return f"pytest-rvads {__version__}"
@@ -100,13 +102,13 @@ def _source(definition: type | FunctionType, folder: Path) -> str:
 
 
 def _short(digests: Iterable[str]) -> str:
-    """Return eight digits for the digests of files; an empty text without files."""
+    """Return a digest of the digests of files, of eight hexadecimal digits; an empty text without files."""
     digits = "".join(digests)
     return sha256(digits.encode()).hexdigest()[:8] if digits else ""
 
 
 def _parts(value: Any, home: str, files: dict[Path, str]) -> list[Any]:
-    """Return the parts of a value, equal in any process, and add digests of the files of its code to `files`."""
+    """Return the values that make up a value and are equal in all processes, and add digests of its source files to `files`."""
     if isinstance(value, type | FunctionType):
         name = [value.__module__, value.__qualname__]
         if not _add_digests(value.__module__, home, files) and _is_in_its_module(value):
@@ -132,7 +134,7 @@ def _order(key: Any) -> str:
 
 
 def _of_object(value: Any) -> list[Any]:
-    """Return the parts into which pickle takes an object apart; its attributes if the object can't be pickled."""
+    """Return the values that pickle would store for an object; if it can't be pickled, its type and attributes."""
     try:
         reduced = value.__reduce_ex__(4)
         if isinstance(reduced, str):
@@ -164,7 +166,7 @@ def _of_function(function: FunctionType) -> list[Any]:
 
 
 def _is_in_its_module(definition: Any) -> bool:
-    """Return whether the module that a class or function names holds the class or function."""
+    """Return whether a class or function can be looked up by its name in the module in which it was defined."""
     value: Any = sys.modules.get(definition.__module__ or "")
     for name in definition.__qualname__.split("."):
         value = getattr(value, name, None)
@@ -172,7 +174,7 @@ def _is_in_its_module(definition: Any) -> bool:
 
 
 def _is_user_code(name: str | None) -> bool:
-    """Return whether a module is code of a user: no module of this package, of Python or of an installed package."""
+    """Return whether a module is code of a user, i.e. not of this package, of Python, or of an installed package."""
     top = (name or "").partition(".")[0]
     module = sys.modules.get(name or "")
     if top == _PACKAGE or top in sys.stdlib_module_names:
@@ -185,7 +187,7 @@ def _is_user_code(name: str | None) -> bool:
 
 
 def _top_package(thing: Any) -> str:
-    """Return the top-level package of the class or function of an object."""
+    """Return the name of the top-level package in which an object's class, or a function, was defined."""
     if isinstance(thing, partial | MethodType):
         return _top_package(thing.func if isinstance(thing, partial) else thing.__self__)
     definition = thing if isinstance(thing, type | FunctionType) else type(thing)
@@ -193,9 +195,12 @@ def _top_package(thing: Any) -> str:
 
 
 def _add_digests(name: str | None, home: str, files: dict[Path, str]) -> bool:
-    """Add, to `files`, the digests of a module and of the modules that it imports from its package or folder.
+    """Add the digests of a module's file, and of the files that it imports from its package or folder, to `files`.
 
-    Of installed packages, only the package `home` counts.
+    Args:
+        name: name of the module.
+        home: top-level package of the driver, whose modules are added even if the package is installed.
+        files: digest by path of the file.
 
     Returns:
         Whether the module is code of a user.
@@ -221,7 +226,13 @@ def _add_digests(name: str | None, home: str, files: dict[Path, str]) -> bool:
 
 
 def _imported_files(file: Path, folder: Path, text: bytes) -> Iterator[Path]:
-    """Yield the files below a folder that a module in the folder imports by name."""
+    """Yield the files inside of `folder` that the import statements of a module can refer to.
+
+    Args:
+        file: path of the module.
+        folder: the folder that holds the module or its package.
+        text: content of the module.
+    """
     try:
         tree = ast.parse(text)
     except (SyntaxError, ValueError, RecursionError):
@@ -235,7 +246,7 @@ def _imported_files(file: Path, folder: Path, text: bytes) -> Iterator[Path]:
             names = [".".join(filter(None, (node.module, alias.name))) for alias in node.names]
         for name in names:
             if name.partition(".")[0] == _PACKAGE and start == folder:
-                continue  # `identity` covers this package by its checksum
+                continue  # `_add_digests` covers this package by its checksum
             place = start
             for part in name.split("."):
                 place /= part

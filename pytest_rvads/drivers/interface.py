@@ -1,25 +1,33 @@
-"""The interface between the simulation and a driver: observations, commands, autopilots, traffic systems.
+"""The interface between the simulation and a driver: observations, commands, autopilots, traffic systems, abilities.
 
-`Observation` and the commands are created hundreds of times per simulated second, so they are named tuples. `Factory` is a type,
-so that a type checker refuses an object that is no driver.
+`Observation` and the commands are named tuples, because they are created hundreds of times per simulated second. `Factory` is a
+type, so that a type checker refuses an object that is no driver.
+
+A driver need not derive from `rvads.Autopilot`: any object with the methods of `Drives` or `Coordinates` is a driver. An ability
+is an attribute or method of a driver that the simulation uses, such as ``period``. An attribute whose name is similar to the name
+of an ability, and whose value has the type of the ability, is an error, so that ``periode = 0.05`` is not ignored silently.
 """
 
 from __future__ import annotations
 
+import difflib
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import lru_cache
+from inspect import getattr_static
+from numbers import Real
 from typing import Any, NamedTuple, Protocol
 
-from pytest_rvads.drivers.abilities import OF_AUTOPILOTS, OF_SYSTEMS, refuse
 from pytest_rvads.geometry.junction import Junction
-from pytest_rvads.geometry.segment import Turn
+from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.runs.itineraries import Itinerary, itinerary
 from pytest_rvads.runs.run import DT
-from pytest_rvads.runs.states import Agent, Colour, VehicleState
-from pytest_rvads.runs.vehicle import Vehicle
+from pytest_rvads.runs.states import Agent, Colour, Vehicle, VehicleState
+from pytest_rvads.support.errors import AutopilotError
 
 __all__ = [
+    "OF_AUTOPILOTS",
+    "OF_SYSTEMS",
     "Acceleration",
     "Autopilot",
     "Command",
@@ -32,40 +40,152 @@ __all__ = [
     "TrafficSystem",
     "Trajectory",
     "Waypoint",
+    "check_factory",
+    "refuse",
+    "spelling",
 ]
 
 
+def _number(value: Any) -> bool:
+    return isinstance(value, Real) and not isinstance(value, bool)
+
+
+def _word(value: Any) -> bool:
+    return isinstance(value, str)
+
+
+def _method(value: Any) -> bool:
+    return callable(value) or isinstance(value, staticmethod | classmethod)
+
+
+OF_AUTOPILOTS: Mapping[str, Callable[[Any], bool]] = {
+    "control": _method,
+    "period": _number,
+    "label": _word,
+    "timing": _method,
+    "abandon": _method,
+}
+"""By name of an ability of an autopilot, a check of its value; `rvads.Autopilot` describes the abilities."""
+OF_SYSTEMS: Mapping[str, Callable[[Any], bool]] = {"autopilots": _method, "prepare": _method, "label": _word}
+"""By name of an ability of a traffic system, a check of its value; `rvads.TrafficSystem` describes the abilities."""
+_ALIKE = 0.8
+"""Least similarity (ratio of `difflib`) of the name of an ability and a misspelling of it, such as ``label`` and ``lable``."""
+
+
+def check_factory(factory: Any) -> None:
+    """Check that an object is a factory of autopilots.
+
+    Raises:
+        AutopilotError: the object can't be called.
+    """
+    if not callable(factory):
+        raise AutopilotError(
+            f"an autopilot must be a class or a callable that makes one, got {factory!r}: every vehicle of every run "
+            "gets a new one, so pass the class, not an instance"
+            + ("; rvads.traffic(name) returns a traffic policy" if isinstance(factory, str) else "")
+        )
+
+
+def spelling(driver: Any, abilities: Mapping[str, Callable[[Any], bool]], base: type) -> str:
+    """Return an error message about a wrong label or a misspelt ability of a driver; an empty text if the driver is fine.
+
+    Args:
+        driver: an autopilot or a traffic system.
+        abilities: `OF_AUTOPILOTS` or `OF_SYSTEMS`.
+        base: the base class with the defaults of the abilities; the driver does not define an ability that it inherits from
+            `base`.
+    """
+    label = getattr(driver, "label", None)
+    if not (label is None or isinstance(label, str) or callable(label)):
+        return f"its label must be a text, got an object of type {type(label).__name__}"
+    defaults = vars(base)
+    own = {name for name in abilities if hasattr(driver, name) and getattr_static(driver, name, None) is not defaults.get(name)}
+    return _question(dir(driver), lambda name: getattr_static(driver, name, None), abilities, own)
+
+
+def refuse(cls: type, abilities: Mapping[str, Callable[[Any], bool]]) -> None:
+    """Raise an error if the body of a class defines an attribute whose name is a misspelling of an ability.
+
+    Raises:
+        AutopilotError: a name is misspelt.
+    """
+    question = _question(vars(cls), vars(cls).get, abilities, abilities.keys() & vars(cls).keys())
+    if question:
+        raise AutopilotError(f"class {cls.__qualname__} {question}")
+
+
+def _question(
+    names: Iterable[str], look: Callable[[str], Any], abilities: Mapping[str, Callable[[Any], bool]], own: Iterable[str]
+) -> str:
+    """Return an error message about the first of `names` that is probably a misspelt ability; an empty text if none is.
+
+    A name is no misspelling if it is a longer word (``controller``), begins with another letter (``aiming``, ``_period``), names
+    a class (``Timing``), or if the driver also defines the ability. A name with the letters of an ability in another order, or
+    with capitals, is a misspelling even if its value has not the type of the ability.
+
+    Args:
+        names: names of attributes of a driver.
+        look: returns the value of an attribute by its name.
+        abilities: `OF_AUTOPILOTS` or `OF_SYSTEMS`.
+        own: names of the attributes that the driver defines.
+    """
+    missing = {name: sort for name, sort in abilities.items() if name not in own}
+    for name in names:
+        if name in abilities:
+            continue
+        small = name[:1].lower() + name[1:]
+        for ability, sort in missing.items():
+            if small[:1] != ability[0] or abs(len(small) - len(ability)) > 1:
+                continue
+            if difflib.SequenceMatcher(None, small, ability).ratio() >= _ALIKE:
+                value = look(name)
+                fits = isinstance(value, property) or sort(value) or sorted(small) == sorted(ability)
+                if fits and not isinstance(value, type):
+                    return f"has {name!r}: is it misspelt for {ability!r}? Spell it so, or give it another name"
+    return ""
+
+
 class Observation(NamedTuple):
-    """All information that an autopilot gets for a decision."""
+    """All information that an autopilot gets for a decision; "own" refers to the vehicle of the autopilot."""
 
     time: float
     """Simulated time since the start of the run [s]."""
     me: VehicleState
     others: tuple[VehicleState, ...]
-    """The other vehicles still in the run, in creation order."""
+    """The other vehicles that have not left the run, in the order in which they were created."""
     lights: tuple[Colour, ...]
-    """Colour of the light per entrance."""
+    """Colour of the traffic light at each entrance."""
     itinerary: Itinerary
-    """Itinerary of the own vehicle; stations as in `VehicleState.station`."""
+    """Approach, movement and exit road of the own vehicle; `VehicleState.station` is measured along it."""
     junction: Junction
-    """Arms, movements, signs and right of way."""
+    """The junction, with its arms, movements, signs and right of way."""
     vehicle: Vehicle
     """Parameters of the own vehicle."""
     speed_limit: float
-    """Speed limit at the place of the own vehicle [m/s]; `Itinerary.limit_at` returns the limit at places ahead."""
+    """Speed limit at the position of the own vehicle [m/s]; `Itinerary.limit_at` returns the limit at stations ahead."""
     aggression: int = 1
-    """1, 2 or 3: the number of the deceleration in `Vehicle.brake` that is the full service brake in this run."""
+    """1, 2 or 3: selects the deceleration in `Vehicle.brake` that a fully applied service brake has in this run."""
     wait: float = 1.5
-    """Random waiting time, which the scenario fixes, for autopilots with a random waiting time [s]."""
+    """Waiting time for autopilots that would draw it at random [s]; the scenario fixes it, so that runs can be repeated."""
     created: int = 0
-    """Number of vehicles in `others` that were created before the own vehicle; these come first in `others`."""
+    """Number of vehicles in `others` that were created before the own vehicle; they are the first elements of `others`."""
 
     def everybody(self) -> tuple[VehicleState, ...]:
-        """Return the own vehicle and the other vehicles in creation order, which a rotation of the scenario rotates."""
+        """Return the own vehicle and the others in the order of their creation, which rotates with the scenario."""
         return (*self.others[: self.created], self.me, *self.others[self.created :])
 
+    def on_movements(self) -> Observation:
+        """Return the observation without the agents whose ways are no movements, such as pedestrians and parked vehicles."""
+        if not self.junction.further:
+            return self
+        others, entrances = self.others, len(self.junction.entrances)
+        count = len(others)  # these agents come after all vehicles
+        while count and others[count - 1].entrance >= entrances:
+            count -= 1
+        return Observation(self.time, self.me, others[:count], *self[3:])
+
     def limit_of(self, other: VehicleState) -> float:
-        """Return the highest speed limit on the ways that `other` may take, at least the own limit [m/s]."""
+        """Return the highest speed limit on the ways that `other` can take with its turn, but at least the own limit [m/s]."""
         return max(self.speed_limit, _top_limit(self.junction, other.entrance, other.turn))
 
 
@@ -77,7 +197,7 @@ def _top_limit(junction: Junction, entrance: int, turn: Turn) -> float:
 
 
 class Control(NamedTuple):
-    """Throttle, brake and steering."""
+    """A command that sets throttle, brake and steering."""
 
     throttle: float = 0.0
     """Throttle as a share of the drive force, 0..1."""
@@ -88,23 +208,27 @@ class Control(NamedTuple):
 
 
 class TargetSpeed(NamedTuple):
-    """Follow the itinerary at a speed, slower in bends."""
+    """A command to follow the itinerary at a target speed, and more slowly in bends."""
 
     speed: float
     """Target speed [m/s]; 0 stops and holds the vehicle."""
 
 
 class Acceleration(NamedTuple):
-    """Accelerate or brake."""
+    """A command to accelerate or brake."""
 
     acceleration: float
-    """Acceleration [m/s^2]; a negative acceleration brakes."""
+    """Any finite acceleration [m/s^2]; a negative acceleration brakes.
+
+    A vehicle accelerates with at most `Vehicle.drive`, and brakes with at most the `Vehicle.brake` of the aggression of the run.
+    Reports count the commands that ask for more.
+    """
     steering: float | None = None
-    """Angle of the front wheels, left positive [rad]; None follows the itinerary."""
+    """Angle of the front wheels, left positive [rad]; with None, the vehicle is steered along its itinerary."""
 
 
 class Waypoint(NamedTuple):
-    """A planned place of the reference point at a time."""
+    """A planned position of the vehicle's reference point, with its time."""
 
     time: float
     """Time since the start of the run, as in `Observation.time` [s]."""
@@ -115,49 +239,51 @@ class Waypoint(NamedTuple):
 
 
 class Trajectory(NamedTuple):
-    """Reach points at their times, and stand at the last point."""
+    """A command to pass points at their times, and to stop at the last point."""
 
     points: tuple[Waypoint, ...]
-    """At least two points in order of time; the steering follows their polyline."""
+    """At least two points with increasing times; the vehicle is steered along the polyline of the points."""
 
 
 Command = Control | TargetSpeed | Acceleration | Trajectory
-"""The answer of an autopilot, which holds until the next answer. At every step of the simulation the tracking controller drives
-all commands other than `Control`."""
+"""What an autopilot returns. The command holds until the autopilot is called again. The tracking controller turns commands other
+than `Control` into throttle, brake and steering at every step of the simulation."""
 
 
 class Drives(Protocol):
-    """An object of any class that drives a vehicle."""
+    """The protocol of autopilots: an object of any class with this method can drive a vehicle."""
 
     def control(self, seen: Observation, /) -> Command:
-        """Return the command until the next call."""
+        """Return the command for the vehicle; the command holds until the next call."""
 
 
 class Coordinates(Protocol):
-    """An object of any class that creates the autopilots of a run."""
+    """The protocol of traffic systems: an object of any class with this method can create the autopilots of a run."""
 
     def autopilots(self, agents: Sequence[Agent], /) -> Sequence[Drives]:
         """Return an autopilot per agent, in the order of `agents`."""
 
 
 Factory = Callable[[], Drives | Coordinates]
-"""Creates the autopilot of a vehicle, or the traffic system of a run: a class, or a callable without arguments. The attribute
-``label`` of a factory is its name in records and reports. The text ``version`` distinguishes the results of versions."""
+"""A class, or another callable without arguments, that creates the autopilot of a vehicle or the traffic system of a run. The
+attribute ``label`` of a factory is its name in records and reports. The text in its attribute ``version`` distinguishes the
+results of different versions of a driver."""
 
 
 class Autopilot(ABC):
-    """A controller of a vehicle; every vehicle of every run gets a new controller, so nothing survives a run.
+    """A base class of autopilots; each vehicle of each run gets a new autopilot, so that no state is carried to another run.
 
-    A subclass needs only `control`. The other abilities have defaults. An object of any other class may have the abilities, too.
+    A subclass needs only the method `control`. All other attributes and methods have defaults. An object of another class with
+    such attributes and methods is accepted as an autopilot, too.
 
     Raises:
         AutopilotError: a subclass misspells the name of an ability.
     """
 
     period: float = DT
-    """Time between two calls of `control`, a whole multiple of the step of 0.01 s [s]; the command holds in between."""
+    """Time between two calls of `control`, a whole multiple of the step of 0.01 s [s]; a command holds until the next call."""
     label: str | None = None
-    """Name in records and messages; None for the name of the class."""
+    """Name of the driver in records and messages; None for the name of the class."""
 
     def __init_subclass__(cls, **arguments: Any) -> None:
         super().__init_subclass__(**arguments)
@@ -165,35 +291,44 @@ class Autopilot(ABC):
 
     @abstractmethod
     def control(self, seen: Observation, /) -> Command:
-        """Return the command until the next call."""
+        """Return the command for the vehicle; the command holds until the next call."""
 
     def timing(self) -> Mapping[str, Any] | None:
-        """Return measurements: names with finite numbers or texts; other values are left out. None without measurements.
+        """Return measurements of the autopilot in this run, as finite numbers or texts by name, or None.
 
-        The provenance of the run holds the measurements under ``timing`` and the vehicle, and no verdict depends on them. Reports
-        show measurements with ``stack`` (name of the stack), ``decisions``, ``compute`` and ``longest`` [s].
+        Values of other types are dropped. The provenance of the run holds the measurements under ``timing`` and the vehicle's
+        name. No verdict depends on the measurements. Reports show the measurements ``stack`` (name of the stack), ``decisions``
+        (number of decisions), ``compute`` and ``longest`` (times of all decisions together and of the longest decision [s]).
         """
         return None
 
     def abandon(self) -> str:
-        """Release resources outside of the autopilot after its answer ended the run; return details for the message."""
+        """Release resources, such as processes, and return details for the error message.
+
+        The simulation calls this method if an answer of the autopilot, or a missing answer, ended the run.
+        """
         return ""
 
 
 class TrafficSystem(ABC):
-    """Creates and coordinates the autopilots of a run, as a scheduler does; every run gets a new traffic system.
+    """A base class of traffic systems, which create and coordinate all autopilots of a run, as a scheduler does.
+
+    Each run gets a new traffic system.
 
     Raises:
         AutopilotError: a subclass misspells the name of an ability.
     """
 
     label: str | None = None
-    """Name in records; None for the name of the class."""
+    """Name of the driver in records; None for the name of the class."""
 
     def __init_subclass__(cls, **arguments: Any) -> None:
         super().__init_subclass__(**arguments)
         refuse(cls, OF_SYSTEMS)
 
+    def prepare(self, junction: Junction, /) -> None:  # noqa: B027 - not abstract, because most systems need no junction
+        """Take the junction of the run, to build what all vehicles share; called before `autopilots`, and does nothing here."""
+
     @abstractmethod
     def autopilots(self, agents: Sequence[Agent], /) -> Sequence[Drives]:
-        """Return an autopilot per agent, in the order of `agents`, which is the creation order."""
+        """Return an autopilot per agent, in the order of `agents`, which is the order in which the vehicles are created."""

@@ -1,8 +1,7 @@
-"""Names of drivers in records, messages, ids and options, and the stand-in for a session without a named driver."""
+"""Names of drivers in records and messages, and the driver that an option names, or that drives if no driver is named."""
 
 from __future__ import annotations
 
-import re
 import sys
 from functools import cache, partial
 from importlib import import_module
@@ -11,16 +10,16 @@ from pathlib import Path
 from traceback import extract_tb
 from typing import TYPE_CHECKING, Any
 
+from pytest_rvads.support.errors import AutopilotError
 from pytest_rvads.support.wording import one_line
 
 if TYPE_CHECKING:
     from pytest_rvads.drivers.interface import Factory
 
-__all__ = ["at", "called", "in_ids", "labelled", "name_of", "stand_in"]
-
+__all__ = ["at", "called", "chosen", "labelled", "name_of", "stand_in"]
 
 _LONGEST = 1000
-"""Longest name [characters]."""
+"""Greatest length of a name; a longer name is cut [characters]."""
 
 
 @cache
@@ -28,14 +27,38 @@ def stand_in() -> Factory:
     """Return the reference autopilot, which drives if no fixture, option or command names a driver."""
     from pytest_rvads.drivers.reference import Reference
 
-    return partial(Reference)  # another object than Reference, which a fixture may return
+    return partial(Reference)  # a new object, so that it differs from a Reference that a fixture returns
+
+
+def chosen(name: str, folder: Path, option: str = "rvads_autopilot") -> Any:
+    """Return the driver that an option names: a traffic policy such as ``reference``, or ``module:name``.
+
+    Args:
+        name: the value of the option.
+        folder: the working directory of the command, which is searched for modules first.
+        option: the name of the option, for messages.
+
+    Raises:
+        RvadsError: no driver has this name, or the named object can't be called.
+    """
+    if ":" not in name:
+        from pytest_rvads.drivers.traffic import traffic
+
+        return traffic(name, "autopilot")
+    try:
+        driver = at(name, folder)
+    except (ImportError, AttributeError) as error:
+        raise AutopilotError(f"{option} must name an autopilot as module:name, got {name!r}: {error}") from error
+    if not callable(driver):
+        raise AutopilotError(f"{option} must name a class or something callable, {name!r} is {driver!r:.60}")
+    return driver
 
 
 def at(name: str, folder: Path | None = None) -> Any:
-    """Return the object that ``module:name`` names; module and name may contain dots.
+    """Return the object that a text such as ``package.module:Class.method`` names.
 
     Args:
-        name: the text of an option.
+        name: the text, of the form ``module:name``.
         folder: the folder in which modules are searched first, as with ``python -m``.
 
     Raises:
@@ -65,7 +88,7 @@ def name_of(driver: Any) -> str:
 
 
 def labelled(driver: Any) -> bool:
-    """Return whether a driver has a label, as stacks in other processes have."""
+    """Return whether a driver has a label (a name for reports), as drivers in other processes have."""
     return bool(_text(driver, "label"))
 
 
@@ -78,13 +101,6 @@ def called(driver: Any) -> str:
     return ".".join(filter(None, (module, label or own)))
 
 
-def in_ids(driver: Any) -> str:
-    """Return the name of a user's traffic policy for ids: its ``name``, else that of its class; never a stack's command."""
-    inner = _inner(driver)
-    name = getattr(driver, "name", None) or getattr(inner, "__name__", type(inner).__name__)
-    return re.sub(r"\W+", "_", str(name), flags=re.ASCII).strip("_") or "own"
-
-
 def _names(driver: Any) -> tuple[str, str]:
     inner = _inner(driver)
     own = _text(inner, "__qualname__") or _text(type(inner), "__qualname__")
@@ -92,13 +108,13 @@ def _names(driver: Any) -> tuple[str, str]:
 
 
 def _text(driver: Any, name: str) -> str:
-    """Return a text attribute of a driver on one line; an empty text if the attribute is missing or raises an error."""
+    """Return the text in the attribute `name` of a driver, on one line; an empty text if it is missing or raises an error."""
     try:
         text = getattr(driver, name, None)
         return one_line(str(text), _LONGEST) if isinstance(text, str) else ""
     except KeyboardInterrupt:
         raise
-    except BaseException:  # an unreadable name counts as no name
+    except BaseException:  # an attribute that can't be read counts as missing
         return ""
 
 

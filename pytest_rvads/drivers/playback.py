@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from pytest_rvads.drivers.commands import PLACE_GAIN, SPEED_GAIN
 from pytest_rvads.drivers.follower import STANDING, Follower
 from pytest_rvads.drivers.interface import Control, Drives, Observation, TrafficSystem
-from pytest_rvads.drivers.tracker import PLACE_GAIN, SPEED_GAIN
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.runfile import load_run
 from pytest_rvads.runs.states import Agent
@@ -20,17 +20,17 @@ from pytest_rvads.support.errors import RunError, ScenarioError
 __all__ = ["Replay"]
 
 _SAME = 1e-6
-"""Largest difference to the recorded station and speed at which the recorded controls fit exactly [m, m/s]."""
+"""Recorded controls are applied while the sum of the deviations in station [m] and speed [m/s] from the recording is smaller."""
 _AHEAD = 0.2
-"""Time ahead at which recorded speeds are looked up [s]: about the lag of drive and brake."""
+"""The acceleration of the recording is computed from its speed after this time [s], which is about the lag of drive and brake."""
 
 
 class Replay(TrafficSystem):
-    """A traffic policy: every vehicle follows the recorded vehicle with the same movement.
+    """A traffic policy: every vehicle repeats the motion of a recorded vehicle with the same movement.
 
-    The vehicles don't react to the subject. With the recorded starts and recorded controls they repeat the run bit by bit;
-    otherwise they follow the recorded stations and speeds as closely as possible. After the end of the recording a vehicle keeps
-    its last motion.
+    The vehicles don't react to the vehicle under test. If a scenario has the recorded starts and the run holds the recorded
+    controls, the vehicles repeat the run bit for bit. If not, they follow the recorded stations and speeds as closely as
+    possible. After the end of the recording, a vehicle continues at its last recorded speed.
 
     Args:
         run: the recorded run, or a file that ``--rvads-keep`` wrote.
@@ -49,14 +49,14 @@ class Replay(TrafficSystem):
         self._motion = run.station, run.speed
 
     def __call__(self) -> Replay:
-        """Return this traffic system for the next run, because it keeps no state between runs."""
+        """Return this object as the traffic system of another run, because it keeps no state between runs."""
         return self
 
     def autopilots(self, agents: Sequence[Agent]) -> Sequence[Drives]:
-        """Return an autopilot per agent.
+        """Return an autopilot per agent, which follows a recorded vehicle with the movement of the agent.
 
         Raises:
-            ScenarioError: the recording has no vehicle with that movement.
+            ScenarioError: the recording has fewer vehicles with a movement than the scenario.
         """
         unused = list(enumerate(self.run.agents))
         chosen = []
@@ -67,7 +67,7 @@ class Replay(TrafficSystem):
                     f"run {self.run.label!r} has no vehicle from entrance {agent.entrance} to exit {agent.exit} "
                     f"that {agent.name} could replay: choose a scenario with the same movements"
                 )
-            # Of several vehicles with this movement the vehicle of the same name is taken, else the first unused vehicle.
+            # Of several vehicles with this movement, the vehicle with the agent's name is taken, or if there is none, the first.
             recorded = next((candidate for candidate in candidates if candidate[1].name == agent.name), candidates[0])
             unused.remove(recorded)
             chosen.append(recorded[0])
@@ -77,7 +77,7 @@ class Replay(TrafficSystem):
 
 
 class _Playback(Follower):
-    """Keeps to recorded stations and speeds."""
+    """An autopilot that follows the recorded stations and speeds of a vehicle."""
 
     def __init__(
         self,
@@ -89,12 +89,12 @@ class _Playback(Follower):
         self._dt = dt
         self._times = np.arange(len(station)) * dt
         self._station, self._speed, self._controls = station, speed, controls
-        # The recording of a vehicle that has left repeats its last state.
+        # After a vehicle has left, a run repeats the last state of the vehicle; these copies are not followed.
         moves = np.flatnonzero((np.diff(self._station) != 0.0) | (self._speed[1:] < STANDING))
         self._last = int(moves[-1]) + 1 if len(moves) else 0
 
     def control(self, seen: Observation) -> Control:
-        """Return throttle, brake and steering."""
+        """Return throttle, brake and steering for the next step."""
         me = seen.me
         place, speed = self._at(seen.time)
         tick = round(seen.time / self._dt)
@@ -107,7 +107,7 @@ class _Playback(Follower):
         return self.drive(seen, acceleration)
 
     def _at(self, time: float) -> tuple[float, float]:
-        """Return station [m] and speed [m/s] at a time [s]."""
+        """Return the recorded station [m] and speed [m/s] at a time [s]."""
         end = float(self._times[self._last])
         beyond = max(time - end, 0.0)
         speed = float(np.interp(min(time, end), self._times, self._speed))

@@ -1,15 +1,16 @@
-"""The reference autopilot, which obeys every rule and decides from its own observation alone."""
+"""The reference autopilot, which obeys every rule; every vehicle decides from its own observations, without communication."""
 
 from __future__ import annotations
 
 import math
 from typing import Protocol
 
-from pytest_rvads.drivers.at_light import Light
 from pytest_rvads.drivers.crossing import Meetings, ahead_in_lane
 from pytest_rvads.drivers.follower import Follower
 from pytest_rvads.drivers.give_way import GiveWay, clear_of_meetings
 from pytest_rvads.drivers.interface import Control, Observation
+from pytest_rvads.drivers.let_cross import AtCrosswalks
+from pytest_rvads.drivers.signs_and_lights import HOLD, Light, StopSign
 from pytest_rvads.drivers.spacing import (
     Stopping,
     behind,
@@ -20,7 +21,6 @@ from pytest_rvads.drivers.spacing import (
     held_back,
     no_room,
 )
-from pytest_rvads.drivers.stop_sign import HOLD, StopSign
 from pytest_rvads.geometry.control import JunctionControl
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.logic.conduct.room import room
@@ -31,45 +31,51 @@ __all__ = ["Gate", "Reference", "by_zones"]
 
 
 class Gate(Protocol):
-    """Decides when to enter the junction."""
+    """The protocol for the part of a driver that decides when to enter the junction."""
 
     def allows(self, seen: Observation) -> bool:
-        """Return whether to enter now; called in every step before the junction."""
+        """Return whether to enter the junction now; must be called in every step before the junction."""
 
 
 QUEUED = 2.0
-"""The driver does not enter behind a leader that is slower than this and has yet to enter [m/s]."""
+"""The driver waits behind a vehicle ahead that has not entered the junction and is slower than this [m/s]."""
 
 
 class Reference(Follower):
-    """Drives as the paper's rules and the law demand.
+    """The reference autopilot, which drives as the paper's rules and the law demand.
 
-    At a stop sign the driver stops before the line, inside the entrance zone. The driver enters when no other vehicle is in the
-    junction and the own turn has come: first come, first served; on ties the vehicle without a vehicle to its right. Vehicles
-    whose ways do not meet do not take turns. Where four vehicles arrive at once, every vehicle has a vehicle to its right, and
-    patience decides: the patience grows in the order of creation, so that a single vehicle sets off. A vehicle that has the turn,
-    could go and stands for 3.5 s has waived its right, and the driver no longer waits for this vehicle.
+    At an all-way stop, the driver stops before the line, inside the entrance zone. The driver enters when no other vehicle is in
+    the junction and it is the driver's turn. Vehicles whose ways meet take turns in the order of their arrival. Of vehicles that
+    arrive together, a vehicle without a vehicle to its right goes first. If four vehicles arrive together, each of them has a
+    vehicle to its right; then each waits for a time that grows in the order of creation, so that a single vehicle sets off. A
+    vehicle that could go but stands for 3.5 s has waived its right, and the driver no longer waits for this vehicle.
 
-    At a light the driver stops on yellow where that is possible, and on red always. On red the driver turns right after a full
-    stop, when no vehicle with green comes whose way meets the own way. On a left turn the driver yields to oncoming traffic,
-    unless that traffic stands at green for 3.5 s. The driver never gets into the way of a vehicle that is still in the junction.
+    At a light, the driver stops on yellow if a stop is still possible, and always stops on red. On red, the driver turns right
+    after a full stop, if no vehicle with green comes whose way meets the driver's way. On a left turn, the driver yields to
+    oncoming traffic, unless that traffic stands at green for 3.5 s. The driver never gets into the way of a vehicle that is still
+    in the junction.
 
-    At junctions with yield signs, mixed signs, no signs or several lanes per arm the driver looks at the vehicles whose ways meet
-    the own way. The driver gives way as `Junction.yields` says, stops at a stop sign, and waits for green at a light. At an
-    all-way stop the driver gives way to the vehicles that came first. The driver passes a vehicle with the better right that
-    stands at its line only after that vehicle has waived its right. A vehicle with the right of way goes on, unless a body blocks
-    the way. Where all standing vehicles wait for each other, the vehicle that came first goes.
+    At junctions with yield signs, mixed signs, no signs or several lanes per arm, the driver looks at the vehicles whose ways
+    meet the driver's way. The driver gives way as `Junction.yields` says, stops at a stop sign, and waits for green at a light.
+    At an all-way stop with several lanes, the driver gives way to the vehicles that arrived earlier. If a vehicle with priority
+    stands at its line, the driver waits until that vehicle has waived its right. If the driver has the right of way, it goes on
+    unless a vehicle blocks the way. If all standing vehicles wait for each other, the vehicle that arrived first goes.
 
-    At every junction the driver keeps a distance to the vehicle ahead, queues behind it, and stops before a body in the own way.
+    At every junction, the driver keeps a distance to the vehicle ahead, queues behind it, and stops before a vehicle in its way.
     The driver enters only if the exit has room.
+
+    At a crosswalk, the driver lets pedestrians cross who are on its half of the roadway, will be there before the driver has
+    passed, or wait at the kerb. The driver stops before the painted area, and does not drive onto a crosswalk without room behind
+    it. The driver does not wait for pedestrians at a red light, and at most 3.5 s for pedestrians who stand, 1 s in the junction.
+    It comes at a moderate speed to pedestrians who stand near the crosswalk, and to a kerb that a parked vehicle hides.
 
     Args:
         tie: arrivals within this time count as simultaneous at an all-way stop, and the vehicle on the right goes first [s]; at
-            most 0.5. The road rulebook has such a window of 0.5 s: ``functools.partial(Reference, tie=0.5)``. With 0 the driver
-            keeps the paper's rules, which know neither such a window nor waivers.
+            most 0.5. For the road rulebook, which has a window of 0.5 s, use ``functools.partial(Reference, tie=0.5)``. With 0,
+            the driver keeps the paper's rules, which have neither such a window nor waived rights.
 
     Raises:
-        AutopilotError: a `tie` out of range.
+        AutopilotError: `tie` is out of range.
     """
 
     def __init__(self, tie: float = 0.0) -> None:
@@ -79,19 +85,35 @@ class Reference(Follower):
         self._stopping = Stopping()
         self._gate: Gate | None = None
         self._narrow = False
-        """Whether vehicles before their lines may leave no room for others, see `room`; only where zones do not decide."""
+        """Whether a car at its line can be in the way of cars that pass, see `room`; always False at junctions of `by_zones`."""
         self._meetings: Meetings | None = None
-        """The meetings with other vehicles in the junction; None where zones decide, see `by_zones`."""
+        """The stretches that the own movement shares with movements of other vehicles; None at junctions of `by_zones`."""
+        self._at_crosswalks: AtCrosswalks | None = None
+        """Brakes for pedestrians; None at junctions where nobody walks."""
 
     def make_gate(self, seen: Observation) -> Gate:
-        """Return the gate that decides when to enter; called once, with the first observation."""
+        """Return the object that decides when to enter the junction; called once, with the first observation."""
         if not by_zones(seen.junction):
             return GiveWay(seen, self.track(seen), self._tie)
         return Light(paper=not self._tie) if seen.junction.control is JunctionControl.LIGHTS else StopSign(self._tie)
 
     def control(self, seen: Observation) -> Control:
-        """Return throttle, brake and steering."""
-        acceleration = self.towards(seen, self.target_speed(seen))
+        """Return throttle, brake and steering for the next step."""
+        traffic = seen.on_movements()
+        acceleration = self._among_vehicles(traffic, self.towards(seen, self.target_speed(seen)))
+        if traffic is not seen and acceleration > -math.inf:
+            if self._at_crosswalks is None:
+                self._at_crosswalks = AtCrosswalks(seen, self.track(seen))
+            acceleration = min(acceleration, self._at_crosswalks.acceleration(seen, traffic))
+        return self.drive(seen, acceleration)
+
+    def _among_vehicles(self, seen: Observation, acceleration: float) -> float:
+        """Return `acceleration` [m/s^2], or the lower acceleration that the line or another vehicle requires.
+
+        Args:
+            seen: the observation, without pedestrians and parked vehicles.
+            acceleration: the acceleration without other vehicles and without the line [m/s^2].
+        """
         zone = seen.me.zone
         stops = False
         leader = ahead_in_lane(seen)
@@ -113,7 +135,7 @@ class Reference(Follower):
                 self._stopping.reset()
         if seen.others and acceleration > -math.inf:
             if not stops:
-                # Vehicles of other lanes are followed only once the own vehicle need not stop at the line.
+                # A vehicle that stops at its line need not keep a distance to vehicles from other lanes.
                 gap = behind_leader(seen)
                 acceleration = gap if gap < acceleration else acceleration
             if leader is not None:
@@ -123,9 +145,12 @@ class Reference(Follower):
             if zone is JUNCTION:
                 crossing = clear_of_crossing(seen) if self._meetings is None else clear_of_meetings(seen, self._meetings)
                 acceleration = min(acceleration, crossing)
-        return self.drive(seen, acceleration)
+        return acceleration
 
 
 def by_zones(junction: Junction) -> bool:
-    """Return whether the zones of the vehicles decide who may enter: at all-way stops and lights with one lane per arm."""
+    """Return whether drivers decide by the zones of other vehicles, without computing where their movements meet.
+
+    They do so at all-way stops and at junctions with lights, if each arm has a single lane.
+    """
     return junction.one_lane_each and junction.control in (JunctionControl.STOP, JunctionControl.LIGHTS)

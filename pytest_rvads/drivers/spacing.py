@@ -1,4 +1,7 @@
-"""Braking: for a stop before the junction, and for vehicles that drive or stand ahead."""
+"""Computes how a driver brakes: for a stop before the junction, and for vehicles that drive or stand ahead.
+
+"Own" refers to the vehicle whose driver brakes.
+"""
 
 from __future__ import annotations
 
@@ -30,62 +33,62 @@ __all__ = [
 ]
 
 STAND_OFF = 0.35
-"""Distance of the place to stop before the stopping line [m]: well inside the entrance zone."""
+"""Distance from the driver's stopping point to the stopping line [m]; the stopping point is well inside the entrance zone."""
 MISSED = 0.3
-"""A vehicle this far beyond a place to stop farther back drives on to the line [m]."""
+"""A vehicle that is this far past a stopping point outside of the entrance zone drives on to the line [m]."""
 LAST_STOP = 0.15
-"""Least distance between the end of a late stop and the entrance vertex [m]."""
+"""A late stop ends at least this far before the entrance vertex [m]."""
 COMFORT = 2.3
-"""Braking for the line begins when the stop needs this deceleration [m/s^2]; people use up to 3.4 at stop signs."""
+"""Braking for the line begins when the stop needs this deceleration [m/s^2]; people use up to 3.4 m/s^2 at stop signs."""
 FIRM = 3.0
-"""A vehicle that needs more deceleration than this to stop at the line brakes at once [m/s^2]."""
+"""A vehicle that needs a higher deceleration than this to stop at the line brakes at once [m/s^2]."""
 URGENT = 0.8
-"""A vehicle that needs more than this share of all braking to stop before the entrance vertex brakes fully."""
+"""A vehicle brakes fully if a stop before the entrance vertex needs more than this share of its highest deceleration."""
 CREEP = 0.3
-"""A vehicle in the entrance zone that is slower than this stops at once [m/s]."""
+"""A vehicle in the entrance zone that is slower than this is stopped at once [m/s]."""
 CREEPING = 1.4
-"""A vehicle before the junction that is slower than this may still stop [m/s]."""
+"""A vehicle before the junction that is slower than this is checked as if it stopped where it is [m/s]."""
 GENTLE = 0.5
-"""Highest acceleration of an approach at its place to stop, and its increase per metre before the place [m/s^2]."""
+"""Highest acceleration at the stopping point, and its increase per metre of distance from the stopping point [m/s^2]."""
 GAP = 2.0
-"""Distance to a vehicle that stands ahead [m]."""
+"""Distance that the driver keeps to a vehicle that stands ahead [m]."""
 REACTION = 0.5
-"""Time in which a speed error is corrected when following [s]."""
+"""Reaction time in the car-following model, in which a difference to the safe speed is corrected [s]."""
 FOLLOW = 3.0
-"""Own deceleration that following counts on [m/s^2]."""
+"""Deceleration of both vehicles in the car-following model [m/s^2]."""
 BEFORE = 0.5
-"""Distance before the place where the movements meet at which a crossing vehicle is let pass [m]."""
+"""Distance before a shared stretch at which the own vehicle stops for a crossing vehicle [m]."""
 SIDE = 0.35
-"""Room to the side of the own body that must be free [m]."""
+"""Free space that the own body needs on each side [m]."""
 NEAR = 0.1
-"""Room around the own body that a standing vehicle must leave where the own body sweeps past [m]: the rear axle errs by less."""
+"""Distance that the own body keeps to a standing vehicle in a bend [m]; the rear axle leaves its path by less than this."""
 ACROSS = 0.7
-"""Cosine of 45 degrees: a vehicle that moves at a larger angle to the own heading crosses the way."""
+"""Cosine of 45 degrees: a vehicle that moves at a larger angle to the own heading crosses the own way."""
 LEEWAY = 0.5
-"""Time between the moment when a crossing vehicle leaves a place and the own arrival there [s]."""
+"""Least time from the moment when a crossing vehicle leaves a shared stretch to the own arrival [s]."""
 
 
 class Stopping:
-    """Brakes evenly for a stop in the entrance zone, and remembers that braking has begun.
+    """Brakes with constant deceleration for a stop in the entrance zone, and remembers that braking has begun.
 
-    Where a vehicle in the entrance zone would be in the way of others, the stop is farther from the line, see `stand_back`.
+    If a vehicle in the entrance zone would be in the way of others, the stop is farther from the line, see `stand_back`.
     """
 
     def __init__(self) -> None:
         self._braking = False
         self.back = STAND_OFF
-        """Distance of the place to stop before the stopping line [m]."""
+        """Distance from the stopping point to the stopping line [m]."""
 
     def reset(self) -> None:
-        """Forget the stop: the way is free."""
+        """Forget that braking has begun, because the driver need not stop any more."""
         self._braking = False
 
     def acceleration(self, seen: Observation) -> float:
-        """Return the acceleration that a stop needs now [m/s^2].
+        """Return the acceleration for the stop [m/s^2].
 
         Returns:
-            A positive limit while braking is too early; inf when a stop before the junction is no longer possible; -inf to hold
-            the vehicle.
+            A negative acceleration to brake, or -inf to hold the vehicle. Before braking begins, a positive upper limit. inf if
+            the vehicle can no longer stop before the junction.
         """
         me, vehicle = seen.me, seen.vehicle
         line = seen.itinerary.line - me.station
@@ -96,7 +99,8 @@ class Stopping:
             return -math.inf
         needed = _needed(me.speed, distance)
         if not self._braking:
-            # After the throttle is released the drive goes on for its lag, and the brake acts after its own lag.
+            # After the throttle is released, the vehicle accelerates for the lag of the drive, and brakes after the lag of the
+            # brake.
             speed = me.speed + max(me.acceleration, 0.0) * vehicle.drive_lag
             ahead = distance - speed * vehicle.brake_lag
             if needed <= FIRM and _needed(speed, ahead) < COMFORT:
@@ -110,19 +114,19 @@ class Stopping:
         urgent = _needed(me.speed, -me.station)
         if urgent > most:
             return math.inf
-        # The brake's lag uses up the reserve of a late stop, so a late stop begins with the full brake.
+        # A late stop begins with the full brake, because the lag of the brake costs distance.
         return -full if urgent > URGENT * most else -min(needed, full)
 
 
 def can_stop(seen: Observation, deceleration: float) -> bool:
-    """Return whether braking at `deceleration` [m/s^2] from now on ends before the entrance vertex."""
+    """Return whether the own vehicle stops before the entrance vertex if it brakes at `deceleration` [m/s^2] from now on."""
     speed = seen.me.speed
     distance = -LAST_STOP - seen.me.station - speed * seen.vehicle.brake_lag
     return speed * speed <= 2.0 * deceleration * distance if speed > 0.1 else seen.me.station <= 0.0
 
 
 def behind_leader(seen: Observation) -> float:
-    """Return the acceleration [m/s^2] that keeps the distance to vehicles ahead into the same exit; inf without any."""
+    """Return the acceleration [m/s^2] that keeps the distance to vehicles ahead that drive into the own exit; inf without any."""
     me, itinerary = seen.me, seen.itinerary
     remaining = itinerary.length - me.station
     least = math.inf
@@ -138,10 +142,10 @@ def behind_leader(seen: Observation) -> float:
 
 
 def clear_of_crossing(seen: Observation) -> float:
-    """Return the acceleration [m/s^2] that lets crossing vehicles pass that are first at the place; inf without any.
+    """Return the acceleration [m/s^2] with which the own vehicle stops before a stretch that a crossing vehicle reaches first.
 
-    Both vehicles are in the junction. The vehicle that comes to the common place later stops before the place. Vehicles that
-    drive into the same exit are followed instead.
+    The result is inf if no stop is needed. Only vehicles in the junction are considered. Vehicles that drive into the own exit
+    are ignored, because the driver follows them at a distance.
     """
     me = seen.me
     least = math.inf
@@ -160,20 +164,20 @@ def clear_of_crossing(seen: Observation) -> float:
 
 
 def behind(seen: Observation, leader: VehicleState) -> float:
-    """Return the acceleration [m/s^2] that keeps the distance to `leader`, ahead in the own lane; inf where ways part."""
+    """Return the acceleration [m/s^2] that keeps the distance to `leader`, ahead in the own lane; inf if it turns elsewhere."""
     if leader.turn is not seen.me.turn and leader.zone > ENTRANCE:
         return math.inf
     return _follow(seen.me.speed, leader.station - leader.length - seen.me.station, leader.speed)
 
 
 def clear_of_bodies(seen: Observation, track: Track, followed: VehicleState | None = None, *, foresees: bool = False) -> float:
-    """Return the acceleration [m/s^2] that stops before a body that is in the way on `track`; inf without any.
+    """Return the acceleration [m/s^2] that keeps the distance to any vehicle on the own way; inf if the way is free.
 
     Args:
         seen: the observation.
-        track: the own way.
-        followed: a vehicle that is left out here, since `behind` keeps the distance to it.
-        foresees: whether to drive on if a crossing vehicle will have left the way in time.
+        track: the table of the own itinerary.
+        followed: a vehicle that is ignored, because `behind` keeps the distance to it.
+        foresees: whether to ignore a crossing vehicle that will have left the way before the own vehicle arrives.
     """
     me = seen.me
     x, y, heading, speed = me.x, me.y, me.heading, me.speed
@@ -183,12 +187,12 @@ def clear_of_bodies(seen: Observation, track: Track, followed: VehicleState | No
     for other in seen.others:
         dx, dy = other.x - x, other.y - y
         far = reach + other.length
-        # The cheap comparison comes first: most other vehicles are far away or behind.
+        # The fast comparison comes first, because most vehicles are far away or behind.
         if dx * dx + dy * dy < far * far and dx * cos + dy * sin > 0.0:
             if other is followed:
                 continue
             if other.speed < CREEP and (track.planned or other.zone <= ENTRANCE):
-                continue  # `clear_of_standing` looks at the body itself
+                continue  # `clear_of_standing` stops before this vehicle
             gap = _free(track.places(me.station, reach), other, me.width / 2.0 + SIDE)
             if gap < math.inf:
                 along = other.speed * math.cos(other.heading - heading)
@@ -198,7 +202,10 @@ def clear_of_bodies(seen: Observation, track: Track, followed: VehicleState | No
 
 
 def clear_of_standing(seen: Observation, track: Track) -> float:
-    """Return the acceleration [m/s^2] that stops before the sweeping own body touches a standing body; inf without any."""
+    """Return the acceleration [m/s^2] that stops before the own body touches a standing vehicle; inf if the way is free.
+
+    The area that the own body covers in bends is considered.
+    """
     me, least = seen.me, math.inf
     reach = 3.0 + me.speed * (REACTION + me.speed / (2.0 * FOLLOW))
     for other in seen.others:
@@ -212,9 +219,9 @@ def clear_of_standing(seen: Observation, track: Track) -> float:
 
 
 def no_room(seen: Observation, track: Track) -> bool:
-    """Return whether a vehicle before its line leaves no room for the own body on the whole movement, or will leave none.
+    """Return whether the own body would touch a vehicle before its line somewhere on the own movement.
 
-    The other vehicle stands or creeps in the way, or comes so fast that it can stop only in the way.
+    The position of a vehicle that stands or creeps is checked. Of a faster vehicle, the position is checked at which it can stop.
     """
     me, junction, key = seen.me, seen.junction, (seen.itinerary.entrance, seen.itinerary.exit)
     for other in seen.others:
@@ -232,9 +239,9 @@ def no_room(seen: Observation, track: Track) -> bool:
 
 
 def held_back(seen: Observation) -> float:
-    """Return how far before its line the own vehicle should stand to leave room for others, see `stand_back` [m].
+    """Return how far before its line the own vehicle should stop to leave room for other vehicles, see `stand_back` [m].
 
-    The distance is longer while a vehicle passes that needs more room.
+    The distance is longer while a vehicle passes for which this position would not leave room.
     """
     junction, entrance = seen.junction, seen.me.entrance
     passing = (
@@ -249,7 +256,14 @@ def held_back(seen: Observation) -> float:
 
 
 def _gone_by(speed: float, gap: float, other: VehicleState, along: float) -> bool:
-    """Return whether `other`, which moves across the own way, has left the way when the own vehicle arrives."""
+    """Return whether `other` crosses the own way and will have left it when the own vehicle arrives.
+
+    Args:
+        speed: own speed [m/s].
+        gap: distance to the other vehicle along the own way [m].
+        other: the other vehicle.
+        along: component of the other vehicle's velocity along the own heading [m/s].
+    """
     if other.speed < 1.0 or along > other.speed * ACROSS:
         return False
     return gap / max(speed, 1.0) > (other.length + other.width + 2.0 * SIDE) / other.speed + LEEWAY
@@ -267,7 +281,7 @@ def time_to(distance: float, speed: float, acceleration: float, limit: float) ->
 
 
 def stop_before(speed: float, distance: float) -> float:
-    """Return the acceleration of an even stop after `distance` [m]; inf while it is too early to brake."""
+    """Return the constant acceleration that stops a vehicle after `distance` [m]; inf while it is too early to brake."""
     if distance < 0.1 and speed < 0.3:
         return -math.inf
     needed = _needed(speed, max(distance, 0.1))
@@ -275,12 +289,18 @@ def stop_before(speed: float, distance: float) -> float:
 
 
 def _needed(speed: float, distance: float) -> float:
-    """Return the deceleration of an even stop from `speed` [m/s] after `distance` [m]; inf where there is none."""
+    """Return the constant deceleration that stops a vehicle from `speed` [m/s] after `distance` [m]; inf without a distance."""
     return speed * speed / (2.0 * distance) if distance > 0.0 else math.inf
 
 
 def _follow(speed: float, gap: float, leader: float) -> float:
-    """Return the acceleration towards the safe speed of Gipps (1981), behind a leader at `gap` [m]."""
+    """Return the acceleration toward the safe speed of Gipps's car-following model (1981) [m/s^2].
+
+    Args:
+        speed: own speed [m/s].
+        gap: distance to the vehicle ahead [m].
+        leader: speed of the vehicle ahead [m/s].
+    """
     room = gap - GAP
     if room <= 0.0 and speed < 0.3:
         return -math.inf
@@ -290,9 +310,15 @@ def _follow(speed: float, gap: float, leader: float) -> float:
 
 
 def _touch(axle: Pose, back: float, me: VehicleState, other: VehicleState) -> bool:
-    """Return whether the own body with its rear axle at a pose, extended by `NEAR`, meets the body of `other`.
+    """Return whether the own body, extended by `NEAR` on all sides, would overlap the body of `other`.
 
-    Two rectangles are apart if a side of a rectangle separates the two (separating axis theorem).
+    Two rectangles do not overlap if a line along a side of one of them separates the two (separating axis theorem).
+
+    Args:
+        axle: pose of the own rear axle.
+        back: distance from the own front to the rear axle [m].
+        me: the own vehicle.
+        other: the other vehicle.
     """
     cos, sin = math.cos(axle.heading), math.sin(axle.heading)
     turned, ahead = other.heading - axle.heading, back - me.length / 2.0
@@ -309,12 +335,18 @@ def _touch(axle: Pose, back: float, me: VehicleState, other: VehicleState) -> bo
 
 
 def _free(places: list[tuple[float, float]], other: VehicleState, room: float) -> float:
-    """Return how many metres of the way ahead have `room` [m] beside the body of `other`; inf when all have."""
+    """Return after how many metres the own way comes closer than `room` [m] to the body of `other`; inf if it never does.
+
+    Args:
+        places: points of the own way, one per metre.
+        other: the other vehicle.
+        room: half the own width, and the free space on each side [m].
+    """
     cos, sin = math.cos(other.heading), math.sin(other.heading)
     aside, back = other.width / 2.0 + room, other.length + room
     for ahead, (x, y) in enumerate(places):
         dx, dy = x - other.x, y - other.y
-        # The place in the frame of the other body, which reaches backwards from its bumper.
+        # The point is compared in the frame of the other vehicle, whose body reaches backwards from its front bumper.
         if -aside < dy * cos - dx * sin < aside and -back < dx * cos + dy * sin < room:
             return float(ahead)
     return math.inf

@@ -1,20 +1,205 @@
-"""Traffic policies by name: how the vehicles around a subject drive."""
+"""Traffic policies by name: how the vehicles around the vehicle under test drive.
+
+Some policies have drivers with a single fault, which hesitate, brake late, run red lights or never enter. `RollingStop` has
+obvious faults, for examples and for trying out rules.
+"""
 
 from __future__ import annotations
 
+import math
+import re
 from dataclasses import dataclass
 from functools import partial
 
+from pytest_rvads.drivers.crossing import in_the_way
+from pytest_rvads.drivers.give_way import GiveWay
 from pytest_rvads.drivers.interface import Autopilot, Command, Factory, Observation
 from pytest_rvads.drivers.lgsvl import LgsvlLike
-from pytest_rvads.drivers.naming import in_ids
-from pytest_rvads.drivers.policies import Hesitant, LateYielder, RedLightRunner, Stopped
-from pytest_rvads.drivers.reference import Reference
-from pytest_rvads.drivers.rolling import RollingStop
+from pytest_rvads.drivers.reference import Gate, Reference, by_zones
+from pytest_rvads.drivers.signs_and_lights import PATIENCE, PATIENCE_STEP, Light
+from pytest_rvads.drivers.spacing import CREEP, STAND_OFF, Stopping
+from pytest_rvads.geometry.control import JunctionControl, Sign
 from pytest_rvads.logic.conduct.standing import TIE
+from pytest_rvads.runs.itineraries import ENTRANCE_ZONE
+from pytest_rvads.runs.states import Colour, Zone
 from pytest_rvads.support.errors import AutopilotError, ScenarioError, suggest
 
-__all__ = ["DEFAULT", "EVERYWHERE", "POLICIES", "Policy", "SumoDriver", "policy_name", "traffic"]
+__all__ = [
+    "DEFAULT",
+    "EVERYWHERE",
+    "POLICIES",
+    "Hesitant",
+    "LateYielder",
+    "Policy",
+    "RedLightRunner",
+    "RollingStop",
+    "Stopped",
+    "SumoDriver",
+    "policy_name",
+    "traffic",
+]
+
+ROLL = 2.5
+"""Speed at which `RollingStop` crosses its stopping line if no vehicle is in its way [m/s]."""
+NEAR = 5.0
+"""`RollingStop` gives way to a vehicle on its right that is at most this far from the junction [m]."""
+
+HESITATION = 2.0
+"""Time for which the hesitant driver waits although it could go [s]; after 3 s it would have waived its right."""
+HESITANT_SPEED = 0.6
+"""Share of the speed limit at which the hesitant driver drives."""
+LATE = 0.85
+"""The late yielder begins to brake when the stop needs this share of the full service brake."""
+
+
+class RollingStop(Reference):
+    """A driver that treats stop signs as yield signs, and turns on red without looking.
+
+    The driver has two faults. At a stop sign, the driver does not stop: it slows down, gives way to vehicles in the junction and
+    to vehicles near the junction on its right, and rolls on, without regard to the order of arrival. At a red light, the driver
+    turns right (left where traffic keeps left) without regard to vehicles with green, unless a vehicle in the junction is in its
+    way. In everything else the driver behaves like the reference driver, also in giving way where signs differ or arms have
+    several lanes.
+    """
+
+    def make_gate(self, seen: Observation) -> Gate:
+        """Return the object that decides when to enter the junction."""
+        if not by_zones(seen.junction):
+            return _Rolling(seen, self.track(seen), stops=False)
+        return _RightOnRed(paper=False) if seen.junction.control is JunctionControl.LIGHTS else _Yield()
+
+    def target_speed(self, seen: Observation) -> float:
+        """Return the speed limit [m/s], or a lower speed before a line at which the driver should stop, but does not."""
+        line = seen.itinerary.line - seen.me.station
+        signs = seen.junction.control is JunctionControl.STOP or seen.junction.entrances[seen.me.entrance].sign is Sign.STOP
+        if not (signs or _turns_on_red(seen)) or seen.me.station > 0.0:
+            return super().target_speed(seen)
+        return min(super().target_speed(seen), math.hypot(ROLL, self.stopping_speed(line - ENTRANCE_ZONE)))
+
+
+class _Yield:
+    """Decides when to enter: when no vehicle is in the junction, and no vehicle from the right is near the junction.
+
+    If vehicles from the right stay, as when four vehicles wait for each other, the driver enters after a wait.
+    """
+
+    def __init__(self) -> None:
+        self._stuck_since: float | None = None
+
+    def allows(self, seen: Observation) -> bool:
+        me = seen.me
+        if any(other.zone is Zone.JUNCTION for other in seen.others):
+            self._stuck_since = None
+            return False
+        waiting = [o for o in seen.others if o.zone is Zone.ENTRANCE or (o.zone is Zone.APPROACH and o.station > -NEAR)]
+        if not any((other.entrance, me.entrance) in seen.junction.right_of for other in waiting):
+            self._stuck_since = None
+            return True
+        if self._stuck_since is None or me.zone is not Zone.ENTRANCE:
+            self._stuck_since = seen.time
+        return seen.time - self._stuck_since >= PATIENCE + PATIENCE_STEP * seen.created
+
+
+class _Rolling(GiveWay):
+    """Decides when to enter: treats stop signs as yield signs, and ignores red on a right turn (left in left-hand traffic)."""
+
+    def allows(self, seen: Observation) -> bool:
+        if not _turns_on_red(seen):
+            return super().allows(seen)
+        return not any(in_the_way(seen, other) for other in seen.others)
+
+
+class _RightOnRed(Light):
+    """Decides when to enter: obeys the light, but ignores red on a right turn (left turn in left-hand traffic)."""
+
+    def allows(self, seen: Observation) -> bool:
+        if not _turns_on_red(seen):
+            return super().allows(seen)
+        return not any(in_the_way(seen, other) for other in seen.others)
+
+
+def _turns_on_red(seen: Observation) -> bool:
+    return seen.me.turn is seen.junction.near and seen.lights[seen.me.entrance] is Colour.RED
+
+
+class Hesitant(Reference):
+    """A driver that obeys every rule, but waits for two seconds when it could go, and drives slowly."""
+
+    def make_gate(self, seen: Observation) -> Gate:
+        """Return the object that decides when to enter the junction."""
+        return _Hesitating(super().make_gate(seen))
+
+    def target_speed(self, seen: Observation) -> float:
+        """Return the low speed of the hesitant driver [m/s]."""
+        return HESITANT_SPEED * super().target_speed(seen)
+
+
+class LateYielder(Reference):
+    """A driver that obeys every rule, but brakes late and hard before a stopping line."""
+
+    def __init__(self, tie: float = 0.0) -> None:
+        super().__init__(tie)
+        self._stopping = _LateStopping()
+
+
+class RedLightRunner(Reference):
+    """A driver that ignores lights, stop signs and the right of way, but stops for a vehicle that blocks its way."""
+
+    def make_gate(self, _seen: Observation) -> Gate:
+        """Return the object that decides when to enter the junction."""
+        return _Constant(True)
+
+
+class Stopped(Reference):
+    """A driver that drives up to the stopping line, stops, and never goes on."""
+
+    def make_gate(self, _seen: Observation) -> Gate:
+        """Return the object that decides when to enter the junction."""
+        return _Constant(False)
+
+
+class _Constant:
+    """Decides always to enter, or never to enter."""
+
+    def __init__(self, answer: bool) -> None:
+        self._answer = answer
+
+    def allows(self, _seen: Observation) -> bool:
+        return self._answer
+
+
+class _Hesitating:
+    """Decides when to enter: after another `Gate` has allowed the entry for the time `HESITATION`."""
+
+    def __init__(self, gate: Gate) -> None:
+        self._gate = gate
+        self._since: float | None = None
+
+    def allows(self, seen: Observation) -> bool:
+        if not self._gate.allows(seen):
+            self._since = None
+            return False
+        if self._since is None:
+            self._since = seen.time
+        return seen.time - self._since >= HESITATION
+
+
+class _LateStopping(Stopping):
+    """Brakes for the stopping line, beginning only when the stop needs the share `LATE` of the service brake."""
+
+    def acceleration(self, seen: Observation) -> float:
+        """Return the acceleration for a late stop [m/s^2]: an upper limit before braking begins, and -inf to hold the vehicle."""
+        me, vehicle = seen.me, seen.vehicle
+        distance = seen.itinerary.line - STAND_OFF - me.station
+        if me.speed < CREEP and (distance < 0.02 or me.zone is Zone.ENTRANCE):
+            return -math.inf
+        full = vehicle.brake[seen.aggression - 1]
+        room = distance - me.speed * (vehicle.brake_lag + (0.0 if self._braking else vehicle.drive_lag))
+        needed = me.speed * me.speed / (2.0 * room) if room > 0.0 else math.inf
+        self._braking = self._braking or needed >= LATE * full
+        if self._braking:
+            return -min(needed, full)
+        return 1.0 + distance
 
 
 class SumoDriver(Autopilot):
@@ -34,7 +219,7 @@ class SumoDriver(Autopilot):
 
 
 DEFAULT = "reference"
-"""Name of the default policy, which ids leave out."""
+"""Name of the default policy; ids of runs do not contain it."""
 POLICIES: dict[str, Factory] = {
     "reference": partial(Reference, tie=TIE),
     "hesitant": partial(Hesitant, tie=TIE),
@@ -52,16 +237,16 @@ EVERYWHERE = tuple(name for name, factory in POLICIES.items() if factory is not 
 
 @dataclass(frozen=True, slots=True)
 class Policy:
-    """What drives the vehicles around a subject."""
+    """A traffic policy: the named driver of the vehicles around the vehicle under test."""
 
     name: str
-    """As in ids: letters, digits and underscores."""
+    """Name of the policy in ids, of letters, digits and underscores."""
     factory: Factory
-    """Makes the autopilot of one vehicle, or the traffic system of a run."""
+    """Creates the autopilot of one vehicle, or the traffic system of a run."""
 
     @classmethod
     def of(cls, what: str | Factory) -> Policy:
-        """Return the policy of that name, or the policy of a user's autopilot or traffic system.
+        """Return the traffic policy that has a name, or a traffic policy made of a user's autopilot or traffic system.
 
         Raises:
             ScenarioError: no policy has this name, or the object can't be called.
@@ -70,12 +255,12 @@ class Policy:
             return cls(what, traffic(what))
         if not callable(what):
             raise ScenarioError(f"traffic takes names of policies or classes of autopilots, got {what!r}")
-        return cls(in_ids(what), what)
+        return cls(_in_ids(what), what)
 
 
 def policy_name(factory: Factory) -> str:
-    """Return the name of a policy for ids: the key in `POLICIES`, or the name of the factory."""
-    return next((name for name, policy in POLICIES.items() if policy is factory), "") or in_ids(factory)
+    """Return the name of a traffic policy for the ids of tests: the key in `POLICIES`, or the name of the factory."""
+    return next((name for name, policy in POLICIES.items() if policy is factory), "") or _in_ids(factory)
 
 
 def traffic(name: str, what: str = "traffic") -> Factory:
@@ -91,3 +276,10 @@ def traffic(name: str, what: str = "traffic") -> Factory:
     if name not in POLICIES:
         raise ScenarioError(f"unknown {what} {name!r}, there are {', '.join(POLICIES)}{suggest(name, POLICIES)}")
     return POLICIES[name]
+
+
+def _in_ids(factory: Factory) -> str:
+    """Return the name of a user's traffic policy for the ids of tests: the attribute ``name``, or the name of the class."""
+    inner = factory.func if isinstance(factory, partial) else factory
+    name = getattr(factory, "name", None) or getattr(inner, "__name__", type(inner).__name__)
+    return re.sub(r"\W+", "_", str(name), flags=re.ASCII).strip("_") or "own"

@@ -1,6 +1,7 @@
-"""The way ahead of a driver: its places, and how fast its bends may be taken.
+"""The itinerary of a vehicle as a table with a row per metre: points, and the highest speed that bends allow.
 
-In a narrow bend a driver steers its rear axle along a planned path, no faster than its wheels can turn as the path demands.
+In a narrow bend, where the rear axle must leave the centre line, a driver steers the rear axle along a planned path. The speed on
+this path is limited by the rate at which the front wheels can turn.
 """
 
 from __future__ import annotations
@@ -16,23 +17,23 @@ import numpy as np
 from pytest_rvads.geometry.segment import SPEED_LIMIT, Pose, Segment
 from pytest_rvads.geometry.sweep import STEP, Course, Plan, plan, with_roads
 from pytest_rvads.runs.itineraries import Itinerary
-from pytest_rvads.runs.vehicle import Vehicle
+from pytest_rvads.runs.states import Vehicle
 
 __all__ = ["EASE", "AxlePath", "Track", "approach_pace", "axle_path", "fastest", "track"]
 
 
 QUICK = 0.7
-"""Share of the vehicle's steering rate that a planned path may use."""
+"""Largest share of the vehicle's steering rate that a planned path uses."""
 CALM = 0.7
-"""Lateral acceleration on the path [m/s^2]: at 2.5 m/s^2 the tyres slip so much that the rear axle errs by 4 cm."""
+"""Largest lateral acceleration on a planned path [m/s^2]: at 2.5 m/s^2, tyres slip and the rear axle leaves the path by 4 cm."""
 
 
 Pace = tuple[tuple[float, float], ...]
-"""Stations of the rear axle on the itinerary [m], and how fast a path can be followed there [m/s]."""
+"""Pairs of a station of the rear axle on the itinerary [m] and the highest speed on a planned path at this station [m/s]."""
 
 
 class AxlePath(NamedTuple):
-    """The path of a rear axle beside the itinerary."""
+    """The planned path of a rear axle that leaves the centre line of the itinerary."""
 
     path: Segment
     headings: tuple[float, ...]
@@ -54,13 +55,16 @@ class AxlePath(NamedTuple):
 
 @lru_cache(maxsize=256)
 def axle_path(itinerary: Itinerary, vehicle: Vehicle, lane_width: float, start: float = -math.inf) -> AxlePath | None:
-    """Return the path of the rear axle where it must leave the centre line; None where it can follow the centre line.
+    """Return a path of the rear axle on which the body of a vehicle stays in its lane.
 
     Args:
-        itinerary: the way of the front.
-        vehicle: the vehicle, whose body is to stay in the lane.
+        itinerary: approach, movement and exit road of the vehicle.
+        vehicle: the vehicle.
         lane_width: width of the lane [m].
-        start: station of the front from which on the path is planned [m].
+        start: station of the front at which the path begins [m].
+
+    Returns:
+        The path; None if the body stays in the lane while the rear axle follows the centre line.
     """
     course = itinerary.course(lane_width, start)
     if start <= 0.0:
@@ -77,13 +81,16 @@ def axle_path(itinerary: Itinerary, vehicle: Vehicle, lane_width: float, start: 
 
 
 def approach_pace(line: Segment, start: float, vehicle: Vehicle, lane_width: float) -> Pace:
-    """Return how fast the path of the rear axle on an approach can be followed; empty where it can follow the centre line.
+    """Return how fast a vehicle can drive the planned path of its rear axle on an approach.
 
     Args:
-        line: the approach.
-        start: station of the front from which on the path is planned [m], 0 at the end of the approach.
-        vehicle: the vehicle, whose body is to stay in the lane.
+        line: centre line of the approach.
+        start: station of the front at which the path begins [m]; 0 is the end of the approach.
+        vehicle: the vehicle.
         lane_width: width of the lane [m].
+
+    Returns:
+        Stations and speeds; empty if the body stays in the lane while the rear axle follows the centre line.
     """
     planned = plan(Course(line, line.length, 0.0, start, lane_width, 0.0), vehicle.body)
     return _pace(planned, vehicle) if planned else ()
@@ -97,20 +104,20 @@ def _pace(planned: Plan, vehicle: Vehicle) -> Pace:
 
 
 BEND = 2.5
-"""Lateral acceleration that bends are taken with [m/s^2]."""
+"""Lateral acceleration with which bends are driven [m/s^2]."""
 EASE = 2.0
-"""Deceleration towards a bend or a lower speed limit [m/s^2]."""
+"""Deceleration with which a vehicle slows down before a bend or a lower speed limit [m/s^2]."""
 _BEFORE = 60.0
-"""How far before the junction a track begins, at most, where no limit is above `SPEED_LIMIT` [m]."""
+"""Largest distance before the junction at which a table begins if no limit is above `SPEED_LIMIT` [m]."""
 
 
 class Track:
-    """An itinerary, looked up by the metre.
+    """The table of an itinerary, with a row per metre: points, poses of the rear axle, and the highest speed.
 
     Args:
-        itinerary: the way.
-        axle: reference point to rear axle [m]; the axle is still in a bend when the reference point has left it.
-        way: the path of the rear axle, where it is not the itinerary.
+        itinerary: the itinerary.
+        axle: distance from the reference point to the rear axle [m]; the rear axle leaves a bend later than the reference point.
+        way: the planned path of the rear axle; None if the rear axle follows the itinerary.
     """
 
     def __init__(self, itinerary: Itinerary, axle: float, way: AxlePath | None = None) -> None:
@@ -122,7 +129,7 @@ class Track:
         self._places = [(x, y) for x, y, _ in poses[3:-3]]
         limits = _bends(poses, axle)
         self.planned = way is not None
-        """Whether the rear axle follows a planned path, so that the body is not around the centre line."""
+        """Whether the rear axle follows a planned path, so that the body of the vehicle is not centred on the itinerary."""
         self._axles = [itinerary.pose(self._first + k - axle) for k in range(len(limits))]
         for (station, speed), pose in zip(way.pace, way.poses, strict=True) if way else ():
             k = min(max(int(station + axle - self._first), 0), len(limits) - 1)
@@ -133,35 +140,35 @@ class Track:
         self._limits = limits
 
     def speed(self, station: float) -> float:
-        """Return the highest speed [m/s] at `station` [m]."""
+        """Return the highest speed [m/s] at `station` [m] from which the vehicle can slow down for all bends ahead."""
         k = int(station - self._first)
         limits = self._limits
         return limits[k if 0 <= k < len(limits) else -1 if k > 0 else 0]
 
     def slowest(self, length: float) -> float:
-        """Return the highest speed [m/s] that the whole of a movement of this length [m] may be taken with."""
+        """Return the lowest of the highest speeds [m/s] on the movement, given its length [m]."""
         return min(self.speed(float(station)) for station in range(math.ceil(length) + 1))
 
     def places(self, station: float, reach: float) -> list[tuple[float, float]]:
-        """Return the places (x, y) [m] by the metre, beginning less than 1 m after `station`, up to `reach` beyond it [m]."""
+        """Return the points (x, y) [m] of the itinerary, one per metre, for `reach` metres from `station` [m] on."""
         k = max(int(station - self._first) + 1, 0)
         return self._places[k : k + int(reach)]
 
     def axles(self, station: float, reach: float) -> list[Pose]:
-        """Return the poses of the rear axle while the front is at `places`."""
+        """Return the poses of the rear axle for each of the positions of the front that `places` returns."""
         k = max(int(station - self._first) + 1, 0)
         return self._axles[k : k + int(reach)]
 
 
 def _bends(poses: Sequence[Pose], axle: float) -> list[float]:
-    """Return how fast bends are taken, from poses by the metre [m/s]: at all poses but the first and the last three.
+    """Return the highest speed in bends [m/s] at each pose but the first three and the last three.
 
     Args:
-        poses: of the reference point.
-        axle: reference point to rear axle [m].
+        poses: poses of the reference point, one per metre.
+        axle: distance from the reference point to the rear axle [m].
     """
-    # Chords of two metres, four metres apart: neither the corners of a polyline nor a joint where one lane begins a
-    # little before the other ends counts as a bend.
+    # The headings of chords of two metres, four metres apart, are compared, so that neither the corners of a polyline nor the
+    # overlap of two lanes at their joint counts as a bend.
     headings = [math.atan2(b.y - a.y, b.x - a.x) for a, b in zip(poses, poses[2:], strict=False)]
     changes = [(b - a + math.pi) % (2 * math.pi) - math.pi for a, b in zip(headings, headings[4:], strict=False)]
     raw = [math.sqrt(BEND * 4.0 / abs(change)) if abs(change) > 1e-3 else math.inf for change in changes]
@@ -169,18 +176,18 @@ def _bends(poses: Sequence[Pose], axle: float) -> list[float]:
     return [min(raw[max(k - trail, 0) : k + 1]) for k in range(len(raw))]
 
 
-@lru_cache(maxsize=1024)  # many scenarios start at the same places
+@lru_cache(maxsize=1024)  # many scenarios have the same starts
 def fastest(line: Segment, first: float, last: float, vehicle: Vehicle, lane_width: float) -> float:
-    """Return the highest speed [m/s] that vehicles anywhere between two stations of a line can take its bends ahead from.
+    """Return the highest speed [m/s] at which all vehicles of a queue can start so that they can slow down for the bends ahead.
 
-    Where a vehicle on the centre line would leave its lane, the speed of the path that is planned there counts as well.
+    If the rear axle has to leave the centre line in a bend, the speed is also limited by the planned path.
 
     Args:
-        line: the centre line. What comes behind its end is not looked at.
-        first: station of the last vehicle [m].
-        last: station of the first vehicle [m].
-        vehicle: each of the vehicles.
-        lane_width: [m].
+        line: the centre line of the road; bends after its end are ignored.
+        first: station of the hindmost vehicle [m].
+        last: station of the foremost vehicle [m].
+        vehicle: parameters of every vehicle.
+        lane_width: width of the lane [m].
     """
     axle = vehicle.rear_axle_offset
     trail = math.ceil(axle)
@@ -191,7 +198,7 @@ def fastest(line: Segment, first: float, last: float, vehicle: Vehicle, lane_wid
     return min(math.sqrt(speed**2 + 2.0 * EASE * max(first + k - last, 0.0)) for k, speed in speeds)
 
 
-@lru_cache(maxsize=256)  # the same ways are driven again and again
+@lru_cache(maxsize=256)  # many runs have the same itineraries
 def track(itinerary: Itinerary, axle: float, way: AxlePath | None = None) -> Track:
-    """Return an itinerary looked up by the metre, built once; see `Track`."""
+    """Return the table of an itinerary, from a cache if it was built before; see `Track`."""
     return Track(itinerary, axle, way)

@@ -1,28 +1,54 @@
 """The braking envelope v(d)max: the greatest speed, d metres before a line, from which a vehicle stops before the line.
 
-v(d)max is found by repeated tests with the vehicle dynamics of the simulations (paper, section 5.3), with the full service brake
-from the first step on. The grids of scenarios stay within v(d)max, so a controller that does not stop in time brakes too late.
-Values are cached on disk (`pytest_rvads.physics.cache`).
+v(d)max is found by repeated tests with the vehicle dynamics of the simulations (paper, section 5.3), with the full service
+brake from the first step on. The grids of scenarios stay within v(d)max. So if a controller does not stop in time, it brakes too
+late.
+
+Speeds that are found by tests are cached on disk. The cache saves time and changes no result. The key of an entry contains
+everything that its value depends on: the parameters, the code of this package, and the versions of the libraries. So an entry of
+the cache never becomes wrong. Every entry is a file, which several processes can write at the same time. A file that is damaged,
+not regular, or can't be read or written counts as absent.
+
+The import of platformdirs takes some 10 ms, and happens only if ``RVADS_CACHE`` names no folder. Tests switch the cache off.
 """
 
 from __future__ import annotations
 
+import contextlib
+import json
 import math
-from collections.abc import Callable, Sequence
+import os
+import platform
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from functools import lru_cache
+from hashlib import sha256
 from itertools import pairwise
+from pathlib import Path
+from typing import Any
 
 from pytest_rvads.geometry.segment import SPEED_LIMIT
-from pytest_rvads.physics.cache import cached
-from pytest_rvads.physics.dynamics import Dynamics
+from pytest_rvads.physics.body import Dynamics, Motion
 from pytest_rvads.physics.engines import Engine, usual
-from pytest_rvads.physics.world import Motion
 from pytest_rvads.runs.run import DT
-from pytest_rvads.runs.vehicle import Vehicle
+from pytest_rvads.runs.states import Vehicle
 from pytest_rvads.support.errors import RunError, ScenarioError
+from pytest_rvads.support.installed import code, versions
+from pytest_rvads.support.storage import read_file, write_file
 
-__all__ = ["FASTEST", "RESOLUTION", "STANDING", "check_start", "envelope", "greatest_safe", "stopping_distance", "vmax"]
+__all__ = [
+    "FASTEST",
+    "RESOLUTION",
+    "STANDING",
+    "VARIABLE",
+    "cached",
+    "check_start",
+    "envelope",
+    "folder",
+    "greatest_safe",
+    "stopping_distance",
+    "vmax",
+]
 
 FASTEST = 30.0
 """Greatest tested speed [m/s]; most roads with junctions allow at most 65 mph."""
@@ -32,6 +58,11 @@ STANDING = 0.001
 """A vehicle slower than this has stopped [m/s]."""
 _LONGEST = 60.0
 """Longest test; a vehicle that drives on after this time counts as never stopping [s]."""
+
+VARIABLE = "RVADS_CACHE"
+"""Environment variable with the folder of the cache; an empty value switches the cache off."""
+_MOST_BYTES = 2**16
+"""Greatest size of an entry; usual entries have some 2,000 bytes [bytes]."""
 
 
 def vmax(
@@ -44,7 +75,7 @@ def vmax(
         aggression: braking level 1, 2 or 3, which selects the service brake.
         vehicle: the vehicle; a passenger car by default.
         engine: the physics engine; the usual engine by default.
-        limit: the speed limit, of which at most `FASTEST` counts [m/s].
+        limit: the speed limit; a limit above `FASTEST` counts as `FASTEST` [m/s].
 
     Returns:
         The speed, at most the speed limit [m/s]; None if not even a standing vehicle is safe.
@@ -71,7 +102,7 @@ def envelope(
     aggressions: Sequence[int] = (1, 2, 3),
     limit: Callable[..., float | None] | None = None,
 ) -> dict[int, tuple[float | None, ...]]:
-    """Return v(d)max [m/s] over `distances` [m] for every aggression, after checking that it is monotone.
+    """Return v(d)max [m/s] over `distances` [m] for every aggression, after checking that v(d)max never decreases.
 
     Args:
         distances: reference point to stopping line [m].
@@ -183,3 +214,63 @@ def _bisected(distance: float, aggression: int, vehicle: Vehicle, engine: Engine
                 f"{slow:g} m/s, but {stops[fast]:.3f} m from {fast:g} m/s"
             )
     return greatest
+
+
+def cached(key: Mapping[str, Any], compute: Callable[[], float | None], *libraries: str) -> float | None:
+    """Return the number cached on disk under a key; a number that is not in the cache is computed and stored.
+
+    Args:
+        key: all values that the number depends on, as JSON values; code and versions are added.
+        compute: computes the number; an exception is not cached.
+        libraries: packages that the computation uses; their versions are part of the key.
+    """
+    where = folder()
+    if where is None:
+        return compute()
+    name = json.dumps([dict(key), code(), versions(*libraries), platform.platform()], sort_keys=True)
+    path = where / f"{sha256(name.encode()).hexdigest()}.json"
+    entry = _read(path, name)
+    if entry is not None:
+        return entry[0]
+    value = compute()
+    _write(path, _entry(name, value))
+    return value
+
+
+def folder() -> Path | None:
+    """Return the folder of the cache: the value of `VARIABLE`, by default a folder of the user; None if the value is empty."""
+    chosen = os.environ.get(VARIABLE)
+    if chosen is not None:
+        return Path(chosen) if chosen else None
+    from platformdirs import user_cache_path  # not imported if the cache is off, as in tests
+
+    try:
+        path = user_cache_path("pytest-rvads", appauthor=False, opinion=False)
+    except RuntimeError:  # the user has no home folder; older versions of platformdirs return a relative path
+        return None
+    return path if path.is_absolute() else None
+
+
+def _entry(name: str, value: float | None) -> str:
+    """Return the text of an entry: a checksum, and a line with key and value."""
+    body = json.dumps({"key": name, "value": value})
+    return f"{sha256(body.encode()).hexdigest()}\n{body}"
+
+
+def _read(path: Path, name: str) -> tuple[float | None] | None:
+    """Return the value of an entry as a tuple with one element; None if the key has no entry, or a damaged entry."""
+    try:
+        text = read_file(path, _MOST_BYTES).decode()
+        value = json.loads(text.split("\n", 1)[1])["value"]
+    except (OSError, ValueError, LookupError, TypeError, RecursionError):
+        return None
+    finite = value is None or (type(value) is float and math.isfinite(value))
+    return (value,) if finite and text == _entry(name, value) else None
+
+
+def _write(path: Path, text: str) -> None:
+    """Write an entry of the cache; a folder that can't be written to is no error."""
+    with contextlib.suppress(OSError):
+        if path.is_symlink() or not path.is_file():
+            path.unlink(missing_ok=True)  # a link or pipe would lead the text elsewhere
+        write_file(path, text.encode())

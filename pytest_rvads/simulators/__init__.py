@@ -1,1 +1,1 @@
-"""Simulators: what makes a run of a case."""
+"""Simulators, which make the run of a case (a scenario with drivers and vehicles)."""

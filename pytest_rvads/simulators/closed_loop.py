@@ -1,7 +1,8 @@
 """v(d)max of a closed loop: the greatest speed, d metres before a line, from which an autopilot stops before the line.
 
-v(d)max of `pytest_rvads.physics.braking` is a property of the vehicle alone. An autopilot that brakes late, or drives off before
-it looks, has a lower v(d)max. The tables of the bundled autopilots are computed on several processes and cached on disk.
+In `pytest_rvads.physics.braking`, v(d)max depends on the vehicle alone. Here v(d)max also depends on the autopilot. An autopilot
+that brakes late, or drives off before it looks, has a lower v(d)max. The tables of the bundled autopilots are computed on several
+processes and cached on disk.
 """
 
 from __future__ import annotations
@@ -16,26 +17,24 @@ from pytest_rvads.geometry.conflicts import Key
 from pytest_rvads.geometry.control import Sign
 from pytest_rvads.geometry.finder import find
 from pytest_rvads.geometry.junction import Junction
-from pytest_rvads.physics.braking import STANDING, greatest_safe
-from pytest_rvads.physics.cache import cached
+from pytest_rvads.physics.braking import STANDING, cached, greatest_safe
 from pytest_rvads.runs.run import Run
-from pytest_rvads.runs.states import Zone
-from pytest_rvads.runs.vehicle import Vehicle
+from pytest_rvads.runs.states import Vehicle, Zone
 from pytest_rvads.scenarios.case import Case, Fleet
 from pytest_rvads.scenarios.scenario import Scenario
-from pytest_rvads.simulators.planar import Planar
+from pytest_rvads.simulators.loop import Planar
 from pytest_rvads.simulators.simulator import Simulator, named, simulate, vmax
 from pytest_rvads.support.errors import RunError, ScenarioError
 from pytest_rvads.support.executors import Progress, spread
 
-__all__ = ["closed_by_movement", "closed_envelope", "closed_vmax"]
+__all__ = ["RED", "closed_by_movement", "closed_envelope", "closed_vmax", "stopped"]
 
 PROBES = 8
-"""Number of speeds that are tried before the bisection, because an autopilot may stop from a speed and not from a lower speed."""
-_RED = 19.9
+"""Number of speeds that are tried before the bisection, because some autopilots stop from a speed but not from a lower speed."""
+RED = 19.9
 """Time for which entrance 1 of the built-in junction with lights has red [s]."""
 _Job = tuple[str, float, int, str | None, Junction | None, Key | None]
-"""Autopilot, distance [m], aggression, simulator, junction and movement; the last two are None for the built-in lights."""
+"""Autopilot, distance [m], aggression, simulator, junction and movement; the last two are None for the built-in junction."""
 
 
 def closed_vmax(  # noqa: PLR0913 - a test has many parameters
@@ -48,11 +47,11 @@ def closed_vmax(  # noqa: PLR0913 - a test has many parameters
     place: Junction | None = None,
     movement: tuple[int, int] | None = None,
 ) -> float | None:
-    """Return the greatest speed from which `driver` stops a lone vehicle at a red light, straight ahead.
+    """Return the greatest speed from which `driver` stops a lone vehicle, whose movement is straight ahead, before a red light.
 
     With `place` and `movement` the vehicle drives that movement and stops at the stop sign of its entrance. An entrance without a
-    stop sign gets a red light for the test, because a lone vehicle gives way to no other vehicle. After the stop the vehicle may
-    continue at a stop sign, and on a turn that crosses no other movement (right on red).
+    stop sign gets a red light for the test, because a lone vehicle gives way to no other vehicle. After the stop the vehicle is
+    allowed to continue at a stop sign, and on a turn that crosses no other movement (right on red).
 
     Args:
         distance: reference point to stopping line at the start [m].
@@ -77,17 +76,17 @@ def closed_vmax(  # noqa: PLR0913 - a test has many parameters
     limit = vmax(distance, aggression, vehicle, simulator, where.top_limit)
 
     def safe(speed: float) -> bool:
-        scenario = Scenario(where, code, distance=distance, speed=speed, aggression=aggression, duration=_RED)
+        scenario = Scenario(where, code, distance=distance, speed=speed, aggression=aggression, duration=RED)
         run = simulate(Case(scenario, driver, fleet=Fleet(vehicle)), simulator)
         if run.fault is not None:
             raise RunError(f"no v(d)max at {distance:g} m: {run.fault.reason}")
-        return _stopped(run)
+        return stopped(run)
 
     return None if limit is None or not safe(0.0) else greatest_safe(safe, limit, PROBES)
 
 
 def _alone(place: Junction, movement: tuple[int, int]) -> tuple[Junction, tuple[int, ...]]:
-    """Return the junction with a red light at the entrance of a movement, unless there is a stop sign; and the directions."""
+    """Return the junction, with a red light if the entrance has no stop sign, and the directions of a lone vehicle on it."""
     entrance = movement[0]
     directions = [direction for (_, direction), m in place.by_direction.items() if m.key == movement]
     if not directions:
@@ -97,13 +96,17 @@ def _alone(place: Junction, movement: tuple[int, int]) -> tuple[Junction, tuple[
     code = tuple(directions[0] if number == entrance else 0 for number in range(len(place.entrances)))
     if place.entrances[entrance].sign is Sign.STOP:
         return place, code
-    # The lower phase is green first.
+    # The phase group with the lower number has green first, so the light of this entrance is red.
     lanes = [replace(e, sign=Sign.LIGHTS, phase=int(number == entrance)) for number, e in enumerate(place.entrances)]
     return replace(place, entrances=tuple(lanes)), code
 
 
-def _stopped(run: Run) -> bool:
-    """Return whether the vehicle stood before the line: at the end, or earlier if it may continue after a stop."""
+def stopped(run: Run) -> bool:
+    """Return whether the vehicle stopped before the line.
+
+    A vehicle that is allowed to go on after a stop must stand at any time before the line; every other vehicle must stand at the
+    end of the run.
+    """
     if run.speed is None:
         return False
     (agent,) = run.agents
@@ -147,7 +150,7 @@ def closed_by_movement(
 ) -> dict[Key, dict[float, float | None]]:
     """Return v(d)max of the autopilot `name` [m/s] at aggression 1, by movement of a junction and by distance [m].
 
-    Distances beyond the length of the approach are left out.
+    A distance that is longer than the approach of a movement is left out.
 
     Raises:
         ScenarioError: the autopilot or the simulator is unknown, or a distance is wrong.
@@ -175,7 +178,7 @@ def _speed_of_job(job: _Job) -> float | None:
     def compute() -> float | None:
         return closed_vmax(distance, traffic(name), aggression, vehicle, plant, place=place, movement=movement)
 
-    if not isinstance(plant, Planar):  # another simulator may change its answers without a change of the cache's key
+    if not isinstance(plant, Planar):  # another simulator can change its answers without a change of the cache's key
         return compute()
     key = {"what": name, "distance": distance, "aggression": aggression, "vehicle": asdict(vehicle)}
     where = {} if place is None else {"junction": place.digest, "movement": movement}

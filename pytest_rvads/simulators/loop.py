@@ -1,17 +1,21 @@
-"""The simulation loop: it makes the run of a case.
+"""The simulation loop, which makes the run of a case, and the simulators ``bullet`` and ``mujoco``, which use it.
 
-In every step the loop samples the state, asks every autopilot for a command on this state, and advances the world by one step. So
-a run is deterministic, bit for bit.
+Both simulators have planar vehicle dynamics in a physics engine. Verdicts agree between the two, but runs are bit-identical
+within one engine only.
 
-A collision, or a vehicle off its route, ends a run without a fault, because rules say nothing about the motion after it. An
-obligation that is then open is OPEN, and the vehicle that ended the run is to blame. A vehicle past the end of its itinerary
-leaves the run (`Zone.GONE`).
+In every step the loop samples the state, asks every autopilot for a command on this state, and advances the world by one step.
+So a run is deterministic, bit for bit.
+
+A collision, or a vehicle off its route, ends a run without a fault, because rules say nothing about the motion after such an
+event. A rule with an obligation that is still open at this end gets the verdict OPEN, and the vehicle that ended the run is to
+blame. A vehicle past the end of its itinerary leaves the run (`Zone.GONE`).
 
 The recorder collects plain numbers, because tens of thousands of objects would slow down Python's garbage collector.
 """
 
 from __future__ import annotations
 
+import cmath
 import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict
@@ -25,17 +29,19 @@ from pytest_rvads.drivers.reference import by_zones
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.geometry.segment import SPEED_LIMIT
 from pytest_rvads.logic.conduct.room import room
-from pytest_rvads.physics.body import Body, start
-from pytest_rvads.physics.world import World, WorldMaker
+from pytest_rvads.physics import braking, engines
+from pytest_rvads.physics.body import Body, World, WorldMaker, start
+from pytest_rvads.physics.engines import BULLET, MUJOCO, Engine
 from pytest_rvads.runs.run import DT, LATE, Collision, Facts, Fault, Halt, Run
-from pytest_rvads.runs.states import GONE, STEADY, Agent, Colour, VehicleState, Zone
-from pytest_rvads.runs.vehicle import usual_body
+from pytest_rvads.runs.states import GONE, STEADY, Agent, Colour, Vehicle, VehicleState, Zone, usual_body
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.simulators.patience import TooLate, watch
 from pytest_rvads.simulators.seat import Seat, crew
+from pytest_rvads.simulators.walkers import Walker
 from pytest_rvads.support.errors import ScenarioError
+from pytest_rvads.support.installed import versions
 
-__all__ = ["Loop", "Recorder"]
+__all__ = ["Loop", "Planar", "Recorder", "bullet", "mujoco", "usual"]
 
 _STATION = VehicleState._fields.index("station")
 _SPEED = VehicleState._fields.index("speed")
@@ -79,7 +85,7 @@ class Loop:
         self.strayed: tuple[str, ...] = ()
         self._seats: dict[int, Seat] = {}
         self._signals = scenario.signals()
-        self._agents = case.agents()
+        self._agents = case.vehicles()
         self._vehicles = [case.fleet.of(agent.name) for agent in self._agents]
         self._bodies: list[Body] = []
         starts = []
@@ -88,9 +94,13 @@ class Loop:
             station = itinerary.start(distance)
             self._bodies.append(Body(agent, itinerary, station, vehicle, scenario.aggression))
             starts.append(start(itinerary, station, speed, vehicle))
+        ways = [body.itinerary for body in self._bodies]
+        self._walkers = [Walker(self.junction, setting, ways) for setting in scenario.walkers(case.fleet.of)]
         if not by_zones(self.junction):
-            room(self.junction)  # the reference needs it, and its first answer would take seconds
-        self.recorder = Recorder(self._agents)
+            room(self.junction)  # the reference driver asks for it; computed now, it does not delay the driver's first answer
+        self._standing = [_IDLE] * len(self._walkers)
+        """The controls of pedestrians and parked vehicles, which have none."""
+        self.recorder = Recorder([*self._agents, *(walker.agent for walker in self._walkers)])
         created = scenario.creation.index  # sorting is stable: followers stay behind the first vehicle
         self._active = sorted(range(len(self._agents)), key=lambda column: created(self._agents[column].entrance))
         """Vehicles still in the run, in creation order."""
@@ -109,7 +119,7 @@ class Loop:
             raise
 
     def drive(self) -> Run:
-        """Simulate until the run ends, and return it."""
+        """Return the run, after simulating the case until the run ends."""
         try:
             self._simulate()
         finally:
@@ -123,7 +133,7 @@ class Loop:
             self._sample()
             order = [self._agents[column] for column in self._active]
             key = f"{self.junction.name} {scenario.placed} {scenario.configuration}"
-            seats = crew(order, case.driver, case.traffic, scenario.under_test, scenario.senses, key)
+            seats = crew(order, case.driver, case.traffic, scenario.under_test, scenario.senses, key, self.junction)
             self._seats = dict(zip(self._active, seats, strict=True))
             while self._step < last and not self._over():
                 self._advance(self._decide())
@@ -137,7 +147,7 @@ class Loop:
             self._halted(halt)
 
     def _result(self) -> Run:
-        """Return the run as far as it got."""
+        """Return the run up to the last recorded state."""
         case = self.case
         provenance = {
             "scenario": case.scenario.record(),
@@ -155,6 +165,9 @@ class Loop:
             provenance["late"] = halt.reason
         else:
             provenance |= {"timing": timing} if timing else {}
+        seats = [seat for seat in self._seats.values() if seat.excess]
+        excesses = {seat.agent.name: dict(zip(("requests", "largest"), seat.excess or (), strict=True)) for seat in seats}
+        provenance |= {"excess": excesses} if excesses else {}
         bodies = zip((agent.name for agent in self._agents), self._vehicles, strict=True)
         radii = (
             (name, v.turning_radius)
@@ -192,7 +205,10 @@ class Loop:
             self.world.remove(column)
         if self._step % _STEADY == 0:
             self._lights = self._signals.colours(self._step * DT, len(self.junction.starts))
-        self.recorder.state([body.state for body in bodies], self._lights)
+        states = [body.state for body in bodies]
+        if self._walkers:
+            states += [walker.sample() for walker in self._walkers]
+        self.recorder.state(states, self._lights)
 
     def _decide(self) -> list[Control]:
         """Return the controls of all autopilots, by column; vehicles that the world drives get idle controls."""
@@ -200,13 +216,14 @@ class Loop:
         controls = [_IDLE] * len(bodies)
         time = step * DT
         seen = tuple([bodies[column].state for column in self._active])
+        walkers = tuple([walker.state for walker in self._walkers if walker.state.zone is not GONE])
         for i, column in enumerate(self._active):
             if column in self._elsewhere:
                 continue
             view = Observation(
                 time,
                 seen[i],
-                seen[:i] + seen[i + 1 :],
+                seen[:i] + seen[i + 1 :] + walkers if walkers else seen[:i] + seen[i + 1 :],
                 lights,
                 bodies[column].itinerary,
                 junction,
@@ -217,7 +234,7 @@ class Loop:
                 i,
             )
             controls[column] = self._seats[column].command(step, view)
-        self.recorder.control(controls)
+        self.recorder.control(controls + self._standing)
         return controls
 
     def _advance(self, controls: list[Control]) -> None:
@@ -231,6 +248,8 @@ class Loop:
                 throttle, brake, steering = control
                 forces += body.dynamics.forces(body.cos, body.sin, vx, vy, rate, throttle, brake, steering)
         self.world.step(forces)
+        if self._walkers:
+            self._walk()
         for pair in self.world.contacts():
             first, second = (self._motions[column] for column in pair)
             names = self._agents[pair[0]].name, self._agents[pair[1]].name
@@ -238,6 +257,18 @@ class Loop:
             self.collisions.append(Collision(self._step * DT, names, math.hypot(first.vx - second.vx, first.vy - second.vy)))
         self._motions = self.world.motions()
         self._step += 1
+
+    def _walk(self) -> None:
+        """Move the pedestrians by one step, and note the vehicles that touch a pedestrian or a parked vehicle."""
+        states = [body.state for body in self._bodies]
+        for walker in self._walkers:
+            for state in states:
+                if walker.touches(state):
+                    names = state.name, walker.agent.name
+                    me = walker.state
+                    apart = cmath.rect(state.speed, state.heading) - cmath.rect(me.speed, me.heading)
+                    self.collisions.append(Collision(self._step * DT, names, abs(apart)))
+            walker.walk(self._step * DT, self._lights, states)
 
 
 _IDLE = Control()
@@ -298,3 +329,36 @@ class Recorder:
             facts=facts,
             provenance=provenance,
         )
+
+
+class Planar:
+    """A simulator with planar vehicle dynamics in a physics engine: pybullet or MuJoCo.
+
+    Args:
+        engine: the engine.
+    """
+
+    def __init__(self, engine: Engine) -> None:
+        self.engine = engine
+        self.name = engine.name
+        self.libraries = (engine.library,)
+
+    def __call__(self, case: Case) -> Run:
+        """Return the run of a case, see `pytest_rvads.simulators.simulator.simulate`."""
+        return Loop(case, self.name, self.engine.world, versions(self.engine.library)).drive()
+
+    def vmax(self, distance: float, aggression: int = 1, vehicle: Vehicle | None = None) -> float | None:
+        """Return the greatest safe speed `distance` metres before the stopping line, see `pytest_rvads.physics.braking.vmax`."""
+        return braking.vmax(distance, aggression, vehicle, self.engine, braking.FASTEST)
+
+    def __repr__(self) -> str:
+        return f"rvads.{self.name}"
+
+
+bullet: Planar = Planar(BULLET)
+mujoco: Planar = Planar(MUJOCO)
+
+
+def usual() -> Planar:
+    """Return the default simulator, see `pytest_rvads.physics.engines.usual`."""
+    return bullet if engines.usual() is BULLET else mujoco

@@ -1,30 +1,38 @@
-"""Limits of real time for drivers and runs.
+"""The default simulator and the limits of real time that a pytest session chooses, and how the limits end drivers and runs.
 
-The states of a run depend on simulated time alone. Limits of real time end the run of a driver that never answers, so that the
-items after it can run. A thread checks the current runs and raises `TooLate` in the thread of a run that exceeds a limit: in the
-main thread by a signal, which also ends a blocking call, in other threads by the interpreter. A driver that catches all
-exceptions, or that hangs in C, does not stop. Then the process ends, if the limits say so, and writes its stacks to standard
-error.
+This module imports no simulator, because every session of pytest makes this choice, even a session without simulations.
+
+The states of a run depend on simulated time alone. Limits of real time end the run of a driver that never answers, so that later
+tests can run. A thread checks the current runs and raises `TooLate` in the thread of a run that exceeds a limit: in the main
+thread by a signal, which also ends a blocking call, in other threads by the interpreter. A driver that catches all exceptions, or
+that hangs in C, does not stop. If `Limits.dump` is set, the process of such a driver ends and writes the call stacks of its
+threads.
 
 The signal is SIGURG, which is ignored by default. No timer is used, so alarms stay free for drivers and plugins, and no system
-call of a run within its limits is interrupted. Only the end of the process uses a timer, that of faulthandler, in sessions only.
+call of a run within its limits is interrupted. Only to end the process, and only in pytest sessions, the timer of faulthandler is
+used.
 """
 
 from __future__ import annotations
 
 import faulthandler
+import math
 import os
 import signal
 import sys
 import threading
 import time
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from contextvars import ContextVar, Token
+from numbers import Real
 from pathlib import Path
 from types import FrameType, TracebackType
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-__all__ = ["Limits", "TooLate", "Watch", "watch"]
+from pytest_rvads.support.errors import ScenarioError
+
+__all__ = ["Choice", "Limits", "TooLate", "Watch", "choice", "choosing", "limits", "watch"]
 
 _TICK = 0.5
 """Longest time between two checks of the current runs [s]."""
@@ -49,11 +57,11 @@ class Limits(NamedTuple):
 
 
 class TooLate(BaseException):
-    """Raised in the thread of a run when a time limit is over; only the code that opened the watch may catch the exception."""
+    """Raised in the thread of a run when a time limit is over; only the code that opened the `Watch` must catch it."""
 
 
 class Watch:
-    """The watch over one run, a context in the thread of the run; watches may be nested."""
+    """A context that watches the time limits of one run, in the thread of the run; watches can be nested."""
 
     def __init__(self, limits: Limits) -> None:
         self.limits = limits
@@ -87,7 +95,7 @@ class Watch:
         try:
             _WATCHDOG.remove(self)
             if self.late and not self.signalled:
-                for _ in range(100):  # an exception that the watchdog has raised arrives here at the latest
+                for _ in range(100):  # a TooLate that the watchdog has requested is raised in this loop at the latest
                     pass
         except TooLate:
             _WATCHDOG.remove(self)
@@ -102,7 +110,11 @@ class Watch:
             os._exit(code if isinstance(code, int) else 1 if code else 0)
 
     def look(self, now: float) -> bool:
-        """Note the exceeded limit at time `now` [s]; return whether the run advanced since the last call, within its limits."""
+        """Return whether the run advanced since the last call, within its limits; an exceeded limit is noted in `late`.
+
+        Args:
+            now: the time, see `_Watchdog.clock` [s].
+        """
         asked = self.asked
         got_on = asked is None or asked is not self._latest
         if got_on:
@@ -139,7 +151,7 @@ class _Watchdog:
             self._watches.append(watch)
             self._put_off(watch.limits)
             if not self._runs:
-                with suppress(RuntimeError):  # without a thread there are no limits
+                with suppress(RuntimeError):  # if no thread can be started, no limit is enforced
                     threading.Thread(target=self._patrol, name="rvads limits", daemon=True).start()
                     self._runs = True
 
@@ -150,7 +162,7 @@ class _Watchdog:
                 faulthandler.cancel_dump_traceback_later()
 
     def late(self, thread: int) -> bool:
-        """Return whether a run in a thread is overdue."""
+        """Return whether a run in a thread has exceeded a time limit."""
         return any(watch.overdue for watch in self._watches if watch.thread == thread)
 
     def _patrol(self) -> None:
@@ -173,7 +185,7 @@ class _Watchdog:
                         _stop(watch)
 
     def _put_off(self, limits: Limits) -> None:
-        """Set the timer that ends the process after the limit and `_GRACE`; a further call resets the timer."""
+        """Set, or set anew, the timer that ends the process when a time limit and `_GRACE` are over."""
         if limits.dump is not None and self._last_resort:
             seconds = (limits.decision or limits.run) + _GRACE
             with suppress(RuntimeError, OSError):  # no thread can be started, or standard error is gone
@@ -187,7 +199,7 @@ _CURRENT: ContextVar[Watch] = ContextVar("rvads_watch")
 def _forked() -> None:
     """Make a new watchdog in a child process, which has only the thread that forked."""
     global _WATCHDOG
-    _WATCHDOG = _Watchdog(last_resort=False)  # a thread that the child lacks may hold the lock of the timer
+    _WATCHDOG = _Watchdog(last_resort=False)  # a thread that the child lacks could hold the lock of the timer
 
 
 if hasattr(os, "register_at_fork"):
@@ -195,12 +207,12 @@ if hasattr(os, "register_at_fork"):
 
 
 def watch() -> Watch:
-    """Return the watch over the current run of this thread; without a run, a watch without limits."""
+    """Return the timer with the limits of the run that this thread simulates; without a run, a timer without limits."""
     return _CURRENT.get(None) or Watch(Limits(decision=0.0, run=0.0))
 
 
 def _interrupt(_number: int, frame: FrameType | None) -> None:
-    """Raise `TooLate` in the main thread, except while it opens or closes a watch."""
+    """Raise `TooLate` in the main thread, except while this thread opens or closes a watch."""
     if frame is not None and frame.f_code.co_filename != __file__ and _WATCHDOG.late(threading.get_ident()):
         raise TooLate
 
@@ -224,7 +236,7 @@ def _raise(thread: int) -> None:
 
 
 def _place(stack: FrameType | None) -> str:
-    """Return file and line of the innermost call of a stack outside of Python's standard library."""
+    """Return file and line of the innermost call of a call stack outside of Python's standard library."""
     frame = stack
     while frame is not None and _in_library(frame.f_code.co_filename):
         frame = frame.f_back
@@ -242,3 +254,57 @@ def _debugged(stack: FrameType | None) -> bool:
             return True
         stack = stack.f_back
     return False
+
+
+class Choice(NamedTuple):
+    """The default simulator and the limits of real time."""
+
+    simulator: Any = None
+    """A `Simulator`; None for the usual simulator, which is imported when it is used."""
+    limits: Limits = Limits()
+
+
+_CHOICES: list[list[Choice]] = [[Choice()]]
+"""One entry per open session. Each entry is a separate list, so that a session that ends can find and remove its own entry."""
+
+_LOCK = threading.Lock()
+"""Held while `_CHOICES` changes, because several threads can change it."""
+
+
+def choice() -> Choice:
+    """Return the default simulator and the time limits that the session chose."""
+    return _CHOICES[-1][0]
+
+
+@contextmanager
+def choosing(new: Choice) -> Iterator[None]:
+    """Make a default simulator and time limits hold within the context."""
+    opened = [new]
+    with _LOCK:
+        _CHOICES.append(opened)
+    try:
+        yield
+    finally:
+        with _LOCK:
+            _CHOICES[:] = [entry for entry in _CHOICES if entry is not opened]
+
+
+@contextmanager
+def limits(decision: float = Limits().decision, run: float = Limits().run) -> Iterator[None]:
+    """Set the limits of real time for all simulations within the context, in any thread.
+
+    A run that exceeds a limit ends by a fault that names the driver and its current line.
+
+    Args:
+        decision: longest call into a driver [s]; 0 sets no limit.
+        run: longest run [s]; 0 sets no limit.
+
+    Raises:
+        ScenarioError: a limit is negative, infinite or no number.
+    """
+    for name, limit in (("decision", decision), ("run", run)):
+        if not (isinstance(limit, Real) and 0 <= limit < math.inf):
+            raise ScenarioError(f"limits({name}=) takes a number of seconds, 0 for no limit, got {limit!r:.60}")
+    current = choice()
+    with choosing(current._replace(limits=current.limits._replace(decision=float(decision), run=float(run)))):
+        yield

@@ -1,4 +1,4 @@
-"""Imperfect senses in a run: what an autopilot sees of the other vehicles, and when its commands take effect."""
+"""Imperfect senses in a run: what an autopilot sees of other road users, and when its commands take effect."""
 
 from __future__ import annotations
 
@@ -7,10 +7,11 @@ from collections import deque
 from random import Random
 
 from pytest_rvads.drivers.interface import Command, Control, Observation
+from pytest_rvads.drivers.line_of_sight import crosses
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.runs.itineraries import ENTRANCE_ZONE
 from pytest_rvads.runs.run import DT
-from pytest_rvads.runs.states import VehicleState, Zone
+from pytest_rvads.runs.states import Kind, VehicleState, Zone
 from pytest_rvads.scenarios.senses import Senses
 
 __all__ = ["Latency", "Perception", "hidden"]
@@ -32,12 +33,12 @@ class Perception:
         """Names of the vehicles that were created before the own vehicle."""
 
     def watch(self, seen: Observation) -> None:
-        """Store a state; called in every step."""
+        """Store the true states of the other vehicles; called in every step."""
         self._past.append(seen.others)
         self._earlier.update(other.name for other in seen.others[: seen.created])
 
     def view(self, seen: Observation) -> Observation:
-        """Return the perceived observation for the true observation `seen`, the last observation that was stored."""
+        """Return what the vehicle perceives of the true observation `seen`, which was stored last."""
         senses, draw = self._senses, self._random
         bodies = self._past[0]
         perceived = []
@@ -61,9 +62,13 @@ class Perception:
 
 
 def hidden(me: VehicleState, other: VehicleState, bodies: tuple[VehicleState, ...]) -> bool:
-    """Return whether `other` is hidden from the own front: a third body crosses every line to its front, centre and rear."""
+    """Return whether other vehicles cross all lines from the front of `me` to the front, the centre and the rear of `other`.
+
+    A pedestrian hides nobody.
+    """
+    vehicles = [body for body in bodies if body.name not in (me.name, other.name) and body.kind is not Kind.PEDESTRIAN]
     return all(
-        any(_crosses((me.x, me.y), point, body) for body in bodies if body.name not in (me.name, other.name))
+        any(crosses((me.x, me.y), point, vehicle) for vehicle in vehicles)
         for point in (_along(other, share) for share in (0.0, 0.5, 1.0))
     )
 
@@ -72,25 +77,6 @@ def _along(state: VehicleState, share: float) -> tuple[float, float]:
     """Return the point of the centre line of a body at a share of its length, 0 at the front, 1 at the rear [m]."""
     back = share * state.length
     return state.x - back * math.cos(state.heading), state.y - back * math.sin(state.heading)
-
-
-def _crosses(eye: tuple[float, float], target: tuple[float, float], body: VehicleState) -> bool:
-    """Return whether the line between two points crosses the rectangle of a body, by the clipping of Liang and Barsky."""
-    cos, sin = math.cos(body.heading), math.sin(body.heading)
-    begin, end = 0.0, 1.0
-    (ax, ay), (bx, by) = ((x - body.x, y - body.y) for x, y in (eye, target))
-    ends = (
-        (ax * cos + ay * sin, bx * cos + by * sin, -body.length, 0.0),
-        (ay * cos - ax * sin, by * cos - bx * sin, -body.width / 2, body.width / 2),
-    )
-    for a, b, low, high in ends:
-        if a == b:
-            if not low <= a <= high:
-                return False
-            continue
-        enter, leave = sorted(((low - a) / (b - a), (high - a) / (b - a)))
-        begin, end = max(begin, enter), min(end, leave)
-    return begin <= end
 
 
 def _blurred(state: VehicleState, junction: Junction, along: float, across: float, faster: float) -> VehicleState:
@@ -102,7 +88,8 @@ def _blurred(state: VehicleState, junction: Junction, along: float, across: floa
         zone=_zone(state, junction, station) if along else state.zone,
         x=state.x + along * cos - across * sin,
         y=state.y + along * sin + across * cos,
-        speed=max(state.speed + faster, 0.0),
+        # Only pedestrians walk backwards.
+        speed=state.speed + faster if state.speed < 0.0 and state.kind is Kind.PEDESTRIAN else max(state.speed + faster, 0.0),
     )
 
 
@@ -114,7 +101,7 @@ def _zone(state: VehicleState, junction: Junction, station: float) -> Zone:
 
 
 class Latency:
-    """Delays the commands of an autopilot; commands keep their order, and the vehicle coasts until the first command arrives.
+    """Delays the commands of an autopilot. Commands keep their order; until the first command arrives, the vehicle coasts.
 
     Args:
         senses: senses with latency and jitter.
@@ -128,7 +115,7 @@ class Latency:
         self._held: Command = Control()
 
     def send(self, step: int, command: Command) -> None:
-        """Send a command that answers the observation of `step`."""
+        """Send a command that answers the observation of `step`; it takes effect after the latency."""
         delay = self._senses.latency + self._senses.jitter * self._random.random()
         arrival = step + round(delay / DT)
         if self._coming:
@@ -136,7 +123,7 @@ class Latency:
         self._coming.append((arrival, command))
 
     def held(self, step: int) -> Command:
-        """Return the command in effect in `step`."""
+        """Return the command of the autopilot that is in effect in `step`."""
         while self._coming and self._coming[0][0] <= step:
             self._held = self._coming.popleft()[1]
         return self._held

@@ -1,10 +1,10 @@
 """Seats: a seat connects an autopilot to a vehicle of the simulation.
 
-A seat asks its autopilot at the rate of the autopilot, repeats the last answer in between, refuses answers that are no commands,
-and turns a command that is no control into a control by the tracking controller.
+A seat asks its autopilot at the rate of the autopilot, repeats the last answer in between, and refuses answers that are no
+commands. The tracking controller turns a command that is no control (throttle, brake, steering) into a control.
 
-An autopilot that raises an exception or answers with no command ends the run by a fault, which the run holds. The states before
-the fault are judged: a violation stands, every other verdict is ERROR.
+An autopilot that raises an exception or answers with no command ends the run by a fault. The run stores the fault. The states
+before the fault are judged: a rule that they violate gets FAIL, every other rule gets ERROR.
 """
 
 from __future__ import annotations
@@ -18,11 +18,21 @@ from numbers import Real
 from pathlib import Path
 from typing import Any
 
-from pytest_rvads.drivers.abilities import OF_AUTOPILOTS, OF_SYSTEMS, spelling
-from pytest_rvads.drivers.commands import UnfitCommand, plain
-from pytest_rvads.drivers.interface import Autopilot, Command, Control, Factory, Observation, TrafficSystem
+from pytest_rvads.drivers.commands import Tracker, UnfitCommand, plain
+from pytest_rvads.drivers.interface import (
+    OF_AUTOPILOTS,
+    OF_SYSTEMS,
+    Acceleration,
+    Autopilot,
+    Command,
+    Control,
+    Factory,
+    Observation,
+    TrafficSystem,
+    spelling,
+)
 from pytest_rvads.drivers.naming import name_of
-from pytest_rvads.drivers.tracker import Tracker
+from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.runs.run import DT, FAULT, LATE, Halt
 from pytest_rvads.runs.states import Agent
 from pytest_rvads.scenarios.senses import IDEAL, Senses
@@ -75,6 +85,8 @@ class Seat:
                 objection = "" if self._every else f"its period must be a whole multiple of {DT:g} s, got {period!r:.60}"
         if objection:
             raise Halt(agent.name, f"{self.name} can't drive {agent.name}: {one_line(objection, _REASON)}")
+        self.excess: tuple[int, float] | None = None
+        """Number of accelerations that the vehicle can't reach, and the largest of them [m/s^2]; None without any."""
         self._held: Command = Control()
         self._tracker: Tracker | None = None
         key = f"{key} {agent.name}"
@@ -130,8 +142,10 @@ class Seat:
                 ):
                     return answer
             command = plain(answer)
+            if type(command) is Acceleration:
+                self._count_excess(command.acceleration, seen)
             if watched.late:
-                raise TooLate  # the autopilot caught the first one
+                raise TooLate  # the autopilot caught the exception that the time limit raised
         except BaseException as error:
             watched.asked = None
             doing = f"{self.name} driving {self.agent.name}"
@@ -140,24 +154,33 @@ class Seat:
             watched.asked = None
         return self._held if command == self._held else command  # the tracking controller compares trajectories by identity
 
+    def _count_excess(self, acceleration: float, seen: Observation) -> None:
+        """Count an acceleration that the vehicle can't reach; the dynamics of the vehicle limit it."""
+        vehicle = seen.vehicle
+        if not -vehicle.brake[seen.aggression - 1] <= acceleration <= vehicle.drive:
+            requests, largest = self.excess or (0, 0.0)
+            self.excess = requests + 1, max(largest, acceleration, key=abs)
 
-def crew(
+
+def crew(  # noqa: PLR0913 - a run has many parameters
     agents: Sequence[Agent],
     driver: Factory,
     traffic: Factory | None = None,
     subject: str | None = None,
     senses: Senses = IDEAL,
     key: str = "",
+    junction: Junction | None = None,
 ) -> list[Seat]:
-    """Make the autopilots of a run.
+    """Return the seats of a run, with new autopilots.
 
     Args:
         agents: the vehicles of the run, in creation order.
-        driver: drives every vehicle, or the subject alone.
-        traffic: drives all vehicles but the subject; None in a run without a subject.
-        subject: name of the vehicle under test, or None.
-        senses: senses of the vehicles that `driver` drives; traffic sees everything.
+        driver: makes the autopilots of all vehicles, or of the subject alone.
+        traffic: makes the autopilots of all vehicles but the subject; None in a run without a subject.
+        subject: name of the vehicle under test; None if every vehicle is under test.
+        senses: senses of the vehicles that `driver` drives; the other vehicles have ideal senses.
         key: seeds the random draws together with the scenario's seed and the vehicle's name.
+        junction: the junction, which traffic systems get before they make autopilots; None if they do not get it.
 
     Returns:
         One seat per agent, in the order of `agents`.
@@ -166,19 +189,21 @@ def crew(
         Halt: `driver` or `traffic` raised, or made something that can't drive.
     """
     if traffic is None:
-        return _hire(driver, agents, senses, key)
-    seats = {seat.agent: seat for seat in _hire(driver, [a for a in agents if a.name == subject], senses, key)}
-    seats |= {seat.agent: seat for seat in _hire(traffic, [a for a in agents if a.name != subject])}
+        return _hire(driver, agents, junction, senses, key)
+    seats = {seat.agent: seat for seat in _hire(driver, [a for a in agents if a.name == subject], junction, senses, key)}
+    seats |= {seat.agent: seat for seat in _hire(traffic, [a for a in agents if a.name != subject], junction)}
     return [seats[agent] for agent in agents]
 
 
-def _hire(factory: Factory, agents: Sequence[Agent], senses: Senses = IDEAL, key: str = "") -> list[Seat]:
-    """Return the seats of `agents`; the factory is called once per agent, or once in all if it makes a traffic system."""
+def _hire(
+    factory: Factory, agents: Sequence[Agent], junction: Junction | None, senses: Senses = IDEAL, key: str = ""
+) -> list[Seat]:
+    """Return the seats of `agents`; the factory is called once per agent, or only once if the factory makes a traffic system."""
     seats: list[Seat] = []
     for agent in agents:
         product, coordinates = _make(factory, agent)
         if coordinates:
-            autopilots = _autopilots_of(product, agents)
+            autopilots = _autopilots_of(product, agents, junction)
             return [Seat(a, autopilot, senses, key) for a, autopilot in zip(agents, autopilots, strict=True)]
         seats.append(Seat(agent, product, senses, key))
     return seats
@@ -191,9 +216,13 @@ def _make(factory: Factory, agent: Agent) -> tuple[Any, bool]:
         return product, callable(getattr(product, "autopilots", None))
 
 
-def _autopilots_of(system: Any, agents: Sequence[Agent]) -> list[Any]:
+def _autopilots_of(system: Any, agents: Sequence[Agent], junction: Junction | None) -> list[Any]:
     name, first = name_of(type(system)), agents[0]
-    with _asking(f"{name}.autopilots", first, limited=not getattr(system, "own_limits", False)):
+    limited = not getattr(system, "own_limits", False)
+    if junction is not None and callable(prepare := getattr(system, "prepare", None)):
+        with _asking(f"{name}.prepare", first, limited=limited):
+            prepare(junction)
+    with _asking(f"{name}.autopilots", first, limited=limited):
         misspelt = spelling(system, OF_SYSTEMS, TrafficSystem)
         autopilots = [] if misspelt else list(islice(system.autopilots(tuple(agents)), len(agents) + 1))
     if misspelt:
@@ -206,12 +235,12 @@ def _autopilots_of(system: Any, agents: Sequence[Agent]) -> list[Any]:
 
 @contextmanager
 def _asking(doing: str, agent: Agent, *, limited: bool = True) -> Iterator[None]:
-    """Run code of a driver: an exception ends the run with a fault, and so does exceeding the time limit of the watch.
+    """Run code of a driver: an exception ends the run with a fault, and so does exceeding a limit of real time.
 
     Args:
         doing: the requested action in words, for the fault's reason.
-        agent: the vehicle concerned.
-        limited: whether the limit of a decision counts; a stack in another process has other limits.
+        agent: the vehicle that the fault names.
+        limited: whether the limit of a decision holds; a driver in another process (a stack) has limits of its own.
 
     Raises:
         Halt: the code raised an exception, or exceeded a time limit.
@@ -221,7 +250,7 @@ def _asking(doing: str, agent: Agent, *, limited: bool = True) -> Iterator[None]
     try:
         yield
         if watched.late:
-            raise TooLate  # the driver caught the first one
+            raise TooLate  # the driver caught the exception that the time limit raised
     except BaseException as error:
         watched.asked = None
         raise _fault(error, doing, agent) from error

@@ -1,6 +1,6 @@
-"""Simulators make runs of cases. They share a protocol and are found by name.
+"""Simulators make runs of cases. All simulators share a protocol and are found by name.
 
-Callers use `simulate` for runs and `vmax` for speeds; both check that the answer of a simulator fits the question.
+Callers use `simulate` for runs and `vmax` for the greatest safe speeds; both check that the simulator's answer fits the question.
 """
 
 from __future__ import annotations
@@ -18,29 +18,27 @@ from pytest_rvads.drivers.naming import at
 from pytest_rvads.geometry.segment import SPEED_LIMIT
 from pytest_rvads.logic.conduct.validate import impossible
 from pytest_rvads.runs.run import DT, Run
-from pytest_rvads.runs.states import Agent, Zone
-from pytest_rvads.runs.vehicle import Vehicle
+from pytest_rvads.runs.states import Agent, Vehicle, Zone
 from pytest_rvads.scenarios.case import Case
-from pytest_rvads.simulators.choice import choice
-from pytest_rvads.simulators.patience import TooLate, Watch
-from pytest_rvads.simulators.planar import usual
-from pytest_rvads.support.entrypoints import entries
+from pytest_rvads.simulators.loop import usual
+from pytest_rvads.simulators.patience import TooLate, Watch, choice
 from pytest_rvads.support.errors import RunError, ScenarioError, needs, require, suggest
+from pytest_rvads.support.installed import entries
 
 __all__ = ["Simulator", "answered", "made_by", "meant", "named", "simulate", "simulators", "usable", "vmax"]
 
 
 class Simulator(Protocol):
-    """A callable that makes runs, with a name and a braking envelope.
+    """A callable that returns the run of a case, with a name and a braking envelope.
 
     A call returns the run of a case. The same case gives the same run, bit for bit, in any process and order.
 
     The run ends when every vehicle has left, at the scenario's duration, when two vehicles collide, or when a vehicle leaves its
     route. The run ends with a `Run.fault` when an autopilot raises an exception or answers with no command, when a limit of real
-    time is exceeded, or when the simulator fails. The run holds the states up to its end. The measurements of ``timing()`` of
-    an autopilot are stored under ``timing`` in `Run.provenance`.
+    time is exceeded, or when the simulator fails. The run holds all states up to its end, also after a fault. The measurements of
+    ``timing()`` of an autopilot are stored under ``timing`` in `Run.provenance`.
 
-    A simulator may have further attributes. ``caveat`` is a sentence on the limits of its results, printed in the header of a
+    A simulator can have further attributes. ``caveat`` is a sentence on the limits of its results, printed in the header of a
     session. The tests of ``pytest_rvads.conformance`` read ``drivers``, the drivers of the simulator, and ``unsupported``, the
     checks that the simulator can't pass, each with a reason. ``libraries`` names the packages that the simulator imports when it
     simulates and that an extra with the name of the simulator installs.
@@ -63,13 +61,13 @@ class Simulator(Protocol):
 
 
 def simulators() -> dict[str, str]:
-    """Return the name and the place, ``module:name``, of every simulator; satellites and other packages add entry points."""
-    core = {name: f"pytest_rvads.simulators.planar:{name}" for name in ("bullet", "mujoco")}
+    """Return the name and the place, ``module:name``, of every simulator that an installed package declares as entry point."""
+    core = {name: f"pytest_rvads.simulators.loop:{name}" for name in ("bullet", "mujoco")}
     return core | {name: entry.value for name, entry in entries("simulators").items()}
 
 
 def named(name: str | None, folder: Path | None = None) -> Simulator:
-    """Return the simulator with a name, or at ``module:name``.
+    """Return the simulator that has a name, or that ``module:name`` denotes.
 
     Args:
         name: name or ``module:name``; None for the usual simulator.
@@ -122,7 +120,7 @@ def usable(simulator: Any, label: str = "") -> Simulator:
 
 
 def meant(simulator: Simulator | None = None) -> Simulator:
-    """Return `simulator`; for None the simulator of the session, outside of sessions the usual simulator.
+    """Return `simulator`; for None, the simulator of the pytest session, or the usual simulator outside of a session.
 
     Raises:
         ScenarioError: `simulator` is no simulator.
@@ -155,7 +153,7 @@ def simulate(case: Case, simulator: Simulator | None = None) -> Run:
 def answered(case: Case, simulator: Simulator | None = None) -> Run:
     """Return the answer of a simulator to a case, after a check that the answer is a run of this case.
 
-    Arguments and errors are those of `simulate`; the run may be impossible or end without a reason.
+    Arguments and errors are those of `simulate`. An impossible run, or a run that ends without a reason, raises no error.
     """
     require(case, Case, "simulate takes a case: write simulate(rvads.Case(scenario, driver))", ScenarioError)
     maker = meant(simulator)
@@ -179,7 +177,7 @@ def answered(case: Case, simulator: Simulator | None = None) -> Run:
 def made_by(simulator: Simulator, run: Run) -> str:
     """Return the name of the simulator that made a run.
 
-    A simulator may pass a case to another named simulator: ``sumo`` passes cases without a vehicle of SUMO to the usual one.
+    A simulator can pass a case to another simulator: ``sumo`` passes cases without a vehicle of SUMO to the usual simulator.
     """
     name = str(run.provenance.get("simulator"))
     return name if {simulator.name, name} <= simulators().keys() else simulator.name
@@ -233,8 +231,9 @@ def _flaw_of_end(run: Run, case: Case) -> str:
     if more == 0 or run.fault or run.collisions or run.facts.strayed:
         return ""
     ways = case.scenario.itineraries()
-    gone = run.zone[-1] >= Zone.EXIT if run.station is None else run.station[-1] >= [way.leave for way in ways]
-    present = [agent.name for agent, left in zip(run.agents, gone, strict=True) if not left]
+    count = len(ways)  # pedestrians come after the vehicles, and no run waits for them
+    gone = run.zone[-1, :count] >= Zone.EXIT if run.station is None else run.station[-1, :count] >= [way.leave for way in ways]
+    present = [agent.name for agent, left in zip(run.agents[:count], gone, strict=True) if not left]
     advice = "nobody collided, left its route or failed: simulate it to its end, or tell what ended it as Run.fault"
     if not present:
         return ""

@@ -1,35 +1,98 @@
-"""Drivers with one fault in what they see: the reference autopilot, which gets to see only a part of the traffic."""
+"""Six drivers with a fault in what they know of other vehicles, for tests that must find these faults."""
 
 import math
-from collections.abc import Callable
-from functools import partial
 
 import pytest_rvads as rvads
 from pytest_rvads.drivers.interface import Control
 from pytest_rvads.runs.states import VehicleState
 
-__all__ = ["BLIND"]
+__all__ = ["BLIND", "BlindAhead", "BlindInside", "BlindLeft", "BlindRight", "DeafToFast", "ShortGaps"]
 
-Seen = rvads.Observation
-Sight = Callable[[Seen, VehicleState], VehicleState | None]
-"""What is seen of another vehicle; None where it is overlooked."""
+LATE = 1.0
+"""How much later than in truth `ShortGaps` sees other vehicles arrive [s]."""
+FAST = 8.0
+"""Greatest speed of the vehicles that `DeafToFast` notices [m/s]."""
 
 
-class Blind(rvads.Reference):
-    """The reference autopilot with a sight of its own, called anew in every step for every other vehicle."""
+class BlindLeft(rvads.Autopilot):
+    """A controller of an all-way stop that looks only to its right.
 
-    def __init__(self, sight: Callable[[], Sight]) -> None:
+    The controller stops at the line, and waits for 0.5 s. The controller goes unless a vehicle is at the entrance to the right or
+    is in the junction and came from that entrance. The controller never looks to its left or ahead.
+    """
+
+    def __init__(self) -> None:
+        self._stood = 0.0
+        self._goes = False
+
+    def control(self, seen: rvads.Observation, /) -> rvads.TargetSpeed:
+        me = seen.me
+        right = {other.zone for other in seen.others if (other.entrance, me.entrance) in seen.junction.right_of}
+        self._stood += self.period * (me.zone is rvads.Zone.ENTRANCE and me.speed < 0.01)
+        self._goes = self._goes or (self._stood > 0.5 and not right & {rvads.Zone.ENTRANCE, rvads.Zone.JUNCTION})
+        line = seen.itinerary.line - 0.35 - me.station
+        return rvads.TargetSpeed(seen.speed_limit if self._goes else math.sqrt(4.0 * max(line, 0.0)))
+
+
+class _Partial(rvads.Reference):
+    """The reference autopilot, which sees of every other vehicle only what `perceived` returns."""
+
+    def __init__(self) -> None:
         super().__init__(tie=0.5)
-        self._sight = sight()
 
-    def control(self, seen: Seen, /) -> Control:
-        sights = [(k < seen.created, self._sight(seen, other)) for k, other in enumerate(seen.others)]
-        kept = [(before, other) for before, other in sights if other is not None]
-        return super().control(seen._replace(others=tuple(other for _, other in kept), created=sum(before for before, _ in kept)))
+    def control(self, seen: rvads.Observation, /) -> Control:
+        states = [self.perceived(seen, other) for other in seen.others]
+        created = sum(state is not None for state in states[: seen.created])
+        return super().control(seen._replace(others=tuple(state for state in states if state is not None), created=created))
+
+    def perceived(self, seen: rvads.Observation, other: VehicleState) -> VehicleState | None:
+        """Return the state in which another vehicle is seen; None for an overlooked vehicle. Called once per step and vehicle."""
+        raise NotImplementedError
 
 
-def side(seen: Seen, entrance: int) -> str:
-    """Return from where, seen from the own entrance, vehicles of another one come: left, ahead, right, or behind."""
+class BlindAhead(_Partial):
+    """Never sees vehicles from the opposite entrance, until these have left the junction."""
+
+    def perceived(self, seen: rvads.Observation, other: VehicleState) -> VehicleState | None:
+        return None if other.zone < rvads.Zone.EXIT and side(seen, other.entrance) == "ahead" else other
+
+
+class BlindRight(_Partial):
+    """Never sees vehicles from the entrance to the right, until these have left the junction."""
+
+    def perceived(self, seen: rvads.Observation, other: VehicleState) -> VehicleState | None:
+        return None if other.zone < rvads.Zone.EXIT and side(seen, other.entrance) == "right" else other
+
+
+class BlindInside(_Partial):
+    """Does not see vehicles in the junction."""
+
+    def perceived(self, seen: rvads.Observation, other: VehicleState) -> VehicleState | None:
+        return None if other.zone is rvads.Zone.JUNCTION else other
+
+
+class DeafToFast(_Partial):
+    """Does not notice vehicles that are faster than 8 m/s."""
+
+    def perceived(self, seen: rvads.Observation, other: VehicleState) -> VehicleState | None:
+        return None if other.speed > FAST else other
+
+
+class ShortGaps(_Partial):
+    """Judges gaps 1 s too short: sees vehicles before the junction where they were 1 s ago, and so arrive 1 s late."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._past: dict[str, list[VehicleState]] = {}
+
+    def perceived(self, seen: rvads.Observation, other: VehicleState) -> VehicleState | None:
+        states = self._past.setdefault(other.name, [])
+        states.append(other)
+        return states[max(len(states) - 1 - round(LATE / self.period), 0)] if other.zone < rvads.Zone.JUNCTION else other
+
+
+def side(seen: rvads.Observation, entrance: int) -> str:
+    """Return from where vehicles of another entrance come, as seen from the own entrance: left, ahead, right, or behind."""
 
     def course(number: int) -> float:
         (x, y), (ahead_x, ahead_y) = seen.junction.way_in(number).points[-2:]
@@ -39,29 +102,11 @@ def side(seen: Seen, entrance: int) -> str:
     return ("behind", "right", "ahead", "left")[int(turned // 90.0)]
 
 
-def _overlooking(where: str) -> Sight:
-    """Overlook vehicles from one side until they have left the junction."""
-    return lambda seen, other: None if other.zone < rvads.Zone.EXIT and side(seen, other.entrance) == where else other
-
-
-def _overlooking_inside() -> Sight:
-    return lambda _seen, other: None if other.zone is rvads.Zone.JUNCTION else other
-
-
-def _a_second_late() -> Sight:
-    """See vehicles before the junction where they were a second ago, so that gaps before them look a second longer."""
-    past: dict[str, list[VehicleState]] = {}
-
-    def sight(_seen: Seen, other: VehicleState) -> VehicleState:
-        states = past.setdefault(other.name, [])
-        states.append(other)
-        return states[max(len(states) - 101, 0)] if other.zone < rvads.Zone.JUNCTION else other
-
-    return sight
-
-
-BLIND: dict[str, Callable[[], rvads.Autopilot]] = {
-    **{f"blind {where}": partial(Blind, partial(_overlooking, where)) for where in ("left", "right", "ahead")},
-    "blind to whoever is inside": partial(Blind, _overlooking_inside),
-    "gaps a second too short": partial(Blind, _a_second_late),
+BLIND: dict[str, type[rvads.Autopilot]] = {
+    "blind left": BlindLeft,
+    "blind ahead": BlindAhead,
+    "blind right": BlindRight,
+    "blind to whoever is inside": BlindInside,
+    "deaf to fast vehicles": DeafToFast,
+    "gaps a second too short": ShortGaps,
 }

@@ -9,7 +9,7 @@ from itertools import permutations
 import numpy as np
 import pytest
 
-from pytest_rvads.geometry.segment import Turn
+from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.runs.run import DT, Run
 from pytest_rvads.runs.states import Colour, Zone
 

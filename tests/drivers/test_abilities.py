@@ -11,11 +11,11 @@ from typing import Any
 import pytest
 
 import pytest_rvads as rvads
-from pytest_rvads.drivers.abilities import OF_AUTOPILOTS, OF_SYSTEMS
+from pytest_rvads.drivers.interface import OF_AUTOPILOTS, OF_SYSTEMS
 from pytest_rvads.drivers.naming import called, name_of
-from pytest_rvads.drivers.renaming import renamed
 from pytest_rvads.geometry.junction import Movement
 from pytest_rvads.runs.states import Agent
+from pytest_rvads.search.relations import renamed
 from pytest_rvads.simulators.seat import crew
 
 AGENTS = [Agent(f"a{k}", Movement(k, (k + 2) % 4, rvads.Turn.STRAIGHT, 10.0, "m")) for k in range(2)]

@@ -12,10 +12,10 @@ from pytest_rvads.drivers.interface import Observation
 from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.drivers.way_ahead import BEND, Track
 from pytest_rvads.geometry.finder import find
-from pytest_rvads.geometry.segment import Pose, Turn
+from pytest_rvads.geometry.segment import Pose
+from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.runs.run import DT, Run
-from pytest_rvads.runs.states import VehicleState, Zone
-from pytest_rvads.runs.vehicle import Vehicle
+from pytest_rvads.runs.states import Vehicle, VehicleState, Zone
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.simulators.simulator import simulate

@@ -7,17 +7,15 @@ from typing import Any
 
 import pytest
 
-from pytest_rvads.drivers.at_light import Light
 from pytest_rvads.drivers.interface import Observation
-from pytest_rvads.drivers.stop_sign import StopSign
+from pytest_rvads.drivers.signs_and_lights import Light, StopSign
 from pytest_rvads.geometry.builtin import CROSSINGS
 from pytest_rvads.geometry.finder import find
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.geometry.opendrive.writer import opendrive
-from pytest_rvads.geometry.segment import Turn
+from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.runs.itineraries import Itinerary
-from pytest_rvads.runs.states import Colour, VehicleState, Zone
-from pytest_rvads.runs.vehicle import Vehicle
+from pytest_rvads.runs.states import Colour, Vehicle, VehicleState, Zone
 
 LIGHTS, SIGNS = find("light4"), find("stop4")
 G, Y, R = Colour.GREEN, Colour.YELLOW, Colour.RED

@@ -12,21 +12,20 @@ import pytest
 
 from pytest_rvads.drivers.give_way import GiveWay
 from pytest_rvads.drivers.interface import Observation
-from pytest_rvads.drivers.order import Queue
 from pytest_rvads.drivers.reference import Reference
+from pytest_rvads.drivers.signs_and_lights import Queue
 from pytest_rvads.drivers.traffic import EVERYWHERE, traffic
 from pytest_rvads.drivers.way_ahead import Track
 from pytest_rvads.geometry.control import Sign
 from pytest_rvads.geometry.finder import find, load
 from pytest_rvads.geometry.junction import Junction
-from pytest_rvads.geometry.segment import Turn
+from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.conduct.standing import TIE
 from pytest_rvads.logic.rules.book import rules_for
 from pytest_rvads.runs.itineraries import Itinerary
 from pytest_rvads.runs.run import Run
-from pytest_rvads.runs.states import Colour, VehicleState, Zone
-from pytest_rvads.runs.vehicle import Vehicle
+from pytest_rvads.runs.states import Colour, Vehicle, VehicleState, Zone
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.simulators.simulator import simulate

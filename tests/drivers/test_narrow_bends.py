@@ -23,8 +23,7 @@ from pytest_rvads.logic.check import check
 from pytest_rvads.logic.conduct.lane import off_lane, off_route
 from pytest_rvads.logic.conduct.room import leaves_room, room, stand_back
 from pytest_rvads.runs.itineraries import itinerary
-from pytest_rvads.runs.states import Zone
-from pytest_rvads.runs.vehicle import Vehicle
+from pytest_rvads.runs.states import Vehicle, Zone
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.configurations import configuration
 from pytest_rvads.scenarios.ids import from_id

@@ -5,11 +5,10 @@ from itertools import permutations, product
 import pytest
 
 from pytest_rvads.drivers.interface import Observation
-from pytest_rvads.drivers.order import Queue
+from pytest_rvads.drivers.signs_and_lights import Queue
 from pytest_rvads.geometry.finder import find
-from pytest_rvads.geometry.segment import Turn
-from pytest_rvads.runs.states import VehicleState, Zone
-from pytest_rvads.runs.vehicle import Vehicle
+from pytest_rvads.geometry.turns import Turn
+from pytest_rvads.runs.states import Vehicle, VehicleState, Zone
 from pytest_rvads.scenarios.scenario import Scenario
 
 JUNCTION = find("stop4")

@@ -11,9 +11,8 @@ from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.drivers.spacing import Stopping, behind_leader, can_stop, clear_of_bodies, clear_of_crossing, time_to
 from pytest_rvads.drivers.way_ahead import Track
 from pytest_rvads.geometry.finder import find
-from pytest_rvads.geometry.segment import Turn
-from pytest_rvads.runs.states import VehicleState, Zone
-from pytest_rvads.runs.vehicle import Vehicle
+from pytest_rvads.geometry.turns import Turn
+from pytest_rvads.runs.states import Vehicle, VehicleState, Zone
 from pytest_rvads.scenarios.scenario import Scenario
 
 JUNCTION = find("stop4")

@@ -6,8 +6,7 @@ import pytest
 
 import pytest_rvads as rvads
 from pytest_rvads.drivers.interface import Observation
-from pytest_rvads.drivers.policies import Hesitant, LateYielder, RedLightRunner
-from pytest_rvads.drivers.rolling import RollingStop
+from pytest_rvads.drivers.traffic import Hesitant, LateYielder, RedLightRunner, RollingStop
 from pytest_rvads.geometry.finder import find
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.geometry.segment import NO_LIMIT, SPEED_LIMIT, Limits

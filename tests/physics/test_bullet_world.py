@@ -9,13 +9,13 @@ import pytest
 from pytest_rvads.drivers.interface import Control, Observation
 from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.geometry.finder import find
-from pytest_rvads.physics import bullet_world
-from pytest_rvads.physics.bullet_world import BulletWorld
-from pytest_rvads.physics.world import Motion
-from pytest_rvads.runs.vehicle import Vehicle
+from pytest_rvads.physics import engines
+from pytest_rvads.physics.body import Motion
+from pytest_rvads.physics.engines import BulletWorld
+from pytest_rvads.runs.states import Vehicle
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario
-from pytest_rvads.simulators.planar import bullet
+from pytest_rvads.simulators.loop import bullet
 from pytest_rvads.simulators.simulator import simulate
 
 pybullet = pytest.importorskip("pybullet")
@@ -24,10 +24,10 @@ AT_REST = Motion(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 def test_pybullet_is_imported_late_and_in_silence() -> None:
     code = (
-        "import sys, pytest_rvads.simulators.planar\n"
-        "from pytest_rvads.physics.bullet_world import BulletWorld\n"
-        "from pytest_rvads.physics.world import Motion\n"
-        "from pytest_rvads.runs.vehicle import Vehicle\n"
+        "import sys, pytest_rvads.simulators.loop\n"
+        "from pytest_rvads.physics.engines import BulletWorld\n"
+        "from pytest_rvads.physics.body import Motion\n"
+        "from pytest_rvads.runs.states import Vehicle\n"
         "print('pybullet' in sys.modules)\n"
         "BulletWorld([Vehicle()], [Motion(0, 0, 0, 0, 0, 0)]).close()\n"
         "print('after', file=sys.stderr)\n"
@@ -38,7 +38,7 @@ def test_pybullet_is_imported_late_and_in_silence() -> None:
 
 
 def test_a_driver_may_use_the_engine_itself_without_saying_which(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(bullet_world, "_free", [])
+    monkeypatch.setattr(engines, "_free", [])
     if pybullet.isConnected():
         pybullet.disconnect()  # so that the next one to connect gets the number that stands for none
 
@@ -64,7 +64,7 @@ def test_a_driver_may_use_the_engine_itself_without_saying_which(monkeypatch: py
 def test_an_engine_that_a_driver_disconnected_is_not_used_again() -> None:
     world = BulletWorld([Vehicle()], [AT_REST])
     world.close()
-    _, client = bullet_world._free[-1]
+    _, client = engines._free[-1]
     pybullet.disconnect(client)
     again = BulletWorld([Vehicle()], [AT_REST])
     assert again.motions() == [AT_REST]

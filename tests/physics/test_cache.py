@@ -10,15 +10,15 @@ from pathlib import Path
 
 import pytest
 
-from pytest_rvads.physics import braking, cache
+from pytest_rvads.physics import braking
 from pytest_rvads.physics.braking import vmax
-from pytest_rvads.runs.vehicle import Vehicle
-from pytest_rvads.support import versions
+from pytest_rvads.runs.states import Vehicle
+from pytest_rvads.support import installed
 
 
 @pytest.fixture(autouse=True)
 def where(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.setenv(cache.VARIABLE, str(tmp_path / "cache"))
+    monkeypatch.setenv(braking.VARIABLE, str(tmp_path / "cache"))
     return tmp_path / "cache"
 
 
@@ -37,9 +37,9 @@ class Counter:
 @pytest.mark.parametrize("value", [0.1 + 0.2, 0.0, -1e-300, None])
 def test_a_number_is_computed_once_and_comes_back_bit_for_bit(value: float | None) -> None:
     compute = Counter(value)
-    assert [cache.cached({"a": 1}, compute) for _ in range(3)] == [value] * 3
+    assert [braking.cached({"a": 1}, compute) for _ in range(3)] == [value] * 3
     assert compute.asked == 1
-    assert cache.cached({"a": 2}, Counter(5.0)) == 5.0, "another key"
+    assert braking.cached({"a": 2}, Counter(5.0)) == 5.0, "another key"
 
 
 def other_number(text: str) -> str:
@@ -47,11 +47,11 @@ def other_number(text: str) -> str:
 
 
 def not_finite(text: str) -> str:
-    return cache._entry(json.loads(text.split("\n")[1])["key"], float("nan"))
+    return braking._entry(json.loads(text.split("\n")[1])["key"], float("nan"))
 
 
 def other_key(text: str) -> str:
-    return cache._entry("another", 0.7)
+    return braking._entry("another", 0.7)
 
 
 DAMAGE: list[Callable[[str], str]] = [
@@ -69,32 +69,32 @@ DAMAGE: list[Callable[[str], str]] = [
 
 @pytest.mark.parametrize("damage", DAMAGE, ids=range(len(DAMAGE)))
 def test_a_damaged_entry_counts_as_absent(where: Path, damage: Callable[[str], str]) -> None:
-    cache.cached({"a": 1}, Counter(0.5))
+    braking.cached({"a": 1}, Counter(0.5))
     (entry,) = where.iterdir()
     entry.write_text(damage(entry.read_text()))
     compute = Counter(0.5)
-    assert cache.cached({"a": 1}, compute) == 0.5
+    assert braking.cached({"a": 1}, compute) == 0.5
     assert compute.asked == 1
-    assert cache.cached({"a": 1}, compute) == 0.5
+    assert braking.cached({"a": 1}, compute) == 0.5
     assert compute.asked == 1, "mended"
 
 
 def test_what_can_t_be_kept_is_computed_all_the_same(where: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     where.write_text("a file where the folder should be")
-    assert cache.cached({"a": 1}, Counter(0.5)) == 0.5
-    monkeypatch.setenv(cache.VARIABLE, "")
+    assert braking.cached({"a": 1}, Counter(0.5)) == 0.5
+    monkeypatch.setenv(braking.VARIABLE, "")
     compute = Counter(0.5)
-    assert [cache.cached({"a": 1}, compute) for _ in range(2)] == [0.5, 0.5]
+    assert [braking.cached({"a": 1}, compute) for _ in range(2)] == [0.5, 0.5]
     assert compute.asked == 2, "switched off"
-    assert cache.folder() is None
+    assert braking.folder() is None
 
 
 def test_an_entry_that_is_a_folder_is_left_alone(where: Path) -> None:
-    cache.cached({"a": 1}, Counter(0.5))
+    braking.cached({"a": 1}, Counter(0.5))
     (entry,) = where.iterdir()
     entry.unlink()
     entry.mkdir()
-    assert cache.cached({"a": 1}, Counter(0.5)) == 0.5
+    assert braking.cached({"a": 1}, Counter(0.5)) == 0.5
     assert list(where.iterdir()) == [entry], "nothing half-written stays behind"
 
 
@@ -123,11 +123,11 @@ def huge(entry: Path) -> None:
 def test_what_is_no_small_regular_file_is_neither_read_nor_written_to_but_replaced(
     where: Path, put: Callable[[Path], None]
 ) -> None:
-    cache.cached({"a": 1}, Counter(0.5))
+    braking.cached({"a": 1}, Counter(0.5))
     (entry,) = where.iterdir()
     put(entry)
     compute = Counter(0.5)
-    assert [cache.cached({"a": 1}, compute) for _ in range(2)] == [0.5, 0.5]
+    assert [braking.cached({"a": 1}, compute) for _ in range(2)] == [0.5, 0.5]
     assert compute.asked == 1
     assert entry.stat().st_size < 10_000
     assert not entry.is_symlink()
@@ -139,7 +139,7 @@ def test_a_full_disk_costs_no_number(where: Path) -> None:
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (0, limits[1]))  # no file may have anything in it
     try:
-        assert cache.cached({"a": 1}, Counter(0.5)) == 0.5
+        assert braking.cached({"a": 1}, Counter(0.5)) == 0.5
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
     assert list(where.iterdir()) == []
@@ -150,16 +150,16 @@ def test_an_error_is_not_kept() -> None:
         raise ValueError("no number")
 
     with pytest.raises(ValueError, match="no number"):
-        cache.cached({"a": 1}, fail)
-    assert cache.cached({"a": 1}, Counter(0.5)) == 0.5
+        braking.cached({"a": 1}, fail)
+    assert braking.cached({"a": 1}, Counter(0.5)) == 0.5
 
 
 def test_other_code_and_other_versions_are_other_keys(where: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    cache.cached({"a": 1}, Counter(0.5))
-    monkeypatch.setattr(cache, "code", lambda: "changed")
-    assert cache.cached({"a": 1}, Counter(0.7)) == 0.7
-    monkeypatch.setattr(cache, "versions", lambda: {"pybullet": "99"})
-    assert cache.cached({"a": 1}, Counter(0.9)) == 0.9
+    braking.cached({"a": 1}, Counter(0.5))
+    monkeypatch.setattr(braking, "code", lambda: "changed")
+    assert braking.cached({"a": 1}, Counter(0.7)) == 0.7
+    monkeypatch.setattr(braking, "versions", lambda: {"pybullet": "99"})
+    assert braking.cached({"a": 1}, Counter(0.9)) == 0.9
     assert len(list(where.iterdir())) == 3
 
 
@@ -168,15 +168,15 @@ def test_the_code_is_told_by_a_checksum_of_every_module(monkeypatch: pytest.Monk
     for text in ("x = 1", "x = 2"):
         (tmp_path / "package" / "room").mkdir(parents=True, exist_ok=True)
         (tmp_path / "package" / "module.py").write_text(text)
-        monkeypatch.setattr(versions, "__file__", str(tmp_path / "package" / "versions.py"))
-        found.append(versions.code.__wrapped__())
+        monkeypatch.setattr(installed, "__file__", str(tmp_path / "package" / "installed.py"))
+        found.append(installed.code.__wrapped__())
     assert all(len(checksum) == 64 for checksum in found)
     assert found[0] != found[1]
 
 
 def _many(place: str) -> list[float | None]:
-    os.environ[cache.VARIABLE] = place
-    return [cache.cached({"a": k % 5}, Counter(float(k % 5))) for k in range(200)]
+    os.environ[braking.VARIABLE] = place
+    return [braking.cached({"a": k % 5}, Counter(float(k % 5))) for k in range(200)]
 
 
 @pytest.mark.extended
@@ -190,14 +190,14 @@ def test_processes_that_write_at_the_same_time_do_not_hurt_each_other(where: Pat
 
 @pytest.mark.skipif(sys.platform != "linux", reason="the variables of Linux")
 def test_by_default_it_lies_in_the_user_s_cache_folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.delenv(cache.VARIABLE)
+    monkeypatch.delenv(braking.VARIABLE)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    assert cache.folder() == tmp_path / "pytest-rvads"
+    assert braking.folder() == tmp_path / "pytest-rvads"
     monkeypatch.delenv("XDG_CACHE_HOME")
     monkeypatch.setenv("HOME", str(tmp_path))
-    assert cache.folder() == tmp_path / ".cache" / "pytest-rvads"
+    assert braking.folder() == tmp_path / ".cache" / "pytest-rvads"
     monkeypatch.setattr("os.path.expanduser", lambda path: path)
-    assert cache.folder() is None, "nobody's home"
+    assert braking.folder() is None, "nobody's home"
 
 
 def test_envelope_cache_key_holds_distance_aggression_and_vehicle(where: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -9,7 +9,7 @@ import pytest
 from pytest_rvads.drivers.interface import Acceleration, Observation, TargetSpeed, Trajectory, Waypoint
 from pytest_rvads.geometry.finder import find
 from pytest_rvads.runs.run import Run
-from pytest_rvads.runs.vehicle import Vehicle
+from pytest_rvads.runs.states import Vehicle
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.simulators.simulator import simulate
@@ -128,7 +128,8 @@ POINT = Waypoint(0.0, 1.0, 1.0)
         (TargetSpeed(math.nan), "a target speed nan, expected a finite number"),
         (TargetSpeed(-1.0), "a target speed -1 m/s, expected 0 to 70"),
         (TargetSpeed("fast"), "a target speed of type str, expected a number"),  # type: ignore[arg-type]
-        (Acceleration(40.0), "an acceleration 40 m/s^2, expected -20 to 20"),
+        (Acceleration(math.nan), "an acceleration nan, expected a finite number"),
+        (Acceleration(-math.inf), "an acceleration -inf, expected a finite number"),
         (Acceleration(1.0, 30.0), "a steering 30 rad, expected -1.5708 to 1.5708"),
         (Acceleration(1.0, True), "a steering of type bool, expected a number"),
         (Trajectory(()), "a trajectory of 0 points, expected at least 2"),

@@ -7,11 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pytest_rvads.physics.dynamics import Dynamics
+from pytest_rvads.physics.body import Dynamics, Motion
 from pytest_rvads.physics.engines import usual
-from pytest_rvads.physics.world import Motion
 from pytest_rvads.runs.run import DT
-from pytest_rvads.runs.vehicle import GRAVITY, Vehicle
+from pytest_rvads.runs.states import GRAVITY, Vehicle
 
 IDEAL = Vehicle(brake=(50.0, 50.0, 50.0), brake_lag=1e-6, drive_lag=1e-6, drag=1e-9, rolling=1e-9)
 """No resistance, no lag, brakes that only the tyres limit."""

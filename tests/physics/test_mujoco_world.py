@@ -17,15 +17,13 @@ from pytest_rvads.drivers.interface import Control, Observation
 from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.geometry.finder import find
 from pytest_rvads.logic.conduct.bodies import overlap
-from pytest_rvads.physics.engines import BULLET, MUJOCO, Engine
-from pytest_rvads.physics.mujoco_world import MujocoWorld
-from pytest_rvads.physics.world import Motion
+from pytest_rvads.physics.body import Motion
+from pytest_rvads.physics.engines import BULLET, MUJOCO, Engine, MujocoWorld
 from pytest_rvads.runs.run import Run
-from pytest_rvads.runs.states import Agent, Zone
-from pytest_rvads.runs.vehicle import Vehicle
+from pytest_rvads.runs.states import Agent, Vehicle, Zone
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario
-from pytest_rvads.simulators.planar import mujoco
+from pytest_rvads.simulators.loop import mujoco
 from pytest_rvads.simulators.simulator import simulate
 from pytest_rvads.support.errors import ScenarioError
 from studies.contact_cases import CYCLIST, TRUCK, contact_cases
@@ -37,10 +35,10 @@ CASE = Case(Scenario(find("stop4"), "1231", distance=5, duration=0.5), Reference
 
 def test_it_is_imported_late_in_silence_and_writes_no_file(tmp_path: Path) -> None:
     code = (
-        "import sys, pytest_rvads.simulators.planar\n"
-        "from pytest_rvads.physics.mujoco_world import MujocoWorld\n"
-        "from pytest_rvads.physics.world import Motion\n"
-        "from pytest_rvads.runs.vehicle import Vehicle\n"
+        "import sys, pytest_rvads.simulators.loop\n"
+        "from pytest_rvads.physics.engines import MujocoWorld\n"
+        "from pytest_rvads.physics.body import Motion\n"
+        "from pytest_rvads.runs.states import Vehicle\n"
         "print('mujoco' in sys.modules)\n"
         "spot = [Motion(0.01 * k, 0.0, 0.0, 0.0, 0.0, 0.0) for k in range(80)]\n"
         "print(len(MujocoWorld([Vehicle()] * 80, spot).contacts()))\n"
@@ -129,7 +127,7 @@ def test_a_run_is_the_same_after_others_in_threads_and_in_another_process() -> N
     with ThreadPoolExecutor(2) as pool:
         assert {run.hash for run in pool.map(mujoco, [hit] * 2)} == {alone}
     code = (
-        "from pytest_rvads.simulators.planar import mujoco\n"
+        "from pytest_rvads.simulators.loop import mujoco\n"
         "from studies.contact_cases import contact_cases\n"
         "print(mujoco(contact_cases()['crossing']).hash)\n"
     )

@@ -9,10 +9,12 @@ from typing import Any, NoReturn
 import numpy as np
 import pytest
 
-from pytest_rvads.drivers.interface import Autopilot, Control, Observation, TrafficSystem
+from pytest_rvads.drivers.interface import Acceleration, Autopilot, Control, Observation, TrafficSystem
 from pytest_rvads.geometry.finder import find
+from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.logic.conduct.lane import MAX_OFFSET, off_route
 from pytest_rvads.runs.itineraries import itinerary
+from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Agent
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario
@@ -197,6 +199,51 @@ def test_a_traffic_system_is_made_once_and_coordinates_all() -> None:
     assert len(systems) == 1
     assert systems[0].agents == ["a3", "a0", "a1", "a2"]
     assert systems[0].asked == systems[0].agents * 2
+
+
+def test_traffic_system_gets_the_junction_before_it_makes_autopilots() -> None:
+    calls: list[Any] = []
+
+    class Mapped(TrafficSystem):
+        def prepare(self, junction: Junction) -> None:
+            calls.append(junction)
+
+        def autopilots(self, agents: Sequence[Agent]) -> list[Any]:
+            calls.append(len(agents))
+            return [answering(Control())() for _ in agents]
+
+    class Lost(Mapped):
+        def prepare(self, junction: Junction) -> None:
+            raise KeyError(junction.name)
+
+    assert simulate(Case(SCENARIO, Mapped)).fault is None
+    assert calls == [SCENARIO.place, 4]
+    run = simulate(Case(SCENARIO, Lost))
+    assert "Lost.prepare raised KeyError: 'stop4'" in run.fault.reason
+
+
+def test_acceleration_beyond_the_limits_saturates_and_is_counted() -> None:
+    """The usual vehicle accelerates with 3 m/s^2, and brakes with 4 m/s^2 at aggression 1 and 8 m/s^2 at aggression 3."""
+
+    def drive(*accelerations: float, aggression: int = 1) -> Run:
+        class Rough:
+            def __init__(self) -> None:
+                self.wanted = iter(accelerations)
+
+            def control(self, seen: Observation) -> Acceleration:
+                return Acceleration(next(self.wanted))
+
+        scenario = Scenario(find("stop4"), "2000", distance=60, speed=8, duration=0.04, aggression=aggression)
+        return simulate(Case(scenario, Rough))
+
+    fast, hard = drive(3.5, 3.5, 3.5, 3.5), drive(1e9, 1e9, 1e9, 1e9)
+    assert hard.fault is None
+    assert fast.hash == hard.hash, "full throttle is full throttle"
+    assert fast.provenance["excess"] == {"a0": {"requests": 4, "largest": 3.5}}
+    mixed = drive(3.0, 5.0, -4.0, -7.0)
+    assert mixed.provenance["excess"] == {"a0": {"requests": 2, "largest": -7.0}}
+    assert "excess" not in drive(3.0, 0.0, -4.0, -8.0, aggression=3).provenance
+    assert "excess" not in simulate(Case(SCENARIO, answering(Control()))).provenance
 
 
 def test_traffic_system_with_missing_autopilots_is_a_fault() -> None:

@@ -10,7 +10,7 @@ import pytest
 from pytest_rvads.drivers.interface import Control, Observation
 from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.geometry.finder import find
-from pytest_rvads.geometry.segment import Turn
+from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.runs.run import DT, Run
 from pytest_rvads.runs.states import VehicleState, Zone
 from pytest_rvads.scenarios.case import Case

@@ -12,11 +12,10 @@ import pytest
 from pytest_rvads.drivers.interface import Control, Observation
 from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.geometry.finder import find
+from pytest_rvads.physics.body import Motion
 from pytest_rvads.physics.engines import usual
-from pytest_rvads.physics.world import Motion
 from pytest_rvads.runs.run import DT
-from pytest_rvads.runs.states import Colour, Zone
-from pytest_rvads.runs.vehicle import Vehicle
+from pytest_rvads.runs.states import Colour, Vehicle, Zone
 from pytest_rvads.scenarios.case import Case, Fleet
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.simulators.loop import Loop

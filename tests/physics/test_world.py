@@ -4,14 +4,14 @@ import pytest
 
 from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.geometry.finder import find
-from pytest_rvads.physics import bullet_world
+from pytest_rvads.physics import engines
+from pytest_rvads.physics.body import Motion, WorldMaker
 from pytest_rvads.physics.engines import BULLET, MUJOCO
-from pytest_rvads.physics.world import Motion, WorldMaker
 from pytest_rvads.runs.run import DT
-from pytest_rvads.runs.vehicle import Vehicle
+from pytest_rvads.runs.states import Vehicle
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario
-from pytest_rvads.simulators.planar import Planar, bullet, mujoco
+from pytest_rvads.simulators.loop import Planar, bullet, mujoco
 from pytest_rvads.simulators.simulator import simulate
 from pytest_rvads.support.errors import RunError
 
@@ -78,7 +78,7 @@ def test_contacts_name_touching_bodies(make: WorldMaker) -> None:
 
 def test_more_bodies_than_the_engine_moves_at_once_are_bodies_like_any_other(make: WorldMaker) -> None:
     count = 48
-    assert count > bullet_world._MOST
+    assert count > engines._MOST
     starts = [Motion(8.0 * k, 0.0, 0.01 * k, 0.0, 1.0 + k, 0.0) for k in range(count)]
     starts[47] = Motion(0.0, 1.0, 0.0, 0.0, 0.0, 0.0)
     world = make([CAR] * count, starts)

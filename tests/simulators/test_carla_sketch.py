@@ -13,7 +13,7 @@ import pytest
 
 import pytest_rvads as rvads
 from pytest_rvads.conformance.bench import Bench
-from pytest_rvads.conformance.checks import CHECKS, faults, unsupported
+from pytest_rvads.conformance.test_conformance import CHECKS, faults, unsupported
 from pytest_rvads.drivers.reference import Reference
 
 ROOT = Path(__file__).parents[2]

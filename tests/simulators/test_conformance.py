@@ -12,10 +12,10 @@ import pytest
 
 import pytest_rvads as rvads
 from pytest_rvads.conformance.bench import Bench, NotTried
-from pytest_rvads.conformance.checks import CHECKS, faults, unsupported
+from pytest_rvads.conformance.test_conformance import CHECKS, faults, unsupported
 from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.runs.states import SignalPlan
-from pytest_rvads.simulators.planar import usual
+from pytest_rvads.simulators.loop import usual
 from pytest_rvads.simulators.simulator import named
 
 SHIPPED = {"bullet": "pybullet", "mujoco": "mujoco", "sumo": "sumo"}
@@ -118,6 +118,21 @@ def sized(run: rvads.Run) -> rvads.Run:
 
 def another_pair(run: rvads.Run) -> rvads.Run:
     return replace(run, collisions=tuple(replace(c, agents=(c.agents[0], "a9")) for c in run.collisions or ()))
+
+
+def unhit(run: rvads.Run) -> rvads.Run:
+    """Nobody touches a pedestrian, and the run says that it took its whole time."""
+    return replace(run, collisions=(), provenance=dict(run.provenance) | {"end": "duration"})
+
+
+def late_walkers(run: rvads.Run) -> rvads.Run:
+    """Pedestrians are a second late."""
+    people = np.array([agent.kind is rvads.Kind.PEDESTRIAN for agent in run.agents])
+    late = {}
+    for name in ("zone", "station", "speed", "pose"):
+        late[name] = getattr(run, name).copy()
+        late[name][:, people] = np.concatenate((np.repeat(late[name][:1, people], 100, axis=0), late[name][:-100, people]))
+    return replace(run, **late)
 
 
 def late_collision(run: rvads.Run) -> rvads.Run:
@@ -488,6 +503,8 @@ WRONG: list[tuple[str, Any, str, str]] = [
         r"the collision is at 23\.\d+ m/s, the two move apart or together at 6\.",
     ),
     ("states after an impact", Wrapped(on_and_on), "running_into", r"the run goes on for 0\.5\d s after the collision"),
+    ("pedestrians who are late", Wrapped(late_walkers), "pedestrians", r"p0 is at station .* its behaviour gives .* m"),
+    ("pedestrians nobody hits", Wrapped(unhit), "pedestrians", r"no collision of a0 and p0 is reported, .* overlap from"),
     ("bodies that are too wide", Wrapped(before=wider), "passing", r"a0 and a2 are said to collide at .* they are .* m wide"),
     ("runs that are counted", Counting(), "repeatable", r"its hash is \w{12} and then \w{12}, expected the same"),
     ("runs that know the one before", Remembering(), "repeatable", r"its hash is \w{12}, after other cases \w{12}"),
@@ -518,8 +535,8 @@ def test_every_check_finds_a_fault() -> None:
 OWN = """
 import os
 from dataclasses import replace
-from pytest_rvads.simulators.choice import choice
-from pytest_rvads.simulators.planar import usual
+from pytest_rvads.simulators.patience import choice
+from pytest_rvads.simulators.loop import usual
 
 class Mine:
     name = "mine"
@@ -603,7 +620,7 @@ def test_object_that_is_no_simulator_fails_the_check_of_its_name() -> None:
 DARK = """
 from dataclasses import replace
 import numpy as np
-from pytest_rvads.simulators.planar import usual
+from pytest_rvads.simulators.loop import usual
 
 class Dark:
     name = "dark"

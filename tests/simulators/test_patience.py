@@ -13,7 +13,7 @@ import pytest
 
 import pytest_rvads as rvads
 from pytest_rvads.simulators import patience
-from pytest_rvads.simulators.choice import choice
+from pytest_rvads.simulators.patience import choice
 from pytest_rvads.simulators.simulator import simulate
 
 SCENARIO = rvads.Scenario(rvads.find("stop4"), "1231", distance=20, duration=0.1)

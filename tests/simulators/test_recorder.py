@@ -4,7 +4,7 @@ import gc
 
 from pytest_rvads.drivers.interface import Control
 from pytest_rvads.geometry.finder import find
-from pytest_rvads.geometry.segment import Turn
+from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.runs.run import Facts, Run
 from pytest_rvads.runs.states import Agent, Colour, VehicleState, Zone
 from pytest_rvads.simulators.loop import Recorder

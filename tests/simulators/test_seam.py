@@ -18,16 +18,16 @@ from pytest_rvads.cli import main
 from pytest_rvads.runs.run import Collision
 from pytest_rvads.search.falsify import look_for
 from pytest_rvads.search.relations import RELATIONS
-from pytest_rvads.simulators.choice import Choice, choice, choosing
 from pytest_rvads.simulators.closed_loop import closed_vmax
-from pytest_rvads.simulators.planar import usual
+from pytest_rvads.simulators.loop import usual
+from pytest_rvads.simulators.patience import Choice, choice, choosing
 from pytest_rvads.simulators.simulator import meant, named
 from pytest_rvads.support.errors import ScenarioError
 from studies import killing, power, prediction
 from studies.mutants import MUTANTS
 
 OWN = """
-    from pytest_rvads.simulators.planar import usual
+    from pytest_rvads.simulators.loop import usual
 
     class Counting:
         name = "counting"

@@ -7,7 +7,7 @@ from xml.etree import ElementTree
 import pytest
 
 from pytest_rvads import cli
-from pytest_rvads.cli import braking_command as driving
+from pytest_rvads.cli import braking_commands as driving
 from pytest_rvads.cli.common import progress
 from pytest_rvads.report.draw.curves import draw_braking
 from pytest_rvads.simulators.closed_loop import closed_envelope

@@ -15,9 +15,10 @@ import pytest_rvads as rvads
 from pytest_rvads.simulators.simulator import simulate
 
 SCENARIO = rvads.Scenario(rvads.find("light4"), "1231", distance=20, duration=0.05)
+WITH_PEDESTRIAN = SCENARIO.but(place=rvads.find("walk4"), pedestrians=[rvads.Pedestrian(0)])
 
 
-def looked() -> tuple[rvads.Observation, tuple[rvads.Agent, ...]]:
+def looked(scenario: rvads.Scenario = SCENARIO) -> tuple[rvads.Observation, tuple[rvads.Agent, ...]]:
     """Return what a traffic system and its autopilots were shown."""
     shown: list[Any] = []
 
@@ -30,33 +31,39 @@ def looked() -> tuple[rvads.Observation, tuple[rvads.Agent, ...]]:
             shown.append(seen)
             return rvads.Control(brake=1.0)
 
-    run = simulate(rvads.Case(SCENARIO, Looks))
+    run = simulate(rvads.Case(scenario, Looks))
     assert run.fault is None
     return shown[-1], shown[0]
 
 
-def parts(value: Any, path: str = "seen") -> Iterator[tuple[str, Any]]:
-    """Walk everything that can be reached from a value by its public names."""
+def parts(value: Any, path: str = "seen", met: dict[int, Any] | None = None) -> Iterator[tuple[str, Any]]:
+    """Walk everything that can be reached from a value by its public names; each object with fields is met once."""
+    met = {} if met is None else met
+    if is_dataclass(value):
+        if id(value) in met:
+            return
+        met[id(value)] = value
     yield path, value
     if isinstance(value, Mapping):
         for key, item in value.items():
-            yield from parts(item, f"{path}[{key}]")
+            yield from parts(item, f"{path}[{key}]", met)
     elif isinstance(value, tuple | frozenset):
         for number, item in enumerate(value):
-            yield from parts(item, f"{path}[{number}]")
+            yield from parts(item, f"{path}[{number}]", met)
     elif is_dataclass(value):
         names = [field.name for field in fields(value)]
         names += [name for name, kind in vars(type(value)).items() if hasattr(kind, "func")]  # cached properties
         for name in names:
-            yield from parts(getattr(value, name), f"{path}.{name}")
+            yield from parts(getattr(value, name), f"{path}.{name}", met)
 
 
 PLAIN = (str, int, float, bool, type(None), Enum, tuple, frozenset, MappingProxyType)
 
 
-def test_observations_are_read_only() -> None:
+@pytest.mark.parametrize("scenario", [SCENARIO, WITH_PEDESTRIAN], ids=["vehicles", "with a pedestrian"])
+def test_observations_are_read_only(scenario: rvads.Scenario) -> None:
     kinds = set()
-    for path, value in parts(looked()):
+    for path, value in parts(looked(scenario)):
         kinds.add(type(value).__name__)
         if isinstance(value, np.ndarray):
             with pytest.raises(ValueError, match="cannot set WRITEABLE"):

@@ -1,36 +1,51 @@
-"""The driver of an LGSVL-like vehicle: target speed, decision to stop at the line, and yielding at lights.
+"""The LGSVL-like autopilot: the driver of a vehicle, and the traffic system with the paper's five deficiencies as switches.
 
-The driver has the decisions of the original. The motion law of the original, a first-order pursuit of the target at up to
-19 m/s^2, fits no car. Here the rates of the law determine shares of the drive and brake forces of a real car.
+"Original" refers to the controller of the LGSVL simulator. Like the original, a driver chooses a target speed, decides whether to
+stop at the line, and yields at lights. The original changes the speed toward the target with accelerations up to 19 m/s^2, which
+no car reaches. In this package, the rates of the original determine which shares of the drive and brake forces of a car are
+applied.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 from pytest_rvads.drivers.crossing import in_the_way
 from pytest_rvads.drivers.follower import STANDING, Follower
-from pytest_rvads.drivers.interface import Control, Observation
-from pytest_rvads.drivers.lgsvl.constants import ADVANCE, DECIDE, HOLD, RAMP, RATES, SLOW, TURN_SHARE, TURN_WAIT, Constants
-from pytest_rvads.drivers.lgsvl.scheduler import Guarded, Scheduler, zone_of
+from pytest_rvads.drivers.interface import Control, Drives, Observation, TrafficSystem
+from pytest_rvads.drivers.lgsvl.scheduler import (
+    ADVANCE,
+    DECIDE,
+    HOLD,
+    RAMP,
+    RATES,
+    SLOW,
+    TURN_SHARE,
+    TURN_WAIT,
+    Constants,
+    Guarded,
+    Scheduler,
+    zone_of,
+)
 from pytest_rvads.drivers.spacing import clear_of_bodies
 from pytest_rvads.geometry.control import JunctionControl
-from pytest_rvads.geometry.segment import Turn
-from pytest_rvads.runs.states import Colour, VehicleState, Zone
+from pytest_rvads.geometry.turns import Turn
+from pytest_rvads.runs.states import Agent, Colour, VehicleState, Zone
 
-__all__ = ["Pilot", "Switches", "listed", "oncoming", "prior_on_red"]
+__all__ = ["LgsvlLike", "Pilot", "Switches", "listed", "oncoming", "prior_on_red"]
 
 NEAR = 45.0
-"""Distance to the junction from which on a prior vehicle matters [m]: about five seconds at full speed."""
+"""Only vehicles that are at most this far from the junction can have priority [m]: about five seconds at full speed."""
 _SLOW = 0.05
 """Speed below which a vehicle that creeps to its stop counts as standing [m/s]."""
 _TURN_EASE = 3.0
-"""Deceleration towards a turn [m/s^2]; the original enters turns at full speed, where a car would slide."""
+"""Deceleration before a turn [m/s^2]; the original enters turns at full speed, at which a car would slide."""
 
 
 class Switches(NamedTuple):
-    """Switches for the deficiencies of the paper's table."""
+    """Switches for the five deficiencies of the LGSVL autopilot in the paper's table."""
 
     i1: bool = True
     """The vehicle sets off before the driver knows about the stop sign."""
@@ -39,18 +54,18 @@ class Switches(NamedTuple):
     i3: bool = True
     """The scheduler ignores ties: the creation order decides."""
     i4: bool = True
-    """The vehicle turns right on red after a time, without regard to other vehicles."""
+    """The vehicle turns right on red after a waiting time, without regard to other vehicles."""
     i5: bool = True
-    """The vehicle yields by an incomplete list, after crossing the line."""
+    """On a left turn, the vehicle yields only to some oncoming vehicles, and only after it has crossed the line."""
 
 
 class Pilot(Follower):
-    """Driver of a vehicle.
+    """The driver of one vehicle in the LGSVL-like traffic system.
 
     Args:
-        switches: the deficiencies.
-        constants: the free constants.
-        scheduler: scheduler of the run, shared by all vehicles.
+        switches: which deficiencies the driver has.
+        constants: the constants whose values were fitted.
+        scheduler: the scheduler that all vehicles of the run share.
     """
 
     def __init__(self, switches: Switches, constants: Constants, scheduler: Scheduler) -> None:
@@ -60,22 +75,23 @@ class Pilot(Follower):
         self._scheduler = scheduler
         self._zone: Guarded | None = None
         self._free = False
-        """Whether the vehicle may pass the line."""
+        """Whether the driver has decided to cross the line."""
         self._decided = False
-        """Whether the driver has read the light."""
+        """Whether the driver has looked at the light."""
         self._has_left = False
         """Whether the vehicle has left the zone of the scheduler."""
         self._joined: float | None = None
         """Time at which the vehicle joined the queue [s]."""
         self._stood: float | None = None
-        """Time at which the vehicle came to a stand at a light [s]."""
+        """Time at which the vehicle stopped at a light [s]."""
         self._green: float | None = None
         """Time at which the waiting vehicle first observed green [s]."""
         self._since = 0.0
-        """Time from which on the vehicle follows a higher target speed [s]."""
+        """Time at which the vehicle began to accelerate to a higher target speed [s]."""
 
     def control(self, seen: Observation) -> Control:
-        """Return throttle, brake and steering; an event in this tick takes effect in the next tick."""
+        """Return throttle, brake and steering; a decision to cross the line takes effect one tick later."""
+        everybody, seen = seen, seen.on_movements()
         me = seen.me
         free = self._free
         stops = seen.junction.control is not JunctionControl.LIGHTS
@@ -84,14 +100,14 @@ class Pilot(Follower):
         elif not free:
             self._attend_light(seen)
         distance = seen.itinerary.line - me.station
-        # At greater distances the flag would not change the first ticks.
+        # A vehicle farther from the line would drive in the first ticks with and without deficiency I1.
         launching = self._has.i1 and distance <= self._constants.halt and seen.time < self._constants.launch - 1e-9
         if free or launching:
             if not stops and me.turn is Turn.LEFT and not launching and self._yields(seen):
                 return self.drive(seen, -math.inf if me.speed < _SLOW else self._pursue(seen, 0.0))
             acceleration = self._pursue(seen, self._cruise(seen))
-            if seen.others and me.speed > _SLOW:
-                acceleration = min(acceleration, clear_of_bodies(seen, self.track(seen)))
+            if everybody.others and me.speed > _SLOW:
+                acceleration = min(acceleration, clear_of_bodies(everybody, self.track(seen)))
         else:
             target = self._approach(seen, distance)
             if target <= 0.0 and me.speed < STANDING and seen.time >= self._constants.launch:
@@ -100,7 +116,7 @@ class Pilot(Follower):
         return self.drive(seen, acceleration)
 
     def _attend_sign(self, seen: Observation) -> None:
-        """Join the queue at the line, go when the scheduler calls, and report to the scheduler after the zone."""
+        """Join the queue at the stop sign, go when the scheduler calls, and tell the scheduler when the vehicle has left."""
         if self._has_left:
             return
         me = seen.me
@@ -119,7 +135,7 @@ class Pilot(Follower):
             self._release(seen)
 
     def _attend_light(self, seen: Observation) -> None:
-        """Read the light once; if the light is not green, stop and wait for green, or for the waiting time of a right turn."""
+        """Look at the light once, at a distance; if it is not green, stop, and wait for green or to turn right on red."""
         me = seen.me
         colour = seen.lights[me.entrance]
         if not self._decided:
@@ -139,7 +155,10 @@ class Pilot(Follower):
             self._release(seen)
 
     def _may_go(self, seen: Observation, colour: Colour) -> bool:
-        """Return whether a vehicle that stopped at a light may go: a right turn after a time, other turns a time after green."""
+        """Return whether a vehicle that decided to stop at a light crosses the line now.
+
+        A right turn goes at green, or at red after a waiting time. A left turn goes a waiting time after green.
+        """
         if seen.me.turn is Turn.RIGHT:
             waited = self._stood is not None and seen.time - self._stood >= seen.wait - 1e-9
             return colour is Colour.GREEN or (waited and (self._has.i4 or not prior_on_red(seen)))
@@ -151,13 +170,13 @@ class Pilot(Follower):
         self._since = seen.time
 
     def _yields(self, seen: Observation) -> bool:
-        """Return whether a left turn that may pass the line gives way."""
+        """Return whether the driver stops for oncoming vehicles on a left turn, after it decided to cross the line."""
         if self._has.i5:
             return seen.me.zone is Zone.JUNCTION and listed(seen)
         return seen.me.station <= 0.0 and oncoming(seen)
 
     def _cruise(self, seen: Observation) -> float:
-        """Return the target speed of a vehicle that does not have to stop [m/s]."""
+        """Return the target speed of the vehicle while it does not have to stop [m/s]."""
         normal, me = self.target_speed(seen), seen.me
         if me.turn is Turn.STRAIGHT or me.station > seen.itinerary.length:
             return normal
@@ -165,19 +184,19 @@ class Pilot(Follower):
         return min(normal, math.sqrt(slow * slow - 2.0 * _TURN_EASE * min(me.station, 0.0)))
 
     def _approach(self, seen: Observation, distance: float) -> float:
-        """Return the target speed of a vehicle that stops in `distance` [m] [m/s]."""
+        """Return the target speed of a vehicle that has to stop and is `distance` [m] away from its stopping line [m/s]."""
         halt = self._constants.halt
         if distance <= halt:
             return 0.0
-        # The law of the original needs more than the brakes can do; a lower speed keeps within the brakes.
+        # The target speed of the original would need more braking than a car has, so the speed is limited by the brakes.
         possible = self.stopping_speed(distance - halt, self._constants.braking * seen.vehicle.brake[seen.aggression - 1])
         return min(seen.speed_limit, possible, seen.speed_limit * distance / SLOW)
 
     def _pursue(self, seen: Observation, target: float) -> float:
-        """Return the acceleration with which the speed follows `target` [m/s^2].
+        """Return the acceleration toward the speed `target` [m/s^2].
 
-        The speed follows a lower target at the full rate, and a higher target at a growing rate. The share of the drive force is
-        the ratio of the resulting acceleration to the greatest acceleration of the original from rest.
+        Speed differences are corrected at the full rate if the target is lower, and at a growing rate if it is higher. The share
+        of the drive force is the acceleration of the original divided by its acceleration from rest to the speed limit.
         """
         error = target - seen.me.speed
         rate = RATES[seen.aggression - 1]
@@ -188,10 +207,10 @@ class Pilot(Follower):
 
 
 def listed(seen: Observation) -> bool:
-    """Return whether a left turn beyond its line yields to a vehicle on its list (I5).
+    """Return whether a driver with deficiency I5, on a left turn beyond its line, yields to an oncoming vehicle.
 
-    The list holds only the opposite lane through the junction and the road before this lane. Vehicles that go straight on count
-    on the road and in the junction. Vehicles that turn right count only on the road.
+    The driver looks only at vehicles from the opposite entrance: it yields to vehicles on the approach that do not turn left, and
+    to vehicles in the junction that go straight on.
     """
     return any(
         (other.zone is Zone.JUNCTION and other.turn is Turn.STRAIGHT and in_the_way(seen, other))
@@ -202,7 +221,7 @@ def listed(seen: Observation) -> bool:
 
 
 def oncoming(seen: Observation) -> bool:
-    """Return whether a left turn has to wait before its line, for vehicles without I5."""
+    """Return whether a driver without deficiency I5 has to wait on a left turn."""
     for other in seen.others:
         if in_the_way(seen, other):
             return True
@@ -212,7 +231,7 @@ def oncoming(seen: Observation) -> bool:
 
 
 def prior_on_red(seen: Observation) -> bool:
-    """Return whether a right turn on red has to wait, for vehicles without I4."""
+    """Return whether a driver without deficiency I4 has to wait on a right turn on red."""
     for other in seen.others:
         if in_the_way(seen, other):
             return True
@@ -222,9 +241,44 @@ def prior_on_red(seen: Observation) -> bool:
 
 
 def _comes(seen: Observation, other: VehicleState) -> bool:
-    """Return whether `other` is about to enter the junction: its light is not red, or the vehicle is not about to stand."""
+    """Return whether `other` is near the junction and about to enter; a vehicle that nearly stands at red is not."""
     if other.zone is not Zone.APPROACH and other.zone is not Zone.ENTRANCE:
         return False
     if seen.lights[other.entrance] is Colour.RED and other.speed < 1.0:
         return False
     return other.station > -NEAR
+
+
+class LgsvlLike(TrafficSystem):
+    """A calibrated surrogate of the controller that the paper examined, on vehicles with real dynamics.
+
+    Args:
+        i1: whether a vehicle sets off before its driver knows about the stop sign.
+        i2: whether the scheduler mistakes a hidden box for the junction.
+        i3: whether the scheduler ignores which vehicle is on the right when two vehicles arrive together.
+        i4: whether a vehicle turns right on red after a waiting time, without regard to other vehicles.
+        i5: whether a vehicle on a left turn yields only to some oncoming vehicles.
+        constants: the constants whose values were fitted.
+
+    Example:
+        >>> from functools import partial
+        >>> without_hidden_zone = partial(LgsvlLike, i2=False)
+    """
+
+    def __init__(
+        self,
+        *,
+        i1: bool = True,
+        i2: bool = True,
+        i3: bool = True,
+        i4: bool = True,
+        i5: bool = True,
+        constants: Constants | None = None,
+    ) -> None:
+        self.switches = Switches(i1, i2, i3, i4, i5)
+        self.constants = constants or Constants()
+
+    def autopilots(self, agents: Sequence[Agent]) -> Sequence[Drives]:
+        """Return one autopilot per agent, in the order of `agents`, with a common scheduler."""
+        scheduler = Scheduler((agent.name for agent in agents), self.switches.i3)
+        return [Pilot(self.switches, self.constants, scheduler) for _ in agents]

@@ -1,21 +1,103 @@
-"""The scheduler of a junction with stop signs, and the zone that the scheduler guards.
+"""The scheduler of a junction with stop signs, the zone that the scheduler guards, and the constants of the LGSVL-like autopilot.
 
 The scheduler has one queue for all vehicles: first in, first out.
+
+Some constants are facts about the controller of the LGSVL simulator, the "original". The free constants (`Constants`) stand for
+unknown values and were fitted. No code of the original was copied. ``docs/replication.md`` lists the free constants, the data to
+which they were fitted, and their ranges.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from dataclasses import dataclass, fields
 from typing import NamedTuple, Protocol
 
 from pytest_rvads.drivers.interface import Observation
-from pytest_rvads.drivers.lgsvl.constants import Constants, ZoneBox
 from pytest_rvads.geometry.junction import Junction
-from pytest_rvads.geometry.segment import Pose, Turn
+from pytest_rvads.geometry.segment import Pose
+from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.runs.states import VehicleState, Zone
+from pytest_rvads.support.errors import AutopilotError
 
-__all__ = ["Box", "Guarded", "Scheduler", "Whole", "frame", "zone_of"]
+__all__ = [
+    "ADVANCE",
+    "DECIDE",
+    "HOLD",
+    "RAMP",
+    "RATES",
+    "RED_WAIT",
+    "SLOW",
+    "TURN_SHARE",
+    "TURN_WAIT",
+    "Box",
+    "Constants",
+    "Guarded",
+    "Scheduler",
+    "Whole",
+    "ZoneBox",
+    "frame",
+    "zone_of",
+]
+
+RATES = (4.0, 6.0, 8.0)
+"""Acceleration per difference between target speed and speed, by aggression [1/s]; the full rate."""
+ADVANCE = 1.0
+"""This rate when the vehicle begins to accelerate to a higher target speed [1/s]."""
+RAMP = 5.0
+"""Time in which the rate grows from `ADVANCE` to the full rate [s]."""
+TURN_SHARE = 0.5
+"""Speed in turns as a share of the speed on straight roads."""
+SLOW = 15.0
+"""Within this distance before the line, the target speed of a vehicle that has to stop is proportional to the distance [m]."""
+DECIDE = 15.0
+"""Distance to the line at which the driver looks at the light once [m]."""
+HOLD = 1.0
+"""Least time in the queue at a stop sign [s]."""
+RED_WAIT = (0.0, 4.0)
+"""Range of the time that a vehicle stands at red before it turns right [s]; 0 to 3 s on the faster vehicles of the original."""
+TURN_WAIT = (1.0, 2.0)
+"""Range of the time that a vehicle waits after its light has turned green before it turns left [s]."""
+
+
+@dataclass(frozen=True, slots=True)
+class ZoneBox:
+    """The zone that the scheduler mistakes for the junction: a box around a point beside the centre (deficiency I2).
+
+    The sides of the box are parallel to the axes x and y of the junction. In a junction of four arms (X), x leads to arm 1 and y
+    to arm 2. In a junction of three arms (T), x leads along the stem away from the centre, and y points to the left of x.
+    """
+
+    x: float
+    """Centre of the box along x [m]."""
+    y: float
+    """Centre of the box along y [m]."""
+    half_x: float
+    """Half of the extent along x [m]."""
+    half_y: float
+    """Half of the extent along y [m]."""
+
+    def __post_init__(self) -> None:
+        numbers = [getattr(self, item.name) for item in fields(self)]
+        if not all(math.isfinite(number) for number in numbers) or min(self.half_x, self.half_y) <= 0:
+            raise AutopilotError(f"a zone needs a finite place and positive extents, got {numbers}")
+
+
+@dataclass(frozen=True, slots=True)
+class Constants:
+    """The free constants of the LGSVL-like autopilot, whose values were fitted to the paper's tables."""
+
+    zone4: ZoneBox = ZoneBox(0.8, -0.8, 7.5, 7.5)
+    """Zone of a junction of four arms."""
+    zone3: ZoneBox = ZoneBox(2.0, 0.3, 4.6, 4.6)
+    """Zone of a junction of three arms."""
+    launch: float = 0.21
+    """Time for which a vehicle accelerates at the start before its driver knows of the stop sign (deficiency I1) [s]."""
+    halt: float = 1.0
+    """Distance to the line at which the target speed becomes zero [m]; vehicles stop at about three quarters of this distance."""
+    braking: float = 0.75
+    """Share of the service brake with which a vehicle slows down before a stop; the original brakes harder than any car can."""
 
 
 class _Waiting(NamedTuple):
@@ -28,13 +110,13 @@ class _Waiting(NamedTuple):
 class Scheduler:
     """Lets vehicles into the junction one after another.
 
-    Vehicles call the scheduler in creation order. So of two vehicles that arrive in the same tick the vehicle that was created
-    first is first in the queue: that is deficiency I3.
+    Vehicles join the queue in the order in which they were created. So of two vehicles that arrive in the same tick, the vehicle
+    that was created first goes first. This is deficiency I3.
 
     Args:
-        roster: names of the vehicles of the scheduler.
-        ties_ignored: deficiency I3; if False, among vehicles that arrive together a vehicle without a vehicle to its right goes
-            first.
+        roster: names of the vehicles that obey the scheduler.
+        ties_ignored: whether the scheduler has deficiency I3. If not, of vehicles that arrive together a vehicle without a
+            vehicle to its right goes first.
     """
 
     def __init__(self, roster: Iterable[str], ties_ignored: bool) -> None:
@@ -45,14 +127,17 @@ class Scheduler:
         self._inside = False
 
     def join(self, seen: Observation) -> None:
-        """Add a vehicle to the queue."""
+        """Add the observing vehicle to the queue."""
         self._queue.append(_Waiting(seen.me.name, seen.me.entrance, seen.time))
 
     def calls(self, seen: Observation, zone: Guarded) -> bool:
-        """Return whether a vehicle may go: the vehicle is first in the queue, and no vehicle is on the way through the zone."""
+        """Return whether the observing vehicle is called into the junction.
+
+        It is called if it is first in the queue and no vehicle that was called before is still on its way through the zone.
+        """
         if self._called is not None or self._next_vehicle(seen) != seen.me.name:
             return False
-        # Vehicles outside of the roster do not obey the scheduler.
+        # Vehicles that are not in the roster don't obey the scheduler, so the zone is checked for them.
         if any(state.name not in self._roster and zone.holds(state) for state in seen.others):
             return False
         self._called = seen.me.name
@@ -60,12 +145,12 @@ class Scheduler:
         return True
 
     def leaves(self, state: VehicleState, zone: Guarded, gone: bool) -> bool:
-        """Return whether the called vehicle has left the zone with its whole body; then the next vehicle may go.
+        """Return whether the called vehicle has completely left the guarded area, so that another vehicle can be called.
 
         Args:
             state: state of the vehicle.
             zone: the guarded area.
-            gone: whether the body is out of the junction; such a vehicle has left, even if the body never touched the zone.
+            gone: whether the whole body is past the junction; such a vehicle has left, even if its body never touched the area.
         """
         inside = zone.holds(state)
         self._inside = self._inside or inside
@@ -86,18 +171,18 @@ class Scheduler:
 
 
 class Guarded(Protocol):
-    """An area for one vehicle at a time."""
+    """An area of the junction that the scheduler opens to one vehicle at a time."""
 
     def holds(self, state: VehicleState) -> bool:
-        """Return whether a part of the vehicle is in the area."""
+        """Return whether a part of the vehicle is in this area of the junction."""
 
 
 class Box:
-    """The hand-placed box of deficiency I2.
+    """The box that a scheduler with deficiency I2 guards instead of the junction.
 
     Args:
-        box: extent of the box in the frame of the junction.
-        origin: frame of the junction on the map.
+        box: centre and size of the box in the frame of the junction.
+        origin: pose of the frame of the junction on the map, see `frame`.
     """
 
     def __init__(self, box: ZoneBox, origin: Pose) -> None:
@@ -114,7 +199,7 @@ class Box:
         """Return whether a corner of the body is in the box."""
         b, o = self.box, self.origin
         dx, dy = state.x - o.x, state.y - o.y
-        # The front bumper in the frame of the box.
+        # x, y: the front bumper in the frame of the box.
         x, y = dx * self._cos + dy * self._sin - b.x, dy * self._cos - dx * self._sin - b.y
         turned = state.heading - o.heading
         cos, sin = math.cos(turned), math.sin(turned)
@@ -127,10 +212,10 @@ class Box:
 
 
 class Whole:
-    """The whole junction, from the entrance vertices to the exit vertices; the zone without deficiency I2.
+    """The whole junction, from the entrance vertices to the exit vertices, which a scheduler without deficiency I2 guards.
 
     Args:
-        junction: the junction; the lengths of its movements give the extent.
+        junction: the junction, whose movements end at the exit vertices.
     """
 
     def __init__(self, junction: Junction) -> None:
@@ -147,8 +232,8 @@ def zone_of(junction: Junction, constants: Constants, hidden: bool) -> Box | Who
 
     Args:
         junction: the junction of the scheduler.
-        constants: the extents of the boxes.
-        hidden: whether the area is a box (I2) instead of the junction.
+        constants: the free constants, with the box for each number of arms.
+        hidden: whether the scheduler guards a box (deficiency I2) instead of the junction.
     """
     both = all(arm.entrances and arm.exits for arm in junction.arms)
     if not (hidden and both and junction.ways in (3, 4) and junction.drivable):
@@ -157,7 +242,7 @@ def zone_of(junction: Junction, constants: Constants, hidden: bool) -> Box | Who
 
 
 def frame(junction: Junction) -> Pose:
-    """Return the frame of a junction's zone: the point where its arms meet, and the direction of its x axis.
+    """Return the frame of a junction's box: as a pose, the point where the arms meet and the direction of the x axis.
 
     Raises:
         MapError: the junction has no geometry.
@@ -175,6 +260,6 @@ def frame(junction: Junction) -> Pose:
         headings.append(enter.heading + math.pi)
     scale = xx * yy - xy * xy
     straight = {junction.entrances[m.entrance].arm for m in junction.movements.values() if m.turn is Turn.STRAIGHT}
-    # x leads along the stem of a T, which has no movement straight on, and along arm 1 of an X.
+    # x leads along the stem of a T, from which no movement leads straight on, or along arm 1 of an X.
     stem = next((i for i in range(junction.ways) if i not in straight), 1)
     return Pose((yy * bx - xy * by) / scale, (xx * by - xy * bx) / scale, headings[stem])

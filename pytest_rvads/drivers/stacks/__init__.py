@@ -1,1 +1,4 @@
-"""Autopilots in other processes: a stack in any language, asked in lock-step over its standard input and output."""
+"""Autopilots in other processes, called stacks: programs in any language that get observations and return commands by pipes.
+
+Simulated time waits for each answer (lock-step).
+"""

@@ -1,6 +1,7 @@
-"""The process of a stack: bytes written to the process, bytes read from the process, each with a time limit, and the end.
+"""The process of a stack (an autopilot in another process): writing and reading with time limits, and ending the process.
 
-A thread reads the standard error of the process, so that the stack never waits for this process. Only the end is stored.
+A thread of this package reads the standard error of the stack, so that the stack is never blocked by a full pipe. Only the end of
+the standard error is stored.
 """
 
 from __future__ import annotations
@@ -18,32 +19,31 @@ from pathlib import Path
 from threading import Lock, Thread
 from uuid import uuid4
 
-from pytest_rvads.drivers.stacks import guard
-from pytest_rvads.drivers.stacks.descendants import MARK, Descendants, dismiss, kill
+from pytest_rvads.drivers.stacks.descendants import MARK, Descendants, dismiss, kill, unwatch, watch
 from pytest_rvads.support.errors import AutopilotError
 from pytest_rvads.support.wording import one_line, printable
 
 __all__ = ["Child", "StackError", "StackTimeout", "StandardError"]
 
 _STORED = 2**20
-"""Stored part of the standard error [bytes]."""
+"""Length of the end of the standard error that is stored [bytes]."""
 _TAIL = 4096
-"""Part of the standard error in the detail of an error [bytes]."""
+"""Length of the end of the standard error that an error message shows [bytes]."""
 _PIECE = 65536
-"""Bytes per read."""
+"""Largest number of bytes that are read at once."""
 _LINE = 16 * 2**20
-"""The longest line [bytes]: the values of a line take about 20 times as much memory."""
+"""Greatest length of a line from a stack [bytes]; the decoded values of a line take about 20 times as much memory."""
 _LONGEST = 1000
-"""Longest text of an error [characters]; parts of the text come from the stack."""
+"""Greatest length of the text of an error, of which a stack can have written parts [characters]."""
 _MOMENT = 0.5
-"""Longest time between the end of the output of a process and the end of the process [s]."""
+"""Longest wait for the end of a process after the end of its output, and for the end of its output after it was killed [s]."""
 
 
 class StackError(AutopilotError):
     """A stack in another process failed: it could not be started, ended, hung, or broke the protocol.
 
     Args:
-        text: one sentence.
+        text: the failure in one sentence.
         detail: the end of the standard error of the stack.
     """
 
@@ -57,13 +57,13 @@ class StackTimeout(StackError):
 
 
 class Child:
-    """A running stack.
+    """The running process of a stack (an autopilot in another process).
 
     Args:
         command: the program and its arguments.
         cwd: working directory of the program.
         env: variables to add to the environment of the program.
-        grace: longest time for exiting after `bye` and after SIGTERM [s].
+        grace: time that the program gets to exit after the message ``bye``, and again after SIGTERM [s].
 
     Raises:
         StackError: the program can't be started.
@@ -91,7 +91,7 @@ class Child:
             raise StackError(f"it can't be started: {cause}; give the path of a program that exists") from None
         finally:
             os.close(self._stderr.sink)
-        guard.watch(self._process.pid, mark, grace)
+        watch(self._process.pid, mark, grace)
         self._descendants = Descendants(self._process.pid, mark)
         if self._process.stdin is None or self._process.stdout is None:
             raise StackError("it has no pipes")
@@ -105,7 +105,7 @@ class Child:
 
     @property
     def pid(self) -> int:
-        """Number of the process, of its process group and of its session."""
+        """Id of the process, which is also the id of its process group and of its session."""
         return self._process.pid
 
     @property
@@ -114,7 +114,7 @@ class Child:
         return self._exited(0.0) is None
 
     def send(self, data: bytes, limit: float) -> None:
-        """Write `data` to the process. A closed pipe raises no error here: reading the answer reports what happened.
+        """Write `data` to the process. If the process has closed its input, the error is raised when its answer is read.
 
         Raises:
             StackTimeout: the process did not read within `limit` seconds.
@@ -132,7 +132,7 @@ class Child:
                 return
 
     def line(self, limit: float) -> bytes:
-        """Return the next line, without the newline.
+        """Return the next line that the process writes, without the newline.
 
         Raises:
             StackError: the process ended, or the line is too long.
@@ -150,7 +150,7 @@ class Child:
         return line
 
     def exactly(self, count: int, limit: float) -> bytes:
-        """Return the next `count` bytes.
+        """Return the next `count` bytes that the process writes.
 
         Raises:
             StackError: the process ended.
@@ -164,31 +164,31 @@ class Child:
         return data
 
     def pending(self) -> bytes:
-        """Return the first bytes that the process wrote without a request."""
+        """Return bytes that the process has written although nothing was asked; empty if there are none."""
         if not self._buffer and self._readable.poll(0):
             self._buffer += os.read(self._out.fileno(), _PIECE)
         return bytes(self._buffer)
 
     def tail(self) -> str:
-        """Return the end of the standard error."""
+        """Return the end of what the process wrote to its standard error."""
         return self._stderr.tail()
 
     def close(self, farewell: bytes = b"") -> None:
         """End the process and its descendants: send `farewell` and wait, send SIGTERM and wait, send SIGKILL.
 
         Warns:
-            RuntimeWarning: a process can't be ended or found.
+            RuntimeWarning: a process can't be ended, or a process that can't be found still holds the standard output.
         """
         if self._closed:
             return
         self._closed = True
         try:
             self._dismiss(farewell)
-        finally:  # also after an interrupt
+        finally:  # an interrupt must not leave processes behind
             living = kill([self._descendants])
             with suppress(subprocess.TimeoutExpired):
                 self._process.wait(_MOMENT)
-            guard.unwatch(self._process.pid)
+            unwatch(self._process.pid)
             held = self._is_output_held()
             self._out.close()
             self._stderr.close()
@@ -198,10 +198,10 @@ class Child:
             _warn(f"a process that the stack {self._name} started holds its standard output and can't be found")
 
     def _dismiss(self, farewell: bytes) -> None:
-        """Ask the process to exit, and wait for the process and all its descendants."""
+        """Ask the process and all its descendants to exit, and wait until they do, or until the time is up."""
         if farewell:
-            self._descendants.living()  # once the process has gone, its descendants are no longer related to the process
-            with suppress(OSError):  # the process has gone, or does not read
+            self._descendants.living()  # descendants are identified now, because they lose their parent when the process exits
+            with suppress(OSError):  # the process has ended, or does not read
                 os.write(self._in.fileno(), farewell)
         self._in.close()
         if farewell:
@@ -209,7 +209,7 @@ class Child:
         dismiss([self._descendants], self._grace)
 
     def _is_output_held(self) -> bool:
-        """Return whether a process still holds the standard output, some time after the processes were killed."""
+        """Return whether an unknown process keeps the standard output open for `_MOMENT` after all known processes ended."""
         deadline = time.monotonic() + _MOMENT
         while time.monotonic() < deadline and self._readable.poll(_left(deadline)):
             if not os.read(self._out.fileno(), _PIECE):
@@ -237,7 +237,7 @@ class Child:
         return f"it was killed by signal {name}"
 
     def _exited(self, limit: float) -> os.waitid_result | None:
-        """Return the exit of the process without reaping the process; None if the process runs after `limit` seconds."""
+        """Return the exit status of the process, which stays a zombie; None if the process still runs after `limit` seconds."""
         deadline = time.monotonic() + limit
         while True:
             try:
@@ -254,20 +254,20 @@ def _warn(fault: str) -> None:
 
 
 def _left(deadline: float) -> float:
-    """Return the time until `deadline` [ms], as `poll` takes the time."""
+    """Return the time until `deadline` in milliseconds, the unit of `poll`; 0 after the deadline."""
     return max(deadline - time.monotonic(), 0.0) * 1000.0
 
 
 class StandardError:
-    """A pipe for the standard error of a stack, of which the end is stored.
+    """A pipe for the standard error of a stack; only the end of what the stack writes is stored.
 
-    A thread reads the pipe until no process can write to the pipe, or until the pipe is closed. Closing does not wait for
-    processes that left the stack and still hold the pipe.
+    A thread reads the pipe until every process has closed it, or until `close` is called. `close` does not wait for processes
+    that still hold the pipe open.
     """
 
     def __init__(self) -> None:
         self._source, self.sink = os.pipe()
-        """The end of the pipe to read from; the end that the stack writes to."""
+        """The two ends of the pipe: this process reads from `_source`, and the stack writes to `sink`."""
         self._stop, self._stopper = os.pipe()
         os.set_blocking(self._source, False)
         self._stored = bytearray()
@@ -276,7 +276,7 @@ class StandardError:
         self._thread.start()
 
     def tail(self) -> str:
-        """Return the end of the text that was written until now."""
+        """Return the end of the text that the stack has written to its standard error until now."""
         if self._thread.is_alive():
             self._read()
         return printable(self._stored[-_TAIL:].decode(errors="replace").strip(), _TAIL)
@@ -296,7 +296,7 @@ class StandardError:
             pass
 
     def _read(self) -> bool:
-        """Read and store the bytes in the pipe, at most one piece, and return whether more bytes may come."""
+        """Read and store at most `_PIECE` bytes from the pipe, and return False if every process has closed the pipe."""
         with self._lock:
             try:
                 piece = os.read(self._source, _PIECE)

@@ -1,14 +1,22 @@
-"""All processes of a stack, and their end. Run as a program, this file is the guard that ends stacks after the parent's end.
+"""Finds and ends all processes of a stack (an autopilot in another process).
 
-A stack may start processes in other sessions and leave these processes running. On Linux they are identified in ``/proc``: by
-parent, process group and session, and by a mark in the environment, which a process passes on to its children. On other systems
-only the process group is identified. The file imports only the standard library, because the guard runs the file alone.
+A stack may start processes in other process sessions and leave these processes running. On Linux they are identified in
+``/proc``: by parent, process group and session, and by a mark in the environment, which a process passes on to its children. On
+other systems only the process group is identified.
+
+The guard is a small process that ends all stacks when this process ends in any way. When this process ends, a stack reads the
+end of its input. Without the guard, a stack that hangs, or that a script started, would go on. The guard reads from a pipe that
+closes at an exit, a signal or a crash of this process. When the pipe closes, the guard ends all stacks that this process has
+reported to the guard. Run as a program, this file is the guard. The file imports only the standard library, because the guard
+runs the file alone.
 """
 
 from __future__ import annotations
 
+import atexit
 import os
 import signal
+import subprocess
 import sys
 import time
 from collections.abc import Sequence
@@ -16,12 +24,20 @@ from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
-__all__ = ["MARK", "Descendants", "dismiss", "kill"]
+__all__ = ["MARK", "Descendants", "dismiss", "kill", "unwatch", "watch"]
 
 MARK = "RVADS_STACK"
-"""Variable in the environment of a stack; every stack has another value."""
+"""Name of the variable that marks the processes of a stack by their environment; each stack has its own value."""
 _PATIENCE = 5.0
 """Longest time until killed processes disappear [s]."""
+_GUARD_PATIENCE = 60.0
+"""Longest time that this process waits for the guard at its exit [s]; the guard continues after this process."""
+_guard: subprocess.Popen[str] | None = None
+"""The guard of this process; None before the first stack."""
+_inherited: list[subprocess.Popen[str]] = []
+"""Guards of the processes from which this process was forked."""
+_watched: dict[int, str] = {}
+"""Per stack, the line sent to the guard; a new guard gets all lines if the guard was killed."""
 _PROC = Path("/proc")
 
 
@@ -29,30 +45,30 @@ class _Status(NamedTuple):
     """Status of a process in ``/proc``."""
 
     kin: tuple[int, int, int]
-    """Parent, process group, session."""
+    """Ids of the parent, of the process group and of the session."""
     start: int
-    """Time of the start, which tells a process from a later process with the same number."""
+    """Time at which the process started, because a later process can have the same id."""
     runs: bool
-    """Whether the process has not ended. A zombie process counts as ended, but still links its children to the stack."""
+    """Whether the process has not ended. A zombie counts as ended, but its children are still recognised by it."""
 
 
 class Descendants:
-    """All processes of a stack.
+    """All processes of a stack: the process that was started for it, and the descendants of this process.
 
     Args:
-        leader: number of the process that was started for the stack, the leader of a session.
+        leader: id of the process that was started for the stack, which leads a session of its own.
         mark: value of the environment variable `MARK` in all processes of the stack.
     """
 
     def __init__(self, leader: int, mark: str) -> None:
         self._leader, self._mark = leader, f"{MARK}={mark}".encode()
         self.groups = {leader}
-        """Process groups of the stack: a chain of processes that fork and exit ends only by a signal to the group."""
+        """Process groups of the stack; processes that keep forking and exiting can only be ended by a signal to their group."""
         self._seen: set[tuple[int, int]] = set()
-        """Numbers and starts of all processes of the stack so far: after the end of its parent a process may have no relation."""
+        """Ids and starts of all processes of the stack so far, by which a process is recognised after the end of its parent."""
 
     def living(self) -> set[int]:
-        """Return the numbers of the running processes, as `os.kill` takes them: a negative number means a process group."""
+        """Return the ids of the running processes of the stack, for `os.kill`; a negative number is the id of a process group."""
         if not (_PROC / "self" / "stat").exists():
             return {-self._leader} if _exists(-self._leader) else set()
         table = {int(entry): status for entry in os.listdir(_PROC) if entry.isdecimal() and (status := _status(entry))}
@@ -60,7 +76,7 @@ class Descendants:
         while relatives := {pid for pid, status in table.items() if pid not in pids and not pids.isdisjoint(status.kin)}:
             pids |= relatives
         self._seen |= {(pid, table[pid].start) for pid in pids}
-        self.groups |= {table[pid].kin[1] for pid in pids} - {0, 1, os.getpgrp()}  # for `os.kill`, 0 and 1 mean all processes
+        self.groups |= {table[pid].kin[1] for pid in pids} - {0, 1, os.getpgrp()}  # `os.kill` takes 0 and 1 for other groups
         return {pid for pid in pids if table[pid].runs}
 
     def _concerns(self, pid: int, status: _Status) -> bool:
@@ -69,12 +85,12 @@ class Descendants:
     def _has_mark(self, pid: int) -> bool:
         try:
             return self._mark in (_PROC / str(pid) / "environ").read_bytes()
-        except OSError:  # the process has gone, or belongs to another user
+        except OSError:  # the process has ended, or belongs to another user
             return False
 
 
 def dismiss(stacks: Sequence[Descendants], grace: float) -> None:
-    """Send SIGTERM to all processes of stacks, and wait at most `grace` seconds for the end of the processes."""
+    """Send SIGTERM to all processes of stacks, and wait until they have ended, at most `grace` seconds."""
     deadline = time.monotonic() + grace
     living = _living(stacks)
     _signal(living, signal.SIGTERM)
@@ -84,10 +100,10 @@ def dismiss(stacks: Sequence[Descendants], grace: float) -> None:
 
 
 def kill(stacks: Sequence[Descendants]) -> set[int]:
-    """Send SIGKILL to all processes of stacks, and to the processes that these start meanwhile.
+    """Send SIGKILL to all processes of stacks, and to the processes that they start meanwhile.
 
     Returns:
-        Numbers of the processes that still run after some seconds: processes of another user, or blocked in the kernel.
+        Ids of the processes that still run after `_PATIENCE`: processes of another user, or processes that the kernel blocks.
     """
     deadline = time.monotonic() + _PATIENCE
     while True:
@@ -98,13 +114,76 @@ def kill(stacks: Sequence[Descendants]) -> set[int]:
         time.sleep(0.002)
 
 
+def watch(leader: int, mark: str, grace: float) -> None:
+    """Report a stack to the guard, which ends the stack when this process ends.
+
+    Args:
+        leader: number of the process of the stack.
+        mark: value of the environment variable `MARK` in all processes of the stack.
+        grace: longest time for exiting after SIGTERM [s].
+    """
+    _watched[leader] = f"{leader} {mark} {grace}\n"
+    _send(_watched[leader])
+
+
+def unwatch(leader: int) -> None:
+    """Report to the guard that a stack has ended."""
+    if _watched.pop(leader, None):
+        _send(f"{leader}\n")
+
+
+def _send(line: str) -> None:
+    global _guard
+    if _guard is None or _guard.poll() is not None:
+        # The guard has a separate session because Ctrl-C in a terminal goes to all processes of the foreground group.
+        _guard = subprocess.Popen(
+            [sys.executable, "-I", "-S", __file__],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            start_new_session=True,
+            text=True,
+        )
+        atexit.register(_close_guard, _guard)
+        line = "".join(_watched.values())
+    if _guard.stdin is not None:
+        with suppress(BrokenPipeError):  # the guard was just killed; the next guard gets the line
+            _guard.stdin.write(line)
+            _guard.stdin.flush()
+
+
+def _close_guard(guard: subprocess.Popen[str]) -> None:
+    """Close the input of the guard, and wait until the guard has ended the remaining stacks."""
+    if guard.stdin is not None:
+        with suppress(BrokenPipeError):
+            guard.stdin.close()
+    with suppress(subprocess.TimeoutExpired):
+        guard.wait(_GUARD_PATIENCE)
+
+
+def _forked() -> None:
+    """Forget, in a forked process, the stacks of the parent, which the end of the forked process must not end."""
+    global _guard
+    if _guard is not None:
+        _inherited.append(_guard)  # garbage collection would warn about a process of the parent
+        if _guard.stdin is not None:
+            with suppress(OSError):
+                _guard.stdin.close()  # else the guard would wait for this process, too
+    _guard = None
+    _watched.clear()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_forked)
+
+
 def _living(stacks: Sequence[Descendants]) -> set[int]:
     return set().union(*(stack.living() for stack in stacks))
 
 
 def _signal(pids: set[int], number: signal.Signals) -> None:
     for pid in pids:
-        with suppress(OSError):  # the process has gone, or belongs to another user
+        with suppress(OSError):  # the process has ended, or belongs to another user
             os.kill(pid, number)
 
 
@@ -123,11 +202,11 @@ def _status(pid: str) -> _Status | None:
     except OSError:
         return None
     parent, group, session, threads, start = (int(numbers[k]) for k in (0, 1, 2, 16, 18))
-    return _Status((parent, group, session), start, state not in b"ZX" or threads > 1)  # threads may outlive the first
+    return _Status((parent, group, session), start, state not in b"ZX" or threads > 1)  # threads can outlive the main thread
 
 
-def _guard() -> None:
-    """Read lines about starts and ends of stacks until the input ends; then end the stacks that still run."""
+def _run_guard() -> None:
+    """Run the guard: read lines about starts and ends of stacks until the input ends; then end the stacks that still run."""
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
     stacks: dict[str, tuple[str, float]] = {}
@@ -143,4 +222,4 @@ def _guard() -> None:
 
 
 if __name__ == "__main__":
-    _guard()
+    _run_guard()

@@ -1,7 +1,8 @@
 """The messages of the protocol as little-endian binary frames; ``clients/c/rvads.h`` declares the same frames as C structs.
 
-A frame is a header of two unsigned 32-bit integers, kind and size, then `size` bytes. Commands have a fixed size; an
-observation ends with an entry per vehicle. The structs have no padding.
+A frame is a header of two unsigned 32-bit integers, kind and size, followed by `size` bytes. Commands have a fixed size. An
+observation ends with a struct per vehicle. The structs have no padding. Frames for a stack that reads pedestrians go on with
+crosswalks and pedestrians.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from msgspec import json
 from pytest_rvads.drivers.interface import Acceleration, Command, Control, Observation, TargetSpeed, Trajectory, Waypoint
 from pytest_rvads.drivers.stacks import messages
 from pytest_rvads.drivers.stacks.child import Child, StackError
-from pytest_rvads.geometry.segment import Turn
+from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.runs.states import Kind, VehicleState
 
 __all__ = ["Binary"]
@@ -23,9 +24,9 @@ __all__ = ["Binary"]
 RESET, READY, OBSERVE, COMMAND, BYE = 1, 2, 3, 4, 5
 """Kinds of frames."""
 ENTRANCES, OTHERS, POINTS = 32, 63, 64
-"""Most entrances or exits, most other vehicles, and most points of a trajectory in a frame."""
+"""Largest numbers of entrances (or exits), of other vehicles, and of points of a trajectory in a frame."""
 _TRAJECTORY = 4
-"""The last kind of command."""
+"""Number of the command `Trajectory`, the highest number of a command."""
 HEADER = struct.Struct("<2I")
 _RESET = struct.Struct("<14I5d8d")
 _ENTRANCE, _EXIT = struct.Struct("<3Ii2d"), struct.Struct("<2I")
@@ -33,8 +34,10 @@ _MOVEMENT, _PAIR, _POINT = struct.Struct("<4Id"), struct.Struct("<2I"), struct.S
 _YIELD = struct.Struct("<4I")
 _SEEN = struct.Struct("<d4I")
 NAME = 24
-"""Bytes of the name of a vehicle; the last byte is 0, and a longer name is cut."""
+"""Length of the name of a vehicle in a frame [bytes]; the last byte is 0, and a longer name is cut."""
 _VEHICLE = struct.Struct(f"<6I8d{NAME}s")
+"""The struct of a vehicle, and the struct of a pedestrian, which has crosswalk and side in place of entrance and lane."""
+_CROSSWALK, _COVER, _BESIDE = struct.Struct("<Ii3d"), struct.Struct("<2I4d"), struct.Struct(f"<2I{ENTRANCES}I")
 _LIGHTS = struct.Struct(f"<{ENTRANCES}I")
 _COMMAND = struct.Struct("<4I4d")
 _SIZES = {READY: 0, COMMAND: _COMMAND.size + 3 * 8 * POINTS}
@@ -47,18 +50,20 @@ _KINDS = {kind: number for number, kind in enumerate(Kind)}
 
 
 class Binary(messages.Format):
-    """The format ``binary``."""
+    """The format ``binary``: every message but ``hello`` is a binary frame."""
 
     bye = HEADER.pack(BYE, 0)
 
     def reset(self, content: dict[str, Any]) -> bytes:
-        """Return the reset frame: fixed parts, movements, conflicts, yields, path, and the content as JSON.
+        """Return the reset frame: a struct, tables of movements, conflicts, yields and path, and the whole content as JSON.
 
         Raises:
             StackError: the junction has too many entrances or exits for a frame.
         """
         way, place = content["itinerary"], content["map"]
-        entrances, exits = place["entrances"], place["exits"]
+        entrances, exits, crosswalks = place["entrances"], place["exits"], place.get("crosswalks", ())
+        if len(crosswalks) > ENTRANCES:
+            raise StackError(f"the junction has {len(crosswalks)} crosswalks, {_ROOM.format(ENTRANCES)}")
         if max(len(entrances), len(exits)) > ENTRANCES:
             raise StackError(f"the junction has {len(entrances)} entrances and {len(exits)} exits, {_ROOM.format(ENTRANCES)}")
         text = json.encode(content)
@@ -72,7 +77,7 @@ class Binary(messages.Format):
             way["exit"],
             _TURNS[way["turn"]],
             *(len(part) for part in (place["movements"], place["conflicts"], place["yields"], way["path"], text)),
-            0,
+            len(crosswalks),
             content["period"],
             content["speed_limit"],
             way["line"],
@@ -95,6 +100,8 @@ class Binary(messages.Format):
                 ),
                 *(_POINT.pack(*point) for point in way["path"]),
                 text,
+                *(_CROSSWALK.pack(c["arm"], _phase(c), c["length"], c["middle"], c["island"]) for c in crosswalks),
+                *(_COVER.pack(*cover.values()) for cover in place.get("covers", ())),
             )
         )
         return HEADER.pack(RESET, len(body)) + body
@@ -103,9 +110,9 @@ class Binary(messages.Format):
         """Return the observe frame; steps count from 1 in every scenario.
 
         Raises:
-            StackError: the run has too many vehicles for a frame.
+            StackError: the run has too many vehicles or pedestrians for a frame.
         """
-        others, lights = seen.others, seen.lights
+        others, lights = self.others(seen), self.lights(seen)
         if len(others) > OTHERS:
             raise StackError(f"there are {len(others)} other vehicles, {_ROOM.format(OTHERS)}")
         body = b"".join(
@@ -114,12 +121,13 @@ class Binary(messages.Format):
                 self._vehicle(seen.me),
                 _LIGHTS.pack(*lights, *[0] * (ENTRANCES - len(lights))),
                 *map(self._vehicle, others),
+                *(self._pedestrians(seen) if self.pedestrians else ()),
             )
         )
         return HEADER.pack(OBSERVE, len(body)) + body
 
     def command(self, body: bytes) -> tuple[Command, float | None, int]:
-        """Return the command in the body of a frame, the reported compute time [s], and the step of its observation.
+        """Return the command in a frame, the compute time that the stack reports [s], and the step of the answered observation.
 
         Raises:
             StackError: the kind of command is unknown, or the trajectory has too many points.
@@ -134,20 +142,31 @@ class Binary(messages.Format):
         return Trajectory(tuple(Waypoint(*point) for point in points)), reported, step
 
     def ready(self, child: Child, limit: float) -> None:
-        """Wait for the frame ``ready``, at most `limit` seconds."""
+        """Wait for the frame ``ready``, at most `limit` seconds of real time."""
         _frame(child, READY, limit)
 
     def answer(self, child: Child, limit: float) -> tuple[Command, float | None, int]:
-        """Return the command, the reported compute time [s] and the step in the next frame."""
+        """Return the command in the next frame, the compute time that the stack reports [s], and the answered step."""
         return self.command(_frame(child, COMMAND, limit))
 
     def _vehicle(self, state: VehicleState) -> bytes:
-        entrance = state.entrance
+        return self._row(state, state.entrance, self._lanes[state.entrance])
+
+    def _pedestrians(self, seen: Observation) -> list[bytes]:
+        """Return the end of an observation: numbers of pedestrians and parked vehicles, pedestrian lights, and the structs."""
+        pedestrians, parked = self.beside(seen)
+        walks = self.walks(seen)
+        if len(pedestrians) > OTHERS:
+            raise StackError(f"there are {len(pedestrians)} pedestrians, {_ROOM.format(OTHERS)}")
+        counts = _BESIDE.pack(len(pedestrians), len(parked), *walks, *[0] * (ENTRANCES - len(walks)))
+        return [counts, *(self._row(*one) for one in (*pedestrians, *parked))]
+
+    def _row(self, state: VehicleState, place: int, part: int) -> bytes:
         return _VEHICLE.pack(
             self.number(state),
             _KINDS[state.kind],
-            entrance,
-            self._lanes[entrance],
+            place,
+            part,
             _TURNS[state.turn],
             state.zone,
             *state[4:12],
@@ -156,10 +175,18 @@ class Binary(messages.Format):
 
 
 def _entrance(entrance: dict[str, Any]) -> tuple[Any, ...]:
-    """Return the numbers of an entrance: phase -1 without a light, and the setback of the line if the sign has no own setback."""
-    phase, back, posted = entrance["phase"], entrance["setback"], entrance["sign_setback"]
+    """Return the numbers of an entrance for its struct.
+
+    Without a setback of the sign, the setback of the stopping line is given twice.
+    """
+    back, posted = entrance["setback"], entrance["sign_setback"]
     fixed = entrance["arm"], entrance["lane"], _SIGNS[entrance["sign"]]
-    return *fixed, -1 if phase is None else phase, back, back if posted is None else posted
+    return *fixed, _phase(entrance), back, back if posted is None else posted
+
+
+def _phase(place: dict[str, Any]) -> int:
+    """Return the phase group of an entrance or a crosswalk; -1 without a light."""
+    return -1 if place["phase"] is None else int(place["phase"])
 
 
 def _frame(child: Child, kind: int, limit: float) -> bytes:
@@ -187,12 +214,12 @@ def _command(kind: int, *values: float) -> Command:
 
 
 def _table(row: struct.Struct, rows: Iterable[tuple[Any, ...]]) -> bytes:
-    """Return rows of numbers, filled with zeros up to `ENTRANCES` rows."""
+    """Return rows of numbers as bytes, with rows of zeros appended up to `ENTRANCES` rows."""
     return b"".join(row.pack(*values) for values in rows).ljust(row.size * ENTRANCES, b"\0")
 
 
 def _relation(pairs: Iterable[tuple[int, int]]) -> bytes:
-    """Return a relation between entrances as a square table of bytes, 1 for the pairs of the relation."""
+    """Return a relation between entrances as a square table of bytes: 1 for pairs in the relation, 0 for all other pairs."""
     table = bytearray(ENTRANCES * ENTRANCES)
     for row, column in pairs:
         table[row * ENTRANCES + column] = 1

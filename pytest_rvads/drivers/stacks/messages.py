@@ -3,9 +3,10 @@
 ============  =========================================================================================================
 message       content
 ============  =========================================================================================================
-hello         both ways, always JSON; the stack answers with its name, version, format (``json`` or ``binary``) and rate
-reset         a new scenario: map, itinerary, vehicle; answered by ready
-observe       the observation of the vehicle; answered by command
+hello         to the stack, always JSON; the stack answers hello with its name, version, format (``json`` or ``binary``) and rate,
+              and says whether it reads pedestrians
+reset         a new scenario: map, itinerary, vehicle; the stack answers ready
+observe       the observation of the vehicle; the stack answers command
 bye           the end; the stack exits
 ============  =========================================================================================================
 """
@@ -15,13 +16,15 @@ from __future__ import annotations
 import json
 from abc import ABC, abstractmethod
 from functools import lru_cache
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 from msgspec import MsgspecError, Struct, convert
 from msgspec.json import Decoder, Encoder
 
 from pytest_rvads.drivers.interface import Acceleration, Command, Control, Observation, TargetSpeed, Trajectory, Waypoint
 from pytest_rvads.drivers.stacks.child import Child, StackError
+from pytest_rvads.geometry.conflicts import Stretch
+from pytest_rvads.geometry.crosswalks import Side
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.geometry.segment import Pose, Segment
 from pytest_rvads.runs.itineraries import Itinerary
@@ -32,27 +35,30 @@ __all__ = ["VERSION", "Format", "Hello", "Json", "hello", "quoted", "read", "res
 VERSION = 2
 """Version of the protocol; a stack of another version is refused."""
 _POINTS = 10_000
-"""Most points of a trajectory."""
+"""Largest number of points of a trajectory."""
 _KINDS = "throttle, brake and steering; target_speed; acceleration; or trajectory"
 _ZONES = tuple(zone.name.lower() for zone in Zone)
+_SIDES = tuple(side.value for side in Side)
 _COLOURS = tuple(colour.name.lower() for colour in Colour)
 
 
 class Hello(Struct, tag_field="type", tag="hello"):
-    """The first message of a stack."""
+    """The message ``hello`` of a stack, its first message."""
 
     version: int
     format: str = "json"
     rate: float | None = None
-    """Decisions per simulated second [Hz]."""
+    """Number of decisions that the stack wants to make per simulated second [Hz]; None if it has no wish."""
+    pedestrians: bool = False
+    """Whether the stack reads pedestrians and crosswalks; a stack that does not read them is not told of them."""
 
 
 class Ready(Struct, tag_field="type", tag="ready"):
-    """The message of a stack that is ready for the scenario."""
+    """The message ``ready`` of a stack that has prepared for the scenario."""
 
 
 class Answer(Struct, tag_field="type", tag="command"):
-    """The message ``command``; the seat checks the ranges of its values, as for every autopilot."""
+    """The message ``command`` of a stack; the simulation checks the ranges of its values, as for every autopilot."""
 
     step: int | None = None
     """Step of the observation that the command answers."""
@@ -66,7 +72,7 @@ class Answer(Struct, tag_field="type", tag="command"):
     trajectory: tuple[Waypoint, ...] | None = None
 
     def command(self) -> Command:
-        """Return the command in the message.
+        """Return the single command in the message.
 
         Raises:
             StackError: the message has no command or several commands.
@@ -98,12 +104,12 @@ _Message = TypeVar("_Message", Hello, Ready, Answer)
 
 
 def hello() -> bytes:
-    """Return the first message."""
+    """Return the message ``hello``, the first message to a stack."""
     return _encode({"type": "hello", "protocol": "rvads", "version": VERSION}) + b"\n"
 
 
 def read(line: bytes, kind: type[_Message]) -> _Message:
-    """Return a message of the stack.
+    """Return the message of the stack that a line holds.
 
     Raises:
         StackError: the line is no JSON object, a message of another type than `kind`, or has a field of the wrong type.
@@ -116,7 +122,7 @@ def read(line: bytes, kind: type[_Message]) -> _Message:
 
 
 def _read_leniently(line: bytes, kind: type[_Message]) -> _Message:
-    """Return a message with values beyond strict JSON, such as NaN, or raise an error that explains the fault."""
+    """Return the message in a line with values that strict JSON lacks, such as NaN, or raise an error that explains the fault."""
     expected = str(kind.__struct_config__.tag)
     try:
         content = json.loads(line)
@@ -133,21 +139,22 @@ def _read_leniently(line: bytes, kind: type[_Message]) -> _Message:
 
 
 def stray(data: bytes) -> str:
-    """Return the text of the error about output that is no message."""
+    """Return the text of the error about bytes in the output of a stack that are no message."""
     return f"it wrote {quoted(data)} to its standard output, which carries the protocol: print to standard error instead"
 
 
 def quoted(data: bytes) -> str:
-    """Return the beginning of output in quotation marks."""
+    """Return the beginning of the output of a stack in quotation marks."""
     return repr(data[:60].decode(errors="replace"))
 
 
-def reset(seen: Observation, period: float) -> dict[str, Any]:
-    """Return the content of the reset message for the run that begins with `seen`.
+def reset(seen: Observation, period: float, pedestrians: bool = False) -> dict[str, Any]:
+    """Return the content of the message ``reset`` for the run that begins with `seen`, as builtins.
 
     Args:
         seen: the first observation of the run.
         period: time between two observations [s].
+        pedestrians: whether the stack reads crosswalks.
     """
     itinerary, vehicle = seen.itinerary, seen.vehicle
     return {
@@ -175,7 +182,7 @@ def reset(seen: Observation, period: float) -> dict[str, Any]:
             "speed_limits": [(at, itinerary.limit_at(at)) for at, _ in itinerary.limits or ((-itinerary.origin, None),)],
             "path": _path(itinerary),
         },
-        "map": _map(seen.junction),
+        "map": _map(seen.junction) | (_crosswalks(seen.junction.walked) if pedestrians else {}),
     }
 
 
@@ -188,7 +195,7 @@ def _path(itinerary: Itinerary) -> tuple[tuple[float, float, float, float], ...]
 
 @lru_cache(maxsize=64)
 def _map(junction: Junction) -> dict[str, Any]:
-    """Return a junction as builtins: its arms, lanes, signs and lights, the yields between movements, and the centre lines."""
+    """Return a junction as builtins: its arms, lanes, signs, lights and centre lines, and which movement yields to which."""
     index = {key: number for number, key in enumerate(junction.movements)}
     between = {pair for pair in junction.conflicts or () if junction.movements.keys() >= {*pair}}
     yields = (junction.yields or {}).items()
@@ -223,6 +230,36 @@ def _map(junction: Junction) -> dict[str, Any]:
     }
 
 
+@lru_cache(maxsize=64)
+def _crosswalks(junction: Junction) -> dict[str, Any]:
+    """Return the crosswalks of a walked junction as builtins, and where movements lead over crosswalks."""
+    index = {key: number for number, key in enumerate(junction.movements)}
+    covers = []
+    for (number, key), stretch in sorted(junction.covers.items()):
+        shared = (junction.stretches or {}).get((key, junction.further[2 * number].way.key))
+        walk = shared.yours if shared else Stretch(0.0, junction.crossings[number].path.length)
+        covers.append({"crosswalk": number, "movement": index[key], **_span(stretch, ""), **_span(walk, "walk_")})
+    return {
+        "crosswalks": [
+            {
+                "arm": c.arm,
+                "phase": c.phase,
+                "length": c.path.length,
+                "middle": c.middle,
+                "island": c.island,
+                "area": c.area.tolist(),
+                "path": c.path.points.tolist(),
+            }
+            for c in junction.crossings
+        ],
+        "covers": covers,
+    }
+
+
+def _span(stretch: Stretch, prefix: str) -> dict[str, float]:
+    return {f"{prefix}start": stretch.start, f"{prefix}end": stretch.end}
+
+
 def _points(segment: Segment | None) -> list[Pose]:
     """Return x, y [m] and heading [rad] along a centre line with a point per 2 m; no points without a centre line."""
     if segment is None:
@@ -231,84 +268,149 @@ def _points(segment: Segment | None) -> list[Pose]:
     return [segment.pose(s) for s in stations]
 
 
-class Format(ABC):
-    """Encodes and decodes the messages of a scenario.
+class Beside(NamedTuple):
+    """An agent on a crosswalk or beside it: a pedestrian, or a vehicle that is parked before the crosswalk."""
 
-    A format stores the numbers of the vehicles and the lanes of the entrances of the scenario.
+    state: VehicleState
+    crosswalk: int
+    """Number of the crosswalk."""
+    side: int
+    """0 for an agent that comes from the near side of the crosswalk, 1 for an agent from the far side."""
+
+
+class Format(ABC):
+    """Encodes and decodes the messages about a scenario, and remembers its numbers of vehicles and lanes of entrances.
+
+    Args:
+        pedestrians: whether the stack reads pedestrians; else the messages are those of a scenario without pedestrians.
     """
 
     bye: bytes
 
-    def __init__(self) -> None:
+    def __init__(self, pedestrians: bool = False) -> None:
+        self.pedestrians = pedestrians
         self._ids: dict[str, int] = {}
         self._lanes: list[int] = []
+        self._crosswalks = 0
 
     def begin(self, content: dict[str, Any]) -> bytes:
-        """Return the reset message from its content, see the function `reset`; the numbers of vehicles start again."""
+        """Begin a scenario: forget the numbers of vehicles, and return the message ``reset`` with a content made by `reset`."""
         self._ids.clear()
         self._lanes = [entrance["lane"] for entrance in content["map"]["entrances"]]
+        self._crosswalks = len(content["map"].get("crosswalks", ()))
         return self.reset(content)
 
     @abstractmethod
     def reset(self, content: dict[str, Any]) -> bytes:
-        """Return the reset message in this format."""
+        """Return the message ``reset`` in this format, given its content."""
 
     @abstractmethod
     def ready(self, child: Child, limit: float) -> None:
-        """Wait until the stack is ready, at most `limit` seconds."""
+        """Wait for the message ``ready`` of the stack, at most `limit` seconds of real time."""
 
     @abstractmethod
     def observe(self, seen: Observation, step: int) -> bytes:
-        """Return the observe message; steps count from 1 in every scenario."""
+        """Return the message ``observe`` in this format; `step` counts the observations of a scenario from 1."""
 
     @abstractmethod
     def answer(self, child: Child, limit: float) -> tuple[Command, float | None, int | None]:
-        """Return the next command, the reported compute time [s], and the step of its observation; None if not reported."""
+        """Return the next command, the compute time that the stack reports [s], and the step of the answered observation.
+
+        Compute time and step are None if the stack does not report them.
+        """
+
+    def others(self, seen: Observation) -> list[VehicleState]:
+        """Return the other vehicles that came from an entrance."""
+        return [other for other in seen.others if other.entrance < len(self._lanes)]
+
+    def lights(self, seen: Observation) -> tuple[Colour, ...]:
+        """Return the colours of the lights at the entrances."""
+        return seen.lights[: len(self._lanes)]
+
+    def walks(self, seen: Observation) -> list[Colour]:
+        """Return the colour of the pedestrian light of each crosswalk: green for WALK, yellow for flashing DON'T WALK."""
+        return list(seen.lights[len(self._lanes) :][: 2 * self._crosswalks : 2]) or [Colour.NONE] * self._crosswalks
+
+    def beside(self, seen: Observation) -> tuple[list[Beside], list[Beside]]:
+        """Return the pedestrians, and the vehicles that are parked before a crosswalk; see `Junction.walked` for the numbers."""
+        count, rows = self._crosswalks, [(other, other.entrance - len(self._lanes)) for other in seen.others]
+        return (
+            [Beside(other, *divmod(way, 2)) for other, way in rows if 0 <= way < 2 * count],
+            [Beside(other, way - 2 * count, 0) for other, way in rows if 2 * count <= way < 3 * count],
+        )
 
     def number(self, state: VehicleState) -> int:
-        """Return the number of a vehicle: the driven vehicle is 0, other vehicles count on in the order of first observation."""
+        """Return the number of a vehicle in messages: 0 for the driven vehicle, and 1, 2, ... in the order of observation."""
         return self._ids.setdefault(state.name, len(self._ids))
 
 
 class Json(Format):
-    """The format ``json``: every message is a line."""
+    """The format ``json``: every message is a line of JSON text."""
 
     bye = b'{"type":"bye"}\n'
 
     def reset(self, content: dict[str, Any]) -> bytes:
-        """Return the reset message."""
+        """Return the message ``reset`` as a line of JSON."""
         return _encode(content) + b"\n"
 
     def ready(self, child: Child, limit: float) -> None:
-        """Wait for the message ``ready``, at most `limit` seconds."""
+        """Wait for the message ``ready``, at most `limit` seconds of real time."""
         read(child.line(limit), Ready)
 
     def observe(self, seen: Observation, step: int) -> bytes:
         """Return the observe message; steps count from 1 in every scenario."""
-        content = {
+        content: dict[str, Any] = {
             "type": "observe",
             "step": step,
             "time": seen.time,
             "me": self._vehicle(seen.me),
-            "others": [self._vehicle(other) for other in seen.others],
-            "lights": [_COLOURS[colour] for colour in seen.lights],
+            "others": [self._vehicle(other) for other in self.others(seen)],
+            "lights": [_COLOURS[colour] for colour in self.lights(seen)],
         }
+        if self.pedestrians:
+            walkers, parked = self.beside(seen)
+            content["pedestrians"] = [self._beside(*one) for one in walkers]
+            content["parked"] = [self._beside(*one) for one in parked]
+            content["walks"] = [_COLOURS[colour] for colour in self.walks(seen)]
         return _encode(content) + b"\n"
 
     def answer(self, child: Child, limit: float) -> tuple[Command, float | None, int | None]:
-        """Return the command, the reported compute time [s] and the step in the next line."""
+        """Return the command in the next line, the compute time that the stack reports [s], and the answered step."""
         message = read(child.line(limit), Answer)
         return message.command(), message.compute, message.step
 
     def _vehicle(self, state: VehicleState) -> _Seen:
         name, entrance, turn, zone = state[:4]
         lane = self._lanes[entrance]
-        # The fields from station to width have the same order in both types.
+        # The fields from station to width have the same order in `VehicleState` and `_Seen`.
         return _Seen(self.number(state), name, state.kind.value, entrance, lane, turn.value, _ZONES[zone], *state[4:12])
+
+    def _beside(self, state: VehicleState, crosswalk: int, side: int) -> _Beside:
+        zone, kind = _ZONES[state.zone], state.kind.value
+        return _Beside(self.number(state), state.name, kind, crosswalk, _SIDES[side], zone, *state[4:12])
+
+
+class _Beside(Struct, gc=False):
+    """What the message ``observe`` says about a pedestrian, or a vehicle that is parked before a crosswalk."""
+
+    id: int
+    name: str
+    kind: str
+    crosswalk: int
+    side: str
+    zone: str
+    station: float
+    x: float
+    y: float
+    heading: float
+    speed: float
+    acceleration: float
+    length: float
+    width: float
 
 
 class _Seen(Struct, gc=False):
-    """A vehicle in the message ``observe``."""
+    """What the message ``observe`` says about one vehicle."""
 
     id: int
     name: str

@@ -1,8 +1,8 @@
-"""Autopilots that run as separate programs, and the conversation with these programs.
+"""Autopilots that run as separate programs (stacks), and the exchange of messages with these programs.
 
-Simulated time waits for a stack, so the speed of a stack decides nothing. Time limits are limits of real time and end in an
-ERROR. The computing time is in the provenance of the run. All processes that a stack started end with the stack, also if this
-process is killed.
+Simulated time waits for a stack, so no verdict depends on how fast the stack computes. If a stack exceeds a limit of real time,
+its run ends with the verdict ERROR. The provenance of the run holds the computing time. All processes that a stack started are
+ended with the stack, even if this process is killed.
 """
 
 from __future__ import annotations
@@ -30,27 +30,28 @@ from pytest_rvads.support.wording import one_line
 __all__ = ["Connection", "Pilot", "Process"]
 
 _DAY = 86400.0
-"""Longest compute time of a decision that a stack may report [s]."""
+"""Longest compute time of a decision that is accepted in the report of a stack [s]."""
 RATE = 20.0
 """Decisions per second if neither the caller nor the stack states a rate [Hz]."""
 
 
 class Process(TrafficSystem):
-    """A stack in another process, asked in lock-step: simulated time waits for it.
+    """A stack: an autopilot in another process, for whose answers simulated time waits.
 
-    The object is a factory of autopilots, for the fixture ``rvads_autopilot`` or for `simulate`. A process serves
-    many scenarios in succession; if the stack drives several vehicles of a run, each vehicle has a process. A process that fails
-    ends the run with a fault and is replaced for the next run. All processes and their descendants are ended with the object; a
-    RuntimeWarning names processes that can't be ended.
+    The object is a factory of autopilots, for the fixture ``rvads_autopilot`` or for `simulate`. A process drives in one scenario
+    after another. If the stack drives several vehicles of a run, each vehicle has a process of its own. If a process fails, its
+    run ends with a fault, and later runs use a new process. When the object is deleted, all its processes and their descendants
+    are ended. A RuntimeWarning names processes that can't be ended.
 
     Args:
         command: the program and its arguments, or one string with both.
         rate: decisions per simulated second [Hz], a divisor of 100; by default the rate in the stack's hello message, or 20.
         timeout: longest real time of a decision [s].
-        startup: longest real time for starting the process, and for getting ready for a scenario [s].
-        grace: longest real time for exiting after `bye`, and after SIGTERM, before the processes are killed [s].
+        startup: longest real time until the process answers the first message, and until it is ready for a scenario [s].
+        grace: real time that the processes get to exit after the message ``bye``, and again after SIGTERM, before they are
+            killed [s].
         cwd: working directory of the program.
-        env: variables to add to its environment.
+        env: variables to add to the environment of the program.
 
     Raises:
         AutopilotError: the command is empty, the rate does not divide 100 Hz, a time limit is not positive, or the system is not
@@ -62,7 +63,7 @@ class Process(TrafficSystem):
     """
 
     own_limits = True
-    """Whether the session's limits of real time for drivers don't apply; a stack has separate limits."""
+    """Whether the limits of real time that a session sets for drivers don't apply; a stack has its own limits."""
 
     def __init__(  # noqa: PLR0913 - a program has a place and several limits, and most calls use the defaults
         self,
@@ -77,7 +78,10 @@ class Process(TrafficSystem):
     ) -> None:
         if os.name != "posix":
             raise AutopilotError(f"stacks in other processes need a POSIX system, this one is {os.name!r}")
-        self.command = shlex.split(command) if isinstance(command, str) else [str(part) for part in command]
+        try:
+            self.command = shlex.split(command) if isinstance(command, str) else [str(part) for part in command]
+        except ValueError as error:
+            raise AutopilotError(f"a stack needs a command as for a shell, got {command!r}: {error}") from error
         if not self.command:
             raise AutopilotError("a stack needs a command, such as ['./stack'], got none")
         for name, limit in (("timeout", timeout), ("startup", startup), ("grace", grace or 1.0)):  # grace may be 0
@@ -89,15 +93,19 @@ class Process(TrafficSystem):
         self._limits = startup, timeout
         self._place = cwd, env, grace
         self.connections: list[Connection] = []
-        """Running processes, by the order of the vehicles of a run."""
+        """Running processes; the first process drives the first vehicle of a run, and so on."""
         weakref.finalize(self, _close, self.connections)
 
     def __call__(self) -> Process:
-        """Return the traffic system of the next run."""
+        """Return this object as the traffic system of a run."""
         return self
 
     def settings(self) -> list[Any]:
-        """Return the settings that decide the driving, as builtins: command, rate, place, variables, digests of named files."""
+        """Return what decides how the stack drives, as builtins, for `identity`.
+
+        These are the command, the time between decisions, the working directory, the added variables, and the digests of files
+        that the command names.
+        """
         cwd, env, _ = self._place
         files = [Path(cwd or "", word) for word in self.command]
         digests = [sha256(file.read_bytes()).hexdigest() for file in files if file.is_file()]
@@ -114,19 +122,19 @@ class Process(TrafficSystem):
         return [Pilot(self, k) for k in range(len(agents))]
 
     def drop(self, connection: Connection) -> None:
-        """End a process and forget its connection; the next run starts another process."""
+        """End a process and forget its connection, so that a later run starts another process."""
         connection.close()
         if connection in self.connections:
             self.connections.remove(connection)
 
     def period(self, connection: Connection) -> float:
-        """Return the time between two decisions [s]."""
+        """Return the time between two decisions of a connected stack [s]."""
         if self._period is not None:
             return self._period
         return _period(RATE if connection.rate is None else connection.rate, self.label)
 
     def close(self) -> None:
-        """End all processes; a later run starts new ones."""
+        """End all processes of the stack; a later run starts new processes."""
         _close(self.connections)
 
     def __enter__(self) -> Process:
@@ -143,7 +151,7 @@ class Process(TrafficSystem):
 
 
 class Pilot(Autopilot):
-    """Drives a vehicle in a run by the commands of a process.
+    """The autopilot of a vehicle in a run, whose commands come from a process of the stack.
 
     Args:
         process: the stack.
@@ -162,20 +170,20 @@ class Pilot(Autopilot):
         """Number of decisions, total compute time [s], longest compute time [s]."""
 
     def control(self, seen: Observation) -> Command:
-        """Return the command of the process.
+        """Return the command with which the process answers an observation.
 
         Raises:
             StackError: the process failed.
         """
         try:
             if not self._begun:
-                self._connection.reset(reset(seen, self.period))
+                self._connection.reset(reset(seen, self.period, self._connection.pedestrians))
                 self._connection.serves = self
                 self._begun = True
             if self._connection.serves is not self:
                 raise StackError("it serves two vehicles at once: give the traffic a Process of its own")
             command, compute = self._connection.ask(seen)
-        except BaseException:  # also after an interrupt: an answer may still come
+        except BaseException:  # after an interrupt, a late answer could be taken for the answer to another observation
             self._process.drop(self._connection)
             raise
         count, total, longest = self._times
@@ -183,13 +191,13 @@ class Pilot(Autopilot):
         return command
 
     def abandon(self) -> str:
-        """End the process because the run ended by a fault of this vehicle, and return the end of its standard error."""
+        """End the process, and return the end of its standard error; called if a fault of this vehicle ended the run."""
         detail = self._connection.failed(StackError("")).detail
         self._process.drop(self._connection)
         return detail
 
     def timing(self) -> dict[str, Any]:
-        """Return the compute time of the stack in this run: real time, on which no verdict depends."""
+        """Return the stack's name, its number of decisions in this run, and their total and longest compute time [s]."""
         count, total, longest = self._times
         return {"stack": self.label, "decisions": count, "compute": total, "longest": longest}
 
@@ -213,7 +221,7 @@ class Connection:
 
     Args:
         start: starts the process of the stack.
-        startup: longest real time for the hello message, and for getting ready for a scenario [s].
+        startup: longest real time until the stack answers ``hello``, and until it is ready for a scenario [s].
         timeout: longest real time for a command [s].
 
     Raises:
@@ -223,13 +231,13 @@ class Connection:
     def __init__(self, start: Callable[[], Child], startup: float, timeout: float) -> None:
         self._startup, self._timeout, self._step = startup, timeout, 0
         self.serves: object = None
-        """The pilot whose scenario the stack drives."""
+        """The `Pilot` whose vehicle the stack drives at present."""
         self.child = start()
         try:
             self.child.send(messages.hello(), startup)
             answer = messages.read(self.child.line(startup), messages.Hello)
             self._format = _format(answer)
-            self.rate = answer.rate
+            self.rate, self.pedestrians = answer.rate, answer.pedestrians
         except StackError as error:
             raise self.failed(error) from None
         except BaseException:  # an interrupt
@@ -237,7 +245,7 @@ class Connection:
             raise
 
     def reset(self, content: dict[str, Any]) -> None:
-        """Begin a scenario.
+        """Begin a scenario: send the message ``reset``, and wait until the stack is ready.
 
         Raises:
             StackError: the stack did not get ready.
@@ -252,7 +260,9 @@ class Connection:
             raise self.failed(error) from None
 
     def ask(self, seen: Observation) -> tuple[Command, float]:
-        """Return the command for an observation, and the compute time [s]: as the stack reports, else the time until the answer.
+        """Return the command for an observation, and the compute time [s].
+
+        The compute time is the time that the stack reports, or if it reports none, the time until its answer arrived.
 
         Raises:
             StackError: no valid command came in time.
@@ -264,7 +274,8 @@ class Connection:
             self.child.send(self._format.observe(seen, self._step), self._timeout)
             command, compute, step = self._format.answer(self.child, self._timeout)
             if step != self._step:
-                # A second answer to an observation would shift all later answers.
+                # After a second answer to an observation, every later answer would be taken for the answer to another
+                # observation.
                 raise StackError(f"it answered step {step}, expected step {self._step}: answer every observation once")
             _refuse(early)
             if compute is not None and not 0.0 <= compute <= _DAY:
@@ -274,18 +285,21 @@ class Connection:
         return command, time.perf_counter() - began if compute is None else compute
 
     def failed(self, error: StackError) -> StackError:
-        """End the process, and return `error` with the end of the standard error as its detail."""
+        """End the process, and return `error` with the end of the process's standard error as its detail."""
         error.detail = self.child.tail()
         self.close()
         return error
 
     def close(self, *, farewell: bool = False) -> None:
-        """End the process, after the message ``bye`` or at once."""
+        """End the process; with `farewell`, the message ``bye`` is sent first, so that the stack can exit by itself."""
         self.child.close(self._format.bye if farewell else b"")
 
 
 def _refuse(early: bytes) -> None:
-    """Raise an error about bytes that the stack wrote before the request; errors in the answer come first."""
+    """Raise an error if the stack wrote bytes before it was asked.
+
+    Callers check the answer first, because an error in the answer explains more.
+    """
     if early:
         raise StackError(f"it wrote {messages.quoted(early)} before it was asked: read a message, then answer it once")
 
@@ -298,7 +312,7 @@ def _format(answer: messages.Hello) -> messages.Format:
         )
     if answer.format not in _FORMATS:
         raise StackError(f"it wants the format {answer.format[:20]!r}, expected {' or '.join(_FORMATS)}")
-    return _FORMATS[answer.format]()
+    return _FORMATS[answer.format](answer.pedestrians)
 
 
-_FORMATS: dict[str, Callable[[], messages.Format]] = {"json": messages.Json, "binary": frames.Binary}
+_FORMATS: dict[str, Callable[[bool], messages.Format]] = {"json": messages.Json, "binary": frames.Binary}

@@ -144,13 +144,13 @@ def test_endless_standard_error_keeps_nobody_waiting_and_is_forgotten_but_for_it
 
 KILLED = """
 import os, sys
-from pytest_rvads.drivers.stacks import guard
+from pytest_rvads.drivers.stacks import descendants
 from pytest_rvads.drivers.stacks.child import Child
 first = Child([sys.executable, "-I", "-S", *sys.argv[1:]], grace=0.1)
 first.send(b'{"type": "hello"}\\n', 60.0)
 first.line(60.0)
-guard._guard.kill()
-guard._guard.wait()
+descendants._guard.kill()
+descendants._guard.wait()
 second = Child(["sleep", "600"])
 print(flush=True)
 sys.stdin.read()

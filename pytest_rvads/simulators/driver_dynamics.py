@@ -1,0 +1,186 @@
+"""The dynamics of a driver in closed loop, and the only just safe starts at junctions that follow from them (arXiv 2405.16914).
+
+B(v) is the distance that a lone vehicle needs to stop from a speed v. AV(v, x) and AT(v, x) are the speed after, and the time
+for, the first x metres of a lone vehicle on a free road that starts at a speed v. With vl as the speed limit, a vehicle at speed
+ve that is B(ve) before a junction can go safely if an arriving vehicle at the speed limit is at least AT(ve, B(ve) + L) vl away,
+where L is the length of the junction: the first vehicle has left the junction before the second vehicle arrives.
+
+The measured values of bundled drivers are cached on disk.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pytest_rvads.drivers.interface import Factory
+from pytest_rvads.geometry.finder import find
+from pytest_rvads.physics.braking import cached
+from pytest_rvads.runs.run import DT, Run
+from pytest_rvads.runs.states import Vehicle
+from pytest_rvads.scenarios.case import Case
+from pytest_rvads.scenarios.scenario import Scenario
+from pytest_rvads.simulators.closed_loop import RED, stopped
+from pytest_rvads.simulators.loop import Planar
+from pytest_rvads.simulators.simulator import Simulator, simulate
+from pytest_rvads.support.errors import RunError
+
+__all__ = ["LENGTH", "LIMIT", "PUBLISHED", "DriverDynamics", "LgsvlLaw", "Measured", "VistaSetting", "settings"]
+
+LIMIT, LENGTH = 80 / 3.6, 24.0
+"""Speed limit [m/s] and length of the junction [m] of Li et al."""
+PUBLISHED = {"LGSVL": 39.7, "Apollo": 120.0, "Autoware": 165.0, "CARLA": 72.2}
+"""Published distance of the arriving vehicle at a crossing with yield signs, for a vehicle that starts at its line [m]."""
+_FAR = 110.0
+"""Greatest distance from which a vehicle has to stop [m]; the approaches of the built-in junctions are 120 m long."""
+_RESOLUTION = 0.1
+"""Resolution of B [m]."""
+
+
+Compute = Callable[[], float]
+
+
+class DriverDynamics(Protocol):
+    """The stopping distance B of a driver, and the speed AV and time AT after a start, as the module's docstring defines them."""
+
+    def braking(self, speed: float) -> float:
+        """Return B(speed), the distance to stop from a speed [m]; inf if the vehicle does not stop at all."""
+
+    def driving(self, speed: float, distance: float) -> tuple[float, float]:
+        """Return the speed AV [m/s] and the time AT [s] at a distance [m] after a start at a speed [m/s]."""
+
+
+@dataclass(frozen=True, slots=True)
+class LgsvlLaw:
+    """The law of motion of the LGSVL autopilot, as Li and others state it.
+
+    B(v) = v / 4. The speed t seconds after a start at v is vl - (vl - v) exp(-0.3 t^2 - t) up to 4 s, and later
+    vl - (vl - v) exp(4.8 - 3.4 t).
+    """
+
+    limit: float = LIMIT
+    """Speed limit vl [m/s]."""
+
+    def braking(self, speed: float) -> float:
+        """Return B(speed), the distance to stop from a speed [m]."""
+        return speed / 4
+
+    def driving(self, speed: float, distance: float) -> tuple[float, float]:
+        """Return the speed AV [m/s] and time AT [s], from integrating the law in steps of 1 ms by the trapezoidal rule."""
+        step, longest = 1e-3, 10.0 + distance / (0.5 * self.limit)
+        times = np.arange(0.0, longest, step)
+        exponent = np.where(times <= 4.0, -0.3 * times**2 - times, 4.8 - 3.4 * times)
+        speeds = self.limit - (self.limit - speed) * np.exp(exponent)
+        return _at(np.concatenate(([0.0], np.cumsum((speeds[1:] + speeds[:-1]) * step / 2))), speeds, times, distance)
+
+
+@dataclass(frozen=True, slots=True)
+class Measured:
+    """The values B, AV and AT of a driver, measured with a lone vehicle at the built-in junction with lights."""
+
+    driver: Factory
+    simulator: Simulator
+    name: str = ""
+    """Name of a bundled driver, whose values are cached; empty for other drivers."""
+    _drives: dict[float, tuple[NDArray[np.float64], NDArray[np.float64]]] = field(default_factory=dict)
+    """By speed at the start, distances [m] and speeds [m/s] of a drive in steps of `DT`."""
+
+    def braking(self, speed: float) -> float:
+        """Return the least distance, to 0.1 m, before a red light from which the vehicle stops before the line [m]; inf if none.
+
+        Raises:
+            RunError: the run ended by a fault.
+        """
+        return self._cached("B", speed, 0.0, lambda: self._bisected(speed))
+
+    def driving(self, speed: float, distance: float) -> tuple[float, float]:
+        """Return the speed AV [m/s] and time AT [s]; the time to a distance that the vehicle does not reach is inf.
+
+        Raises:
+            RunError: the run ended by a fault.
+        """
+        return (
+            self._cached("AV", speed, distance, lambda: self._drive(speed, distance)[0]),
+            self._cached("AT", speed, distance, lambda: self._drive(speed, distance)[1]),
+        )
+
+    def _cached(self, what: str, speed: float, distance: float, compute: Compute) -> float:
+        if not (self.name and isinstance(self.simulator, Planar)):
+            return compute()
+        key = {"what": f"{what} of {self.name}", "speed": speed, "distance": distance, "vehicle": asdict(Vehicle())}
+        found = cached(key, lambda: None if math.isinf(value := compute()) else value, self.simulator.engine.library)
+        return math.inf if found is None else found
+
+    def _bisected(self, speed: float) -> float:
+        def stops(tenths: int) -> bool:
+            scenario = Scenario(find("light4"), "0200", distance=tenths * _RESOLUTION, speed=speed, duration=RED)
+            return stopped(self._run(scenario))
+
+        low, high = 0, round(_FAR / _RESOLUTION)
+        if not stops(high):
+            return math.inf
+        while high - low > 1:
+            middle = (low + high) // 2
+            low, high = (low, middle) if stops(middle) else (middle, high)
+        return round(high * _RESOLUTION, 9)
+
+    def _drive(self, speed: float, distance: float) -> tuple[float, float]:
+        if speed not in self._drives:
+            run = self._run(Scenario(find("light4"), "2000", distance=_FAR, speed=speed, duration=RED))
+            if run.station is None or run.speed is None:
+                raise RunError(f"simulator {self.simulator.name!r} records no positions or no speeds, which B, AV and AT need")
+            places, speeds = run.station[:, 0].astype(np.float64), run.speed[:, 0].astype(np.float64)
+            self._drives[speed] = places - places[0], speeds
+        distances, speeds = self._drives[speed]
+        return _at(distances, speeds, np.arange(len(distances), dtype=np.float64) * DT, distance)
+
+    def _run(self, scenario: Scenario) -> Run:
+        run = simulate(Case(scenario, self.driver), self.simulator)
+        if run.fault is not None:
+            raise RunError(f"{scenario.name}: {run.fault.reason}")
+        return run
+
+
+def _at(
+    distances: NDArray[np.float64], speeds: NDArray[np.float64], times: NDArray[np.float64], distance: float
+) -> tuple[float, float]:
+    """Return speed [m/s] and time [s] at a distance of a drive; inf as time beyond the end of the drive."""
+    if distance > distances[-1]:
+        return float(speeds[-1]), math.inf
+    return float(np.interp(distance, distances, speeds)), float(np.interp(distance, distances, times))
+
+
+class VistaSetting(NamedTuple):
+    """A start at a vista (a place where a vehicle decides whether to go) in which going is only just safe."""
+
+    vista: str
+    before: float | None
+    """xe: distance of the vehicle to the junction [m]."""
+    free: float | None
+    """xf: free distance beyond the junction [m]."""
+    arriving: float | None
+    """xa: distance of the arriving vehicle, which drives at the speed limit, to the junction [m]."""
+
+
+def settings(dynamics: DriverDynamics, speed: float, limit: float = LIMIT, length: float = LENGTH) -> tuple[VistaSetting, ...]:
+    """Return the starts from which going is only just safe, one per kind of vista of a junction (arXiv 2405.16914).
+
+    Args:
+        dynamics: dynamics of the driver.
+        speed: speed of the vehicle [m/s].
+        limit: speed limit [m/s].
+        length: length of the junction [m].
+    """
+    before = dynamics.braking(speed)
+    beyond, across = dynamics.driving(speed, before + length)
+    joining, joined = dynamics.driving(speed, before)
+    return (
+        VistaSetting("crossing with yield signs", before, dynamics.braking(beyond), across * limit),
+        VistaSetting("crossing with lights", before, dynamics.braking(beyond), None),
+        VistaSetting("merging", before, dynamics.braking(joining), dynamics.braking(limit) + joined * limit),
+    )
