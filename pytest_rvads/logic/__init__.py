@@ -1,1 +1,1 @@
-"""Logic: formulas, LTL3 monitors, rules, verdicts."""
+"""Judges runs by traffic rules: formulas, LTL3 monitors, rules, verdicts."""

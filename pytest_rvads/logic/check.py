@@ -1,9 +1,11 @@
-"""Judging a run by a rule: Algorithm 1 of the paper, extended by the obligations that are open at the end of a finite run.
+"""Judges a run by a rule: Algorithm 1 of the paper, extended by a status for obligations that are open when the run ends.
 
-`check` judges the instances of a rule. `attribute` derives the status of the rule from the instances: which vehicle caused a
-violation, and whether the violation could be avoided. A rule says which vehicle it binds, by its shape or by ``bound=``. With a
-subject, a rule passes only if an instance that was triggered bound the subject. PROVOKED follows from blame. UNAVOIDABLE is a
-circle of waiting, which is proven, or a bend in which a search finds no path that keeps the body in the lane.
+`check` judges the instances of a rule (the rule for certain vehicles and entrances). `attribute` derives the status of the rule
+from the instances: which vehicle caused a violation, and whether the violation could be avoided. Which vehicle must act follows
+from the form of the rule's formula, or from the argument ``bound=`` of the rule. On a run with a subject (a vehicle under test),
+a rule passes only if a triggered instance required an action of the subject. A violation is PROVOKED if only other vehicles are
+to blame. A violation is UNAVOIDABLE if vehicles waited for each other in a circle, or if a search finds no path that keeps the
+body of the vehicle in its lane in a bend.
 """
 
 from __future__ import annotations
@@ -15,40 +17,41 @@ from dataclasses import dataclass, replace
 from msgspec import structs
 
 from pytest_rvads.geometry.control import JunctionControl
+from pytest_rvads.geometry.crosswalks import Crossing
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.logic.conduct.blame import cut_short_by
-from pytest_rvads.logic.conduct.memo import once
 from pytest_rvads.logic.conduct.predicates import extract
 from pytest_rvads.logic.conduct.presence import cut_off, without_jumps
 from pytest_rvads.logic.conduct.rights import held
 from pytest_rvads.logic.conduct.standing import drives
 from pytest_rvads.logic.conduct.validate import damage
-from pytest_rvads.logic.judging.cycle import Cycle, find_cycle, unavoidable
 from pytest_rvads.logic.judging.evaluate import Values
 from pytest_rvads.logic.judging.ground import ground, simplify, unfold
-from pytest_rvads.logic.judging.judge import Judgement, Near, asked, judge, nearest_miss
-from pytest_rvads.logic.judging.prepare import Template, prepare
+from pytest_rvads.logic.judging.judge import asked, judge, nearest_miss
+from pytest_rvads.logic.judging.judgement import Judgement, Near, Template
+from pytest_rvads.logic.judging.prepare import prepare
 from pytest_rvads.logic.judging.readings import doubted
-from pytest_rvads.logic.judging.responsibility import is_about, waits
+from pytest_rvads.logic.judging.responsibility import Cycle, by_walkers, find_cycle, is_about, unavoidable, waits
+from pytest_rvads.logic.judging.tolerance import tolerance
 from pytest_rvads.logic.judging.verdicts import Status, Verdict
 from pytest_rvads.logic.outcome import Outcome, counted
 from pytest_rvads.logic.rules.book import RuleBook, current_book, get_rule, is_rulebook, rules_for
+from pytest_rvads.logic.rules.parts import shape_of
 from pytest_rvads.logic.rules.rule import LONGEST_TIE, Rule
-from pytest_rvads.logic.rules.shape import shape_of
 from pytest_rvads.logic.telling.explain import tell
 from pytest_rvads.logic.telling.story import Story
-from pytest_rvads.runs.run import Run
+from pytest_rvads.runs.run import Run, once
 from pytest_rvads.support.errors import RunError, require
 
 __all__ = ["Attribution", "attribute", "check", "companions", "extract", "ground", "simplify", "unfold"]
 
 
 NOT_RECORDED = "not recorded"
-"""Start of the reason of a verdict if the run does not hold what the rule needs."""
+"""First words of the reason of an NA verdict on a run that does not record the values that the rule needs."""
 _QUIET = (Outcome.PASS, Outcome.NA)
-"""Outcomes that the message of a rulebook only counts; other outcomes beside the worst verdict are quoted in its notes."""
+"""Outcomes of rules whose messages the verdict of a rulebook leaves out; the verdict only counts these outcomes."""
 CUT_OFF = "cut off: the run reached its duration before the subject had left the junction"
-"""Reason of an NA verdict: the subject kept the rule up to the end of the run, which says nothing about its crossing."""
+"""Reason of an NA verdict on a run that ended before the subject had left the junction; the subject had kept the rule so far."""
 _KINDS = {
     JunctionControl.STOP: "stop signs at all entrances",
     JunctionControl.LIGHTS: "lights at all entrances",
@@ -67,31 +70,35 @@ def check(
     standing: bool = False,
     book: RuleBook | None = None,
 ) -> Verdict:
-    """Judge a run by a rule, or by a rulebook.
+    """Judge a run by a rule, or by a rulebook (a named list of rules).
 
-    The verdict of a rulebook is the worst verdict of its rules. Its message counts the verdicts of all these rules, and its notes
-    hold the messages of the other verdicts that are neither PASS nor NA.
+    The verdict of a rulebook is the worst verdict of its rules; rules about crosswalks are left out where nobody walks. The
+    message of this verdict counts the verdicts of all rules of the book, and its notes hold the messages of the other verdicts
+    that are neither PASS nor NA.
 
     Args:
         run: the run.
         rule: a rule, or the name of a rule or rulebook.
-        tie: largest difference of waiting times that count as equal [s]; the rule's own by default.
-        itinerary: use the known itineraries for ``take``; False evaluates the paper's definition, a future formula.
-        standing: count waiting times from standstill, as the paper's text says, instead of from the arrival at the entrance, as
-            the paper's implementation does and the paper's tables require.
-        book: the book that holds the rule and its companions; by default the open book, which also holds the rules that you
-            registered.
+        tie: largest difference of waiting times that count as equal [s]; by default the value of the rule.
+        itinerary: whether the predicate ``take`` (a vehicle turns in a direction) reads the turn from the known itinerary of the
+            vehicle. If False, ``take`` is evaluated as the paper defines it, by what the vehicle does later in the run.
+        standing: whether waiting times count from standstill, as the paper's text says. If False, waiting times count from the
+            arrival at the entrance, as in the paper's implementation; the paper's tables require this.
+        book: the book that holds the rule and its companions (the rules that can contradict it). By default the open book: the
+            shipped rules and the rules registered for the running test, or in the process if no test runs.
 
-    With a subject among traffic (`Run.subject`) the status comes from the instances that the subject is to blame for. If the
-    subject is to blame for no instance, a violation by the traffic is reported with ``provoked`` set. The subject passes only if
-    an instance bound the subject to act. A violation that no vehicle could have avoided is reported with ``unavoidable`` set.
+    If a run has a vehicle under test (the subject, `Run.subject`), the status comes from the instances of the rule that the
+    subject is to blame for. If the subject is to blame for no instance, a violation by the traffic is reported with ``provoked``
+    set. The subject passes only if an instance required an action of the subject. A violation that no vehicle could have avoided
+    is reported with ``unavoidable`` set.
 
-    A run whose accuracy is limited (`Run.spread`, `Excerpt`, a step longer than the step of a simulation) is UNSURE if another
-    reading of the run within its accuracy would change the status of an instance, unless a definite status is worse.
+    A run has limited accuracy if it states a `Run.spread`, is an `Excerpt` of a recording, or has longer steps than a simulation.
+    An instance on such a run is UNSURE if other values of the measurements, within the accuracy, would change its status. An
+    UNSURE instance makes the verdict UNSURE, unless other instances already make the verdict FAIL or OPEN.
 
     Returns:
-        The verdict. The states before a fault are judged: a violation stands, any other status becomes an ERROR. The verdict on
-        an empty or damaged run is an ERROR as well.
+        The verdict. If a fault ended the run, the states before the fault are judged: a violation stands, any other status
+        becomes an ERROR. The verdict on an empty or damaged run is an ERROR as well.
 
     Raises:
         FormulaError: the rule is unknown, or its monitor would be too large.
@@ -99,7 +106,7 @@ def check(
     require(run, Run, "check takes a run, such as rvads.simulate(case) returns", RunError)
     book = current_book(book)
     if isinstance(rule, str) and is_rulebook(rule):
-        rules = rules_for(rule, book=book)
+        rules = [candidate for candidate in rules_for(rule, book=book) if candidate.walked_at(run.junction)]
         return _worst(rule, [check(run, r, tie=tie, itinerary=itinerary, standing=standing, book=book) for r in rules])
     rule = get_rule(rule, book)
     window = rule.tie if tie is None else tie
@@ -112,6 +119,15 @@ def check(
     story = _judged(rule, values, book, run, itinerary=itinerary, standing=standing)
     if story.status is Status.PASS and cut_off(run):
         story = Story(rule, run, Status.NA, reason=CUT_OFF, asked=False)
+    recorded = run.excerpt is not None and run.station is not None and run.speed is not None
+    if story.status is Status.FAIL and not (story.unavoidable or story.provoked) and recorded:
+        failed = tuple(j.template for j in story.judgements if j.status is Status.FAIL)
+
+        def status_of(less_exact: Run) -> Status:
+            values = Values(without_jumps(less_exact), window, standing=standing)
+            return _overall(doubted(judge(failed, values), values, less_exact, standing=standing))
+
+        story.tolerance = tolerance(run, status_of)
     if run.fault is None:
         return tell(story)
     if story.status is Status.FAIL and not (story.provoked or story.unavoidable):
@@ -121,7 +137,7 @@ def check(
 
 
 def _worst(rulebook: str, verdicts: Sequence[Verdict]) -> Verdict:
-    """Return the worst verdict of the rules of a rulebook, with the messages of the other rules in its notes."""
+    """Return the worst verdict of the rules of a rulebook; its notes hold the messages of other verdicts but PASS and NA."""
     counts = Counter[Outcome | None](verdict.outcome for verdict in verdicts)
     worst = min(verdicts, key=lambda verdict: verdict.outcome.severity)
     other_stories = tuple(f"{v.outcome} {v.message}" for v in verdicts if v is not worst and v.outcome not in _QUIET)
@@ -129,7 +145,7 @@ def _worst(rulebook: str, verdicts: Sequence[Verdict]) -> Verdict:
 
 
 def _judged(rule: Rule, values: Values, book: RuleBook, sampled: Run, *, itinerary: bool, standing: bool) -> Story:
-    """Judge the states of a run by a rule, whatever ended the run; `sampled` is the run as recorded."""
+    """Judge the states of a run by a rule, and ignore a fault that ended the run; `sampled` is the run as recorded."""
     run = values.run
     if not rule.concerns(run.junction):
         return Story(rule, run, Status.NA, reason=_elsewhere(rule, run.junction))
@@ -169,12 +185,14 @@ def _elsewhere(rule: Rule, junction: Junction) -> str:
         if len(rule.kinds) == 1:
             return f"{rule.name} is about junctions with {_KINDS[rule.kinds[0]]}, this one has {kind}"
         return f"{rule.name} is not about junctions with {kind}, as this one"
+    if rule.crosswalks and not rule.concerns(junction):
+        return f"{rule.name} is about {rule.crosswalks}, and none walk at this junction"
     return f"{rule.name} is about junctions with several lanes on an arm, this one has one lane on each"
 
 
 def _idle(story: Story, templates: tuple[Template, ...], values: Values) -> tuple[str, Near | None]:
-    """Return the reason why a rule was not applicable, and the place where the rule came closest to being triggered."""
-    if any(j.status is not Status.NA for j in story.found):
+    """Return the reason of an NA verdict, and where a rule that was never triggered came closest to being triggered."""
+    if any(j.status is not Status.NA for j in story.judgements):
         if story.subject is None:
             return "nobody moved, so nobody kept the rule by what it did", None
         return f"only traffic was asked: no instance that was triggered bound {story.subject}, the subject, to act", None
@@ -182,7 +200,10 @@ def _idle(story: Story, templates: tuple[Template, ...], values: Values) -> tupl
 
 
 def _cycle(rule: Rule, values: Values, templates: tuple[Template, ...], book: RuleBook) -> Cycle | None:
-    """Find a cycle of contradicting obligations: among the instances of the rule alone, else together with its companions."""
+    """Return vehicles that must wait for each other in a circle because of the rule; None if there is no circle.
+
+    If the rule alone makes no circle, the obligations of its companions are added.
+    """
     cycle = find_cycle(templates, values)
     if cycle is None and rule.companions:
         cycle = find_cycle([*templates, *companions(rule, values.run, book)], values)
@@ -195,25 +216,27 @@ _BROKEN = (Status.FAIL, Status.OPEN)
 
 @dataclass(frozen=True, slots=True)
 class Attribution:
-    """The status of a rule on a run, with its attribution to the subject or the traffic."""
+    """The status of a rule on a run, and whether the subject (the vehicle under test) or the traffic caused the status."""
 
     status: Status
     asked: bool = True
-    """Whether an instance bound the subject to act; without a subject, whether an instance was triggered and a vehicle moved."""
+    """Whether a triggered instance required an action of the subject. In a run without a subject, whether an instance was
+    triggered and a vehicle moved."""
     unavoidable: bool = False
     """Whether the rule was violated and no vehicle could have kept the rule."""
     provoked: bool = False
-    """Whether the traffic alone caused the violation or the open obligation."""
+    """Whether the traffic alone caused the violation or the open obligation; without a subject, whether pedestrians did."""
 
 
 def attribute(judgements: Sequence[Judgement], rule: Rule, values: Values, book: RuleBook) -> Attribution:
     """Return the status of a rule on a run, given the judgements of its instances.
 
-    Without a subject the status is FAIL if an instance failed, else OPEN if an instance is open, else UNSURE if an instance is
-    unsure, else PASS if an instance was triggered, else NA. With a subject, the instances that the subject is to blame for count
-    first. A violation by other vehicles alone is provoked. The subject passes only if an instance bound the subject to act. A run
-    in which no vehicle moves does not pass, and a subject that never moves does not pass. An UNSURE instance counts if it binds
-    the subject: the instance is no violation, but excludes the statuses unavoidable and provoked.
+    On a run without a subject (vehicle under test), the status is the first of FAIL, OPEN, UNSURE and PASS that an instance of
+    the rule has. The status is NA if no instance was triggered. A violation that pedestrians alone are to blame for is provoked,
+    because pedestrians are never under test. On a run with a subject, violated or open instances that the
+    subject is to blame for decide before all other instances. A violation by other vehicles alone is provoked. The subject passes
+    only if an instance required an action of the subject. A run in which no vehicle moves does not pass, and a subject that never
+    moves does not pass. If an instance that binds the subject is UNSURE, the status is neither unavoidable nor provoked.
 
     Args:
         judgements: the judgements of the instances.
@@ -227,8 +250,10 @@ def attribute(judgements: Sequence[Judgement], rule: Rule, values: Values, book:
         excused = status is Status.FAIL and unavoidable(judgements, _with_companions(judgements, rule, run, book), values)
         if excused and any(j.status is Status.UNSURE for j in judgements):
             return Attribution(Status.UNSURE)
-        acted = status is not Status.NA and any(drives(run, column) for column in range(len(run.agents)))
-        return Attribution(Status.NA if status is Status.PASS and not acted else status, acted, excused)
+        vehicles = (column for column, agent in enumerate(run.agents) if not isinstance(agent.way, Crossing))
+        acted = status is not Status.NA and any(drives(run, column) for column in vehicles)
+        on_foot = status is Status.FAIL and not excused and all(by_walkers(j, run) for j in judgements if j.status is status)
+        return Attribution(Status.NA if status is Status.PASS and not acted else status, acted, excused, on_foot)
     me = next(column for column, agent in enumerate(run.agents) if agent.name == subject)
     bound = any(j.status is not Status.NA and asked(j.template, values, me) for j in judgements)
     open_to_doubt = any(j.status is Status.UNSURE and _binds(j.template, me) for j in judgements)
@@ -248,7 +273,7 @@ def attribute(judgements: Sequence[Judgement], rule: Rule, values: Values, book:
 
 
 def companions(rule: Rule, run: Run, book: RuleBook) -> tuple[Template, ...]:
-    """Return the instances of the rules whose obligations can contradict those of `rule`."""
+    """Return the instances of the companions of `rule`, the rules whose obligations can contradict the obligations of `rule`."""
     static = extract(run)
     rules = (book[name] for name in rule.companions)
     return tuple(t for companion in rules for t in prepare(companion.formula, static, companion.bound).templates)
@@ -268,14 +293,14 @@ def _with_companions(judgements: Sequence[Judgement], rule: Rule, run: Run, book
 
 
 def _excused(judgements: Sequence[Judgement], rule: Rule, values: Values, book: RuleBook) -> bool:
-    """Return whether the subject may leave an obligation open: the subject has to wait, or other vehicles ended the run."""
+    """Return whether the subject is excused for an open obligation: the subject has to wait, or other vehicles ended the run."""
     run, subject = values.run, values.run.subject or ""
     culprits = set(cut_short_by(run)) - {subject}
     return bool(culprits) or any(waits(j, subject) for j in judgements) or _held(rule, run, subject, book)
 
 
 def _owes_the_way(run: Run, subject: str) -> bool:
-    """Return whether, at the end of the run, the subject owes the way to a vehicle that is coming or stands at its line."""
+    """Return whether, at the end of the run, the subject must give way to a vehicle that is coming or stands at its line."""
     try:
         return any(held(run)[-1, column] for column, agent in enumerate(run.agents) if agent.name == subject)
     except RunError:
@@ -283,9 +308,10 @@ def _owes_the_way(run: Run, subject: str) -> bool:
 
 
 def _held(rule: Rule, run: Run, subject: str, book: RuleBook) -> bool:
-    """Return whether another rule still makes the subject wait, which excuses the subject for keeping other vehicles waiting.
+    """Return whether, at the end of the run, another rule than `rule` makes the subject wait.
 
-    The other rules are the companions of `rule` and the rules of the rulebooks that contain `rule`.
+    A subject that has to wait is excused for keeping other vehicles waiting. The other rules are the companions of `rule` and the
+    rules of the rulebooks that contain `rule`.
     """
     if _owes_the_way(run, subject):
         return True

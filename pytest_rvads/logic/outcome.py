@@ -1,4 +1,4 @@
-"""Outcomes: every status that a record can have, with all that reports have to know of it."""
+"""Outcomes: every status that the record of a test can have, with its severity, its spelling and its style in reports."""
 
 from __future__ import annotations
 
@@ -13,34 +13,37 @@ __all__ = ["BAD", "Outcome", "Tallied", "counted", "told_in"]
 Meaning = Literal["violated", "error", "flaky", "passed", "idle"]
 Mark = Literal["good", "bad", "doubt", "none"]
 BAD: tuple[Meaning, ...] = ("violated", "error", "flaky")
-"""What means that something is wrong with the system under test or with its test."""
+"""The meanings of outcomes that show a fault of the system under test or of its test."""
 
 
 class _Traits(NamedTuple):
-    """What reports have to know of an outcome."""
+    """The spelling, severity and style of an outcome in reports."""
 
     value: str
     """The spelling in reports."""
     severity: int
-    """0 is the worst result; the numbers have gaps for further outcomes."""
+    """The rank of the outcome by badness: 0 is the worst; the numbers have gaps for further outcomes."""
     meaning: Meaning
-    """What the outcome says when a session is compared with an earlier session; ``idle``: nothing."""
+    """What the outcome counts as when a session is compared with an earlier session; ``idle`` outcomes are not compared."""
     cell: str
-    """The text of a table cell."""
+    """The text of the outcome in a cell of a table."""
     style: str
-    """The style in a terminal, as rich spells it."""
+    """The colour and font in a terminal, as the library rich spells them."""
     mark: Mark
-    """The mark on a page."""
+    """The kind of mark that an HTML page shows for the outcome."""
     judges: bool = False
-    """Whether the outcome says something of the system under test; a session without any such outcome is not green."""
+    """Whether the outcome says something about the system under test; a session without any such outcome is not green."""
     word: str = ""
-    """The words in sentences that count ("3 provoked by traffic"); by default the spelling inside a sentence."""
+    """The words after a number ("3 provoked by traffic"); by default the spelling of the outcome inside a sentence."""
     letter: str = ""
-    """The letter in pytest's line of progress, where pytest's own letter would mislead."""
+    """The letter in pytest's line of progress; empty if pytest's own letter is right."""
 
 
 class Outcome(StrEnum):
-    """Result of an item, in the order in which summaries count the results; the value is the spelling in reports."""
+    """The result of a test or of a verdict; the value of an outcome is its spelling in reports.
+
+    The outcomes have the order in which summaries count results.
+    """
 
     severity: int
     meaning: Meaning
@@ -52,7 +55,7 @@ class Outcome(StrEnum):
     letter: str
 
     def __new__(cls, *traits: Any) -> Outcome:
-        """Make a member from its traits."""
+        """Make an outcome from its spelling, severity and style."""
         value, *further = _Traits(*traits)
         member = str.__new__(cls, value)
         member._value_ = value
@@ -65,18 +68,18 @@ class Outcome(StrEnum):
     FAIL = _Traits("FAIL", severity=20, meaning="violated", cell="FAIL", style="bold red", mark="bad", judges=True)
     OPEN = _Traits("OPEN", severity=40, meaning="violated", cell="OPEN", style="yellow", mark="doubt", judges=True)
     UNAVOIDABLE = _Traits("UNAVOIDABLE", severity=50, meaning="passed", cell="unavoidable", style="cyan", mark="doubt")
-    """Violated, and no vehicle could have kept the rule."""
+    """The rule was violated, and no vehicle could have kept the rule."""
     PROVOKED = _Traits(
         "PROVOKED", severity=60, meaning="passed", cell="provoked", style="cyan", mark="doubt", word="provoked by traffic"
     )
-    """Violated or open by the doing of the traffic, not of the subject."""
+    """The traffic, not the vehicle under test, violated the rule or left an obligation open."""
     UNSURE = _Traits("UNSURE", severity=65, meaning="idle", cell="unsure", style="blue", mark="doubt", letter="?")
-    """Another reading of what was recorded, within its accuracy, would change the verdict."""
+    """Other values of the recorded measurements, within their accuracy, would change the verdict."""
     NA = _Traits("NA", severity=80, meaning="idle", cell="NA", style="dim", mark="none", letter="n")
     ERROR = _Traits("ERROR", severity=0, meaning="error", cell="ERROR", style="bold magenta", mark="bad")
     FLAKY = _Traits("FLAKY", severity=10, meaning="flaky", cell="FLAKY", style="bold magenta", mark="bad")
     NOT_JUDGED = _Traits("NOT JUDGED", severity=30, meaning="error", cell="NOT JUDGED", style="bold magenta", mark="bad")
-    """The test has a rule or a monitor and judged nothing."""
+    """The test has a rule or a monitor, but judged no run."""
     NOT_RUN = _Traits("NOT RUN", severity=90, meaning="idle", cell="NOT RUN", style="", mark="none", letter="-")
 
     @property
@@ -86,28 +89,31 @@ class Outcome(StrEnum):
 
     @property
     def small(self) -> str:
-        """The spelling inside a sentence."""
+        """The spelling of the outcome inside a sentence."""
         return self.value if len(self.value) == 2 else self.value.lower()  # NA is an abbreviation
 
     @classmethod
     def worst_first(cls) -> list[Outcome]:
-        """Return all of them, the worst first."""
+        """Return all outcomes, the worst outcome first."""
         return sorted(cls, key=lambda outcome: outcome.severity)
 
 
 Tallied = Outcome | None
-"""What verdicts are counted as; None stands for known failures."""
+"""A kind of result that reports count: an outcome, or None for known failures (failures of tests that are marked as such)."""
 
 
 def told_in(counts: Mapping[Tallied, int]) -> list[Tallied]:
-    """Return the outcomes that were counted, in the order of sentences: verdicts, known failures, then all other outcomes."""
+    """Return the outcomes with a count above 0, in the order in which sentences name the outcomes.
+
+    Outcomes that judge the system under test or count as passed come first, known failures (None) second, all others last.
+    """
     verdicts = [outcome for outcome in Outcome if outcome.judges or outcome.meaning == "passed"]
     order = (*verdicts, None, *(outcome for outcome in Outcome if outcome not in verdicts))
     return [outcome for outcome in order if counts.get(outcome)]
 
 
 def counted(counts: Mapping[Tallied, int]) -> str:
-    """Return verdicts by status: ``3 pass, 1 known failure, 2 NA``."""
+    """Return the counts of outcomes in words: ``3 pass, 1 known failure, 2 NA``."""
     return ", ".join(
         plural(counts[None], "known failure") if outcome is None else f"{counts[outcome]:,} {outcome.word}"
         for outcome in told_in(counts)

@@ -2,32 +2,38 @@
 
 from collections.abc import Iterator, Sequence
 from functools import cache
+from importlib import import_module
+from pkgutil import iter_modules
 from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from pytest_rvads.geometry.crosswalks import Crossing
 from pytest_rvads.geometry.finder import find
+from pytest_rvads.logic import conduct
 from pytest_rvads.logic.conduct.blocks import Block, Signal, as_blocks, signal
 from pytest_rvads.logic.conduct.bodies import overlap
-from pytest_rvads.logic.conduct.lane import off_lane, off_route
-from pytest_rvads.logic.conduct.motion import advance, entered, facing, inside, wt
+from pytest_rvads.logic.conduct.on_foot import claims
 from pytest_rvads.logic.conduct.priority import brakes_hard, obstructs, owes, unhindered
 from pytest_rvads.logic.conduct.progress import Lost, blocks, idles, losses, may_go
-from pytest_rvads.logic.conduct.rights import close_behind, held, kept_by, next_to_go, starting, waives
-from pytest_rvads.logic.conduct.standing import arrived, leads, speeding, stands, stopped, waited
-from pytest_rvads.logic.conduct.stretches import meet
-from pytest_rvads.logic.conduct.waiting import Circles, circles, lets_pass, no_room
+from pytest_rvads.logic.conduct.rights import close_behind, held, kept_by, kept_by_walker, next_to_go, starting, waives
+from pytest_rvads.logic.conduct.standing import advance, arrived, entered, facing, leads, stands, waited, wt
+from pytest_rvads.logic.conduct.stretches import passed
+from pytest_rvads.logic.conduct.waiting import Circles, circles, lets_pass, lets_walk, no_room
 from pytest_rvads.logic.live.instant import Stream
+from pytest_rvads.logic.rules.lexicon import BUILT_IN
 from pytest_rvads.runs.itineraries import itinerary
 from pytest_rvads.runs.recording import zones
 from pytest_rvads.runs.run import Facts, Run
-from pytest_rvads.runs.states import Agent, Colour, Zone
+from pytest_rvads.runs.states import Agent, Colour, Kind, Zone
+
+from ..zebras import zebra
 
 STEPS, COUNT, DT = 240, 8, 0.1
-SEED = 85
-"""Of the traffic, chosen so that every signal changes in it."""
+SEEDS = {"stop4": 85, "light4": 85, "yield4": 85, "zebra": 1}
+"""Of the traffic at built-in junctions, and at `light4` with crosswalks, chosen so that every signal changes in it."""
 
 
 def part_of(whole: Signal[Any], name: str) -> Signal[Any]:
@@ -40,54 +46,63 @@ def part_of(whole: Signal[Any], name: str) -> Signal[Any]:
     return signal(work)
 
 
-CARRIED: tuple[Signal[Any], ...] = (
-    wt,
-    facing,
-    advance,
-    stopped,
-    arrived,
-    starting,
-    waives,
-    kept_by,
-    brakes_hard,
-    owes,
-    no_room,
-    *(part_of(losses, name) for name in Lost._fields),
+def signals_of_modules() -> list[Signal[Any]]:
+    """Return all signals that the modules of `conduct` hold."""
+    modules = [import_module(f"{conduct.__name__}.{module.name}") for module in iter_modules(conduct.__path__)]
+    return list(dict.fromkeys(value for module in modules for value in vars(module).values() if isinstance(value, Signal)))
+
+
+CARRIED = tuple(signal for signal in signals_of_modules() if signal.start)
+STEADY = tuple(signal for signal in signals_of_modules() if signal.steady)
+WORDS = tuple(word.holds for word in BUILT_IN.values() if isinstance(word.holds, Signal) and word.holds is not idles)
+"""Nobody idles in traffic as short as this; the parts of `losses`, by which `idles` is decided, change."""
+SIGNALS: tuple[Signal[Any], ...] = tuple(
+    dict.fromkeys(
+        (
+            *WORDS,
+            wt,
+            facing,
+            advance,
+            starting,
+            waives,
+            kept_by,
+            kept_by_walker,
+            brakes_hard,
+            no_room,
+            *(part_of(losses, name) for name in Lost._fields),
+            stands,
+            leads,
+            waited,
+            held,
+            next_to_go,
+            close_behind,
+            unhindered,
+            overlap,
+            lets_pass,
+            lets_walk,
+            claims,
+            *(part_of(circles, name) for name in Circles._fields),
+        )
+    )
 )
-SIGNALS: tuple[Signal[Any], ...] = (
-    *CARRIED,
-    stands,
-    leads,
-    waited,
-    inside,
-    speeding,
-    meet,
-    overlap,
-    off_lane,
-    off_route,
-    held,
-    next_to_go,
-    close_behind,
-    unhindered,
-    obstructs,
-    lets_pass,
-    may_go,
-    *(part_of(circles, name) for name in Circles._fields),
-)
-PLACES = ("stop4", "light4", "yield4")
+PLACES = tuple(SEEDS)
 
 
 @cache
 def traffic(place: str) -> Run:
     """Return vehicles that appear, drive, stand, back off and vanish by chance, and lights that change by chance."""
-    junction, rng = find(place), np.random.default_rng(SEED)
+    junction = zebra("light4", lit=True).walked if place == "zebra" else find(place)
+    rng = np.random.default_rng(SEEDS[place])
     ways, shape = sorted(junction.movements), (STEPS, COUNT)
+    walked = sorted(further.way.key for further in junction.further if isinstance(further.way, Crossing))
     zone, station, speed = np.full(shape, Zone.ABSENT, dtype=np.int8), np.full(shape, np.nan), np.full(shape, np.nan)
     pose = np.full((*shape, 3), np.nan)
     agents = []
     for k, begin in enumerate(rng.integers(0, STEPS // 2, COUNT).tolist()):
-        way = itinerary(junction, *ways[rng.integers(len(ways))])
-        speeds = np.repeat(rng.choice([0.0, 0.05, -0.5, 2.0, 2.0, 5.0], 100), rng.integers(3, 25, 100))[: STEPS - begin]
+        on_foot = place == "zebra" and k % 2 == 1
+        way = itinerary(junction, *(walked[k // 2] if on_foot else ways[rng.integers(len(ways))]))
+        paces = [0.0, 0.05, -0.5, 1.5, 1.5, 1.5] if on_foot else [0.0, 0.05, -0.5, 2.0, 2.0, 5.0]
+        speeds = np.repeat(rng.choice(paces, 100), rng.integers(3, 25, 100))[: STEPS - begin]
         along = way.line - rng.uniform(-2.0, 14.0) + np.concatenate(([0.0], np.cumsum(speeds[:-1]) * DT))
         here = slice(begin, begin + int(rng.integers(50, STEPS - begin + 1)))
         along = along[: here.stop - begin]
@@ -95,8 +110,9 @@ def traffic(place: str) -> Run:
         aside = 4.0 * np.sin(along / 6.0) * (k % 3 == 0)
         lines = np.array([way.pose(float(s)) for s in along])
         pose[here, k] = lines + np.column_stack((-aside * np.sin(lines[:, 2]), aside * np.cos(lines[:, 2]), 0.0 * aside))
-        agents.append(Agent(f"v{k}", junction.movements[way.entrance, way.exit], size=(float(rng.choice([4.6, 10.0])), 1.8)))
-    colours = rng.choice([Colour.GREEN, Colour.YELLOW, Colour.RED], (STEPS // 20, len(junction.entrances)))
+        kind, size = (Kind.PEDESTRIAN, (0.6, 0.6)) if on_foot else (Kind.CAR, (float(rng.choice([4.6, 10.0])), 1.8))
+        agents.append(Agent(f"v{k}", junction.every_way[way.entrance, way.exit], kind, size))
+    colours = rng.choice([Colour.GREEN, Colour.YELLOW, Colour.RED], (STEPS // 20, len(junction.starts)))
     lights = np.repeat(colours, 20, axis=0).astype(np.int8)
     return Run("t", junction, tuple(agents), zone, lights, DT, station, speed, pose, facts=Facts(speed_limit=4.0))
 
@@ -175,6 +191,51 @@ def test_steady_signal_is_worked_out_again_only_where_a_value_that_it_reads_has_
         values.append(bool(fast_at_entrance(block)[0, 0]))
     assert values == [False, False, False, True, True, False]
     assert worked_out == [0, 3, 5]
+
+
+READ_AT_ENTRY = {("kept_by", "speed"), ("no_room", "speed"), ("no_room", "station")}
+"""These steady signals use positions and speeds only in states in which a vehicle enters, and `entered` changes there."""
+
+
+def read_by_steady_signals(signals: Sequence[Signal[Any]], monkeypatch: pytest.MonkeyPatch) -> set[tuple[str, str]]:
+    """Return which steady signals read which arrays themselves, in blocks of one state, without having read `passed` before."""
+    under_evaluation: list[Signal[Any]] = []
+    read: set[tuple[str, str]] = set()
+    value, need = Block.value, Block.need
+
+    def value_of(block: Block, quantity: Signal[Any]) -> Any:
+        under_evaluation.append(quantity)
+        try:
+            return value(block, quantity)
+        finally:
+            under_evaluation.pop()
+
+    def array_of(block: Block, name: str) -> NDArray[np.float64]:
+        if under_evaluation and under_evaluation[-1].steady and not (name == "station" and passed in block.reading):
+            read.add((under_evaluation[-1].work.__name__, name))
+        return need(block, name)
+
+    monkeypatch.setattr(Block, "value", value_of)
+    monkeypatch.setattr(Block, "need", array_of)
+    for place in PLACES:
+        for _, _, block in fed(traffic(place), 1, CARRIED):
+            for quantity in signals:
+                quantity(block)
+    return read
+
+
+def test_no_steady_signal_reads_positions_or_speeds_that_change_in_every_state(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Such a signal would keep an old value in a live monitor, because only the signals that it reads are compared."""
+    assert read_by_steady_signals(STEADY, monkeypatch) == READ_AT_ENTRY
+
+
+def test_steady_signal_that_reads_positions_itself_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
+    @signal(steady=True)
+    def over_line(block: Block) -> NDArray[np.bool_]:
+        over: NDArray[np.bool_] = block.need("station") > 0.0
+        return over
+
+    assert read_by_steady_signals([over_line], monkeypatch) == READ_AT_ENTRY | {("over_line", "station")}
 
 
 def test_steady_signal_is_worked_out_again_where_positions_are_given_from_now_on() -> None:

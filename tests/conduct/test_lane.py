@@ -13,16 +13,15 @@ from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.geometry.finder import find
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.geometry.opendrive.writer import Layout, opendrive
-from pytest_rvads.geometry.segment import Segment, Turn
+from pytest_rvads.geometry.segment import Segment
+from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.conduct.lane import beside, off_lane, off_route
-from pytest_rvads.physics.body import Body
-from pytest_rvads.physics.world import Motion
+from pytest_rvads.physics.body import Body, Motion
 from pytest_rvads.runs.itineraries import Itinerary
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.runfile import load_run, save_run
-from pytest_rvads.runs.states import Zone
-from pytest_rvads.runs.vehicle import Vehicle
+from pytest_rvads.runs.states import Vehicle, Zone
 from pytest_rvads.scenarios.case import Case, Fleet
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.simulators.simulator import simulate

@@ -9,7 +9,6 @@ import pytest
 
 from pytest_rvads.geometry.finder import find
 from pytest_rvads.logic.check import check
-from pytest_rvads.logic.conduct.motion import inside
 from pytest_rvads.logic.conduct.progress import (
     BLOCKING_TIME,
     PATIENCE,
@@ -19,7 +18,8 @@ from pytest_rvads.logic.conduct.progress import (
     may_go,
 )
 from pytest_rvads.logic.conduct.rights import PACE, comes_first
-from pytest_rvads.logic.live import RuleMonitor
+from pytest_rvads.logic.conduct.standing import inside
+from pytest_rvads.logic.live.rule_monitor import RuleMonitor
 from pytest_rvads.logic.ltl.ltl3 import Truth
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Colour, Zone

@@ -10,7 +10,7 @@ from pytest_rvads.geometry.finder import find, names
 from pytest_rvads.logic.conduct.bodies import touch
 from pytest_rvads.logic.conduct.room import PLACES, leaves_room, room
 from pytest_rvads.runs.itineraries import itinerary
-from pytest_rvads.runs.vehicle import Vehicle
+from pytest_rvads.runs.states import Vehicle
 
 CAR = (Vehicle().length, Vehicle().width)
 

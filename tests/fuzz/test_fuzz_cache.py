@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pytest_rvads.physics import cache
+from pytest_rvads.physics import braking
 
 from .mutations import QUICK, damaged
 
@@ -14,10 +14,10 @@ from .mutations import QUICK, damaged
 @given(data=st.data())
 @QUICK
 def test_entries(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, data: st.DataObject) -> None:
-    monkeypatch.setenv(cache.VARIABLE, str(tmp_path))
-    cache.cached({"a": 1}, lambda: 0.5)
+    monkeypatch.setenv(braking.VARIABLE, str(tmp_path))
+    braking.cached({"a": 1}, lambda: 0.5)
     (entry,) = tmp_path.iterdir()
     whole = entry.read_bytes()
     entry.write_bytes(data.draw(damaged(whole)))
-    assert cache.cached({"a": 1}, lambda: 0.5) == 0.5
+    assert braking.cached({"a": 1}, lambda: 0.5) == 0.5
     assert entry.read_bytes() == whole, "mended"

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from pytest_rvads.geometry.road_map import read_map
-from pytest_rvads.logic.rules.rulefile import load_rules
-from pytest_rvads.runs.recorded import read_recorded
+from pytest_rvads.logic.rules.book import load_rules
+from pytest_rvads.runs.readers import read_recorded
 from pytest_rvads.runs.runfile import load_run
 from pytest_rvads.support.errors import RvadsError
 

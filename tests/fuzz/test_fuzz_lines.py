@@ -5,7 +5,7 @@ import json
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pytest_rvads.logic.ltl.words import answer
+from pytest_rvads.logic.ltl.export import answer
 
 from .mutations import QUICK, damaged, hostile_json
 

@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.ltl.ltl3 import synthesize
 from pytest_rvads.logic.ltl.parser import parse_ltl
+from pytest_rvads.logic.rules.book import load_rules
 from pytest_rvads.logic.rules.current import own_desk
 from pytest_rvads.logic.rules.rule import Rule, parse
 from pytest_rvads.logic.rules.rulebooks import PAPER, ROAD
-from pytest_rvads.logic.rules.rulefile import load_rules
 from pytest_rvads.runs.run import Run
 from pytest_rvads.support.errors import FormulaError
 

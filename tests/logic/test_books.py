@@ -11,7 +11,7 @@ import pytest
 
 import pytest_rvads as rvads
 from pytest_rvads.logic.check import check
-from pytest_rvads.logic.live import RuleMonitor
+from pytest_rvads.logic.live.rule_monitor import RuleMonitor
 from pytest_rvads.logic.rules.book import SHIPPED, RuleBook, current_book, get_rule, predicate, rule, rules_for
 from pytest_rvads.logic.rules.current import own_desk
 from pytest_rvads.logic.rules.rule import Rule, parse

@@ -5,7 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from pytest_rvads.cli.answers import list_rules, named_rules
+from pytest_rvads.cli.check_commands import list_rules
+from pytest_rvads.cli.common import named_rules
 from pytest_rvads.runs.readers import read_runs
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.runfile import save_run

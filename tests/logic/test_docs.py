@@ -33,7 +33,7 @@ def test_the_rulebooks_of_the_documentation_are_the_shipped_ones() -> None:
 
 
 def test_the_file_of_rules_in_the_documentation_loads(tmp_path: Path) -> None:
-    from pytest_rvads.logic.rules.rulefile import load_rules
+    from pytest_rvads.logic.rules.book import load_rules
 
     (block,) = re.findall(r"```ini\n(.*?)```", DOCS.read_text(encoding="utf-8"), re.DOTALL)
     (tmp_path / "own.rules").write_text(block)

@@ -14,9 +14,10 @@ import pytest
 import pytest_rvads as rvads
 from pytest_rvads.geometry.control import Sign
 from pytest_rvads.geometry.junction import Entrance, Junction, Movement
-from pytest_rvads.geometry.segment import Segment, Turn
+from pytest_rvads.geometry.segment import Segment
+from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.logic.check import check
-from pytest_rvads.logic.conduct.grounds import Ground, ground_of
+from pytest_rvads.logic.conduct.cast import Ground, ground_of
 from pytest_rvads.logic.conduct.lane import wrong_lanes
 from pytest_rvads.logic.conduct.predicates import extract
 from pytest_rvads.logic.conduct.priority import owes
@@ -25,7 +26,7 @@ from pytest_rvads.logic.conduct.rights import comes_first
 from pytest_rvads.logic.conduct.standing import stopped
 from pytest_rvads.logic.conduct.waiting import due
 from pytest_rvads.logic.judging.prepare import prepare
-from pytest_rvads.logic.live import RuleMonitor
+from pytest_rvads.logic.live.rule_monitor import RuleMonitor
 from pytest_rvads.logic.ltl.ltl3 import Truth
 from pytest_rvads.logic.rules.book import get_rule, rules_for
 from pytest_rvads.runs.run import Run

@@ -6,7 +6,7 @@ from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.ltl.parser import DEPTH_LIMIT, LENGTH_LIMIT, SIZE_LIMIT, parse_ltl, parse_rule
 from pytest_rvads.logic.rules.book import rulebook
 from pytest_rvads.logic.rules.rule import parse
-from pytest_rvads.logic.rules.sorts import LANGUAGE, Sort
+from pytest_rvads.logic.rules.vocabulary import LANGUAGE, Sort
 from pytest_rvads.support.errors import FormulaError
 
 

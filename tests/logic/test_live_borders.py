@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from pytest_rvads.geometry.finder import find
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.judging.verdicts import Status
-from pytest_rvads.logic.live import RuleMonitor, Seen
+from pytest_rvads.logic.live.instant import Seen
+from pytest_rvads.logic.live.rule_monitor import RuleMonitor
 from pytest_rvads.logic.ltl.ltl3 import Truth
 from pytest_rvads.runs.itineraries import ENTRANCE_ZONE, Itinerary, itinerary
 from pytest_rvads.runs.recording import Before, Recording, Track, zones

@@ -8,11 +8,12 @@ from functools import cache
 import numpy as np
 import pytest
 
-from pytest_rvads.drivers.rolling import RollingStop
+from pytest_rvads.drivers.traffic import RollingStop
 from pytest_rvads.geometry.finder import find
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.judging.verdicts import Status
-from pytest_rvads.logic.live import Decided, RuleMonitor, Seen
+from pytest_rvads.logic.live.instant import Decided, Seen
+from pytest_rvads.logic.live.rule_monitor import RuleMonitor
 from pytest_rvads.logic.ltl.ltl3 import Truth
 from pytest_rvads.logic.rules.book import rules_for
 from pytest_rvads.logic.rules.rule import Rule

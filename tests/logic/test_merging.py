@@ -12,12 +12,13 @@ from pathlib import Path
 import pytest
 
 import pytest_rvads as rvads
+from pytest_rvads.geometry.conflicts import Precedence, Reason
 from pytest_rvads.geometry.control import Sign
 from pytest_rvads.geometry.junction import Junction
-from pytest_rvads.geometry.segment import Pose, Turn
-from pytest_rvads.geometry.yielding import Precedence, Reason
+from pytest_rvads.geometry.segment import Pose
+from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.logic.check import check
-from pytest_rvads.logic.conduct.grounds import Ground, ground_of
+from pytest_rvads.logic.conduct.cast import Ground, ground_of
 from pytest_rvads.logic.conduct.priority import owes
 from pytest_rvads.logic.rules.book import rules_for
 from pytest_rvads.runs.run import Run

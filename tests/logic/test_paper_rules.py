@@ -11,14 +11,14 @@ from typing import Any
 import pytest
 
 from pytest_rvads.logic.check import check, extract
-from pytest_rvads.logic.judging.cycle import find_cycle
 from pytest_rvads.logic.judging.evaluate import Values
 from pytest_rvads.logic.judging.prepare import prepare
+from pytest_rvads.logic.judging.responsibility import find_cycle
 from pytest_rvads.logic.judging.verdicts import Status
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.rules.book import get_rule
 from pytest_rvads.logic.rules.rule import Rule
-from pytest_rvads.logic.rules.sorts import Sort
+from pytest_rvads.logic.rules.vocabulary import Sort
 from pytest_rvads.runs.run import Fault, Run
 from pytest_rvads.runs.states import Colour
 from pytest_rvads.support.errors import RunError
@@ -161,9 +161,9 @@ def test_four_at_once_cannot_pass_and_the_text_says_why(make: Make) -> None:
     for run, status, unavoidable in ((moved, Status.FAIL, True), (stuck, Status.OPEN, False)):
         verdict = check(run, "p2")
         assert (verdict.status, verdict.unavoidable) == (status, unavoidable)
-        assert "right-of relation of the arrivals is a cycle" in verdict.message
+        assert "4 vehicles arrived together and each must wait for the one on its right" in verdict.message
         assert "(a0 -> a1 -> a2 -> a3 -> a0)" in verdict.notes[0]
-        assert "cycle" in verdict.explanation
+        assert "each must wait for the one on its right" in verdict.explanation
     at_once = make("stop4", {e: (2, 10, 11 + 200 * (-e % 4), 200 + 200 * (-e % 4)) for e in range(4)}, 900)
     assert check(at_once, "p2").unavoidable, "one state in which all four stand is enough"
     three = make("stop4", {e: (2, 10, 50 + 200 * e, 200 + 200 * e) for e in range(3)}, 900)
@@ -177,7 +177,7 @@ def test_cycle_excuses_only_the_vehicle_that_breaks_the_cycle(make: Make, entrie
     run = make("stop4", {e: (2, 10, entry, entry + 100) for e, entry in enumerate(entries)}, 900)
     verdict = check(run, "p2")
     assert (verdict.status, verdict.unavoidable) == (Status.FAIL, False)
-    assert "cycle" not in verdict.explanation
+    assert "each must wait" not in verdict.explanation
 
 
 def test_a_cycle_exists_from_its_last_arrival_until_somebody_moves(make: Make) -> None:
@@ -240,7 +240,7 @@ def test_a_tie_window_can_be_unsatisfiable_in_a_triple(make: Make) -> None:
     run = make("stop4", {0: (2, 10, 500, 600), 1: (2, 50, 200, 300), 2: (3, 90, 350, 400)}, 800)
     verdict = check(run, "right_first")
     assert verdict.status is Status.FAIL
-    assert verdict.notes[0].startswith("the order of the arrivals is a cycle (a0 -> a1 -> a2 -> a0)")
+    assert verdict.notes[0].startswith("3 vehicles must each wait for another of them (a0 -> a1 -> a2 -> a0)")
 
 
 def test_reasons_of_na_are_constant_and_the_nearest_miss_is_told(make: Make) -> None:

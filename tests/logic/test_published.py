@@ -8,7 +8,7 @@ import pytest
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.ltl.ltl3 import synthesize
 from pytest_rvads.logic.ltl.parser import parse_ltl
-from pytest_rvads.runs.recorded import read_recorded
+from pytest_rvads.runs.readers import read_recorded
 
 RULES = {
     "one-car-in-junction": "p1",

@@ -10,7 +10,7 @@ from pytest_rvads.logic.check import check
 from pytest_rvads.logic.judging.verdicts import InstanceVerdict, Status
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.rules.rule import Rule
-from pytest_rvads.logic.rules.sorts import Sort
+from pytest_rvads.logic.rules.vocabulary import Sort
 from pytest_rvads.logic.telling.phrase import literal, say
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Colour

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pytest_rvads.logic.check import check
-from pytest_rvads.logic.live import RuleMonitor
+from pytest_rvads.logic.live.rule_monitor import RuleMonitor
 from pytest_rvads.logic.rules.book import rulebook
 from pytest_rvads.logic.rules.lexicon import BUILT_IN
 from pytest_rvads.logic.rules.rule import Rule

@@ -15,8 +15,7 @@ import pytest
 from pytest_rvads.geometry.opendrive.builder import build
 from pytest_rvads.geometry.opendrive.draft import Chain
 from pytest_rvads.geometry.opendrive.reader import read
-from pytest_rvads.geometry.opendrive.records import Road, Shape
-from pytest_rvads.geometry.opendrive.reference_line import evaluate
+from pytest_rvads.geometry.opendrive.records import Road, Shape, evaluate
 
 carla = pytest.importorskip("carla")
 

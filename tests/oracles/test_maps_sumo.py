@@ -8,7 +8,7 @@ import math
 import re
 import subprocess
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -18,10 +18,11 @@ import pytest
 from numpy.typing import NDArray
 
 from pytest_rvads.geometry.analysis import JunctionReport
+from pytest_rvads.geometry.finder import find
 from pytest_rvads.geometry.opendrive.draft import Chain
 from pytest_rvads.geometry.paths import Route
 from pytest_rvads.geometry.road_map import RoadMap, read_map
-from pytest_rvads.geometry.segment import Turn
+from pytest_rvads.geometry.turns import Turn
 
 sumo = pytest.importorskip("sumo")
 
@@ -179,3 +180,17 @@ def test_generated_maps(tmp_path: Path, shape: tuple[str, ...], type: str, expec
     assert 'rule="' not in path.read_text(encoding="utf-8")
     _, other = compare(path, tmp_path / "back.net.xml")
     assert other.keys() <= {"partial"}
+
+
+@pytest.mark.parametrize("name", ["lanes4", "yield4", "stop3"])
+def test_movements_of_a_junction_written_from_its_centre_lines(tmp_path: Path, name: str) -> None:
+    (tmp_path / "town.osm").write_text("<osm/>", encoding="utf-8")
+    place = replace(find(name), map=str(tmp_path / "town.osm"))
+    path = tmp_path / "written.xodr"
+    path.write_text(place.opendrive(), encoding="utf-8")
+    found = connections(path, tmp_path / "net.xml")[place.id]
+    turns = {
+        (f"{entrance}_1", f"{len(place.entrances) + exit}_-1"): way.turn.value
+        for (entrance, exit), way in place.movements.items()
+    }
+    assert {lanes: TURNS[way.turn] for lanes, way in found.items()} == turns

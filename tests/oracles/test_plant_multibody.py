@@ -11,11 +11,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pytest_rvads.physics.dynamics import Dynamics
+from pytest_rvads.physics.body import Dynamics, Motion
 from pytest_rvads.physics.engines import usual
-from pytest_rvads.physics.world import Motion
 from pytest_rvads.runs.run import DT
-from pytest_rvads.runs.vehicle import GRAVITY, Vehicle
+from pytest_rvads.runs.states import GRAVITY, Vehicle
 
 pytest.importorskip("vehiclemodels")
 integrate = pytest.importorskip("scipy.integrate")

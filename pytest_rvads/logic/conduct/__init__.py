@@ -1,1 +1,1 @@
-"""The interactions of vehicles in a run, measured: predicates, priority, progress, blame."""
+"""Measures how the vehicles of a run interact: predicates of rules, right of way, progress, blame."""

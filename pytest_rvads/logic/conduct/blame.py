@@ -1,28 +1,38 @@
-"""Decides which vehicle is to blame for a collision or meeting: right of way first, the order of entry last.
+"""Decides which vehicle is to blame for a collision, or for a meeting of two vehicles on a stretch that their ways share.
 
-The vehicle that lacked the right of way is to blame, until it is clear of the shared stretch: the vehicle that entered on red or
-past a stop sign (Vienna Convention on Road Traffic 1968, Art. 5), out of turn, or took a way that it owed to the other vehicle
-(Art. 16(2), 18). The other vehicle shares the blame if it could still have stopped before the stretch, and did not (Art. 13(1)).
-If the rights do not distinguish the two vehicles, the vehicle in the wrong lane is to blame (Art. 10(3)); then the vehicle that
-drove into a standing or preceding vehicle (Art. 13), unless that vehicle cut in; then the vehicle that drove backwards
-(California Vehicle Code 22106); then the vehicle that entered the junction last (California Vehicle Code 21800(a)). A vehicle
-that braked hard without a reason shares the blame of the vehicle that ran into it (StVO, section 4(1)). This is also the order of
-insurance practice.
+The right of way decides first. A vehicle lacked the right of way if the vehicle entered on red or without a stop at a stop sign
+(Vienna Convention on Road Traffic 1968, Art. 5), entered out of turn, or took a way that it owed to the other vehicle (Art. 16(2)
+and 18). This vehicle is to blame as long as its rear has not left the shared stretch. The other vehicle shares the blame if it
+could have stopped before the stretch, and did not (Art. 13(1)).
+
+If the right of way does not decide between the two vehicles, their driving decides. The first of these statements that is true of
+exactly one of the two vehicles names the vehicle to blame. The vehicle was in the wrong lane (Art. 10(3)). The vehicle drove into
+a standing or preceding vehicle that had not cut in (Art. 13). The vehicle drove backwards (California Vehicle Code 22106). The
+vehicle cut in. The vehicle entered the junction last (California Vehicle Code 21800(a)). A vehicle that braked hard without a
+reason shares the blame with the vehicle that ran into it (StVO, section 4(1)). Insurers apply the same order.
+
+A vehicle that meets a pedestrian on a crosswalk is to blame if it entered on red, or drove over the crosswalk without a stop at
+its stop sign, or could have stopped since the pedestrian came. In all other cases the pedestrian is to blame: it suddenly left
+the kerb (California Vehicle Code 21950(b)), or walked into a standing vehicle. A pedestrian who stepped onto the crosswalk
+against its light is to blame in any case.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pytest_rvads.geometry.conflicts import Shared
 from pytest_rvads.geometry.control import JunctionControl, Sign
+from pytest_rvads.geometry.crosswalks import Crossing
+from pytest_rvads.logic.conduct.at_crosswalks import waits_to_cross
 from pytest_rvads.logic.conduct.blocks import tick_of
-from pytest_rvads.logic.conduct.grounds import may_owe
+from pytest_rvads.logic.conduct.cast import Cast, Cause, may_owe
 from pytest_rvads.logic.conduct.lane import off_lane
+from pytest_rvads.logic.conduct.on_foot import Places, claims, places_of, walkers
 from pytest_rvads.logic.conduct.priority import HEADWAY, MIN_GAP, WINDOW, brakes_hard, owes, unhindered
 from pytest_rvads.logic.conduct.progress import idles, may_go
 from pytest_rvads.logic.conduct.rights import comes_first
@@ -32,42 +42,35 @@ from pytest_rvads.runs.run import Collision, Run
 from pytest_rvads.runs.states import Colour, Zone
 from pytest_rvads.support.errors import RunError
 
-__all__ = ["STOOD", "Cause", "blame", "cause_of", "cut_short_by", "pushed", "stuck", "surprised"]
+__all__ = ["STOOD", "blame", "cause_of", "cut_short_by", "disregard", "disregard_at_kerb", "pushed", "stuck", "surprised"]
 
 STOOD = 0.5
 """Least time that a vehicle stands still before an impact to count as a standing vehicle [s]."""
 REACTION = 1.0
-"""Time in which a driver notices another vehicle and stops or stays [s]; the usual figure of accident analysis."""
+"""Time that a driver needs to notice another vehicle and to begin to react [s]; the usual figure of accident analysis."""
 BRAKING = 3.4
-"""Deceleration that every vehicle reaches [m/s^2] (AASHTO, A Policy on Geometric Design: stopping sight distance)."""
+"""Deceleration that every vehicle can reach [m/s^2] (AASHTO, A Policy on Geometric Design: stopping sight distance)."""
 IMPACT = 0.1
-"""Motions are read this long before the impact, because the impact changes them [s]."""
+"""Time before an impact at which the speeds of the vehicles are read [s], because the impact changes the speeds."""
 ALONG = math.pi / 4
-"""Two vehicles whose headings differ by less than this angle drive behind each other [rad]."""
-
-
-@dataclass(frozen=True, slots=True)
-class Cause:
-    """The vehicles to blame, and the reason."""
-
-    agents: tuple[str, ...]
-    """The vehicle to blame, or both vehicles if nothing distinguishes them."""
-    reason: str
-    """The action of the vehicle, a phrase to be read after its name."""
+"""Difference of headings below which two vehicles drive in the same direction, one behind the other [rad]."""
 
 
 def cause_of(run: Run, collision: Collision) -> Cause:
-    """Return the cause of a collision of `run`."""
+    """Return the cause of a collision in a run: the vehicles to blame, and the reason."""
     columns = {agent.name: column for column, agent in enumerate(run.agents)}
     first, second = (columns[name] for name in collision.agents)
     return blame(run, first, second, tick_of(run, collision))
 
 
 def blame(run: Run, agent: int, opponent: int, tick: int) -> Cause:
-    """Return the cause of a meeting or collision of two agents, given by column, at `tick`.
+    """Return the cause (the vehicles to blame, the reason) of a meeting or collision of two agents, given by column, at `tick`.
 
-    A question about values that the run does not record is answered with no.
+    A criterion that needs values that the run does not record blames no vehicle.
     """
+    for vehicle, walker in ((agent, opponent), (opponent, agent)):
+        if (places := _crossed(run, vehicle, walker)) is not None:
+            return _of_walker(run, vehicle, walker, tick, places.near[0], claims(run, vehicle, walker))
     pairs = (agent, opponent), (opponent, agent)
     matters = [pair for pair in pairs if not _clear(run, *pair, tick)]
     for asks, reason in (*_RIGHTS, *_HANDLING):
@@ -87,10 +90,78 @@ def blame(run: Run, agent: int, opponent: int, tick: int) -> Cause:
     return Cause((run.agents[agent].name, run.agents[opponent].name), "are equally to blame")
 
 
-def surprised(run: Run, agent: int, other: int, tick: int) -> bool:
-    """Return whether `agent`, a column, met `other` in the junction at `tick` without a chance to let `other` pass.
+def disregard(run: Run, vehicle: int, walker: int, tick: int) -> Cause | None:
+    """Return the cause of taking a crosswalk at `tick` that the vehicle (a column) owes to a pedestrian who walks on it."""
+    places = _crossed(run, vehicle, walker)
+    return places and _of_walker(run, vehicle, walker, tick, places.begin[0], claims(run, vehicle, walker))
 
-    This holds if `other` lacked the right of way, and entered less than `REACTION` before.
+
+def disregard_at_kerb(run: Run, vehicle: int, walker: int, tick: int) -> Cause | None:
+    """Return the cause as `disregard`, if the vehicle also owes the crosswalk to a pedestrian who waits at the kerb."""
+    places, comes = _crossed(run, vehicle, walker), claims(run, vehicle, walker) | waits_to_cross(run, vehicle, walker)
+    return places and _of_walker(run, vehicle, walker, tick, places.begin[0], comes)
+
+
+def _crossed(run: Run, vehicle: int, walker: int) -> Places | None:
+    """Return where a vehicle meets a pedestrian whose crossing it drives over; None for two other agents."""
+    cast = Cast(run.junction, [run.agents[vehicle], run.agents[walker]], run.facts)
+    return cast.static(places_of) if cast.crossing.any() and (0, 1) in cast.static(walkers).column else None
+
+
+def _of_walker(run: Run, vehicle: int, walker: int, tick: int, place: float, comes: NDArray[np.bool_]) -> Cause:
+    """Return the cause of a meeting of a vehicle and a pedestrian on a crosswalk, both given by column, at `tick`.
+
+    Args:
+        run: the run.
+        vehicle: column of the vehicle.
+        walker: column of the pedestrian.
+        tick: tick of the meeting.
+        place: station before which the vehicle has to stop [m].
+        comes: whether the pedestrian claims the crosswalk, shape ``(steps,)``.
+    """
+    driver, person = run.agents[vehicle].name, run.agents[walker].name
+    starts = run.junction.starts
+    own_arm = starts[run.agents[vehicle].entrance].arm == starts[run.agents[walker].entrance].arm
+    # A stop at the sign would have let the vehicle see a pedestrian there, and none on the crosswalk of its exit.
+    faults = _RIGHTS[: 2 if own_arm else 1]
+    fault = next((reason for asks, reason in faults if asks(run, vehicle, walker, tick)), "")
+    if not fault and _passed_up(run, vehicle, place, tick, _since(run, walker, comes, tick)):
+        fault = f"drove on though it could have stopped for {person}"
+    if run.facing[tick, walker] in (Colour.YELLOW, Colour.RED):  # an unrecorded light is no reason
+        against = "had stepped onto the crosswalk against its light"
+        share = f"share the blame: {person} {against}, and {driver} {fault}"
+        return Cause((person, driver), share) if fault else Cause((person,), against)
+    if fault:
+        return Cause((driver,), fault)
+    walked_into = _into_standing(run, walker, vehicle, tick)
+    came = f"walked into {driver}, which stood" if walked_into else f"came when {driver} could no longer stop"
+    return Cause((person,), came)
+
+
+def _since(run: Run, walker: int, comes: NDArray[np.bool_], tick: int) -> int:
+    """Return since when a pedestrian has claimed the crosswalk at `tick`, or has been on it without a claim."""
+    if not comes[tick]:
+        return min(int(run.entered[walker]), tick)
+    before = np.flatnonzero(~comes[:tick])
+    return int(before[-1]) + 1 if len(before) else 0
+
+
+def _passed_up(run: Run, vehicle: int, place: float, tick: int, since: int) -> bool:
+    """Return whether a vehicle could have stopped before a station and did not: it stood there, or had the room to brake.
+
+    The vehicle brakes with `BRAKING`, from `REACTION` after the tick `since` on.
+    """
+    station, speed = run.need("station")[:, vehicle], run.need("speed")[:, vehicle]
+    if ((np.abs(speed) <= STANDSTILL) & (station < place))[since : tick + 1].any():
+        return True
+    noticed = max(since + round(REACTION / run.dt), int(run.spans[vehicle, 0]))  # before, a recorded vehicle can be absent
+    return noticed < tick and bool(place - station[noticed] > max(speed[noticed], 0.0) ** 2 / (2 * BRAKING))
+
+
+def surprised(run: Run, agent: int, other: int, tick: int) -> bool:
+    """Return whether `agent` met `other` (both given by column) in the junction at `tick`, and could not have let `other` pass.
+
+    The agent could not have let `other` pass if `other` lacked the right of way and entered at most `REACTION` before `tick`.
     """
     entered = _entered(run, other, tick)
     if entered is None or (tick - entered) * run.dt > REACTION:
@@ -103,24 +174,30 @@ def surprised(run: Run, agent: int, other: int, tick: int) -> bool:
 
 
 def pushed(run: Run, agent: int, tick: int) -> bool:
-    """Return whether another vehicle, alone to blame, ran into `agent`, a column, less than `REACTION` before `tick`."""
+    """Return whether, less than `REACTION` before `tick`, `agent` (a column) collided with a vehicle that alone is to blame."""
     name, most = run.agents[agent].name, round(REACTION / run.dt)
     hits = (c for c in run.collisions or () if name in c.agents and 0 <= tick - tick_of(run, c) < most)
     return any(name not in cause_of(run, c).agents for c in hits)
 
 
 def cut_short_by(run: Run) -> tuple[str, ...]:
-    """Return the vehicles to blame for an early end of the run, by a collision or by leaving the route; empty if none."""
+    """Return the names of the vehicles that left their routes or are to blame for a collision at the end of the run.
+
+    Such events end a run early. The result is empty if nothing ended the run early.
+    """
     last = [c for c in run.collisions or () if tick_of(run, c) >= run.steps - 2]
     return tuple(dict.fromkeys((*run.facts.strayed, *(name for c in last for name in cause_of(run, c).agents))))
 
 
 def stuck(run: Run, agent: int) -> bool:
-    """Return whether the vehicle in column `agent` stands in the way of all others at the end of the run.
+    """Return whether the vehicle in column `agent` is stuck in the way of all other vehicles at the end of the run.
 
-    The vehicle does if it stands in the junction, or at its entrance although it can go or could have gone for long.
+    A stuck vehicle stands in the junction, or stands at its entrance although it can go now or has long been able to go. A
+    pedestrian at the kerb is in nobody's way.
     """
     where = run.zone[-1, agent]
+    if where == Zone.ENTRANCE and isinstance(run.agents[agent].way, Crossing):
+        return False
     if where not in (Zone.ENTRANCE, Zone.JUNCTION) or not _stood(run, agent, run.steps - 1, STOOD):
         return False
     try:
@@ -142,7 +219,7 @@ def _stood(run: Run, agent: int, tick: int, seconds: float) -> bool:
 
 
 def _in_the_wrong_lane(run: Run, agent: int, other: int, tick: int) -> bool:
-    """Return whether `agent` was outside its lane; inside the lane it would not have met `other`, as the ways don't meet."""
+    """Return whether `agent` was outside its lane and therefore met `other`: the ways of the two vehicles share no stretch."""
     try:
         me, you = run.agents[agent], run.agents[other]
         if shared(run, agent, other) is not None or me.entrance == you.entrance or me.exit == you.exit:
@@ -172,7 +249,7 @@ def _behind(run: Run, agent: int, other: int, tick: int) -> bool:
 
 
 def _cuts_in(run: Run, agent: int, other: int, tick: int) -> bool:
-    """Return whether `agent` came into the lane of `other`, ahead of `other`, too late for `other` to make room."""
+    """Return whether `agent` merged ahead of `other` less than `MIN_GAP` before `tick`, so that `other` could not make room."""
     try:
         common = shared(run, agent, other)
     except RunError:
@@ -182,7 +259,10 @@ def _cuts_in(run: Run, agent: int, other: int, tick: int) -> bool:
 
 
 def _on_red(run: Run, agent: int, _other: int, tick: int) -> bool:
-    """Return whether `agent` entered on red; a turn to the near side after a full stop does not count."""
+    """Return whether `agent` entered the junction on red.
+
+    A turn to the near side (right, where traffic keeps right) after a full stop does not count.
+    """
     entered = _entered(run, agent, tick)
     if entered is None or run.facing[entered, agent] != Colour.RED or entered == run.spans[agent, 0]:
         return False
@@ -196,13 +276,13 @@ def _past_the_sign(run: Run, agent: int, _other: int, tick: int) -> bool:
 
 
 def _had_stopped(run: Run, agent: int, entered: int) -> bool:
-    """Return whether the agent came to a full stop before it entered, or the run does not record enough to decide."""
+    """Return whether an agent stopped fully before it entered the junction; True if the run does not record enough to decide."""
     unseen = run.speed is None or run.station is None or entered == run.spans[agent, 0]
     return unseen or bool(stopped(run, agent)[entered - 1])
 
 
 def _out_of_turn(run: Run, agent: int, other: int, tick: int) -> bool:
-    """Return whether `agent` entered when it was the turn of `other`, which waited for no vehicle."""
+    """Return whether `agent` entered an all-way stop when it was the turn of `other`, and `other` waited for no third vehicle."""
     entered = _entered(run, agent, tick)
     if run.junction.control is not JunctionControl.STOP or not entered:
         return False
@@ -212,7 +292,7 @@ def _out_of_turn(run: Run, agent: int, other: int, tick: int) -> bool:
 
 
 def _took_the_way(run: Run, agent: int, other: int, tick: int) -> bool:
-    """Return whether `agent` owed the way to `other` at or after its entry, and went on."""
+    """Return whether `agent` entered the junction, or drove on in the junction, while it had to give way to `other`."""
     entered = _entered(run, agent, tick)
     if entered is None:
         return False
@@ -223,7 +303,7 @@ def _took_the_way(run: Run, agent: int, other: int, tick: int) -> bool:
 
 
 def _drove_on(run: Run, agent: int, other: int, tick: int) -> bool:
-    """Return whether `agent` could still have stopped before the shared stretch after it had noticed `other` there."""
+    """Return whether `agent` could have stopped before the shared stretch when it noticed `other` on it, and did not stop."""
     try:
         common = contested(run, agent, other)
     except RunError:
@@ -239,9 +319,9 @@ def _drove_on(run: Run, agent: int, other: int, tick: int) -> bool:
 
 
 def _braked_for_nothing(run: Run, agent: int, tick: int) -> bool:
-    """Return whether `agent`, which could have gone on, braked hard within `HEADWAY` before the impact.
+    """Return whether `agent` braked hard within `HEADWAY` before the impact although it could have gone on.
 
-    A vehicle that may owe the way brakes for its line in order to look, before any other vehicle is due.
+    Braking before the line does not count for a vehicle that may have to give way there: its driver brakes in order to look.
     """
     if run.speed is None:
         return False
@@ -261,7 +341,7 @@ def _last(run: Run, agent: int, other: int, tick: int) -> bool:
 
 
 def _clear(run: Run, agent: int, other: int, tick: int) -> bool:
-    """Return whether the rights of the agent no longer matter: the two share no stretch, or the agent has left the stretch."""
+    """Return whether the right of way no longer matters: the two agents share no stretch, or `agent` has left the stretch."""
     try:
         common = contested(run, agent, other)
         return common is None or bool(run.need("station")[tick, agent] - run.size(agent)[0] > common.mine.end)
@@ -270,7 +350,10 @@ def _clear(run: Run, agent: int, other: int, tick: int) -> bool:
 
 
 def _merged(run: Run, agent: int, common: Shared, tick: int) -> int | None:
-    """Return the tick at which the agent came into the lane in which both ways end; None before the agent's arrival."""
+    """Return the tick at which the agent came into the exit lane in which both ways end.
+
+    The result is None if the ways have different exits, or the agent has not come into the exit lane by `tick`.
+    """
     if not common.merges or run.station is None:
         return None
     merged = np.flatnonzero(run.station[: tick + 1, agent] >= common.mine.start)
@@ -278,7 +361,7 @@ def _merged(run: Run, agent: int, common: Shared, tick: int) -> int | None:
 
 
 def _entered(run: Run, agent: int, tick: int) -> int | None:
-    """Return the first tick of the agent in the junction; None if it is after `tick`."""
+    """Return the first tick of the agent in the junction; None if the agent enters after `tick` or never."""
     entered = int(run.entered[agent])
     return entered if entered <= tick and entered < run.steps else None
 
@@ -289,7 +372,7 @@ _RIGHTS: tuple[tuple[_Asks, str], ...] = (
     (_took_the_way, "took the way that it owed to {}"),
     (_out_of_turn, "had entered out of turn"),
 )
-"""Questions about the right of way, with reasons: the first question answered with yes for exactly one vehicle decides."""
+"""Criteria of the right of way, with the reasons that reports show; the first criterion that only one vehicle meets decides."""
 _HANDLING: tuple[tuple[_Asks, str], ...] = (
     (_in_the_wrong_lane, "was outside its lane"),
     (_into_standing, "drove into {}, which stood"),
@@ -298,4 +381,4 @@ _HANDLING: tuple[tuple[_Asks, str], ...] = (
     (_cuts_in, "cut in ahead of {}"),
     (_last, "entered the junction after {}"),
 )
-"""Questions about driving, with reasons, for vehicles that the rights do not distinguish; the first decisive question counts."""
+"""Criteria of driving, with the reasons that reports show, used in the same way if no criterion of `_RIGHTS` decides."""

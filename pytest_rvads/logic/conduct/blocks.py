@@ -1,7 +1,8 @@
-"""Blocks: one or more consecutive states of vehicles, and signals, which are quantities that words share on a block.
+"""Blocks of one or more consecutive states of vehicles, and signals, which are quantities that are computed on a block.
 
-A signal is worked out once per block, for all vehicles or pairs of vehicles at once. A signal that depends on earlier states has
-a carry, which one block hands on to the next block: so the values are the same whether a run is one block, or every state is.
+A signal is computed once per block, for all vehicles or pairs of vehicles at once. A signal that depends on earlier states has a
+carry: values that are kept for the next block. Because of the carry, a signal has the same values for a run in one block and for
+the same run in many blocks.
 """
 
 from __future__ import annotations
@@ -17,8 +18,7 @@ from numpy.typing import NDArray
 
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.logic.conduct.cast import Cast, Pairs
-from pytest_rvads.logic.conduct.memo import given, once
-from pytest_rvads.runs.run import DT, Collision, Run
+from pytest_rvads.runs.run import DT, Collision, Run, given, once
 from pytest_rvads.runs.states import Zone
 from pytest_rvads.support.errors import RunError
 
@@ -62,22 +62,24 @@ def sized(block: Block, columns: Sequence[int], position: str = "station") -> No
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Signal(Generic[_Value]):
-    """A quantity on a block: an array with a row per state and a column per vehicle or pair, or a tuple of arrays."""
+    """A quantity on a block of states: an array with a row per state and a column per vehicle or pair, or a tuple of arrays."""
 
     work: Callable[..., Any]
-    """Takes the block and the carry; returns the value, and with a carry also one array per part of it, whose last row is the
-    carry of the next block."""
+    """The function that computes the signal: takes the block and the parts of the carry, and returns the value. For a signal with
+    a carry, the function returns the value and an array per part of the carry; the last row of such an array is this part of the
+    carry for the next block."""
     start: tuple[Any, ...] | Callable[[float], tuple[Any, ...]] = ()
-    """The carry of a vehicle or pair that was absent in the block before. A function returns the carry for the time between two
-    states [s]. An empty tuple: the signal has no carry."""
+    """The carry of a vehicle or pair that was absent in the block before, or a function that returns this carry, given the time
+    between two states [s]. An empty tuple: the signal has no carry."""
     pairs: Callable[[Cast], Pairs] | None = None
-    """Which pairs the columns of the value and the carry are about; None: vehicles."""
+    """The pairs of vehicles that the columns of the value and of the carry are about; None: the columns are about vehicles."""
     needs: Callable[[Block, Sequence[int]], None] | None = None
-    """Raises a `RunError` where the value about some vehicles, given by column, is not known."""
+    """Takes a block and the columns of some vehicles, and raises a `RunError` if the run does not record enough to compute the
+    value for these vehicles."""
     otherwise: Any = False
-    """The value for two vehicles that make no pair, and for a vehicle in a block from which the vehicle is absent."""
+    """The value for two vehicles that are not in `pairs`, and for a vehicle in a block from which the vehicle is absent."""
     of_entrances: bool = False
-    """Whether the columns of the value are about entrances."""
+    """Whether the columns of the value are about entrances, and not about vehicles or pairs."""
     steady: bool = False
     """Whether the value stays the same as long as zones, lights, the carry and all signals that `work` reads stay the same."""
 
@@ -88,9 +90,9 @@ class Signal(Generic[_Value]):
     def __call__(self, states: Block | Run, *columns: int) -> NDArray[Any]: ...
 
     def __call__(self, states: Block | Run, *columns: int) -> Any:
-        """Return the value on a block or a whole run, for all vehicles or pairs, or for the vehicle or pair of some columns.
+        """Return the value of the signal on a block or a run, for all vehicles or pairs, or for the vehicle or pair in `columns`.
 
-        For two vehicles that make no pair the value is `otherwise` in every state.
+        For two vehicles that are no pair of this signal, the value is `otherwise` in every state.
         """
         if not isinstance(states, Block):
             blocks = once(states, as_blocks)
@@ -113,7 +115,7 @@ class Signal(Generic[_Value]):
         return value[:, column]
 
     def _assembled(self, run: Run) -> NDArray[Any]:
-        """Return the values about all vehicles of a run, shape ``(steps, agents)``."""
+        """Return the values of the signal for all vehicles of a run, shape ``(steps, agents)``, put together from its blocks."""
         blocks = once(run, as_blocks)
         parts: list[Any] = [self(block) for block in blocks]
         values = np.full((run.steps, len(run.agents)), self.otherwise, dtype=parts[0].dtype)
@@ -122,7 +124,7 @@ class Signal(Generic[_Value]):
         return values
 
     def column(self, cast: Cast, columns: Sequence[int]) -> int | None:
-        """Return which column of the value is about a vehicle or a pair, given by its columns."""
+        """Return the column of the signal's value that is about a vehicle or a pair, given by the columns of its vehicles."""
         return columns[0] if self.pairs is None else cast.static(self.pairs).column.get((columns[0], columns[1]))
 
 
@@ -143,13 +145,13 @@ def signal(
 
 
 def signal(work: Any = None, **more: Any) -> Any:
-    """Make a signal of a function, see `Signal`."""
+    """Return a function as a signal (a quantity per state); a decorator with or without the arguments of `Signal`."""
     return Signal(work) if work is not None else lambda work: Signal(work, **more)
 
 
 @dataclass(eq=False)
 class Block:
-    """Consecutive states; arrays as in `Run`, with a row per state and a column per vehicle."""
+    """Consecutive states of vehicles, in arrays as in `Run`, with a row per state and a column per vehicle."""
 
     cast: Cast
     zone: NDArray[np.int8]
@@ -159,31 +161,34 @@ class Block:
     speed: NDArray[np.float64] | None = None
     pose: NDArray[np.float64] | None = None
     touching: Sequence[tuple[frozenset[str], int]] | None = None
-    """The names of two vehicles that touch for the first time, and the row of this state; None: contacts are not recorded."""
+    """The first contact of each pair of vehicles in this block: both names, and the row of the state; None: not recorded."""
     tick: int = 0
     """Tick of the first state."""
     previous: Block | None = None
     """The block before this block."""
     kept: Sequence[int | None] | None = None
-    """The column of every vehicle in the block before, None for a vehicle that was absent; None: the columns have not changed."""
+    """Per vehicle, its column in the block before, or None if the vehicle was absent there. If `kept` itself is None, every
+    vehicle has the same column as in the block before."""
     whole: bool = False
     """Whether the block is part of a run that is known to its end."""
     following: weakref.ref[Block] | None = None
-    """The block after this block, if known; weak, because a circle of references would stay in memory for a while."""
+    """The block after this block, if known; a weak reference, because two blocks that refer to each other would stay in memory
+    until the next garbage collection."""
     columns: dict[int, int] = field(default_factory=dict)
-    """The column in the block by the column in the run, for every vehicle of the block."""
+    """Maps the column of a vehicle in the run to the column of the vehicle in this block."""
     after: dict[Signal[Any], tuple[NDArray[Any], ...]] = field(default_factory=dict)
     """The carry that every signal hands on to the next block."""
     unknown: dict[Signal[Any], str] = field(default_factory=dict)
-    """Why a signal that the next block depends on can't be worked out, for every signal without a carry."""
+    """Maps a signal whose carry could not be computed on this block to the reason, which is an error if the next block asks."""
     values: dict[Signal[Any], Any] = field(default_factory=dict)
-    """The values of the signals that have been worked out."""
+    """The values of the signals that have been computed on this block so far."""
     earlier: Block | None = None
-    """The block before this block, if it has the same vehicles and arrays and as many states; steady values are taken from it."""
+    """The block before this block, if both have the same vehicles, the same kinds of arrays and equally many states. A steady
+    signal takes its value from there if its inputs have not changed."""
     inputs: dict[Signal[Any], tuple[Sequence[Signal[Any]], tuple[NDArray[Any], ...]]] = field(default_factory=dict)
-    """The signals that every steady signal has read, and the carry that it was given."""
+    """Per steady signal, the signals that its function has read, and the carry that the function was given."""
     reading: list[Signal[Any]] = field(default_factory=list)
-    """The signals that the signal under evaluation has read so far."""
+    """The signals that the function of the signal under evaluation has read so far."""
 
     @property
     def junction(self) -> Junction:
@@ -192,7 +197,7 @@ class Block:
 
     @property
     def given(self) -> tuple[bool, ...]:
-        """Whether stations, speeds and poses are given."""
+        """Three truth values: whether the block has stations, whether it has speeds, and whether it has poses."""
         return self.station is not None, self.speed is not None, self.pose is not None
 
     @property
@@ -202,7 +207,7 @@ class Block:
 
     @cached_property
     def here(self) -> NDArray[np.bool_]:
-        """`Run.here`."""
+        """Whether each vehicle is present in each state, see `Run.here`."""
         present: NDArray[np.bool_] = (self.zone != GONE) & (self.zone != ABSENT)
         return present
 
@@ -212,7 +217,7 @@ class Block:
         return np.arange(self.tick, self.tick + len(self.zone))[:, None]
 
     def only(self, row: int) -> Block:
-        """Return one state of the block as a block, with the values that have been worked out."""
+        """Return the state in a row of the block as a block of one state, with the values of signals computed so far."""
         if len(self.zone) == 1:
             return self
         part = slice(row, row + 1)
@@ -227,7 +232,7 @@ class Block:
         return state
 
     def need(self, name: str) -> NDArray[np.float64]:
-        """Return ``station``, ``speed`` or ``pose``.
+        """Return the array ``station``, ``speed`` or ``pose`` of the block.
 
         Raises:
             RunError: the array is not recorded.
@@ -238,7 +243,7 @@ class Block:
         return array
 
     def value(self, signal: Signal[_Value]) -> _Value:
-        """Work out the value of a signal."""
+        """Return the value of a signal on this block, computed at the first call."""
         earlier, carry = self.earlier, self._carry(signal) if signal.start else ()
         if earlier is not None and signal.steady and self._stays(signal, carry, earlier):
             self.inputs[signal] = earlier.inputs[signal]
@@ -264,7 +269,7 @@ class Block:
         return value
 
     def _stays(self, signal: Signal[Any], carry: tuple[NDArray[Any], ...], earlier: Block) -> bool:
-        """Return whether all that a steady signal depends on is as in an earlier block."""
+        """Return whether a steady signal has the same inputs as in an earlier block, and therefore the same value."""
         if self.zone is not earlier.zone or self.lights is not earlier.lights or signal not in earlier.inputs:
             return False
         read, previous_carry = earlier.inputs[signal]
@@ -276,13 +281,14 @@ class Block:
         return True
 
     def _carry(self, signal: Signal[Any]) -> tuple[NDArray[Any], ...]:
-        """Return the carry of a signal at the end of the block before, in the columns of this block."""
+        """Return the carry of a signal (values kept from the block before), rearranged to the columns of this block."""
         if self.previous is None:
-            if self.tick:
+            fresh = _fresh(signal, self.cast, self.dt)
+            if self.tick and fresh[0].shape[-1]:
                 raise RuntimeError(
                     f"{signal.work.__name__} depends on earlier states, and was not worked out on the block before"
                 )
-            return _fresh(signal, self.cast, self.dt)
+            return fresh
         if signal in self.previous.unknown:
             raise RunError(self.previous.unknown[signal])
         signal(self.previous)
@@ -310,7 +316,12 @@ def _fresh(signal: Signal[Any], cast: Cast, dt: float) -> tuple[NDArray[Any], ..
 
 
 def unless_equal(new: Any, old: Any) -> Any:
-    """Return the old arrays where the new arrays are equal to them, so that comparing identities tells what has changed."""
+    """Return `old` if `new` has the same content, else `new`, so that a caller sees by identity whether a value has changed.
+
+    Args:
+        new: an array, or a tuple of arrays. An array of floats always counts as changed.
+        old: the value before; None if there is no value before.
+    """
     if isinstance(new, np.ndarray):
         return old if old is not None and new.dtype.kind in "bi" and new.tobytes() == old.tobytes() else new
     if isinstance(new, tuple) and old is not None:
@@ -322,24 +333,26 @@ def unless_equal(new: Any, old: Any) -> Any:
 
 
 _WORK = 150_000
-"""Number of states of a block times the square of its vehicles; a block of this size fits into the cache of a processor."""
+"""Number of states of a block times the square of its number of vehicles; a block of this size fits into a processor's cache."""
 _LEAST = 64
-"""Fewest states of a block."""
+"""Smallest number of states of a block."""
 _MOST = 4096
-"""Most states of a block."""
+"""Largest number of states of a block."""
 _BLOCKS = 60
-"""Most blocks of a run."""
+"""Largest number of blocks into which a run is cut."""
 _WHOLE = 10_000_000
-"""States times the square of the vehicles, at most, for a run without absent vehicles to be one block: 80 MB a signal."""
+"""Largest product of the number of states and the square of the number of vehicles at which a run without absent vehicles is one
+block; a signal of pairs with 8 bytes per value then takes up to 80 MB."""
 
 
 def as_blocks(run: Run, size: int = 0) -> tuple[Block, ...]:
     """Return a run as consecutive blocks; a run without absent vehicles is one block, unless it is large.
 
+    If a run is cut into several blocks, a block holds only the vehicles that are present in at least one of its states.
+
     Args:
         run: the run.
-        size: number of states of a block; 0: the number that is worked out fastest. A block holds only the vehicles that are
-            present in at least one of its states.
+        size: number of states of a block; 0: a number at which signals are computed fast.
     """
     present = run.zone != ABSENT
     most = int(present.sum(axis=1).max(initial=1))
@@ -377,11 +390,11 @@ def as_blocks(run: Run, size: int = 0) -> tuple[Block, ...]:
 
 
 def assume(run: Run, block: Block) -> None:
-    """Have signals on a run read this block instead of blocks that are made of the run."""
+    """Make every signal that is later evaluated on a run read the given block, instead of blocks cut from the run."""
     blocks: tuple[Block, ...] = (block,)
     given(run, as_blocks, blocks)
 
 
 def tick_of(run: Run, collision: Collision) -> int:
-    """Return the tick of a collision."""
+    """Return the tick of a run in which a collision happened."""
     return min(max(round(collision.time / run.dt), 0), run.steps - 1)

@@ -1,4 +1,4 @@
-"""Contacts of bodies: as recorded by a simulator, else computed from poses and sizes."""
+"""Finds contacts of vehicle bodies: recorded contacts, or, if the run records no contacts, computed from poses and sizes."""
 
 from __future__ import annotations
 
@@ -12,17 +12,20 @@ from numpy.typing import NDArray
 
 from pytest_rvads.logic.conduct.blocks import ABSENT, Block, as_blocks, signal, sized
 from pytest_rvads.logic.conduct.cast import Cast, Pairs
-from pytest_rvads.logic.conduct.memo import once
-from pytest_rvads.runs.run import Collision, Run
+from pytest_rvads.runs.run import Collision, Run, once
 
-__all__ = ["Box", "close", "collide", "contacts", "couples", "gap", "headings", "overlap", "touch", "velocity"]
+__all__ = ["Box", "close", "collide", "contacts", "couples", "gap", "headings", "overlap", "strikes", "touch", "velocity"]
 
 
 _Size = float | NDArray[np.float64]
+_Body = tuple[NDArray[np.float64], tuple[_Size, _Size]]
+"""Poses of a body, shape ``(steps, 3)`` [m, m, rad], and its length and width [m]."""
 
 
 def contacts(run: Run) -> tuple[Collision, ...]:
-    """Return the first contact of every pair of vehicles: as recorded, else computed from poses and sizes.
+    """Return the first contact of every pair of vehicles that touch.
+
+    The contacts are computed from poses and sizes if the run does not record contacts.
 
     Raises:
         RunError: no contacts were recorded, and the run holds no positions or no sizes.
@@ -43,7 +46,7 @@ def _contacts(run: Run) -> tuple[Collision, ...]:
 
 
 def couples(cast: Cast) -> Pairs:
-    """Return all pairs of vehicles; both orders are the same pair."""
+    """Return all pairs of two different vehicles; a pair has no order."""
     return Pairs(list(combinations(range(len(cast)), 2)), ordered=False)
 
 
@@ -53,13 +56,25 @@ def _bodies(block: Block, columns: Sequence[int]) -> None:
 
 @signal(pairs=couples, needs=_bodies)
 def overlap(block: Block) -> NDArray[np.bool_]:
-    """Whether the bodies of each pair of vehicles overlap, see `touch`."""
+    """Return whether the bodies of each pair overlap, see `touch`; two pedestrians never do, because people step aside."""
     both, cast, pose = block.cast.static(couples), block.cast, block.need("pose")
     rows, numbers = _close(block)
     overlaps = np.zeros((len(pose), len(both)), dtype=np.bool_)
     if len(rows):
-        columns = both.one[numbers], both.two[numbers]
-        overlaps[rows, numbers] = touch([(pose[rows, k], (cast.length[k], cast.width[k])) for k in columns])
+        agents, others = both.agents[numbers], both.others[numbers]
+        walks, other_walks = cast.on_foot[agents], cast.on_foot[others]
+
+        def bodies(pairs: NDArray[np.bool_], columns: NDArray[np.int64]) -> _Body:
+            column = columns[pairs]
+            return pose[rows[pairs], column], (cast.length[column], cast.width[column])
+
+        for kind, first, second, test in (
+            (~walks & ~other_walks, agents, others, touch),
+            (~walks & other_walks, agents, others, strikes),
+            (walks & ~other_walks, others, agents, strikes),
+        ):
+            if kind.any():
+                overlaps[rows[kind], numbers[kind]] = test([bodies(kind, first), bodies(kind, second)])
     return overlaps
 
 
@@ -70,7 +85,10 @@ def _recorded_or_bodies(block: Block, columns: Sequence[int]) -> None:
 
 @signal(pairs=couples, needs=_recorded_or_bodies)
 def collide(block: Block) -> NDArray[np.bool_]:
-    """Whether the bodies of each pair of vehicles touch; contacts recorded by a simulator are true at the first contact only."""
+    """Return whether the bodies of each pair of vehicles touch.
+
+    If a simulator recorded the contacts, a pair touches only in the state of its first contact.
+    """
     if block.touching is None:
         touching: NDArray[np.bool_] = overlap(block)
         return touching
@@ -83,8 +101,10 @@ def collide(block: Block) -> NDArray[np.bool_]:
     return collisions
 
 
-def touch(bodies: Sequence[tuple[NDArray[np.float64], tuple[_Size, _Size]]]) -> NDArray[np.bool_]:
-    """Return where the rectangles of two bodies overlap, shape ``(steps,)``: no axis separates them (Gottschalk et al. 1996).
+def touch(bodies: Sequence[_Body]) -> NDArray[np.bool_]:
+    """Return in which states the rectangles of two bodies overlap, shape ``(steps,)``.
+
+    The test looks for an axis that separates the two rectangles (Gottschalk 1996).
 
     Args:
         bodies: for each of the two bodies, its poses, shape ``(steps, 3)`` [m, m, rad], and its length and width [m], which may
@@ -99,8 +119,21 @@ def touch(bodies: Sequence[tuple[NDArray[np.float64], tuple[_Size, _Size]]]) -> 
     return overlaps
 
 
+def strikes(bodies: Sequence[_Body]) -> NDArray[np.bool_]:
+    """Return in which states the rectangle of a vehicle and the circle of a pedestrian overlap, shape ``(steps,)``.
+
+    Args:
+        bodies: the vehicle and the pedestrian; the diameter of the circle is the length of the pedestrian.
+    """
+    (centres, halves), (middles, around) = (_box(pose, *size) for pose, size in bodies)
+    reach, radius = np.hypot(halves[..., 0], halves[..., 1]), np.hypot(around[:, 0, 0], around[:, 0, 1])
+    along = np.abs(((middles - centres)[:, None] * halves).sum(axis=-1)) / reach
+    overlaps: NDArray[np.bool_] = np.hypot(*np.maximum(along - reach, 0.0).T) < radius
+    return overlaps
+
+
 def close(run: Run) -> NDArray[np.bool_]:
-    """Return which pairs of agents come so close that they might touch, shape ``(agents, agents)``, symmetric.
+    """Return which pairs of agents come so close in some state that they might touch, shape ``(agents, agents)``, symmetric.
 
     A body without a size counts as a point.
 
@@ -110,20 +143,20 @@ def close(run: Run) -> NDArray[np.bool_]:
     close_pairs = np.zeros((len(run.agents), len(run.agents)), dtype=np.bool_)
     for block in once(run, as_blocks):
         both, (_, numbers), columns = block.cast.static(couples), _close(block), np.array(list(block.columns), dtype=np.int64)
-        agents, others = columns[both.one[numbers]], columns[both.two[numbers]]
+        agents, others = columns[both.agents[numbers]], columns[both.others[numbers]]
         close_pairs[agents, others] = close_pairs[others, agents] = True
     return close_pairs
 
 
 _BLOCK = 50
-"""Ticks that are checked together."""
+"""Number of ticks in a span; nearness is first checked for whole spans, and then for the ticks of spans with near vehicles."""
 _MARGIN = 1.0
-"""Bodies this near to each other might touch [m]; positions have smaller errors."""
+"""Distance below which two bodies might touch [m]; the errors of positions are smaller."""
 
 
 @signal
 def headings(block: Block) -> NDArray[np.float64]:
-    """The unit vector in which every vehicle points, shape ``(n, agents, 2)``."""
+    """Return the unit vector of the heading of each vehicle, shape ``(n, agents, 2)``."""
     heading = block.need("pose")[..., 2]
     units = np.empty((*heading.shape, 2))
     units[..., 0], units[..., 1] = np.cos(heading), np.sin(heading)
@@ -131,7 +164,7 @@ def headings(block: Block) -> NDArray[np.float64]:
 
 
 def _circles(cast: Cast) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Return circles around the bodies: the distances of their centres behind the fronts, and their radii [m].
+    """Return circles around the bodies of vehicles: the distance of each centre behind the front of the body, and the radii [m].
 
     The third array holds, per pair of `couples`, the square of the distance at which the two circles touch [m^2].
     """
@@ -142,18 +175,18 @@ def _circles(cast: Cast) -> tuple[NDArray[np.float64], NDArray[np.float64], NDAr
 
 @signal
 def _close(block: Block) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the rows and the pair numbers at which the circles around two bodies touch, or nearly touch."""
+    """Return the rows (states) and the numbers of pairs of vehicles where circles around the two bodies touch or nearly touch."""
     pose, both, (half, radius, squares) = block.need("pose"), block.cast.static(couples), block.cast.static(_circles)
     centre = pose[..., :2] - half[:, None] * headings(block)
     if len(pose) > _BLOCK:
         rows, numbers = np.nonzero(np.repeat(_near(block, centre, radius), _BLOCK, axis=0)[: len(pose)])
-        apart = centre[rows, both.one[numbers]] - centre[rows, both.two[numbers]]
+        apart = centre[rows, both.agents[numbers]] - centre[rows, both.others[numbers]]
         near = np.einsum("ij,ij->i", apart, apart) <= squares[numbers]
         rows, numbers = rows[near], numbers[near]
     else:
-        apart = centre.take(both.one, axis=1) - centre.take(both.two, axis=1)
+        apart = centre.take(both.agents, axis=1) - centre.take(both.others, axis=1)
         rows, numbers = np.nonzero(np.einsum("ijk,ijk->ij", apart, apart) <= squares)
-    present = block.here[rows, both.one[numbers]] & block.here[rows, both.two[numbers]]
+    present = block.here[rows, both.agents[numbers]] & block.here[rows, both.others[numbers]]
     return rows[present], numbers[present]
 
 
@@ -166,17 +199,17 @@ def _near(block: Block, centre: NDArray[np.float64], reach: NDArray[np.float64])
         place[: ticks[0], column], place[ticks[-1] :, column] = centre[ticks[0], column], centre[ticks[-1], column]
     moved = np.hypot(*np.moveaxis(np.diff(place, axis=0, prepend=place[:1]), -1, 0))
     moved[starts] = 0.0
-    # A vehicle is at most as far from its place at the start of a span as it has moved in the span.
+    # The distance of a vehicle from its place at the start of a span is at most the distance that it moves in the span.
     wide = np.add.reduceat(moved, starts, axis=0) + reach
     present, place = np.logical_or.reduceat(block.here, starts, axis=0), place[starts]
-    apart = place[:, both.one] - place[:, both.two]
+    apart = place[:, both.agents] - place[:, both.others]
     near: NDArray[np.bool_] = np.hypot(apart[..., 0], apart[..., 1]) <= both.first(wide) + both.second(wide)
     near &= both.first(present) & both.second(present)
     return near
 
 
 def _box(pose: NDArray[np.float64], length: _Size, width: _Size) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return centres, shape ``(steps, 2)``, and half axes along and across, shape ``(steps, 2, 2)`` [m]."""
+    """Return the centres of a body, shape ``(steps, 2)``, and its half axes along and across, shape ``(steps, 2, 2)`` [m]."""
     ahead = np.stack((np.cos(pose[:, 2]), np.sin(pose[:, 2])), axis=-1)
     across = np.stack((-ahead[:, 1], ahead[:, 0]), axis=-1)
     long, wide = (np.asarray(size)[..., None] / 2 for size in (length, width))
@@ -193,18 +226,18 @@ def velocity(run: Run, agent: int) -> NDArray[np.float64]:
 
 
 _DOUBT = 1e-6
-"""Largest computed gap of two bodies that counts as contact [m]."""
+"""Largest computed gap between two bodies that counts as contact [m]."""
 
 
 class Box(NamedTuple):
-    """The rectangle of a body, which extends backwards from its front."""
+    """The rectangle of a body, given by the middle of its front edge."""
 
     x: float
     """East coordinate of the middle of the front [m]."""
     y: float
     """North coordinate of the middle of the front [m]."""
     heading: float
-    """Counter-clockwise from east [rad]."""
+    """Heading of the body, counter-clockwise from east [rad]."""
     length: float
     """Length of the body [m]."""
     width: float
@@ -212,7 +245,7 @@ class Box(NamedTuple):
 
 
 def gap(body: Box, other: Box) -> float:
-    """Return a lower bound of the distance between two bodies; at most 0 if the bodies touch [m]."""
+    """Return a lower bound of the distance between two bodies [m]; the bound is 0 or negative if the bodies touch."""
     _, _, heading, length, width = body
     _, _, other_heading, other_length, other_width = other
     cos, sin, other_cos, other_sin = math.cos(heading), math.sin(heading), math.cos(other_heading), math.sin(other_heading)

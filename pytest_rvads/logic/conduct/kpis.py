@@ -1,43 +1,46 @@
 """Key performance indicators of a run: waiting times, braking, and distances between vehicles in time.
 
-Surrogate safety measures as in the literature: time to collision (Hayward, Near miss determination through use of a scale of
-danger, HRB 1972), post-encroachment time (Allen, Shin, Cooper, Analysis of traffic conflicts and collisions, TRR 1978). An
-indicator that needs values which the run does not record is None, and `Kpis.unavailable` names it.
+The surrogate safety measures are those of the literature: time to collision (Hayward, Near miss determination through use of a
+scale of danger, HRB 1972), post-encroachment time (Allen, Shin, Cooper, Analysis of traffic conflicts and collisions, TRR 1978).
+An indicator is None if the run does not record the values that the indicator needs; `Kpis.unavailable` names such indicators.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import lru_cache
 from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pytest_rvads.geometry.conflicts import Key
+from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.logic.conduct.blocks import tick_of
 from pytest_rvads.logic.conduct.bodies import contacts, velocity
 from pytest_rvads.logic.conduct.predicates import ticks
 from pytest_rvads.logic.conduct.presence import judged
 from pytest_rvads.logic.conduct.standing import arrived, limits_of
 from pytest_rvads.logic.conduct.stretches import shared
-from pytest_rvads.runs.measured import Kpis, PairKpis, VehicleKpis
+from pytest_rvads.runs.measured import APART, ArrivalDifferences, Kpis, PairKpis, VehicleKpis
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Zone
 from pytest_rvads.support.errors import RunError, require
 
-__all__ = ["Kpis", "describe", "kpis"]
+__all__ = ["Kpis", "arrival_differences", "describe", "kpis"]
 
 WINDOW = 0.1
-"""Time over which accelerations and jerks are differences [s]: ten steps, so that single steps don't dominate."""
+"""Length of the windows over which accelerations and jerks are averaged [s]: ten steps, so that no single step dominates."""
 _DISCS = 3
 """Number of discs that cover a body for the time to collision."""
 
 
 def kpis(run: Run) -> Kpis:
-    """Compute the indicators of a run; indicators that the run does not record enough for are listed as unavailable.
+    """Compute the key performance indicators of a run; an indicator is listed as unavailable if the run lacks its inputs.
 
-    An excerpt has the indicators of its judged vehicles, and of the pairs whose last vehicle to appear is judged in the excerpt.
-    So an indicator appears in a single excerpt only.
+    An excerpt (a part of a recording) has the indicators of the vehicles that are judged in the excerpt, and of the pairs of
+    which the vehicle that appeared last is judged in the excerpt. Therefore no indicator appears in two excerpts of a recording.
     """
     require(run, Run, "kpis takes a run, such as rvads.simulate(case) returns", RunError)
     missing = _unavailable(run)
@@ -70,6 +73,46 @@ def kpis(run: Run) -> Kpis:
     return Kpis(vehicles, pairs, missing, ttc, pet)
 
 
+def arrival_differences(run: Run) -> ArrivalDifferences | None:
+    """Measure how much later or earlier than a vehicle under test each other vehicle arrived at its stopping line.
+
+    The vehicle under test is the subject of the run. In a run without a subject every vehicle is under test, and two vehicles
+    give two differences. A difference is measured for two vehicles whose movements conflict and that arrived at most `APART`
+    after each other. An excerpt of a recording has the differences of the pairs of vehicles whose indicators it has, see `kpis`.
+
+    Returns:
+        The differences; None if the conflicts of the junction are not known, because its centre lines are not recorded.
+    """
+    if run.junction.conflicts is None:
+        return None
+    conflicts, symmetry, pairs = _conflicting_movements(run.junction)
+    judged_columns = judged(run)
+    arrivals = [_arrival(run, column) for column in range(len(run.agents))]
+    times = np.array([math.nan if time is None else time for time in arrivals])
+    tried: list[tuple[int, int, float]] = []
+    for own, agent in enumerate(run.agents):
+        if run.subject not in (None, agent.name):
+            continue
+        for other in np.flatnonzero(np.abs(times - times[own]) <= APART).tolist():
+            if (agent.way.key, run.agents[other].way.key) not in conflicts:
+                continue
+            if judged_columns is None or max(own, other) in judged_columns:
+                tried.append((own, other, round(float(times[other] - times[own]), 2)))
+    return ArrivalDifferences(symmetry, pairs, tuple(tried))
+
+
+@lru_cache(maxsize=256)
+def _conflicting_movements(junction: Junction) -> tuple[frozenset[tuple[Key, Key]], int, int]:
+    """Return the pairs of conflicting movements in both orders, and ``symmetry`` and ``pairs`` of `ArrivalDifferences`.
+
+    Pairs that a rotation of the junction maps onto each other count once in ``pairs``.
+    """
+    conflicts = frozenset(pair for pair in junction.conflicts or () if junction.movements.keys() >= {*pair})
+    images = [image for arms in junction.rotations if (image := junction.image(arms))]
+    kinds = {min(tuple((entrances[way[0]], exits[way[1]]) for way in pair) for entrances, exits in images) for pair in conflicts}
+    return conflicts, junction.ways // len(images), len(kinds)
+
+
 def _unavailable(run: Run) -> tuple[str, ...]:
     sized = all(agent.size for agent in run.agents)
     recorded = {
@@ -93,7 +136,7 @@ _NAMES = {
 
 
 def describe(indicators: Kpis) -> list[str]:
-    """Return the indicators as lines for a person: a line per available indicator, then the indicators that are not recorded."""
+    """Return key performance indicators as text: a line per available indicator, and a last line that names unavailable ones."""
     record = indicators.record()
     lines = []
     for key, (name, unit) in _NAMES.items():
@@ -107,7 +150,7 @@ def describe(indicators: Kpis) -> list[str]:
 
 
 def _accelerations(run: Run, column: int) -> tuple[NDArray[np.float64], int]:
-    """Return the mean acceleration in every window while the vehicle drove [m/s^2], and the length of a window in steps."""
+    """Return a vehicle's mean accelerations in windows of time up to its first contact [m/s^2], and the steps per window."""
     step = max(ticks(run, WINDOW), 1)
     end = _impact(run, column)
     driven = run.need("speed")[:end, column][run.here[:end, column]]
@@ -115,7 +158,7 @@ def _accelerations(run: Run, column: int) -> tuple[NDArray[np.float64], int]:
 
 
 def _impact(run: Run, column: int) -> int:
-    """Return the tick at which a vehicle first touches another vehicle; the number of states if it never does."""
+    """Return the tick at which a vehicle first touches another vehicle; the number of states if there is no contact."""
     try:
         touched = contacts(run)
     except RunError:  # no positions or no sizes: contacts are unknown
@@ -153,14 +196,14 @@ def _delay(run: Run, column: int) -> float | None:
 
 
 def _ttc(run: Run, agent: int, other: int) -> float | None:
-    """Return the shortest time until discs that cover the two bodies touch, at constant velocity."""
+    """Return the shortest time to collision of two vehicles at constant velocity, with bodies covered by discs [s]."""
     present = run.here[:, agent] & run.here[:, other]
     sizes = run.size(agent), run.size(other)
     reach = math.fsum(float(np.hypot(length / _DISCS / 2, width / 2)) for length, width in sizes)
     first, second = (_discs(run, k, length)[present] for k, (length, _) in zip((agent, other), sizes, strict=True))
     gap = second[:, None, :, :] - first[:, :, None, :]
     closing = (velocity(run, other) - velocity(run, agent))[present][:, None, None, :]
-    # |gap + t closing| = reach, solved for the first t >= 0
+    # The earliest time t >= 0 that solves |gap + t closing| = reach.
     a = (closing**2).sum(axis=-1)
     b = (gap * closing).sum(axis=-1)
     c = (gap**2).sum(axis=-1) - reach**2
@@ -173,7 +216,7 @@ def _ttc(run: Run, agent: int, other: int) -> float | None:
 
 
 def _discs(run: Run, column: int, length: float) -> NDArray[np.float64]:
-    """Return the centres of the discs of a body, shape ``(steps, discs, 2)`` [m]."""
+    """Return the centres of the discs that cover the body of a vehicle, shape ``(steps, discs, 2)`` [m]."""
     pose = run.need("pose")[:, column]
     back = -(np.arange(_DISCS) + 0.5) / _DISCS * length
     ahead = np.stack((np.cos(pose[:, 2]), np.sin(pose[:, 2])), axis=-1)
@@ -198,5 +241,5 @@ def _pet(run: Run, agent: int, other: int) -> float | None:
 
 
 def _rounded(value: float) -> float:
-    """Return a plain float without the noise of sums of steps."""
+    """Return a number as a float, rounded to remove the rounding errors of sums of steps."""
     return round(float(value), 6)

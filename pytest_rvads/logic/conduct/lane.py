@@ -19,25 +19,25 @@ from pytest_rvads.logic.conduct.cast import Cast
 from pytest_rvads.logic.conduct.presence import window
 from pytest_rvads.runs.itineraries import Itinerary, itinerary
 from pytest_rvads.runs.run import Run
-from pytest_rvads.runs.states import AXLE
-from pytest_rvads.runs.vehicle import usual_body
+from pytest_rvads.runs.states import AXLE, usual_body
 from pytest_rvads.support.errors import RunError
 
 __all__ = ["MAX_OFFSET", "NEAR", "beside", "beyond_steering", "lane_allows", "off_lane", "off_route", "too_tight", "wrong_lanes"]
 
 MAX_OFFSET = 3.0
-"""Largest offset of a vehicle's front from its itinerary [m]; half of this for its rear axle.
+"""Largest offset of a vehicle's front from its itinerary [m]; the largest offset of its rear axle is half as large.
 
-A vehicle beyond both offsets is off its route. The front alone swings out by 2 m in narrow bends.
+A vehicle is off its route if both offsets are exceeded. The front alone swings out by up to 2 m in narrow bends.
 """
 NEAR = 0.75
-"""Half the range of stations around its own in which the front of a vehicle is projected on its itinerary [m]."""
+"""Largest difference between a vehicle's station and the station to which its front is projected on the itinerary [m]."""
 _AROUND = 5.0
-"""Half the range of stations in which a rear axle or a corner is located, around its place on a straight way [m]."""
+"""Largest difference between the station to which a rear axle or corner is projected and its station on a straight way [m]."""
 _FINE = 0.1
-"""Distance between two points of a way whose distances from a corner are computed [m]; they are too long by less than 1 mm."""
+"""Spacing of the points of a way whose distances from a corner are computed [m]; the shortest of these distances exceeds the
+distance of the corner from the way by less than 1 mm."""
 _SURE = 0.05
-"""Distance from a border below which the corners of a body are located exactly [m]."""
+"""Distance of a body from the border of its lane below which the corners of the body are located exactly [m]."""
 
 
 def beside(way: Itinerary, x: float, y: float, heading: float, station: float, length: float) -> bool:
@@ -61,7 +61,7 @@ def beside(way: Itinerary, x: float, y: float, heading: float, station: float, l
 
 
 class Ways:
-    """The centre lines of several ways in one table, so that places on all ways are computed at once.
+    """The centre lines of several ways in one table, by which places on all these ways are computed at once.
 
     Args:
         ways: the itineraries.
@@ -78,7 +78,7 @@ class Ways:
         self._ahead = np.concatenate([np.empty((0, 2)), *(directions(way.path) for way in ways)])
 
     def centre(self, way: NDArray[np.int64], station: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return points of centre lines and the directions there, each of shape ``(places, 2)``; see `Itinerary.centre`.
+        """Return points of centre lines, and the directions of the lines at these points, both of shape ``(places, 2)``.
 
         Args:
             way: number of the way of every place.
@@ -98,7 +98,13 @@ class Ways:
         return offsets
 
     def nearest(self, way: NDArray[np.int64], points: NDArray[np.float64], station: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the stations of points, given approximate stations, shape ``(places,)`` [m]."""
+        """Return the stations at which centre lines are nearest to points, shape ``(places,)`` [m].
+
+        Args:
+            way: number of the way of every point.
+            points: the points, shape ``(places, 2)`` [m].
+            station: station of every point, known to some metres [m].
+        """
         for _ in range(3):
             place, ahead = self.centre(way, station)
             station = station + ((points - place) * ahead).sum(axis=1)
@@ -107,9 +113,10 @@ class Ways:
     def near(
         self, way: NDArray[np.int64], points: NDArray[np.float64], station: NDArray[np.float64], reach: float
     ) -> NDArray[np.bool_]:
-        """Return whether a point of the way within `_AROUND` of the station is at most `reach` [m] away, shape ``(places,)``.
+        """Return whether the way has a point within `_AROUND` of the station that is at most `reach` [m] away from each point.
 
-        Where a lane steps aside, `nearest` may return the station of a piece that is not the nearest piece.
+        The result has the shape ``(places,)``. The method checks results of `nearest`, which can be wrong where a centre line
+        jumps sideways.
         """
         beside = np.arange(-_AROUND, _AROUND + _FINE, _FINE)
         place, _ = self.centre(np.repeat(way, len(beside)), (station[:, None] + beside).ravel())
@@ -118,7 +125,7 @@ class Ways:
 
 
 _FAR = 1e6
-"""Offset of the stations of each way against the stations of the way before it in a shared sorted table [m]."""
+"""Distance by which the stations of successive ways are set apart in the sorted table of all ways [m]."""
 
 
 def _ways(cast: Cast) -> Ways:
@@ -139,11 +146,11 @@ def _in_lanes(block: Block, columns: Sequence[int]) -> None:
 
 @signal(needs=_placed)
 def off_route(block: Block) -> NDArray[np.bool_]:
-    """Whether each vehicle is off its route, see `beside`."""
+    """Return whether each vehicle is off its route, see `beside`."""
     pose, station, ways = block.need("pose"), block.need("station"), block.cast.static(_ways)
     off = np.zeros(block.zone.shape, dtype=np.bool_)
     rows, columns, (offset, _), _ = _beside(block)
-    # Projecting takes long, so only vehicles whose offset at their station is large are projected.
+    # Projection takes long. Only vehicles whose offset at their station is large are projected.
     far = np.flatnonzero(np.abs(offset) > MAX_OFFSET - 2 * NEAR).tolist()
     for row, column in ((int(rows[k]), int(columns[k])) for k in far):
         x, y, heading = pose[row, column].tolist()
@@ -154,9 +161,9 @@ def off_route(block: Block) -> NDArray[np.bool_]:
 
 @signal(needs=_in_lanes)
 def off_lane(block: Block) -> NDArray[np.bool_]:
-    """Whether the body of each vehicle crosses the border of its lane on the roads, or its front in the junction.
+    """Return whether each vehicle is outside its lane: a corner of its body on a road, the middle of its front in the junction.
 
-    The borders are half a lane beside the itinerary; `LANE_TOLERANCE` is allowed.
+    The borders of the lane are half a lane beside the itinerary. A vehicle may cross a border by up to `LANE_TOLERANCE`.
     """
     ways, half = block.cast.static(_ways), block.junction.lane_width / 2 + LANE_TOLERANCE
     rows, columns = _aside(block, half)
@@ -183,7 +190,7 @@ def off_lane(block: Block) -> NDArray[np.bool_]:
 
 @signal
 def _beside(block: Block) -> tuple[NDArray[Any], ...]:
-    """Return the lateral places of all present vehicles.
+    """Return the offsets of all present vehicles from their ways.
 
     Returns:
         Row and column of every present vehicle; the offsets of the middles of front and rear to the left of the way, shape
@@ -201,9 +208,9 @@ def _beside(block: Block) -> tuple[NDArray[Any], ...]:
 
 
 def _aside(block: Block, half: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the rows and columns of the vehicles that are so far from their itinerary that a corner may cross a border.
+    """Return the rows (states) and columns of the vehicles so far beside their itinerary that a corner might cross a border.
 
-    For all other vehicles, no corner crosses a border, so the nearest places of their corners need not be computed.
+    No corner of any other vehicle crosses a border. Therefore the corners of other vehicles need not be computed.
     """
     rows, columns, _, apart = _beside(block)
     far = (apart > half - block.cast.width[columns] / 2 - _SURE).any(axis=0)
@@ -211,9 +218,10 @@ def _aside(block: Block, half: float) -> tuple[NDArray[np.int64], NDArray[np.int
 
 
 def too_tight(run: Run, agent: int) -> tuple[Narrow, float] | None:
-    """Return the bend in which no path keeps the body of the agent in its lane, and the agent's least turning radius [m].
+    """Return the bend in which no path keeps the body of the agent in its lane, and the agent's smallest turning radius [m].
 
-    The facts of the run state the least radius. A vehicle that the facts do not name steers like a usual car of its length.
+    The result is None if the agent's way has no such bend, or the run does not record the geometry or the size of the agent. The
+    facts of the run state the radius. A vehicle that the facts do not name steers like a usual car of its length.
     """
     who = run.agents[agent]
     if not run.junction.drivable or who.size is None:
@@ -226,10 +234,10 @@ def too_tight(run: Run, agent: int) -> tuple[Narrow, float] | None:
 
 
 def beyond_steering(run: Run, agent: int) -> bool:
-    """Return whether the agent was outside its lane only on a movement where no path keeps the vehicle in its lane.
+    """Return whether the agent was outside its lane only in a bend in which no path keeps the vehicle in its lane.
 
-    What it does between its entry into the junction and the departure of its rear counts as on the movement, and so does what it
-    does beside the place where the best path fails.
+    The bend reaches from the agent's entry into the junction until its rear has left the junction, and includes in any case the
+    place where the best path leaves the lane.
     """
     bend = too_tight(run, agent)
     if bend is None:
@@ -241,14 +249,14 @@ def beyond_steering(run: Run, agent: int) -> bool:
 
 @lru_cache(maxsize=1024)
 def wrong_lanes(junction: Junction, entrance: int, exit: int) -> tuple[int, ...]:
-    """Return the entrances beside `entrance` from which no movement leads to the arm of `exit`."""
+    """Return the entrances of the same arm as `entrance` from which no movement leads to the arm of `exit`."""
     arm, exit_arm = junction.starts[entrance].arm, junction.ends[exit].arm
     leading = {start for start, end in junction.movements if junction.exits[end].arm == exit_arm}
     return tuple(lane for lane in junction.arms[arm].entrances if lane not in leading)
 
 
 def lane_allows(run: Run, agent: int) -> NDArray[np.bool_]:
-    """Return whether the agent is not at its entrance, or is in a lane that leads to the arm of its exit.
+    """Return whether the lane of the agent leads to the arm of its exit, shape ``(steps,)``; true unless it is at its entrance.
 
     The lane of the agent is the lane whose centre line is nearest to its front.
 

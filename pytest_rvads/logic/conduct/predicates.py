@@ -1,10 +1,10 @@
-"""The predicates of the paper's table of semantics, evaluated on a run: one truth value per state.
+"""The predicates of the paper's table of semantics, evaluated on a run: a truth value per state.
 
-Dynamic predicates are signals on blocks of states. Static relations (right-of, opposite, turn, the entrance of an agent, the
-light of an entrance) are gathered in `Static`, the paper's model S^s.
+Predicates that change during a run are signals, which are computed for every state. Static relations (right-of, opposite, turn,
+the entrance of an agent, the light of an entrance) are gathered in `Static`, the paper's model S^s.
 
-The paper's right-of and opposite are relations of arms, lifted to the lanes of the arms. Only the paper's rules and the two rules
-of the all-way stop use them; all other rules use `Junction.yields`.
+The paper's right-of and opposite are relations of arms, extended to the lanes of the arms. Only the paper's rules and the two
+rules of the all-way stop use right-of and opposite; all other rules use `Junction.yields`.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.geometry.control import JunctionControl, Sign
-from pytest_rvads.geometry.segment import Turn
+from pytest_rvads.geometry.crosswalks import Crossing
+from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.logic.conduct.blocks import APPROACH, ENTRANCE, EXIT, JUNCTION, Block, signal
-from pytest_rvads.logic.conduct.grounds import Ground, ground_of, in_turn, lit, may_owe
+from pytest_rvads.logic.conduct.cast import Ground, ground_of, in_turn, lit, may_owe
 from pytest_rvads.logic.conduct.lane import wrong_lanes
-from pytest_rvads.logic.conduct.memo import once
 from pytest_rvads.logic.conduct.presence import judged, together
-from pytest_rvads.runs.run import Run
+from pytest_rvads.runs.run import Run, once
 from pytest_rvads.runs.states import Agent
 
 __all__ = ["Static", "at_entrance", "colour", "extract", "in_junction", "on_approach", "on_exit", "once", "speed", "ticks"]
@@ -31,7 +31,7 @@ __all__ = ["Static", "at_entrance", "colour", "extract", "in_junction", "on_appr
 
 @dataclass(frozen=True, slots=True)
 class Static:
-    """The part of the model that is constant in a run: junction, signs, lights, itineraries (Algorithm 1, ``extract``)."""
+    """The part of the paper's model that is constant in a run: junction, signs, lights and itineraries (Algorithm 1)."""
 
     entrances: int
     """Number of entrances."""
@@ -55,24 +55,27 @@ class Static:
     far: Turn = Turn.LEFT
     """The turn across oncoming traffic."""
     grounds: frozenset[tuple[int, int, Ground]] | None = frozenset()
-    """Triples of two agents, by column, and a ground other than lights on which the first has to give way to the second.
+    """Triples of a first agent, a second agent (both by column), and the ground on which the first has to give way to the second.
 
-    None if the geometry is unknown.
+    Lights are no ground. None if the geometry is unknown.
     """
     owing: frozenset[tuple[int, int]] | None = None
-    """Pairs of agents of which the first may owe the way to the second; None if only the run decides."""
+    """Pairs of agents, by column, of which the first can owe the way to the second; None if only states of the run decide."""
     by_arrival: frozenset[tuple[int, int]] | None = None
-    """Pairs of agents that enter by the order of arrival at an all-way stop; None if only the run decides."""
+    """Pairs of agents, by column, that go in the order of arrival; None if the junction is no all-way stop."""
     choosing: frozenset[int] = frozenset()
-    """Agents, by column, whose arm has a lane that does not lead to the agent's exit arm."""
+    """Agents, by column, whose entrance arm has a lane that does not lead to the agent's exit arm."""
     together: frozenset[tuple[int, int]] | None = None
-    """Pairs of agents, in both orders, that instances may be about because the two were present together; None: all pairs."""
+    """Pairs of agents, by column and in both orders, that were present together; rules about two agents are judged for these
+    pairs only. None: for all pairs."""
     judged: frozenset[int] | None = None
-    """Agents whose instances are judged in this run, see `Excerpt.judged`; None: all agents."""
+    """Agents, by column, for which rules are judged in this run, see `Excerpt.judged`; None: all agents."""
     further: frozenset[int] = frozenset()
-    """Agents, by column, on ways that are no movements."""
+    """Agents, by column, on ways that are no movements of vehicles, such as crossings."""
+    walk_lights: frozenset[int] = frozenset()
+    """Agents, by column, on crossings with a light."""
     _hash: int = field(init=False, repr=False, compare=False)
-    """The hash, computed once: the model is a key of caches that every rule looks up."""
+    """The hash of the model, stored because caches use the model as a key for every rule."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "_hash", hash(tuple(getattr(self, item.name) for item in fields(self) if item.compare)))
@@ -81,7 +84,7 @@ class Static:
         return self._hash
 
     def judges(self, agents: Sequence[int]) -> bool:
-        """Return whether this run judges an instance about these agents: whether it judges the last of them to appear."""
+        """Return whether rules for the given agents are judged in this run; the agent that appeared last decides for all."""
         return self.judged is None or not agents or max(agents) in self.judged
 
     def turns(self, agent: int, direction: str) -> bool:
@@ -99,7 +102,7 @@ class Static:
 
 
 def extract(run: Run) -> Static:
-    """Return the static model of a run (Algorithm 1 of the paper)."""
+    """Return the static model of a run: everything that stays the same during the run (Algorithm 1 of the paper)."""
     return once(run, _extract)
 
 
@@ -128,11 +131,12 @@ def _extract(run: Run) -> Static:
         together(run),
         judged(run),
         frozenset(k for k, who in enumerate(run.agents) if who.way.key not in junction.movements),
+        frozenset(k for k, who in enumerate(run.agents) if isinstance(who.way, Crossing) and lit(junction, who.entrance)),
     )
 
 
 _BY_STATE = (JunctionControl.STOP, JunctionControl.LIGHTS)
-"""Controls under which arrivals or lights alone decide which vehicle gives way."""
+"""Kinds of control at which only states of the run, the arrivals or the lights, decide which vehicle gives way."""
 
 
 def _grounds(run: Run) -> frozenset[tuple[int, int, Ground]] | None:
@@ -163,28 +167,28 @@ def _by_arrival(run: Run) -> frozenset[tuple[int, int]]:
 
 @signal(steady=True)
 def in_junction(block: Block) -> NDArray[np.bool_]:
-    """Which vehicle is in the junction, ``a@j``: the reference point is on a movement of the junction."""
+    """Return whether each vehicle is in the junction (``a@j``), with its reference point on a movement of the junction."""
     inside: NDArray[np.bool_] = block.zone == JUNCTION
     return inside
 
 
 @signal(steady=True)
 def at_entrance(block: Block) -> NDArray[np.bool_]:
-    """Which vehicle is at the entrance that it comes to, ``a@j.en``."""
+    """Return whether each vehicle is at its entrance (``a@j.en``)."""
     waiting: NDArray[np.bool_] = block.zone == ENTRANCE
     return waiting
 
 
 @signal(steady=True)
 def on_approach(block: Block) -> NDArray[np.bool_]:
-    """Which vehicle is on the road that leads to its entrance, ``a@r``; the entrance zone is part of that road."""
+    """Return whether each vehicle is on the road to its entrance (``a@r``); the entrance zone is part of the road."""
     approaching: NDArray[np.bool_] = (block.zone == APPROACH) | (block.zone == ENTRANCE)
     return approaching
 
 
 @signal(steady=True)
 def on_exit(block: Block) -> NDArray[np.bool_]:
-    """Which vehicle is on the road that it leaves by, ``a@j.ex`` and ``a@r``; that road begins with the exit vertex."""
+    """Return whether each vehicle is on its exit road (``a@j.ex`` and ``a@r``), which begins with the exit vertex."""
     leaving: NDArray[np.bool_] = block.zone == EXIT
     return leaving
 
@@ -196,11 +200,11 @@ def ticks(run: Run, seconds: float) -> int:
 
 @signal(otherwise=np.nan)
 def speed(block: Block) -> NDArray[np.float64]:
-    """The speed of every vehicle, ``a.sp`` [m/s]."""
+    """Return the speed of each vehicle, ``a.sp`` [m/s]."""
     return block.need("speed")
 
 
 @signal(of_entrances=True, steady=True)
 def colour(block: Block) -> NDArray[np.int8]:
-    """The colour of the light at every entrance, ``lt.cl``."""
+    """Return the colour of the light at every entrance, ``lt.cl``."""
     return block.lights

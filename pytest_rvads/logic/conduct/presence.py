@@ -1,22 +1,26 @@
-"""The vehicles near the junction at the same time, in runs whose vehicles come and go.
+"""Finds the vehicles that are near the junction at the same time, in runs whose vehicles come and go.
 
-Instances of rules are about vehicles that are `together`: near the junction at the same time, or anywhere so close to each other
-that they might touch. No other vehicles can violate a shipped rule together:
+Instances of rules (rules for certain vehicles and entrances) are about vehicles that are `together`: near the junction at the
+same time, or anywhere so close to each other that their bodies can touch. Two vehicles that are not together can't violate a
+shipped rule, for these reasons:
 
 - p1, p2, p3, p5, p6, p6g, first_come, right_first are about two vehicles in their stop places or in the junction at the same
-time, and vehicles there are near. The obligations of these rules end while both vehicles are present, see `window`.
+  time, and such vehicles are near the junction. The obligations of these rules end while both vehicles are present, see `window`.
 - no_conflict: a vehicle that meets another vehicle is on a stretch of its movement, so part of its body is in the junction.
-- left_yields, yield_sign, priority, right_before_left, merge, right_on_red: a vehicle at its entrance or inside owes the way to a
-vehicle at its entrance or inside, or to a vehicle that would reach a stretch after the entrance within `priority.DUE`, 4 s, which
-is nearer than `NEAR_TIME`.
-- no_collision: bodies that touch are closer than any other bodies.
-- p4, red, full_stop, keep_clear, progress, keep_lane, on_lane_allowed, on_route and speed_limit are about one vehicle. The
-vehicles that it waits for, or that follow it, are looked up on the run, not among instances.
+- left_yields, yield_sign, priority, right_before_left, merge, right_on_red: a vehicle owes the way while it is at its entrance or
+  in the junction. It owes the way to a vehicle at its entrance or in the junction, or to a vehicle that reaches a stretch after
+  the entrance within `rights.DUE`, 4 s, which is shorter than `NEAR_TIME`.
+- crosswalk, crosswalk_turning, crosswalk_waiting: a vehicle is asked while it is at most `rights.DUE` or a few metres before the
+  crosswalk, and the pedestrian is on the crosswalk or in the last metre before it.
+- no_collision: bodies that touch are so close that they might touch.
+- p4, red, full_stop, keep_clear, crosswalk_clear, progress, keep_lane, on_lane_allowed, on_route and speed_limit are about a
+  single vehicle. The vehicles that this vehicle waits for, or that follow this vehicle, are looked up on the run, not among
+  instances.
 
-Because only vehicles that are together have instances about pairs, the cost of judging grows with the traffic, and not with its
-square.
+Because only vehicles that are together have instances about pairs, the cost of judging grows with the number of vehicles, and not
+with the square of this number.
 
-`without_jumps` prepares coarse recordings: it fills in the zones that vehicles pass between two states.
+`without_jumps` prepares coarse recordings by filling in the zones that vehicles pass between two states.
 """
 
 from __future__ import annotations
@@ -28,17 +32,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.logic.conduct.bodies import close
-from pytest_rvads.logic.conduct.memo import once
 from pytest_rvads.runs.itineraries import LEAVE
 from pytest_rvads.runs.periods import NEAR, NEAR_TIME
-from pytest_rvads.runs.run import DT, Run
+from pytest_rvads.runs.run import DT, Run, once
 from pytest_rvads.runs.states import Zone
 
 __all__ = ["crossed", "cut_off", "judged", "last_seen", "near", "together", "window", "without_jumps"]
 
 
 def judged(run: Run) -> frozenset[int] | None:
-    """Return the columns of the agents whose instances are judged in this run; None if all agents are judged."""
+    """Return the columns of the agents that rules are judged for in this run; None if rules are judged for all agents."""
     if run.excerpt is None or run.excerpt.judged is None:
         return None
     names = set(run.excerpt.judged)
@@ -46,9 +49,10 @@ def judged(run: Run) -> frozenset[int] | None:
 
 
 def together(run: Run) -> frozenset[tuple[int, int]] | None:
-    """Return the pairs of agents that instances are about, by column, in both orders; None if no agent is ever absent.
+    """Return the pairs of agents that rules are judged for, by column and in both orders; None for all pairs.
 
-    If positions are not recorded, the pairs are the agents that are in the run at the same time.
+    All pairs are judged if no agent is ever absent from the run. If positions are not recorded, rules are judged for the agents
+    that are in the run at the same time.
     """
     if not (run.zone == Zone.ABSENT).any():
         return None
@@ -60,10 +64,10 @@ def together(run: Run) -> frozenset[tuple[int, int]] | None:
 
 
 def near(run: Run) -> NDArray[np.int64]:
-    """Return every agent's first tick near the junction and the tick after the last, shape ``(agents, 2)``; (0, 0) if none.
+    """Return the first tick and the tick after the last tick in which every agent is near the junction, shape ``(agents, 2)``.
 
-    An agent is near from `NEAR` before its stopping line on, or from `NEAR_TIME` at its speed before the line on. It stays near
-    until its whole body has left.
+    An agent is near from `NEAR` before its stopping line on, or from the distance that it drives in `NEAR_TIME` if this distance
+    is longer, until its whole body has left the junction. The ticks of an agent that is never near are (0, 0).
 
     Raises:
         RunError: the run does not record positions.
@@ -85,9 +89,10 @@ def near(run: Run) -> NDArray[np.int64]:
 
 
 def window(run: Run, columns: Iterable[int]) -> tuple[int, int]:
-    """Return the first tick with all these agents in the run, and the tick after the last; two equal ticks if there is none.
+    """Return the first tick and the tick after the last tick in which the run holds all given agents; two equal ticks if none.
 
-    Instances are judged between the two ticks: no obligation towards an absent vehicle, or of an absent vehicle, is broken.
+    Rules for these agents are judged between the two ticks. Therefore an absent vehicle breaks no obligation, and no vehicle
+    breaks an obligation towards an absent vehicle.
     """
     spans = once(run, _spans)
     begin, end = 0, run.steps
@@ -102,7 +107,7 @@ def _spans(run: Run) -> list[tuple[int, int]]:
 
 
 def last_seen(run: Run, columns: Iterable[int]) -> tuple[str, int] | None:
-    """Return the first of these agents to vanish before the run ends, and its last tick; None if all stay to the end."""
+    """Return the name and the last tick of the given agent that vanishes first; None if all stay until the run ends."""
     column = min(columns, key=lambda k: int(run.spans[k, 1]), default=None)
     if column is None or run.spans[column, 1] >= run.steps:
         return None
@@ -110,11 +115,11 @@ def last_seen(run: Run, columns: Iterable[int]) -> tuple[str, int] | None:
 
 
 def cut_off(run: Run) -> bool:
-    """Return whether a simulated run was too short for its subject to cross.
+    """Return whether a simulated run was too short for its subject (the vehicle under test) to cross the junction.
 
     The run was too short if its duration ended it before the rear of the subject had left the junction. Runs without a subject,
     recordings, and runs that a collision, a fault or a vehicle off its route ended are not cut off. If positions or the size of
-    the subject are not recorded, the reference point of the subject stands for its rear.
+    the subject are not recorded, the run was too short if the reference point of the subject did not reach its exit road.
     """
     if run.subject is None or run.excerpt is not None or run.fault or run.collisions or run.facts.strayed:
         return False
@@ -133,12 +138,12 @@ def crossed(run: Run) -> bool:
 
 
 def without_jumps(run: Run) -> Run:
-    """Return the run with every vehicle in each zone that it passes, also in zones that it passes between two states.
+    """Return a run in which no vehicle skips a zone of its way, although a vehicle can pass a zone between two recorded states.
 
-    A vehicle before the entrance zone in one state and in the junction in the next state was at its entrance in between: it is
-    put at its entrance in the first state. A vehicle that passes the whole junction between two states is put in the junction in
-    the second state. Runs as dense as simulated runs are returned unchanged, because a vehicle that jumps in a dense run does not
-    drive.
+    A vehicle before the entrance zone in one state and in the junction in the next state was at its entrance in between. This
+    vehicle is put at its entrance in the first of the two states. A vehicle that passes the whole junction between two states is
+    put in the junction in the second of the two states. Runs as dense as simulated runs are returned unchanged, because a vehicle
+    that skips a zone in such a run jumps, and does not drive.
     """
     return once(run, _filled) or run
 

@@ -1,8 +1,9 @@
-"""Measures whether a vehicle gave way to the vehicle that it owed the way to.
+"""Measures whether a vehicle owes another vehicle the way (has to give way to it), and whether it obstructs the other vehicle.
 
-A vehicle obstructs the other vehicle if it takes the way nevertheless, and the other vehicle touches it, meets it, brakes hard,
-loses much of its speed, or is passed as it sets off: "neither endanger nor substantially impede" (StVO, section 8(2)). The way is
-owed until the vehicle is clear: "at any time during the turning movement" (California Vehicle Code 21801(a)).
+A vehicle obstructs the other vehicle if it takes the way that it owes, and the other vehicle touches it, meets it, brakes hard,
+loses much of its speed, or was about to set off: "neither endanger nor substantially impede" (StVO, section 8(2)). A vehicle owes
+the way until its rear has left the stretch that both ways share: "at any time during the turning movement" (California Vehicle
+Code 21801(a)).
 """
 
 from __future__ import annotations
@@ -16,16 +17,17 @@ from numpy.typing import NDArray
 
 from pytest_rvads.geometry.conflicts import Shared
 from pytest_rvads.geometry.control import Sign
-from pytest_rvads.geometry.segment import Turn
+from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.logic.conduct.blocks import ENTRANCE, JUNCTION, Block, signal, sized
 from pytest_rvads.logic.conduct.bodies import collide, couples
 from pytest_rvads.logic.conduct.cast import Cast
-from pytest_rvads.logic.conduct.motion import entered, facing, lasting
+from pytest_rvads.logic.conduct.on_foot import walkers
 from pytest_rvads.logic.conduct.rights import (
     GREEN,
     comes,
     held,
     kept_by,
+    kept_by_walker,
     lights,
     owed_places,
     owing,
@@ -34,7 +36,7 @@ from pytest_rvads.logic.conduct.rights import (
     waives,
     yields,
 )
-from pytest_rvads.logic.conduct.standing import lane, stands
+from pytest_rvads.logic.conduct.standing import entered, facing, lane, lasting, stands
 from pytest_rvads.logic.conduct.stretches import contested, neighbours
 from pytest_rvads.runs.states import Agent
 
@@ -56,18 +58,19 @@ HARD_BRAKING = 2.0
 BEND_BRAKING = 4.0
 """Deceleration beyond which a turning vehicle, which brakes for its bend anyway, is impeded [m/s^2]."""
 MIN_GAP = 1.0
-"""Time between two vehicles at a place below which the two nearly meet [s]; the usual threshold of post-encroachment times."""
+"""Time between two vehicles at the same place below which the vehicles nearly meet [s]; the usual threshold of the
+post-encroachment time."""
 HEADWAY = 2.0
-"""Time gap to the vehicle ahead below which a vehicle brakes for that vehicle [s].
+"""Time gap to the vehicle ahead below which a vehicle is taken to brake for the vehicle ahead [s].
 
 The time gap is the two-second rule (UK Highway Code, rule 126).
 """
 WINDOW = 0.1
-"""Time over which decelerations are differences of speed [s]."""
+"""Length of the windows over which decelerations are computed from speeds [s]."""
 LOSS = 3.0
-"""Loss of speed beyond which a vehicle that goes straight on is impeded, if the loss also exceeds `SHARE` [m/s]."""
+"""Loss of speed beyond which a vehicle that goes straight on is impeded, if the loss also exceeds `SHARE` of its speed [m/s]."""
 SHARE = 1 / 3
-"""Share of its speed beyond which a loss impedes a vehicle, if the loss also exceeds `LOSS`."""
+"""Share of its speed that a vehicle has to lose, in addition to losing more than `LOSS`, to be impeded."""
 
 
 def _stop_signs(cast: Cast) -> NDArray[np.bool_]:
@@ -76,7 +79,10 @@ def _stop_signs(cast: Cast) -> NDArray[np.bool_]:
 
 @signal
 def unhindered(block: Block) -> NDArray[np.bool_]:
-    """Whether each vehicle lacks an own reason to brake: a red light, stop sign, duty to give way, or vehicle close ahead."""
+    """Return whether each vehicle has no reason of its own to brake.
+
+    Reasons are a light that is not green, a stop sign, the duty to give way, and a vehicle close ahead.
+    """
     cast, both = block.cast, block.cast.static(lane)
     front = block.need("station")
     rear = front - cast.length
@@ -99,14 +105,14 @@ class _Past(NamedTuple):
     """The speeds of vehicles, and how long they have been present, up to every state."""
 
     speeds: NDArray[np.float64]
-    """The speeds in the states before the block, as far as `WINDOW`, and in the block [m/s]."""
+    """The speeds in the last `WINDOW` before the block, followed by the speeds in the block [m/s]."""
     present: NDArray[np.int64]
     """For how many states each vehicle has been present, shape ``(n, agents)``."""
 
 
 @signal(start=lambda dt: (0, np.full(_window(dt), np.nan)))
 def past(block: Block, count: NDArray[np.int64], before: NDArray[np.float64]) -> tuple[_Past, NDArray[Any], NDArray[Any]]:
-    """What vehicles did up to every state, see `_Past`."""
+    """Return the speeds of vehicles before every state, and how long the vehicles have been present, see `_Past`."""
     speed = block.need("speed")
     history = _Past(np.concatenate((before, speed)), lasting(~np.isnan(speed), count))
     return history, history.present, history.speeds[None, -_window(block.dt) :]
@@ -114,7 +120,10 @@ def past(block: Block, count: NDArray[np.int64], before: NDArray[np.float64]) ->
 
 @signal
 def brakes_hard(block: Block) -> NDArray[np.bool_]:
-    """Whether each vehicle brakes harder than it would by itself, over `WINDOW` or as long as the vehicle has been present."""
+    """Return whether each vehicle brakes harder than it would without other vehicles.
+
+    The deceleration is measured over `WINDOW`, or since the vehicle appeared if it appeared later.
+    """
     speeds, present = past(block)
     speed, most = block.need("speed"), _window(block.dt)
     steps = np.minimum(present - 1, most)
@@ -133,7 +142,10 @@ class _Debts(NamedTuple):
 
 @signal(pairs=owing, steady=True)
 def _bound(block: Block) -> NDArray[np.bool_]:
-    """Whether the first vehicle of each pair has to give way to the second vehicle, and the second vehicle is due."""
+    """Return whether each pair's first vehicle has to give way to the second, and the second is due.
+
+    The second vehicle is due if it soon reaches the shared stretch, or is first at its line and may go.
+    """
     both, owed = block.cast.static(owing), yields(block) & ~np.isnan(block.cast.static(owed_places).begin)
     due = (comes(block) | both.second(ready(block))) & both.second(block.here)
     bound: NDArray[np.bool_] = owed & due & both.first(block.here)
@@ -142,18 +154,18 @@ def _bound(block: Block) -> NDArray[np.bool_]:
 
 @signal
 def _bound_later(block: Block) -> frozenset[tuple[Agent, Agent]]:
-    """The pairs of vehicles for which `_bound` holds in the block or in a later block of the run."""
+    """Return the pairs of vehicles for which `_bound` holds in this block of states or in a later block of the run."""
     agents, columns = block.cast.agents, np.flatnonzero(_bound(block).any(axis=0))
     both = block.cast.static(owing)
     bound_pairs = frozenset(
-        (agents[agent], agents[other]) for agent, other in zip(both.one[columns], both.two[columns], strict=True)
+        (agents[agent], agents[other]) for agent, other in zip(both.agents[columns], both.others[columns], strict=True)
     )
     return bound_pairs if block.next is None else bound_pairs | _bound_later(block.next)
 
 
 @signal(pairs=owing, start=(None,))
 def _debts(block: Block, before: NDArray[np.object_]) -> tuple[_Debts, NDArray[np.object_]]:
-    """Follow all encounters, from the entry of the first vehicle on."""
+    """Return the values of `_Debts`, by an `Encounter` per pair that reads the states from the first vehicle's entry on."""
     cast, both, entry = block.cast, block.cast.static(owing), entered(block)[-1]
     bound, carried_encounters = _bound(block), before.tolist()
     owed, broken, encounters = bound & (both.first(block.zone) == ENTRANCE), np.zeros_like(bound), before.copy()
@@ -161,18 +173,19 @@ def _debts(block: Block, before: NDArray[np.object_]) -> tuple[_Debts, NDArray[n
     followed &= np.array([encounter is None or not encounter.over for encounter in carried_encounters], dtype=np.bool_)
     bound_again = np.ones(len(both), dtype=np.bool_)
     if block.whole:
-        # As the later blocks of the run are known, only pairs bound in a later block and pairs that owed the way are followed on.
+        # The later blocks of the run are known: only pairs that are bound in a later block or owed the way are followed further.
         later = _bound_later(block.next) if block.next is not None else frozenset()
         bound_again = np.array([(cast.agents[a], cast.agents[b]) in later for a, b in both.column], dtype=np.bool_)
         owed_before = np.array([encounter is not None and encounter.owed for encounter in carried_encounters], dtype=np.bool_)
         followed &= bound.any(axis=0) | bound_again | owed_before
     else:
-        for carried in (past, kept_by, starting, waives):  # a later encounter needs what happens in this block
+        # An encounter that begins in a later block needs the carries of these signals.
+        for carried in (past, kept_by, starting, waives, *((kept_by_walker,) if len(cast.static(walkers)) else ())):
             carried(block)
     chosen = np.flatnonzero(followed)
-    first_rows = np.maximum(entry[both.one[chosen]] - block.tick, 0).tolist()
+    first_rows = np.maximum(entry[both.agents[chosen]] - block.tick, 0).tolist()
     for pair, first_row, meetings in zip(chosen.tolist(), first_rows, _meetings(block, chosen, first_rows), strict=True):
-        agent, other = int(both.one[pair]), int(both.two[pair])
+        agent, other = int(both.agents[pair]), int(both.others[pair])
         common = contested(cast, agent, other) if encounters[pair] is None else None
         if common is not None:
             encounters[pair] = Encounter(cast.agents[agent], cast.agents[other], common, block.dt)
@@ -195,23 +208,26 @@ def _placed(block: Block, columns: Sequence[int]) -> None:
 
 @signal(pairs=owing, needs=_placed)
 def owes(block: Block) -> NDArray[np.bool_]:
-    """Whether the first vehicle of each pair has to let the second go first; from its entrance zone until clear for `MIN_GAP`."""
+    """Return whether each pair's first vehicle owes the second vehicle the way: it has to let the second vehicle go first.
+
+    The first vehicle can owe the way from its entrance zone on, until its rear has been off the shared stretch for `MIN_GAP`.
+    """
     debts: _Debts = _debts(block)
     return debts.owes
 
 
 @signal(pairs=owing, needs=_placed)
 def obstructs(block: Block) -> NDArray[np.bool_]:
-    """Whether the first vehicle of each pair took the way that it owed to the second vehicle, and obstructed it."""
+    """Return whether each pair's first vehicle took the way that it owed to the second vehicle, and obstructed the second."""
     debts: _Debts = _debts(block)
     return debts.obstructs
 
 
 class Meeting(NamedTuple):
-    """The states of two vehicles at an instant."""
+    """The values of a state that an `Encounter` of two vehicles, the agent and the other vehicle, reads."""
 
     bound: bool
-    """Whether the agent has to give way to the other vehicle, and the other vehicle is due."""
+    """Whether the agent has to give way to the other vehicle, which is due: it comes soon, or is first at its line."""
     touching: bool
     """Whether the bodies of the two vehicles touch."""
     front: float
@@ -231,13 +247,13 @@ class Meeting(NamedTuple):
     waives: bool
     """Whether the other vehicle waives its right."""
     kept: bool
-    """Whether a third vehicle, which was not present before, holds the agent up."""
+    """Whether a third vehicle or a pedestrian that was not in the way when the agent entered now holds the agent up."""
     brakes: bool
-    """Whether the other vehicle brakes harder than it would by itself."""
+    """Whether the other vehicle brakes harder than it would without other vehicles."""
 
 
 def _columns(cast: Cast) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return, for the pairs of `owing`, their columns in `couples` and in `neighbours`; -1 for pairs that are no neighbours."""
+    """Return, for each pair of `owing`, its columns in `couples` and in `neighbours`; -1 for a pair that is not in neighbours."""
     both, near = cast.static(couples).column, cast.static(neighbours).column
     columns = [(both[pair], near.get(pair, -1)) for pair in cast.static(owing).column]
     touching, close = np.array(columns, dtype=np.int64).reshape(-1, 2).T
@@ -245,24 +261,27 @@ def _columns(cast: Cast) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
 
 
 _UNSEEN = Meeting(False, False, math.nan, math.nan, False, math.nan, math.nan, False, False, False, False, False)
-"""The first state of an encounter whose agent entered before the other vehicle came: nothing in the state is known."""
+"""The first state of an encounter whose agent entered before the other vehicle appeared, so that the values are unknown."""
 
 
 def _meetings(block: Block, chosen: NDArray[np.int64], firsts: Sequence[int]) -> Iterator[Iterator[Meeting]]:
-    """Yield, for each chosen pair of `owing`, an iterator over its states from the first row of the pair on."""
+    """Yield, per chosen pair of `owing`, an iterator over the states (`Meeting`) of the pair, from the row in `firsts` on."""
     if not len(chosen):
         return
     cast, both, near, begin = block.cast, block.cast.static(owing), block.cast.static(neighbours), min(firsts)
-    agents, others = both.one[chosen], both.two[chosen]
+    agents, others = both.agents[chosen], both.others[chosen]
     touching, close = (columns[chosen] for columns in cast.static(_columns))
     station, speed, holding = block.need("station"), block.need("speed"), kept_by(block)
     holders = near.count(holding, len(cast))
     by_other = (close >= 0) & holding.take(close, axis=1) if len(near) else False
+    kept = holders.take(agents, axis=1) > by_other
+    if len(on_foot := cast.static(walkers)):
+        kept |= on_foot.any(kept_by_walker(block), len(cast)).take(agents, axis=1)
     columns = (
         _bound(block).take(chosen, axis=1),
         collide(block).take(touching, axis=1),
         station.take(agents, axis=1),
-        # A short exit road may end before the rear of the vehicle has left the stretch.
+        # If the exit road is short, the vehicle is gone before its rear has left the stretch.
         np.where(block.here, station - cast.length, math.inf).take(agents, axis=1),
         stands(block).take(agents, axis=1),
         station.take(others, axis=1),
@@ -270,7 +289,7 @@ def _meetings(block: Block, chosen: NDArray[np.int64], firsts: Sequence[int]) ->
         unhindered(block).take(others, axis=1),
         starting(block).take(others, axis=1),
         waives(block).take(others, axis=1),
-        holders.take(agents, axis=1) > by_other,
+        kept,
         brakes_hard(block).take(others, axis=1),
     )
     rows = [column[begin:].T.tolist() for column in columns]
@@ -279,14 +298,15 @@ def _meetings(block: Block, chosen: NDArray[np.int64], firsts: Sequence[int]) ->
 
 
 class Encounter:
-    """Follows two vehicles state by state, from the entry of the agent until it has been clear of the stretch for `MIN_GAP`.
+    """Follows two vehicles state by state, from the agent's entry until the agent has been off the shared stretch for `MIN_GAP`.
 
-    The agent *goes* when it enters the junction, or when its last standstill before the stretch ends. It *takes the stretch* when
-    its front reaches the stretch before the front of the other vehicle. It is *clear* when its rear has left the stretch.
+    The agent *goes* when it enters the junction, or when its last standstill before the stretch ends. The agent *takes the
+    stretch* when its front reaches the stretch before the front of the other vehicle. The agent is *clear* when its rear has left
+    the stretch.
 
     Args:
-        agent: the vehicle that may owe the way.
-        other: the vehicle that may have the better right.
+        agent: the vehicle that can owe the way to the other vehicle.
+        other: the other vehicle.
         common: the shared stretch of the two ways.
         dt: time between two states [s].
     """
@@ -302,7 +322,7 @@ class Encounter:
         self._taken = self._first = self._braked = self._started = self._excused = False
         self._place = self._speed = self._pace = math.nan
         self.owed = False
-        """Whether the agent has owed the way since it went."""
+        """Whether the agent has owed the way in some state since it last *went*."""
         self.over = False
         """Whether the encounter is over, so that no later state changes its values."""
 
@@ -332,7 +352,7 @@ class Encounter:
         return owes or hit, hit
 
     def _look_at_braking(self, now: Meeting) -> None:
-        """Note whether the other vehicle, before the stretch, brakes or slows down without a reason of its own."""
+        """Store whether the other vehicle brakes or slows down before the stretch without a reason of its own."""
         if not now.unhindered:
             self._pace = min(self._pace, now.speed)
         elif now.ahead < self.common.yours.start:
@@ -353,6 +373,6 @@ class Encounter:
                 return True
             apart = (now.rear - self._lengths[0]) - (now.ahead - self._lengths[1])
             return apart < MIN_GAP * now.speed
-        # At its first speed, the other vehicle would reach the stretch before the agent has been clear for `MIN_GAP`.
+        # The station of the other vehicle `MIN_GAP` from now, if it had kept the speed that it had when the agent went.
         unhindered = self._place + self._speed * ((tick - self._since) * self._dt + MIN_GAP)
         return self._started or (self._braked and self._left is None and unhindered > yours.start)

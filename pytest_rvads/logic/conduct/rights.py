@@ -1,11 +1,12 @@
-"""Which vehicle has the right of way: which vehicle is due, is first at its line, may go, is free to go, and waives its right.
+"""Decides which vehicle has the right of way, is due, is first at its line, may go, is free to go, or waives its right.
 
-A vehicle gives way to a vehicle with the better right that *is due*: that comes "so closely as to be a hazard" (California
-Vehicle Code 21801(a), 21453(b)), or stands first at its line with the right to go.
+A vehicle has to give way to a vehicle with the better right if the vehicle with the better right *is due*. A vehicle is due if it
+comes "so closely as to be a hazard" (California Vehicle Code 21801(a), 21453(b)), or stands first at its line with the right to
+go.
 
 Conduct is judged by hazard, in seconds and metres, and not by zones: rights hold from the entrance zone until the vehicle that
-must give way is clear of the shared stretch. Rules and shipped drivers read the same definitions: the words of rules, such as
-``owes``, ``meet`` and ``may_go``, take their numbers from this package.
+must give way is clear of the shared stretch. Rules and shipped drivers read the same definitions: the predicates of rules, such
+as ``owes``, ``meet`` and ``may_go``, take their numbers from this package.
 """
 
 from __future__ import annotations
@@ -17,10 +18,20 @@ from numpy.typing import NDArray
 
 from pytest_rvads.geometry.control import JunctionControl
 from pytest_rvads.logic.conduct.blocks import ABSENT, EXIT, Block, signal, sized
-from pytest_rvads.logic.conduct.cast import Cast, Pairs, everybody, pairs
-from pytest_rvads.logic.conduct.grounds import ground_of, in_turn, lit, may_owe
-from pytest_rvads.logic.conduct.motion import entered, facing, lasting
-from pytest_rvads.logic.conduct.standing import TIE, arrivals, arrived, leads, stands, waited
+from pytest_rvads.logic.conduct.cast import Cast, Pairs, everybody, ground_of, in_turn, lit, may_owe, pairs
+from pytest_rvads.logic.conduct.on_foot import places_of, takes_crosswalk, walk, walkers
+from pytest_rvads.logic.conduct.standing import (
+    STOP_PLACE,
+    TIE,
+    arrivals,
+    arrived,
+    entered,
+    facing,
+    lasting,
+    leads,
+    stands,
+    waited,
+)
 from pytest_rvads.logic.conduct.stretches import Places, ahead_by, contested, contested_places, neighbours, passed, places, roads
 from pytest_rvads.runs.states import Colour
 
@@ -41,8 +52,11 @@ __all__ = [
     "held",
     "in_turns",
     "kept_by",
+    "kept_by_walker",
+    "near_crosswalk",
     "next_to_go",
     "owed_places",
+    "owes_crossing",
     "owing",
     "starting",
     "waives",
@@ -52,36 +66,39 @@ __all__ = [
 GREEN, YELLOW, RED = int(Colour.GREEN), int(Colour.YELLOW), int(Colour.RED)
 _ALL_WAY = JunctionControl.STOP
 _LONG_AGO = -(10**9)
-"""Stands for the tick in which a vehicle last stood ready, for a vehicle that never stood ready."""
+"""Tick that stands for "never" in the tick at which a vehicle last stood at its line with the right to go."""
 DUE = 4.0
-"""A vehicle that reaches the shared stretch within this time at its present speed is due [s]: the usual critical gap of a left
-turn across oncoming traffic (Highway Capacity Manual: 4.1 s)."""
+"""Time to the shared stretch, at the present speed, below which a vehicle is due [s]: the usual critical gap of a left turn
+across oncoming traffic (Highway Capacity Manual: 4.1 s)."""
 WAIVER = 3.0
-"""A vehicle that stands first at its line, free to go, for this long waives its right [s]: perception and reaction take up to
+"""Time after which a vehicle that stands first at its line, free to go, waives its right [s]: perception and reaction take up to
 2.5 s (AASHTO, A Policy on Geometric Design)."""
 PACE = 1.4
-"""Walking pace [m/s]: a slower vehicle creeps, and loses time if it could go."""
+"""Walking pace [m/s]: a slower vehicle loses time if it could go."""
 GAP = 6.0
-"""Distance to a body ahead below which a vehicle need not go [m]."""
+"""Distance to a slow body ahead below which a vehicle need not go [m]."""
 ROOM = 2.5
-"""Room that a vehicle needs on its exit road behind a standing body, in addition to its length [m]."""
+"""Room that a vehicle needs on its exit road behind a slow body, in addition to its length, to leave its line [m]."""
 
 
 def lights(cast: Cast) -> NDArray[np.bool_]:
-    """Return which vehicles come to a light, shape ``(agents,)``."""
+    """Return whether each vehicle comes to a light, shape ``(agents,)``."""
     return np.array([lit(cast.junction, agent.entrance) for agent in cast.agents], dtype=np.bool_)
 
 
 @signal(steady=True)
 def has_way(block: Block) -> NDArray[np.bool_]:
-    """Which vehicle has no light against it: the light is green or yellow, was so at its entry, or there is no light."""
+    """Return whether the light of each vehicle is green or yellow, or the vehicle comes to no light.
+
+    After the entry of a vehicle into the junction, the colour at its entry counts.
+    """
     colour = facing(block)
     allowed: NDArray[np.bool_] = ~block.cast.static(lights) | (colour == GREEN) | (colour == YELLOW)
     return allowed
 
 
 def owing(cast: Cast) -> Pairs:
-    """Return the pairs of vehicles of which the first may owe the way to the second.
+    """Return the pairs of vehicles of which the first can owe the second the way (have to give way to the second).
 
     Raises:
         RunError: the places of the lanes are unknown, and the answer depends on them.
@@ -90,12 +107,12 @@ def owing(cast: Cast) -> Pairs:
 
 
 def owed_places(cast: Cast) -> Places:
-    """Return the contested stretches of pairs of which the first may owe the way to the second."""
+    """Return the stretches that the ways of the pairs `owing` share, see `contested`."""
     return places(contested(cast, agent, other) for agent, other in cast.static(owing).column)
 
 
 def _always(cast: Cast) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Return, per pair of `owing`, whether the first vehicle owes the way at any colour, and whether it turns near."""
+    """Return, per pair of `owing`, whether the first vehicle gives way at any colour of its light, and turns to the near side."""
     rows, junction = [], cast.junction
     for agent, other in cast.static(owing).column:
         me, you = cast.agents[agent], cast.agents[other]
@@ -108,12 +125,12 @@ def _always(cast: Cast) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
 
 @signal(pairs=owing, steady=True)
 def yields(block: Block) -> NDArray[np.bool_]:
-    """Which first vehicle has to give way to the second where their ways meet, at the present colours of the lights.
+    """Return whether the first vehicle of each pair has to give way to the second, at the present colours of the lights.
 
-    A vehicle that turns across oncoming traffic gives way to vehicles whose light lets them go (Vienna Convention on Road
-    Traffic, Art. 16(2)). A vehicle that turns to the near side on red gives way to all vehicles whose light lets them go (CVC
-    21453(b)). A vehicle without a light gives way as signs and sides say, and to a vehicle at a light only while the light lets
-    that vehicle go.
+    A vehicle that turns across oncoming traffic gives way to oncoming vehicles whose light lets them go (Vienna Convention on
+    Road Traffic, Art. 16(2)). A vehicle that turns to the near side (right, where traffic keeps right) on red gives way to all
+    vehicles whose light lets them go (CVC 21453(b)). A vehicle without a light gives way as signs and sides say, and to a vehicle
+    at a light only while the light lets that vehicle go.
     """
     both, (always, near) = block.cast.static(owing), block.cast.static(_always)
     bound = always | ((both.first(facing(block)) == RED) == near)
@@ -123,13 +140,13 @@ def yields(block: Block) -> NDArray[np.bool_]:
 
 @signal(steady=True)
 def ready(block: Block) -> NDArray[np.bool_]:
-    """Which vehicle is due by standing at its line: the first vehicle at the line, if it may go and does not waive its right."""
+    """Return whether each vehicle is due because it is first at its line, may go, and does not waive its right."""
     due: NDArray[np.bool_] = next_to_go(block) & ~waives(block)
     return due
 
 
 def coming(block: Block, both: Pairs, at: Places) -> NDArray[np.bool_]:
-    """Return which second vehicle is on the stretch of its way, or reaches it within `DUE` at its present speed.
+    """Return whether each pair's second vehicle is on the shared stretch, or reaches the stretch within `DUE` at its speed.
 
     Args:
         block: the states.
@@ -145,41 +162,60 @@ def coming(block: Block, both: Pairs, at: Places) -> NDArray[np.bool_]:
 
 @signal(pairs=owing)
 def comes(block: Block) -> NDArray[np.bool_]:
-    """Which second vehicle is on the contested stretch, or reaches it within `DUE` at its present speed."""
+    """Return whether each pair's second vehicle is on the shared stretch, or reaches it within `DUE` at its present speed."""
     near: NDArray[np.bool_] = coming(block, block.cast.static(owing), block.cast.static(owed_places))
     return near
 
 
 @signal(steady=True)
 def first_at_line(block: Block) -> NDArray[np.bool_]:
-    """Which vehicle has arrived at its line and has no vehicle ahead of it in its lane before the junction."""
+    """Return whether each vehicle has arrived at its line and has no vehicle ahead of it in its lane before the junction."""
     at_line: NDArray[np.bool_] = arrived(block)
     return at_line & leads(block) if at_line.any() else at_line
 
 
 @signal(steady=True)
 def held(block: Block) -> NDArray[np.bool_]:
-    """Which vehicle owes the way to a vehicle that comes or is first at its line.
+    """Return whether each vehicle is held: it has to give way to a vehicle that comes or is first at its line.
 
-    A held vehicle that is first at its line holds other vehicles too, so no vehicle of a circle is due by standing at its line.
-    At an all-way stop the order of arrival holds vehicles.
+    A vehicle that is first at its line holds other vehicles even if it is held itself. Therefore vehicles that are first at their
+    lines can hold each other in a circle, in which no vehicle has the right to go. At an all-way stop, the vehicles that arrived
+    first hold the other vehicles. Pedestrians hold the vehicles that owe them a crosswalk.
     """
-    cast, at_line = block.cast, first_at_line(block)
+    cast, at_line, on_foot = block.cast, first_at_line(block), block.cast.static(walkers)
+    waits = on_foot.any(owes_crossing(block), len(cast)) if len(on_foot) else False
     if block.junction.control is _ALL_WAY:
-        return cast.static(in_turns).any(comes_first(block), len(cast))
+        return cast.static(in_turns).any(comes_first(block), len(cast)) | waits
     owing_pairs, at = cast.static(owing), cast.static(owed_places)
     due = comes(block) | (owing_pairs.second(at_line) & ~np.isnan(at.begin))
-    return owing_pairs.any(due & yields(block) & (owing_pairs.first(block.zone) != ABSENT), len(cast))
+    return owing_pairs.any(due & yields(block) & (owing_pairs.first(block.zone) != ABSENT), len(cast)) | waits
+
+
+@signal(pairs=walkers)
+def near_crosswalk(block: Block) -> NDArray[np.bool_]:
+    """Return whether each pair's vehicle is up to `STOP_PLACE` or `DUE` before the crosswalk, or before the pedestrian on it."""
+    both, at = block.cast.static(walkers), block.cast.static(places_of)
+    front, reach = both.first(block.need("station")), DUE * both.first(block.need("speed"))
+    near: NDArray[np.bool_] = at.begin - front <= np.maximum(reach, STOP_PLACE)
+    near &= (front < at.far) & both.first(block.here)
+    return near
+
+
+@signal(pairs=walkers, needs=sized)
+def owes_crossing(block: Block) -> NDArray[np.bool_]:
+    """Return whether each pair's vehicle owes the crosswalk to the pedestrian, and comes there or takes it at present."""
+    owed: NDArray[np.bool_] = (near_crosswalk(block) | takes_crosswalk(block)) & walk(block).owed
+    return owed
 
 
 def in_turns(cast: Cast) -> Pairs:
-    """Return the pairs of vehicles that go by the order of arrival, see `grounds.in_turn`."""
+    """Return the pairs of vehicles that go by the order of arrival, see `cast.in_turn`."""
     return pairs(cast, lambda agent, other: in_turn(cast.junction, cast.agents[agent].way.key, cast.agents[other].way.key))
 
 
 @signal(pairs=in_turns, steady=True)
 def comes_first(block: Block) -> NDArray[np.bool_]:
-    """Which second vehicle goes before the first vehicle: their movements meet, and the second came first, see `came_first`."""
+    """Return whether each pair's second vehicle goes first, because their movements meet and it came first, see `came_first`."""
     both, cast = block.cast.static(everybody), block.cast
     columns = [both.column[pair] for pair in cast.static(in_turns).column]
     earlier: NDArray[np.bool_] = came_first(block)[:, columns]
@@ -195,7 +231,11 @@ def _on_the_right(cast: Cast) -> NDArray[np.bool_]:
 
 @signal(pairs=everybody, steady=True)
 def came_first(block: Block) -> NDArray[np.bool_]:
-    """Whether both vehicles have arrived, the second clearly earlier, or within `TIE` and on the right of the first."""
+    """Return whether both vehicles of each pair have arrived, and the second vehicle came first.
+
+    The second vehicle came first if it arrived earlier by more than `TIE`, or if both arrived within `TIE` and the second comes
+    from the right of the first.
+    """
     both, at_line, blind = block.cast.static(everybody), arrived(block), block.station is None or block.speed is None
     since = waited(block) if blind else -arrivals(block).tick
     later, tie = both.second(since) - both.first(since), round(TIE / block.dt)
@@ -206,7 +246,7 @@ def came_first(block: Block) -> NDArray[np.bool_]:
 
 @signal(steady=True)
 def next_to_go(block: Block) -> NDArray[np.bool_]:
-    """Which vehicle is first at its line and has the right to go."""
+    """Return whether each vehicle is first at its line and has the right to go."""
     green = ~block.cast.static(lights) | (facing(block) == GREEN)
     next_vehicles: NDArray[np.bool_] = first_at_line(block) & ~held(block) & green
     return next_vehicles
@@ -214,9 +254,9 @@ def next_to_go(block: Block) -> NDArray[np.bool_]:
 
 @signal(start=(0, _LONG_AGO))
 def starting(block: Block, before: NDArray[np.int64], last: NDArray[np.int64]) -> tuple[NDArray[Any], ...]:
-    """Which vehicle is about to go.
+    """Return whether each vehicle is about to go: it is first at its line and may go, and has not waited for long.
 
-    The vehicle is first at its line and may go. It has stood there for less than `WAIVER`, or set off less than `WAIVER` ago.
+    The vehicle has stood at the line, with the right to go, for at most `WAIVER`, or set off less than `WAIVER` ago.
     """
     standing, most = stands(block), round(WAIVER / block.dt)
     stood = next_to_go(block) & standing
@@ -227,7 +267,7 @@ def starting(block: Block, before: NDArray[np.int64], last: NDArray[np.int64]) -
 
 @signal(steady=True)
 def _free(block: Block) -> NDArray[np.bool_]:
-    """Which vehicle stands first at its line, free to go."""
+    """Return whether each vehicle stands first at its line with the right to go, and no other vehicle keeps it there."""
     free: NDArray[np.bool_] = next_to_go(block) & stands(block)
     if free.any():
         free &= ~block.cast.static(neighbours).any(_keeps(block), len(block.cast))
@@ -236,14 +276,17 @@ def _free(block: Block) -> NDArray[np.bool_]:
 
 @signal(start=(0,))
 def waives(block: Block, before: NDArray[np.int64]) -> tuple[NDArray[Any], ...]:
-    """Which vehicle has stood first at its line, free to go, for `WAIVER` without a break."""
+    """Return whether each vehicle waives its right: it has stood first at its line, free to go, for more than `WAIVER`."""
     count = lasting(_free(block), before)
     return count > round(WAIVER / block.dt), count
 
 
 @signal(steady=True)
 def gives_up(block: Block) -> NDArray[np.bool_]:
-    """Which vehicle waives its right, or has not arrived; without positions, only which vehicle has not arrived."""
+    """Return whether each vehicle waives its right to go first, or has not arrived at its line.
+
+    If the run does not record positions or speeds, no vehicle waives its right.
+    """
     without_turn: NDArray[np.bool_] = ~arrived(block)
     if block.station is not None and block.speed is not None and block.junction.stretches is not None:
         without_turn |= waives(block)
@@ -251,18 +294,19 @@ def gives_up(block: Block) -> NDArray[np.bool_]:
 
 
 def _debts(cast: Cast) -> NDArray[np.int64]:
-    """Return, per pair of `neighbours`, the column of the reversed pair in `owing`; -1 if `owing` has no such pair."""
+    """Return, per pair of `neighbours`, the column of the reversed pair in `owing`; -1 if the reversed pair is not in `owing`."""
     debts = cast.static(owing).column
     return np.array([debts.get((other, agent), -1) for agent, other in cast.static(neighbours).column], dtype=np.int64)
 
 
 @signal(pairs=neighbours, steady=True)
 def _keeps(block: Block) -> NDArray[np.bool_]:
-    """Which second vehicle keeps the first vehicle, at its line, from going: it is slow ahead, or is on the way of the first.
+    """Return whether each pair's second vehicle keeps the first vehicle at its line.
 
-    A vehicle that arrived later, or owes the agent the way, does not keep the agent from going.
+    The second vehicle is slow and close ahead of the first, or on the stretch that both ways share. A vehicle on the stretch that
+    arrived later, or has to give way to the first vehicle, does not keep the first vehicle at its line.
     """
-    passed(block)  # stations change the value only where a border is passed
+    passed(block)  # a change of stations matters only if a vehicle has passed an end of a stretch
     cast, both, at = block.cast, block.cast.static(neighbours), block.cast.static(contested_places)
     ahead = both.second(block.need("station"))
     blocking: NDArray[np.bool_] = (
@@ -280,7 +324,7 @@ def _keeps(block: Block) -> NDArray[np.bool_]:
 
 @signal(pairs=neighbours, needs=sized)
 def close_behind(block: Block) -> NDArray[np.bool_]:
-    """Which second vehicle is slow and near ahead on the way of the first, or leaves the first no room on its exit road."""
+    """Return whether each pair's second vehicle is slow, and close ahead of the first or in its room on the common exit road."""
     cast, both, rear = block.cast, block.cast.static(neighbours), ahead_by(block)
     near: NDArray[np.bool_] = rear < GAP
     at_line = _at_line_before_exit(block)
@@ -293,7 +337,7 @@ def close_behind(block: Block) -> NDArray[np.bool_]:
 
 @signal(pairs=neighbours, steady=True)
 def _at_line_before_exit(block: Block) -> NDArray[np.bool_]:
-    """Which first vehicle has arrived at its line while the second is on the exit road that the first leaves by."""
+    """Return whether each pair's first vehicle has arrived at its line while the second is on the exit road of the first."""
     both = block.cast.static(neighbours)
     at_line: NDArray[np.bool_] = both.first(arrived(block)) & both.second(block.zone == EXIT) & block.cast.static(roads).exit
     return at_line
@@ -301,8 +345,16 @@ def _at_line_before_exit(block: Block) -> NDArray[np.bool_]:
 
 @signal(pairs=neighbours, start=(False,), steady=True)
 def kept_by(block: Block, before: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], ...]:
-    """Which second vehicle stands or creeps close ahead of the first and did not when the first entered."""
+    """Return whether each pair's second vehicle is slow and close ahead of the first, and was faster when the first entered."""
     both, entry = block.cast.static(neighbours), entered(block)
     enters = both.first(entry == block.ticks)
     slow = before | np.logical_or.accumulate(enters & (both.second(block.need("speed")) <= PACE), axis=0)
     return close_behind(block) & both.first(entry <= block.ticks) & ~slow, slow
+
+
+@signal(pairs=walkers, start=(False,))
+def kept_by_walker(block: Block, before: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], ...]:
+    """Return whether each pair's vehicle in the junction owes the crosswalk to a pedestrian who came there after its entry."""
+    both, entry = block.cast.static(walkers), entered(block)
+    walked = before | np.logical_or.accumulate(both.first(entry == block.ticks) & walk(block).on, axis=0)
+    return owes_crossing(block) & both.first(entry <= block.ticks) & ~walked, walked

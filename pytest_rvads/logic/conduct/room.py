@@ -1,4 +1,4 @@
-"""The room that a vehicle which stands before its line leaves to the bodies that sweep past it."""
+"""Computes whether a car that stands before its line leaves enough room for cars that turn past it."""
 
 from __future__ import annotations
 
@@ -23,22 +23,23 @@ from pytest_rvads.support.wording import plural
 __all__ = ["PLACES", "leaves_room", "narrow_lines", "room", "stand_back"]
 
 _MARGIN = 0.15
-"""Distance between the sweeping and the standing body [m]: the reference keeps 0.1 m, and the rear axle errs by 0.03 m."""
+"""Least distance between the moving and the standing body [m]: the reference driver keeps 0.1 m, its rear axle errs by 0.03 m."""
 _ASIDE = 1.0
-"""Longest distance by which a planned path leaves the centre line [m]; a path is planned only if a body is so near to it."""
+"""Longest distance by which a planned path leaves the centre line [m]; a path is planned only if a standing body is that near."""
 PLACES = np.arange(0.0, 10.0, 0.25)
-"""Distances before its line at which a car is looked at [m]: twice the stop place."""
+"""Distances before the line at which a standing car is tried [m]; they reach over twice the length of the stop place."""
 
 
 @lru_cache(maxsize=64)  # one table for all copies of a junction
 def room(junction: Junction) -> Mapping[tuple[int, Key], NDArray[np.bool_]]:
-    """Return the pairs of an entrance and a movement of another arm for which a car before its line is in the way of a car.
+    """Return for which entrances and movements a car before the line of the entrance is in the way of a car on the movement.
 
     Args:
         junction: a junction with geometry.
 
     Returns:
-        Per pair, whether a car that stands `PLACES` before the line is in the way, shape ``(places,)``.
+        Per pair of an entrance and a movement, whether a car that stands `PLACES` before the line is in the way, shape
+        ``(places,)``. A pair that is not a key has no place in the way.
     """
     standing = {entrance: _standing(junction, entrance) for entrance in range(len(junction.entrances))}
     table: dict[tuple[int, Key], NDArray[np.bool_]] = {}
@@ -56,20 +57,23 @@ def room(junction: Junction) -> Mapping[tuple[int, Key], NDArray[np.bool_]]:
 
 @lru_cache(maxsize=1024)
 def stand_back(junction: Junction, entrance: int) -> float:
-    """Return how far before its line a car has to stand, within the stop place, to be in the way of the fewest movements [m]."""
+    """Return how far before its line a car must stop, within the stop place, to be in the way of the fewest movements [m]."""
     hits = [places for (lane, _), places in room(junction).items() if lane == entrance]
     return float(PLACES[np.sum(hits, axis=0)[PLACES < STOP_PLACE].argmin()]) if hits else 0.0
 
 
 @lru_cache(maxsize=4096)
 def leaves_room(junction: Junction, entrance: int, key: Key) -> float:
-    """Return how far before its line a car has to stand to leave room for a movement [m]; inf if no place is known."""
+    """Return how far before the line of its entrance a car has to stand to leave room for cars on a movement [m].
+
+    The result is infinite if the car leaves no room at any of `PLACES`.
+    """
     places = room(junction).get((entrance, key))
     return 0.0 if places is None else float(next(iter(PLACES[~places]), math.inf))
 
 
 def narrow_lines(road_map: RoadMap) -> list[MapWarning]:
-    """Return a warning for every junction where a car at its line leaves no room for a movement."""
+    """Return a warning for every junction of a map at which a car at its line leaves no room for cars on a movement."""
     warnings = []
     for report in road_map.junctions:
         junction = road_map.junction(report.id) if report.usable else None
@@ -99,7 +103,10 @@ def _standing(junction: Junction, entrance: int) -> NDArray[np.float64]:
 
 
 def _poses(junction: Junction, key: Key, *, planned: bool) -> NDArray[np.float64]:
-    """Return the poses of a car along a movement, shape ``(places, 3)``: its rear axle follows a path, or the centre line."""
+    """Return the poses of a car along a movement, shape ``(places, 3)``.
+
+    If `planned`, the rear axle follows a path that keeps the car in its lane; if not, or without such a path, the centre line.
+    """
     way = itinerary(junction, *key)
     course = way.course(junction.lane_width, -math.inf)
     path = plan(course, CAR) if planned else None
@@ -110,7 +117,7 @@ def _poses(junction: Junction, key: Key, *, planned: bool) -> NDArray[np.float64
 
 
 def _hits(moving: NDArray[np.float64], standing: NDArray[np.float64], margin: float) -> NDArray[np.bool_]:
-    """Return for which standing cars a moving car comes nearer than a margin [m], shape ``(standing,)``."""
+    """Return whether a moving car comes nearer than a margin [m] to each standing car, shape ``(standing,)``."""
     apart = np.hypot(*(moving[:, None, :2] - standing[None, :, :2]).transpose(2, 0, 1))
     moving_index, standing_index = np.nonzero(apart < 2.0 * (CAR.length + margin))
     if not len(moving_index):

@@ -1,6 +1,10 @@
-"""Duties of road users beyond the paper's predicates: stopping before the line, arriving at the line, keeping the speed limit.
+"""Measures what a vehicle does by itself: its waiting time, the light that it faces, its progress, its stops, its speed limit.
 
-Values that are not recorded raise an error instead of being guessed. The numbers are parameters of the road rulebook.
+The rulebook ``road`` uses measures that the paper's predicates lack: stopping before the line, arriving at the line, keeping the
+speed limit. The tolerances of this module are parameters of this rulebook. A measure that needs values that the run does not
+record raises an error.
+
+`lasting` counts for how long a truth value has been true, and `latched` keeps a truth value true until a reset.
 """
 
 from __future__ import annotations
@@ -15,24 +19,30 @@ from numpy.typing import NDArray
 
 from pytest_rvads.geometry.conflicts import Key
 from pytest_rvads.geometry.junction import Junction
-from pytest_rvads.logic.conduct.blocks import APPROACH, ENTRANCE, Block, signal
+from pytest_rvads.logic.conduct.blocks import APPROACH, ENTRANCE, JUNCTION, Block, signal, sized
 from pytest_rvads.logic.conduct.cast import Cast, Pairs, pairs
-from pytest_rvads.logic.conduct.motion import latched, wt
 from pytest_rvads.runs.itineraries import itinerary
 from pytest_rvads.runs.run import Facts, Run
 from pytest_rvads.support.errors import RunError
 
 __all__ = [
     "LINE_TOLERANCE",
+    "NEVER",
     "SPEED_TOLERANCE",
     "STANDSTILL",
     "STOP_PLACE",
     "TIE",
+    "advance",
     "arrivals",
     "arrived",
     "drives",
+    "entered",
+    "facing",
     "in_stop_place",
+    "inside",
     "lane",
+    "lasting",
+    "latched",
     "leads",
     "limits_of",
     "speeding",
@@ -42,28 +52,107 @@ __all__ = [
     "stopped",
     "stops",
     "waited",
+    "wt",
 ]
 
 TIE = 0.5
-"""Vehicles that arrive within this time of each other arrive at about the same time [s]; statutes give no number."""
+"""Difference of arrival times up to which two vehicles arrive at about the same time [s]; statutes give no number."""
 STANDSTILL = 0.1
 """Highest speed of a vehicle that stands still, forwards or backwards [m/s]; wheel-speed sensors resolve about as much."""
 LINE_TOLERANCE = 0.1
-"""Largest distance of a bumper beyond the stopping line that still counts as stopped before the line [m]."""
+"""Distance of a front bumper beyond the stopping line up to which a vehicle counts as stopped before the line [m]."""
 STOP_PLACE = 5.0
 """Length of the stop place before the stopping line, or before a stop sign farther upstream [m].
 
 The length is about a car length. Statutes ask for a stop before the line, the crosswalk or the junction, and give no distance.
 """
 SPEED_TOLERANCE = 0.5
-"""Largest excess over the limit that a speed control produces [m/s]."""
+"""Excess over the speed limit up to which a vehicle counts as keeping the limit [m/s], because speed controllers overshoot."""
+
+
+def lasting(truths: NDArray[np.bool_], before: NDArray[Any]) -> NDArray[np.int64]:
+    """Return, per state and column, for how many states the column has been true without a break, this state included.
+
+    Args:
+        truths: the truth values, shape ``(n, columns)``.
+        before: for how many states every column had been true before the first state, shape ``(columns,)``.
+    """
+    if len(truths) == 1:
+        return np.where(truths, before + 1, 0)
+    count = np.arange(1, len(truths) + 1)[:, None]
+    return count - np.maximum.accumulate(np.where(truths, -before, count), axis=0)
+
+
+def latched(set_: NDArray[np.bool_], reset: NDArray[np.bool_], before: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return the values of latches: a latch is true from a state that sets the latch until a state that resets the latch.
+
+    No state both sets and resets a latch.
+
+    Args:
+        set_: the states that set each latch, shape ``(n, columns)``.
+        reset: the states that reset each latch, shape ``(n, columns)``.
+        before: whether each latch was true before the first state, shape ``(columns,)``.
+    """
+    if len(set_) == 1:
+        return set_ | (before & ~reset)
+    count = np.arange(1, len(set_) + 1)[:, None]
+    last_set = np.maximum.accumulate(np.where(set_, count, 0), axis=0)
+    last_reset = np.maximum.accumulate(np.where(reset, count, 0), axis=0)
+    truths: NDArray[np.bool_] = (last_set > last_reset) | (before & (last_reset == 0))
+    return truths
+
+
+NEVER = int(np.iinfo(np.int64).max)
+"""Tick that stands for the entry of a vehicle that has not entered the junction."""
+
+
+@signal(start=(0,))
+def wt(block: Block, before: NDArray[np.int32]) -> tuple[NDArray[np.int32], ...]:
+    """Return the waiting time of each vehicle in ticks, see `Run.wt`."""
+    # The first state of a run adds nothing to a waiting time.
+    ticks = lasting(block.zone == ENTRANCE, before - (block.tick == 0)).astype(np.int32)
+    return ticks, ticks
+
+
+@signal(start=(NEVER,), otherwise=NEVER, steady=True)
+def entered(block: Block, before: NDArray[np.int64]) -> tuple[NDArray[np.int64], ...]:
+    """Return, per state, the tick in which each vehicle entered the junction; `NEVER` before the vehicle enters."""
+    ticks = np.minimum(np.minimum.accumulate(np.where(block.zone >= JUNCTION, block.ticks, NEVER), axis=0), before)
+    return ticks, ticks
+
+
+@signal(start=(0,), steady=True)
+def facing(block: Block, before: NDArray[np.int8]) -> tuple[NDArray[np.int8], ...]:
+    """Return the colour of the light at the start of each vehicle's way; after the vehicle's entry, the colour at its entry."""
+    colours, entry = block.lights[:, block.cast.entrance], entered(block)
+    row = np.minimum(entry[-1] - block.tick, len(colours) - 1)
+    at_entry = np.where(row >= 0, colours[np.maximum(row, 0), np.arange(len(row))], before)
+    colour = np.where(entry >= block.ticks, colours, at_entry).astype(np.int8)
+    return colour, colour
+
+
+@signal(start=(np.nan,), otherwise=np.nan)
+def advance(block: Block, before: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
+    """Return the progress of each vehicle along its way, see `Run.advance` [m/s]; in the vehicle's first state, its speed."""
+    station = block.need("station")
+    rate = (station - np.concatenate((before[None], station[:-1]))) / block.dt
+    return np.where(np.isnan(rate), block.need("speed"), rate), station
+
+
+@signal(needs=sized)
+def inside(block: Block) -> NDArray[np.bool_]:
+    """Return whether a part of the body of each vehicle is in the junction."""
+    front, cast = block.need("station"), block.cast
+    inside_junction: NDArray[np.bool_] = (front > 0.0) & ((front - cast.length) - cast.way < 0.0) & block.here
+    return inside_junction
 
 
 def stop_place(junction: Junction, entrance: int) -> tuple[float, float]:
-    """Return the stations between which the front of a vehicle stands when it has stopped at an entrance [m].
+    """Return the stations at which the stop place of an entrance begins and ends [m].
 
-    The stop place begins `STOP_PLACE` before the stopping line, or before a stop sign farther upstream. It ends `LINE_TOLERANCE`
-    after the stopping line, or after the entrance vertex if no line is marked.
+    A vehicle that stops at the entrance stands with its front in the stop place. The stop place begins `STOP_PLACE` before the
+    stopping line, or before a stop sign farther upstream. It ends `LINE_TOLERANCE` after the stopping line, or after the entrance
+    vertex if no line is marked.
     """
     place = junction.starts[entrance]
     return -max(place.setback, place.sign_setback or 0.0) - STOP_PLACE, LINE_TOLERANCE - place.setback
@@ -80,14 +169,14 @@ def lane(cast: Cast) -> Pairs:
 
 @signal
 def stands(block: Block) -> NDArray[np.bool_]:
-    """Whether each vehicle stands still."""
+    """Return whether each vehicle stands still."""
     still: NDArray[np.bool_] = np.abs(block.need("speed")) <= STANDSTILL
     return still
 
 
 @signal
 def leads(block: Block) -> NDArray[np.bool_]:
-    """Whether no vehicle is ahead of each vehicle in its lane before the junction."""
+    """Return whether each vehicle leads its lane: no vehicle is ahead of it in its lane before the junction."""
     both, station = block.cast.static(lane), block.need("station")
     ahead = (both.second(block.zone) <= ENTRANCE) & (both.second(station) > both.first(station))
     return ~both.any(ahead, len(block.cast))
@@ -95,9 +184,10 @@ def leads(block: Block) -> NDArray[np.bool_]:
 
 @signal
 def stops(block: Block) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Whether each vehicle is between the beginning of its stop place and the junction, and whether it stops there.
+    """Return whether each vehicle is between the beginning of its stop place and the junction, and whether it stops there.
 
-    A vehicle stops if it stands in the stop place and leads its lane: a vehicle that queued stops again.
+    A vehicle stops if it stands in the stop place and no vehicle is ahead of it in its lane. Therefore a vehicle that stood
+    behind another vehicle has to stop again at the line.
     """
     begin, line = block.cast.static(_stop_places)
     station, zone = block.need("station"), block.zone
@@ -107,15 +197,15 @@ def stops(block: Block) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
 
 @signal
 def in_stop_place(block: Block) -> NDArray[np.bool_]:
-    """Whether each vehicle is between the beginning of its stop place and the junction."""
+    """Return whether each vehicle is between the beginning of its stop place and the junction."""
     return stops(block)[0]
 
 
 @signal(start=(False, False), steady=True)
 def stopped(block: Block, had_driven: NDArray[np.bool_], before: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], ...]:
-    """Whether each vehicle has stopped in the stop place, and has since neither entered the junction nor backed out of the place.
+    """Return whether each vehicle has stopped in its stop place, and has since neither entered the junction nor backed out.
 
-    A full stop is an action of a vehicle: standing before the entrance zone counts only after the vehicle has driven.
+    A full stop is an action of a vehicle: standing before the entrance zone counts only if the vehicle has driven before.
     """
     in_place, still = stops(block)
     driven = had_driven | np.logical_or.accumulate(block.here & ~stands(block), axis=0)
@@ -127,18 +217,18 @@ class Arrivals(NamedTuple):
     """The arrivals of the vehicles of a run at the junction."""
 
     arrived: NDArray[np.bool_]
-    """Whether each vehicle has arrived and has not entered since, shape ``(steps, agents)``."""
+    """Whether each vehicle has arrived and has not entered the junction since, shape ``(steps, agents)``."""
     tick: NDArray[np.int64]
     """Tick of the latest arrival of every vehicle so far, -1 before its first arrival, shape ``(steps, agents)``."""
 
 
 @signal(start=(False, -1), steady=True)
 def arrivals(block: Block, before: NDArray[np.bool_], last: NDArray[np.int64]) -> tuple[Arrivals, NDArray[Any], NDArray[Any]]:
-    """The arrivals of the vehicles, see `Arrivals`.
+    """Return the arrivals of the vehicles at the junction, see `Arrivals`.
 
     A vehicle arrives when it stops in the stop place or its front enters the entrance zone, whichever is earlier. The arrival
-    lasts until the vehicle enters the junction or backs out of the stop place; a second stop does not restart it. Without
-    positions or speeds, arrivals follow from the entrance zone alone.
+    lasts until the vehicle enters the junction or backs out of the stop place; a second stop is no new arrival. If the run does
+    not record positions or speeds, a vehicle arrives when its front enters the entrance zone.
     """
     at_line = block.zone == ENTRANCE
     in_place, still = (at_line, at_line) if block.station is None or block.speed is None else stops(block)
@@ -150,14 +240,14 @@ def arrivals(block: Block, before: NDArray[np.bool_], last: NDArray[np.int64]) -
 
 @signal(steady=True)
 def arrived(block: Block) -> NDArray[np.bool_]:
-    """Whether each vehicle has arrived at its line, see `arrivals`, and has not entered the junction."""
+    """Return whether each vehicle has arrived at its line, see `arrivals`, and has not entered the junction."""
     latest: Arrivals = arrivals(block)
     return latest.arrived
 
 
 @signal
 def waited(block: Block) -> NDArray[np.int64]:
-    """Ticks that each vehicle has been waiting since its arrival, 0 for a vehicle that has not arrived."""
+    """Return for how many ticks each vehicle has been waiting since its arrival; 0 for a vehicle that has not arrived."""
     if block.station is None or block.speed is None:
         return np.asarray(wt(block), dtype=np.int64)
     latest: Arrivals = arrivals(block)
@@ -165,9 +255,9 @@ def waited(block: Block) -> NDArray[np.int64]:
 
 
 def standing_time(run: Run, agent: int) -> NDArray[np.int32]:
-    """Return the number of steps that the agent has been standing at its entrance, shape ``(steps,)``.
+    """Return for how many steps the agent has been standing at its entrance, shape ``(steps,)``.
 
-    This is the waiting time in the text of the paper, "since its speed became zero"; it restarts when the vehicle moves.
+    This number is the waiting time in the text of the paper, "since its speed became zero". It is 0 while the agent moves.
     """
     tick = np.arange(run.steps, dtype=np.int32)
     still = (run.zone[:, agent] == ENTRANCE) & stands(run, agent)
@@ -176,7 +266,7 @@ def standing_time(run: Run, agent: int) -> NDArray[np.int32]:
 
 
 def drives(run: Run, agent: int) -> bool:
-    """Return whether the agent moves at all, or speeds are not recorded; an agent that never moves has kept no rule by acting."""
+    """Return whether the agent moves in some state; true if speeds are not recorded."""
     return run.speed is None or bool((np.abs(run.speed[:, agent]) > STANDSTILL).any())
 
 
@@ -187,7 +277,7 @@ def _limited(block: Block, columns: Sequence[int]) -> None:
 
 @signal(needs=_limited)
 def speeding(block: Block) -> NDArray[np.bool_]:
-    """Whether each vehicle exceeds the limit at its place by more than the tolerance; false where no limit is known."""
+    """Return whether each vehicle exceeds the speed limit at its place by more than `SPEED_TOLERANCE`; false without a limit."""
     borders, limits = block.cast.static(_limits)
     most = limits[:, 0]
     if borders.size:
@@ -198,7 +288,10 @@ def speeding(block: Block) -> NDArray[np.bool_]:
 
 
 def _limits(cast: Cast) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return, per vehicle, the stations at which limits end and the limits, each row padded to the longest row."""
+    """Return, per vehicle, the stations at which its speed limit changes [m], and the limits before and after [m/s].
+
+    The rows of the two arrays are padded to the length of the longest row.
+    """
     rows = []
     for agent in cast.agents:
         with suppress(RunError):
@@ -212,9 +305,9 @@ def _limits(cast: Cast) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 
 
 def limits_of(junction: Junction, way: Key, facts: Facts) -> tuple[tuple[float, float], ...]:
-    """Return the speed limits along the way of a vehicle: the station where each begins [m], and the limit [m/s].
+    """Return the speed limits along the way of a vehicle: pairs of the station where a limit begins [m], and the limit [m/s].
 
-    The limit of the facts holds where the map of the junction states no limit.
+    Where the map of the junction states no limit, the limit of the facts of the run applies.
 
     Raises:
         RunError: for a part of the way, neither the map nor the facts state a limit.

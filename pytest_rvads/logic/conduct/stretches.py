@@ -1,4 +1,4 @@
-"""Where two agents are on the stretch that their ways share."""
+"""Locates agents on the stretches that the ways of two agents through the junction share."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from pytest_rvads.geometry.conflicts import CONFLICT_WIDTH, Key, Shared, Stretch
 from pytest_rvads.geometry.junction import Junction
-from pytest_rvads.logic.conduct.blocks import Block, signal, sized
+from pytest_rvads.logic.conduct.blocks import ENTRANCE, Block, signal, sized
 from pytest_rvads.logic.conduct.cast import Cast, Pairs, pairs
 from pytest_rvads.runs.itineraries import LEAVE
 from pytest_rvads.runs.run import Run
@@ -34,7 +34,7 @@ __all__ = [
 ]
 
 _SPACING = 0.5
-"""Ways are compared at stations so far apart [m]."""
+"""Distance between the stations at which two ways are compared [m]."""
 
 
 def shared(run: Run | Cast, agent: int, other: int) -> Shared | None:
@@ -50,9 +50,9 @@ def shared(run: Run | Cast, agent: int, other: int) -> Shared | None:
 
 
 def contested(run: Run | Cast, agent: int, other: int) -> Shared | None:
-    """Return the stretches that two agents share, which for ways into the same exit reach `LEAVE` down the exit road; else None.
+    """Return the stretches that the ways of two agents share, with the first `LEAVE` of a common exit road; None if none.
 
-    On the beginning of a common exit road the vehicle that merged is still gathering speed; the other vehicle may run into it.
+    At the beginning of a common exit road, the vehicle that merged is still slow, and the other vehicle can run into it.
 
     Raises:
         RunError: the run holds no geometry of its junction.
@@ -67,7 +67,7 @@ def contested(run: Run | Cast, agent: int, other: int) -> Shared | None:
 
 @lru_cache(maxsize=4096)
 def parting(junction: Junction, way: Key, other: Key) -> float:
-    """Return the station up to which two ways from one start have no room beside each other [m].
+    """Return the station up to which vehicles on two ways from the same start have no room beside each other [m].
 
     The station is infinite for ways to the same end.
 
@@ -87,12 +87,12 @@ def parting(junction: Junction, way: Key, other: Key) -> float:
 
 @lru_cache(maxsize=4096)
 def first_stretch(junction: Junction, way: Key) -> float:
-    """Return the station at which a way first shares a stretch with a way from another start [m], else infinity."""
+    """Return the first station at which a way shares a stretch with a way from another start [m]; infinity without a stretch."""
     return min((common.mine.start for (key, _), common in (junction.stretches or {}).items() if key == way), default=math.inf)
 
 
 def meeting(cast: Cast) -> Pairs:
-    """Return the pairs of agents whose ways share a stretch.
+    """Return the pairs of agents whose ways through the junction share a stretch.
 
     Raises:
         RunError: the run holds no geometry of its junction.
@@ -108,7 +108,7 @@ def _ends_of(junction: Junction, way: Key) -> tuple[float, ...]:
 
 
 def _borders(cast: Cast) -> NDArray[np.float64]:
-    """Return the stations at which stretches begin and end, of `shared` and `contested`, each row padded to the longest row."""
+    """Return, per vehicle, the stations at which the stretches that its way shares begin and end, in rows of equal length."""
     rows = [(agent.way.length + LEAVE, *_ends_of(cast.junction, agent.way.key)) for agent in cast.agents]
     most = max(map(len, rows), default=0)
     return np.array([(*row, *[math.inf] * (most - len(row))) for row in rows]).reshape(len(rows), most)
@@ -116,11 +116,11 @@ def _borders(cast: Cast) -> NDArray[np.float64]:
 
 @signal
 def passed(block: Block) -> tuple[NDArray[np.int64], ...]:
-    """How many borders of the stretches on its way each vehicle has passed, with its front and with its rear.
+    """Return how many beginnings and ends of shared stretches each vehicle has passed, with its front and with its rear.
 
-    As long as the numbers stay the same, comparisons of stations with `Places` of any pairs stay the same, too.
-    A steady signal that makes only such comparisons reads the numbers for the stations. The numbers are not needed in a run that
-    is known to its end.
+    As long as these numbers stay the same, comparisons of stations with `Places` of any pairs stay the same. A steady signal
+    (recomputed only when its inputs change) that makes only such comparisons reads these numbers as its inputs. The result is
+    empty for a run that is known to its end, because its signals are computed only once.
     """
     if block.whole:
         return ()
@@ -130,7 +130,7 @@ def passed(block: Block) -> tuple[NDArray[np.int64], ...]:
 
 
 class Places(NamedTuple):
-    """The places of the stretches that pairs of vehicles share, each of shape ``(pairs,)`` [m]."""
+    """The stations at which the stretches that pairs of vehicles share begin and end, arrays of shape ``(pairs,)`` [m]."""
 
     begin: NDArray[np.float64]
     """Station at which the stretch begins on the way of the first vehicle."""
@@ -139,11 +139,11 @@ class Places(NamedTuple):
     """Station at which the stretch begins on the way of the second vehicle."""
     end_of_two: NDArray[np.float64]
     merges: NDArray[np.bool_]
-    """Whether both lead into the same exit."""
+    """Whether both ways lead into the same exit."""
 
 
 def places(commons: Iterable[Shared | None]) -> Places:
-    """Return the places of the stretches of pairs; NaN for a pair without a stretch."""
+    """Return the stations of the stretches that pairs of vehicles share; NaN for a pair without a shared stretch."""
     nothing = (math.nan,) * 4 + (False,)
     rows = [nothing if c is None else (c.mine.start, c.mine.end, c.yours.start, c.yours.end, c.merges) for c in commons]
     begin, end, begin_of_two, end_of_two, merges = np.array(rows, dtype=np.float64).reshape(-1, 5).T
@@ -157,10 +157,10 @@ def _meeting_places(cast: Cast) -> Places:
 
 @signal(pairs=meeting, steady=True)
 def _both_there(block: Block) -> NDArray[np.bool_]:
-    """Pairs of agents whose bodies are both on a stretch shared by their ways.
+    """Return whether the bodies of both vehicles of each pair are on a stretch shared by their ways.
 
-    The signal is steady although it reads stations: a body enters or leaves a stretch only when `passed`, which is read first,
-    changes.
+    The signal is steady (recomputed only when its inputs change) although it reads stations. Its input `passed` changes whenever
+    a body enters or leaves a stretch.
     """
     passed(block)
     cast, both, at = block.cast, block.cast.static(meeting), block.cast.static(_meeting_places)
@@ -169,12 +169,15 @@ def _both_there(block: Block) -> NDArray[np.bool_]:
     meeting_pairs: NDArray[np.bool_] = (both.first(front) >= at.begin) & (both.first(rear) <= at.end)
     meeting_pairs &= (both.second(front) >= at.begin_of_two) & (both.second(rear) <= at.end_of_two)
     meeting_pairs &= both.first(block.here) & both.second(block.here)
+    if cast.crossing.any():  # the stretch can begin at the kerb, where a pedestrian stands in nobody's way
+        on_road = ~cast.crossing | (block.zone > ENTRANCE)
+        meeting_pairs &= both.first(on_road) & both.second(on_road)
     return meeting_pairs
 
 
 @signal(pairs=meeting, needs=sized)
 def meet(block: Block) -> NDArray[np.bool_]:
-    """Pairs of agents that meet: the bodies of both are on a stretch shared by their ways.
+    """Return whether the vehicles of each pair meet: the bodies of both are on a stretch shared by their ways.
 
     Vehicles with movements into the same exit meet while they are side by side, not while one vehicle follows the other.
     """
@@ -189,7 +192,7 @@ def meet(block: Block) -> NDArray[np.bool_]:
 
 
 def neighbours(cast: Cast) -> Pairs:
-    """Return the pairs of vehicles that share a stretch, an entrance or an exit.
+    """Return the pairs of vehicles whose ways share a stretch, an entrance or an exit.
 
     Raises:
         RunError: the run holds no geometry of its junction.
@@ -203,25 +206,25 @@ def neighbours(cast: Cast) -> Pairs:
 
 
 def contested_places(cast: Cast) -> Places:
-    """Return the contested stretches of `neighbours`."""
+    """Return the contested stretches (shared stretches with a part of the exit road) of the pairs `neighbours`."""
     return places(contested(cast, agent, other) for agent, other in cast.static(neighbours).column)
 
 
 class _Roads(NamedTuple):
-    """The places of the roads that `neighbours` share, each of shape ``(pairs,)``."""
+    """The lanes and exit roads that the two vehicles of each pair of `neighbours` share, arrays of shape ``(pairs,)``."""
 
     exit: NDArray[np.bool_]
     """Whether both vehicles leave by the same exit."""
     parting: NDArray[np.float64]
-    """Up to which station the second vehicle, which comes to the same entrance, is in the lane of the first vehicle [m]."""
+    """Station up to which the second vehicle is in the lane of the first [m]; minus infinity for vehicles of two entrances."""
     joining: NDArray[np.float64]
-    """From which station on the second vehicle, which comes to another entrance, is in the lane of the first vehicle [m]."""
+    """Station from which on the second vehicle is in the exit lane of the first [m]; infinity unless only the exit is shared."""
     shift: NDArray[np.float64]
-    """How much longer the movement of the second vehicle is, which comes to another entrance [m]."""
+    """Length of the movement of the second vehicle minus that of the first [m]; 0 for vehicles of the same entrance."""
 
 
 def roads(cast: Cast) -> _Roads:
-    """Return what roads `neighbours` share."""
+    """Return the lanes and exit roads that the two vehicles of each pair of `neighbours` share."""
     both, agents = cast.static(neighbours), cast.agents
     commons = [shared(cast, agent, other) for agent, other in both.column]
     entrance, exit = both.first(cast.entrance) == both.second(cast.entrance), both.first(cast.exit) == both.second(cast.exit)
@@ -237,7 +240,10 @@ def roads(cast: Cast) -> _Roads:
 
 @signal(pairs=neighbours, needs=sized, otherwise=math.inf)
 def ahead_by(block: Block) -> NDArray[np.float64]:
-    """How far ahead of the first vehicle, in its lane or on its exit road, the rear of the second is [m], else infinity."""
+    """Return how far the second vehicle's rear is ahead of the first vehicle's front in the same lane [m].
+
+    The value is infinite if the second vehicle is not ahead, or not in the entrance or exit lane of the first.
+    """
     both, road, station = block.cast.static(neighbours), block.cast.static(roads), block.need("station")
     front, ahead = both.first(station), both.second(station)
     behind = ahead - both.second(block.cast.length)

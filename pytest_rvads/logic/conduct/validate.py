@@ -1,4 +1,4 @@
-"""The integrity of a run: states that break the semantic model, in a simulation or in a recording from another tool."""
+"""Finds impossible states in a run, such as jumps, wrong speeds or unrecorded collisions, simulated or from another tool."""
 
 from __future__ import annotations
 
@@ -10,35 +10,34 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.logic.conduct.bodies import contacts
-from pytest_rvads.logic.conduct.memo import once
 from pytest_rvads.runs.itineraries import ENTRANCE_ZONE, itinerary
-from pytest_rvads.runs.run import Run
-from pytest_rvads.runs.states import Agent, Colour, Zone
+from pytest_rvads.runs.run import Run, once
+from pytest_rvads.runs.states import Agent, Colour, Kind, Zone
 from pytest_rvads.support.errors import MapError, RunError, require
 
 __all__ = ["OFFSET_LIMIT", "PROGRESS_TOLERANCE", "Finding", "damage", "impossible", "validate"]
 
 PROGRESS_TOLERANCE = (0.005, 0.3)
-"""Largest difference of a step's progress from speed times time, as a distance [m] and a share.
+"""Largest difference between a step's progress and speed times time: the sum of a distance [m] and a share of the latter.
 
 The bumper swings in bends, where its projection on the centre line is a quarter slower or faster than the car.
 """
 OFFSET_LIMIT = 2.0
-"""Largest distance of a reference point from the centre line of its itinerary [m]; half a lane and a bit."""
+"""Largest distance of a reference point from the centre line of its itinerary [m]; a little more than half a lane."""
 _PACE = (0.3, 0.2)
-"""Largest difference of a simulated vehicle's speed from the motion of its body [m/s], and as a share."""
+"""Largest difference between a simulated vehicle's speed and the motion of its body: the sum of a speed [m/s] and a share."""
 _LONG = 10
-"""Number of states in which the difference may be larger, because bodies that touch are thrown aside."""
+"""Number of states in which a difference larger than `_PACE` is accepted, because bodies that touch are thrown aside."""
 _SHORT = 0.5
-"""Length below which a vehicle may pass a part of its way in one step [m]; maps have exit roads of a few centimetres."""
+"""Length of a part of a way below which a vehicle may skip the part in one step [m]; maps have exit roads of some centimetres."""
 _EVERY = 10
-"""Offsets are checked in every tenth state."""
+"""Number of states from one check of offsets to the next."""
 _ORDER = {Colour.GREEN: Colour.YELLOW, Colour.YELLOW: Colour.RED, Colour.RED: Colour.GREEN}
 
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """An impossible state of a run."""
+    """An impossible state of a run, with its kind, its time and a message."""
 
     kind: str
     """The kind: jump, progress, missing ticks, sampling, speed, zone, itinerary, colour, collision, values."""
@@ -52,9 +51,9 @@ class Finding:
 
 
 def validate(run: Run) -> tuple[Finding, ...]:
-    """Find states that break the semantic model, each kind once per vehicle or light, or per run; none in an intact run.
+    """Return the impossible states of a run, sorted by time; empty for an intact run.
 
-    Values that a run does not record are not checked.
+    A kind of finding is reported once per vehicle or light, or once per run. Values that the run does not record are not checked.
     """
     require(run, Run, "validate takes a run, such as rvads.simulate(case) returns", RunError)
     broken = once(run, damage)
@@ -63,8 +62,10 @@ def validate(run: Run) -> tuple[Finding, ...]:
     findings: list[Finding] = []
     for column, agent in enumerate(run.agents):
         findings += _zones(run, column, agent)
-        findings += _progress(run, column, agent)
-        findings += _itinerary(run, column, agent)
+        # A recorded pedestrian walks anywhere on a crosswalk, and starts and stops within a sample.
+        if agent.kind is not Kind.PEDESTRIAN or run.excerpt is None:
+            findings += _progress(run, column, agent)
+            findings += _itinerary(run, column, agent)
     findings += _sampling(run)
     findings += _colours(run)
     findings += _bodies(run)
@@ -72,9 +73,10 @@ def validate(run: Run) -> tuple[Finding, ...]:
 
 
 def impossible(run: Run) -> Iterator[Finding]:
-    """Yield the findings that no simulator may cause: a run unfit to be judged, zones out of order, wrong speeds.
+    """Yield the findings for which a simulator is at fault: a run unfit to be judged, zones out of order, wrong speeds.
 
-    Every simulated run is checked, so the check takes well below a hundredth of the time of a run; `validate` checks more.
+    Every simulated run is checked. Therefore the function checks less than `validate`, and takes well below a hundredth of the
+    time of the simulation.
     """
     broken = once(run, damage)
     yield from broken
@@ -84,7 +86,7 @@ def impossible(run: Run) -> Iterator[Finding]:
 
 
 def damage(run: Run) -> tuple[Finding, ...]:
-    """Find errors that make a run unfit to be judged: no states, arrays that don't fit together, meaningless values."""
+    """Return the errors that make a run unfit to be judged: no states, arrays that don't fit together, meaningless values."""
     return (*_arrays(run), *_values(run), *_agents(run))
 
 
@@ -141,13 +143,14 @@ def _agents(run: Run) -> Iterator[Finding]:
 
 
 def _zones(run: Run, column: int, agent: Agent) -> Iterator[Finding]:
-    """Check the order of the zones of an itinerary: the vehicle skips no zone, and does not drive backwards through zones."""
+    """Check the order of the zones of an itinerary: an agent skips no zone, and no vehicle drives backwards through zones."""
     zone = run.zone[:, column].astype(np.int64)
     recorded = (zone != Zone.ABSENT)[1:] & (zone != Zone.ABSENT)[:-1]
     road, step = run.junction.ends[agent.exit].road, np.diff(zone)
     lengths = {Zone.JUNCTION: agent.way.length, Zone.EXIT: np.inf if road is None else road.length}
     passed = (step == 2) & np.isin(zone[:-1] + 1, [part for part, length in lengths.items() if length < _SHORT])
-    jumps = np.flatnonzero(((step < 0) | (step > 1)) & ~passed & recorded) + 1
+    back = step < (-1 if agent.kind is Kind.PEDESTRIAN else 0)  # pedestrians may turn back
+    jumps = np.flatnonzero((back | (step > 1)) & ~passed & recorded) + 1
     if len(jumps):
         tick = int(jumps[0])
         before, after = (Zone(int(zone[t])).name.lower() for t in (tick - 1, tick))
@@ -178,7 +181,10 @@ def _zones(run: Run, column: int, agent: Agent) -> Iterator[Finding]:
 
 
 def _progress(run: Run, column: int, agent: Agent) -> Iterator[Finding]:
-    """Check that progress along the itinerary agrees with speed times time; an integer multiple means missing states."""
+    """Check that progress along the itinerary is speed times time.
+
+    If progress is a whole multiple of speed times time, states seem to be missing.
+    """
     if run.station is None or run.speed is None or run.steps < 2:
         return
     present = run.here[1:, column] & run.here[:-1, column]
@@ -200,7 +206,7 @@ def _progress(run: Run, column: int, agent: Agent) -> Iterator[Finding]:
 
 
 def _pace(run: Run, column: int, agent: Agent) -> Iterator[Finding]:
-    """Check that a speed agrees with the motion of the body; stations are less exact if the lanes of a map fit badly."""
+    """Check that the speed of a vehicle agrees with the motion of its body, which is more exact than its station."""
     if run.pose is None or run.speed is None or run.steps < 2:
         return
     step, heading = np.diff(run.pose[:, column, :2], axis=0) / run.dt, run.pose[:-1, column, 2]
@@ -245,7 +251,7 @@ def _itinerary(run: Run, column: int, agent: Agent) -> Iterator[Finding]:
         return
     ticks = np.flatnonzero(run.here[::_EVERY, column]) * _EVERY
     place, along = run.pose[ticks, column, :2], run.station[ticks, column] + way.origin
-    # Projecting takes long. A vehicle near the point of the centre line at its station is near the line.
+    # Projection takes long, and is not needed for a vehicle near the point of the centre line at its station.
     line = way.path
     centre = np.stack([np.interp(along, line.stations, values) for values in line.points.T], axis=-1)
     near = (np.hypot(*(place - centre).T) < OFFSET_LIMIT - 1e-6) & (along >= 0.0) & (along <= line.length)

@@ -1,4 +1,4 @@
-"""The relation of waiting between vehicles, and the circles in it."""
+"""Finds which vehicles wait for each other, and circles of vehicles that all wait for each other."""
 
 from __future__ import annotations
 
@@ -13,9 +13,8 @@ from pytest_rvads.geometry.conflicts import Key
 from pytest_rvads.geometry.control import JunctionControl, Sign
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.logic.conduct.blocks import ENTRANCE, JUNCTION, Block, signal
-from pytest_rvads.logic.conduct.cast import Cast, Pairs, everybody, pairs
-from pytest_rvads.logic.conduct.grounds import ground_of
-from pytest_rvads.logic.conduct.motion import entered, facing
+from pytest_rvads.logic.conduct.cast import Cast, Pairs, everybody, ground_of, pairs
+from pytest_rvads.logic.conduct.on_foot import places_of, walk, walkers
 from pytest_rvads.logic.conduct.rights import (
     DUE,
     PACE,
@@ -25,22 +24,24 @@ from pytest_rvads.logic.conduct.rights import (
     coming,
     first_at_line,
     has_way,
+    near_crosswalk,
     owing,
     ready,
     waives,
     yields,
 )
+from pytest_rvads.logic.conduct.standing import entered, facing
 from pytest_rvads.logic.conduct.stretches import Places, ahead_by, neighbours, passed, places, roads, shared
 
 __all__ = ["QUEUE_GAP", "Circles", "circles", "due", "lets_pass", "lines"]
 
 AT_LINE = 5.0
-"""Nearer to the stopping line than this, a vehicle that stands waits for its turn [m]."""
+"""Distance to the stopping line below which a vehicle is at its line and may wait for its turn [m]."""
 QUEUE_GAP = 15.0
-"""Nearer than this to the stopping line, or to the vehicle ahead, a vehicle belongs to the queue that waits there [m]: about
-three lengths of a car."""
+"""Distance to the stopping line, or to the vehicle ahead, below which a vehicle belongs to the queue [m]: about three lengths of
+a car."""
 SPARE = 1.0
-"""A vehicle must not enter the junction where less room than its length and this is left on its exit road [m]."""
+"""Room, in addition to its length, that a vehicle must have on its exit road when it enters the junction [m]."""
 
 
 def lines(cast: Cast) -> NDArray[np.float64]:
@@ -49,7 +50,7 @@ def lines(cast: Cast) -> NDArray[np.float64]:
 
 
 def partners(cast: Cast) -> Pairs:
-    """Return the pairs of vehicles of which the first may have a reason to let the second pass.
+    """Return the pairs of vehicles of which the first can have a reason to let the second vehicle pass.
 
     Raises:
         RunError: the run holds no geometry of its junction.
@@ -60,7 +61,7 @@ def partners(cast: Cast) -> Pairs:
 
 
 def _places(cast: Cast) -> Places:
-    """Return the stretches that `partners` share."""
+    """Return the stretches that the ways of the pairs `partners` share."""
     return places(shared(cast, agent, other) for agent, other in cast.static(partners).column)
 
 
@@ -74,9 +75,10 @@ def _first_turn(cast: Cast, agent: int, other: int) -> float:
 
 @lru_cache(maxsize=4096)
 def _first_turn_onto(junction: Junction, way: Key, entrance: int) -> float:
-    """Return the station at which a vehicle from an entrance first gets onto `way` [m]; infinity if it never does.
+    """Return the least station at which a movement from an entrance reaches a stretch shared with `way` [m].
 
-    Only movements from the entrance count to which `way` gives way by its sign.
+    The station is measured along the movement. Only movements to which vehicles on `way` give way count, and only if a stop or
+    yield sign stands at the start of `way`. Without such a movement the station is infinite.
     """
     if junction.stretches is None or junction.starts[way[0]].sign not in (Sign.STOP, Sign.YIELD):
         return math.inf
@@ -85,12 +87,12 @@ def _first_turn_onto(junction: Junction, way: Key, entrance: int) -> float:
 
 
 class _Columns(NamedTuple):
-    """Which columns of `owing` are about which columns of `partners`."""
+    """The columns of the pairs `owing` and of the pairs `partners` that are about the same two vehicles."""
 
     owed: NDArray[np.int64]
-    """Rows: columns of `owing`, and the columns of the same pairs in `partners`."""
+    """Two rows: columns of pairs in `owing`, and the columns of the same pairs in `partners`."""
     given: NDArray[np.int64]
-    """Rows: columns of `owing`, and the columns of the reversed pairs in `partners`."""
+    """Two rows: columns of pairs in `owing`, and the columns of the reversed pairs in `partners`."""
 
 
 def _columns(cast: Cast) -> _Columns:
@@ -101,7 +103,7 @@ def _columns(cast: Cast) -> _Columns:
 
 
 class _Debts(NamedTuple):
-    """Which vehicle of `partners` has to give way to the other vehicle, each of shape ``(n, pairs)``."""
+    """Which vehicle of each pair of `partners` has to give way to the other vehicle, arrays of shape ``(n, pairs)``."""
 
     owed: NDArray[np.bool_]
     """Whether the first vehicle has to give way to the second."""
@@ -111,7 +113,7 @@ class _Debts(NamedTuple):
 
 @signal(steady=True)
 def _debts(block: Block) -> _Debts:
-    """See `_Debts`."""
+    """Return which vehicle of each pair has to give way to the other vehicle, see `_Debts`."""
     shape = len(block.zone), len(block.cast.static(partners))
     debts = _Debts(np.zeros(shape, dtype=np.bool_), np.zeros(shape, dtype=np.bool_))
     if len(block.cast.static(owing)):
@@ -123,16 +125,16 @@ def _debts(block: Block) -> _Debts:
 
 @signal
 def at_line(block: Block) -> NDArray[np.bool_]:
-    """Which vehicle is before the junction, and at most `AT_LINE` before its line."""
+    """Return whether each vehicle is before the junction, and at most `AT_LINE` before its line."""
     near_line: NDArray[np.bool_] = (block.zone <= ENTRANCE) & (block.need("station") > block.cast.static(lines) - AT_LINE)
     return near_line
 
 
 @signal(pairs=partners)
 def due(block: Block) -> NDArray[np.bool_]:
-    """Which second vehicle is due at the shared stretch: the vehicle comes, see `coming`, or is first at its line and may go.
+    """Return whether each pair's second vehicle is due: it soon reaches the shared stretch, or is first at its line and may go.
 
-    A vehicle that waives its right is not due by standing at its line.
+    A vehicle that is first at its line and waives its right is not due. `coming` says which vehicles soon reach the stretch.
     """
     both, at = block.cast.static(partners), block.cast.static(_places)
     standing = both.second(ready(block) & block.here) & ~np.isnan(at.begin)
@@ -142,23 +144,48 @@ def due(block: Block) -> NDArray[np.bool_]:
 
 @signal
 def _walks(block: Block) -> NDArray[np.bool_]:
-    """Which vehicle is faster than walking pace."""
+    """Return whether each vehicle is faster than walking pace."""
     fast: NDArray[np.bool_] = block.need("speed") > PACE
     return fast
 
 
 @signal(pairs=partners)
 def _about_to_turn(block: Block) -> NDArray[np.bool_]:
-    """Which second vehicle, if it turned, would within `DUE` be on a way to which the first vehicle gives way by its sign."""
+    """Return whether each pair's second vehicle can reach the way of the first within `DUE`, by some movement from its entrance.
+
+    Only movements to which the first vehicle gives way because of its sign count.
+    """
     reach = block.need("station") + DUE * np.maximum(block.need("speed"), 0.0)
     turning: NDArray[np.bool_] = block.cast.static(partners).second(reach) >= block.cast.static(_first_turns)
     return turning
 
 
+@signal(pairs=walkers)
+def lets_walk(block: Block) -> NDArray[np.bool_]:
+    """Return whether the vehicle of each pair has a reason to wait for the pedestrian, who walks or stands on the crosswalk.
+
+    A pedestrian at the kerb is no reason, because it may stand there for ever, nor is one that is past the lane of the vehicle.
+    """
+    both, waiting = block.cast.static(walkers), at_line(block) | (block.zone == JUNCTION)
+    before = both.first(block.need("station")) < block.cast.static(places_of).far
+    reasons: NDArray[np.bool_] = walk(block).on & before & (both.first(waiting) | near_crosswalk(block))
+    return reasons
+
+
+def _on_foot(cast: Cast) -> tuple[NDArray[np.bool_], NDArray[np.int64], NDArray[np.int64]]:
+    """Return which pairs of `partners` hold a pedestrian or a parked vehicle.
+
+    The two other arrays are the columns of the pairs of `walkers`, and the columns of the same pairs in `partners`.
+    """
+    both, moves = cast.static(partners), cast.static(walkers).column.items()
+    source, target = np.array([(number, both.column[pair]) for pair, number in moves], dtype=np.int64).reshape(-1, 2).T
+    return both.first(cast.aside) | both.second(cast.aside), source, target
+
+
 @signal(pairs=partners, steady=True)
 def lets_pass(block: Block) -> NDArray[np.bool_]:
-    """Which first vehicle has a reason to let the second pass."""
-    passed(block)  # stations change the value only where a border is passed
+    """Return whether the first vehicle of each pair has a reason to let the second vehicle pass."""
+    passed(block)  # a change of stations matters only if a vehicle has passed an end of a stretch
     cast, both, at = block.cast, block.cast.static(partners), block.cast.static(_places)
     station, within, apart = block.need("station"), block.zone == JUNCTION, np.isnan(at.begin)
     front, their_front, rear = both.first(station), both.second(station), station - cast.length
@@ -178,15 +205,19 @@ def lets_pass(block: Block) -> NDArray[np.bool_]:
     reasons |= before & comes & both.second(_walks(block))
     reasons |= ahead & debts.owed & (comes | both.second(first_at_line(block)))
     reasons &= before | both.first(within) | apart
+    if cast.aside.any():
+        on_foot, source, target = cast.static(_on_foot)
+        reasons[:, on_foot] = False
+        reasons[:, target] = lets_walk(block)[:, source]
     return reasons
 
 
 @signal(pairs=neighbours, start=(False,), steady=True)
 def no_room(block: Block, before: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], ...]:
-    """Which second vehicle left the first no room when the first entered the junction.
+    """Return whether each pair's second vehicle left the first vehicle no room when the first entered the junction.
 
-    The second vehicle stood or crept ahead on the way or exit road of the first. Or the second vehicle moved on, to that exit
-    road or along it, and its rear left less room there than the length of the first vehicle and `SPARE`.
+    Such a second vehicle was ahead on the way or exit road of the first. It stood or crept, or it left less room behind its rear
+    on the common exit road than the length of the first vehicle and `SPARE`.
     """
     cast, both = block.cast, block.cast.static(neighbours)
     enters, blocked = both.first(entered(block) == block.ticks), np.zeros((len(block.zone), len(both)), dtype=np.bool_)
@@ -201,9 +232,9 @@ def no_room(block: Block, before: NDArray[np.bool_]) -> tuple[NDArray[np.bool_],
 
 @signal(steady=True)
 def _intruders(block: Block) -> NDArray[np.bool_]:
-    """Which vehicle is an intruder.
+    """Return whether each vehicle is an intruder in the junction.
 
-    An intruder entered on red, or entered the way of a vehicle that was inside before and to which the intruder owed the way.
+    An intruder entered on red, or entered the way of a vehicle in the junction to which the intruder had to give way.
     """
     both, entry = block.cast.static(partners), entered(block)
     intruders: NDArray[np.bool_] = (block.zone >= JUNCTION) & (facing(block) == RED)
@@ -211,34 +242,34 @@ def _intruders(block: Block) -> NDArray[np.bool_]:
     if late.any():
         late &= (both.first(entry) < both.second(entry)) & both.second(block.zone == JUNCTION)
         rows, columns = np.nonzero(late)
-        intruders[rows, both.two[columns]] = True
+        intruders[rows, both.others[columns]] = True
     return intruders
 
 
 class Circles(NamedTuple):
-    """Which vehicles wait, each of shape ``(n, agents)``.
+    """Which vehicles wait for other vehicles, also in circles of vehicles, arrays of shape ``(n, agents)``.
 
-    A vehicle waits for a vehicle that it lets pass, and for a slow vehicle that it is close behind. At an all-way stop a
-    vehicle may let a vehicle pass whose way does not meet; such a courtesy makes no circle, because the first vehicle could go.
+    A vehicle waits for a vehicle that it lets pass, and for a slow vehicle close ahead. At an all-way stop a vehicle sometimes
+    lets a vehicle pass although their ways do not meet; such a courtesy makes no circle, because the courteous vehicle could go.
     """
 
     held: NDArray[np.bool_]
     """Which vehicle waits, directly or through other waiting vehicles, for a vehicle that does not wait for this vehicle."""
     circling: NDArray[np.bool_]
-    """Which vehicle waits in a circle, in which vehicles wait for each other and for no other vehicle."""
+    """Which vehicle waits in a circle of vehicles that wait for each other and for no vehicle outside the circle."""
     stuck: NDArray[np.bool_]
     """Which vehicle lets no vehicle pass, and is close behind a vehicle that left no room when this vehicle entered."""
 
 
 @signal(steady=True)
 def circles(block: Block) -> Circles:
-    """Which vehicles wait, see `Circles`.
+    """Return which vehicles wait, also in circles, see `Circles`.
 
-    A vehicle that waits for an intruder, see `_intruders`, is held by the intruder, even where both wait for each other.
+    A vehicle that waits for an intruder, see `_intruders`, is held by the intruder, even if both wait for each other.
     """
     queued, giving, late = close_behind(block), lets_pass(block), _intruders(block)
     blocked = queued & no_room(block)
-    # The relation of waiting seldom changes from one state to the next.
+    # Which vehicle waits for which vehicle seldom changes from one state to the next, so each situation is computed once.
     keys = [row.tobytes() for row in np.concatenate((queued, blocked, giving, late), axis=1)]
     rows = {key: row for row, key in enumerate(keys)}
     parts = (part[list(rows.values())] for part in (queued, blocked, giving, late))
@@ -262,7 +293,8 @@ def _wait(
     near, both = cast.static(neighbours), cast.static(partners)
     shape = len(late), len(cast), len(cast)
     reach, behind, yielding = (np.zeros(shape, dtype=np.bool_) for _ in range(3))
-    reach[:, near.one, near.two], behind[:, near.one, near.two], yielding[:, both.one, both.two] = queued, blocked, giving
+    reach[:, near.agents, near.others], behind[:, near.agents, near.others] = queued, blocked
+    yielding[:, both.agents, both.others] = giving
     waits = reach | yielding
     reach = _closure(waits)
     courtesies = yielding & cast.static(_courtesies) & reach & reach.swapaxes(1, 2)
@@ -275,7 +307,7 @@ def _wait(
 
 
 def _closure(waits: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return which vehicle waits for which vehicle directly or by way of other vehicles, shape ``(n, agents, agents)``."""
+    """Return which vehicle waits for which vehicle, directly or through a chain of vehicles, shape ``(n, agents, agents)``."""
     reach = waits.copy()
     for via in np.flatnonzero(reach.any(axis=(0, 1)) & reach.any(axis=(0, 2))).tolist():
         reach |= reach[:, :, via, None] & reach[:, via, None, :]
@@ -283,8 +315,8 @@ def _closure(waits: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 def _courtesies(cast: Cast) -> NDArray[np.bool_]:
-    """Return for which pairs of vehicles at an all-way stop the ways do not meet, shape ``(agents, agents)``."""
+    """Return the pairs of vehicles at an all-way stop whose ways do not meet, shape ``(agents, agents)``."""
     both, apart = cast.static(partners), np.zeros((len(cast), len(cast)), dtype=np.bool_)
     if cast.junction.control is JunctionControl.STOP:
-        apart[both.one, both.two] = np.isnan(cast.static(_places).begin)
+        apart[both.agents, both.others] = np.isnan(cast.static(_places).begin)
     return apart

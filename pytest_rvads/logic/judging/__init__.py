@@ -1,1 +1,1 @@
-"""Judging a run by a rule: grounding, monitoring, attribution to vehicles."""
+"""Judges a run by a rule: instances of the rule, their monitors, and the vehicles that are responsible."""

@@ -1,6 +1,7 @@
-"""When vehicles crossed the borders of their zones and lights changed, and how exactly these times are known.
+"""The times at which vehicles came to new zones and lights changed, and how exactly these times are known.
 
-Times are counted in moments. A tick has as many moments as make a moment about as long as a step of a simulation.
+The times are counted in moments. A moment is a step of the run. In a run with long steps, a moment is a part of a step, about as
+long as a step of a simulation.
 """
 
 from __future__ import annotations
@@ -11,22 +12,21 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.logic.conduct.predicates import once
 from pytest_rvads.runs.itineraries import ENTRANCE_ZONE, itinerary
-from pytest_rvads.runs.run import DT, Run
+from pytest_rvads.runs.run import DT, Run, once
 from pytest_rvads.runs.states import Zone
 
 __all__ = ["LONG_AGO", "Crossings", "Event", "certain", "crossings"]
 
 FINE = 0.02
-"""Longest step of a run whose states alone determine the order of events [s].
+"""Longest step of a run whose states alone say in which order vehicles came to zones and lights changed [s].
 
 On the runs of the paper's authors no verdict changes up to this step, and some verdicts change at 0.05 s.
 """
 LONG_AGO = -(10**9)
-"""Stands for an unknown past: a vehicle that appears at an entrance may have come to the entrance at any time before."""
+"""Moment that stands for an unknown past: a vehicle that appears at an entrance may have arrived there at any earlier time."""
 _BORDERS = (Zone.ENTRANCE, Zone.JUNCTION, Zone.EXIT, Zone.GONE)
-"""Zones with a border; a vehicle crosses the border when it comes to the zone."""
+"""Zones that a vehicle comes to by crossing a border, in the order of the itinerary."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,27 +38,27 @@ class Event:
     code: int
     """The zone that the vehicle came to, or the new colour of the light."""
     early: int
-    """First moment at which the event may have happened; the new zone or colour already holds in this moment."""
+    """First moment at which the event is possible; at the moment of an event, the vehicle is in the new zone already."""
     told: int
-    """Moment of the event as recorded."""
+    """Moment of the event in the run as recorded."""
     late: int
-    """Last moment at which the event may have happened; the end of the vehicle's recording if it may never have happened."""
+    """Last moment at which the event is possible; the end of the vehicle's recording if it is possible that it never happened."""
     light: int | None = None
     """Entrance of the light; None for a vehicle."""
 
     @property
     def exact(self) -> bool:
-        """Whether the event can have happened at a single moment only."""
+        """Whether only a single moment is possible for the event."""
         return self.early == self.late
 
 
 @dataclass(frozen=True, eq=False)
 class Crossings:
-    """The events of a run. The events are cached with the run; this value is not, because it holds the run."""
+    """The events of a run: vehicles came to zones, and lights changed."""
 
     run: Run
     moments: int
-    """Moments per tick."""
+    """Number of moments per step of the run."""
     of_agents: tuple[tuple[Event, ...], ...]
     """Per vehicle, the events of coming to the entrance, to the junction, to the exit, and of leaving."""
     of_lights: tuple[tuple[Event, ...], ...]
@@ -71,29 +71,29 @@ class Crossings:
 
     @property
     def end(self) -> int:
-        """The moment after the last state."""
+        """The moment after the last state of the run."""
         return self.run.steps * self.moments
 
     @cached_property
     def spans(self) -> list[tuple[int, int]]:
-        """Per vehicle, its first moment in the run and the moment after its last."""
+        """Per vehicle, the first moment and the moment after the last moment in which the run holds the vehicle."""
         return [(int(begin) * self.moments, int(end) * self.moments) for begin, end in self.run.spans]
 
     @cached_property
     def exact(self) -> bool:
-        """Whether every event can have happened at a single moment only."""
+        """Whether only a single moment is possible for every event."""
         return all(e.exact for who in (*self.of_agents, *self.of_lights) for e in who)
 
 
 def certain(run: Run) -> bool:
-    """Return whether a run has a single reading: its steps are fine enough, and the run is no recording."""
+    """Return whether the order of events in a run is certain: its steps are at most `FINE`, and it is no recording."""
     return run.dt <= FINE and run.spread is None and run.excerpt is None
 
 
 def crossings(run: Run) -> Crossings:
-    """Return the events of a run, computed once per run."""
-    # The run caches the events, not the returned value: that value holds the run, and a reference cycle stays in memory for a
-    # while.
+    """Return when vehicles came to zones and lights changed in a run, computed once per run."""
+    # The run caches the events and not the `Crossings`: a `Crossings` holds the run, and a run that also holds the `Crossings`
+    # would stay in memory until the next garbage collection.
     return Crossings(run, _moments(run), *once(run, _events))
 
 
@@ -102,7 +102,7 @@ def _moments(run: Run) -> int:
 
 
 def _events(run: Run) -> tuple[tuple[tuple[Event, ...], ...], tuple[tuple[Event, ...], ...]]:
-    """Return the events per vehicle, and the events per light."""
+    """Return the events of every vehicle (coming to a zone), and the events of every light (changing)."""
     agents = tuple(tuple(_coming(run, agent, zone) for zone in _BORDERS) for agent in range(len(run.agents)))
     return agents, tuple(_changes(run, light) for light in range(run.lights.shape[1]))
 
@@ -116,7 +116,7 @@ def _changes(run: Run, light: int) -> tuple[Event, ...]:
 
 
 def _coming(run: Run, agent: int, zone: Zone) -> Event:
-    """Return the event of an agent coming to a zone."""
+    """Return the event that an agent comes to a zone, with the first and last moment at which the event is possible."""
     moments = _moments(run)
     begin, end = (int(v) for v in run.spans[agent])
     arrived = run.zone[begin:end, agent] >= zone
@@ -126,7 +126,7 @@ def _coming(run: Run, agent: int, zone: Zone) -> Event:
     if reach is not None:
         farthest, nearest = reach
         early, late = min(begin + _after(farthest[begin:end]), recorded), max(begin + _after(nearest[begin:end]), recorded)
-    # Between two samples the event may have happened at any moment after the first sample.
+    # An event between two samples is possible at every moment after the first of the two samples.
     earliest = early * moments if early in (begin, end) else (early - 1) * moments + 1
     if early == begin < end and zone is Zone.ENTRANCE and run.excerpt is not None and run.zone[begin, agent] <= zone:
         earliest = LONG_AGO
@@ -134,7 +134,7 @@ def _coming(run: Run, agent: int, zone: Zone) -> Event:
 
 
 def _reach(run: Run, agent: int, zone: Zone) -> tuple[NDArray[np.bool_], NDArray[np.bool_]] | None:
-    """Return the states in which an agent has certainly, and has possibly, not come to a zone, each of shape ``(steps,)``."""
+    """Return in which states an agent is certainly before a zone, and in which states possibly; arrays of shape ``(steps,)``."""
     if run.spread is None or run.station is None:
         return None
     who = run.agents[agent]
@@ -150,5 +150,5 @@ def _reach(run: Run, agent: int, zone: Zone) -> tuple[NDArray[np.bool_], NDArray
 
 
 def _after(before: NDArray[np.bool_]) -> int:
-    """Return the number of states up to and including the last true state."""
+    """Return the number of states up to and including the last state in which `before` is true."""
     return len(before) - int(before[::-1].argmax()) if before.any() else 0

@@ -1,4 +1,4 @@
-"""Truth values of ground atoms on a run, one per state."""
+"""Evaluates atoms without variables on a run: a truth value per state."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from pytest_rvads.logic.conduct.cast import everybody
 from pytest_rvads.logic.conduct.predicates import ticks
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.rules.lexicon import ATTRIBUTES, at, word_of
-from pytest_rvads.logic.rules.sorts import Sort
+from pytest_rvads.logic.rules.vocabulary import Sort
 from pytest_rvads.runs.run import Run
 from pytest_rvads.support.errors import FormulaError
 
@@ -33,12 +33,12 @@ OPERATORS: Mapping[str, Callable[[Any, Any], NDArray[np.bool_]]] = {
 
 
 class Values(Mapping[f.Atom, NDArray[np.bool_]]):
-    """The atoms of a run as arrays of shape ``(steps,)``, each computed at its first use.
+    """The truth values of atoms on a run, arrays of shape ``(steps,)``, each computed at its first use.
 
     Args:
         run: the run.
         tie: largest difference of waiting times that count as equal [s].
-        standing: count waiting times from standstill, see `check`.
+        standing: whether waiting times count from standstill instead of from the arrival at the entrance, see `check`.
     """
 
     def __init__(self, run: Run, tie: float = 0.0, *, standing: bool = False) -> None:
@@ -61,11 +61,11 @@ class Values(Mapping[f.Atom, NDArray[np.bool_]]):
         return self.run.steps
 
     def within(self, begin: int, end: int) -> Values | Part:
-        """Return the values from tick `begin` up to tick `end`."""
+        """Return the truth values from tick `begin` up to, but not including, tick `end`."""
         return self if (begin, end) == (0, self.run.steps) else Part(self, begin, end)
 
     def untied(self) -> Values:
-        """Return the values without a tie window; cached values that do not depend on the tie window are kept."""
+        """Return the truth values with a tie window of 0, in which waiting times count as equal only if they are equal."""
         exact = copy(self)
         exact.tie, exact._ticks = 0.0, 0
         exact._truths = {atom: values for atom, values in self._truths.items() if not _tied(atom)}
@@ -91,7 +91,10 @@ class Values(Mapping[f.Atom, NDArray[np.bool_]]):
         return OPERATORS[sign](self._operand(left, right), self._operand(right, left))
 
     def _operand(self, term: f.Term, other: f.Term) -> NDArray[Any] | float:
-        """Return the values of one side of a comparison; a name becomes its code as a value of the other side's attribute."""
+        """Return the numbers of a side of a comparison.
+
+        The attribute on the other side gives the number of a named value, such as a colour.
+        """
         match term, other:
             case f.Number(value), _:
                 return value
@@ -109,22 +112,22 @@ class Values(Mapping[f.Atom, NDArray[np.bool_]]):
 
 
 def _untied(sign: str, duration: NDArray[Any], other: NDArray[Any], ticks: int) -> NDArray[np.bool_]:
-    """Compare waiting times, of which those that differ by at most some ticks are equal."""
+    """Return the result of a comparison of waiting times; waiting times that differ by at most `ticks` count as equal."""
     longer = duration - other
     return OPERATORS[sign](np.where(np.abs(longer) <= ticks, 0, longer), 0)
 
 
 def _seconds(attribute: str, values: NDArray[Any], dt: float) -> NDArray[Any]:
-    """Return the values of an attribute, waiting times in seconds."""
-    # Rounded, so that a waiting time of 300 ticks of 0.01 s equals 3 s.
+    """Return the values of an attribute, with waiting times turned from ticks into seconds."""
+    # Rounded, so that a waiting time of 300 ticks of 0.01 s equals exactly 3 s.
     return np.round(values * dt, 9) if ATTRIBUTES[attribute].waited else values
 
 
 def signal_of(atom: f.Atom, entrances: int, ticks: int) -> Signal[NDArray[np.bool_]] | None:
-    """Return the signal that tells the truth of a ground atom about any vehicles or lights, None where only a run tells it.
+    """Return the signal (a quantity per state) with the truth values of an atom; None if the atom has no signal.
 
     Args:
-        atom: about a vehicle, a light, or two different vehicles.
+        atom: an atom about a vehicle, a light, or two different vehicles.
         entrances: how many entrances the junction has.
         ticks: waiting times that differ by at most this count as equal.
     """
@@ -145,7 +148,7 @@ def signal_of(atom: f.Atom, entrances: int, ticks: int) -> Signal[NDArray[np.boo
 
 @lru_cache(maxsize=256)
 def _between(sign: str, left: str, right: str, ticks: int) -> Signal[NDArray[np.bool_]]:
-    """Return the signal that compares an attribute of the first vehicle of every pair with an attribute of the second."""
+    """Return the signal that compares an attribute of a pair's first vehicle with an attribute of its second vehicle."""
 
     def work(block: Block) -> NDArray[np.bool_]:
         if ATTRIBUTES[left].waited:
@@ -159,7 +162,7 @@ def _between(sign: str, left: str, right: str, ticks: int) -> Signal[NDArray[np.
 
 @lru_cache(maxsize=256)
 def _order(left: str, right: str, ticks: int) -> Signal[NDArray[np.int8]]:
-    """Return the signal that is 1 where the first vehicle of a pair has waited longer, -1 where the second has, else 0."""
+    """Return the signal that is 1 where a pair's first vehicle waited longer, -1 where the second waited longer, 0 for a tie."""
 
     def work(block: Block) -> NDArray[np.int8]:
         both = block.cast.static(everybody)
@@ -172,7 +175,7 @@ def _order(left: str, right: str, ticks: int) -> Signal[NDArray[np.int8]]:
 
 @lru_cache(maxsize=256)
 def _against(sign: str, attribute: str, constant: float) -> Signal[NDArray[np.bool_]]:
-    """Return the signal that compares an attribute with a constant."""
+    """Return the signal (a quantity per state) that compares an attribute with a constant."""
 
     def work(block: Block) -> NDArray[np.bool_]:
         return OPERATORS[sign](_seconds(attribute, ATTRIBUTES[attribute].read(block), block.dt), constant)
@@ -181,10 +184,10 @@ def _against(sign: str, attribute: str, constant: float) -> Signal[NDArray[np.bo
 
 
 class Part(Mapping[f.Atom, NDArray[np.bool_]]):
-    """The values in a part of a run; ticks count from the beginning of the part.
+    """The truth values of atoms in a part of a run; ticks count from the beginning of the part.
 
     Args:
-        values: the values of the whole run.
+        values: the truth values on the whole run.
         begin: the first tick of the part.
         end: the tick after the last tick of the part.
     """
@@ -205,5 +208,5 @@ class Part(Mapping[f.Atom, NDArray[np.bool_]]):
 
 
 def _tied(atom: f.Atom) -> bool:
-    """Return whether the value of an atom depends on the tie window."""
+    """Return whether an atom depends on the tie window (the difference up to which waiting times count as equal)."""
     return any(isinstance(term, f.Attr) and ATTRIBUTES[term.name].waited for term in atom.terms)

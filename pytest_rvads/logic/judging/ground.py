@@ -1,7 +1,8 @@
-"""Algorithm 1 of the paper up to the monitor: `unfold` the quantifiers, then `simplify` by the static model.
+"""Turns a rule into formulas without quantifiers (Algorithm 1 of the paper up to the monitor): `unfold`, then `simplify`.
 
-Every step can be called and printed. `ground` does both steps at once, variable by variable, so that instances whose static part
-is already decided are never written out; the result equals ``simplify(unfold(...))``.
+`unfold` replaces variables by vehicles and entrances. `simplify` evaluates the predicates that the static model (the junction and
+the agents' ways) decides. `ground` takes both steps at once, variable by variable, and thus never writes out a formula that the
+static model decides. The result of `ground` equals ``simplify(unfold(...))``.
 """
 
 from __future__ import annotations
@@ -12,26 +13,23 @@ from functools import lru_cache
 from math import prod
 
 from pytest_rvads.logic.conduct.predicates import Static
+from pytest_rvads.logic.judging.judgement import Binding
 from pytest_rvads.logic.ltl import formula as f
-from pytest_rvads.logic.ltl.boolean import conj, disj, plain
-from pytest_rvads.logic.ltl.effort import Budget
-from pytest_rvads.logic.ltl.rewrite import rebuild
+from pytest_rvads.logic.ltl.boolean import Budget, conj, disj, plain, rebuild
 from pytest_rvads.logic.rules.lexicon import HERE, word_of
-from pytest_rvads.logic.rules.sorts import Sort
+from pytest_rvads.logic.rules.vocabulary import Sort
 
 __all__ = ["Grounding", "Instance", "domain", "ground", "simplify", "unfold"]
 
-Binding = tuple[tuple[str, f.Element], ...]
-
 LIMIT = 100_000
-"""Most atoms and constants that unfolding a formula may visit, which takes a second or two.
+"""Largest number of atoms and constants that the unfolding of a formula visits, which takes a second or two.
 
 The shipped rules need at most 2,000 at a junction of four roads, and 30,000 at a junction of eight roads.
 """
 _EACH = 10_000
 """Further atoms and constants allowed per agent of a recording, in which agents come and go.
 
-An agent is together with few other agents, so the number of atoms is proportional to the length of the recording.
+An agent is present together with few other agents. Therefore the number of atoms is proportional to the length of the recording.
 """
 
 
@@ -42,7 +40,7 @@ def _budget(formula: f.Formula, static: Static) -> Budget:
 
 @dataclass(frozen=True, slots=True)
 class Instance:
-    """A rule with its outermost universal variables replaced by elements of the model."""
+    """An instance of a rule: vehicles, entrances or other elements replace the rule's outermost universal variables."""
 
     binding: Binding
     formula: f.Formula
@@ -54,11 +52,11 @@ class Instance:
 
 @dataclass(frozen=True, slots=True)
 class Grounding:
-    """The instances of a rule: their conjunction is the rule without quantifiers."""
+    """The instances of a rule; the rule without quantifiers is the conjunction of all instances."""
 
     instances: tuple[Instance, ...]
     collapsed: int = 0
-    """Number of instances that the static model makes true in every run."""
+    """Number of instances that are true in every run with the static model (the junction and the agents' ways)."""
 
     def __str__(self) -> str:
         lines = [str(i) for i in self.instances]
@@ -69,7 +67,7 @@ class Grounding:
 
 @lru_cache(maxsize=64)
 def domain(sort: str, static: Static) -> tuple[f.Element, ...]:
-    """Return the elements that a variable of a sort ranges over, at the junction under test."""
+    """Return the agents, entrances or other elements that a variable of a sort can stand for, at the junction under test."""
     match Sort(sort):
         case Sort.AGENT:
             return tuple(f.Element(sort, i, a.name) for i, a in enumerate(static.agents))
@@ -91,10 +89,11 @@ def domain(sort: str, static: Static) -> tuple[f.Element, ...]:
 
 
 def _choices(variable: f.Binder, body: f.Formula, bound: Iterable[f.Element], static: Static) -> Iterable[f.Element]:
-    """Return the elements that a variable of a formula stands for.
+    """Return the elements that a variable of a formula can stand for.
 
-    An agent on a way that is no movement is left out, unless every word about the variable is about agents on any way. Agents
-    that were never near the junction together with the agents of the bound variables are left out.
+    An agent on a way that is no movement of vehicles is left out, unless every predicate about the variable allows agents on any
+    way. In a recording, an agent is left out as well if it was not present together with all agents in `bound`, the elements
+    chosen for other variables.
     """
     elements: Iterable[f.Element] = domain(variable.sort, static)
     if static.further and variable.sort == Sort.AGENT and not _of_any_way(f.Var(variable.name), body):
@@ -108,21 +107,21 @@ def _choices(variable: f.Binder, body: f.Formula, bound: Iterable[f.Element], st
 
 
 def _of_any_way(variable: f.Var, body: f.Formula) -> bool:
-    """Return whether every word about a variable is about agents on any way; comparisons of agents are no words."""
+    """Return whether every predicate about a variable allows agents on any way; comparisons of agents are no predicates."""
     about = (a for a in f.atoms(body) if any(variable in (t, t.of if isinstance(t, f.Attr) else t) for t in a.terms))
     words = ((word_of(atom), atom.terms) for atom in about)
     return all(variable in terms if word is None else word.any_way for word, terms in words)
 
 
 def _columns(elements: Iterable[f.Element]) -> tuple[int, ...]:
-    """Return the columns of the agents among elements."""
+    """Return the columns, in the arrays of a run, of those elements that are agents."""
     return tuple(e.index for e in elements if e.sort == Sort.AGENT)
 
 
 def unfold(formula: f.Formula, static: Static) -> Grounding:
-    """Eliminate all quantifiers: one instance per choice of elements for the outermost universal variables.
+    """Return a rule without quantifiers: an instance per choice of elements for the outermost universal variables.
 
-    Further quantifiers become conjunctions and disjunctions inside the instances.
+    Quantifiers inside the rule become conjunctions and disjunctions inside the instances.
 
     Raises:
         FormulaError: there would be too many instances.
@@ -142,12 +141,13 @@ def _unfold(formula: f.Formula, static: Static, binding: Binding, budget: Budget
 
 
 def simplify(grounding: Grounding, static: Static, *, itinerary: bool = True) -> Grounding:
-    """Evaluate static predicates, and drop the instances that become true.
+    """Return the instances of a rule with the predicates evaluated that the static model decides, without true instances.
 
     Args:
         grounding: the result of `unfold`.
         static: the static model, the result of `extract`.
-        itinerary: use the agents' known itineraries for ``take``, instead of its definition as a future formula.
+        itinerary: whether the known itineraries of the agents decide the predicate ``take`` (turn in a direction). If False,
+            ``take`` is replaced by its definition in the paper, a formula about later states.
     """
     reduced = [
         Instance(i.binding, _reduce(i.formula, {}, static, _budget(i.formula, static), decide=True, itinerary=itinerary))
@@ -158,7 +158,7 @@ def simplify(grounding: Grounding, static: Static, *, itinerary: bool = True) ->
 
 
 def ground(formula: f.Formula, static: Static, *, itinerary: bool = True) -> Grounding:
-    """Return ``simplify(unfold(formula, static), static)`` without writing out the instances that collapse on the way.
+    """Return ``simplify(unfold(formula, static), static)``, faster, because true instances are never written out.
 
     Raises:
         FormulaError: there would be too many instances.
@@ -185,7 +185,7 @@ def _ground(
     for element in _choices(variable, body, [e for _, e in binding], static):
         if not further and not static.judges(_columns((*(e for _, e in binding), element))):
             continue
-        # Inner variables may have the same name; `_reduce` handles them.
+        # An inner variable can have the same name as an outer variable; `_reduce` tells them apart.
         bound = (*binding, (variable.name, element))
         values = dict(bound) if static.together is not None else {variable.name: element}
         reduced = _reduce(body, values, static, budget, decide=True, itinerary=itinerary)
@@ -194,13 +194,13 @@ def _ground(
             if reduced.value or not count:
                 collapsed += count
                 continue
-            reduced = body  # false for every choice: write the instances out separately
+            reduced = body  # false for every choice of the further variables: each choice is an instance of its own
         collapsed += _ground(reduced, static, itinerary, bound, instances, budget)
     return collapsed
 
 
 def _count(formula: f.Formula, static: Static) -> int:
-    """Return the number of instances of the outermost universal variables."""
+    """Return the number of instances: the choices of elements for the outermost universal variables of a formula."""
     if not isinstance(formula, f.Forall):
         return 1
     return prod(len(domain(v.sort, static)) for v in formula.variables) * _count(formula.body, static)
@@ -209,10 +209,11 @@ def _count(formula: f.Formula, static: Static) -> int:
 def _reduce(
     formula: f.Formula, values: Mapping[str, f.Element], static: Static, budget: Budget, *, decide: bool, itinerary: bool
 ) -> f.Formula:
-    """Replace variables and unfold inner quantifiers; with `decide`, evaluate static predicates and simplify.
+    """Return a formula with its variables replaced and its inner quantifiers unfolded.
 
-    In a recording, whose agents come and go, inner quantifiers are unfolded only once all outermost variables are bound: their
-    domains are the agents that were present together with the bound agents.
+    With `decide`, the predicates that the static model decides are evaluated, and the formula is simplified. In a recording,
+    whose agents come and go, inner quantifiers are unfolded only once all outermost variables are replaced: an inner variable
+    stands for the agents that were present together with the agents chosen before.
     """
     waits = static.together is not None and isinstance(formula, f.Forall)
 
@@ -259,9 +260,9 @@ def _bind(term: f.Term, env: Mapping[str, f.Element]) -> f.Term:
 
 
 def _fold(node: f.Formula, below: Iterator[f.Formula]) -> f.Formula:
-    """Rebuild a node and simplify constants away, by laws that also hold on finite runs.
+    """Return a formula rebuilt from new direct subformulas without constants, by laws that also hold on finite runs.
 
-    The direct subformulas are computed in order, and only until they decide the node.
+    The direct subformulas are computed in order, until a constant among them decides the value of the formula.
     """
     match node:
         case f.And():
@@ -300,7 +301,7 @@ def _fold_until(node: f.Formula, left: f.Formula, right: f.Formula) -> f.Formula
 
 
 def _decide(atom: f.Atom, static: Static, itinerary: bool) -> f.Formula:
-    """Evaluate an atom about the static model; other atoms are returned unchanged."""
+    """Return the value of an atom that the static model decides, or the definition of a defined predicate, or the atom."""
     word, ground = word_of(atom), not any(isinstance(t.of if isinstance(t, f.Attr) else t, f.Var) for t in atom.terms)
     if word is None:
         return _compare(atom)
@@ -317,14 +318,14 @@ def _decide(atom: f.Atom, static: Static, itinerary: bool) -> f.Formula:
 
 
 def _define(formula: f.Formula, static: Static, itinerary: bool) -> f.Formula:
-    """Evaluate the definition of a word."""
+    """Return the formula that defines a predicate, with the atoms evaluated that the static model decides."""
     if isinstance(formula, f.Atom):
         return _decide(formula, static, itinerary)
     return _fold(formula, (_define(child, static, itinerary) for child in f.children(formula)))
 
 
 def _compare(atom: f.Atom) -> f.Formula:
-    """Evaluate a comparison of two elements or of a term with itself; sort the terms of other comparisons."""
+    """Return the value of a comparison of two elements or of a term with itself; other comparisons get sorted terms."""
     truth: bool | None = None
     match atom.name, atom.terms:
         case (("=" | "!="), (f.Element() as one, f.Element() as two)):

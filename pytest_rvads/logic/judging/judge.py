@@ -1,9 +1,9 @@
-"""Judging one instance of a rule on a run: its status, the broken atoms, the tick of its obligation, and its margin."""
+"""Judges the instances of a rule on a run: status, broken atoms, first tick of the obligation, and margin of every instance."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,78 +11,22 @@ from numpy.typing import NDArray
 from pytest_rvads.logic.conduct.presence import window
 from pytest_rvads.logic.conduct.standing import drives
 from pytest_rvads.logic.judging.evaluate import Part, Values
-from pytest_rvads.logic.judging.prepare import Template
+from pytest_rvads.logic.judging.judgement import Hinge, Judgement, Near, Template, columns
 from pytest_rvads.logic.judging.verdicts import Status
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.ltl.boolean import evaluate, holds
 from pytest_rvads.logic.ltl.finite import settle
-from pytest_rvads.logic.ltl.ltl3 import Machine, Truth
-from pytest_rvads.logic.ltl.monitor import encode, run_machine
-from pytest_rvads.logic.rules.shape import Kind, conjuncts
-from pytest_rvads.logic.rules.sorts import Sort
+from pytest_rvads.logic.ltl.ltl3 import Machine, Truth, encode, run_machine
+from pytest_rvads.logic.rules.parts import Kind, conjuncts
 
-__all__ = ["Happening", "Hinge", "Judgement", "Near", "asked", "judge", "nearest_miss", "unsure", "walk"]
-
-Near = tuple[Template, int, tuple[f.Formula, ...], int]
-"""Where a rule came closest to being triggered: instance, tick, false conjuncts of the premise, number of equally close ticks."""
-
-
-@dataclass(frozen=True, slots=True)
-class Happening:
-    """An event on which a verdict depends."""
-
-    agent: int | None
-    """Column of the vehicle; None for a light."""
-    light: int | None
-    """Entrance of the light; None for a vehicle."""
-    code: int
-    """The zone that the vehicle came to, or the colour that the light turned to."""
-    time: float | None
-    """Time since the first state of the run [s]; None if the recording of the vehicle ends before the event."""
-
-
-@dataclass(frozen=True, slots=True)
-class Hinge:
-    """The doubt on which an UNSURE instance depends: the order of events, or the accuracy of a measurement."""
-
-    what: tuple[Happening, ...] = ()
-    """The two events, the earlier event first; or a single event that may not have happened."""
-    known: float = 0.0
-    """Accuracy of the time between the events [s]; infinite if an event may have happened at any time."""
-    tie: float = 0.0
-    """Longest time between two events that count as simultaneous [s]."""
-    reading: str = ""
-    """The measurement that would have to be different, in words; empty if the order of events decides."""
-
-    @property
-    def apart(self) -> float | None:
-        """Time between the two events [s]."""
-        times = [happening.time for happening in self.what if happening.time is not None]
-        return round(times[1] - times[0], 9) if len(times) == 2 else None
-
-
-@dataclass(frozen=True, slots=True)
-class Judgement:
-    """The judgement of an instance on a run; ticks count from 0."""
-
-    template: Template
-    status: Status
-    trigger: int | None = None
-    """First tick of the violated or open obligation; of a kept instance, first tick of its first obligation."""
-    failed: int | None = None
-    broken: tuple[tuple[f.Atom, bool], ...] = ()
-    """Atoms with their values in the failing tick; the opposite value of any of these atoms would have kept the rule."""
-    margin: float | None = None
-    together: bool = False
-    """True if the awaited event came in the failing tick itself, one step too late."""
-    ended: int | None = None
-    """Last tick in which all agents of the instance were recorded, if an agent vanishes before the run ends."""
-    hinge: Hinge | None = None
-    """The doubt on which an UNSURE instance depends."""
+__all__ = ["asked", "judge", "nearest_miss", "unsure", "walk"]
 
 
 def judge(templates: tuple[Template, ...], values: Values) -> list[Judgement]:
-    """Judge all instances of a rule: by monitors, and by finite-trace semantics if the monitor stays undecided."""
+    """Return the judgements of all instances of a rule, in the order of the templates.
+
+    An instance is judged by its monitor, or by the semantics of finite traces if the monitor is undecided at the end of the run.
+    """
     judgements = [Judgement(template, Status.NA) for template in templates]
     for i, begin, end, states in _walked(templates, values):
         outputs = templates[i].machine.output[states]
@@ -94,13 +38,15 @@ def judge(templates: tuple[Template, ...], values: Values) -> list[Judgement]:
     return judgements
 
 
-def columns(template: Template) -> tuple[int, ...]:
-    """Return the columns of the agents that an instance is about."""
-    return tuple(element.index for _, element in template.binding if element.sort == Sort.AGENT)
-
-
 def _placed(j: Judgement, begin: int, end: int, steps: int) -> Judgement:
-    """Return a judgement of a part of the run between two ticks, with ticks of the whole run."""
+    """Return the judgement of a part of a run with its ticks counted from the start of the whole run.
+
+    Args:
+        j: the judgement, with ticks counted from the start of the part.
+        begin: first tick of the part.
+        end: tick after the last tick of the part.
+        steps: number of states of the whole run.
+    """
     if (begin, end) == (0, steps):
         return j
     trigger, failed = (None if tick is None else begin + tick for tick in (j.trigger, j.failed))
@@ -108,19 +54,19 @@ def _placed(j: Judgement, begin: int, end: int, steps: int) -> Judgement:
 
 
 def unsure(judgement: Judgement, hinge: Hinge) -> Judgement:
-    """Return the UNSURE judgement of an instance whose status is different in another reading of the run."""
+    """Return a judgement with the status UNSURE, because measured values that are equally possible give another status."""
     return Judgement(judgement.template, Status.UNSURE, judgement.trigger, margin=hinge.apart, hinge=hinge)
 
 
 def asked(template: Template, values: Values, agent: int) -> bool:
-    """Return whether an instance bound an agent, given by column, to act; an agent that never moves has not acted."""
+    """Return whether an instance was triggered, binds an agent (a column) to act, and the agent moved at some time."""
     members = [m for m in template.members if any(e.index == agent for e in m.bound)]
     applies = any(m.premise is None or settle(m.premise, values, values.run.steps).any() for m in members)
     return applies and drives(values.run, agent)
 
 
 def walk(templates: tuple[Template, ...], values: Values) -> list[NDArray[np.int32]]:
-    """Return the states of the monitor of every instance, each of shape ``(steps,)``.
+    """Return the states of the monitor of every instance of a rule, each of shape ``(steps,)``.
 
     The monitor reads the states of the run in which all agents of the instance are present. Before these states the monitor is in
     its initial state, and afterwards it keeps its last state.
@@ -132,7 +78,7 @@ def walk(templates: tuple[Template, ...], values: Values) -> list[NDArray[np.int
 
 
 def _walked(templates: tuple[Template, ...], values: Values) -> Iterator[tuple[int, int, int, NDArray[np.int32]]]:
-    """Yield the number, first tick, end tick and monitor states of every instance whose agents are ever together."""
+    """Yield the number, first tick, end tick and monitor states of every instance whose agents are present at the same time."""
     groups: dict[tuple[int, int, int], list[int]] = {}
     for i, t in enumerate(templates):
         groups.setdefault((id(t.machine), *window(values.run, columns(t))), []).append(i)
@@ -176,7 +122,7 @@ def _judge(template: Template, values: Values | Part, failed: int | None, before
 
 
 def _since(template: Template, values: Values | Part, end: int) -> int:
-    """Return the first tick whose obligation is not met before tick `end`."""
+    """Return the first tick in which an obligation of the instance begins that is not met before tick `end`."""
     if not isinstance(template.formula, f.Always):
         return 0
     cut = {a: values[a][:end] for a in template.atoms}
@@ -188,10 +134,11 @@ def _since(template: Template, values: Values | Part, end: int) -> int:
 
 
 def _broken(template: Template, values: Values | Part, failed: int, before: int) -> tuple[tuple[f.Atom, bool], ...]:
-    """Return the atoms whose opposite value in the failing tick would have kept the instance.
+    """Return the atoms that broke an instance of a rule in the tick `failed`, with their truth values in this tick.
 
-    If some of these atoms changed in the failing tick, only the changed atoms are returned. If no single atom could have kept the
-    instance, all changed atoms are returned; if no atom changed, all atoms.
+    An atom broke the instance if its opposite truth value would have kept the instance. If some of these atoms changed in the
+    tick, only the changed atoms are returned. If no single atom could have kept the instance, all atoms that changed in the tick
+    are returned. If no atom changed, all atoms are returned.
     """
     machine = template.machine
     now = {a: bool(values[a][failed]) for a in template.atoms}
@@ -204,12 +151,12 @@ def _broken(template: Template, values: Values | Part, failed: int, before: int)
 def _after(machine: Machine, template: Template, state: int, now: dict[f.Atom, bool]) -> Truth:
     true = frozenset(f.Atom(f"p{k}") for k, a in enumerate(template.atoms) if now[a])
     letter = machine.letter(sum(1 << k for k, guard in enumerate(machine.guards) if holds(guard, true)))
-    # A letter that the guards exclude can't be read, so the letter keeps nothing.
+    # A negative letter stands for truth values that exclude each other, which no state of a run has.
     return Truth(int(machine.output[machine.delta[state, letter]])) if letter >= 0 else Truth.FALSE
 
 
 def _margin(template: Template, values: Values | Part, start: int | None) -> float | None:
-    """Return how long before its permission the bound vehicle acted, or how long two vehicles were together [s]."""
+    """Return the margin of an instance, see `InstanceVerdict.margin` [s]."""
     steps, dt, shape = values.steps, values.run.dt, template.shape
     if shape.kind is Kind.STATE and isinstance(template.formula, f.Always):
         bad = ~evaluate(template.formula.body, values, (steps,))
@@ -222,9 +169,9 @@ def _margin(template: Template, values: Values | Part, start: int | None) -> flo
 
 
 def nearest_miss(templates: tuple[Template, ...], values: Values) -> Near | None:
-    """Return where a rule came closest to being triggered.
+    """Return the instance and the tick in which a rule came closest to being triggered.
 
-    The tick is the first tick with the fewest false conjuncts of the premise, over all instances.
+    The tick is the first tick with the fewest false conjuncts of the rule's premise, over all instances.
     """
     best: tuple[int, int, int] | None = None
     nearest = None

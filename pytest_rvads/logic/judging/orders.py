@@ -1,7 +1,7 @@
-"""Rules about the order of events, judged in every order in which the events of an instance may have happened.
+"""Judges rules about the order of events in every order of the events that the accuracy of the run allows.
 
-The atoms of an instance about order are about zones of vehicles, comparisons of waiting times, and colours of lights. The rules
-don't count states, so a word with one state per event gives the same judgement as the run.
+The atoms of such a rule are about zones of vehicles, comparisons of waiting times, and colours of lights. Such a rule doesn't
+count states. Therefore a run with a single state per event gets the same judgement as the whole run.
 """
 
 from __future__ import annotations
@@ -14,32 +14,32 @@ from itertools import chain, combinations, pairwise, product
 import numpy as np
 
 from pytest_rvads.logic.conduct.blocks import as_blocks, assume
-from pytest_rvads.logic.conduct.motion import wt
+from pytest_rvads.logic.conduct.standing import wt
 from pytest_rvads.logic.judging.crossings import LONG_AGO, Crossings, Event
 from pytest_rvads.logic.judging.evaluate import Values
-from pytest_rvads.logic.judging.judge import Happening, Hinge, Judgement, judge, unsure
-from pytest_rvads.logic.judging.prepare import Template
+from pytest_rvads.logic.judging.judge import judge, unsure
+from pytest_rvads.logic.judging.judgement import Happening, Hinge, Judgement, Template
 from pytest_rvads.logic.judging.verdicts import Status
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.rules.lexicon import ATTRIBUTES, word_of
-from pytest_rvads.logic.rules.shape import agents_of
-from pytest_rvads.logic.rules.sorts import Sort
-from pytest_rvads.logic.rules.vocabulary import FromZones
+from pytest_rvads.logic.rules.parts import agents_of
+from pytest_rvads.logic.rules.vocabulary import FromZones, Sort
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Zone
 
 __all__ = ["about_order", "plain", "reordered"]
 
 _Moments = dict[int, int]
-"""Per event, given by its id(), the moment of the event."""
+"""Maps the id() of an event to a moment at which the event is taken to happen."""
 MOST = 1024
-"""Most choices of moments that are tried for an instance; beyond, only the first and last moments of the events are tried."""
+"""Largest number of choices of moments that are tried for an instance. If there are more choices, only the first, last and
+recorded moments of the events are tried, or only the first and last moments."""
 
 
 def about_order(template: Template, run: Run) -> bool:
-    """Return whether the atoms of an instance are only about zones, comparisons of waiting times, and colours.
+    """Return whether all atoms of an instance are about zones of vehicles, comparisons of waiting times, or colours of lights.
 
-    If a run holds no positions or no speeds, arrivals are derived from zones alone.
+    If a run holds no positions or no speeds, the arrivals of vehicles are derived from zones alone.
     """
     by_zone = run.station is None or run.speed is None
     return all(_ordered(atom, by_zone) for atom in template.atoms)
@@ -61,7 +61,7 @@ def _ordered(atom: f.Atom, by_zone: bool) -> bool:
 
 
 def reordered(recorded: Judgement, crossings: Crossings, values: Values) -> Judgement:
-    """Return the judgement of an instance about order, UNSURE if its events may have happened in an order with another status.
+    """Return the judgement of an instance: UNSURE if another possible order of events would give another status.
 
     Args:
         recorded: the judgement of the run as recorded.
@@ -106,7 +106,7 @@ def reordered(recorded: Judgement, crossings: Crossings, values: Values) -> Judg
 
 
 def plain(status: Status) -> Status:
-    """Return a status with NA replaced by PASS: readings need not distinguish a kept rule from an untriggered rule."""
+    """Return a status with NA replaced by PASS: a change between a kept rule and an untriggered rule makes nothing unsure."""
     return Status.PASS if status is Status.NA else status
 
 
@@ -117,13 +117,13 @@ def _lights(term: f.Term) -> Iterator[f.Element]:
 
 
 def _skips(run: Run, agent: int) -> bool:
-    """Return whether an agent skips a zone between two samples; the agent was in that zone nevertheless."""
+    """Return whether an agent passes a whole zone between two samples, so that the agent is in this zone in no sample."""
     begin, end = run.spans[agent]
     return bool((np.diff(run.zone[begin:end, agent].astype(int)) > 1).any())
 
 
 def _loose(events: Sequence[Event], changes: Sequence[Event], crossings: Crossings, tie: int) -> list[Event]:
-    """Return the events whose place in the order of events is uncertain."""
+    """Return the events whose order with some other event is uncertain, and the events that possibly did not happen."""
     loose: dict[int, Event] = {}
     for event, other in chain(combinations(events, 2), product(events, changes), combinations(changes, 2)):
         if (event.exact and other.exact) or (event.agent, event.light) == (other.agent, other.light):
@@ -140,12 +140,16 @@ def _loose(events: Sequence[Event], changes: Sequence[Event], crossings: Crossin
 
 
 def _compare(difference: int, tie: int) -> int:
-    """Return -1, 0 or 1 for before, at about the same time, after."""
+    """Return -1 for a difference of moments below `-tie`, 1 for a difference above `tie`, and 0 for a tie."""
     return 0 if abs(difference) <= tie else 1 if difference > 0 else -1
 
 
 def _choices(loose: Sequence[Event]) -> Iterator[_Moments]:
-    """Yield moments for the events: its recorded, first and last moment, and moments of other events in its range."""
+    """Yield choices of a moment per event.
+
+    A moment is the recorded, first or last possible moment of the event, or such a moment of another event if it is possible for
+    this event, too.
+    """
     ends = {id(e): (e.told, e.early, e.late) for e in loose}
     shared = [{*ends[id(e)], *(t for o in loose for t in ends[id(o)] if e.early <= t <= e.late)} for e in loose]
     if np.prod([float(len(s)) for s in shared]) > MOST:
@@ -155,9 +159,9 @@ def _choices(loose: Sequence[Event]) -> Iterator[_Moments]:
 
 
 def _followed(moments: _Moments, agents: Sequence[int], crossings: Crossings) -> _Moments | None:
-    """Return moments in which every agent comes to its zones in order; None if the given moments allow no such order.
+    """Return the moments, some of them made earlier, at which every agent comes to its zones in order; None if impossible.
 
-    An agent that skips a zone between two samples was in the zone just before the agent left the zone.
+    An agent that passes a zone between two samples is taken to come to this zone one moment before it leaves the zone.
     """
     chosen = dict(moments)
     for agent in agents:
@@ -172,12 +176,12 @@ def _followed(moments: _Moments, agents: Sequence[int], crossings: Crossings) ->
 
 
 class _Word:
-    """A run with one state per event, in which every event happens at a chosen moment.
+    """A short run with a single state per event, in which every event happens at a chosen moment.
 
     Args:
-        known: the events of the whole run.
+        crossings: the events of the whole run.
         agents: the columns of the agents of the instance; other agents are absent.
-        lights: the entrances of the lights whose changes count.
+        lights: the entrances of the lights that the instance is about; other lights do not change.
         moments: the moments of the events.
     """
 
@@ -196,7 +200,7 @@ class _Word:
             present = (self._times >= begin) & (self._times < end)
             self._zone[present, agent] = np.searchsorted(crossed, self._times[present], side="right")
             at = self._zone[:, agent] == Zone.ENTRANCE
-            # As in `Run.wt`, the first state at the entrance counts 1, but the first state of the run counts 0.
+            # As in `Run.wt`, the waiting time is 1 in the first state at the entrance, but 0 in the first state of the run.
             arrived = crossed[0] or 1
             self._waited[at, agent] = self._times[at] - arrived + 1
             self._arrived.append(arrived)
@@ -206,12 +210,12 @@ class _Word:
                 self._lights[self._times >= moments[id(change)], light] = change.code
 
     def key(self, tie: int) -> object:
-        """Return a key that is equal for words that no rule about order distinguishes."""
+        """Return a key that is equal for two such runs if every rule about the order of events judges both alike."""
         arrivals = tuple(_compare(arrival - other, tie) for arrival, other in combinations(self._arrived, 2))
         return self._zone.tobytes(), self._lights.tobytes(), arrivals
 
     def judged(self, template: Template, values: Values) -> Judgement:
-        """Return the judgement of an instance on this word, with ticks of the whole run."""
+        """Return the judgement of an instance of a rule on this short run, with ticks of the whole recorded run."""
         crossings = self._crossings
         run = crossings.run
         word = Run(run.label, run.junction, run.agents, self._zone, self._lights, crossings.length)
@@ -225,7 +229,11 @@ class _Word:
 
 
 def _hinge(events: Sequence[Event], moments: _Moments, crossings: Crossings, tie: int) -> Hinge:
-    """Return as the hinge the nearest two events whose order another reading changes, or the single uncertain event."""
+    """Return the doubt behind a verdict: two events whose order differs between the recorded and the chosen moments.
+
+    Of several such pairs, the pair whose recorded times are closest to the opposite order is returned. Without such a pair, a
+    single uncertain event is returned.
+    """
     turned = []
     for event, other in combinations(events, 2):
         if (event.agent, event.light) == (other.agent, other.light):

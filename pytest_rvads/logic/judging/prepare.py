@@ -1,4 +1,4 @@
-"""The preparation of a rule that is the same for all runs of a static model: instances, merged by symmetry, with monitors."""
+"""Makes the instances of a rule, with their monitors, for all runs with the same junction and the same ways of the agents."""
 
 from __future__ import annotations
 
@@ -9,79 +9,44 @@ from itertools import product
 import numpy as np
 
 from pytest_rvads.logic.conduct.predicates import Static
-from pytest_rvads.logic.judging.ground import Binding, Instance, ground
+from pytest_rvads.logic.judging.ground import Instance, ground
+from pytest_rvads.logic.judging.judgement import Member, Template
 from pytest_rvads.logic.ltl import formula as f
-from pytest_rvads.logic.ltl.boolean import evaluate
-from pytest_rvads.logic.ltl.ltl3 import Machine, synthesize
-from pytest_rvads.logic.ltl.rewrite import replaced
-from pytest_rvads.logic.rules.shape import Kind, Shape, agents_of, shape_of, split
+from pytest_rvads.logic.ltl.boolean import evaluate, replaced
+from pytest_rvads.logic.ltl.ltl3 import synthesize
+from pytest_rvads.logic.rules.parts import Kind, agents_of, shape_of, split
 
-__all__ = ["Member", "Prepared", "Template", "forget", "prepare", "template"]
+__all__ = ["Prepared", "forget", "prepare", "template"]
 
 _MERGE_LIMIT = 6
-"""Most atoms of an instance that is compared with other instances for symmetry (truth tables of 64 rows)."""
-
-
-@dataclass(frozen=True, slots=True)
-class Member:
-    """One of the symmetric instances that a template stands for."""
-
-    binding: Binding
-    premise: f.Formula | None
-    """The premise of the instance; None if the rule is never vacuous."""
-    bound: tuple[f.Element, ...]
-    """The agents that are bound to act."""
-
-
-@dataclass(frozen=True, slots=True)
-class Template:
-    """An instance ready to be monitored."""
-
-    formula: f.Formula
-    shape: Shape
-    members: tuple[Member, ...]
-    """This instance, and every instance merged into it."""
-    machine: Machine
-    """Monitor over the propositions p0, p1, ...; instances that differ only in their atoms share a machine."""
-    atoms: tuple[f.Atom, ...]
-    """The atoms that the propositions stand for."""
-
-    @property
-    def binding(self) -> Binding:
-        """The elements that the variables of the instance stand for."""
-        return self.members[0].binding
-
-    @property
-    def premises(self) -> tuple[f.Formula, ...]:
-        """Premises of this instance and of the instances merged into it; empty if the rule is never vacuous."""
-        premises = dict.fromkeys(member.premise for member in self.members)
-        return () if None in premises else tuple(p for p in premises if p is not None)
+"""Largest number of atoms of an instance that is compared with other instances by its truth table, of up to 64 rows."""
 
 
 @dataclass(frozen=True, slots=True)
 class Prepared:
-    """A rule on a static model."""
+    """The instances of a rule for certain agents at a junction, with their monitors."""
 
     templates: tuple[Template, ...]
     collapsed: int
+    """Number of further instances, which are true because of the junction and the ways alone."""
 
 
 def template(formula: f.Formula) -> tuple[f.Formula, tuple[f.Atom, ...]]:
-    """Replace atoms by propositions p0, p1, ... in the order of their occurrence; return the formula and the atoms."""
+    """Return a formula with its atoms replaced by propositions p0, p1, ..., and the atoms in the order of the propositions."""
     atoms = f.atoms(formula)
     names = {atom: f.Atom(f"p{k}") for k, atom in enumerate(atoms)}
     return replaced(formula, names.__getitem__), atoms
 
 
 def prepare(formula: f.Formula, static: Static, bound: tuple[str, ...] = (), *, itinerary: bool = True) -> Prepared:
-    """Unfold and simplify a rule, merge symmetric instances, and build the monitors.
+    """Return the simplified instances of a rule with their monitors; instances with the same meaning are merged.
 
     Args:
         formula: the formula of the rule.
-        static: the model.
-        bound: the variables of the agents that are bound to act; by default the agents that have to wait, else the agents of the
-            obligation.
-        itinerary: use the agents' known itineraries for ``take``.
+        static: the static model: the junction, and the agents with their ways.
+        bound: the variables of the agents that are bound to act. By default the agents that have to wait; in a rule that makes no
+            agent wait, the agents of the obligation.
+        itinerary: whether the known itineraries of the agents decide the predicate ``take`` (turn in a direction).
 
     Raises:
         FormulaError: a monitor would be too large.
@@ -112,10 +77,10 @@ def _prepare(formula: f.Formula, static: Static, bound: tuple[str, ...], itinera
 
 
 _FEW = 12
-"""Most agents of a model whose preparation is cached in the large cache.
+"""Largest number of agents for which a prepared rule goes into the large cache.
 
-Small models recur, because scenarios recur; their instances take some 5 kB each. Crowds of recorded traffic do not recur, and
-their instances take megabytes.
+A few agents at a junction recur, because scenarios recur; such a prepared rule takes some 5 kB. A crowd of recorded traffic does
+not recur, and its prepared rule takes megabytes.
 """
 _few = lru_cache(maxsize=8192)(_prepare)
 _many = lru_cache(maxsize=64)(_prepare)
@@ -128,7 +93,7 @@ def _member(instance: Instance, bound: tuple[str, ...]) -> Member:
 
 
 def _key(formula: f.Formula) -> object:
-    """Return a key that is equal for instances with the same meaning, such as p1 of (a, a') and of (a', a)."""
+    """Return a key that is equal for instances of a rule with the same meaning, such as p1 of (a, a') and p1 of (a', a)."""
     shape = shape_of(formula)
     atoms = sorted(f.atoms(formula), key=str)
     if shape.kind is not Kind.STATE or len(atoms) > _MERGE_LIMIT or not isinstance(formula, f.Always):

@@ -1,11 +1,11 @@
-"""Other readings of a run: measured values changed within their accuracy, and the judgements of instances in these readings.
+"""Judges other readings of a run (runs with measured values changed within their accuracy), to find verdicts that are UNSURE.
 
-A reading is a complete, consistent run. Changing single truth values instead could put a vehicle in two places at once. The order
-of events is judged in all its readings (`orders`); other instances are judged in a few readings at the limits of the accuracy.
+A reading is a complete, consistent run. If single truth values were changed instead, a vehicle could be in two places at once.
+Rules about the order of events are judged in all possible orders, see `orders`. All other rules are judged in a few readings at
+the limits of the accuracy: places, sizes or speeds are changed by three standard deviations.
 
-A definite verdict holds in every reading within the accuracy of the run: places, sizes or speeds are moved by three standard
-deviations. A verdict that a reading changes is UNSURE, which is neither red nor green. An exact run with simulated density has a
-single reading and costs nothing more.
+A definite verdict is the same in every reading. A verdict that a reading changes is UNSURE, which is neither red nor green. An
+exact run that is as dense as a simulated run has no other readings, and its verdict costs no further time.
 """
 
 from __future__ import annotations
@@ -17,54 +17,53 @@ from math import ceil, log2
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.logic.conduct.predicates import once
 from pytest_rvads.logic.conduct.standing import STANDSTILL, in_stop_place, stands
 from pytest_rvads.logic.judging.crossings import certain, crossings
 from pytest_rvads.logic.judging.evaluate import Values
-from pytest_rvads.logic.judging.judge import Hinge, Judgement, judge, unsure
+from pytest_rvads.logic.judging.judge import judge, unsure
+from pytest_rvads.logic.judging.judgement import Hinge, Judgement, Template
 from pytest_rvads.logic.judging.orders import about_order, plain, reordered
-from pytest_rvads.logic.judging.prepare import Template
 from pytest_rvads.logic.judging.verdicts import Status
 from pytest_rvads.logic.rules.lexicon import word_of
-from pytest_rvads.logic.rules.shape import agents_of
+from pytest_rvads.logic.rules.parts import agents_of
 from pytest_rvads.logic.rules.vocabulary import Measured
 from pytest_rvads.runs.itineraries import itinerary
 from pytest_rvads.runs.recording import zones
-from pytest_rvads.runs.run import Run
+from pytest_rvads.runs.run import Run, once
 
 __all__ = ["SURE", "Reading", "doubted"]
 
 SURE = 3.0
-"""Measured values lie within this number of standard deviations."""
+"""Number of standard deviations by which the true value can differ from the measured value."""
 _AFTER = "what happened after a vehicle had left the recording before it was clear"
 
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """Another reading of a run."""
+    """Another reading of a run: the run with the measurements of a kind changed within their accuracy."""
 
     asks: Measured
-    """The kind of measurement that is changed."""
+    """The kind of the changed measurements."""
     within: float
     """Largest change [m or m/s]; 0 if the reading changes no measured value."""
     run: Run
 
     @property
     def words(self) -> str:
-        """The kind of measurement that is changed, and its accuracy."""
+        """The kind of the changed measurements, and their accuracy, in words."""
         if not self.within:
             return self.asks
         return f"{self.asks}, known to {self.within:.2f} {'m/s' if self.asks == Measured.PACE else 'm'}"
 
 
 def doubted(recorded: Sequence[Judgement], values: Values, sampled: Run, *, standing: bool = False) -> list[Judgement]:
-    """Return the judgements, with UNSURE for instances whose status differs in another reading within the run's accuracy.
+    """Return the judgements, in which every instance whose status differs in another reading of the run has become UNSURE.
 
     Args:
         recorded: the judgements of the run as recorded.
         values: the truth values of the run.
-        sampled: the run as recorded; its samples limit the times of events.
-        standing: whether waiting times count from standstill, so that speeds decide orders as well.
+        sampled: the run as recorded; an event happened between two of its samples.
+        standing: whether waiting times count from standstill. The order of events then depends on speeds, too.
     """
     run = values.run
     if certain(sampled):
@@ -87,7 +86,10 @@ def doubted(recorded: Sequence[Judgement], values: Values, sampled: Run, *, stan
 
 
 def _left_early(run: Run, j: Judgement) -> bool:
-    """Return whether a vehicle vanishes while an atom is pending, as on a way that it owes and may yet obstruct."""
+    """Return whether a kept instance is doubtful because a vehicle left the recording too early.
+
+    The vehicle left while an atom of the instance could still become true, such as "obstructs" before the vehicle was clear.
+    """
     if j.status is not Status.PASS or j.ended is None:
         return False
     words = ((word_of(atom), [e.index for e in agents_of(atom)]) for atom in j.template.atoms)
@@ -95,7 +97,7 @@ def _left_early(run: Run, j: Judgement) -> bool:
 
 
 def _asks(template: Template) -> frozenset[Measured]:
-    """Return the kinds of measurement on which an instance depends."""
+    """Return the kinds of measurement on which an instance of a rule depends."""
     words = map(word_of, template.atoms)
     asks = {ask for word in words for ask in ((Measured.PACE,) if word is None else word.turns_on)}
     if Measured.ALONG in asks and len(agents_of(template.formula)) < 2:
@@ -104,7 +106,7 @@ def _asks(template: Template) -> frozenset[Measured]:
 
 
 def _near(run: Run, j: Judgement) -> bool:
-    """Return whether the vehicles of an instance come near enough to each other for a reading to matter."""
+    """Return whether the vehicles of an instance come so near to each other that changed measurements can change its status."""
     agents = [e.index for e in agents_of(j.template.formula)]
     if len(agents) < 2 or run.pose is None:
         return True
@@ -112,9 +114,9 @@ def _near(run: Run, j: Judgement) -> bool:
 
 
 NEARBY = 30.0
-"""Largest distance between the fronts of two vehicles that can affect each other [m].
+"""Largest distance between the fronts of two vehicles at which the vehicles can affect each other [m].
 
-The distance covers a car and a truck, and the gap in which one of the two is due at 5 m/s.
+The distance covers a car and a truck, and the gap between them at a speed of 5 m/s.
 """
 
 
@@ -124,12 +126,12 @@ def _nearby(run: Run) -> NDArray[np.bool_]:
     nearby = np.zeros((len(run.agents), len(run.agents)), dtype=np.bool_)
     for column in range(len(run.agents)):
         apart = places - places[:, column, None]
-        nearby[column] = ((apart**2).sum(axis=-1) < NEARBY**2).any(axis=0)  # absent: NaN, not less
+        nearby[column] = ((apart**2).sum(axis=-1) < NEARBY**2).any(axis=0)  # an absent vehicle is at NaN: false
     return nearby
 
 
 def _readings(run: Run, ask: Measured) -> tuple[Reading, ...]:
-    """Return the other readings of a run for a kind of measurement, computed once per run."""
+    """Return the runs with the measurements of a kind changed within their accuracy, computed once per run."""
     return once(run, _MAKERS[ask])
 
 
@@ -161,7 +163,8 @@ def _of_pace(run: Run) -> tuple[Reading, ...]:
     if by <= 0.0 or run.speed is None:
         return ()
     fast = np.abs(run.speed)
-    # A speed of exactly 0 is a standstill that the positions prove. A slower vehicle has come less far.
+    # A speed of exactly 0 is a standstill that the positions prove. In the reading with lower speeds, every vehicle is also moved
+    # back along its itinerary; in the reading with higher speeds, every vehicle is moved ahead.
     speeds = ((np.maximum(fast - by, 0.0), -1.0), (np.where(fast == 0.0, 0.0, fast + by), 1.0))
     readings = []
     for speed, sign in speeds:
@@ -179,10 +182,10 @@ def _of_one(run: Run) -> tuple[Reading, ...]:
 
 
 def _of_the_past(run: Run) -> tuple[Reading, ...]:
-    """Return readings of the time before vehicles appear in their stop place.
+    """Return two runs that differ in what vehicles did before they appeared in their stop place.
 
-    In the first reading the vehicles stop in the stop place as they appear. In the second reading they roll until they first
-    move.
+    In the first run these vehicles brake to a stop as they appear in the stop place. In the second run these vehicles roll slowly
+    instead of standing, until they move.
     """
     if run.excerpt is None or run.speed is None or run.station is None:
         return ()
@@ -197,7 +200,7 @@ def _of_the_past(run: Run) -> tuple[Reading, ...]:
 
 
 def _all_moved(run: Run, asks: Measured, patterns: Iterable[NDArray[np.float64]]) -> tuple[Reading, ...]:
-    """Return a reading per sign pattern: agents are ahead of (1) or behind (-1) their measured station."""
+    """Return a changed run per pattern of signs: 1 moves an agent ahead of its measured station, -1 moves the agent back."""
     if run.spread is None or run.station is None:
         return ()
     within = float(np.nanmax(run.spread, initial=0.0))
@@ -205,7 +208,7 @@ def _all_moved(run: Run, asks: Measured, patterns: Iterable[NDArray[np.float64]]
 
 
 def _patterns(run: Run) -> Iterator[NDArray[np.float64]]:
-    """Yield patterns of signs: which agents are ahead of their measured station, and which are behind.
+    """Yield patterns of signs, one sign per agent: 1 moves an agent ahead of its measured station, -1 moves the agent back.
 
     All agents of an entrance have the same sign. For any two entrances, at least one of the patterns puts the agents of the first
     entrance ahead and the agents of the second entrance behind.
@@ -218,7 +221,7 @@ def _patterns(run: Run) -> Iterator[NDArray[np.float64]]:
 
 
 def _moved(run: Run, signs: NDArray[np.float64]) -> Run:
-    """Return a run in which every agent is moved ahead (1) or behind (-1) by the spread of its station."""
+    """Return a run in which every agent is moved ahead (sign 1) or back (sign -1) by the spread of its station (`Run.spread`)."""
     by = signs * np.asarray(run.spread)
     station, zone = run.need("station") + by, run.zone.copy()
     for column, (begin, end) in enumerate(run.spans.tolist()):
@@ -228,7 +231,7 @@ def _moved(run: Run, signs: NDArray[np.float64]) -> Run:
 
 
 def _shifted(run: Run, ahead: float | NDArray[np.float64], sideways: float) -> NDArray[np.float64]:
-    """Return the poses moved ahead and to the left [m]."""
+    """Return the poses of all agents, moved ahead and to the left by distances in metres."""
     pose = run.need("pose").copy()
     cos, sin = np.cos(pose[..., 2]), np.sin(pose[..., 2])
     pose[..., 0] += ahead * cos - sideways * sin

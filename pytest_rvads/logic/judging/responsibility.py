@@ -1,24 +1,39 @@
-"""Which vehicles are responsible for a violated or open instance of a rule."""
+"""Finds the vehicles responsible for a violated or open instance of a rule, and obligations that can't be kept together.
+
+Obligations contradict each other in cycles of waiting, such as four vehicles of which each must wait for the vehicle on its
+right.
+"""
 
 from __future__ import annotations
 
-from pytest_rvads.logic.conduct.blame import Cause, pushed, stuck, surprised
-from pytest_rvads.logic.conduct.grounds import may_owe
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pytest_rvads.geometry.crosswalks import Crossing
+from pytest_rvads.logic.conduct.blame import pushed, stuck, surprised
+from pytest_rvads.logic.conduct.cast import Cause, may_owe
+from pytest_rvads.logic.conduct.presence import window
 from pytest_rvads.logic.conduct.progress import may_go
 from pytest_rvads.logic.conduct.rights import WAIVER, waives
-from pytest_rvads.logic.judging.judge import Judgement
+from pytest_rvads.logic.judging.evaluate import Values
+from pytest_rvads.logic.judging.judgement import Judgement, Template, columns
 from pytest_rvads.logic.judging.verdicts import Status
 from pytest_rvads.logic.ltl import formula as f
+from pytest_rvads.logic.ltl.boolean import evaluate
+from pytest_rvads.logic.ltl.finite import settle
 from pytest_rvads.logic.rules.lexicon import word_of
-from pytest_rvads.logic.rules.shape import Kind, agents_of
+from pytest_rvads.logic.rules.parts import Kind, agents_of
 from pytest_rvads.runs.run import Run
 from pytest_rvads.support.errors import RunError
 
-__all__ = ["cause_between", "is_about", "responsible", "waits"]
+__all__ = ["Cycle", "by_walkers", "cause_between", "find_cycle", "is_about", "responsible", "unavoidable", "waits"]
 
 
 def responsible(j: Judgement, run: Run) -> tuple[f.Element, ...]:
-    """Return the responsible vehicles: the vehicles that broke the instance, or that still have to wait."""
+    """Return the vehicles that broke a violated instance of a rule, or that still have to wait in an open instance."""
     if j.status is Status.FAIL:
         named = tuple(dict.fromkeys(e for a, _ in j.broken for e in agents_of(a))) or agents_of(j.template.formula)
         cause = cause_between(j, run)
@@ -32,12 +47,12 @@ def responsible(j: Judgement, run: Run) -> tuple[f.Element, ...]:
 
 
 def is_about(j: Judgement, run: Run, subject: str) -> bool:
-    """Return whether `subject` is to blame for a violated or open instance.
+    """Return whether `subject` is to blame for a violated or open instance of a rule.
 
-    The subject is not to blame for meeting a vehicle in the junction that had to wait and left the subject no time to react, for
-    a violation right after a push by another vehicle, or for going before a vehicle that waived its right. A waiting vehicle
-    keeps an open obligation. To blame for an open obligation is the awaited vehicle, if there is any, or a vehicle that is stuck
-    in the way of all others.
+    The subject is not to blame for meeting a vehicle that had to wait and left the subject no time to react, for a violation
+    right after another vehicle pushed the subject, or for going before a vehicle that waived its right. If an obligation to wait
+    is open at the end of the run, the awaited vehicle is to blame if it could have gone for `WAIVER`, and the waiting vehicle is
+    not. If an open obligation awaits no vehicle, the vehicles in the obligation are to blame, unless another vehicle is stuck.
     """
     me = next(column for column, agent in enumerate(run.agents) if agent.name == subject)
     if j.failed is not None:
@@ -53,8 +68,14 @@ def is_about(j: Judgement, run: Run, subject: str) -> bool:
     return any(e.index == me for e in _waiting(j)) and not any(stuck(run, k) for k in range(len(run.agents)) if k != me)
 
 
+def by_walkers(j: Judgement, run: Run) -> bool:
+    """Return whether pedestrians alone are to blame for a violated instance of a rule."""
+    guilty = responsible(j, run)
+    return bool(guilty) and all(isinstance(run.agents[e.index].way, Crossing) for e in guilty)
+
+
 def _forfeited(j: Judgement, run: Run) -> bool:
-    """Return whether every awaited vehicle waived its right since the trigger, or waited for a vehicle that waived its right."""
+    """Return whether every awaited vehicle waived its right after the obligation began, or had to wait for one that did."""
     awaited, waiting = _awaited(j), {e.index for e in _waiting(j)}
     not_waiting = [k for k in range(len(run.agents)) if k not in waiting]
     if not awaited or not j.failed:
@@ -67,7 +88,7 @@ def _forfeited(j: Judgement, run: Run) -> bool:
 
 
 def _could_go(run: Run, agent: int) -> bool:
-    """Return whether an agent could go at the end of the run, or the run does not record enough to decide."""
+    """Return whether an agent could go at the end of a run; True if the run does not record enough to decide."""
     try:
         return bool(may_go(run, agent)[-1])
     except RunError:
@@ -75,14 +96,17 @@ def _could_go(run: Run, agent: int) -> bool:
 
 
 def waits(j: Judgement, subject: str) -> bool:
-    """Return whether `subject` still has to wait for another vehicle."""
+    """Return whether an instance of a rule makes `subject` wait for another vehicle at the end of the run."""
     waiting = _waiting(j)
     awaited = agents_of(j.template.shape.goes) if j.template.shape.goes is not None else ()
     return j.status is Status.OPEN and any(e.name == subject for e in waiting) and any(e not in waiting for e in awaited)
 
 
 def cause_between(j: Judgement, run: Run) -> Cause | None:
-    """Return the cause of the collision or meeting of two vehicles that broke an instance; None if neither vehicle caused it."""
+    """Return the vehicles to blame for the collision or meeting that broke an instance, and the reason.
+
+    The result is None if the instance was not broken by a collision or meeting of two vehicles.
+    """
     for atom, _ in j.broken:
         word, agents = word_of(atom), [e.index for e in agents_of(atom)]
         if word is not None and word.cause is not None and j.failed is not None and len(agents) == 2:
@@ -96,6 +120,126 @@ def _waiting(j: Judgement) -> tuple[f.Element, ...]:
 
 
 def _awaited(j: Judgement) -> list[int]:
-    """Return the columns of the vehicles that are to go first."""
+    """Return the columns of the vehicles that have to go first according to an instance of a rule."""
     goes, waiting = j.template.shape.goes, _waiting(j)
     return [e.index for e in agents_of(goes) if e not in waiting] if goes is not None else []
+
+
+@dataclass(frozen=True, slots=True)
+class Cycle:
+    """Vehicles in a circle of waiting: each vehicle had to wait for the next vehicle, and the last vehicle for the first."""
+
+    tick: int
+    """First tick of the cycle."""
+    agents: tuple[str, ...]
+    alone: bool = True
+    """Whether the obligations of the judged rule alone make the cycle; if False, obligations of its companions take part."""
+
+
+def find_cycle(templates: Iterable[Template], values: Values) -> Cycle | None:
+    """Return the earliest cycle of vehicles that must wait for each other; None if there is no cycle.
+
+    Only instances that make a vehicle wait until another vehicle has gone make cycles. In a cycle every vehicle must stay until
+    another vehicle of the cycle has entered. Therefore no continuation of the run satisfies all obligations.
+    """
+    owed = list(_owed(templates, values))
+    begun = sorted({int(tick) for _, _, held in owed for tick in np.flatnonzero(np.diff(held, prepend=False) & held)})
+    for tick in begun:
+        waits = _waits(owed, tick)
+        for first in sorted(waits):
+            circle = _around(first, first, waits, ())
+            if circle:
+                return Cycle(tick, circle)
+    return None
+
+
+def unavoidable(judgements: Iterable[Judgement], templates: Iterable[Template], values: Values) -> bool:
+    """Return whether no vehicle could have kept a violated rule: every violation broke a cycle, or happened in a tight bend.
+
+    In a cycle every vehicle must wait for the next vehicle: a vehicle has to break the rule, or all vehicles wait for ever. A
+    violation outside a cycle, or violations by several vehicles in the same tick, could have been avoided. A bend is too tight if
+    no path of the rear axle keeps the vehicle in its lane.
+
+    Args:
+        judgements: the judgements of the instances of the rule.
+        templates: the instances of the rule and of its companions (the rules that can contradict the rule).
+        values: the truth values of the run.
+    """
+    owed = list(_owed(templates, values))
+    broken = [j for j in judgements if j.status is Status.FAIL]
+    breakers: dict[int, set[str]] = {}
+    for j in broken:
+        if j.broken and all(value and _beyond(atom, values.run) for atom, value in j.broken):
+            continue
+        ends = _ends(j.template)
+        if ends is None or not j.failed:
+            return False
+        waiting, awaited = ends
+        waits = _waits(owed, j.failed - 1)
+        if awaited not in waits.get(waiting, ()) or not _around(awaited, waiting, waits, ()):
+            return False
+        breakers.setdefault(j.failed, set()).add(waiting)
+    return bool(broken) and all(len(agents) == 1 for agents in breakers.values())
+
+
+def _beyond(atom: f.Atom, run: Run) -> bool:
+    """Return whether no driver could have kept an atom about one vehicle false, such as leaving the lane in a tight bend."""
+    word, agents = word_of(atom), agents_of(atom)
+    return word is not None and word.beyond is not None and len(agents) == 1 and word.beyond(run, agents[0].index)
+
+
+_Owed = tuple[str, str, NDArray[np.bool_]]
+"""The name of a vehicle, the name of the vehicle that it must wait for, and whether it must wait, shape ``(steps,)``."""
+
+
+def _owed(templates: Iterable[Template], values: Values) -> Iterator[_Owed]:
+    steps = values.run.steps
+    tick = np.arange(steps)
+    for t in templates:
+        shape, ends = t.shape, _ends(t)
+        if ends is None or shape.premise is None or shape.waits is None or shape.goes is None:
+            continue
+        begin, end = window(values.run, columns(t))
+        part = values.within(begin, end)
+        due = np.zeros(steps, dtype=np.bool_)
+        if begin < end:
+            due[begin:end] = settle(shape.premise, part, part.steps)
+        if due.any():
+            over = evaluate(shape.goes, values, (steps,)) | ~evaluate(shape.waits, values, (steps,))
+            last_due = np.maximum.accumulate(np.where(due, tick, -1))
+            last_over = np.maximum.accumulate(np.where(over, tick, -1))
+            held = last_due > last_over
+            held[end:] = False  # no vehicle waits for an absent vehicle
+            yield *ends, held
+
+
+def _ends(template: Template) -> tuple[str, str] | None:
+    """Return the names of the waiting and the awaited vehicle of an instance that makes a vehicle wait until another has gone.
+
+    The result is None for any other instance.
+    """
+    shape = template.shape
+    if shape.kind is not Kind.YIELD or shape.waits is None or shape.goes is None:
+        return None
+    waiting, awaited = agents_of(shape.waits), agents_of(shape.goes)
+    return (waiting[0].name, awaited[0].name) if len(waiting) == len(awaited) == 1 else None
+
+
+def _waits(owed: Iterable[_Owed], tick: int) -> dict[str, list[str]]:
+    """Return, for every vehicle that has to wait in the state at `tick`, the vehicles that it has to wait for."""
+    awaited_by_vehicle: dict[str, list[str]] = {}
+    for waiting, awaited, held in owed:
+        if held[tick]:
+            awaited_by_vehicle.setdefault(waiting, []).append(awaited)
+    return awaited_by_vehicle
+
+
+def _around(vehicle: str, goal: str, waits: Mapping[str, list[str]], path: tuple[str, ...]) -> tuple[str, ...] | None:
+    """Return the chain of vehicles, each waiting for the next, from `vehicle` to `goal`; None if no chain exists."""
+    path = (*path, vehicle)
+    for target in sorted(waits.get(vehicle, ())):
+        if target == goal:
+            return path
+        if target not in path and (chain := _around(target, goal, waits, path)):
+            return chain
+    return None

@@ -1,4 +1,4 @@
-"""Verdicts of rules on runs. Reports and files of results hold these values unchanged."""
+"""Verdicts of rules on runs, in the form in which reports and files of results hold them."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from typing import Any
 import msgspec
 
 from pytest_rvads.logic.outcome import Outcome
-from pytest_rvads.support.displayed import shown
 from pytest_rvads.support.errors import RunError
+from pytest_rvads.support.wording import show_lists, shown
 
 __all__ = ["InstanceVerdict", "NearMiss", "Status", "Verdict"]
 
@@ -18,13 +18,13 @@ class Status(StrEnum):
     """The outcome of judging a run by a rule."""
 
     PASS = "PASS"
-    """The rule was triggered, and every obligation was discharged."""
+    """The rule was triggered, and every obligation was met."""
     FAIL = "FAIL"
-    """The rule was violated, whatever would have followed."""
+    """The rule was violated, and no continuation of the run could change this."""
     OPEN = "OPEN"
     """An obligation was still open when the run ended."""
     UNSURE = "UNSURE"
-    """Another reading of the recording, within its accuracy, would change the verdict."""
+    """Other values of the recorded measurements, within their accuracy, would change the verdict."""
     NA = "NA"
     """The rule does not apply to the run, or was never triggered."""
     ERROR = "ERROR"
@@ -32,37 +32,41 @@ class Status(StrEnum):
 
 
 class InstanceVerdict(msgspec.Struct, frozen=True, omit_defaults=True):
-    """The verdict of an instance of a rule; symmetric instances share a verdict."""
+    """The verdict of an instance (a rule for certain vehicles and entrances).
+
+    Instances with the same meaning, such as the rule p1 for (a1, a2) and for (a2, a1), share a verdict.
+    """
 
     binding: tuple[tuple[str, str], ...]
-    """Variables of the rule, and the names of the elements that the variables stand for."""
+    """Variables of the rule, with the names of the vehicles and entrances that the variables stand for."""
     status: Status
     responsible: tuple[str, ...] = ()
-    """The vehicles bound to act, if the instance is violated or open."""
+    """The vehicles responsible for the violation or the open obligation; empty for an instance that is neither."""
     trigger: int | None = None
-    """First tick of the obligation that was violated, is open, or was discharged first."""
+    """First tick of the obligation: of the violated or open obligation, or of the first obligation of a kept instance."""
     failed: int | None = None
     """First tick from which on no continuation satisfies the instance."""
     broken: tuple[str, ...] = ()
-    """The atoms that had the wrong value in that tick."""
+    """The atoms (predicates of certain vehicles) that had the wrong value in the tick `failed`."""
     margin: float | None = None
-    """How long before its permission the bound vehicle acted, negative if the vehicle waited [s].
+    """Time from the action of the bound vehicle to the event that permits the action [s]; negative if the vehicle waited.
 
-    For vehicles that must never be together: the duration of their overlap [s]. None if the action or the permission is missing.
+    For a rule about states, such as two vehicles that must never touch: the total time in the forbidden state [s]. None if the
+    action or the event is missing.
     """
     hangs: str = ""
-    """The doubt on which an UNSURE instance depends, and its size."""
+    """The uncertain event or measurement on which an UNSURE instance depends, and its accuracy."""
 
 
 class NearMiss(msgspec.Struct, frozen=True):
-    """The step in which a rule that never applied came closest to applying."""
+    """The tick in which a rule that was never triggered came closest to being triggered."""
 
     binding: tuple[tuple[str, str], ...]
     tick: int
     missing: tuple[str, ...]
-    """Conjuncts of the premise that were false in the step."""
+    """The parts of the premise (the condition that triggers the rule) that were false in the tick."""
     steps: int
-    """Number of equally close steps."""
+    """Number of ticks in which equally few parts of the premise were false."""
 
 
 class Verdict(msgspec.Struct, frozen=True, omit_defaults=True):
@@ -77,39 +81,41 @@ class Verdict(msgspec.Struct, frozen=True, omit_defaults=True):
     message: str
     """One line: the rule, the time, and the event."""
     reason: str = ""
-    """Reason of the status; of NA and ERROR, in the same words for the same cause."""
+    """Reason of the status. Verdicts that are NA or ERROR for the same cause have the same words."""
     final: bool = False
-    """True when no continuation of the run could change the status."""
+    """Whether no continuation of the run could change the status."""
     time: float | None = None
     """Time of the earliest violation, or of the beginning of the open obligation [s]."""
     counts: dict[str, int] = {}
     """Number of instances by outcome: fail, open, pass, "not triggered"."""
     collapsed: int = 0
-    """Number of instances that the static model makes true; `counts` leaves them out."""
+    """Number of instances that are true because of the junction and the ways alone; `counts` leaves these instances out."""
     instances: tuple[InstanceVerdict, ...] = ()
     """Verdicts of the instances, sorted by severity, then by time."""
     near: NearMiss | None = None
     violated: str = ""
-    """The violated obligation, in the same words for all vehicles; groups failures."""
+    """The violated obligation, in words that do not name vehicles, so that reports can group failures by these words."""
     roles: str = ""
-    """The vehicles of the violation, in words that are the same for all rotations of a scenario."""
+    """The movements of the vehicles of the violation, in words that are the same for all rotations of a scenario."""
     asked: bool = True
-    """Whether an instance bound the subject to act; without a subject, whether an instance was triggered."""
+    """Whether a triggered instance required an action of the subject. In a run without a subject, whether an instance was
+    triggered and a vehicle moved."""
     unavoidable: bool = False
-    """Whether no vehicle could have kept the violated rule; sessions count it apart, and it fails no test by default."""
+    """Whether no vehicle could have kept the violated rule; such verdicts are counted separately, and fail no test by default."""
     notes: tuple[str, ...] = ()
-    """Further remarks, such as that no run could pass, or that a tie window decides."""
+    """Further remarks, such as that no run could pass, or that a tie window (arrivals that count as equal) decides."""
     explanation: str = ""
-    """A block of text: the rule, the instance, its states, the vehicles bound to act, the beginning of the obligation."""
+    """Several lines of text: the rule, the instance, its states, the vehicles bound to act, the beginning of the obligation."""
     requirement: str | None = None
     dt: float = 0.01
     """Time between two states [s]."""
     start: float = 0.0
     """Time of the first state on the clock of the recording [s]; `time` is on this clock, ticks count from the first state."""
     subject: str | None = None
-    """The vehicle under test among traffic. The status then comes from the instances that the subject is to blame for, if any."""
+    """The vehicle under test among traffic. The status comes from the instances that the subject is to blame for, if there are
+    any."""
     provoked: bool = False
-    """Whether the traffic alone caused the violation or the open obligation; such a verdict fails no test of the subject."""
+    """Whether traffic or pedestrians alone caused the violation or the open obligation; such a verdict fails no test."""
     title: str = ""
     """The title of the rule, in words."""
     responsible: tuple[str, ...] = ()
@@ -139,15 +145,18 @@ class Verdict(msgspec.Struct, frozen=True, omit_defaults=True):
 
     @property
     def outcome(self) -> Outcome:
-        """The outcome in reports: UNAVOIDABLE or PROVOKED if the verdict is unavoidable or provoked, else the status."""
+        """The outcome in reports: UNAVOIDABLE if `unavoidable`, PROVOKED if `provoked`, and the status in all other cases."""
         return Outcome.UNAVOIDABLE if self.unavoidable else Outcome.PROVOKED if self.provoked else Outcome(self.status.value)
 
     @property
     def cause(self) -> str:
-        """The violated obligation and its vehicles, in the same words for the same violation in a rotated scenario."""
+        """The violated obligation and the vehicles' movements, in words that are the same for all rotations of a scenario."""
         return f"{self.violated} ({self.roles})" if self.roles else self.violated
 
     def record(self) -> dict[str, Any]:
-        """Return the verdict as builtins for JSON, without the fields that have their default, as reports hold it."""
+        """Return the verdict as a dictionary for JSON, as in reports: fields with their default values are left out."""
         content: dict[str, Any] = msgspec.json.decode(msgspec.json.encode(self))
         return content
+
+
+show_lists(Verdict)

@@ -1,9 +1,9 @@
-"""The instances and the present facts that live monitors read.
+"""The instances of rules, and the present truth values of their atoms (facts), that live monitors read.
 
 `Instances` makes the instances of rules for vehicles that come and go: per vehicle, and per pair of vehicles. `Board` holds the
-present values of the ground atoms in these instances; all rules share the value of an atom. Signals are evaluated in every state
-for all vehicles at once, and facts are told where a signal changes. A user's word is evaluated on a run of one state, when a
-monitor asks for the word.
+facts of the atoms in these instances. Equal atoms of different rules share a fact. Signals (quantities per state) are evaluated
+in every state for all vehicles at once, and a fact is set only when its signal changes. A user's predicate is evaluated on a run
+of a single state, when a monitor asks for the predicate.
 """
 
 from __future__ import annotations
@@ -22,15 +22,15 @@ from pytest_rvads.logic.conduct.cast import Cast
 from pytest_rvads.logic.conduct.predicates import Static, extract
 from pytest_rvads.logic.judging.evaluate import OPERATORS, Values, signal_of
 from pytest_rvads.logic.judging.ground import unfold
-from pytest_rvads.logic.judging.prepare import Template, prepare
+from pytest_rvads.logic.judging.judgement import Template
+from pytest_rvads.logic.judging.prepare import prepare
 from pytest_rvads.logic.live.instant import Instant, Mover
 from pytest_rvads.logic.live.watch import Fact
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.rules.lexicon import word_of
+from pytest_rvads.logic.rules.parts import agents_of, split
 from pytest_rvads.logic.rules.rule import Rule
-from pytest_rvads.logic.rules.shape import agents_of, split
-from pytest_rvads.logic.rules.sorts import Sort
-from pytest_rvads.logic.rules.vocabulary import Follower
+from pytest_rvads.logic.rules.vocabulary import Follower, Sort
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Agent
 from pytest_rvads.support.errors import FormulaError
@@ -42,31 +42,31 @@ _Entry = TypeVar("_Entry")
 
 
 class Board:
-    """The present facts of a run that goes on.
+    """The present truth values of atoms (facts) in a run that goes on.
 
     Args:
-        now: the present instant; the run goes on by advancing this instant.
+        now: the present instant of the run, which `Instant.go_on` moves to the next state.
     """
 
     def __init__(self, now: Instant) -> None:
         self.now = now
         self._facts: dict[object, Fact] = {}
         self._signals: dict[Signal[Any], list[tuple[Fact, tuple[Mover | int, ...]]]] = {}
-        """The facts about every signal, and the vehicles or the entrance that they are about."""
+        """Per signal, the facts that the signal determines, each with its vehicles or its entrance."""
         self._columns: dict[Signal[Any], tuple[int, list[tuple[Fact, int]]]] = {}
         """Per signal, the number of its facts, and the column of each fact; valid as long as the cast is the same."""
         self._cast: Cast | None = None
         self._rows: dict[Signal[Any], list[bool]] = {}
-        """The state before, for every signal."""
+        """The values of every signal in the state that was read last."""
         self._block: Block | None = None
         self._values: list[tuple[Signal[Any], list[list[bool]]]] = []
-        """The states of every signal in the block, for the signals that facts are about."""
+        """The values, in all states of the present block, of every signal that determines a fact."""
         self._followed: list[tuple[Fact, Follower]] = []
         self._bodily: dict[Mover, set[Fact]] = {}
         self._ends: dict[Mover, list[Callable[[], None]]] = {}
 
     def drop(self, mover: Mover) -> None:
-        """Forget a vehicle about which no monitor is left."""
+        """Remove the facts of a vehicle that no monitor is about any more."""
         for end in self._ends.pop(mover, ()):
             end()
         self._bodily.pop(mover, None)
@@ -74,11 +74,11 @@ class Board:
             del self._facts[key]
 
     def bodily(self, movers: Iterable[Mover]) -> frozenset[Fact]:
-        """Return the facts that are false while any of these vehicles is absent."""
+        """Return the facts (truth values of atoms) that are false while any of the given vehicles is absent."""
         return frozenset(fact for mover in movers for fact in self._bodily.get(mover, ()))
 
     def read(self) -> None:
-        """Bring all facts up to this instant.
+        """Update the truth values of all atoms to the present state of the run.
 
         Raises:
             RunError: a value that an atom asks for is not given.
@@ -104,12 +104,12 @@ class Board:
         self._facts.pop(key, None)
 
     def fact(self, atom: f.Atom, movers: Sequence[Mover], tie: float) -> Fact:
-        """Return the fact of a ground atom, which `read` keeps up to date.
+        """Return the fact of an atom: its present truth value, which `read` keeps up to date.
 
         Args:
-            atom: the atom; its agents are numbered by their place in `movers`.
+            atom: the atom; the index of an agent in the atom is its place in `movers`.
             movers: the vehicles.
-            tie: waiting times that differ by at most this count as equal [s].
+            tie: largest difference of waiting times that count as equal [s].
 
         Raises:
             RunError: a value that the atom asks for is not given.
@@ -134,14 +134,14 @@ class Board:
         return fact
 
     def _of_signal(self, signal: Signal[Any], places: Sequence[Mover | int]) -> Fact:
-        """Return a fact that is one column of a signal, about vehicles or an entrance."""
+        """Return the fact (truth value of an atom) that the column of a signal for given vehicles or an entrance determines."""
         fact = Fact(bool(signal(self.now.block, *map(_column, places))[self.now.row]))
         self._columns.pop(signal, None)
         self._block = None
         return self._keep(fact, self._signals.setdefault(signal, []), (fact, tuple(places)))
 
     def _columns_of(self, signal: Signal[Any]) -> list[tuple[Fact, int]]:
-        """Return the facts about a signal, each with its column of the signal."""
+        """Return the facts (truth values) that a signal determines, each with its column of the signal."""
         cast, facts, (count, columns) = self.now.block.cast, self._signals[signal], self._columns.get(signal, (-1, []))
         if count != len(facts):
             places_of_facts = ((fact, signal.column(cast, list(map(_column, places)))) for fact, places in facts)
@@ -150,7 +150,7 @@ class Board:
         return columns
 
     def _general(self, atom: f.Atom, movers: Sequence[Mover], tie: float) -> Fact:
-        """Return a fact that is worked out on a run of one state."""
+        """Return the fact (truth value) of an atom that is computed on a run of one state."""
         now, moved, word = self.now, _in_columns(atom, movers), word_of(atom)
         if word is not None and word.follow is not None:
             follow = word.follow(now.run, *word.arguments(moved))
@@ -159,7 +159,10 @@ class Board:
         return Fact(False, lambda: bool(Values(now.run, tie)[moved][0]))
 
     def _keep(self, fact: Fact, where: list[_Entry], entry: _Entry, *until: Mover) -> Fact:
-        """Keep the entry of a fact in a list until a vehicle of `until` is dropped, or else until no watch reads the fact."""
+        """Add the entry of a fact to a list, arrange for its removal, and return the fact.
+
+        The entry is removed when a vehicle of `until` is dropped; without such vehicles, when no monitor reads the fact any more.
+        """
         where.append(entry)
 
         def end() -> None:
@@ -179,13 +182,13 @@ def _column(place: Mover | int) -> int:
 
 
 def _element_of(term: f.Term) -> f.Element | None:
-    """Return the element of a term; None for a value."""
+    """Return the vehicle or place that a term is about; None for a value."""
     inner = term.of if isinstance(term, f.Attr) else term
     return inner if isinstance(inner, f.Element) else None
 
 
 def _key_of(term: f.Term, movers: Sequence[Mover]) -> object:
-    """Return a key of a term: for an agent its mover, together with the name of an attribute; else the term."""
+    """Return a key that is equal for equal terms: an agent's `Mover`, with the name of an attribute, or any other term itself."""
     element = _element_of(term)
     if element is None or element.sort != Sort.AGENT:
         return term
@@ -194,7 +197,7 @@ def _key_of(term: f.Term, movers: Sequence[Mover]) -> object:
 
 
 def _in_columns(atom: f.Atom, movers: Sequence[Mover]) -> f.Atom:
-    """Return an atom whose agents are numbered by their columns."""
+    """Return an atom with its agents numbered by their columns in the present state."""
 
     def move(term: f.Term) -> f.Term:
         if isinstance(term, f.Attr) and isinstance(term.of, f.Element):
@@ -211,7 +214,7 @@ def _in_columns(atom: f.Atom, movers: Sequence[Mover]) -> f.Atom:
 
 
 class Instances:
-    """The instances of rules by the ways of the vehicles, prepared once per combination of ways.
+    """Makes the instances of rules for vehicles that come and go, once per combination of ways of the vehicles.
 
     Args:
         rules: the rules.
@@ -219,7 +222,7 @@ class Instances:
         lights: colours of the first state; an entrance with a colour other than none has a light.
 
     Raises:
-        FormulaError: a rule is about more than two vehicles at once, so that vehicles that come later would count.
+        FormulaError: a rule is about more than two vehicles at once; vehicles that come later would change its instances.
     """
 
     def __init__(self, rules: tuple[Rule, ...], junction: Junction, lights: list[int]) -> None:
@@ -231,9 +234,9 @@ class Instances:
             _refuse_crowds(rule, static)
 
     def of(self, *ways: Key) -> tuple[tuple[int, Template], ...]:
-        """Return the instances about one vehicle or about two vehicles together, each with the number of its rule.
+        """Return the instances of rules about vehicles on one or two given ways, each with the number of its rule.
 
-        The agents of the instances are numbered in the order of the ways.
+        The agents of an instance are numbered in the order of the ways.
         """
         instances = self._prepared.get(ways)
         if instances is None:
@@ -254,7 +257,7 @@ class Instances:
 
 
 def _about(template: Template) -> set[int]:
-    """Return the columns of the agents in the variables and in the atoms of an instance."""
+    """Return the columns of the agents in the variables and atoms of an instance of a rule."""
     named = {e.index for member in template.members for _, e in member.binding if e.sort == Sort.AGENT}
     return named | {e.index for e in agents_of(template.formula)}
 

@@ -1,7 +1,8 @@
 """The states that live monitors read, one after the other.
 
-`Seen` is the input of `RuleMonitor.see`, and `Decided` is its answer. `Stream` makes blocks of one or more states, and hands the
-carry of the signals from block to block. `Instant` is the present state: the vehicles by column, and a run of this state alone.
+`RuleMonitor.see` reads values `Seen` and returns values `Decided`. `Stream` makes blocks of one or more states, and passes the
+carries of signals (the values that quantities per state keep for later states) from block to block. `Instant` is the present
+state: the vehicles by column, and a run of this state alone.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.logic.conduct.blocks import Block, Signal, assume, unless_equal
 from pytest_rvads.logic.conduct.cast import Cast
-from pytest_rvads.logic.conduct.motion import advance, entered, facing, wt
+from pytest_rvads.logic.conduct.standing import advance, entered, facing, wt
 from pytest_rvads.logic.ltl.ltl3 import Truth
 from pytest_rvads.runs.run import Collision, Facts, Run
 from pytest_rvads.runs.states import ABSENT, Agent
@@ -48,19 +49,20 @@ class Seen(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Decided:
-    """The final verdict of an instance of a rule."""
+    """The final verdict of an instance of a rule (the rule for certain vehicles and entrances)."""
 
     rule: str
     binding: Mapping[str, str]
-    """Variables of the rule, and the names of the elements that the variables stand for."""
+    """Variables of the rule, with the names of the vehicles and entrances that the variables stand for."""
     verdict: Truth
-    """``F``: violated in this state; ``T``: no continuation violates it; ``?``: a vehicle left before a violation."""
+    """``F``: the instance was violated at `time`; ``T``: no continuation violates the instance; ``?``: a vehicle of the instance
+    left, and the instance can't be violated any more."""
     time: float
     """Time of the decision since the first state [s]."""
 
 
 def sizes_of(vehicle_size: tuple[float, float] | Sequence[tuple[float, float]], count: int) -> tuple[tuple[float, float], ...]:
-    """Return length and width of every vehicle [m], given one pair for all vehicles or one pair per vehicle.
+    """Return the length and width of every vehicle [m], given a pair of numbers for all vehicles or a pair per vehicle.
 
     Raises:
         RunError: the sizes have another shape, or are not finite and positive.
@@ -74,7 +76,7 @@ def sizes_of(vehicle_size: tuple[float, float] | Sequence[tuple[float, float]], 
 
 
 def row_of(name: str, values: ArrayLike, shape: tuple[int, ...]) -> list[Any]:
-    """Return the numbers of a state as lists.
+    """Return the values of an array of a state as a list of numbers or of lists, after a check of their shape.
 
     Raises:
         RunError: the numbers have another shape than `shape`, or are not finite; the message gives their `name`.
@@ -88,12 +90,12 @@ def row_of(name: str, values: ArrayLike, shape: tuple[int, ...]) -> list[Any]:
 
 
 class Stream:
-    """Makes blocks of states as the states come, and hands the carry of every block on to the next block.
+    """Makes blocks of states as the states come, and passes the carries of signals (values kept for later) from block to block.
 
     Args:
         junction: the junction that the vehicles drive through.
         dt: time between two states [s].
-        facts: the facts of the run; they may state a speed limit.
+        facts: the facts of the run, such as a speed limit.
     """
 
     def __init__(self, junction: Junction, dt: float, facts: Facts) -> None:
@@ -104,7 +106,7 @@ class Stream:
         self._tick = 0
 
     def recast(self, agents: Sequence[Agent], columns: Sequence[int | None]) -> None:
-        """Replace the vehicles, because a vehicle has come or gone.
+        """Replace the vehicles of the stream, because a vehicle has come or gone.
 
         Args:
             agents: the vehicles of the next block, in the order of its columns.
@@ -113,13 +115,13 @@ class Stream:
         self.cast, self._kept = Cast(self.cast.junction, agents, self._facts), columns
 
     def feed(self, signals: Iterable[Signal[Any]], zone: NDArray[np.int8], lights: NDArray[np.int8], **arrays: Any) -> Block:
-        """Return the next states as a block.
+        """Return the next states as a block on which the given signals are evaluated.
 
         Args:
-            signals: the signals with a carry; each is worked out, because later blocks depend on its carry.
+            signals: the signals that are evaluated, because later blocks depend on their carries.
             zone: `Zone` of every vehicle, shape ``(n, agents)``.
             lights: `Colour` at every entrance, shape ``(n, entrances)``.
-            **arrays: the other arrays of `Block` that are known.
+            **arrays: further arrays of `Block`, as far as they are given.
         """
         last = self._last
         block = Block(self.cast, zone, lights, self.dt, **arrays, tick=self._tick, previous=last, kept=self._kept)
@@ -137,12 +139,12 @@ class Stream:
 
 
 OF_RUNS = (wt, entered, facing, advance)
-"""The signals with a carry that a run of one state has to offer."""
+"""The signals with a carry that a run of a single state reads from its block, instead of computing them from earlier states."""
 
 
 @dataclass(slots=True, eq=False)
 class Mover:
-    """A vehicle and its present state."""
+    """A vehicle that a live monitor reads, with its column and its present state."""
 
     agent: Agent
     slot: int
@@ -153,7 +155,7 @@ class Mover:
 
 
 class State(NamedTuple):
-    """A state as the monitor reads it, by column; None for an array that is not given."""
+    """A state in the form that `Instant.feed` reads: sequences with a value per vehicle; None for values that are not given."""
 
     zones: Sequence[int]
     stations: Sequence[float] | None
@@ -165,12 +167,12 @@ class State(NamedTuple):
 
     @property
     def given(self) -> tuple[bool, ...]:
-        """Whether each of the arrays is given."""
+        """Per field of the state, whether the field is given."""
         return tuple(value is not None for value in self)
 
 
 class _State(Run):
-    """A run of one state, whose block carries values that depend on earlier states."""
+    """A run of one state; its values that depend on earlier states, such as waiting times, come from the block of the state."""
 
     @cached_property
     def wt(self) -> NDArray[np.int32]:
@@ -194,13 +196,13 @@ class _State(Run):
 
 
 class Instant:
-    """The vehicles at a junction, one state after the other.
+    """The vehicles at a junction in the present state of a run that goes on state by state.
 
     Args:
         junction: the junction that the vehicles drive through.
         dt: time between two states [s].
-        facts: the facts of the run; they may state a speed limit.
-        signals: the signals that are worked out in every state, because later states depend on their carries.
+        facts: the facts of the run, such as a speed limit.
+        signals: the signals that are evaluated in every state, because later states depend on their carries.
     """
 
     def __init__(self, junction: Junction, dt: float, facts: Facts, signals: Iterable[Signal[Any]]) -> None:
@@ -217,13 +219,13 @@ class Instant:
         """Row of the present state in the block."""
 
     def add(self, agent: Agent, slot: int) -> Mover:
-        """Return a vehicle that appears in the next state, in a new column or in a column that has become free."""
+        """Add a vehicle that appears in the next state, and return it; its column is new, or free since another vehicle left."""
         mover = Mover(agent, slot)
         self.slots[slot : slot + 1] = [mover]
         return mover
 
     def feed(self, states: Sequence[State]) -> None:
-        """Work out the next states of the same vehicles as a block; `go_on` goes from one state to the next."""
+        """Evaluate the next states of the same vehicles as a block; `go_on` then goes from one state to the next."""
         if self._cast != self.slots:
             columns = {mover: column for column, mover in enumerate(self._cast)}
             self._stream.recast([mover.agent for mover in self.slots], [columns.get(mover) for mover in self.slots])
@@ -237,7 +239,7 @@ class Instant:
         self.row = -1
 
     def go_on(self) -> None:
-        """Go on to the next state of the block."""
+        """Make the next state of the block the present state."""
         self.tick, self.row, self._run = self.tick + 1, self.row + 1, None
 
     @property

@@ -1,8 +1,9 @@
-"""Rules on a run while it is being produced: one state at a time, in constant memory.
+"""Judges rules on a run while the run is being produced, one state at a time, in constant memory.
 
-Verdicts equal those of `check`, tick for tick, except UNSURE, which needs the whole run; so ``rvads check --follow`` judges the
-runs of vehicles that have left. If vehicles come and go, instances about one or two vehicles are kept as long as a violation can
-come. A rule about three vehicles at once needs the vehicles beforehand.
+The verdicts equal the verdicts of `check`, tick for tick. Only UNSURE needs the whole run; therefore ``rvads check --follow``
+judges the runs of vehicles that have left by `check`. If vehicles come and go, a rule for one or two certain vehicles is
+monitored as long as these vehicles can violate the rule. A rule about three vehicles at once needs to be given the vehicles
+before the run.
 """
 
 from __future__ import annotations
@@ -18,7 +19,8 @@ from numpy.typing import ArrayLike
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.logic.conduct.blocks import Signal
 from pytest_rvads.logic.conduct.predicates import extract
-from pytest_rvads.logic.judging.prepare import Template, prepare
+from pytest_rvads.logic.judging.judgement import Template
+from pytest_rvads.logic.judging.prepare import prepare
 from pytest_rvads.logic.live.board import Board, Instances
 from pytest_rvads.logic.live.instant import OF_RUNS, Decided, Instant, Mover, Seen, State, row_of, sizes_of
 from pytest_rvads.logic.live.watch import Fact, Reading, Watch
@@ -28,7 +30,7 @@ from pytest_rvads.logic.rules.book import RuleBook, rules_for
 from pytest_rvads.logic.rules.current import PACKAGE
 from pytest_rvads.logic.rules.lexicon import ATTRIBUTES, word_of
 from pytest_rvads.logic.rules.rule import Rule
-from pytest_rvads.logic.rules.sorts import Sort
+from pytest_rvads.logic.rules.vocabulary import Sort
 from pytest_rvads.logic.telling.phrase import element_name
 from pytest_rvads.runs.itineraries import itinerary
 from pytest_rvads.runs.recording import Before, zones
@@ -42,24 +44,25 @@ __all__ = ["RuleMonitor"]
 class RuleMonitor:
     """Judges rules on a run while the run goes on: after every state the verdict says whether a rule can still be kept.
 
-    Values that depend on earlier states (waiting times, stops, lost time, ways) are carried from state to state, so the cost of
-    a state does not grow with the run. A user's predicate sees a single state, unless the predicate has a `follow`. `check`
-    judges the end of a run, such as obligations that are still open.
+    Values that depend on earlier states (waiting times, stops, lost time, who owes the way) are carried from state to state.
+    Therefore the cost of a state does not grow with the run. A user's predicate sees a single state, unless the predicate was
+    registered with ``follow=``, see `predicate`. Only `check` judges the end of a run, such as obligations that are still open.
 
     With `agents`, the same vehicles are present in all states, and `step` reads the states. Without `agents`, vehicles come and
-    go, and `see` reads the states; an instance is about vehicles that are present at the same time.
+    go, and `see` reads the states; rules are judged for vehicles that are present at the same time.
 
     Args:
-        rule: a rule, the name of a rule, a rulebook, or several of these; of a rulebook, the rules about this junction count.
+        rule: a rule, the name of a rule or rulebook, or several of these. Of a rulebook, only the rules about this junction are
+            judged.
         junction: the junction.
         agents: the vehicles, in the order of the columns that `step` takes; None for vehicles that come and go.
         dt: time between two states [s].
         speed_limit: speed limit on roads for which the map states no limit [m/s]; only some rules need the limit.
-        vehicle_size: length and width of the vehicles [m]: a pair for all, or a pair per vehicle; only some rules need it.
-        book: the rulebook in which names are looked up; by default the open book, with your registered rules.
-        block: number of states that are judged together, which takes less time per state. A decision about a state is returned up
-            to ``block - 1`` states later, 0.09 s for ten states of 0.01 s, with the time of its state. `see` also judges
-            the waiting states when a vehicle comes or goes, and `flush` judges them at once.
+        vehicle_size: length and width of the vehicles [m]: a pair for all, or a pair per vehicle; only some rules need sizes.
+        book: the book in which names of rules are looked up; by default the open book, with your registered rules, see `rule`.
+        block: number of states that are judged together; a larger number takes less time per state. A decision about a state is
+            returned up to ``block - 1`` states later (0.09 s for ten states of 0.01 s), with the time of the state. When a
+            vehicle comes or goes, `see` judges all states of an incomplete block. `flush` judges these states at any time.
 
     Raises:
         FormulaError: a rule is unknown, its monitor would be too large, or it is about three vehicles and `agents` is None.
@@ -83,6 +86,7 @@ class RuleMonitor:
             if not candidate.concerns(junction):
                 kinds = " or ".join(candidate.kinds) + (" and several lanes on an arm" if candidate.lanes else "")
                 kinds += " and a lane that joins another one" if candidate.joining else ""
+                kinds += f" and {candidate.crosswalks}" if candidate.crosswalks else ""
                 raise RunError(f"{candidate.name} is about junctions with {kinds}, this one has {junction.control}")
         if not isinstance(block, int) or block < 1:
             raise RunError(f"block must be a whole number of states from 1 on, got {block!r:.20}")
@@ -100,7 +104,7 @@ class RuleMonitor:
         self._readings: dict[tuple[int, tuple[int, ...]], tuple[Machine, Reading]] = {}
         self._watches: dict[Watch, tuple[Mover, ...]] = {}
         self._pending = [0] * len(self.rules)
-        """Number of watches per rule."""
+        """Per rule, the number of its watches: monitors of instances without a final verdict."""
         self._broken: dict[Watch, tuple[Mover, ...]] = {}
         self._failed: set[int] = set()
         self._instances: Instances | None = None
@@ -108,16 +112,16 @@ class RuleMonitor:
         self._about: dict[Mover, dict[Watch, None]] = {}
         self._free: list[int] = []
         self.not_judged: dict[str, str] = {}
-        """Names of the rules that can't be judged, because a value that the rule needs is not given, with the reason."""
+        """Maps the name of a rule that can't be judged, because a value that the rule needs is not given, to the reason."""
 
     @property
     def rule(self) -> Rule:
-        """The rule, or the first of several rules."""
+        """The rule of the monitor, or the first of its rules."""
         return self.rules[0]
 
     @property
     def verdict(self) -> Truth:
-        """``F`` if an instance is violated, ``T`` if no instance can be violated in any future, else ``?``."""
+        """``F`` if a rule is violated for some vehicles, ``T`` if no continuation violates any rule, ``?`` in all other cases."""
         return min(self.verdicts.values(), key=_WORST.index, default=Truth.UNKNOWN)
 
     @property
@@ -132,11 +136,14 @@ class RuleMonitor:
 
     @property
     def violated(self) -> tuple[dict[str, str], ...]:
-        """Values of the variables of every violated instance; without `agents`, only of instances about present vehicles."""
+        """Per violation, the variables of the rule with the names of the vehicles and entrances that they stand for.
+
+        Without `agents`, violations by vehicles that have left are not included.
+        """
         return tuple(_binding(watch.template, movers) for watch, movers in self._broken.items())
 
     def violated_of(self, rule: str) -> tuple[dict[str, str], ...]:
-        """Return the violated instances of the rule with a name, each as its variables and their values."""
+        """Return, for each violation of a rule, the variables of the rule and the vehicles and entrances that they stand for."""
         return tuple(_binding(w.template, movers) for w, movers in self._broken.items() if self.rules[w.rule].name == rule)
 
     def step(
@@ -149,7 +156,7 @@ class RuleMonitor:
         pose: ArrayLike | None = None,
         collisions: Iterable[tuple[str, str]] | None = None,
     ) -> Truth:
-        """Read one state and return the verdict so far.
+        """Read the next state of the run and return the verdict so far.
 
         Args:
             zone: `Zone` of every agent, shape ``(agents,)``.
@@ -181,18 +188,19 @@ class RuleMonitor:
         return Truth.FALSE if self._failed else Truth.UNKNOWN if self._watches else self.verdict
 
     def see(self, vehicles: Iterable[Seen], lights: ArrayLike | None = None) -> tuple[Decided, ...]:
-        """Read the vehicles that are present in one state, and return the instances that are decided, each instance once.
+        """Read the vehicles that are present in the next state, and return the final verdicts of instances decided by this state.
 
-        A vehicle is present from the first state that holds the vehicle until a state without it. The zone of a vehicle follows
-        from its stations: a border between two zones is crossed once, as in recordings. Decided instances are not stored.
+        A vehicle is present from the first state in which it is given until the first state in which it is missing. The zone of a
+        vehicle follows from its stations: a vehicle crosses a border between two zones only once, as in recordings. The monitor
+        does not store decided instances.
 
         Args:
             vehicles: the present vehicles.
             lights: `Colour` at every entrance, shape ``(entrances,)``; by default no entrance has a light.
 
         Raises:
-            RunError: two vehicles have the same name, the junction has no way of a vehicle, a number is not finite, or a value
-                that the only rule needs is missing.
+            RunError: two vehicles have the same name, the way of a vehicle is not in the junction, a number is not finite, or the
+                monitor has a single rule and a value that this rule needs is missing.
         """
         if self._agents is not None:
             raise RunError("see reads vehicles that come and go: call step, or make a RuleMonitor without agents")
@@ -210,14 +218,17 @@ class RuleMonitor:
         return decided if len(self._seen) < self._block else (*decided, *self.flush())
 
     def flush(self) -> tuple[Decided, ...]:
-        """Judge the states of an incomplete block, and return the decided instances as `see` does."""
+        """Judge the states of an incomplete block, and return the final verdicts of the instances that these states decide.
+
+        A monitor with `agents` returns no verdicts here; its property `verdicts` shows them.
+        """
         states, seen_states, self._states, self._seen = self._states, self._seen, [], []
         if self._agents is not None and states:
             self._judge(states)
         return self._judge_seen(seen_states) if seen_states else ()
 
     def _judge(self, states: Sequence[State]) -> None:
-        """Judge the next states of vehicles that are known beforehand."""
+        """Judge the next states of a monitor that was given its vehicles."""
         now, first = self._now, self._now.tick < 0
         if first:
             for slot, agent in enumerate(self._agents or ()):
@@ -232,7 +243,7 @@ class RuleMonitor:
             self._run_monitors()
 
     def _judge_seen(self, states: Sequence[tuple[dict[str, Seen], list[int]]]) -> tuple[Decided, ...]:
-        """Judge the next states, in all of which the same vehicles are seen."""
+        """Judge the next states, all with the same vehicles, and return the final verdicts of the instances that they decide."""
         now, seen, instances = self._now, states[0][0], self._instances
         old = tuple(self._present.values())
         new = tuple(self._enter(vehicle.agent) for name, vehicle in seen.items() if name not in self._present)
@@ -263,7 +274,7 @@ class RuleMonitor:
             raise RunError(f"vehicle {vehicle.agent.name!r}: the junction has no way {vehicle.agent.way.key}")
 
     def _enter(self, agent: Agent) -> Mover:
-        """Return a new vehicle, in the column that has been free for the longest time."""
+        """Add a vehicle that has come, in a new column or in the column that has been free for longest, and return it."""
         now = self._now
         if self._size is not None and agent.size is None:
             agent = replace(agent, size=self._size)
@@ -275,7 +286,7 @@ class RuleMonitor:
     def _columns(
         self, by_name: Mapping[str, Seen]
     ) -> tuple[list[int], list[float], list[float], list[tuple[float, float, float]]]:
-        """Return zones, stations, speeds and poses by column."""
+        """Return the zones, stations, speeds and poses of the present vehicles, by column."""
         slots = self._now.slots
         if not slots:
             return [], [], [], []
@@ -292,14 +303,14 @@ class RuleMonitor:
         return zone, list(stations), list(speeds), list(zip(*pose, strict=True))
 
     def _begin(self) -> None:
-        """Make the monitors of vehicles that are known beforehand."""
+        """Make all monitors of a `RuleMonitor` that was given its vehicles."""
         static, movers = extract(self._now.run), tuple(self._now.slots)
         for number, rule in enumerate(self.rules):
             templates = prepare(rule.formula, static, rule.bound).templates
             self._watch(tuple((number, template) for template in templates), movers)
 
     def _watch(self, templates: Sequence[tuple[int, Template]], movers: tuple[Mover, ...]) -> None:
-        """Make monitors of instances about these vehicles."""
+        """Make the monitors of instances of rules about the given vehicles."""
         for number, template in templates:
             rule = self.rules[number]
             if rule.name in self.not_judged:
@@ -332,7 +343,7 @@ class RuleMonitor:
         return entry[1]
 
     def _run_monitors(self) -> tuple[Decided, ...]:
-        """Step the monitors whose letter may have changed, and return the decided instances."""
+        """Let the monitors in the queue read the present state, and return the final verdicts of instances."""
         decided = []
         queued = self._queue[:]
         self._queue.clear()
@@ -363,7 +374,7 @@ class RuleMonitor:
             self._about.get(mover, {}).pop(watch, None)
 
     def _leave(self, leaving: Sequence[Mover]) -> tuple[Decided, ...]:
-        """Return the instances that are decided because vehicles have left, and drop vehicles without undecided instances."""
+        """Return the verdicts that are final because vehicles have left, and remove absent vehicles that no monitor needs."""
         decided = []
         for mover in leaving:
             for watch in list(self._about[mover]):
@@ -386,12 +397,15 @@ class RuleMonitor:
 _SPARE = 4
 """Number of columns that stay free after their vehicles have left, before a new vehicle takes the oldest free column."""
 _NOWHERE = (math.nan,) * 6
-"""Station, speed, pose and spread of a vehicle that is not there."""
+"""Station, speed, pose and spread of an absent vehicle."""
 _WORST = (Truth.FALSE, Truth.UNKNOWN, Truth.TRUE)
 
 
 def _signals_of(rules: Sequence[Rule]) -> dict[Signal[Any], None]:
-    """Return the signals of the words and attributes of rules; a user's word may read all that a run of one state offers."""
+    """Return the signals (quantities per state) that rules need.
+
+    If a rule has a user's predicate, all signals of `OF_RUNS` are included, because the predicate can read them from its run.
+    """
     atoms = dict.fromkeys(atom for rule in rules for atom in f.atoms(rule.formula))
     words = [word for word in map(word_of, atoms) if word is not None]
     attributes = [ATTRIBUTES[term.name].read for atom in atoms for term in atom.terms if isinstance(term, f.Attr)]
@@ -400,7 +414,7 @@ def _signals_of(rules: Sequence[Rule]) -> dict[Signal[Any], None]:
 
 
 def _binding(template: Template, movers: Sequence[Mover]) -> dict[str, str]:
-    """Return the variables of an instance, and what they stand for."""
+    """Return the variables of an instance, and the names of the vehicles and places that the variables stand for."""
 
     def name(element: f.Element) -> str:
         return movers[element.index].agent.name if element.sort == Sort.AGENT else element_name(element)

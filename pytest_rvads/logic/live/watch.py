@@ -1,11 +1,11 @@
-"""Monitors that are stepped only if an atom that they read has changed, or if they have not settled yet."""
+"""Monitors that read a state only if an atom has changed, or if reading the same truth values again changes the monitor."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from itertools import product
 
-from pytest_rvads.logic.judging.prepare import Template
+from pytest_rvads.logic.judging.judgement import Template
 from pytest_rvads.logic.ltl.boolean import holds
 from pytest_rvads.logic.ltl.ltl3 import Machine, Truth
 
@@ -13,7 +13,7 @@ __all__ = ["Fact", "Reading", "Watch"]
 
 
 class Fact:
-    """The present value of a ground atom, with the watches that read the atom.
+    """The present truth value of an atom, with the watches (monitors) that read the atom.
 
     Args:
         value: the value at creation.
@@ -26,10 +26,10 @@ class Fact:
         self.value, self.ask = value, ask
         self.watches: list[tuple[Watch, int]] = []
         self.homes: list[Callable[[], None]] = []
-        """Callables that end the computation of the atom once no watch reads the atom."""
+        """Functions that are called once no watch reads the atom any more, and end the computation of the atom."""
 
     def tell(self, value: bool) -> None:
-        """Set the present value, and wake the watches if the value has changed."""
+        """Set the present truth value; if it has changed, make the watches (monitors) of the atom read the present state."""
         if value is not self.value:
             self.value = value
             for watch, bit in self.watches:
@@ -37,7 +37,7 @@ class Fact:
                 watch.wake()
 
     def leave(self, watch: Watch) -> bool:
-        """Remove a watch, and return whether no watch is left."""
+        """Remove a watch (monitor) from the atom, and return whether no watch of the atom is left."""
         self.watches = [entry for entry in self.watches if entry[0] is not watch]
         if not self.watches:
             for end in self.homes:
@@ -46,11 +46,11 @@ class Fact:
 
 
 class Reading:
-    """Maps the truth values of a machine's atoms, given as a mask with bit k for atom k, to letters.
+    """Maps the truth values of a monitor's atoms (a mask with bit k for atom k) to letters, the inputs of the monitor.
 
     Args:
-        machine: the machine, over propositions p0, p1, ...
-        asked: numbers of the atoms that are evaluated only if they affect the letter.
+        machine: the monitor as a machine, over the propositions p0, p1, ...
+        asked: numbers of the atoms that are evaluated only if their values affect the letter.
     """
 
     def __init__(self, machine: Machine, asked: Sequence[int]) -> None:
@@ -63,7 +63,7 @@ class Reading:
         self._hopeless: dict[tuple[int, int], bool] = {}
 
     def letter(self, mask: int) -> int | None:
-        """Return the letter if all values of the atoms in `asked` give the same letter, else None."""
+        """Return the letter (input of the monitor) if the letter is the same for all values of the atoms in `asked`, or None."""
         try:
             return self._letters[mask]
         except KeyError:
@@ -74,7 +74,7 @@ class Reading:
             return letter
 
     def exact(self, mask: int) -> int:
-        """Return the letter for the values of all atoms."""
+        """Return the letter (input of the monitor) for given values of all atoms."""
         letter = self._exact.get(mask)
         if letter is None:
             machine = self._machine
@@ -84,7 +84,7 @@ class Reading:
         return letter
 
     def can_fail(self, state: int, false: int) -> bool:
-        """Return whether a violation is reachable from a state while the atoms of mask `false` stay false."""
+        """Return whether a monitor in a state can still reach a violation while the atoms of mask `false` stay false."""
         reachable = self._hopeless.get((state, false))
         if reachable is None:
             count = len(self._machine.atoms)
@@ -104,21 +104,21 @@ class Reading:
 
 
 _MOST_FREE = 8
-"""Most atoms whose values are all tried to decide whether a violation is reachable."""
+"""Largest number of atoms of which all combinations of values are tried to decide whether a violation is reachable."""
 _MOST_ASKED = 6
-"""Most atoms whose values are all tried to decide whether the atoms affect the letter."""
+"""Largest number of atoms of which all combinations of values are tried to decide whether the atoms affect the letter."""
 
 
 class Watch:
-    """The monitor of one instance.
+    """The monitor of an instance of a rule (the rule for certain vehicles and entrances).
 
     Args:
         rule: number of the rule.
         template: the instance.
-        reading: the reading of its machine.
-        facts: the facts that its propositions stand for.
-        queue: the queue of watches to step, to which the watch appends itself.
-        state: the state of the machine.
+        reading: the machine of the monitor, with the letters for the truth values of its atoms.
+        facts: the facts (present truth values of atoms) that the propositions p0, p1, ... of the machine stand for.
+        queue: the queue of the watches that have to read the present state; a watch appends itself to the queue.
+        state: the number of the state in which the machine starts.
     """
 
     __slots__ = ("_queue", "_queued", "asked", "facts", "mask", "reading", "rule", "state", "template")
@@ -141,17 +141,20 @@ class Watch:
 
     @property
     def verdict(self) -> Truth:
-        """The present verdict."""
+        """The verdict after the states that the monitor has read."""
         return self.reading.output[self.state]
 
     def wake(self) -> None:
-        """Enter the queue, to be stepped in this instant."""
+        """Put this monitor into the queue of the monitors that have to read the present state."""
         if not self._queued:
             self._queued = True
             self._queue.append(self)
 
     def step(self) -> Truth:
-        """Read the letter of this instant; enter the queue again unless the same letter read again would change nothing."""
+        """Read the present state and return the verdict.
+
+        The monitor puts itself into the queue for the next state if reading the same truth values again would change its state.
+        """
         self._queued = False
         reading = self.reading
         letter = reading.letter(self.mask)
@@ -170,10 +173,10 @@ class Watch:
         return verdict
 
     def can_fail(self, false: frozenset[Fact]) -> bool:
-        """Return whether the instance can still be violated while these facts stay false."""
+        """Return whether the instance can still be violated while the facts in `false` stay false."""
         return self.reading.can_fail(self.state, sum(1 << k for k, fact in enumerate(self.facts) if fact in false))
 
     def end(self) -> None:
-        """Remove the watch from its facts."""
+        """Remove this monitor from the atoms that it reads."""
         for fact in dict.fromkeys(self.facts):
             fact.leave(self)

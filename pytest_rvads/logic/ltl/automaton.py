@@ -1,40 +1,178 @@
-"""Builds, from a formula, the automaton of the prefixes that can still be continued.
+"""Builds the automaton that reads the prefixes of models of a formula: finite words with a continuation that satisfies it.
 
-A state is a set of obligations (nodes in negation normal form, as a bit mask). Reading a letter, every obligation unfolds by the
-expansion laws ``a U b = b | (a & X(a U b))`` and ``a R b = b & (a | X(a R b))``. An U that is put off is marked, and a run is
-accepting if no U is put off forever: a transition-based generalised Büchi automaton (Couvreur, On-the-fly verification of linear
-temporal logic, FM 1999). Sets of letters are bit masks too.
+A formula is brought into negation normal form over guards (its largest parts without temporal operators). The nodes of the normal
+form are numbered. Equal nodes have the same number. Sets of nodes and sets of letters are bit masks.
+
+A state of the automaton is a set of nodes, called obligations. Reading a letter (the values of all guards) unfolds every
+obligation by the expansion laws ``a U b = b | (a & X(a U b))`` and ``a R b = b & (a | X(a R b))``. A move of the automaton marks
+every U that the move puts off, because the right side of the U does not hold yet. An infinite run of the automaton is accepting
+if no U is put off forever. Such an automaton is a transition-based generalised Büchi automaton (Couvreur, On-the-fly verification
+of linear temporal logic, FM 1999).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from enum import Enum, auto
 from functools import reduce
 
 import networkx as nx
 
-from pytest_rvads.logic.ltl.effort import Budget
-from pytest_rvads.logic.ltl.normal import Kind, Node, Pool
+from pytest_rvads.logic.ltl import formula as f
+from pytest_rvads.logic.ltl.boolean import Budget, conj, disj, plain
 
-__all__ = ["Nfa", "prefixes"]
+__all__ = ["Kind", "Nfa", "Node", "Pool", "prefixes"]
 
 _Move = tuple[int, int, int]
-"""Letters (mask), obligations for the next state (mask), U nodes put off (mask)."""
+"""A move of the automaton: its letters, the obligations for the next state, and the U nodes that it puts off (three masks)."""
+
+
+class Kind(Enum):
+    """The operator of a node of a formula in negation normal form."""
+
+    TRUE = auto()
+    FALSE = auto()
+    GUARD = auto()
+    AND = auto()
+    OR = auto()
+    NEXT = auto()
+    UNTIL = auto()
+    RELEASE = auto()
+
+
+@dataclass(frozen=True, slots=True)
+class Node:
+    """A node of a formula in negation normal form: an operator over other nodes, or a guard; only guards are negated."""
+
+    kind: Kind
+    parts: tuple[int, ...] = ()
+    """Numbers of the nodes of the operands; for a guard, the number of the guard in `Pool.guards`."""
+    positive: bool = True
+    """False for a negated guard."""
+
+
+@dataclass(slots=True)
+class Pool:
+    """The numbered nodes of the formulas of an automaton construction, with their guards."""
+
+    nodes: list[Node] = field(default_factory=list)
+    guards: list[f.Formula] = field(default_factory=list)
+    _numbers: dict[Node, int] = field(default_factory=dict)
+    _guard_numbers: dict[f.Formula, int] = field(default_factory=dict)
+    _known: dict[tuple[int, bool], int] = field(default_factory=dict)
+    _alive: list[f.Formula] = field(default_factory=list)
+    """The formulas of the keys of `_known`, kept alive so that no other formula gets the id() of a key."""
+
+    def add(self, formula: f.Formula, positive: bool = True) -> int:
+        """Return the number of the node for `formula`, or, if not `positive`, for the negation of `formula`."""
+        key = (id(formula), positive)  # stored, because an equivalence needs both sides, negated and not, several times
+        if key not in self._known:
+            self._known[key] = self._add(formula, positive)
+            self._alive.append(formula)
+        return self._known[key]
+
+    def _add(self, formula: f.Formula, positive: bool) -> int:
+        if f.is_boolean(formula):
+            return self._guard(formula, positive)
+        match formula:
+            case f.Not(body):
+                return self.add(body, not positive)
+            case f.Next(body):
+                return self._next(self.add(body, positive))
+            # The negation of a U b is the R of the negations of a and b, and vice versa.
+            case f.Always(body) | f.Eventually(body):  # F a = true U a, and G a = false R a
+                a, until = self.add(body, positive), isinstance(formula, f.Eventually) is positive
+                return self._lasting(until, self._number(Node(Kind.TRUE if until else Kind.FALSE)), a)
+            case f.Until(left, right) | f.Release(left, right):
+                a, b = self.add(left, positive), self.add(right, positive)
+                return self._lasting(isinstance(formula, f.Until) is positive, a, b)
+            case f.WeakUntil(left, right):  # a W b = b R (a | b)
+                a, b = self.add(right, positive), self.add(f.Or((left, right)), positive)
+                return self._lasting(not positive, a, b)
+            case f.Implies(left, right):
+                return self._join((f.Not(left), right), positive, conjunction=False)
+            case f.Iff(left, right):  # (a & b) | (!a & !b), and its negation (a & !b) | (!a & b)
+                same = self.join(Kind.AND, [self.add(left, True), self.add(right, positive)])
+                opposite = self.join(Kind.AND, [self.add(left, False), self.add(right, not positive)])
+                return self.join(Kind.OR, [same, opposite])
+            case f.And(parts) | f.Or(parts):
+                return self._join(parts, positive, conjunction=isinstance(formula, f.And))
+        raise TypeError(f"quantifiers must be unfolded before a monitor is built: {formula}")
+
+    def _join(self, parts: tuple[f.Formula, ...], positive: bool, *, conjunction: bool) -> int:
+        # All parts without temporal operators make a single guard.
+        plain = [p for p in parts if f.is_boolean(p)]
+        numbers = [self.add(p, positive) for p in parts if not f.is_boolean(p)]
+        if plain:
+            numbers.insert(0, self._guard(conj(plain) if conjunction else disj(plain), positive))
+        return self.join(Kind.AND if conjunction is positive else Kind.OR, numbers)
+
+    def join(self, kind: Kind, numbers: list[int]) -> int:
+        """Return the number of the node for the conjunction or disjunction of nodes, flattened and without repetitions."""
+        unit, zero = (Kind.TRUE, Kind.FALSE) if kind is Kind.AND else (Kind.FALSE, Kind.TRUE)
+        flat: set[int] = set()
+        for n in numbers:
+            node = self.nodes[n]
+            if node.kind is zero:
+                return n
+            if node.kind is kind:
+                flat.update(node.parts)
+            elif node.kind is not unit:
+                flat.add(n)
+        if not flat:
+            return self._number(Node(unit))
+        return flat.pop() if len(flat) == 1 else self._number(Node(kind, tuple(sorted(flat))))
+
+    def _guard(self, formula: f.Formula, positive: bool) -> int:
+        formula = _fold(formula)
+        if isinstance(formula, f.Const):
+            return self._number(Node(Kind.TRUE if formula.value is positive else Kind.FALSE))
+        if isinstance(formula, f.Not):
+            formula, positive = formula.body, not positive
+        k = self._guard_numbers.setdefault(formula, len(self.guards))
+        if k == len(self.guards):
+            self.guards.append(formula)
+        return self._number(Node(Kind.GUARD, (k,), positive))
+
+    def _next(self, a: int) -> int:
+        return a if self.nodes[a].kind in (Kind.TRUE, Kind.FALSE) else self._number(Node(Kind.NEXT, (a,)))
+
+    def _lasting(self, until: bool, a: int, b: int) -> int:
+        """Return the number of the node of ``a U b`` if `until`, and of ``a R b`` if not."""
+        left_node, right_node = self.nodes[a], self.nodes[b]
+        kind, unit, zero = (Kind.UNTIL, Kind.TRUE, Kind.FALSE) if until else (Kind.RELEASE, Kind.FALSE, Kind.TRUE)
+        if right_node.kind in (Kind.TRUE, Kind.FALSE) or left_node.kind is zero or a == b:
+            return b
+        # a U (a U b) = a U b, and F (c U b) = F b; the same laws hold for R and G
+        if right_node.kind is kind and (right_node.parts[0] == a or left_node.kind is unit):
+            return self._lasting(until, a, right_node.parts[1])
+        return self._number(Node(kind, (a, b)))
+
+    def _number(self, node: Node) -> int:
+        n = self._numbers.setdefault(node, len(self.nodes))
+        if n == len(self.nodes):
+            self.nodes.append(node)
+        return n
+
+
+def _fold(formula: f.Formula) -> f.Formula:
+    """Return a boolean formula simplified, without the constants true and false inside."""
+    return plain(formula, tuple(map(_fold, f.children(formula))))
 
 
 @dataclass(frozen=True, slots=True)
 class Nfa:
-    """A nondeterministic automaton without acceptance: every state can be continued to a word of the language."""
+    """A nondeterministic automaton without an acceptance condition: from every state, some continuation is in the language."""
 
     initial: int
     """The initial state; -1 if the language is empty."""
     moves: tuple[tuple[tuple[int, int], ...], ...]
-    """Per state, pairs of letters (mask) and target."""
+    """Per state, pairs of the letters (mask) and the target state of a move."""
 
     @property
     def universal(self) -> int:
-        """The state from which every word can be read, or -1; at most one such state exists, as equivalent states are merged."""
+        """The state from which the automaton reads every word, or -1 if no state reads every word."""
         return next((q for q, moves in enumerate(self.moves) if len(moves) == 1 and moves[0] == (self._full, q)), -1)
 
     @property
@@ -47,14 +185,14 @@ class Nfa:
 
 
 def prefixes(pool: Pool, root: int, where: tuple[int, ...], full: int, budget: Budget) -> Nfa:
-    """Build the automaton of the prefixes that some continuation turns into a model of node `root`.
+    """Return the automaton that reads the finite words with a continuation that satisfies the formula of node `root`.
 
     Args:
         pool: the nodes.
-        root: number of the node.
-        where: per guard, the letters in which the guard holds (mask).
+        root: number of the node of the formula.
+        where: per guard, the letters in which the guard is true (mask).
         full: all letters (mask).
-        budget: the budget of the construction.
+        budget: the limit of the work of the construction.
     """
     index, edges = _Explorer(pool.nodes, where, full, budget).states(root)
     live = _live(edges, [n for n, node in enumerate(pool.nodes) if node.kind is Kind.UNTIL])
@@ -64,7 +202,7 @@ def prefixes(pool: Pool, root: int, where: tuple[int, ...], full: int, budget: B
 
 @dataclass(frozen=True, slots=True)
 class _Explorer:
-    """Unfolds nodes into the letters that satisfy them now and the obligations for the next state."""
+    """Unfolds nodes into moves: the letters allowed in the present state, the obligations for the next state, the U put off."""
 
     nodes: Sequence[Node]
     where: tuple[int, ...]
@@ -73,12 +211,15 @@ class _Explorer:
     memo: dict[int, list[_Move]] = field(default_factory=dict)
 
     def states(self, root: int) -> tuple[dict[int, int], list[list[_Move]]]:
-        """Return the states by number, and per state its moves (letters, target, U nodes put off)."""
+        """Return the states reachable from a node: their numbers by obligations (mask), and the moves of every state.
+
+        The second part of a move is the number of its target state.
+        """
         start = self.obligations(root)
         index = {start: 0}
         order = [start]
         edges: list[list[_Move]] = []
-        for state in order:  # grows while it is walked
+        for state in order:  # the loop appends new states to `order`
             moves: list[_Move] = [(self.full, 0, 0)]
             pending = state
             while pending:
@@ -96,7 +237,7 @@ class _Explorer:
         return index, edges
 
     def unfold(self, n: int) -> list[_Move]:
-        """Return the moves that keep a node."""
+        """Return the moves by which the formula of a node can be satisfied."""
         if n not in self.memo:
             self.memo[n] = self._unfold(n)
         return self.memo[n]
@@ -122,19 +263,22 @@ class _Explorer:
         return [now] if node.kind is Kind.TRUE else []
 
     def obligations(self, n: int) -> int:
-        """Return the nodes whose conjunction is a node (mask)."""
+        """Return the nodes (mask) of which node `n` is the conjunction; node `n` itself if it is no conjunction."""
         node = self.nodes[n]
         if node.kind is Kind.TRUE:
             return 0
         return sum(1 << p for p in node.parts) if node.kind is Kind.AND else 1 << n
 
     def both(self, moves: list[_Move], others: list[_Move]) -> list[_Move]:
-        """Return the moves that keep the obligations of both lists at once."""
+        """Return the combinations of a move of each list: their common letters, all their obligations and put-off nodes."""
         self.budget.spend(1 + len(moves) * len(others) // 4)
         return self.prune([(a & d, b | e, c | g) for a, b, c in moves for d, e, g in others if a & d])
 
     def prune(self, moves: list[_Move]) -> list[_Move]:
-        """Take from every move the letters on which another move leads to fewer obligations and puts off less."""
+        """Return the moves without those letters on which another move leaves fewer obligations and puts off fewer U nodes.
+
+        Moves without letters are left out.
+        """
         merged: dict[tuple[int, int], int] = {}
         for letters, target, off in moves:
             merged[target, off] = merged.get((target, off), 0) | letters
@@ -152,7 +296,10 @@ class _Explorer:
 
 
 def _live(edges: list[list[_Move]], untils: list[int]) -> list[bool]:
-    """Return which states have a non-empty language: the states that reach a component in which no U is put off forever."""
+    """Return, per state, whether some infinite word is accepted from the state.
+
+    The state reaches a strongly connected component in which no U is put off forever.
+    """
     graph = nx.DiGraph()
     graph.add_nodes_from(range(len(edges)))
     graph.add_edges_from((state, target) for state, moves in enumerate(edges) for _, target, _ in moves)
@@ -173,7 +320,7 @@ def _live(edges: list[list[_Move]], untils: list[int]) -> list[bool]:
 
 
 def _merge(edges: list[list[_Move]], live: list[bool], budget: Budget) -> Nfa:
-    """Drop states with empty language, then merge states that read the same words (bisimulation)."""
+    """Return the automaton of the live states, in which states that read the same words are merged (bisimulation)."""
     if not live[0]:
         return Nfa(-1, ())
     states = [s for s in range(len(edges)) if live[s]]
@@ -181,7 +328,7 @@ def _merge(edges: list[list[_Move]], live: list[bool], budget: Budget) -> Nfa:
     blocks = 1
 
     def reach(state: int) -> dict[int, int]:
-        """Return, per block, the letters that lead to the block."""
+        """Return, per block of equivalent states, the letters that lead from a state to the block."""
         letters_by_block: dict[int, int] = {}
         for letters, target, _ in edges[state]:
             if live[target]:

@@ -1,12 +1,16 @@
-"""Boolean reasoning on formulas: constructors that simplify, guards, and the joint valuations of guards.
+"""Rewrites formulas, evaluates boolean formulas, and finds the letters of a monitor.
 
-The letters of a monitor are not the 2^n valuations of its propositions but the joint valuations of its guards, the largest
-subformulas without temporal operators: ``!(a | b | c) U d`` has two guards and three letters.
+A monitor reads a letter per state. A letter is a combination of truth values of all guards, and not of all propositions. Guards
+are the largest subformulas without temporal operators: ``!(a | b | c) U d`` has two guards and therefore four letters, while its
+four propositions have sixteen combinations of truth values.
+
+The work for a formula is limited in steps and not in seconds. Therefore the same formula is accepted or refused on every machine.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import reduce
 from itertools import product
 from operator import and_, or_
@@ -15,31 +19,127 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.logic.ltl import formula as f
-from pytest_rvads.logic.ltl.effort import Budget
 from pytest_rvads.support.errors import FormulaError
 
-__all__ = ["LETTER_LIMIT", "assign", "conj", "connect", "disj", "evaluate", "holds", "iff", "letters", "neg", "plain"]
+__all__ = [
+    "LETTER_LIMIT",
+    "Budget",
+    "assign",
+    "conj",
+    "connect",
+    "disj",
+    "evaluate",
+    "holds",
+    "iff",
+    "letters",
+    "neg",
+    "plain",
+    "rebuild",
+    "replaced",
+    "substitute",
+]
 
 LETTER_LIMIT = 1024
-"""Most letters a monitor may have."""
+"""Largest number of letters of a monitor."""
 _ATOM_LIMIT = 200
-"""Most propositions of guards with common propositions; keeps the recursion over the propositions inside Python's limit."""
+"""Largest number of propositions in a group of guards with common propositions; a larger number would exceed Python's limit of
+recursion."""
+
+
+def rebuild(formula: f.Formula, parts: tuple[f.Formula, ...]) -> f.Formula:
+    """Return `formula` with its direct subformulas replaced by `parts`."""
+    match formula:
+        case f.And() | f.Or():
+            return type(formula)(parts)
+        case f.Forall(variables, _) | f.Exists(variables, _):
+            return type(formula)(variables, parts[0])
+        case f.Const() | f.Atom():
+            return formula
+    return type(formula)(*parts)
+
+
+def replaced(formula: f.Formula, by: Callable[[f.Atom], f.Formula]) -> f.Formula:
+    """Return `formula` with every atom replaced by the result of `by` for the atom."""
+    if isinstance(formula, f.Atom):
+        return by(formula)
+    return rebuild(formula, tuple(replaced(child, by) for child in f.children(formula)))
+
+
+def substitute(formula: f.Formula, terms: Mapping[str, f.Term]) -> f.Formula:
+    """Return a formula with its free variables replaced by terms.
+
+    A quantified variable gets a new name if a term contains a variable of the same name.
+    """
+    match formula:
+        case f.Atom(name, arguments, at, word):
+            return f.Atom(name, tuple(_substitute(t, terms) for t in arguments), at, word)
+        case f.Forall(variables, body) | f.Exists(variables, body):
+            inner = {name: term for name, term in terms.items() if name not in {v.name for v in variables}}
+            used_names = {str(t.of if isinstance(t, f.Attr) else t) for t in inner.values()}
+            fresh: dict[str, f.Term] = {}
+            renamed = []
+            for v in variables:
+                new = v.name
+                while new in used_names:
+                    new += "'"
+                if new != v.name:
+                    fresh[v.name] = f.Var(new)
+                used_names.add(new)
+                renamed.append(f.Binder(new, v.sort, v.implied))
+            return type(formula)(tuple(renamed), substitute(body, {**inner, **fresh}))
+    return rebuild(formula, tuple(substitute(c, terms) for c in f.children(formula)))
+
+
+def _substitute(term: f.Term, terms: Mapping[str, f.Term]) -> f.Term:
+    if isinstance(term, f.Var):
+        return terms.get(term.name, term)
+    if isinstance(term, f.Attr) and isinstance(term.of, f.Var):
+        of = terms.get(term.of.name, term.of)
+        return f.Attr(of, term.name) if isinstance(of, f.Var | f.Element) else term
+    return term
+
+
+@dataclass(slots=True)
+class Budget:
+    """A limit of the work for a formula, counted in steps; a formula that needs more steps is refused."""
+
+    limit: int
+    """Largest number of steps."""
+    size: int
+    """Size of the formula, for the message."""
+    spent: int = 0
+    """Number of steps so far."""
+    what: str = "a monitor too large to build"
+    """The result that needs more steps than the limit, for the message."""
+
+    def spend(self, work: int) -> None:
+        """Add `work` steps to the steps spent on the formula.
+
+        Raises:
+            FormulaError: the limit is exceeded.
+        """
+        self.spent += work
+        if self.spent > self.limit:
+            raise FormulaError(
+                f"the formula, of size {self.size}, needs {self.what} "
+                f"(more than {self.limit:,} steps): split it into smaller rules"
+            )
 
 
 def neg(body: f.Formula) -> f.Formula:
-    """Return the negation, simplified."""
+    """Return the negation of a formula, simplified."""
     if isinstance(body, f.Const):
         return f.FALSE if body.value else f.TRUE
     return body.body if isinstance(body, f.Not) else f.Not(body)
 
 
 def conj(parts: Iterable[f.Formula]) -> f.Formula:
-    """Return the conjunction, without repetitions; FALSE when a part occurs with its negation."""
+    """Return the conjunction of formulas without repetitions; FALSE if a formula occurs together with its negation."""
     return _join(parts, f.And, f.TRUE, f.FALSE)
 
 
 def disj(parts: Iterable[f.Formula]) -> f.Formula:
-    """Return the disjunction, without repetitions; TRUE when a part occurs with its negation."""
+    """Return the disjunction of formulas without repetitions; TRUE if a formula occurs together with its negation."""
     return _join(parts, f.Or, f.FALSE, f.TRUE)
 
 
@@ -83,7 +183,7 @@ def plain(formula: f.Formula, parts: tuple[f.Formula, ...]) -> f.Formula:
 
 
 def iff(left: f.Formula, right: f.Formula) -> f.Formula:
-    """Return the equivalence, simplified."""
+    """Return the equivalence of two formulas, simplified."""
     if isinstance(left, f.Const):
         return right if left.value else neg(right)
     if isinstance(right, f.Const):
@@ -92,13 +192,13 @@ def iff(left: f.Formula, right: f.Formula) -> f.Formula:
 
 
 def letters(guards: tuple[f.Formula, ...], budget: Budget) -> tuple[int, ...]:
-    """Return every joint valuation of `guards` that some truth values of the atoms realise.
+    """Return every combination of truth values of `guards` that is possible for some truth values of the atoms.
 
-    Bit k of a valuation is the value of guard k. Guards without a common atom vary independently. Guards with common atoms are
-    split by Shannon expansion, and equal remainders are expanded only once.
+    Bit k of a combination is the value of guard k. Guards without a common atom are independent of each other. For guards with
+    common atoms, both values of an atom are tried, one atom after the other (Shannon expansion).
 
     Raises:
-        FormulaError: there are more than `LETTER_LIMIT` valuations, or finding the valuations takes more than the budget.
+        FormulaError: there are more than `LETTER_LIMIT` combinations, or the search for the combinations exceeds the budget.
     """
     choices = []
     total = 1
@@ -116,7 +216,7 @@ def letters(guards: tuple[f.Formula, ...], budget: Budget) -> tuple[int, ...]:
 
 
 def _groups(guards: tuple[f.Formula, ...]) -> list[list[int]]:
-    """Return the groups of guards that are connected by common atoms, by number."""
+    """Return the numbers of the guards in groups, such that guards of different groups have no common atom."""
     group_of: dict[f.Atom, list[int]] = {}
     for k, guard in enumerate(guards):
         merged = [k]
@@ -147,7 +247,7 @@ def _cells(
 
 
 def evaluate(formula: f.Formula, values: Mapping[f.Atom, NDArray[np.bool_]], shape: tuple[int, ...]) -> NDArray[np.bool_]:
-    """Return the truth values of a boolean formula, one per entry of arrays of shape `shape`."""
+    """Return the truth values of a boolean formula, an array of shape `shape`, from the truth values of the formula's atoms."""
     if isinstance(formula, f.Atom):
         return values[formula]
     if isinstance(formula, f.Const):
@@ -156,7 +256,7 @@ def evaluate(formula: f.Formula, values: Mapping[f.Atom, NDArray[np.bool_]], sha
 
 
 def connect(formula: f.Formula, parts: Sequence[NDArray[np.bool_]]) -> NDArray[np.bool_]:
-    """Return the truth values of a boolean operator, given the truth values of its parts."""
+    """Return the truth values of a boolean formula, given the truth values of its direct subformulas."""
     match formula:
         case f.Not():
             return ~parts[0]
@@ -172,5 +272,5 @@ def connect(formula: f.Formula, parts: Sequence[NDArray[np.bool_]]) -> NDArray[n
 
 
 def holds(formula: f.Formula, true: frozenset[f.Atom]) -> bool:
-    """Return the truth value of a boolean formula in the state in which exactly the atoms in `true` hold."""
+    """Return the truth value of a boolean formula in a state in which the atoms in `true` are true and all others false."""
     return bool(evaluate(formula, {atom: np.array(atom in true) for atom in f.atoms(formula)}, ()))

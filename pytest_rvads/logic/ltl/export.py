@@ -1,18 +1,29 @@
-"""Monitors written as a table in words, as Graphviz and as HOA."""
+"""Writes monitors as text for readers, for Graphviz and in the HOA format, and gives verdicts of formulas on given words.
+
+A word is a sequence of states, each given by its true propositions. ``rvads monitor --jsonl`` reads a formula and words per line.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from msgspec import Struct
 
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.ltl.boolean import conj, disj, neg
-from pytest_rvads.logic.ltl.ltl3 import Machine, Truth
+from pytest_rvads.logic.ltl.finite import settle, settle_empty
+from pytest_rvads.logic.ltl.ltl3 import Machine, Truth, encode, run_machine, synthesize
+from pytest_rvads.logic.ltl.parser import parse_ltl
+from pytest_rvads.support.decoding import decode
 from pytest_rvads.support.errors import FormulaError
+from pytest_rvads.support.wording import printable
 
-__all__ = ["describe", "label", "to_dot", "to_hoa"]
+__all__ = ["answer", "describe", "holds_on", "label", "to_dot", "to_hoa", "verdicts_on"]
 
 _MOST_WORK = 100_000_000
-"""Most comparisons of letters for the labels of edges; some 5 s."""
+"""Largest number of comparisons of letters for the labels of edges; so many comparisons take some 5 s."""
 _COLOURS = {Truth.FALSE: "#f4b6b6", Truth.TRUE: "#b9e3b9", Truth.UNKNOWN: "#ffffff"}
 _MEANING = {
     Truth.FALSE: "no continuation satisfies the formula",
@@ -20,12 +31,15 @@ _MEANING = {
     Truth.UNKNOWN: "still undecided",
 }
 
+Word = Sequence[Sequence[str]]
+"""Per state, the propositions that are true in the state."""
+
 
 def label(machine: Machine, letters: frozenset[int]) -> f.Formula:
-    """Return a boolean formula over the guards that holds in exactly the given letters.
+    """Return a boolean formula over the guards that is true for the given letters of a monitor and false for its other letters.
 
-    Cubes of as few guards as possible are taken, the widest first, until all letters are covered. Codes that never occur don't
-    matter.
+    The formula is a disjunction of conjunctions of few guards. Its value for combinations of guards that never occur is
+    arbitrary.
     """
     codes = {machine.codes[i] for i in letters}
     excluded = set(machine.codes) - codes
@@ -35,7 +49,7 @@ def label(machine: Machine, letters: frozenset[int]) -> f.Formula:
     cubes = []
     for code in sorted(codes):
         mask = sum(1 << k for k in bits)
-        for k in bits:  # drop a guard as long as no other letter matches
+        for k in bits:  # leave out a guard if no excluded letter then matches the conjunction
             smaller = mask & ~(1 << k)
             if not any((excluded_code ^ code) & smaller == 0 for excluded_code in excluded):
                 mask = smaller
@@ -54,7 +68,7 @@ def label(machine: Machine, letters: frozenset[int]) -> f.Formula:
 
 
 def _edges(machine: Machine) -> list[tuple[int, int, f.Formula]]:
-    """Return the edges (state, target, label), in order.
+    """Return the edges of a monitor, sorted by state and target: the state, the target, and the label, a boolean formula.
 
     Raises:
         FormulaError: the labels would need more than `_MOST_WORK` comparisons.
@@ -76,7 +90,7 @@ def _edges(machine: Machine) -> list[tuple[int, int, f.Formula]]:
 
 
 def describe(machine: Machine) -> str:
-    """Return the machine in words: states with verdicts and edges."""
+    """Return a description of a monitor in words: its states with their verdicts, and its edges."""
     count = machine.states
     lines = [
         f"formula       {machine.formula}",
@@ -94,7 +108,7 @@ def describe(machine: Machine) -> str:
 
 
 def to_dot(machine: Machine) -> str:
-    """Return the machine for Graphviz; the label of a state contains its verdict."""
+    """Return the text of a monitor for Graphviz; the label of a state contains the verdict of the state."""
     lines = ["digraph monitor {", "  rankdir=LR;", '  node [shape=circle, style=filled, fontname="sans-serif"];']
     lines.append('  start [shape=point, style=""]; start -> 0;')
     for state in range(machine.states):
@@ -105,7 +119,7 @@ def to_dot(machine: Machine) -> str:
 
 
 def to_hoa(machine: Machine) -> str:
-    """Return the machine in the Hanoi Omega-Automata format, version 1; the name of a state is its verdict ``T F ?``."""
+    """Return a monitor in the Hanoi Omega-Automata format, version 1; the name of a state is its verdict, T, F or ?."""
     names = " ".join(f'"{_quoted(str(a))}"' for a in machine.atoms)
     index = {a: k for k, a in enumerate(machine.atoms)}
     lines = [
@@ -146,3 +160,54 @@ def _hoa(guard: f.Formula, number: Callable[[f.Atom], int]) -> str:
             a, b = _hoa(left, number), _hoa(right, number)
             return f"(({a}) & ({b})) | (!({a}) & !({b}))"
     raise TypeError(f"not a boolean formula: {guard}")
+
+
+class _Named(Struct, frozen=True):
+    id: str | int | float | None = None
+
+
+class _Task(Struct, frozen=True):
+    formula: str
+    words: list[list[list[str]]] = []
+
+
+def verdicts_on(machine: Machine, word: Word) -> list[Truth]:
+    """Return the LTL3 verdict after every non-empty prefix of a word."""
+    if not word:
+        return []
+    letters = encode(machine, _arrays(machine.formula, word), len(word))
+    return [Truth(v) for v in machine.output[run_machine(machine, letters[None, :])[0]].tolist()]
+
+
+def holds_on(formula: f.Formula, word: Word) -> bool:
+    """Return the truth of a formula on a finite word, by finite-trace semantics; in an empty word no proposition is true."""
+    return bool(settle(formula, _arrays(formula, word), len(word))[0]) if word else settle_empty(formula)
+
+
+def _arrays(formula: f.Formula, word: Word) -> dict[f.Atom, Any]:
+    states = [frozenset(state) for state in word]
+    return {a: np.array([a.name in state for state in states], dtype=np.bool_) for a in f.atoms(formula)}
+
+
+def answer(line: bytes) -> dict[str, Any]:
+    """Return the answer to a line of the input of ``rvads monitor --jsonl``.
+
+    Args:
+        line: a JSON object ``{"id", "formula", "words"}``.
+
+    Returns:
+        ``{"id", "states", "verdicts", "finite"}``: the number of states of the monitor, its verdicts after every state of every
+        word, and the truth of the formula on every word. ``{"id", "error"}`` if the line can't be read or the formula is refused.
+        The id, a text or number, is None if the id can't be read.
+    """
+    name = None
+    try:
+        name = decode(line, _Named, "task", FormulaError).id
+        task = decode(line, _Task, "task", FormulaError)
+        formula = parse_ltl(task.formula)
+        machine = synthesize(formula)
+        verdicts = [[str(v) for v in verdicts_on(machine, word)] for word in task.words]
+        finite = [holds_on(formula, word) for word in task.words]
+    except FormulaError as error:
+        return {"id": name, "error": printable(str(error))}
+    return {"id": name, "states": machine.states, "verdicts": verdicts, "finite": finite}

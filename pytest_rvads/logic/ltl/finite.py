@@ -1,11 +1,13 @@
-"""Finite-trace semantics: the truth of a formula on a finished run, at every state of the run.
+"""Finite-trace semantics: the truth value of a formula at every state of a finished run.
 
-U, F and N are strong: the awaited state must come, the next state must exist. G, W and R are weak. Negation is complement (De
-Giacomo, Vardi: Linear temporal logic and linear dynamic logic on finite traces, IJCAI 2013).
+The operators U, F and N are strong: the awaited state must come before the run ends, and the next state must exist. The operators
+G, W and R are weak: they are true if they are not violated before the run ends. The negation of a formula is true if the formula
+is false (De Giacomo, Vardi: Linear temporal logic and linear dynamic logic on finite traces, IJCAI 2013).
 
 `settle` evaluates a formula on a finite trace. `with_ending` translates a formula for LTL3 monitors, which read infinite words:
-the proposition `ALIVE` holds as long as the trace lasts. The monitor of the translation decides in the first state without
-`ALIVE`, as `settle` decides on the trace before this state (section 4 of the paper, with weak operators released at the end).
+in the translation the proposition `ALIVE` is true as long as the trace lasts. In the first state in which `ALIVE` is false, the
+monitor of the translation gives the verdict that `settle` gives for the trace before this state (section 4 of the paper, with
+weak operators released at the end).
 """
 
 from __future__ import annotations
@@ -16,8 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.logic.ltl import formula as f
-from pytest_rvads.logic.ltl.boolean import connect, evaluate
-from pytest_rvads.logic.ltl.rewrite import rebuild
+from pytest_rvads.logic.ltl.boolean import connect, evaluate, rebuild
 
 __all__ = ["ALIVE", "settle", "settle_empty", "with_ending"]
 
@@ -26,7 +27,7 @@ Truths = NDArray[np.bool_]
 
 
 def settle(formula: f.Formula, values: Mapping[f.Atom, Truths], steps: int) -> Truths:
-    """Return the truth value at every state of a finite trace, shape ``(steps,)``.
+    """Return the truth value of a formula at every state of a finite trace, shape ``(steps,)``.
 
     Args:
         formula: a formula without quantifiers.
@@ -55,20 +56,20 @@ def settle(formula: f.Formula, values: Mapping[f.Atom, Truths], steps: int) -> T
 
 
 def _until(left: Truths, right: Truths) -> Truths:
-    """Strong until: the next `right` comes no later than the next state without `left`."""
+    """Return in which states ``left U right`` is true: `right` comes to hold no later than `left` ceases to hold."""
     steps = len(left)
     return (_next(right) <= _next(~left)) & (_next(right) < steps)
 
 
 def _next(values: Truths) -> NDArray[np.int64]:
-    """Return, for every state, the first state from there on in which `values` holds, or the number of states."""
+    """Return, for every state, the first state from this state on in which `values` is true; the number of states if none is."""
     steps = len(values)
     next_states = np.where(values, np.arange(steps), steps)
     return np.minimum.accumulate(next_states[::-1])[::-1]
 
 
 def settle_empty(formula: f.Formula) -> bool:
-    """Return the truth value on the empty trace: no atom holds, strong operators are false, weak operators true."""
+    """Return the truth value of a formula on the empty trace: atoms and strong operators are false, weak operators true."""
     match formula:
         case f.Const(value):
             return value
@@ -78,12 +79,15 @@ def settle_empty(formula: f.Formula) -> bool:
 
 
 ALIVE = f.Atom("alive")
-"""Holds in every state of the trace, and in no state after the trace."""
+"""A proposition that is true in every state of the trace, and false in every state after the trace."""
 _ENDED = f.Not(ALIVE)
 
 
 def with_ending(formula: f.Formula) -> f.Formula:
-    """Return the formula whose truth on ``trace . (states without ALIVE)`` is that of `formula` on the finite trace."""
+    """Return a formula for infinite words that has the value of `formula` on a finite trace.
+
+    The infinite word is the trace, with `ALIVE` true in all its states, followed by states in which `ALIVE` is false.
+    """
     if f.is_boolean(formula):
         return formula
     parts = tuple(with_ending(c) for c in f.children(formula))

@@ -1,15 +1,15 @@
-"""Formulas of the paper's first-order linear temporal logic (section 5.1): a small frozen syntax tree and its text form.
+"""Formulas of the paper's first-order linear temporal logic (section 5.1) and their terms, as frozen syntax trees and as text.
 
-Printing and parsing are inverse: `parse(str(f)) == f` for every formula that the parser can produce. Conjunctions and
-disjunctions are flat, so that ``a & (b & c)`` and ``a & b & c`` are the same formula.
+The terms are variables, elements, named values, numbers and attributes. The text of a formula can be parsed again:
+`parse(str(f)) == f` for every formula that the parser can produce. Conjunctions and disjunctions are flat: ``a & (b & c)`` and
+``a & b & c`` are the same formula.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-
-from pytest_rvads.logic.ltl.terms import Attr, Binder, Element, Infix, Number, Term, Value, Var
+from decimal import Decimal
 
 __all__ = [
     "FALSE",
@@ -47,8 +47,86 @@ __all__ = [
 ]
 
 
+class Infix(str):
+    """The name of a relation that is written between its two terms, such as a comparison."""
+
+    __slots__ = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Var:
+    """An occurrence of a variable in a formula."""
+
+    name: str
+    at: int = field(default=0, compare=False, repr=False)
+    """Position of the variable in the text, for error messages."""
+
+    def __str__(self) -> str:
+        return self.name
+
+
+@dataclass(frozen=True, slots=True)
+class Element:
+    """An element that a variable can stand for, such as a vehicle or an entrance."""
+
+    sort: str = field(hash=False)  # the name determines the sort
+    index: int
+    """Number of the element among the elements of its sort."""
+    name: str
+
+    def __str__(self) -> str:
+        return self.name
+
+
+@dataclass(frozen=True, slots=True)
+class Value:
+    """A named value, such as a colour."""
+
+    name: str
+
+    def __str__(self) -> str:
+        return self.name
+
+
+@dataclass(frozen=True, slots=True)
+class Number:
+    """A number in a comparison."""
+
+    value: float
+
+    def __str__(self) -> str:
+        return format(Decimal(repr(self.value)).normalize(), "f")
+
+
+@dataclass(frozen=True, slots=True)
+class Attr:
+    """An attribute of an element or of the element that a variable stands for: ``x.size``."""
+
+    of: Var | Element
+    name: str
+
+    def __str__(self) -> str:
+        return f"{self.of}.{self.name}"
+
+
+Term = Var | Element | Value | Number | Attr
+
+
+@dataclass(frozen=True, slots=True)
+class Binder:
+    """A quantified variable with its sort; the sort is printed only if the letters of the variable don't imply the sort."""
+
+    name: str
+    sort: str
+    implied: bool = field(default=False, compare=False, repr=False)
+    """Whether the letters of the name imply the sort; the text of a formula need not declare such a sort."""
+
+    def __str__(self) -> str:
+        return self.name if self.implied else f"{self.name}: {self.sort}"
+
+
 class Formula:
-    """Base of all formulas."""
+    """The base class of all formulas."""
 
     __slots__ = ()
 
@@ -58,7 +136,7 @@ class Formula:
 
 @dataclass(frozen=True, slots=True)
 class Const(Formula):
-    """Truth or falsity."""
+    """The constant true or false."""
 
     value: bool
 
@@ -68,19 +146,19 @@ TRUE, FALSE = Const(True), Const(False)
 
 @dataclass(frozen=True, slots=True)
 class Atom(Formula):
-    """A predicate over terms; a proposition if there are no terms."""
+    """A predicate applied to terms; a proposition if the atom has no terms."""
 
     name: str
     terms: tuple[Term, ...] = ()
     at: int = field(default=0, compare=False, repr=False)
     """Position of the atom in the text, for error messages."""
     word: object = field(default=None, hash=False, repr=False)
-    """The meaning of the name, if the name alone does not determine it."""
+    """The definition of the predicate, if users defined the predicate; None if the name determines the predicate."""
 
     def __eq__(self, other: object) -> bool:
-        """Return whether both atoms have the same name, the same terms and the same word.
+        """Return whether both atoms have the same name, the same terms and the same definition of the predicate.
 
-        Results are cached by atom, so the words must be one object, not two equal objects.
+        The definitions (`word`) must be the same object and not only equal, because atoms are keys of caches of truth values.
         """
         if not isinstance(other, Atom):
             return NotImplemented
@@ -89,14 +167,14 @@ class Atom(Formula):
 
 @dataclass(frozen=True, slots=True)
 class Not(Formula):
-    """Negation."""
+    """The negation of a formula."""
 
     body: Formula
 
 
 @dataclass(frozen=True, slots=True)
 class And(Formula):
-    """Conjunction of two or more formulas, none of them a conjunction."""
+    """The conjunction of two or more formulas, none of which is a conjunction."""
 
     parts: tuple[Formula, ...]
 
@@ -106,7 +184,7 @@ class And(Formula):
 
 @dataclass(frozen=True, slots=True)
 class Or(Formula):
-    """Disjunction of two or more formulas, none of them a disjunction."""
+    """The disjunction of two or more formulas, none of which is a disjunction."""
 
     parts: tuple[Formula, ...]
 
@@ -116,7 +194,7 @@ class Or(Formula):
 
 @dataclass(frozen=True, slots=True)
 class Implies(Formula):
-    """Implication."""
+    """An implication: if `left` holds, `right` holds."""
 
     left: Formula
     right: Formula
@@ -124,7 +202,7 @@ class Implies(Formula):
 
 @dataclass(frozen=True, slots=True)
 class Iff(Formula):
-    """Equivalence."""
+    """An equivalence: both sides have the same truth value."""
 
     left: Formula
     right: Formula
@@ -132,28 +210,28 @@ class Iff(Formula):
 
 @dataclass(frozen=True, slots=True)
 class Next(Formula):
-    """The body holds in the next state, which must exist (the paper's N)."""
+    """The formula "the body holds in the next state, which must exist" (the paper's N)."""
 
     body: Formula
 
 
 @dataclass(frozen=True, slots=True)
 class Always(Formula):
-    """The body holds in this and every later state."""
+    """The formula "the body holds in this and every later state"."""
 
     body: Formula
 
 
 @dataclass(frozen=True, slots=True)
 class Eventually(Formula):
-    """The body holds in this or some later state."""
+    """The formula "the body holds in this or a later state"."""
 
     body: Formula
 
 
 @dataclass(frozen=True, slots=True)
 class Until(Formula):
-    """`right` comes to hold, and `left` holds until then."""
+    """The formula "`right` holds in this or a later state, and `left` holds in all states before"."""
 
     left: Formula
     right: Formula
@@ -161,7 +239,7 @@ class Until(Formula):
 
 @dataclass(frozen=True, slots=True)
 class WeakUntil(Formula):
-    """`left` holds until `right` comes to hold, or forever."""
+    """The formula "`left` holds in all states before `right` holds, or in all states if `right` never holds"."""
 
     left: Formula
     right: Formula
@@ -169,7 +247,7 @@ class WeakUntil(Formula):
 
 @dataclass(frozen=True, slots=True)
 class Release(Formula):
-    """`right` holds up to and including the state in which `left` comes to hold, or forever."""
+    """The formula "`right` holds up to and including the state in which `left` first holds, or always if `left` never holds"."""
 
     left: Formula
     right: Formula
@@ -177,7 +255,7 @@ class Release(Formula):
 
 @dataclass(frozen=True, slots=True)
 class Forall(Formula):
-    """The body holds for all elements of the sorts of the variables."""
+    """The formula "the body holds for all elements of the sorts of the variables"."""
 
     variables: tuple[Binder, ...]
     body: Formula
@@ -185,14 +263,14 @@ class Forall(Formula):
 
 @dataclass(frozen=True, slots=True)
 class Exists(Formula):
-    """The body holds for some elements of the sorts of the variables."""
+    """The formula "the body holds for some elements of the sorts of the variables"."""
 
     variables: tuple[Binder, ...]
     body: Formula
 
 
 def children(formula: Formula) -> tuple[Formula, ...]:
-    """Return the direct subformulas."""
+    """Return the direct subformulas of a formula."""
     match formula:
         case Not(body) | Next(body) | Always(body) | Eventually(body) | Forall(_, body) | Exists(_, body):
             return (body,)
@@ -204,7 +282,7 @@ def children(formula: Formula) -> tuple[Formula, ...]:
 
 
 def walk(formula: Formula) -> Iterator[tuple[Formula, int]]:
-    """Yield every subformula with its depth, from left to right, without recursion; a bound variable adds one to the depth."""
+    """Yield every subformula of a formula with its depth, from left to right; every quantified variable adds 1 to the depth."""
     stack = [(formula, 1)]
     while stack:
         node, level = stack.pop()
@@ -214,17 +292,17 @@ def walk(formula: Formula) -> Iterator[tuple[Formula, int]]:
 
 
 def size(formula: Formula) -> int:
-    """Return the number of operators and atoms; a conjunction of n parts has n - 1 operators."""
+    """Return the number of operators and atoms of a formula; a conjunction of n parts has n - 1 operators."""
     return sum(len(n.parts) - 1 if isinstance(n, And | Or) else 1 for n, _ in walk(formula))
 
 
 def depth(formula: Formula) -> int:
-    """Return the nesting depth of operators and bound variables."""
+    """Return the nesting depth of the operators and quantified variables of a formula."""
     return max(level for _, level in walk(formula))
 
 
 def atoms(formula: Formula) -> tuple[Atom, ...]:
-    """Return the distinct atoms in the order of their first occurrence."""
+    """Return the distinct atoms of a formula in the order of their first occurrence."""
     return tuple(dict.fromkeys(n for n, _ in walk(formula) if isinstance(n, Atom)))
 
 
@@ -232,7 +310,7 @@ _TEMPORAL = (Next, Always, Eventually, Until, WeakUntil, Release)
 
 
 def is_boolean(formula: Formula) -> bool:
-    """Say whether the formula speaks about the present state alone."""
+    """Return whether a formula has no temporal operator, and is therefore about the present state alone."""
     return not isinstance(formula, _TEMPORAL) and all(map(is_boolean, children(formula)))
 
 
@@ -249,14 +327,14 @@ _BINARY = {
 
 
 def _show(formula: Formula, level: int) -> str:
-    """Return the text, in parentheses if a surrounding operator of binding strength `level` needs them."""
+    """Return the text of a formula, in parentheses if the surrounding operator, of binding strength `level`, needs them."""
     match formula:
         case Const(value):
             return "true" if value else "false"
         case Atom(name, terms):
             return _show_atom(name, terms)
         case Not(Atom(Infix() as name, terms)):
-            # Without parentheses the text would look like a comparison of a negated term.
+            # Without parentheses, ``!a = b`` would look like a comparison of the negated term ``!a``.
             return f"!({_show_atom(name, terms)})"
         case Not(body) | Next(body) | Always(body) | Eventually(body):
             inner = _show(body, 6)

@@ -1,4 +1,4 @@
-"""The language and the grammars of rules and of propositional LTL, and the tree builder that runs inside the parser.
+"""The grammars of rules and of propositional LTL, and the builder of syntax trees that runs inside the parser.
 
 A `Language` holds the sorts, the letters of the variables of each sort, the named values and the relations of rules.
 """
@@ -23,25 +23,25 @@ __all__ = ["LTL", "Build", "Language", "Mistake", "rule_grammar"]
 
 @dataclass(frozen=True)
 class Language:
-    """The words that a parser has to know beforehand; predicates are looked up after parsing."""
+    """The sorts, letters, values and relations that a parser of rules has to know; other predicates are checked after parsing."""
 
     sorts: tuple[str, ...]
     """Sorts of variables."""
     letters: Mapping[str, str]
-    """Sort by the letters of a variable: ``x``, or ``x.part`` for a part of the element that ``x`` stands for."""
+    """Maps the letters of a variable to its sort: ``x``, or ``x.part`` for a part of the element that ``x`` stands for."""
     values: tuple[str, ...]
-    """Names of values, which variables can't have."""
+    """Names of values, such as colours; a variable can't have such a name."""
     relations: tuple[str, ...]
     """Predicates of two terms that are written between the terms."""
     keywords: tuple[str, ...] = ()
-    """Further names, which the correction of misspelt words suggests."""
+    """Further names that error messages suggest for misspelt words."""
 
     def __hash__(self) -> int:
         return hash((self.sorts, self.values, self.relations))
 
     @cached_property
     def parts(self) -> tuple[str, ...]:
-        """The letters after the dot."""
+        """The letters that are allowed after the dot in names of variables such as ``x.part``."""
         return tuple(dict.fromkeys(letters.partition(".")[2] for letters in self.letters if "." in letters))
 
     @cached_property
@@ -49,9 +49,9 @@ class Language:
         return re.compile(rf"([A-Za-z_]+)\d*'*(?:\.({'|'.join(self.parts)})\d*'*)?")
 
     def sort_of(self, name: str) -> str | None:
-        """Return the sort that the letters of a variable imply (``x'``, ``x.part2``), or None.
+        """Return the sort that the letters of a variable such as ``x'`` or ``x.part2`` imply, or None if they imply no sort.
 
-        Digits and primes make further variables of the same sort.
+        Digits and primes after the letters make further variables of the same sort.
         """
         match = self._name.fullmatch(name)
         return self.letters.get(".".join(filter(None, match.groups()))) if match else None
@@ -138,13 +138,13 @@ _SIGNS = {"≠": "!=", "≤": "<=", "≥": ">="}
 
 
 def rule_grammar(language: Language) -> str:
-    """Return the grammar of rules in a language."""
+    """Return the text of the LALR grammar of rules in a language."""
     relations, parts = ("|".join(map(re.escape, names)) for names in (language.relations, language.parts))
     return _RULE.replace("RELATIONS", relations).replace("PARTS", parts)
 
 
 class Mistake(Exception):
-    """A mistake found while building the tree, with its place."""
+    """A mistake in the text of a formula, found while the syntax tree is built, with its position in the text."""
 
     def __init__(self, at: int, message: str) -> None:
         self.at = at
@@ -161,7 +161,7 @@ def _unary(kind: Callable[[f.Formula], f.Formula]) -> Callable[..., f.Formula]:
 
 @v_args(inline=True)
 class Build(Transformer[Token, Any]):
-    """Builds the tree bottom-up while the parser runs, so that nesting costs no recursion.
+    """Builds the syntax tree of a formula bottom-up while the parser runs, so that deeply nested text causes no recursion.
 
     Args:
         language: the language of the rules; None for formulas of propositions.

@@ -1,34 +1,40 @@
-"""LTL3 monitors (Bauer, Leucker, Schallhart: Runtime verification for LTL and TLTL, TOSEM 2011).
+"""Builds and runs LTL3 monitors (Bauer, Leucker, Schallhart: Runtime verification for LTL and TLTL, TOSEM 2011).
 
 The verdict after a prefix is TRUE if every continuation satisfies the formula, FALSE if no continuation satisfies the formula,
-and UNKNOWN otherwise. So a monitor is anticipatory: ``p U q`` is FALSE as soon as neither p nor q holds. The monitor is built
-from two automata: of the prefixes that can be continued to a model of the formula, and of those that can be continued to a model
-of its negation. The two automata are determinised together and minimised as one Moore machine.
+and UNKNOWN in all other cases. A monitor does not wait for the end: the verdict of ``p U q`` is FALSE as soon as neither p nor q
+holds. The monitor is built from two automata. The first automaton reads the prefixes that some continuation turns into a word
+that satisfies the formula; the second automaton does the same for the negation of the formula. Both automata are determinised
+together and minimised to a single Moore machine.
+
+A monitor reads state by state (`Monitor`), or many words of the same length at once (`run_machine`).
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from enum import IntEnum
 from functools import lru_cache
+from itertools import accumulate
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.logic.ltl import formula as f
-from pytest_rvads.logic.ltl.automaton import Nfa, prefixes
-from pytest_rvads.logic.ltl.boolean import letters
-from pytest_rvads.logic.ltl.effort import Budget
-from pytest_rvads.logic.ltl.normal import Pool
+from pytest_rvads.logic.ltl.automaton import Nfa, Pool, prefixes
+from pytest_rvads.logic.ltl.boolean import Budget, evaluate, holds, letters
 
-__all__ = ["WORK_LIMIT", "Machine", "Truth", "synthesize"]
+__all__ = ["WORK_LIMIT", "Machine", "Monitor", "Truth", "encode", "run_machine", "synthesize"]
 
 WORK_LIMIT = 700_000
-"""Most elementary steps of a synthesis; a fraction of a second."""
+"""Largest number of elementary steps in the construction of a monitor; so many steps take a fraction of a second."""
+
+_STRETCH = 100
+"""Number of states whose separate reading costs about as much as the joint reading of a stretch of equal letters."""
 
 
 class Truth(IntEnum):
-    """The three verdicts."""
+    """The three verdicts of a monitor: TRUE, FALSE and UNKNOWN."""
 
     FALSE = 0
     TRUE = 1
@@ -40,21 +46,21 @@ class Truth(IntEnum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Machine:
-    """A minimal, complete, deterministic Moore machine; state 0 is initial, states are numbered breadth first."""
+    """A monitor as a minimal, complete, deterministic Moore machine; state 0 is initial, states are numbered breadth first."""
 
     formula: f.Formula
     atoms: tuple[f.Atom, ...]
-    """The propositions of the formula, by first occurrence."""
+    """The propositions of the formula, in the order of their first occurrence."""
     guards: tuple[f.Formula, ...]
-    """Boolean formulas whose truth values together are the letter; bit k of a code is the value of guard k."""
+    """Boolean formulas whose truth values determine the letter that the monitor reads."""
     codes: tuple[int, ...]
-    """The code of every letter; other codes never occur, because guards share propositions."""
+    """The code of every letter: bit k is the value of guard k. Guards share propositions; therefore not every code occurs."""
     delta: NDArray[np.int32]
     """Next state per state and letter, shape ``(states, letters)``."""
     output: NDArray[np.int8]
     """`Truth` of every state, shape ``(states,)``."""
     lookup: NDArray[np.int32] = field(init=False, repr=False)
-    """Letter per code if the table is small, else empty."""
+    """Letter per code, -1 for a code that never occurs; empty if there are more than 16 guards."""
 
     def __post_init__(self) -> None:
         table = np.full(1 << len(self.guards) if len(self.guards) <= 16 else 0, -1, dtype=np.int32)
@@ -66,23 +72,23 @@ class Machine:
 
     @property
     def states(self) -> int:
-        """Number of states."""
+        """Number of states of the monitor."""
         return len(self.output)
 
     def letter(self, code: int) -> int:
-        """Return the letter with a code."""
+        """Return the number of the letter with a code, see `codes`."""
         return int(self.lookup[code]) if len(self.lookup) else int(np.searchsorted(self.codes, code))
 
 
 @lru_cache(maxsize=512)
 def synthesize(formula: f.Formula) -> Machine:
-    """Build the minimal LTL3 monitor of a formula without quantifiers.
+    """Return the minimal LTL3 monitor of a formula without quantifiers.
 
     Args:
         formula: the formula; its atoms count as independent propositions.
 
     Raises:
-        FormulaError: the monitor would be too large; the message says the size of the formula.
+        FormulaError: the monitor would be too large; the message contains the size of the formula.
     """
     budget = Budget(WORK_LIMIT, f.size(formula))
     pool = Pool()
@@ -99,7 +105,15 @@ def synthesize(formula: f.Formula) -> Machine:
 
 
 def _determinise(can: Nfa, may_fail: Nfa, full: int, count: int, budget: Budget) -> tuple[NDArray[np.int32], NDArray[np.int8]]:
-    """Run both automata together on sets of states; an empty set decides the verdict."""
+    """Return the tables `delta` and `output` of a deterministic machine with a set of states of each automaton as its state.
+
+    Args:
+        can: the automaton of the prefixes with a continuation that satisfies the formula; the verdict of an empty set is FALSE.
+        may_fail: the same for continuations that violate the formula; the verdict of an empty set is TRUE.
+        full: all letters (mask).
+        count: number of letters.
+        budget: the limit of the work of the construction.
+    """
     can_subsets = _Subsets(can, full, budget)
     fail_subsets = _Subsets(may_fail, full, budget)
     start = (can_subsets.initial, fail_subsets.initial)
@@ -107,7 +121,7 @@ def _determinise(can: Nfa, may_fail: Nfa, full: int, count: int, budget: Budget)
     order = [start]
     rows: list[NDArray[np.int32]] = []
     width = (count + 7) // 8
-    for can_states, fail_states in order:  # grows while it is walked
+    for can_states, fail_states in order:  # the loop appends new states to `order`
         row = np.zeros(count, dtype=np.int32)
         for la, ta in can_subsets.moves(can_states):
             for lb, tb in fail_subsets.moves(fail_states):
@@ -130,7 +144,7 @@ def _determinise(can: Nfa, may_fail: Nfa, full: int, count: int, budget: Budget)
 
 
 class _Subsets:
-    """The subset construction of one automaton, done on demand."""
+    """The subset construction of an automaton, in which the moves of a set of states are computed when they are needed."""
 
     def __init__(self, nfa: Nfa, full: int, budget: Budget) -> None:
         self._moves = nfa.moves
@@ -144,7 +158,7 @@ class _Subsets:
         return self._universal if subset & self._universal else subset
 
     def moves(self, subset: int) -> list[tuple[int, int]]:
-        """Return pairs (letters, next subset); the letters are disjoint, and their union is all letters."""
+        """Return the moves of a set of states: pairs of letters (mask) and the next set; a letter occurs in exactly one pair."""
         if subset in self._memo:
             return self._memo[subset]
         pieces = {0: self._full}
@@ -169,7 +183,7 @@ class _Subsets:
 
 
 def _minimise(delta: NDArray[np.int32], output: NDArray[np.int8]) -> tuple[NDArray[np.int32], NDArray[np.int8]]:
-    """Merge equivalent states (Moore's partition refinement) and number them breadth first."""
+    """Return the tables of a machine with equivalent states merged (Moore's partition refinement), numbered breadth first."""
     _, block = np.unique(output, return_inverse=True)
     blocks = int(block.max()) + 1
     while True:
@@ -190,3 +204,78 @@ def _minimise(delta: NDArray[np.int32], output: NDArray[np.int8]) -> tuple[NDArr
     rank = np.empty(blocks, dtype=np.int32)
     rank[order] = np.arange(blocks, dtype=np.int32)
     return rank[small[order]], output[representatives][order]
+
+
+class Monitor:
+    """A monitor that reads a word state by state; `step` takes the same time however many states the monitor has read."""
+
+    def __init__(self, machine: Machine) -> None:
+        self.machine = machine
+        self._delta: list[list[int]] = machine.delta.tolist()
+        self._output: list[Truth] = [Truth(v) for v in machine.output.tolist()]
+        self._letters: dict[frozenset[str], int] = {}
+        self._state = 0
+
+    @property
+    def verdict(self) -> Truth:
+        """The verdict after the states that the monitor has read."""
+        return self._output[self._state]
+
+    def reset(self) -> None:
+        """Bring the monitor back to its initial state."""
+        self._state = 0
+
+    def step(self, true: Iterable[str]) -> Truth:
+        """Read a state, given by its true propositions spelt as in the formula, and return the verdict."""
+        names = true if isinstance(true, frozenset) else frozenset(true)
+        letter = self._letters.get(names)
+        if letter is None:
+            held = frozenset(a for a in self.machine.atoms if str(a) in names)
+            code = sum(1 << k for k, g in enumerate(self.machine.guards) if holds(g, held))
+            letter = self._letters[names] = self.machine.letter(code)
+        self._state = self._delta[self._state][letter]
+        return self._output[self._state]
+
+
+def encode(machine: Machine, values: Mapping[f.Atom, NDArray[np.bool_]], steps: int) -> NDArray[np.int32]:
+    """Return the letter that a monitor reads in every state, shape ``(steps,)``, from the truth values of the monitor's atoms."""
+    codes = np.zeros(steps, dtype=np.int64)
+    for k, guard in enumerate(machine.guards):
+        codes |= evaluate(guard, values, (steps,)).astype(np.int64) << k
+    if len(machine.lookup):
+        return machine.lookup[codes]
+    return np.searchsorted(machine.codes, codes).astype(np.int32)
+
+
+def run_machine(machine: Machine, letters: NDArray[np.int32]) -> NDArray[np.int32]:
+    """Return the state of the monitor after every letter of many words, shape ``(words, steps)``.
+
+    While a letter repeats, a monitor of LTL comes to a constant state, because its language is star-free. Only the repetitions
+    before the constant state are computed. If the letters change often, every word is read separately.
+
+    Args:
+        machine: the monitor that reads all words.
+        letters: the letters of every word, shape ``(words, steps)``.
+    """
+    words, steps = letters.shape
+    states = np.zeros((words, steps), dtype=np.int32)
+    if not words or not steps:
+        return states
+    changes = np.flatnonzero((letters[:, 1:] != letters[:, :-1]).any(axis=0)) + 1
+    if len(changes) * _STRETCH > words * steps:
+        table = machine.delta.tolist()
+        for row, word in zip(states, letters.tolist(), strict=True):
+            row[:] = list(accumulate(word, lambda state, letter: table[state][letter], initial=0))[1:]
+        return states
+    starts = [0, *changes.tolist()]
+    state = np.zeros(words, dtype=np.int32)
+    for start, end in zip(starts, [*starts[1:], steps], strict=True):
+        letter = letters[:, start]
+        for k in range(start, end):
+            after = machine.delta[state, letter]
+            states[:, k] = after
+            if (after == state).all():
+                states[:, k + 1 : end] = after[:, None]
+                break
+            state = after
+    return states

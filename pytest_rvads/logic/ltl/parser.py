@@ -1,9 +1,9 @@
 """Parses text into formulas: the language of rules, and propositional LTL with the spellings of other tools.
 
-Both languages are LALR(1) grammars with the same operators and precedence: unary operators bind tightest, then U, W and R, then
-and, or, ``->``, ``<->``. The scope of a quantifier extends as far to the right as possible.
+Both languages have LALR(1) grammars with the same operators. Unary operators bind tightest, followed by U, W and R, and by
+``&``, ``|``, ``->`` and ``<->`` in this order. The scope of a quantifier extends as far to the right as possible.
 
-lark is imported with the first rule.
+The library lark is imported when the first formula is parsed.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from typing import Any, NamedTuple
 from lark import Lark, UnexpectedInput
 
 from pytest_rvads.logic.ltl import formula as f
+from pytest_rvads.logic.ltl.boolean import replaced, substitute
 from pytest_rvads.logic.ltl.grammar import LTL, Build, Language, Mistake, rule_grammar
-from pytest_rvads.logic.ltl.rewrite import replaced, substitute
 from pytest_rvads.support.errors import FormulaError, suggest
 
 __all__ = ["DEPTH_LIMIT", "LENGTH_LIMIT", "SIZE_LIMIT", "caret", "parse_ltl", "parse_rule"]
@@ -25,9 +25,10 @@ __all__ = ["DEPTH_LIMIT", "LENGTH_LIMIT", "SIZE_LIMIT", "caret", "parse_ltl", "p
 LENGTH_LIMIT = 20_000
 """Longest text of a formula [characters]."""
 DEPTH_LIMIT = 150
-"""Deepest nesting of operators and bound variables; keeps recursion over formulas well inside Python's limit."""
+"""Deepest nesting of operators and quantified variables; recursion over formulas thus stays well inside Python's limit."""
 SIZE_LIMIT = 20_000
-"""Most operators and atoms of a formula once its definitions are written out; no text without definitions reaches the limit."""
+"""Largest number of operators and atoms of a formula after its definitions are written out; the text of a formula without
+definitions is too short to exceed the limit."""
 
 _SIGNS = {
     "not": "!",
@@ -44,7 +45,7 @@ _SIGNS = {
     "until": "U",
     "release": "R",
 }
-"""Operators by the words that people write for them."""
+"""Maps words that people write for operators to the operators."""
 
 
 @cache
@@ -54,7 +55,7 @@ def _parser(language: Language | None) -> Lark:
 
 
 def parse_ltl(text: str) -> f.Formula:
-    """Parse propositional LTL; any identifier but ``G F X N U W R true false`` is a proposition.
+    """Return the formula of a text of propositional LTL; any identifier but ``G F X N U W R true false`` is a proposition.
 
     Raises:
         FormulaError: the text is not a formula, too long, or nested too deeply.
@@ -64,14 +65,16 @@ def parse_ltl(text: str) -> f.Formula:
 
 
 def parse_rule(text: str, language: Language) -> f.Formula:
-    """Parse a rule: definitions ``name(x, y) := ...;`` and a formula; sorts are not checked yet.
+    """Return the formula of a rule, given as definitions ``name(x, y) := ...;`` and a formula, with the definitions written out.
+
+    The function does not check sorts of terms and names of predicates.
 
     Args:
         text: the text of the rule.
         language: the language of the rule.
 
     Raises:
-        FormulaError: the text is not a rule, too long, too large once its definitions are written out, or nested too deeply.
+        FormulaError: the text is not a rule or too long, or the formula is too large or nested too deeply.
     """
     *definitions, formula = _parse(language, text)
     defined: dict[str, _Definition] = {}
@@ -112,8 +115,8 @@ def _bounded(formula: f.Formula, text: str) -> f.Formula:
 def _unexpected(error: UnexpectedInput, text: str, keywords: tuple[str, ...]) -> str:
     """Return the message of a parse error: the unexpected word, the expected words, and a suggestion for a misspelt keyword.
 
-    A misspelt keyword is often read as a name, and the parser reports the error one word later. So the word before is checked
-    first.
+    The parser often reads a misspelt keyword as a name and reports the error one word later. Therefore the word before the
+    reported word is checked first.
     """
     at = error.pos_in_stream if isinstance(error.pos_in_stream, int) and error.pos_in_stream >= 0 else len(text)
     token = getattr(error, "token", None)
@@ -158,7 +161,10 @@ class _Definition(NamedTuple):
 
 
 def _expand(formula: f.Formula, defined: Mapping[str, _Definition], text: str) -> f.Formula:
-    """Replace defined predicates by their bodies, after checking that the result keeps the limits."""
+    """Return a formula with the predicates that the text defines replaced by their definitions.
+
+    The sizes of the formula and of the result are checked against the limits.
+    """
     _bounded(formula, text)
     used = (defined[node.name].size - 1 for node, _ in f.walk(formula) if isinstance(node, f.Atom) and node.name in defined)
     size = f.size(formula) + sum(used)

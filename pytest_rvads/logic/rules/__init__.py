@@ -1,1 +1,1 @@
-"""Rules: formulas, predicates, shapes, and the books that hold rules."""
+"""Rules: their formulas, the predicates of their language, their parts, and the books that hold rules."""

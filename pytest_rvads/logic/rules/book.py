@@ -1,9 +1,20 @@
-"""Books of rules: the paper's p1..p6, the rules of the road, and the rules that users add."""
+"""Books of rules: the paper's rules p1 to p6, the rules of the road, and the rules that users add in code or in files.
+
+A file of rules is an INI file with one section per rule::
+
+    [gives_way]
+    text = forall a, j.en. G(a@j.en -> F a@j)
+    requirement = REQ-7
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from configparser import ConfigParser
+from configparser import Error as IniError
 from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +27,7 @@ from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.logic.rules.rulebooks import PAPER, ROAD, VARIANTS
 from pytest_rvads.logic.rules.vocabulary import Follower, Names, Vocabulary, Word
 from pytest_rvads.support.errors import FormulaError, require, suggest
+from pytest_rvads.support.storage import read_file
 
 __all__ = [
     "SHIPPED",
@@ -25,6 +37,7 @@ __all__ = [
     "get_rule",
     "is_rulebook",
     "joined",
+    "load_rules",
     "predicate",
     "rule",
     "rulebook",
@@ -33,15 +46,18 @@ __all__ = [
 
 _SHELF: Mapping[str, tuple[Rule, ...]] = {"paper": PAPER, "road": ROAD, "variants": VARIANTS}
 _Function = Callable[..., NDArray[np.bool_]]
+_MOST_BYTES, _MOST_RULES = 2**20, 1000
+_KEYS = ("text", "title", "meaning", "source", "responsible", "bound", "about", "tie", "requirement")
 
 
 @dataclass(frozen=True, slots=True, repr=False)
 class RuleBook:
-    """Rules by name, and the predicates of their language; adding a rule or predicate returns another book."""
+    """Rules by name, and the predicates that the rules may use. A book does not change: `add` and `define` return a new book."""
 
     rules: Mapping[str, Rule] = field(default_factory=lambda: {rule.name: rule for rules in _SHELF.values() for rule in rules})
     """Rules by name; the shipped rules by default."""
     vocabulary: Vocabulary = BUILT_IN
+    """The predicates that the rules may use; the shipped predicates by default."""
 
     def __post_init__(self) -> None:
         require(self.rules, Mapping, "rules= takes rules by their names", FormulaError)
@@ -54,7 +70,7 @@ class RuleBook:
         """Return a book with a further rule.
 
         Raises:
-            FormulaError: the name of the rule is that of a shipped rule or rulebook, or of a different rule.
+            FormulaError: a shipped rule, a rulebook, or a different rule of the book has the name of the rule.
         """
         if rule.name in SHIPPED.rules or rule.name in _SHELF:
             raise FormulaError(f"{rule.name!r} is a shipped rule or rulebook: choose another name for yours")
@@ -70,13 +86,13 @@ class RuleBook:
         """Return a book with a further predicate.
 
         Raises:
-            FormulaError: the name of the predicate has another meaning already.
+            FormulaError: a different predicate of the book has the same name.
         """
         return replace(self, vocabulary=self.vocabulary.add(word))
 
     @property
     def own(self) -> tuple[Rule, ...]:
-        """The rules that users added, in order."""
+        """The rules of the book that users added, in the order in which they were added."""
         return tuple(rule for name, rule in self.rules.items() if name not in SHIPPED.rules)
 
     def __repr__(self) -> str:
@@ -89,11 +105,13 @@ class RuleBook:
 
 
 SHIPPED = RuleBook()
-"""The shipped rules."""
+"""The book with the shipped rules and predicates alone."""
 
 
 def current_book(book: RuleBook | None = None) -> RuleBook:
-    """Return the given book, by default the open book: of the pytest session, or of the process if no session runs.
+    """Return the given book of rules; by default the open book, in which rules are looked up and registered at present.
+
+    Within a pytest session, the running test, its test file, or the session has the open book; outside, the process has it.
 
     Raises:
         FormulaError: `book` is not a RuleBook.
@@ -108,22 +126,22 @@ def _on(where: Desk) -> RuleBook:
 
 
 def _register(change: Callable[[RuleBook], RuleBook]) -> None:
-    """Put a changed book on every desk that the change concerns, or on none if a book refuses the change."""
+    """Change the book of every test, test file or session that a registration is for; no book, if any book refuses the change."""
     changed = [(where, change(_on(where))) for where in desks()]
     for where, book in changed:
         where.book = book
 
 
 def joined(book: RuleBook, other: RuleBook) -> RuleBook:
-    """Return a book with the rules and predicates of two books that give no name two meanings."""
+    """Return a book with the rules and predicates of two books; the caller ensures that no name has two meanings."""
     return RuleBook({**book.rules, **other.rules}, Vocabulary({**book.vocabulary, **other.vocabulary}))
 
 
 def claim(rule: Rule) -> None:
-    """Register in the index of the session a rule that judges a test, also a rule that no book holds.
+    """Reserve the name of a rule that judges a test, so that no other rule of the pytest session can have this name.
 
     Raises:
-        FormulaError: a different rule of the session has the same name, so that reports would mix up the two rules.
+        FormulaError: a different rule of the session has the same name. Reports would mix up the two rules.
     """
     index = desk().index
     if index is not None and rule.name not in SHIPPED.rules:
@@ -144,10 +162,13 @@ def rule(  # noqa: PLR0913 - all properties of a rule, by keyword
     requirement: str | None = None,
     place: str = "",
 ) -> Rule:
-    """Register a rule under a name, in the open book: of the test file or test that registers the rule, else of all tests.
+    """Register a rule under a name, by which tests and `check` can ask for the rule.
 
-    The same rule may be registered again. A different rule with the same name is refused, because tests that mean the first rule
-    would be judged by the second.
+    A rule that the code of a test file registers exists for the tests of this file. A rule that a test, or a fixture of this test
+    alone, registers exists for this test. Any other registered rule, such as a rule of a conftest, exists for all tests.
+
+    The same rule may be registered again. A different rule with the same name is refused, because the different rule would judge
+    tests that mean the registered rule.
 
     Args:
         name: the name, for ``rules=`` and test ids.
@@ -155,36 +176,40 @@ def rule(  # noqa: PLR0913 - all properties of a rule, by keyword
         title: the title, a few words.
         meaning: the meaning, one sentence.
         source: the source of the rule, such as a statute.
-        responsible: the role that is bound to act.
-        bound: the variables of that role, such as ``"a"``. With a subject among traffic, the rule applies to the instances in
-            which the subject is one of these variables. By default the variables of the agents that have to wait, else of the
-            agents of the obligation.
+        responsible: the vehicle that is bound to act, in words, such as ``"the vehicle that enters"``.
+        bound: the variables of the agents that are bound to act, such as ``"a"``. On a run with a vehicle under test, the rule
+            asks something of this vehicle only where one of these variables stands for this vehicle. By default the agents that
+            have to wait; in a rule that makes no agent wait, the agents of the obligation.
         about: the kind of junction that the rule is about, such as ``"stop"`` or ``"lights"``; None for all junctions.
         tie: largest difference of waiting times that count as equal [s].
-        requirement: identifier for traceability.
+        requirement: identifier of the requirement that the rule traces to.
         place: file and line of the rule, for messages; by default the line that registers the rule.
 
     Raises:
-        FormulaError: the formula can't be parsed, the name is that of a shipped or different rule, or the kind of junction is
+        FormulaError: the formula can't be parsed, a shipped rule or a different rule has the name, or the kind of junction is
             unknown.
     """
+    __tracebackhide__ = True  # the traceback in pytest ends at the line that calls
     kinds = [c.value for c in JunctionControl]
     if about is not None and about not in kinds:
         raise FormulaError(f"rule {name!r}: about must be one of {', '.join(kinds)}, got {about!r}{suggest(about, kinds)}")
-    new_rule = Rule(
-        name,
-        text,
-        title,
-        meaning,
-        source=source,
-        responsible=responsible,
-        bound=(bound,) if isinstance(bound, str) else tuple(bound),
-        about=None if about is None else JunctionControl(about),
-        tie=tie,
-        requirement=requirement,
-        place=place,
-    )
-    _register(lambda book: book.add(new_rule))
+    try:
+        new_rule = Rule(
+            name,
+            text,
+            title,
+            meaning,
+            source=source,
+            responsible=responsible,
+            bound=(bound,) if isinstance(bound, str) else tuple(bound),
+            about=None if about is None else JunctionControl(about),
+            tie=tie,
+            requirement=requirement,
+            place=place,
+        )
+        _register(lambda book: book.add(new_rule))
+    except FormulaError as error:
+        raise error.with_traceback(None) from None
     return new_rule
 
 
@@ -203,9 +228,10 @@ def predicate(
         sorts: the sorts of the arguments, such as ``"agent"``, ``"entrance"``.
         says: the predicate in words, for explanations, with the arguments by number; by default as formulas spell it.
         denies: the negated predicate in words.
-        follow: a factory for live monitors of predicates that depend on earlier states. It takes a run of the first state and the
-            numbers of the arguments, and returns a function that reads the next state, a run of one state, and returns the truth
-            value there. Without `follow` a monitor calls the predicate on a run of one state.
+        follow: for live monitors of predicates that depend on earlier states: a function that takes the first state, as a run of
+            a single state, and the numbers of the arguments, and returns a function. The returned function is called with the
+            first state and every later state, as runs of a single state, and returns the truth value in the state. If `follow` is
+            None, a live monitor calls the predicate on a run of the present state alone.
 
     Raises:
         FormulaError: the name belongs to a shipped predicate or to a different function, or `Word` refuses the arguments.
@@ -222,7 +248,7 @@ def predicate(
 
 
 def rulebook(name: str) -> tuple[Rule, ...]:
-    """Return the rules of a rulebook, ``"paper"`` or ``"road"``.
+    """Return the rules of a rulebook, a named list of rules: ``"paper"`` or ``"road"``.
 
     Raises:
         FormulaError: no rulebook has this name.
@@ -238,7 +264,7 @@ def is_rulebook(name: str) -> bool:
 
 
 def get_rule(rule: str | Rule, book: RuleBook | None = None) -> Rule:
-    """Return a rule, given as a Rule or by its name in a book, by default the open book.
+    """Return a rule, given as a Rule or by its name in a book; by default the book is the open book, see `current_book`.
 
     Raises:
         FormulaError: no rule has this name, or `book` is not a RuleBook.
@@ -261,16 +287,16 @@ def get_rule(rule: str | Rule, book: RuleBook | None = None) -> Rule:
 def rules_for(
     spec: str | Rule | Sequence[str | Rule], place: Junction | JunctionControl | None = None, book: RuleBook | None = None
 ) -> tuple[Rule, ...]:
-    """Return the rules that `spec` names, each once, in order.
+    """Return the rules that `spec` names, in order and each rule once.
 
     Args:
         spec: a rulebook, a rule, or a mixture of both.
         place: a junction, or the control of a junction with one lane per arm. Of a rulebook, only the rules about this place are
-            returned; a rule that `spec` names itself is always returned.
-        book: the book with the rules; the open book by default.
+            returned; a rule that `spec` names directly is always returned.
+        book: the book with the rules; by default the open book, see `current_book`.
 
     Raises:
-        FormulaError: a name is unknown, or two different rules have the same name, which may be the name of a shipped rule.
+        FormulaError: a name is unknown, or two different rules have the same name; a shipped rule can be one of the two.
     """
     expected = "rules are named one by one, or as a list of names and of Rules"
     require(spec, str | Rule | Iterable, expected, FormulaError)
@@ -287,3 +313,49 @@ def rules_for(
                 places = f"at {rules[r.name].place} and at {r.place}"
                 raise FormulaError(f"two different rules are called {r.name!r}, {places}: choose another name for one of them")
     return tuple(rules.values())
+
+
+def load_rules(path: str | Path) -> tuple[Rule, ...]:
+    """Register every rule of an INI file, and return the rules in the order of the file.
+
+    Args:
+        path: the file. Its keys are the arguments of `rule`; ``text`` is required and may extend over several indented lines.
+
+    Raises:
+        FormulaError: the file can't be read or holds too many rules, a key is unknown, or a rule has no text or a wrong text.
+    """
+    path = Path(path)
+    parser = ConfigParser(interpolation=None, comment_prefixes=("#", ";"), default_section="")
+    try:
+        parser.read_string(read_file(path, _MOST_BYTES).decode(), source=str(path))
+    except OSError as error:
+        raise FormulaError(f"{path}: can't be read: {error.strerror}") from error
+    except (IniError, UnicodeDecodeError) as error:
+        raise FormulaError(f"{path}: not a file of rules: {' '.join(str(error).split())}") from error
+    if len(parser.sections()) > _MOST_RULES:
+        raise FormulaError(f"{path}: {len(parser.sections()):,} rules, at most {_MOST_RULES:,} are read: split it into files")
+    rules = []
+    for name in parser.sections():
+        section = dict(parser.items(name))
+        for key in section:
+            if key not in _KEYS:
+                raise FormulaError(
+                    f"{path}: rule {name!r}: unknown key {key!r}{suggest(key, _KEYS)}; known are {', '.join(_KEYS)}"
+                )
+        if not section.get("text"):
+            raise FormulaError(f"{path}: rule {name!r} has no text: add `text = ` and a formula")
+        try:
+            rules.append(_rule(name, section, path))
+        except FormulaError as error:
+            raise FormulaError(f"{path}: {error}") from None
+    return tuple(rules)
+
+
+def _rule(name: str, section: dict[str, str], path: Path) -> Rule:
+    properties: dict[str, Any] = {key: value for key, value in section.items() if key != "text"}
+    try:
+        properties["tie"] = float(section.get("tie", "0"))
+    except ValueError:
+        raise FormulaError(f"rule {name!r}: tie must be a number of seconds, got {section['tie']!r}") from None
+    properties["bound"] = section.get("bound", "").replace(",", " ").split()
+    return rule(name, section["text"], **properties, place=f"{path}, section [{name}]")

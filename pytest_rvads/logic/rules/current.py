@@ -1,8 +1,9 @@
-"""The open book of rules: of the running test, test file or session, or of the process if no session runs.
+"""Finds the open book of rules: the book of the running test, test file or session, or of the process if no session runs.
 
-A book is a value, and a desk is the place where a book lies open. The file of the registering code, and the scope of the fixture
-that runs it, decide for which tests a registration holds. The index of a session has every rule that is registered for more than
-one test or that judges a test. A second text under a name of the index is an error that names both places.
+A book is an unchangeable collection of rules. A desk is the place that holds the book of a test, test file, session or process;
+registering a rule puts another book onto the desk. The file of the code that registers a rule, and the scope of the fixture that
+runs this code, decide for which tests the rule is registered. The index of a session has every rule that is registered for more
+than one test or that judges a test. A second text under a name of the index is an error that shows both places of registration.
 """
 
 from __future__ import annotations
@@ -16,31 +17,31 @@ from typing import Any
 __all__ = ["PACKAGE", "PROCESS", "Desk", "desk", "desks", "here", "own_desk"]
 
 PACKAGE = "pytest-rvads"
-"""The place of the shipped rules and words."""
+"""The place of registration that shipped rules and words state, instead of a file and line."""
 
 
 class Desk:
-    """A place for an open book; registering a rule or predicate puts a new book on the desk.
+    """The place that holds the book of rules of a test, test file, session or process; registration replaces the book.
 
-    This module imports no rules, because every pytest session has a desk, also a session that uses no rules.
+    The module of this class imports no rules, because every pytest session has a desk, also a session that uses no rules.
     """
 
     def __init__(self, book: Any = None, file: str = "", index: Desk | None = None, *, test: bool = False) -> None:
         self.book: Any = book
-        """A `RuleBook`; None for the shipped rules, which are not loaded yet."""
+        """A `RuleBook`; None for the book of the shipped rules, which is not loaded yet."""
         self.file = file
-        """The test file of the desk; empty for a desk of all tests."""
+        """The test file whose tests use the book; empty if all tests use the book."""
         self.index = index
-        """Desk with all rules that the session registers for several tests, so that a name has one meaning in the session."""
+        """The desk with all rules of the session, by which a name has a single meaning in the session; None outside a session."""
         self.test = test
-        """Whether the desk belongs to one test of the file, and is dropped with the test."""
+        """Whether the desk belongs to a single test of the file, and is dropped with the test."""
         self.outlived = False
-        """Whether a fixture shared with other tests is being set up, whose rules then stay with the test file."""
+        """Whether a fixture that several tests share is being set up; rules that it registers are not for a single test."""
 
     def alone(self, frame: FrameType) -> bool:
-        """Return whether the calling code registers for this test file or test alone.
+        """Return whether the calling code registers rules for the test file or test of this desk alone.
 
-        A module that is imported from another file is imported only once, so it registers for all tests.
+        Code of a module that a test file imports registers rules for all tests, because the module is imported only once.
         """
         if self.outlived:
             return False
@@ -53,12 +54,12 @@ _DESKS = [PROCESS]
 
 
 def desk() -> Desk:
-    """Return the desk of the open book, which looks up and takes rules and predicates if no other book is given."""
+    """Return the desk of the open book, in which rules and predicates are looked up by default."""
     return _DESKS[-1]
 
 
 def desks() -> list[Desk]:
-    """Return the desks for the rules that the calling code registers: of a test file alone, or of all tests."""
+    """Return the desks (places of books) on which the calling code registers rules: of a test or test file, or of all tests."""
     frame, chosen = _caller(), []
     for candidate in reversed(_DESKS):
         chosen.append(candidate)
@@ -69,7 +70,7 @@ def desks() -> list[Desk]:
 
 @contextmanager
 def own_desk(new_desk: Desk | None = None) -> Iterator[Desk]:
-    """Open another desk, by default with the present book; its additions are dropped at the end."""
+    """Make another desk the place of the open book while the context lasts; by default a new desk with the present book."""
     new_desk = new_desk or Desk(desk().book)
     _DESKS.append(new_desk)
     try:
@@ -79,7 +80,7 @@ def own_desk(new_desk: Desk | None = None) -> Iterator[Desk]:
 
 
 def here() -> str:
-    """Return file and line of the nearest caller outside this package."""
+    """Return the file and line of the nearest calling code outside this package."""
     frame = _caller()
     return f"{frame.f_code.co_filename}:{frame.f_lineno}"
 

@@ -1,8 +1,9 @@
-"""The predicates and attributes of the rule language: a new predicate or attribute is one entry here.
+"""The shipped predicates and attributes of the rule language: to add a predicate or attribute, add an entry to this module.
 
-An entry is one value: sorts, truth on a run, signal for live monitors, static part, phrases, measured quantities, and the vehicle
-to blame. No other module knows a word by its name, except ``@``, which the grammar has. A user's word is the same kind of value.
-A rule holds its words, so judging looks no name up.
+The entry of a predicate is called a word. A word holds the sorts of the predicate's arguments, a function or signal with the
+truth per state, the part that the junction and the ways decide, phrases, the measurements on which the truth depends, and the
+vehicle to blame. No other module depends on the name of a word, except ``@``, which the grammar contains. A predicate that a user
+registers is a word, too. A rule holds its words. Therefore no name is looked up when a run is judged.
 """
 
 from __future__ import annotations
@@ -12,23 +13,24 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from pytest_rvads.geometry.crosswalks import Crossing
 from pytest_rvads.logic.conduct import predicates
-from pytest_rvads.logic.conduct.blame import Cause, blame, cause_of
+from pytest_rvads.logic.conduct.at_crosswalks import on_crosswalk, stands_on_crosswalk, stepped_on_walk, waits_to_cross
+from pytest_rvads.logic.conduct.blame import blame, cause_of, disregard, disregard_at_kerb
 from pytest_rvads.logic.conduct.blocks import Signal
 from pytest_rvads.logic.conduct.bodies import collide, contacts
-from pytest_rvads.logic.conduct.grounds import Ground
+from pytest_rvads.logic.conduct.cast import Cause, Ground
 from pytest_rvads.logic.conduct.lane import beyond_steering, lane_allows, off_lane, off_route
-from pytest_rvads.logic.conduct.motion import inside, wt
+from pytest_rvads.logic.conduct.on_foot import takes_crosswalk
 from pytest_rvads.logic.conduct.predicates import Static
 from pytest_rvads.logic.conduct.priority import obstructs, owes
 from pytest_rvads.logic.conduct.progress import blocks, idles, may_go
-from pytest_rvads.logic.conduct.rights import gives_up
-from pytest_rvads.logic.conduct.standing import arrived, speeding, standing_time, stopped, waited
+from pytest_rvads.logic.conduct.rights import gives_up, owes_crossing
+from pytest_rvads.logic.conduct.standing import arrived, inside, speeding, standing_time, stopped, waited, wt
 from pytest_rvads.logic.conduct.stretches import meet
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.rules.current import PACKAGE
-from pytest_rvads.logic.rules.sorts import Sort
-from pytest_rvads.logic.rules.vocabulary import Attribute, FromZones, Measured, Vocabulary, Word
+from pytest_rvads.logic.rules.vocabulary import Attribute, FromZones, Measured, Sort, Vocabulary, Word
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Colour, Zone
 from pytest_rvads.support.errors import RunError
@@ -40,11 +42,11 @@ HERE = f.Element(Sort.JUNCTION, 0, "j")
 
 
 def at(place: f.Element, entrances: int) -> Signal[NDArray[np.bool_]]:
-    """Return the signal that tells which vehicle is at a place of its own way.
+    """Return the signal that is true in the states in which a vehicle is at a place of its way through the junction.
 
     Args:
         place: the junction, an entrance, an exit, or a road.
-        entrances: how many entrances the junction has; roads with lower numbers lead to entrances.
+        entrances: how many entrances the junction has; a road whose number is smaller leads to an entrance.
     """
     match place.sort:
         case Sort.JUNCTION:
@@ -75,7 +77,10 @@ def _may_be_at(static: Static, thing: f.Element, place: f.Element) -> bool | Non
 
 
 def _take(agent: f.Term, entrance: f.Term, direction: f.Term, itinerary: bool) -> f.Formula:
-    """The agent is at the entrance and turns in the direction: by its itinerary, or by its next move (the paper's definition)."""
+    """Return the formula "the agent is at the entrance and turns in the direction".
+
+    Without a known itinerary, the formula says as in the paper that the agent stays at the entrance until it is in the junction.
+    """
     at_entrance, turns = f.Atom("@", (agent, entrance)), f.Atom("turn", (agent, direction))
     return (
         f.And((at_entrance, turns))
@@ -97,6 +102,13 @@ def _may_owe(static: Static, agent: f.Element, other: f.Element) -> bool | None:
     return None if static.owing is None or (agent.index, other.index) in static.owing else False
 
 
+def _over_crossing(static: Static, agent: f.Element, other: f.Element) -> bool | None:
+    """Return False for two agents that are not a vehicle and a pedestrian whose crossing the vehicle drives over."""
+    vehicle, walker = static.agents[agent.index], static.agents[other.index]
+    crossed = static.conflicts is None or (vehicle.way.key, walker.way.key) in static.conflicts
+    return None if crossed and isinstance(walker.way, Crossing) else False
+
+
 def _takes_turns(static: Static, agent: f.Element, other: f.Element) -> bool:
     return static.by_arrival is None or (agent.index, other.index) in static.by_arrival
 
@@ -106,7 +118,7 @@ def _one_lane(static: Static, agent: f.Element) -> bool | None:
 
 
 def _no_geometry(_run: Run, *_agents: int) -> NDArray[np.bool_]:
-    raise RunError("the run holds no geometry of its junction")  # with geometry, the value is decided before
+    raise RunError("the run holds no geometry of its junction")  # with geometry, the static model decides the predicate
 
 
 def _between(place: f.Element, other: f.Element, pairs: frozenset[tuple[int, int]]) -> bool:
@@ -114,7 +126,7 @@ def _between(place: f.Element, other: f.Element, pairs: frozenset[tuple[int, int
 
 
 def _from_right(static: Static, element: f.Element, other: f.Element) -> bool:
-    """Return whether an entrance, or the entrance of a vehicle, is to the right of the other entrance or vehicle."""
+    """Return whether an entrance, or the entrance of a vehicle, is to the right of another entrance, or of that of a vehicle."""
     if element.sort == other.sort == Sort.AGENT:
         return (static.agents[element.index].entrance, static.agents[other.index].entrance) in static.right_of
     return _between(element, other, static.right_of)
@@ -290,6 +302,52 @@ BUILT_IN = Vocabulary.of(
         decide=_one_lane,
         turns_on=(Measured.SIDES,),
     ),
+    *(
+        _word(name, _TWO, holds, says, denies, decide=_over_crossing, apart=True, turns_on=_MOVES, cause=cause, any_way=True)
+        for name, holds, says, denies, cause in (
+            ("owes_crossing", owes_crossing, "{0} has to let {1} cross", "{0} need not let {1} cross", disregard),
+            (
+                "takes_crosswalk",
+                takes_crosswalk,
+                "{0} takes the crosswalk from {1}",
+                "{0} does not take the crosswalk from {1}",
+                disregard,
+            ),
+            ("waits_to_cross", waits_to_cross, "{1} waits for {0} to let it cross", "{1} does not wait for {0}", None),
+            (
+                "passes_by",
+                takes_crosswalk,
+                "{0} drives onto the crosswalk of {1}",
+                "{0} does not drive onto the crosswalk of {1}",
+                disregard_at_kerb,
+            ),
+        )
+    ),
+    _word(
+        "walk_light",
+        _ONE,
+        decide=lambda s, agent: agent.index in s.walk_lights,
+        static="agent",
+        any_way=True,
+    ),
+    _word(
+        "stepped_on_walk",
+        _ONE,
+        stepped_on_walk,
+        "{0} stepped onto the crosswalk on WALK",
+        "{0} did not step onto the crosswalk on WALK",
+        turns_on=(Measured.ALONG,),
+        any_way=True,
+    ),
+    _word("on_crosswalk", _ONE, on_crosswalk, "{0} is on a crosswalk", "{0} is on no crosswalk", turns_on=(Measured.ALONG,)),
+    _word(
+        "stands_on_crosswalk",
+        _ONE,
+        stands_on_crosswalk,
+        "{0} stands on a crosswalk",
+        "{0} does not stand on a crosswalk",
+        turns_on=_MOVES,
+    ),
     _word("off_route", _ONE, off_route, "{0} is off its route", "{0} is on its route", turns_on=(Measured.SIDES,), bends=True),
     _word("speeding", _ONE, speeding, "{0} is over the speed limit", "{0} is within the speed limit", turns_on=_MOVES),
     _word("right-of", ("agent or entrance or vertex",) * 2, decide=_from_right, static="agent or entrance or vertex"),
@@ -356,5 +414,8 @@ ATTRIBUTES = {
 
 
 def word_of(atom: f.Atom) -> Word | None:
-    """Return the word of an atom: the user's word that the atom holds, else the shipped word of its name."""
+    """Return the definition of an atom's predicate: the user's definition that the atom holds, or the shipped definition.
+
+    A comparison has no definition, and the result is None.
+    """
     return atom.word if isinstance(atom.word, Word) else BUILT_IN.get(atom.name)

@@ -1,4 +1,4 @@
-"""A rule: a formula of first-order temporal logic with its title, meaning, source and scope.
+"""Rules: formulas of first-order temporal logic with title, meaning, source and scope.
 
 The text of a rule is parsed and checked: every variable is bound, every predicate is known, every term has the right sort.
 """
@@ -7,33 +7,59 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from enum import StrEnum
 
-from pytest_rvads.geometry.control import JunctionControl
+from pytest_rvads.geometry.control import JunctionControl, Sign
+from pytest_rvads.geometry.crosswalks import Crossing
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.logic.ltl import formula as f
+from pytest_rvads.logic.ltl.boolean import replaced
 from pytest_rvads.logic.ltl.parser import caret, parse_rule
-from pytest_rvads.logic.ltl.rewrite import replaced
 from pytest_rvads.logic.rules.current import PACKAGE, desk, here
-from pytest_rvads.logic.rules.lexicon import ATTRIBUTES, BUILT_IN
-from pytest_rvads.logic.rules.shape import outermost, untimed
-from pytest_rvads.logic.rules.sorts import DIRECTIONS, LANGUAGE, Sort
-from pytest_rvads.logic.rules.vocabulary import Vocabulary, Word, sorts_in
+from pytest_rvads.logic.rules.lexicon import ATTRIBUTES, BUILT_IN, word_of
+from pytest_rvads.logic.rules.parts import outermost
+from pytest_rvads.logic.rules.vocabulary import DIRECTIONS, LANGUAGE, Sort, Vocabulary, Word, sorts_in
 from pytest_rvads.support.errors import FormulaError, suggest
 from pytest_rvads.support.wording import one_line
 
-__all__ = ["COMPARISONS", "LONGEST_TIE", "Rule", "parse"]
+__all__ = ["LONGEST_TIE", "Crosswalks", "Rule", "parse", "untimed"]
 
-
-COMPARISONS = ("=", "!=", "<", "<=", ">", ">=")
+_COMPARISONS = ("=", "!=", "<", "<=", ">", ">=")
 _VERTICES = {Sort.ENTRANCE, Sort.EXIT, Sort.VERTEX}
 
 
+def untimed(formula: f.Formula, sorts: Mapping[str, str] | None = None) -> f.Atom | None:
+    """Return an atom that can change in a run but is outside every temporal operator; None if there is no such atom.
+
+    Such an atom is a mistake, because only its value in the first state counts.
+    """
+    sorts = sorts or {}
+    match formula:
+        case f.Atom():
+            return None if _static(formula, sorts) else formula
+        case f.Forall(variables, body) | f.Exists(variables, body):
+            return untimed(body, {**sorts, **{v.name: v.sort for v in variables}})
+        case f.Next() | f.Always() | f.Eventually() | f.Until() | f.WeakUntil() | f.Release():
+            return None
+    return next((atom for child in f.children(formula) if (atom := untimed(child, sorts))), None)
+
+
+def _static(atom: f.Atom, sorts: Mapping[str, str]) -> bool:
+    """Return whether the value of an atom is the same in every state."""
+    if atom.name in ("=", "!="):
+        return all(isinstance(term, f.Var) for term in atom.terms)
+    word, first = word_of(atom), atom.terms[0] if atom.terms else None
+    return word is not None and isinstance(first, f.Var) and sorts.get(first.name) in sorts_in(word.static)
+
+
 def parse(text: str, vocabulary: Vocabulary = BUILT_IN) -> f.Formula:
-    """Parse a rule and check it: every variable bound (but ``j``, the junction under test), known predicates, right sorts.
+    """Return the formula of a rule's text, after a check that all variables are bound, predicates known and sorts right.
+
+    The variable ``j``, the junction, is always bound.
 
     Args:
         text: the text of the rule.
-        vocabulary: the predicates that the rule may use. The atoms of the formula hold the words that are not shipped.
+        vocabulary: the predicates that the rule may use. Atoms with predicates that users added hold these predicates.
 
     Raises:
         FormulaError: the text is not a rule; the message shows the line, a caret and the nearest valid word.
@@ -68,7 +94,7 @@ class _Check:
     def atom(self, atom: f.Atom, scope: Mapping[str, str]) -> None:
         kinds = [self.term(t, scope, atom.at) for t in atom.terms]
         name = atom.name
-        if name in COMPARISONS:
+        if name in _COMPARISONS:
             self.comparison(atom, kinds)
             return
         if name not in self.vocabulary:
@@ -127,20 +153,29 @@ LONGEST_TIE = 3600
 _LONGEST_NAME = 100
 
 
+class Crosswalks(StrEnum):
+    """The crosswalks that a rule is about; the value is a phrase for messages."""
+
+    ANY = "pedestrians on crosswalks"
+    LIT = "pedestrians on crosswalks with lights"
+    UNLIT = "pedestrians on crosswalks without lights"
+
+
 @dataclass(frozen=True, slots=True, repr=False)
 class Rule:
     """A traffic rule.
 
-    A rule holds its formula and the words of the formula, so later registrations do not change its verdicts.
+    A rule holds its formula and the predicates of the formula. Therefore predicates that are registered later do not change its
+    verdicts.
 
     Raises:
-        FormulaError: the text is not a formula, the name does not fit into a test id, or a word has the name of a shipped word or
-            of another word.
+        FormulaError: the text is not a formula, the name does not fit into a test id, or a shipped predicate or another predicate
+            has the name of a predicate in `words`.
     """
 
     name: str
     text: str
-    """The formula."""
+    """The formula as text."""
     title: str = ""
     """The title of the rule, such as ``right-of-way``."""
     meaning: str = ""
@@ -148,15 +183,19 @@ class Rule:
     source: str = ""
     """The source: paper, convention or statute, with the article."""
     responsible: str = ""
-    """The role that is bound to act, in words."""
+    """The vehicle that is bound to act, in words."""
     bound: tuple[str, ...] = ()
-    """The variables of that role; by default those of the agents that have to wait, else of the agents of the obligation."""
+    """The variables of the agents bound to act. By default the agents that have to wait; in a rule that makes no agent wait, the
+    agents of the obligation."""
     about: JunctionControl | tuple[JunctionControl, ...] | None = None
     """The kind or kinds of junction that the rule is about; None for all."""
     lanes: bool = False
     """Whether the rule is only about junctions where an arm has several entrances."""
     joining: bool = False
     """Whether the rule is only about junctions where, according to the map, a lane joins another lane."""
+    crosswalks: Crosswalks | None = None
+    """The crosswalks that the rule is about, so that it is only about junctions where pedestrians walk on such crosswalks; None
+    for a rule that is not about crosswalks."""
     tie: float = 0.0
     """Largest difference of waiting times that count as equal [s]."""
     companions: tuple[str, ...] = ()
@@ -164,9 +203,9 @@ class Rule:
     requirement: str | None = None
     """Identifier of the requirement that the rule traces to."""
     words: tuple[Word, ...] = ()
-    """The users' predicates in the formula; by default those of the open book."""
+    """The predicates in the formula that users added; by default the predicates that are registered when the rule is created."""
     place: str = field(default="", compare=False)
-    """File and line of the registration; by default the line that makes the rule."""
+    """File and line of the registration; by default the line that creates the rule."""
     _formula: f.Formula | None = field(default=None, init=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -186,25 +225,39 @@ class Rule:
 
     @property
     def formula(self) -> f.Formula:
-        """The parsed formula."""
+        """The parsed formula of the rule."""
         return self._formula or self._read()
 
     @property
     def kinds(self) -> tuple[JunctionControl, ...]:
-        """The kinds of junction that the rule is about."""
+        """The kinds of junction that the rule is about, all kinds if `about` is None."""
         if self.about is None:
             return tuple(JunctionControl)
         return (self.about,) if isinstance(self.about, JunctionControl) else self.about
 
     def concerns(self, place: Junction | JunctionControl) -> bool:
-        """Return whether the rule is about a junction, or about junctions with one lane per arm and a kind of control."""
+        """Return whether the rule is about a junction.
+
+        Args:
+            place: the junction, or a kind of control, which stands for junctions with this control and one lane per arm.
+        """
         if isinstance(place, JunctionControl):
-            return place in self.kinds and not (self.lanes or self.joining)
+            return place in self.kinds and not (self.lanes or self.joining or self.crosswalks)
         fits = (not self.lanes or max(place.lanes) > 1) and (not self.joining or bool(place.joining))
-        return place.control in self.kinds and fits
+        return place.control in self.kinds and fits and self.walked_at(place)
+
+    def walked_at(self, place: Junction) -> bool:
+        """Return whether pedestrians walk on crosswalks that the rule is about; True for a rule that is not about crosswalks."""
+        lights = [start.sign is Sign.LIGHTS for way, start, _ in place.further if isinstance(way, Crossing)]
+        match self.crosswalks:
+            case Crosswalks.LIT:
+                return any(lights)
+            case Crosswalks.UNLIT:
+                return not all(lights)
+        return self.crosswalks is None or bool(lights)
 
     def _read(self) -> f.Formula:
-        """Parse the text, store the formula and its words, and return the formula."""
+        """Parse the text of the rule, store the formula and the predicates in it, and return the formula."""
         try:
             formula = parse(self.text, self._vocabulary())
         except FormulaError as error:

@@ -1,7 +1,7 @@
 """The shipped rulebooks: ``paper``, the rules as published, and ``road``, the rules that bind a road user.
 
-A rulebook runs the rules about the kind of junction at hand. A rule that a test names always runs, and is NA at junctions of
-other kinds.
+A test that names a rulebook is judged by the rules of the rulebook that are about the kind of the test's junction. A test that
+names a single rule is judged by this rule; the verdict is NA at junctions that the rule is not about.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from functools import partial
 from pytest_rvads.geometry.control import JunctionControl
 from pytest_rvads.logic.conduct.standing import TIE
 from pytest_rvads.logic.rules.current import PACKAGE
-from pytest_rvads.logic.rules.rule import Rule
+from pytest_rvads.logic.rules.rule import Crosswalks, Rule
 
 __all__ = ["PAPER", "ROAD", "VARIANTS"]
 
@@ -87,6 +87,12 @@ PAPER = (
     ),
 )
 
+_VIENNA = "Vienna Convention on Road Traffic 1968"
+_SIGNS = "Vienna Convention on Road Signs and Signals 1968"
+_CVC = "California Vehicle Code"
+_UVC = "Uniform Vehicle Code (US model law)"
+_STVO = "German road traffic regulations (StVO)"
+
 VARIANTS = (
     _rule(
         "p6g",
@@ -99,13 +105,17 @@ VARIANTS = (
         bound=("a",),
         about=_LIGHTS,
     ),
+    _rule(
+        "crosswalk_waiting",
+        "forall a, a'. G(!walk_light(a') & (owes_crossing(a, a') | waits_to_cross(a, a')) -> !passes_by(a, a'))",
+        "crosswalk, also for who waits",
+        "On a crosswalk without a light a vehicle also gives way to whoever waits at the kerb, for up to 3 s at rest.",
+        source=f"{_STVO}, section 26(1); UK Highway Code, rules H2 and 195",
+        responsible="the vehicle that drives on; the pedestrian, if the vehicle could not stop any more",
+        bound=("a",),
+        crosswalks=Crosswalks.UNLIT,
+    ),
 )
-
-_VIENNA = "Vienna Convention on Road Traffic 1968"
-_SIGNS = "Vienna Convention on Road Signs and Signals 1968"
-_CVC = "California Vehicle Code"
-_UVC = "Uniform Vehicle Code (US model law)"
-_STVO = "German road traffic regulations (StVO)"
 
 ROAD = (
     _rule(
@@ -229,6 +239,38 @@ ROAD = (
         responsible="the vehicle in the wrong lane",
         bound=("a",),
         lanes=True,
+    ),
+    _rule(
+        "crosswalk",
+        "forall a, a'. G(!walk_light(a') & owes_crossing(a, a') -> !takes_crosswalk(a, a'))",
+        "crosswalk",
+        "On a crosswalk without a light a vehicle gives way to whoever is on its half of the roadway, or about to come there.",
+        source=f"{_UVC} 11-502(a); {_CVC} 21950(a); {_VIENNA}, Art. 21(2)(b)",
+        responsible="the vehicle that drives on; the pedestrian, if the vehicle could not stop any more",
+        bound=("a",),
+        crosswalks=Crosswalks.UNLIT,
+    ),
+    _rule(
+        "crosswalk_turning",
+        "forall a, a'. G(walk_light(a') & stepped_on_walk(a') & !turn(a, straight) & owes_crossing(a, a')"
+        " -> !takes_crosswalk(a, a'))",
+        "turning over a crosswalk",
+        "On a crosswalk with a light a turning vehicle gives way to whoever stepped onto the crosswalk on WALK.",
+        source=f"{_UVC} 11-202(a) and 11-203; {_CVC} 21451(a); {_VIENNA}, Art. 21(2)(a); {_STVO}, section 9(3)",
+        responsible="the vehicle that turns; the pedestrian, if the vehicle could not stop any more",
+        bound=("a",),
+        about=(_LIGHTS, _PARTIAL),
+        crosswalks=Crosswalks.LIT,
+    ),
+    _rule(
+        "crosswalk_clear",
+        "forall a. G(on_crosswalk(a) -> !stands_on_crosswalk(a))",
+        "crosswalk clear",
+        "No vehicle drives onto a crosswalk without room to leave it and gets stuck there, or stands there without a reason.",
+        source=f"{_CVC} 22500(b) and 21970(a); {_STVO}, section 26(2)",
+        responsible="the vehicle that stands on the crosswalk",
+        bound=("a",),
+        crosswalks=Crosswalks.ANY,
     ),
     _rule(
         "no_collision",

@@ -1,6 +1,7 @@
-"""Comparison of functions: a module that is loaded again makes new functions, and two files may define equal functions.
+"""Compares functions by their code, because a module that is loaded twice makes two functions that do the same.
 
-Words are equal if their functions are the same in this sense. Atoms, which are keys of caches, compare words by identity.
+Two words (definitions of predicates) are equal if `same` finds their functions the same. Therefore a module that is loaded twice
+may register a predicate twice. Atoms compare words by identity, because atoms are keys of caches.
 """
 
 from __future__ import annotations
@@ -21,19 +22,23 @@ _IMPORT = dis.opmap["IMPORT_NAME"]
 def same(value: object, other: object) -> bool:
     """Return whether two functions, or two values that functions work with, are the same.
 
-    Identical values are the same, and so are equal plain values and tuples of same values. Two methods are the same if their
-    object is identical and their functions are the same. Two functions are the same if their code, apart from line numbers,
-    and their defaults, attributes, closures and globals are the same; the package counts for functions that import. All other
-    values may become different without notice, so they are not the same.
+    Identical values are the same. Equal numbers and equal strings are the same. Two tuples are the same if their values are the
+    same. Two methods are the same if their object is identical and their functions are the same. Two functions are the same if
+    their code (apart from line numbers), their defaults, attributes, closures and globals are the same. Two functions with import
+    statements must belong to the same package as well. Two different objects of any other kind are not the same, because their
+    contents can change later.
     """
     try:
         return _same(value, other, set())
-    except RecursionError:  # functions of functions, too deep to look through
+    except RecursionError:  # the functions call functions that call functions, too deeply to compare
         return False
 
 
 def _same(value: object, other: object, assumed: set[tuple[int, int]]) -> bool:
-    """Compare two values; a pair of functions whose comparison has begun counts as the same, since functions may be recursive."""
+    """Return whether two values are the same, see `same`.
+
+    A pair of functions in `assumed`, whose comparison has begun, counts as the same, because functions can be recursive.
+    """
     if value is other:
         return True
     match value, other:
@@ -50,19 +55,19 @@ def _same(value: object, other: object, assumed: set[tuple[int, int]]) -> bool:
 
 
 def _works_with(function: FunctionType) -> tuple[object, ...]:
-    """Return the values that a function uses besides its arguments, in an order given by its code."""
+    """Return the values that a function uses besides its arguments, in an order that its code determines."""
     named = (function.__kwdefaults__ or {}, vars(function))
     cells = tuple(content(cell) for cell in function.__closure__ or ())
     inner = tuple(codes(function.__code__))
     used = dict.fromkeys(name for code in inner for name in code.co_names)
     values = tuple(function.__globals__.get(name, _UNBOUND) for name in used)
-    unseen = None if _UNSEEN.isdisjoint(used) else object()  # like no other
+    unseen = None if _UNSEEN.isdisjoint(used) else object()  # an object that equals no other object
     package = function.__globals__.get("__package__") if any(_IMPORT in code.co_code[::2] for code in inner) else None
     return function.__defaults__, tuple(tuple(sorted(values.items())) for values in named), cells, values, unseen, package
 
 
 def content(cell: CellType) -> object:
-    """Return the content of a cell of a closure; for an empty cell, the cell itself."""
+    """Return the value in a cell of a function's closure; for an empty cell, the cell itself."""
     try:
         return cell.cell_contents
     except ValueError:  # the cell is empty

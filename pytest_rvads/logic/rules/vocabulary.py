@@ -1,4 +1,7 @@
-"""Words, the definitions of predicates and attributes of the rule language, and vocabularies of words."""
+"""The language of rules: the sorts of variables with the paper's letters, the names of values, and vocabularies.
+
+A vocabulary maps names to words. A word is the definition of a predicate.
+"""
 
 from __future__ import annotations
 
@@ -10,43 +13,97 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.logic.conduct.blame import Cause
 from pytest_rvads.logic.conduct.blocks import Signal
+from pytest_rvads.logic.conduct.cast import Cause
 from pytest_rvads.logic.ltl import formula as f
+from pytest_rvads.logic.ltl.grammar import Language
 from pytest_rvads.logic.rules.current import PACKAGE, here
 from pytest_rvads.logic.rules.sameness import same
-from pytest_rvads.logic.rules.sorts import Sort
 from pytest_rvads.runs.run import Run
 from pytest_rvads.support.errors import FormulaError, suggest
 
-__all__ = ["MEASURED", "Attribute", "Follower", "FromZones", "Measured", "Names", "Vocabulary", "Word", "sorts_in"]
+__all__ = [
+    "COLOURS",
+    "DIRECTIONS",
+    "LANGUAGE",
+    "MEASURED",
+    "Attribute",
+    "Follower",
+    "FromZones",
+    "Measured",
+    "Names",
+    "Sort",
+    "Vocabulary",
+    "Word",
+    "sorts_in",
+]
 
 Follower = Callable[[Run], bool]
-"""Reads the next state, given as a run of one state, and returns the truth value of the predicate there."""
+"""A function that is called with every state in turn, as a run of a single state, and returns the truth of a predicate."""
 
 _RESERVED = ("G", "F", "N", "X", "U", "W", "R", "true", "false")
-"""Names that formulas read as an operator or a constant."""
+"""Names that can't be names of predicates, because formulas read them as operators or constants."""
 T = TypeVar("T")
 
 
+class Sort(StrEnum):
+    """The sorts of variables; a variable stands for the elements of its sort (agents, entrances, ...) at the junction."""
+
+    AGENT = "agent"
+    LIGHT = "light"
+    OBJECT = "object"
+    ROAD = "road"
+    JUNCTION = "junction"
+    ENTRANCE = "entrance"
+    EXIT = "exit"
+    VERTEX = "vertex"
+
+
+DIRECTIONS = ("left", "straight", "right", "near", "far")
+COLOURS = ("green", "yellow", "red")
+
+LANGUAGE = Language(
+    sorts=tuple(Sort),
+    letters={
+        "a": Sort.AGENT,
+        "lt": Sort.LIGHT,
+        "o": Sort.OBJECT,
+        "r": Sort.ROAD,
+        "j": Sort.JUNCTION,
+        "v": Sort.VERTEX,
+        "j.en": Sort.ENTRANCE,
+        "j.ex": Sort.EXIT,
+        "r.en": Sort.VERTEX,
+        "r.ex": Sort.VERTEX,
+    },
+    values=(*DIRECTIONS, *COLOURS),
+    relations=("right-of", "opposite", "entex"),
+    keywords=("take", "turn"),
+)
+"""The language of rules, with the letters of the paper (section 5.1)."""
+
+
 class Measured(StrEnum):
-    """What the truth of a word turns on and is known only within an accuracy, in words that follow "hangs on"."""
+    """Kinds of measurement with limited accuracy on which the truth of a predicate depends.
+
+    The value of a kind is a phrase that reports show after the words "it hangs on".
+    """
 
     SIZES = "how near bodies came"
     SIDES = "how far beside its way it was"
     PACE = "how fast it was"
     ALONG = "how far it had come"
     ALONE = "how far it had come on its way"
-    """Takes the place of `ALONG` in instances about one vehicle."""
+    """The kind that replaces `ALONG` in instances about a single vehicle."""
     BEFORE = "what it did before it was seen"
 
 
 MEASURED = (Measured.SIZES, Measured.SIDES, Measured.PACE, Measured.ALONG)
-"""The kinds of measurement on which a user's word depends unless the word states its kinds: all of them."""
+"""The kinds of measurement on which a user's predicate depends, if the user does not state the kinds."""
 
 
 class FromZones(Enum):
-    """Whether a truth or a value follows from the zones of vehicles alone."""
+    """In which runs the truth of a predicate, or the value of an attribute, follows from the zones of vehicles alone."""
 
     NEVER = "never"
     BLIND = "in runs without positions or speeds"
@@ -55,15 +112,16 @@ class FromZones(Enum):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Word:
-    """A predicate of the rule language.
+    """A word: the definition of a predicate of the rule language.
 
     Raises:
-        FormulaError: formulas can't spell the name, a sort is unknown, or `says` or `denies` refer to more arguments than exist.
+        FormulaError: the name is no identifier or is reserved, a sort is unknown, or `says` or `denies` contains the number of an
+            argument that does not exist.
     """
 
     name: str
     sorts: tuple[str, ...]
-    """Sort of every argument, or several sorts: ``"entrance or vertex"``."""
+    """Per argument, its sort or the sorts that it can have: ``"entrance or vertex"``."""
     holds: Callable[..., NDArray[np.bool_]] | None = None
     """The predicate on a whole run; None if the predicate is never evaluated on a run.
 
@@ -71,17 +129,20 @@ class Word:
     An argument of several sorts is given as its element. The function returns the truth per state, shape ``(steps,)``.
     """
     says: str = ""
-    """The predicate in words, with the arguments by number: ``"{0} has stopped at the line"``. Empty: as formulas spell it."""
+    """The predicate in words, with its arguments by number: ``"{0} has stopped at the line"``. Empty: texts show the formula."""
     denies: str = ""
-    """The negated predicate in words."""
+    """The negated predicate in words, in the same form."""
     follow: Callable[..., Follower] | None = None
-    """For predicates that depend on earlier states: makes a `Follower` from a run of the first state and the arguments."""
+    """A function that makes a `Follower` from a run of the first state and the arguments; for live monitors of predicates that
+    depend on earlier states."""
     decide: Callable[..., bool | None] | None = None
-    """The predicate on the static model: takes the model and the arguments, returns the truth, or None if it changes in a run."""
+    """A function that takes the static model and the arguments, and returns the truth of the predicate in all states, or None if
+    the static model does not decide the predicate."""
     static: str = ""
     """Sorts of the first argument for which the predicate has the same value in every state."""
     means: Callable[..., f.Formula] | None = None
-    """The definition: takes the arguments, and whether itineraries are known, and returns the defining formula."""
+    """A function that returns the formula by which the predicate is defined, given the arguments and whether itineraries are
+    known."""
     apart: bool = False
     """Whether the predicate is false for two equal arguments."""
     symmetric: bool = False
@@ -89,23 +150,26 @@ class Word:
     turns_on: tuple[Measured, ...] = MEASURED
     """The kinds of measurement on which the truth depends."""
     from_zones: FromZones = FromZones.NEVER
-    """Whether the truth follows from zones alone."""
+    """In which runs the truth follows from the zones of vehicles alone."""
     present: bool = False
     """Whether the predicate is false for absent vehicles."""
     debt: bool = False
-    """Whether the predicate is about the way that the first argument owes to the second argument."""
+    """Whether the predicate says that the first argument has to give way to the second argument, or gets in its way."""
     cause: Callable[[Run, int, int, int], Cause | None] | None = None
-    """The vehicle to blame if the predicate breaks a rule about two vehicles; takes run, both columns, and tick."""
+    """A function that takes a run, the columns of two vehicles and a tick, and returns the vehicle to blame if the predicate
+    about the two vehicles breaks a rule at the tick."""
     pending: Callable[..., NDArray[np.bool_]] | None = None
-    """The states in which the predicate may still become true, so that a run that ends there is unsure; arguments as `holds`."""
+    """A function that takes the arguments of `holds`, and returns after which states the predicate could still become true. If
+    the recording of a vehicle ends in such a state, the instance is unsure."""
     beyond: Callable[[Run, int], bool] | None = None
-    """Whether no driver could have kept the predicate false; takes the run and the column of the vehicle."""
+    """A function that takes a run and the column of a vehicle, and returns whether no driver could have kept the predicate
+    false."""
     bends: bool = False
-    """Whether a bend without a path that keeps a vehicle in its lane may make the predicate true."""
+    """Whether a bend in which no path keeps a vehicle in its lane can make the predicate true."""
     any_way: bool = False
-    """Whether the predicate is about agents on any way; variables of other predicates stand for agents on movements only."""
+    """Whether the predicate allows agents on any way, such as a crossing; other predicates allow agents on movements only."""
     place: str = ""
-    """File and line of the registration; by default the line that makes the word."""
+    """File and line of the registration; by default the line that creates the word."""
 
     def __post_init__(self) -> None:
         if self.place == PACKAGE:
@@ -148,7 +212,7 @@ class Word:
         """Return the truth values of the predicate on a run, shape ``(steps,)``.
 
         Raises:
-            FormulaError: the word has no function, or its function returns another shape or type.
+            FormulaError: the predicate has no function, or its function returns another shape or type.
         """
         if self.holds is None:
             raise FormulaError(f"nothing tells the value of {self.name} on a run")
@@ -161,32 +225,33 @@ class Word:
         return truths
 
     def arguments(self, atom: f.Atom) -> tuple[int | f.Element, ...]:
-        """Return the arguments of a ground atom in the form that the functions of the word take."""
+        """Return the arguments of an atom without variables in the form that `holds` takes."""
         pairs = zip(atom.terms, self.sorts, strict=True)
         return tuple(t if " " in sorts else t.index for t, sorts in pairs if isinstance(t, f.Element))
 
 
 @dataclass(frozen=True, slots=True)
 class Attribute:
-    """An attribute of an element that comparisons use: its waiting time, its speed, its colour."""
+    """An attribute of a vehicle or light, such as a waiting time, a speed or a colour, that rules compare with other values."""
 
     name: str
     owner: str
     """The sort of the elements with this attribute."""
     kind: str
-    """The kind of its values: ``"number"``, or a kind of named values."""
+    """The kind of the values of the attribute: ``"number"``, or a kind of named values."""
     read: Signal[NDArray[Any]]
     """The signal with the values of all vehicles, or of the lights at all entrances."""
     codes: Callable[[str], int] | None = None
-    """For named values: maps a name to the number that stands for it in the values of `read`."""
+    """A function that returns the number that stands for a named value in the values of `read`; None for numbers."""
     waited: bool = False
     """Whether the attribute counts ticks, so that values within the tie window of a rule are equal."""
     from_zones: FromZones = FromZones.NEVER
-    """Whether the values follow from zones alone."""
+    """In which runs the values follow from the zones of vehicles alone."""
     standing: Callable[[Run, int], NDArray[Any]] | None = None
-    """Used instead of `read` where waiting times count from standstill, see `check`."""
+    """The function that replaces `read` if waiting times count from standstill, see `check`; takes a run and a column."""
     says: tuple[tuple[str, str, str], ...] = ()
-    """Comparisons in words, affirmed and denied: ``"="`` with the attribute of another element, ``"= value"`` with a value."""
+    """Triples of a comparison, its words, and the words of its negation. The comparison ``"="`` compares the attribute with the
+    attribute of another element, ``"= value"`` compares the attribute with a named value."""
 
 
 class Names(Mapping[str, T]):
@@ -223,17 +288,17 @@ class Vocabulary(Names[Word]):
 
     @classmethod
     def of(cls, *words: Word) -> Vocabulary:
-        """Return a vocabulary of the given words."""
+        """Return a vocabulary of the given words (definitions of predicates)."""
         return cls({word.name: word for word in words})
 
     def __repr__(self) -> str:
         return f"<Vocabulary of {len(self)} words>"
 
     def add(self, word: Word) -> Vocabulary:
-        """Return a vocabulary with a further word.
+        """Return a vocabulary with a further word (definition of a predicate).
 
         Raises:
-            FormulaError: the name of the word has another meaning already.
+            FormulaError: a different word of the vocabulary has the same name.
         """
         registered = self.get(word.name)
         if registered is None:

@@ -1,1 +1,1 @@
-"""Verdicts in words."""
+"""Puts verdicts into words."""

@@ -1,22 +1,21 @@
-"""Turns judgements into verdicts that people can act on: one line, a block, and a cause that groups failures."""
+"""Turns the judgement of a run into a verdict with its texts: a message, an explanation, and a cause that groups failures."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
 
-from pytest_rvads.geometry.turn_words import turn_word
+from pytest_rvads.geometry.turns import turn_word
 from pytest_rvads.logic.conduct.lane import too_tight
 from pytest_rvads.logic.conduct.presence import last_seen
-from pytest_rvads.logic.judging.judge import Judgement, columns
-from pytest_rvads.logic.judging.responsibility import cause_between, responsible
+from pytest_rvads.logic.judging.judgement import Judgement, columns
+from pytest_rvads.logic.judging.responsibility import Cycle, cause_between, responsible
 from pytest_rvads.logic.judging.verdicts import InstanceVerdict, NearMiss, Status, Verdict
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.rules.lexicon import word_of
-from pytest_rvads.logic.rules.sorts import Sort
-from pytest_rvads.logic.telling.block import block, hangs, since
-from pytest_rvads.logic.telling.phrase import clock, element_name, literal, say, why
-from pytest_rvads.logic.telling.story import Story, bound_names, happened
+from pytest_rvads.logic.rules.vocabulary import Sort
+from pytest_rvads.logic.telling.phrase import aside, clock, element_name, literal, say, why
+from pytest_rvads.logic.telling.story import Story, block, bound_names, hangs, happened, since
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Agent
 
@@ -24,11 +23,11 @@ __all__ = ["tell"]
 
 
 _OWN: dict[str, str] = {Sort.ENTRANCE: "its entrance", Sort.LIGHT: "its light"}
-"""Names of a vehicle's places in a cause; the numbers of the places differ among the rotations of a scenario."""
+"""Names of places in the cause of a violation; their numbers are left out, because they differ among rotations of a scenario."""
 
 
 def tell(story: Story) -> Verdict:
-    """Return the verdict of a story."""
+    """Return the verdict on a run, with all its texts, made of a story, which holds the judgement of the run."""
     run, rule = story.run, story.rule
     ordered = story.ordered()
     worst = ordered[0] if ordered and story.status in (Status.FAIL, Status.OPEN) and not story.reason else None
@@ -37,13 +36,17 @@ def tell(story: Story) -> Verdict:
         story.reason = hangs(run, doubt)
     if story.cycle:
         around = " -> ".join((*story.cycle.agents, story.cycle.agents[0]))
-        story.notes.insert(0, f"{_cyclic(story)} ({around}): each has to wait for the next, so no continuation could pass")
+        story.notes.insert(0, f"{_cyclic(story.cycle)} ({around}), so no continuation could pass")
     cause = worst and cause_between(worst, run)
     if cause:
         story.notes.append(f"who is to blame: {' and '.join(cause.agents)} {cause.reason}")
     story.notes += _bends(worst, run)
     if story.provoked:
-        story.notes.append(f"provoked by traffic: {story.subject}, the subject, is not to blame")
+        by_traffic = f"provoked by traffic: {story.subject}, the subject, is not to blame"
+        story.notes.append(by_traffic if story.subject else "provoked by pedestrians: no vehicle is to blame")
+    if story.tolerance and worst is not None:
+        seconds = f"{worst.margin:.2f} s from PASS; " if worst.margin is not None and worst.margin > 0.0 else ""
+        story.notes.append(f"{seconds}{story.tolerance}")
     near = story.near
     miss = None
     if near:
@@ -85,7 +88,7 @@ def tell(story: Story) -> Verdict:
 
 
 def _bends(worst: Judgement | None, run: Run) -> Iterator[str]:
-    """Yield a sentence per vehicle to blame that left its lane or hit another vehicle in a bend too tight for its lane."""
+    """Yield a sentence per vehicle to blame that left its lane or hit another vehicle in a bend too tight for the vehicle."""
     words = [word_of(atom) for atom, _ in worst.broken] if worst is not None else []
     if worst is None or not any(word is not None and word.bends for word in words):
         return
@@ -97,9 +100,10 @@ def _bends(worst: Judgement | None, run: Run) -> Iterator[str]:
             )
 
 
-def _cyclic(story: Story) -> str:
-    what = "right-of relation" if story.cycle and story.cycle.alone else "order"
-    return f"the {what} of the arrivals is a cycle"
+def _cyclic(cycle: Cycle) -> str:
+    if cycle.alone:
+        return f"{len(cycle.agents)} vehicles arrived together and each must wait for the one on its right"
+    return f"{len(cycle.agents)} vehicles must each wait for another of them"
 
 
 def _instance(j: Judgement, run: Run) -> InstanceVerdict:
@@ -120,7 +124,7 @@ def _message(story: Story, worst: Judgement | None) -> str:
     if status in (Status.NA, Status.ERROR):
         return f"{name} {status}: {story.reason}"
     if status is Status.UNSURE:
-        doubts = sum(j.status is status for j in story.found)
+        doubts = sum(j.status is status for j in story.judgements)
         return f"{name} UNSURE: {story.reason}" + (f" (the first of {doubts} instances)" if doubts > 1 else "")
     if status is Status.OPEN and story.reason:
         return f"{name} open: {story.reason}"
@@ -129,11 +133,11 @@ def _message(story: Story, worst: Judgement | None) -> str:
         binding = f" that bind {story.subject}" if story.subject else ""
         untriggered = ", the others were not triggered" if kept_count < total else ""
         return f"{name} PASS: kept in {kept_count} of {total} instances{binding}{untriggered}"
-    fails = sum(j.status is status for j in story.found)
+    fails = sum(j.status is status for j in story.judgements)
     more = f" (the first of {fails} instances)" if fails > 1 else ""
-    hint = f"; {_cyclic(story)}, no continuation could pass" if story.cycle else ""
+    hint = f"; {_cyclic(story.cycle)}, no continuation could pass" if story.cycle else ""
     hint += "; the bend is too tight for the vehicle" if story.unavoidable and not story.cycle else ""
-    hint += "; provoked by traffic" if story.provoked else ""
+    hint += f"; provoked by {'traffic' if story.subject else 'pedestrians'}" if story.provoked else ""
     if status is Status.FAIL:
         return f"{name} at t={clock(run, worst.failed or 0)} s: {happened(worst)}{more}{hint}"
     shape = worst.template.shape
@@ -150,13 +154,13 @@ def _message(story: Story, worst: Judgement | None) -> str:
 
 
 def _violated(story: Story, worst: Judgement | None) -> str:
-    """Return the violated obligation in words that are the same for all vehicles."""
+    """Return the violated obligation in words that are the same whichever vehicle violates the obligation."""
     if story.status is Status.UNSURE:
         return "unsure: another reading of the recording within its accuracy would change the verdict"
     if worst is None:
         return story.reason
     if story.cycle:
-        return f"{_cyclic(story)}, no continuation could pass"
+        return f"{_cyclic(story.cycle)}, no continuation could pass"
     variables = {e: name for name, e in worst.template.binding}
 
     def name(element: f.Element) -> str:
@@ -171,12 +175,12 @@ def _violated(story: Story, worst: Judgement | None) -> str:
         return f"open: {story.rule.title or say(shape.obligation, name)}"
     by = cause_between(worst, run)
     blame = [name(e) for e in responsible(worst, run)] if by else []
-    # A violation by one step and a violation by many steps are the same violation.
+    # Vehicles that act one step too early and vehicles that act many steps too early belong to the same group of failures.
     return happened(replace(worst, together=False), name) + (f", caused by {' and '.join(blame)}" if blame else "")
 
 
 def _roles(story: Story, worst: Judgement | None) -> str:
-    """Return the vehicles of the violation, in words that are the same for all rotations of a scenario."""
+    """Return the movements of the vehicles of the violation, in words that are the same for all rotations of a scenario."""
     if worst is None or story.cycle:
         return ""
     run, junction = story.run, story.run.junction
@@ -190,7 +194,7 @@ def _roles(story: Story, worst: Judgement | None) -> str:
     def role(agent: Agent) -> str:
         if agent.way.key in junction.movements:
             return f"{turn_word(junction, agent.way)} from entrance {seat(agent.entrance)}"
-        return f"on a {agent.way.kind} of arm {seat(agent.entrance)}"
+        return f"{aside(agent.way)} of arm {seat(agent.entrance)}"
 
     roles = ", ".join(f"{name} {role(agent)}" for name, agent in agents)
     return "; ".join(filter(None, (roles, why(run, worst.template.atoms, seat))))

@@ -1,33 +1,48 @@
-"""Atoms, places and times in words for users."""
+"""Puts atoms of formulas, places and times into words for users."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from math import ceil, log10
 
+from pytest_rvads.geometry.conflicts import Way
 from pytest_rvads.geometry.control import JunctionControl, Sign
+from pytest_rvads.geometry.crosswalks import Crossing
 from pytest_rvads.geometry.junction import Junction
-from pytest_rvads.geometry.turn_words import UTURN, turn_word
-from pytest_rvads.logic.conduct.grounds import Ground, ground_of
+from pytest_rvads.geometry.turns import UTURN, turn_word
+from pytest_rvads.logic.conduct.cast import Ground, ground_of
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.rules.lexicon import ATTRIBUTES, word_of
-from pytest_rvads.logic.rules.sorts import Sort
+from pytest_rvads.logic.rules.vocabulary import Sort
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Agent, Colour, Zone
 
-__all__ = ["Naming", "clock", "colour_at", "element_name", "literal", "origin", "place", "position", "say", "why", "zone"]
+__all__ = [
+    "Naming",
+    "aside",
+    "clock",
+    "colour_at",
+    "element_name",
+    "literal",
+    "origin",
+    "place",
+    "position",
+    "say",
+    "why",
+    "zone",
+]
 
 Naming = Callable[[f.Element], str]
-"""Returns the name of an element: the element's own name, or the name of a variable."""
+"""A function that returns the name of an element (vehicle or place) in a text: its own name, or the name of a variable."""
 
 
 def clock(run: Run, tick: int) -> str:
-    """Return the time of a tick on the clock of the recording, with as many digits as the step needs and at least two."""
+    """Return the time of a tick on the clock of the recording as text, with the decimals of the step and at least two [s]."""
     return f"{run.start + tick * run.dt:.{max(2, ceil(-log10(run.dt) - 1e-9))}f}"
 
 
 def place(element: f.Element) -> str:
-    """Return a place or object by its number: ``entrance 1``, ``the junction``."""
+    """Return the name of a place or object for texts, with its number: ``entrance 1``, ``the junction``."""
     match Sort(element.sort):
         case Sort.JUNCTION:
             return "the junction"
@@ -41,7 +56,7 @@ def place(element: f.Element) -> str:
 
 
 def element_name(element: f.Element) -> str:
-    """Return the user's name of an element."""
+    """Return the name of a vehicle, place or value for texts that users read."""
     return element.name if element.sort == Sort.AGENT else place(element)
 
 
@@ -92,7 +107,10 @@ def _term(term: f.Term, name: Naming) -> str:
 
 
 def say(formula: f.Formula, name: Naming = element_name, be: str = "is") -> str:
-    """Return a formula in words: literals joined by and, or, with at most one temporal operator; other formulas as printed."""
+    """Return a formula in words, or the text of the formula if it is too complex for words.
+
+    A formula in words consists of atoms and negated atoms, "and", "or", and at most one temporal operator.
+    """
     match formula:
         case f.Atom():
             return literal(formula, True, name, be)
@@ -110,7 +128,7 @@ def say(formula: f.Formula, name: Naming = element_name, be: str = "is") -> str:
 
 
 def why(run: Run, atoms: Iterable[f.Atom], seat: Callable[[int], str] = str) -> str:
-    """Return in words why the first of two vehicles has to give way to the second; empty if lights or arrivals decide.
+    """Return in words why a vehicle has to give way to another vehicle; empty if lights or the order of arrival decide.
 
     Args:
         run: the run of the vehicles.
@@ -152,7 +170,7 @@ _SIGNS = {
 
 
 def position(run: Run, agent: int, tick: int) -> str:
-    """Return the place of an agent: its station relative to the entrance vertex [m], or its zone if no station is recorded."""
+    """Return the place of an agent as text: its station from the entrance vertex [m], or its zone if no station is recorded."""
     if run.station is not None:
         return f"{run.station[tick, agent]:+.2f} m"
     return zone(run.agents[agent], Zone(int(run.zone[tick, agent])))
@@ -162,11 +180,18 @@ def origin(junction: Junction, agent: Agent) -> str:
     """Return where an agent comes from, and its turn or the kind of its way, in words."""
     if agent.way.key in junction.movements:
         return f"from entrance {agent.entrance}, {turn_word(junction, agent.way)}"
-    return f"on a {agent.way.kind} of arm {junction.starts[agent.entrance].arm}"
+    return f"{aside(agent.way)} of arm {junction.starts[agent.entrance].arm}"
+
+
+def aside(way: Way) -> str:
+    """Return in words where an agent on a way that is no movement is."""
+    return "on the crosswalk" if isinstance(way, Crossing) else f"on a {way.kind}"
 
 
 def zone(agent: Agent, where: Zone) -> str:
-    """Return the present part of an agent's itinerary, in words."""
+    """Return in words the zone (part of its itinerary) in which an agent is."""
+    if isinstance(agent.way, Crossing):
+        return _ON_FOOT[where]
     return {
         Zone.APPROACH: "approach",
         Zone.ENTRANCE: f"entrance {agent.entrance}",
@@ -177,6 +202,17 @@ def zone(agent: Agent, where: Zone) -> str:
     }[where]
 
 
+_ON_FOOT = {
+    Zone.APPROACH: "sidewalk",
+    Zone.ENTRANCE: "kerb",
+    Zone.JUNCTION: "crosswalk",
+    Zone.EXIT: "far kerb",
+    Zone.GONE: "gone",
+    Zone.ABSENT: "absent",
+}
+"""The zones of a pedestrian in words."""
+
+
 def colour_at(run: Run, entrance: int, tick: int) -> str:
-    """Return the colour of the light of an entrance."""
+    """Return in words the colour of the light of an entrance at a tick."""
     return Colour(int(run.lights[tick, entrance])).name.lower()

@@ -1,24 +1,47 @@
-"""The values from which a verdict is written, and the sentences that several texts share."""
+"""The judgement from which the texts of a verdict are made, sentences that several texts contain, and the explanation.
+
+The explanation shows the rule, the vehicles and entrances concerned, the vehicles that have to act, the beginning of their
+obligation, its violation, and a table with the last good and the first bad state. For an UNSURE verdict the explanation names the
+uncertain event or measurement on which the verdict depends. Vehicles and places have the user's names (a0, entrance 1).
+"""
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from dataclasses import dataclass, field
 
-from pytest_rvads.logic.judging.cycle import Cycle
-from pytest_rvads.logic.judging.evaluate import Values
-from pytest_rvads.logic.judging.judge import Judgement, Near, asked
-from pytest_rvads.logic.judging.prepare import Template
-from pytest_rvads.logic.judging.responsibility import is_about
-from pytest_rvads.logic.judging.verdicts import Status
-from pytest_rvads.logic.ltl import formula as f
-from pytest_rvads.logic.rules.rule import Rule
-from pytest_rvads.logic.rules.shape import Kind
-from pytest_rvads.logic.rules.sorts import Sort
-from pytest_rvads.logic.telling.phrase import Naming, element_name, literal, say
-from pytest_rvads.runs.run import Run
+import numpy as np
 
-__all__ = ["Story", "bound_names", "happened"]
+from pytest_rvads.geometry.turns import turn_word
+from pytest_rvads.logic.judging.evaluate import Values
+from pytest_rvads.logic.judging.judge import asked
+from pytest_rvads.logic.judging.judgement import Happening, Judgement, Near, Template
+from pytest_rvads.logic.judging.responsibility import Cycle, by_walkers, is_about, responsible
+from pytest_rvads.logic.judging.verdicts import NearMiss, Status
+from pytest_rvads.logic.ltl import formula as f
+from pytest_rvads.logic.ltl.boolean import evaluate
+from pytest_rvads.logic.rules.parts import Kind, agents_of
+from pytest_rvads.logic.rules.rule import Rule
+from pytest_rvads.logic.rules.vocabulary import Sort
+from pytest_rvads.logic.telling.phrase import (
+    Naming,
+    clock,
+    colour_at,
+    element_name,
+    literal,
+    origin,
+    place,
+    position,
+    say,
+    why,
+    zone,
+)
+from pytest_rvads.runs.run import Run
+from pytest_rvads.runs.states import Colour, Zone
+from pytest_rvads.support.wording import one_line
+
+__all__ = ["Story", "block", "bound_names", "hangs", "happened", "since"]
 
 _ORDER = (Status.FAIL, Status.OPEN, Status.UNSURE, Status.PASS, Status.NA)
 _WORDS = {Status.FAIL: "fail", Status.OPEN: "open", Status.UNSURE: "unsure", Status.PASS: "pass", Status.NA: "not triggered"}
@@ -26,12 +49,12 @@ _WORDS = {Status.FAIL: "fail", Status.OPEN: "open", Status.UNSURE: "unsure", Sta
 
 @dataclass(slots=True)
 class Story:
-    """The judgement of a run by a rule, with everything that the verdict reports."""
+    """The judgement of a run by a rule, with all values from which the texts of the verdict are made."""
 
     rule: Rule
     run: Run
     status: Status
-    found: tuple[Judgement, ...] = ()
+    judgements: tuple[Judgement, ...] = ()
     values: Values | None = None
     reason: str = ""
     collapsed: int = 0
@@ -39,11 +62,13 @@ class Story:
     near: Near | None = None
     notes: list[str] = field(default_factory=list)
     asked: bool = True
-    """Whether an instance bound the subject to act."""
+    """Whether an instance bound the subject (the vehicle under test) to act."""
     unavoidable: bool = False
     """Whether no vehicle could have kept the rule."""
     provoked: bool = False
-    """Whether the subject caused no part of the violation or open obligation."""
+    """Whether the traffic alone caused the violation or the open obligation."""
+    tolerance: str = ""
+    """With how large an error of the measurements a violation in a recorded run stays definite."""
 
     @property
     def subject(self) -> str | None:
@@ -52,13 +77,16 @@ class Story:
 
     @property
     def counts(self) -> dict[str, int]:
-        """Number of instances by outcome."""
-        numbers = Counter(_WORDS[j.status] for j in self.found)
+        """Number of instances by outcome: fail, open, unsure, pass, "not triggered"."""
+        numbers = Counter(_WORDS[j.status] for j in self.judgements)
         return {word: numbers[word] for word in _WORDS.values() if numbers[word]}
 
     def kept(self) -> tuple[int, int]:
-        """Return the number of kept instances and of all instances; with a subject, of the instances that bind the subject."""
-        judgements, run = self.found, self.run
+        """Return the number of kept instances and the number of all instances of the rule.
+
+        On a run with a subject, only instances that bind the subject to act are counted.
+        """
+        judgements, run = self.judgements, self.run
         if self.subject is None or self.values is None:
             return sum(j.status is Status.PASS for j in judgements), len(judgements)
         me = next(column for column, agent in enumerate(run.agents) if agent.name == self.subject)
@@ -66,23 +94,29 @@ class Story:
         return sum(j.status is Status.PASS and asked(j.template, self.values, me) for j in binding), len(binding)
 
     def ordered(self) -> list[Judgement]:
-        """Return the instances sorted by severity, then time; instances that the subject is to blame for come first."""
+        """Return the judgements of the instances, sorted by severity and time.
+
+        The judgements that the subject is to blame for come before all others.
+        """
 
         def key(j: Judgement) -> tuple[bool, int, int]:
             tick = j.failed if j.failed is not None else j.trigger
-            elsewhere = self.subject is not None and not is_about(j, self.run, self.subject)
+            if self.subject is not None:
+                elsewhere = not is_about(j, self.run, self.subject)
+            else:
+                elsewhere = j.status is Status.FAIL and by_walkers(j, self.run)
             return elsewhere, _ORDER.index(j.status), self.run.steps if tick is None else tick
 
-        return sorted(self.found, key=key)
+        return sorted(self.judgements, key=key)
 
 
 def bound_names(template: Template) -> tuple[tuple[str, str], ...]:
-    """Return the variables of an instance, and the names of the elements that the variables stand for."""
+    """Return the variables of a rule, and the names of the vehicles and places that the variables stand for in an instance."""
     return tuple((name, element_name(e)) for name, e in template.binding)
 
 
 def happened(j: Judgement, name: Naming = element_name) -> str:
-    """Return the events of the failing tick in words."""
+    """Return in words the events of the tick in which an instance of a rule failed."""
     shape, broken = j.template.shape, dict(j.broken)
     match shape.waits:
         case f.Atom("@", (f.Element() as agent, f.Element() as entrance)) if shape.goes and broken.get(shape.waits) is False:
@@ -100,3 +134,214 @@ def happened(j: Judgement, name: Naming = element_name) -> str:
     if shape.kind is Kind.STATE and len(inside) == len(parts) == 2:
         return f"{', '.join(name(e) for e in inside if isinstance(e, f.Element))} both in junction"
     return ", ".join(literal(a, v, name) for a, v in j.broken)
+
+
+def block(story: Story, worst: Judgement | None, miss: NearMiss | None) -> list[str]:
+    """Return the lines of the explanation of a verdict.
+
+    Args:
+        story: the judgement of the run.
+        worst: the violated, open or UNSURE instance to explain; None if there is none.
+        miss: the tick in which the rule came closest to being triggered; None if it was triggered.
+    """
+    rule, run = story.rule, story.run
+    lines = [f"rule      {rule.name}  {one_line(rule.title) + ':  ' if rule.title else ''}{rule.text}"]
+    if rule.requirement:
+        lines.append(f"traces to {one_line(rule.requirement)}")
+    if worst is None:
+        if story.reason:
+            lines.append(f"{story.status.lower():<9} {story.reason}")
+        if story.counts:
+            lines.append(f"instances {_count(story)}")
+        if miss:
+            who = ", ".join(f"{k}={v}" for k, v in miss.binding)
+            lines.append(f"nearest   at {clock(run, miss.tick)} s for {who}; false: {', '.join(miss.missing)}")
+        return lines + [f"note      {note}" for note in story.notes]
+    who = ", ".join(f"{k}={v}" for k, v in bound_names(worst.template))
+    lines.append(f"instance  {who}   ({_count(story)})")
+    if worst.hinge is not None:
+        return [*lines, f"unsure    {hangs(run, worst)}", *(f"note      {note}" for note in story.notes)]
+    lines += _roles(story, worst)
+    lines += _table(run, worst, story.values)
+    return lines + [f"note      {note}" for note in story.notes]
+
+
+def _count(story: Story) -> str:
+    total = sum(story.counts.values())
+    return f"{total} instance{'s' if total != 1 else ''}: " + ", ".join(f"{n} {word}" for word, n in story.counts.items())
+
+
+def _roles(story: Story, j: Judgement) -> list[str]:
+    """Return lines of text with the waiting and the awaited vehicles, the beginning of the obligation, and its violation."""
+    run, shape = story.run, j.template.shape
+    tick = next(t for t in (j.failed, j.ended, run.steps - 1) if t is not None)
+    lines = []
+    if shape.waits is None or shape.goes is None:
+        for e in agents_of(j.template.formula):
+            inside = np.flatnonzero(run.zone[: tick + 1, e.index] == Zone.JUNCTION)
+            entered = f"   entered {clock(run, int(inside[0]))} s" if len(inside) else ""
+            agent = run.agents[e.index]
+            fast = f"   v = {run.speed[tick, e.index]:.1f} m/s" if run.speed is not None else ""
+            blame = "   <- acts" if e in responsible(j, run) else ""
+            lines.append(f"vehicle   {e.name} {origin(run.junction, agent)}{entered}{fast}{blame}")
+        if reason := why(run, j.template.atoms):
+            lines.append(f"because   {reason}")
+        if j.failed is None:
+            lines.append(f"open      {say(shape.obligation)}, owed since {clock(run, j.trigger or 0)} s")
+        else:
+            lines.append(f"broken at {clock(run, tick)} s: {happened(j)}{_overlap(j)}")
+        return lines
+    waiting = agents_of(shape.waits)
+    going = tuple(e for e in agents_of(shape.goes) if e not in waiting)
+    for word, agents in (("yields" if shape.kind is Kind.YIELD else "must wait", waiting), ("priority", going)):
+        lines += [f"{word:<9} {_arrival(run, e, tick)}{_relation(run, e, waiting) if e in going else ''}" for e in agents]
+    stay = say(shape.waits, be="stays")
+    lines.append(f"obligation since {clock(run, j.trigger or 0)} s: {stay} until {say(shape.goes)}")
+    verb = "broken at" if j.failed is not None else "open at  "
+    lines.append(f"{verb} {clock(run, tick)} s: {_scene(run, waiting, going, shape.goes, tick)}{_early(j)}")
+    return lines
+
+
+def _overlap(j: Judgement) -> str:
+    return f"; {j.margin:.2f} s in all" if j.margin and j.template.shape.premise is not None else ""
+
+
+def _early(j: Judgement) -> str:
+    if j.together:
+        return "; both in the same step"
+    return f"; {j.margin:.2f} s too early" if j.margin and j.margin > 0 and j.failed is not None else ""
+
+
+def _arrival(run: Run, e: f.Element, tick: int) -> str:
+    """Return a line of text with the name, entrance, turn, arrival and waiting time of an agent up to `tick`."""
+    agent = run.agents[e.index]
+    ticks = np.flatnonzero(run.zone[: tick + 1, e.index] == Zone.ENTRANCE)
+    text = f"{e.name} @ entrance {agent.entrance}, {turn_word(run.junction, agent.way)}"
+    if len(ticks):
+        last = int(ticks[-1])
+        away = np.flatnonzero(run.zone[:last, e.index] != Zone.ENTRANCE)
+        arrived = int(away[-1]) + 1 if len(away) else 0
+        text += f"   arrived {clock(run, arrived)} s, waited {int(run.wt[last, e.index]) * run.dt:.2f} s"
+    return text
+
+
+def _relation(run: Run, e: f.Element, waiting: tuple[f.Element, ...]) -> str:
+    """Return in words where the entrance of an agent lies, as seen from the entrance of the vehicle that waits for the agent."""
+    if len(waiting) != 1:
+        return ""
+    entrance, waiting_entrance = run.agents[e.index].entrance, run.agents[waiting[0].index].entrance
+    # Where traffic keeps left, the relation right-of means left-of.
+    side = "left of" if run.junction.left_hand else "right of"
+    for word, pairs in ((side, run.junction.right_of), ("opposite", run.junction.opposite)):
+        if (entrance, waiting_entrance) in pairs:
+            return f"   entrance {entrance} is {word} {waiting_entrance}"
+    return f"   entrance {waiting_entrance} is {side} {entrance}" if (waiting_entrance, entrance) in run.junction.right_of else ""
+
+
+def _scene(run: Run, waiting: tuple[f.Element, ...], going: tuple[f.Element, ...], goes: f.Formula, tick: int) -> str:
+    """Return in words the places of all vehicles in a tick."""
+
+    def placed(e: f.Element, still: bool) -> str:
+        where = zone(run.agents[e.index], Zone(int(run.zone[tick, e.index])))
+        at = "in the junction" if where == "junction" else f"on the {where}" if where == "approach" else f"at {where}"
+        detail = [] if run.station is None else [f"{run.station[tick, e.index]:.2f} m"]
+        if still and run.speed is not None:
+            detail.append(f"v = {run.speed[tick, e.index]:.1f} m/s")
+        waits = still and going and where.startswith("entrance")
+        return f"{e.name} {'is still ' if waits else 'is ' if still else ''}{at}" + (f" ({', '.join(detail)})" if detail else "")
+
+    waiting_text = ", ".join(placed(e, not going) for e in waiting)
+    going_text = ", ".join(placed(e, True) for e in going)
+    lights = dict.fromkeys(
+        t.of
+        for a in f.atoms(goes)
+        for t in a.terms
+        if isinstance(t, f.Attr) and isinstance(t.of, f.Element) and t.of.sort == Sort.LIGHT
+    )
+    colours = [f"{place(e)} is {colour_at(run, e.index, tick)}" for e in lights if isinstance(e, f.Element)]
+    return " while ".join(filter(None, (waiting_text, ", ".join(filter(None, (going_text, *colours))))))
+
+
+def _table(run: Run, j: Judgement, values: Values | None) -> list[str]:
+    """Return a table of the states in which the obligation began, was last kept, and was broken."""
+    if values is None:
+        return []
+    last = next(t for t in (j.failed, j.ended, run.steps - 1) if t is not None)
+    ticks = sorted({t for t in (j.trigger, last - 1, last) if t is not None and t >= 0})
+    agents = agents_of(j.template.formula)
+    atoms = j.template.atoms
+    head = [" t [s]", *(e.name for e in agents), *map(str, atoms)]
+    rows = [
+        [
+            f"{clock(run, t):>6}",
+            *(position(run, e.index, t) for e in agents),
+            *("x" if evaluate(a, values, (run.steps,))[t] else "." for a in atoms),
+        ]
+        for t in ticks
+    ]
+    widths = [max(len(r[k]) for r in (head, *rows)) for k in range(len(head))]
+    centred = 1 + len(agents)
+
+    def line(row: list[str]) -> str:
+        cells = [c.ljust(w) if k < centred else c.center(w) for k, (c, w) in enumerate(zip(row, widths, strict=True))]
+        return "  ".join(cells).rstrip()
+
+    ends = "<- the run ends" if j.ended is None else "<- the last state with all of them"
+    marks = {last: "<- violated, no continuation can repair it" if j.failed is not None else ends}
+    return [line(head), *(f"{line(row)}   {marks[t]}" if t in marks else line(row) for t, row in zip(ticks, rows, strict=True))]
+
+
+_CAME = {
+    Zone.ENTRANCE: ("arrived", "had arrived"),
+    Zone.JUNCTION: ("entered", "had entered"),
+    Zone.EXIT: ("was through", "was through"),
+    Zone.GONE: ("was gone", "was gone"),
+}
+"""Per zone, the verb for a vehicle that came to the zone, and the verb for a vehicle that possibly never came to the zone."""
+
+
+def hangs(run: Run, j: Judgement) -> str:
+    """Return in words the uncertain events or measurement on which an UNSURE instance depends, with the accuracy.
+
+    An example is ``a4 arrived at 12.31 s, a7 arrived at 12.34 s: 0.03 s apart, known to 0.05 s``. The text of a definite instance
+    is empty.
+    """
+    hinge = j.hinge
+    if hinge is None:
+        return ""
+    if hinge.reading:
+        who = " and ".join(dict.fromkeys(name for _, name in _agents(j)))
+        return f"it hangs on {hinge.reading}" + (f" ({who})" if who else "")
+    events = ", ".join(_happened(run, happening) for happening in hinge.what)
+    if math.isinf(hinge.known):
+        return f"{events}; how long before is not known"
+    if hinge.apart is None:
+        return f"{events}, known to {hinge.known:.2f} s"
+    tie = f", where up to {hinge.tie:.2f} s count as at the same time" if hinge.tie else ""
+    return f"{events}: {abs(hinge.apart):.2f} s apart, known to {hinge.known:.2f} s{tie}"
+
+
+def since(run: Run, j: Judgement) -> float | None:
+    """Return the time of the uncertain events, or of the beginning of the obligation if no event is uncertain.
+
+    The time is on the clock of the recording [s]; None if there is no such time.
+    """
+    times = [h.time for h in j.hinge.what if h.time is not None] if j.hinge else []
+    tick = None if j.trigger is None else j.trigger * run.dt
+    time = max(times) if times else tick
+    return None if time is None else round(run.start + time, 9)
+
+
+def _agents(j: Judgement) -> list[tuple[str, str]]:
+    return [(name, element.name) for name, element in j.template.binding if element.sort == Sort.AGENT]
+
+
+def _happened(run: Run, happening: Happening) -> str:
+    """Return an event in words: the vehicle or light, its change, and the time."""
+    if happening.agent is None:
+        what, ended = f"light {happening.light} turned {Colour(happening.code).name.lower()}", ""
+    else:
+        did, had = _CAME[Zone(happening.code)]
+        name = run.agents[happening.agent].name
+        what, ended = f"{name} {did}", f"nothing tells whether {name} {had} when its recording ends"
+    return ended if happening.time is None else f"{what} at {run.start + happening.time:.2f} s"

@@ -1,48 +1,51 @@
-"""The shape of an instance: its premise, its obligation, and in it the vehicles that wait and the awaited event."""
+"""Takes the formula of a rule apart: the premise, the obligation, the vehicles that wait, and the event that the vehicles await.
+
+An example is ``G(premise -> waits U goes)``: the obligation ``waits U goes`` holds while a vehicle waits, until the event comes.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.ltl.boolean import conj
-from pytest_rvads.logic.rules.lexicon import word_of
-from pytest_rvads.logic.rules.sorts import Sort
-from pytest_rvads.logic.rules.vocabulary import sorts_in
+from pytest_rvads.logic.rules.vocabulary import Sort
 
-__all__ = ["Kind", "Shape", "agents_of", "conjuncts", "outermost", "shape_of", "split", "untimed"]
+__all__ = ["Kind", "Shape", "agents_of", "conjuncts", "outermost", "shape_of", "split"]
 
 
 class Kind(StrEnum):
-    """The forms of rules."""
+    """The forms that the formula of a rule can have."""
 
     YIELD = "yield"
-    """``G(t -> (N w) U g)``: w must still hold in the step in which g comes."""
+    """``G(t -> (N w) U g)``: whenever t holds, w must hold from the next state on, up to and including the state in which g comes
+    to hold."""
     HOLD = "hold"
-    """``G(t -> w U g)`` or ``G(t -> w W g)``: w may end in the same step in which g comes."""
+    """``G(t -> w U g)`` or ``G(t -> w W g)``: whenever t holds, w must hold in all states before the state in which g comes to
+    hold."""
     STATE = "state"
-    """``G c`` or ``G(t -> c)`` with no temporal operator inside."""
+    """``G c`` or ``G(t -> c)`` with no temporal operator inside: a condition on every single state."""
     OTHER = "other"
+    """Any other form."""
 
 
 @dataclass(frozen=True, slots=True)
 class Shape:
-    """The parts of an instance."""
+    """The parts of an instance of a rule (the rule for certain vehicles and entrances)."""
 
     kind: Kind
     premise: f.Formula | None
-    """The premise; None if the instance is not of the form ``G(premise -> obligation)``, so that it is never vacuous."""
+    """The condition of the obligation; None if the instance does not have the form ``G(premise -> obligation)``."""
     obligation: f.Formula
     waits: f.Formula | None = None
-    """The w of YIELD and HOLD."""
+    """The formula w of the forms YIELD and HOLD, which holds while a vehicle waits."""
     goes: f.Formula | None = None
-    """The g of YIELD and HOLD."""
+    """The formula g of the forms YIELD and HOLD, the awaited event."""
 
 
 def shape_of(formula: f.Formula) -> Shape:
-    """Return the parts of a formula; outermost universal quantifiers are skipped."""
+    """Return the premise, obligation and further parts of a rule's formula; outermost universal quantifiers are skipped."""
     while isinstance(formula, f.Forall):
         formula = formula.body
     if not isinstance(formula, f.Always):
@@ -59,7 +62,10 @@ def shape_of(formula: f.Formula) -> Shape:
 
 
 def split(formula: f.Formula) -> tuple[f.Formula, ...]:
-    """Split ``G(t -> (p & (q -> r)))`` into ``G(t -> p)`` and ``G(t & q -> r)``, so that each part has a verdict."""
+    """Return the formulas whose conjunction is a formula ``G(t -> ...)``; other formulas are not split.
+
+    ``G(t -> (p & (q -> r)))`` is split into ``G(t -> p)`` and ``G(t & q -> r)``, which get separate verdicts.
+    """
     if not (isinstance(formula, f.Always) and isinstance(formula.body, f.Implies)):
         return (formula,)
     premise, obligation = formula.body.left, formula.body.right
@@ -72,12 +78,12 @@ def split(formula: f.Formula) -> tuple[f.Formula, ...]:
 
 
 def conjuncts(formula: f.Formula) -> tuple[f.Formula, ...]:
-    """Return the parts of a conjunction, or the formula itself."""
+    """Return the parts of a conjunction; of any other formula, the formula itself."""
     return formula.parts if isinstance(formula, f.And) else (formula,)
 
 
 def agents_of(formula: f.Formula) -> tuple[f.Element, ...]:
-    """Return the agents of a ground formula, by first occurrence."""
+    """Return the agents in a formula without variables, in the order of their first occurrence."""
     agents: dict[f.Element, None] = {}
     for atom in f.atoms(formula):
         for term in atom.terms:
@@ -88,30 +94,9 @@ def agents_of(formula: f.Formula) -> tuple[f.Element, ...]:
 
 
 def outermost(formula: f.Formula) -> tuple[f.Binder, ...]:
-    """Return the variables of the outermost universal quantifiers."""
+    """Return the variables of the outermost universal quantifiers of a formula."""
     variables: list[f.Binder] = []
     while isinstance(formula, f.Forall):
         variables += formula.variables
         formula = formula.body
     return tuple(variables)
-
-
-def untimed(formula: f.Formula, sorts: Mapping[str, str] | None = None) -> f.Atom | None:
-    """Return an atom that changes during a run but stands outside every temporal operator: only its first state counts."""
-    sorts = sorts or {}
-    match formula:
-        case f.Atom():
-            return None if _static(formula, sorts) else formula
-        case f.Forall(variables, body) | f.Exists(variables, body):
-            return untimed(body, {**sorts, **{v.name: v.sort for v in variables}})
-        case f.Next() | f.Always() | f.Eventually() | f.Until() | f.WeakUntil() | f.Release():
-            return None
-    return next((atom for child in f.children(formula) if (atom := untimed(child, sorts))), None)
-
-
-def _static(atom: f.Atom, sorts: Mapping[str, str]) -> bool:
-    """Return whether the value of an atom is the same in every state."""
-    if atom.name in ("=", "!="):
-        return all(isinstance(term, f.Var) for term in atom.terms)
-    word, first = word_of(atom), atom.terms[0] if atom.terms else None
-    return word is not None and isinstance(first, f.Var) and sorts.get(first.name) in sorts_in(word.static)
