@@ -1,1 +1,1 @@
-"""Scenarios: abstract scenarios and their equivalence classes, concrete scenarios on grids."""
+"""Abstract scenarios of a junction with their equivalence classes, and concrete scenarios on grids of distances and speeds."""

@@ -1,7 +1,6 @@
 """Cases: a scenario, its drivers, and the bodies of its agents. Simulations, searches, caches and records take a case.
 
-A scenario holds its junction. Because a case is complete, every simulation, search, cache and record also works for a subject
-among traffic.
+A scenario holds its junction, so a case is complete: a simulation, search, cache or record needs no other input.
 """
 
 from __future__ import annotations
@@ -11,11 +10,10 @@ from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Any
 
-from pytest_rvads.drivers.abilities import check_factory
-from pytest_rvads.drivers.interface import Factory
+from pytest_rvads.drivers.interface import Factory, check_factory
 from pytest_rvads.drivers.traffic import DEFAULT, POLICIES
-from pytest_rvads.runs.states import Agent
-from pytest_rvads.runs.vehicle import Vehicle
+from pytest_rvads.runs.states import Agent, Vehicle
+from pytest_rvads.scenarios.pedestrians import cast_of
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.support.errors import ScenarioError, require
 
@@ -33,7 +31,7 @@ class Fleet:
     vehicle: Vehicle = field(default_factory=Vehicle)
     """The vehicle of every agent without an entry in `others`."""
     others: Mapping[str, Vehicle] = field(default_factory=dict, hash=False)
-    """Other vehicles, by the name of the agent."""
+    """Bodies of the agents whose body is not `vehicle`, by the name of the agent."""
 
     def __post_init__(self) -> None:
         require(self.others, Mapping, "others= must be vehicles by the name of the agent, such as {'a0': truck}", ScenarioError)
@@ -48,7 +46,7 @@ class Fleet:
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """Everything that a run depends on.
+    """A scenario, its drivers and the bodies of its agents: everything that a run depends on.
 
     Raises:
         ScenarioError: the scenario or the fleet has a wrong type, the fleet has a body for an agent that the scenario does not
@@ -58,12 +56,12 @@ class Case:
 
     scenario: Scenario
     driver: Factory
-    """Drives every vehicle, or the subject alone: a class or callable without arguments.
+    """Makes the autopilots of all vehicles, or of the subject alone: a class or callable without arguments.
 
-    The driver is called once per vehicle, in creation order, or once for all vehicles if it makes a `TrafficSystem`.
+    It is called once per vehicle, in creation order, or once for all vehicles if it returns a `TrafficSystem`.
     """
     traffic: Factory | None = None
-    """Drives the other vehicles of a scenario with a subject; the reference policy by default. Allowed only with a subject."""
+    """Makes the autopilots of all vehicles but the subject; the reference policy by default. Allowed only with a subject."""
     fleet: Fleet = field(default_factory=Fleet)
 
     def __post_init__(self) -> None:
@@ -97,7 +95,11 @@ class Case:
         """
         return self.scenario.starts(self.fleet.of)
 
-    def agents(self) -> tuple[Agent, ...]:
-        """Return the agents with their kinds and sizes, by entrance."""
+    def vehicles(self) -> tuple[Agent, ...]:
+        """Return the vehicles with their kinds and sizes, in the order of `Scenario.agents`."""
         bodies = [(agent, self.fleet.of(agent.name)) for agent in self.scenario.agents()]
         return tuple(replace(agent, kind=v.kind, size=(v.length, v.width)) for agent, v in bodies)
+
+    def agents(self) -> tuple[Agent, ...]:
+        """Return the vehicles, then the pedestrians and the vehicles parked for them, with their kinds and sizes."""
+        return (*self.vehicles(), *cast_of(self.scenario.place, self.scenario.pedestrians))

@@ -1,30 +1,43 @@
-"""Abstract scenarios and their structural equivalence classes (paper, sections 5.1 and 5.2).
+"""Abstract scenarios: their structural equivalence classes (paper, sections 5.1 and 5.2), and sets that cover pairs of movements.
 
 An abstract scenario of a junction is a tuple of symbolic directions: entry i is the direction of the vehicle at entrance i, 0 for
-an entrance without a vehicle. Rotating a junction onto itself gives an equivalent scenario. With one entrance per arm, all
-movements and equal signs, the classes of full scenarios are the necklaces of length n over n - 1 directions. Classes are numbered
-from 1 in the order of their representatives, the lexicographically least rotations; partial scenarios have number 0. See
-`Orbits`. The functions here that take a number of ways are about the junctions of the paper.
+an entrance without a vehicle. A scenario is full if every arm (or every lane) has a vehicle, and partial if not. Rotating a
+junction onto itself gives an equivalent scenario. With one entrance per arm, all movements and equal signs, the classes of full
+scenarios are the necklaces of length n over n - 1 directions. Classes are numbered from 1 in the order of their representatives,
+the lexicographically least rotations; partial scenarios have number 0. See `Orbits`. The functions of this module with an
+argument `ways`, the number of arms, are about the junctions of the paper.
+
+The number of classes grows like the product of the numbers of directions at all entrances. A covering array is a list of
+scenarios in which every pair of movements occurs; the length of such a list is only logarithmic in the number of entrances. The
+scenarios of a covering array are chosen one after the other. Each scenario contains the first pair that is still missing. The
+remaining movements of the scenario are chosen so that each movement adds as many missing pairs as possible.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from itertools import accumulate
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from itertools import accumulate, combinations, combinations_with_replacement, product
 from operator import index
 
+from pytest_rvads.geometry.conflicts import Key
+from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.scenarios.orbits import WAYS, Directions, Orbits, rotate
 from pytest_rvads.support.errors import ScenarioError
 
 __all__ = [
+    "PAIRED",
     "WAYS",
     "Directions",
+    "Pair",
     "class_number",
     "classes",
     "count_classes",
     "count_scenarios",
+    "covering",
     "label",
     "members",
+    "pairs_at",
+    "pairs_in",
     "parse",
     "representative",
     "rotate",
@@ -33,6 +46,14 @@ __all__ = [
 ]
 
 _DIGITS = "0123456789abcdefghijklmnopqrstuvwxyz"
+
+PAIRED = ("pairs", "conflicts")
+"""Names of the covers by pairs: all pairs of movements from different entrances, and the pairs that cross or merge."""
+
+Pair = tuple[Key, Key]
+"""Two movements; the movement from the entrance with the lower number is first."""
+_Choice = tuple[int, int]
+"""Number of a slot (an arm or lane), and number of a direction among the possible directions in the slot."""
 
 
 def parse(directions: str | Sequence[int]) -> Directions:
@@ -72,17 +93,17 @@ def label(code: Directions, lanes: Sequence[int] = ()) -> str:
 
 
 def rotations(code: Directions) -> tuple[Directions, ...]:
-    """Return the n rotations of a scenario, row 0 first; a symmetric scenario has equal rotations."""
+    """Return the rotations of a scenario by 0, 1, ... arms; rotations of a symmetric scenario can be equal."""
     return Orbits.plain(len(code)).turns(code)
 
 
 def representative(code: Directions) -> Directions:
-    """Return the lexicographically least rotation."""
+    """Return the lexicographically least rotation of a scenario."""
     return Orbits.plain(len(code)).representative(code)
 
 
 def members(code: Directions) -> tuple[Directions, ...]:
-    """Return the distinct members of the class of `code`, in the order of the rows from `code` on."""
+    """Return the distinct scenarios in the class of `code`, beginning with `code` and in the order of rotation."""
     return Orbits.plain(len(code)).members(code)
 
 
@@ -102,10 +123,133 @@ def count_classes(ways: int) -> int:
 
 
 def classes(ways: int) -> Iterator[Directions]:
-    """Yield the representatives in order, class 1 first."""
+    """Yield the representative (lexicographically least scenario) of every class, class 1 first."""
     return iter(Orbits.plain(ways))
 
 
 def class_number(code: Directions) -> int:
-    """Return the number of the class of `code`, 1 for all-ones; 0 for a partial scenario."""
+    """Return the number of the class of `code`, counted from 1; 0 for a scenario with an empty entrance."""
     return Orbits.plain(len(code)).number(code)
+
+
+def pairs_at(place: Junction, *, conflicting: bool = False) -> tuple[Pair, ...]:
+    """Return the pairs of movements from different entrances, in order, or only the pairs that conflict.
+
+    Raises:
+        ScenarioError: conflicting pairs are requested, and the places of the lanes are unknown.
+    """
+    if conflicting and place.conflicts is None:
+        raise ScenarioError(f"the conflicts of junction {place.name!r} are not known, since it is not known where its lanes lie")
+    pairs = combinations(sorted(place.movements), 2)
+    return tuple(pair for pair in pairs if pair[0][0] != pair[1][0] and (not conflicting or pair in (place.conflicts or ())))
+
+
+def pairs_in(place: Junction, code: Directions) -> Iterator[Pair]:
+    """Yield the pairs of movements of an abstract scenario."""
+    keys = sorted(place.leads(entrance, direction).key for entrance, direction in enumerate(code) if direction)
+    yield from combinations(keys, 2)
+
+
+def covering(
+    place: Junction, orbits: Orbits, seat: int | None = None, *, conflicting: bool = False, walked: bool = False
+) -> tuple[Directions, ...]:
+    """Return a list of scenarios in which every possible pair of movements occurs.
+
+    Movements on which no car can keep its lane (`Junction.tight`) are left out. An arm or lane with only such movements has no
+    vehicle.
+
+    Args:
+        place: the junction.
+        orbits: the scenarios of the junction.
+        seat: an entrance with a vehicle in all returned scenarios; None for no such entrance.
+        conflicting: whether to cover only pairs of conflicting movements; the remaining movements are chosen for as many of these
+            pairs as possible.
+        walked: whether to cover also every movement that leads over a crosswalk, only from `seat` if `seat` is an entrance.
+
+    Raises:
+        ScenarioError: no such pair is possible, or conflicting pairs are requested and the conflicts are unknown.
+    """
+    required = frozenset(pairs_at(place, conflicting=conflicting))
+    slots = _placed(place, orbits, seat)
+    moves = [[_movement(place, first, letter) for letter in letters] for first, letters in slots]
+    missing = dict.fromkeys(pair for pair in _choices(moves) if _pair_of(moves, *pair) in required)
+    if walked:  # a movement is missing as a pair with itself
+        over = {key for _, key in place.covers if seat in (None, key[0])}
+        single = [(slot, rank) for slot, keys in enumerate(moves) for rank, key in enumerate(keys) if key in over]
+        missing |= dict.fromkeys(zip(single, single, strict=True))
+    if not missing:
+        kind = "conflicting movements" if conflicting else "movements"
+        but = f" without the {len(place.tight)} on which no car can keep its lane" if place.tight else ""
+        raise ScenarioError(f"no two {kind} of junction {place.name!r} happen in one scenario{but}: choose another cover")
+    rows = []
+    while missing:
+        row = _row(list(map(len, moves)), missing)
+        for pair in combinations_with_replacement(enumerate(row), 2):
+            missing.pop(pair, None)
+        chosen = [letters[rank] for (_, letters), rank in zip(slots, row, strict=True)]
+        rows.append(tuple(direction for letter in chosen for direction in letter))
+    return tuple(rows)
+
+
+def _placed(place: Junction, orbits: Orbits, seat: int | None) -> list[tuple[int, Sequence[Directions]]]:
+    """Return, per slot (arm or lane), its first entrance and the possible directions at its entrances.
+
+    Movements on which no car can keep its lane are left out. If `seat` is an entrance, all directions in its slot place a vehicle
+    at this entrance.
+    """
+    slots: list[tuple[int, Sequence[Directions]]] = []
+    first = 0
+    for every in orbits.slots:
+        # A slot without remaining movements has no vehicle.
+        letters = [c for c in every if _movement(place, first, c) not in place.tight] or [(0,) * len(every[0])]
+        lane = None if seat is None else seat - first
+        inside = lane is not None and 0 <= lane < len(letters[0])
+        with_vehicle = [letter for letter in letters if letter[lane or 0]] if inside else letters
+        if not with_vehicle:
+            raise ScenarioError(
+                f"no movement on which a car can keep its lane leads from entrance {seat}, so no vehicle under test can stand "
+                "there: choose another one"
+            )
+        slots.append((first, with_vehicle))
+        first += len(letters[0])
+    return slots
+
+
+def _movement(place: Junction, first: int, letter: Directions) -> Key | None:
+    """Return the movement of the only vehicle of a letter (the directions on an arm); None without a vehicle."""
+    return next((place.leads(first + k, direction).key for k, direction in enumerate(letter) if direction), None)
+
+
+def _choices(moves: Sequence[Sequence[object]]) -> Iterator[tuple[_Choice, _Choice]]:
+    for i, j in combinations(range(len(moves)), 2):
+        yield from product(((i, rank) for rank in range(len(moves[i]))), [(j, rank) for rank in range(len(moves[j]))])
+
+
+def _pair_of(moves: Sequence[Sequence[Key | None]], choice: _Choice, later: _Choice) -> Pair | None:
+    """Return the movements of two vehicles on different arms or lanes, in the order of their entrances."""
+    first, second = moves[choice[0]][choice[1]], moves[later[0]][later[1]]
+    return None if first is None or second is None else (first, second)
+
+
+def _row(sizes: Sequence[int], missing: Collection[tuple[_Choice, _Choice]]) -> list[int]:
+    """Return a scenario with the first missing pair, and in the other slots the directions that add most missing pairs.
+
+    The scenario is given per slot (arm or lane), by the number of a direction among the possible directions in the slot.
+
+    Args:
+        sizes: number of possible directions per slot.
+        missing: the missing pairs, in the order of the search.
+    """
+    row = dict(next(iter(missing)))
+    while len(row) < len(sizes):
+        best = max(
+            ((slot, rank) for slot, size in enumerate(sizes) if slot not in row for rank in range(size)),
+            key=lambda choice: (_new_pairs(choice, row.items(), missing), -choice[0], -choice[1]),
+        )
+        row[best[0]] = best[1]
+    return [row[slot] for slot in range(len(sizes))]
+
+
+def _new_pairs(choice: _Choice, chosen: Iterable[_Choice], missing: Collection[tuple[_Choice, _Choice]]) -> int:
+    """Return the number of missing pairs of movements that a choice adds to those already chosen."""
+    return sum(((choice, letter) if choice < letter else (letter, choice)) in missing for letter in chosen)

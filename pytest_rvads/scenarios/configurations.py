@@ -1,7 +1,8 @@
-"""Configurations: distances and speeds per entrance: the paper's A..J, staggered around a subject, or a user's grid.
+"""Configurations (distances and speeds per entrance): the paper's A to J, staggered starts, or distances and speeds of a user.
 
-The grid keeps to the braking envelope: a vehicle that starts d metres before the stopping line is no faster than v(d)max, because
-a faster vehicle would break rules by its speed alone (paper, section 5.3).
+In a staggered start, the other vehicles arrive at their lines earlier or later than the vehicle under test. A configuration keeps
+to the braking envelope: a vehicle that starts d metres before the stopping line is no faster than v(d)max, because a faster
+vehicle would break rules by its speed alone (paper, section 5.3).
 """
 
 from __future__ import annotations
@@ -38,18 +39,18 @@ Envelope = Callable[[float], float | None]
 """v(d)max: maps the distance to the stopping line [m] to the greatest safe speed [m/s]; None if even 0 m/s is unsafe."""
 
 PAPER = {JunctionControl.STOP: "ABCDE", JunctionControl.LIGHTS: "FGHIJ"}
-"""The paper's configurations by control. A and F deliberately probe a controller that launches before it looks."""
+"""The paper's configurations by control. Configurations A and F reveal a controller that drives off before it looks."""
 
 ARRIVALS = "arrivals"
-"""The default grid of tests with a subject: an equal start 20 m before the lines, and staggered starts."""
+"""Name of the default grid of tests with a subject: all vehicles 20 m before their lines, and staggered starts."""
 
 _NEAR, _CLOSE, _FAR, _FAST = 0.01, 0.3, 20.0, 10.0
 _STAGGERED_SPEED = 8.0
 """Speed of every vehicle of a staggered configuration [m/s]; below the speed limit."""
 _NEAREST = 10.0
-"""Least distance of a vehicle of a staggered configuration from its line [m]; v(d)max is 8.66 m/s there."""
+"""Least distance of a vehicle of a staggered configuration from its line [m]; v(d)max is 8.66 m/s at this distance."""
 _AT_STOPS, _ELSEWHERE = (36, "S21 S26 S31 S46 S51 S56"), (20, "S31 S42 S53 S64 S75")
-"""Distance of the subject [m], and the labels of the staggered configurations, named by the distance of the others.
+"""Distance of the subject [m], and the labels of the staggered configurations: S and the distance of the other vehicles [m].
 
 At an all-way stop, where the order of arrival decides, the other vehicles arrive 1.5, 1 and 0.5 s earlier and 1, 1.5 and 2 s
 later than the subject. Elsewhere they arrive 1 to 5 s later.
@@ -67,21 +68,19 @@ class Configuration:
     speeds: tuple[float, ...]
     """Speeds [m/s]."""
     staggered: bool = False
-    """Whether the first distance and speed are those of the subject, at any entrance.
-
-    The next distances and speeds are then those of the other vehicles, counter-clockwise from the subject.
-    """
+    """Whether the distances and speeds are counted from the entrance of the subject, counter-clockwise, instead of entrance 0."""
 
     @property
     def room(self) -> float:
-        """Least length of an approach [m]."""
+        """Least length of an approach that the configuration needs [m]."""
         return _NEAREST if self.staggered else max(self.distances)
 
     def around(self, seat: int, rooms: Sequence[float]) -> Configuration:
-        """Return a staggered configuration around a subject; other configurations are returned unchanged.
+        """Return a staggered configuration per entrance, around a subject; other configurations are returned unchanged.
 
-        On an approach that is too short for its vehicle, the vehicle starts as far from the line as the approach allows. If this
-        vehicle is the subject, the other vehicles start nearer by the same distance, but at least `_NEAREST` before their lines.
+        On an approach that is too short for its vehicle, the vehicle starts as far from the line as the approach allows. If the
+        subject starts nearer for this reason, the other vehicles start nearer by the same distance, but at least `_NEAREST`
+        before their lines.
 
         Args:
             seat: entrance of the subject, before rotation.
@@ -148,8 +147,9 @@ def grid(names: str | Iterable[str], entrances: int, control: JunctionControl) -
     """
     letters, stop = PAPER.get(control, PAPER[JunctionControl.STOP]), control is JunctionControl.STOP
     _, staggered = _AT_STOPS if stop else _ELSEWHERE
-    # If several others arrive together before the subject, the vehicle at the subject's left goes first, and the subject need not
-    # see that vehicle. So in two configurations only the vehicle at the right, or only the vehicle at the left, is early.
+    # If several vehicles arrive together before the subject, the vehicle at the subject's left goes first, and a subject that
+    # ignores that vehicle is not detected. So in one configuration only the vehicle at the right is early, and in another only
+    # the vehicle at the left.
     late = ["56"] * (entrances - 2)
     at_stops = ["S21", "S46", "_".join(("S26", *late)), f"S{'_'.join((*late, '26'))}"]
     named: dict[str, Sequence[str]] = {
@@ -177,7 +177,7 @@ def explicit(distances: Axis, speeds: Axis, entrances: int) -> tuple[Configurati
         entrances: number of entrances.
 
     Raises:
-        ScenarioError: a number is negative or not finite, or a tuple has another length.
+        ScenarioError: a number is negative or not finite, or a tuple does not have one number per entrance.
     """
     points = product(_points("distances", distances, entrances), _points("speeds", speeds, entrances))
     return tuple(Configuration(explicit_label(d, v), d, v) for d, v in points)
@@ -193,7 +193,7 @@ def explicit_label(distances: Sequence[float], speeds: Sequence[float]) -> str:
 
 
 def outside(point: Configuration, envelope: Envelope) -> tuple[float, float] | None:
-    """Return the first (distance, speed) of `point` beyond the braking envelope, or None."""
+    """Return the first (distance, speed) of configuration `point` that is beyond the braking envelope, or None."""
     for distance, speed in zip(point.distances, point.speeds, strict=True):
         limit = envelope(distance) if speed > 0 else 0.0
         if limit is None or speed > limit:
@@ -202,7 +202,7 @@ def outside(point: Configuration, envelope: Envelope) -> tuple[float, float] | N
 
 
 def probe(point: Configuration, envelope: Envelope) -> str:
-    """Return a sentence on the deliberate probe of `point`; an empty text for a fair start."""
+    """Return a sentence if the start `point` deliberately provokes a wrong reaction of the driver; an empty text if not."""
     beyond = outside(point, envelope)
     if beyond is not None:
         distance, speed = beyond

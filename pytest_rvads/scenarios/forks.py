@@ -1,10 +1,9 @@
 """Approaches that overlap, so that vehicles of two entrances would start in the same lane, or inside each other.
 
-Behind turn lanes several entrances share a lane, and a lane that begins on the way has no width there. Two vehicles at the same
-distance from their lines would stand inside each other.
+Upstream of turn lanes several entrances share a lane, and a turn lane has no width where it begins. On such approaches, two
+vehicles at the same distance from their lines would stand inside each other.
 
-`Scenario.starts` refuses starts of vehicles inside each other before a run, and starts on approaches that are too short or that
-converge.
+`Scenario.starts` refuses, before a run, starts of vehicles inside each other and starts on approaches that are too short.
 """
 
 from __future__ import annotations
@@ -26,14 +25,14 @@ _BESIDE = 2.0
 _NEAR = 3.0
 """Distance of centre lines from which on bodies do not touch [m].
 
-No vehicle may be wider than 2.6 m (Council Directive 96/53/EC, Annex I).
+The law allows vehicles a width of at most 2.6 m (Council Directive 96/53/EC, Annex I).
 """
 _SPACING = 0.5
 """Distance of the points at which approaches are compared [m]."""
 
 
 class Fork(NamedTuple):
-    """Two entrances, the lower number first, whose approaches are one lane upstream."""
+    """Two entrances, the lower number first, whose approaches begin on one common lane."""
 
     entrances: tuple[int, int]
     """Numbers of the two entrances."""
@@ -43,7 +42,7 @@ class Fork(NamedTuple):
 
 @lru_cache(maxsize=256)
 def forks(place: Junction) -> tuple[Fork, ...]:
-    """Return the pairs of entrances whose approaches are one lane upstream; entrances without a known approach are skipped."""
+    """Return the pairs of entrances whose approaches begin on a common lane; entrances without a known approach are skipped."""
     lines = {e: _sample(lane.approach) for e, lane in enumerate(place.entrances) if lane.approach}
     pairs = []
     for first, second in combinations(lines, 2):
@@ -58,9 +57,9 @@ def forks(place: Junction) -> tuple[Fork, ...]:
 
 @lru_cache(maxsize=256)
 def near(place: Junction) -> frozenset[tuple[int, int]]:
-    """Return the pairs of entrances, the lower number first, on whose approaches vehicles may start inside each other.
+    """Return the pairs of entrances, the lower number first, on whose approaches vehicles could start inside each other.
 
-    These approaches are one lane upstream, see `forks`, or converge towards their stopping lines.
+    The two approaches begin on a common lane, see `forks`, or converge towards their stopping lines.
     """
     lines = {e: _sample(lane.approach)[::-2] for e, lane in enumerate(place.entrances) if lane.approach}
     pairs = combinations(lines, 2)
@@ -68,7 +67,7 @@ def near(place: Junction) -> frozenset[tuple[int, int]]:
 
 
 def _parting(first: NDArray[np.float64], second: NDArray[np.float64]) -> tuple[float, float] | None:
-    """Return the distances before their ends at which two lines part [m]; None if the first does not begin on the second."""
+    """Return the distances before their ends at which two lines part [m]; None if the first line does not begin on the second."""
     if _gaps(first[0], second).min() >= _BESIDE:
         return None
     last = nearest = 0
@@ -87,6 +86,6 @@ def _gaps(point: NDArray[np.float64], line: NDArray[np.float64]) -> NDArray[np.f
 
 
 def _sample(line: Segment) -> NDArray[np.float64]:
-    """Return points of a line, the last one at its end, shape ``(k, 2)`` [m]."""
+    """Return points of a line, the last point at the end of the line, shape ``(k, 2)`` [m]."""
     stations = np.arange(line.length, 0.0, -_SPACING)[::-1]
     return np.column_stack([np.interp(stations, line.stations, line.points[:, axis]) for axis in (0, 1)])

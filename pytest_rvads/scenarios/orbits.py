@@ -1,8 +1,9 @@
 """Orbits: abstract scenarios up to the rotations of their junction, counted and numbered without listing them.
 
-A scenario is a word of *slots*. Each slot has a letter: the direction of the vehicle on an arm, or on a lane. The rotations that
-keep lanes, movements and signs move slots by whole *blocks*. So a scenario is a word of blocks, and its orbit under the rotations
-is a necklace: classes are numbered in the order of their lexicographically least words.
+A scenario is a word with a letter per *slot* (arm or lane): the letter is the direction of the vehicle in the slot. The rotations
+of a junction that keep lanes, movements and signs move letters by multiples of a number of slots, a *block*. So a scenario is
+also a word with a letter per block, and the rotations of a scenario form a necklace. Classes are numbered in the order of their
+lexicographically least words.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ OCCUPANCIES = ("arms", "lanes")
 
 
 def rotate(code: tuple[T, ...], rows: int) -> tuple[T, ...]:
-    """Move every vehicle by `rows` entrances with its symbolic direction kept; any other values per entrance can be moved too."""
+    """Return values per entrance, such as symbolic directions, moved on by `rows` entrances: value 0 comes to entrance `rows`."""
     rows %= len(code)
     return code[-rows:] + code[:-rows] if rows else code
 
@@ -39,11 +40,11 @@ class Orbits:
     """The abstract scenarios of a junction, and their classes under its rotations."""
 
     slots: tuple[tuple[Directions, ...], ...]
-    """Per slot, the letters: the possible directions at its entrances, in ascending order."""
+    """Per slot (arm or lane), the possible directions at its entrances, in ascending order."""
     blocks: int
-    """Number of rotations; each moves every slot by a multiple of the number of slots per block."""
+    """Number of rotations that keep lanes, movements and signs: each moves all vehicles by a multiple of one number of slots."""
     partial: bool = False
-    """Whether some slots may be empty, but not all slots."""
+    """Whether scenarios with empty slots are included; a scenario without any vehicle never is."""
 
     @classmethod
     def plain(cls, ways: int, *, partial: bool = False) -> Orbits:
@@ -51,7 +52,7 @@ class Orbits:
 
         Args:
             ways: number of arms.
-            partial: whether arms may have no vehicle.
+            partial: whether scenarios with empty arms are included.
 
         Raises:
             ScenarioError: the number of ways is not 3 to 8.
@@ -62,13 +63,13 @@ class Orbits:
 
     @classmethod
     def at(cls, place: Junction, occupancy: str = "arms", *, partial: bool = False) -> Orbits:
-        """Return the scenarios of a junction.
+        """Return the abstract scenarios of a junction.
 
         Args:
             place: the junction.
             occupancy: ``"arms"`` for one vehicle on every arm with movements, on any of its lanes; ``"lanes"`` for one vehicle on
                 every lane with movements.
-            partial: whether arms, or lanes, may have no vehicle.
+            partial: whether scenarios with empty arms, or empty lanes, are included.
 
         Raises:
             ScenarioError: the occupancy is unknown, or the junction has no movements.
@@ -102,22 +103,22 @@ class Orbits:
         return int(self._fixed(0) * self._share(entrance))
 
     def turned(self, entrance: int) -> int:
-        """Return the number of rotations of representatives with a vehicle at `entrance`; equal rotations count separately."""
+        """Return how many rotations of all representatives have a vehicle at `entrance`; equal rotations count separately."""
         return int(sum(map(self._fixed, range(self.blocks))) * self._share(entrance))
 
     def __contains__(self, code: Directions) -> bool:
-        """Return whether `code` is one of the scenarios."""
+        """Return whether `code` is one of these abstract scenarios."""
         return len(code) == self.size and self._word(code) is not None and any(code)
 
     def __iter__(self) -> Iterator[Directions]:
-        """Yield the representatives in order, class 1 first.
+        """Yield the representative (lexicographically least scenario) of every class, class 1 first.
 
-        The algorithm of Fredricksen, Kessler and Maiorana yields necklaces in lexicographic order; its memory does not grow with
-        the number of classes.
+        The algorithm of Fredricksen, Kessler and Maiorana yields necklaces in lexicographic order; the memory that it needs does
+        not grow with the number of classes.
         """
         length, top = self.blocks, self._top
         word = [0] * (length + 1)
-        if not self.partial:  # else the first word has no vehicle
+        if not self.partial:  # with empty slots, the first word has no vehicle
             yield self._code(word[1:])
         while True:
             i = length
@@ -139,22 +140,23 @@ class Orbits:
                 yield code
 
     def turns(self, code: Directions) -> tuple[Directions, ...]:
-        """Return the rotations of a scenario, row 0 first; a symmetric scenario has equal rotations."""
+        """Return the rotations of a scenario, the scenario itself first; rotations of a symmetric scenario can be equal."""
         return tuple(rotate(code, row) for row in self.rows)
 
     def representative(self, code: Directions) -> Directions:
-        """Return the lexicographically least rotation."""
+        """Return the lexicographically least rotation of a scenario."""
         return min(self.turns(code))
 
     def members(self, code: Directions) -> tuple[Directions, ...]:
-        """Return the distinct members of the class of `code`, in the order of the rows from `code` on."""
+        """Return the distinct scenarios in the class of `code`, beginning with `code` and in the order of rotation."""
         return tuple(dict.fromkeys(self.turns(code)))
 
     def seats(self, code: Directions) -> tuple[int, ...]:
         """Return the occupied entrances of `code` that no symmetry of `code` maps to an earlier entrance.
 
-        A vehicle under test among traffic breaks the symmetry of rotation. Over all classes of full scenarios of the paper, the
-        number of these seats is the number of scenarios: 81 at four ways and 8 at three.
+        A vehicle under test among traffic breaks the symmetry of rotation, so each returned entrance gives a different test. The
+        number of returned entrances, over all classes of full scenarios of the paper, is the number of scenarios: 81 with four
+        arms and 8 with three.
         """
         period = len(self.members(code)) * (self.size // self.blocks)
         return tuple(seat for seat in range(period) if code[seat])
@@ -162,8 +164,8 @@ class Orbits:
     def number(self, code: Directions) -> int:
         """Return the number of the class of `code`, 1 for the first class; 0 if `code` is none of the scenarios.
 
-        The method counts the words whose rotations are all at least the representative. These words are the closed walks of an
-        automaton whose state is the number of matched letters of the representative.
+        The method counts the words whose rotations are all lexicographically at least the representative. These words are the
+        closed walks of an automaton whose state is the number of matched letters of the representative.
         """
         word = self._word(self.representative(code)) if code in self else None
         if word is None:
@@ -186,7 +188,7 @@ class Orbits:
 
     @cached_property
     def _top(self) -> int:
-        """The greatest letter of a block."""
+        """The greatest letter of a block, as a number from 0 on."""
         return prod(len(letters) for letters in self.slots[: len(self.slots) // self.blocks]) - 1
 
     def _fixed(self, turn: int) -> int:
@@ -194,7 +196,7 @@ class Orbits:
         return int((self._top + 1) ** gcd(turn, self.blocks))
 
     def _share(self, entrance: int) -> Fraction:
-        """Return the share of words of any period that have a vehicle at `entrance`."""
+        """Return the share of all words, of any period, that have a vehicle at `entrance`."""
         first = 0
         for letters in self.slots:
             lane, first = entrance - first, first + len(letters[0])
@@ -207,7 +209,7 @@ class Orbits:
         return tuple({letter: rank for rank, letter in enumerate(letters)} for letters in self.slots)
 
     def _word(self, code: Directions) -> tuple[int, ...] | None:
-        """Return the scenario as letters of blocks; None if a slot does not have the letter."""
+        """Return a scenario as a word, a letter per block of slots; None if a direction is not possible in its slot."""
         word, first, each = [0] * self.blocks, 0, len(self.slots) // self.blocks
         for number, ranks in enumerate(self._ranks):
             last = first + len(self.slots[number][0])
@@ -247,7 +249,7 @@ def _at(place: Junction, occupancy: str, partial: bool) -> Orbits:
 
 
 def _letters(lanes: Sequence[Directions], partial: bool) -> tuple[Directions, ...]:
-    """Return the letters of a slot: the directions of all its lanes with one vehicle on one lane, in ascending order."""
+    """Return the possible directions at the lanes of an arm, in ascending order: at most one lane has a vehicle."""
     nobody = (0,) * len(lanes)
     occupied = [(*nobody[:k], direction, *nobody[k + 1 :]) for k, lane in enumerate(lanes) for direction in lane]
     return tuple(sorted(occupied if occupied and not partial else [nobody, *occupied]))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import asdict, dataclass, fields
 from functools import lru_cache
 from itertools import combinations, pairwise
 from typing import Any, NamedTuple
@@ -17,15 +17,15 @@ from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.geometry.segment import SPEED_LIMIT
 from pytest_rvads.logic.conduct.bodies import touch
 from pytest_rvads.runs.itineraries import Itinerary, itinerary
-from pytest_rvads.runs.states import CLEARANCE, GREEN, YELLOW, Agent, SignalPlan
-from pytest_rvads.runs.vehicle import Vehicle
+from pytest_rvads.runs.states import CLEARANCE, GREEN, YELLOW, Agent, SignalPlan, Vehicle
 from pytest_rvads.scenarios.classes import label, parse
 from pytest_rvads.scenarios.configurations import Configuration, explicit_label, per_entrance
 from pytest_rvads.scenarios.forks import forks, near
 from pytest_rvads.scenarios.orbits import OCCUPANCIES, Directions, Orbits, rotate
+from pytest_rvads.scenarios.pedestrians import Pedestrian, Setting, cast_of, settings
 from pytest_rvads.scenarios.senses import IDEAL, Senses
-from pytest_rvads.support.displayed import shown
 from pytest_rvads.support.errors import ScenarioError, require
+from pytest_rvads.support.wording import shown
 
 __all__ = [
     "MOST_FOLLOWERS",
@@ -35,6 +35,7 @@ __all__ = [
     "Scenario",
     "check_followers",
     "check_numbers",
+    "fastest_start",
     "first_green",
     "started",
     "usual_duration",
@@ -52,23 +53,23 @@ _IN_IDS = re.compile(r"[A-Za-z0-9_.-]+")
 
 
 class _Start(NamedTuple):
-    """Where a vehicle starts."""
+    """The start of a vehicle: its distance and its speed."""
 
     name: str
     entrance: int
     body: Vehicle
     distance: float
-    """Reference point to stopping line [m]."""
+    """Distance from the reference point to the stopping line [m]."""
     speed: float
-    """[m/s]."""
+    """Speed at the start [m/s]."""
 
 
 @dataclass(frozen=True, slots=True, init=False)
 class Scenario:
-    """One vehicle per occupied entrance of a junction, each with a direction, a distance and a speed.
+    """A concrete scenario: a vehicle at each occupied entrance of a junction, with a direction, a distance and a speed.
 
-    All values are per entrance before rotation. Row `rotation` of the class moves directions, distances, speeds and the order of
-    creation on by `rotation` entrances, and changes the light phase, see `signals`.
+    Directions, distances and speeds are given per entrance before rotation. The rotation moves directions, distances, speeds and
+    the order of creation on by `rotation` entrances, and changes the light phase, see `signals`.
 
     Example:
         >>> Scenario(find("stop4"), "1133", distance=20, speed=10).name
@@ -76,30 +77,34 @@ class Scenario:
     """
 
     place: Junction
-    """The junction."""
+    """The junction; with pedestrians, the junction with its crossings, see `Junction.walked`."""
     directions: tuple[int, ...]
-    """Per entrance before rotation: symbolic direction as of `Junction.by_direction`, 0 for an empty entrance."""
+    """Symbolic directions per entrance before rotation, see `Junction.by_direction`; 0 for an empty entrance."""
     distances: tuple[float, ...]
-    """Per entrance before rotation: reference point to stopping line [m]."""
+    """Distances from the reference point to the stopping line at the start, per entrance before rotation [m]."""
     speeds: tuple[float, ...]
-    """Per entrance before rotation [m/s]."""
+    """Speeds at the start, per entrance before rotation [m/s]."""
     rotation: int
     configuration: str
-    """Label of distances and speeds in ids."""
+    """Label of the distances and speeds in the ids of tests."""
     duration: float
     """Longest run [s]."""
     aggression: int
-    """Braking level 1, 2 or 3 of the plant."""
+    """Braking level of the vehicles: 1, 2 or 3."""
     wait: float
-    """Random draw for the drivers that use a draw [s]."""
+    """Random waiting time, for drivers that use it [s]."""
     subject: int | None
-    """Entrance at which the vehicle under test is the first vehicle; None if every vehicle is under test."""
+    """Entrance whose first vehicle is the vehicle under test; None if every vehicle is under test."""
     order: tuple[int, ...]
     """Entrances before rotation, in the order in which their vehicles are created."""
     senses: Senses
     """Senses of the vehicle under test, or of all vehicles."""
     followers: int
     """Number of vehicles that queue behind each vehicle, on the same itinerary."""
+    elapsed: int
+    """Time of the cycle of the lights that has passed at the start [s]; 0 at a junction without lights."""
+    pedestrians: tuple[Pedestrian, ...]
+    """The pedestrians, as they stand on the map."""
 
     def __init__(  # noqa: PLR0913 - the parameters of a scenario, by keyword
         self,
@@ -117,6 +122,8 @@ class Scenario:
         order: Sequence[int] | None = None,
         senses: Senses = IDEAL,
         followers: int = 0,
+        elapsed: int = 0,
+        pedestrians: Sequence[Pedestrian] = (),
     ) -> None:
         """Describe a scenario; a single number applies to all entrances, and the duration is `usual_duration` by default.
 
@@ -125,6 +132,9 @@ class Scenario:
                 or `place` is no junction.
         """
         require(place, Junction, "a scenario needs a junction, such as rvads.find('stop4')", ScenarioError)
+        walkers = _checked(pedestrians)
+        place = place.walked if walkers else place.unwalked
+        cast_of(place, walkers)
         code = parse(directions)
         count = len(code)
         if count != len(place.entrances):
@@ -132,6 +142,11 @@ class Scenario:
                 f"directions {label(code)!r} describe {count} entrances, junction {place.name!r} has {len(place.entrances)}"
             )
         check_followers(followers)
+        cycle = len(place.phase_groups) * round(GREEN + YELLOW + CLEARANCE)
+        if not _within(elapsed, max(cycle, 1)):
+            raise ScenarioError(
+                f"elapsed must be a whole number of seconds below the cycle of the lights, {cycle} s, got {elapsed!r}"
+            )
         distances = per_entrance("distance", distance, count)
         speeds = per_entrance("speed", speed, count)
         _check_rotation(place, rotation)
@@ -150,7 +165,7 @@ class Scenario:
         require(senses, Senses, "senses must be rvads.Senses(...)", ScenarioError)
         values = (
             *(place, code, distances, speeds, rotation, configuration),
-            *(float(duration), aggression, float(wait), subject, creation, senses, followers),
+            *(float(duration), aggression, float(wait), subject, creation, senses, followers, elapsed, walkers),
         )
         for name, value in zip(self.__slots__, values, strict=True):
             object.__setattr__(self, name, value)
@@ -183,14 +198,14 @@ class Scenario:
 
     @property
     def number(self) -> int:
-        """Number of the structural equivalence class; 0 for a partial scenario, which is full by none of `OCCUPANCIES`."""
+        """Number of the structural equivalence class; 0 unless every arm, or every lane, has one vehicle."""
         return _orbit(self.place, self.directions)[1]
 
     @property
     def orbit(self) -> str:
-        """Label of the least member of the scenario's class; empty if the number of the class identifies the class.
+        """Label of the lexicographically least scenario in the class of this scenario.
 
-        Classes of scenarios with one vehicle on each arm are numbered.
+        The label is empty for a scenario with one vehicle on each arm, because the number of its class identifies the class.
         """
         orbits, number = _orbit(self.place, self.directions)
         if number and orbits == Orbits.at(self.place):
@@ -205,20 +220,27 @@ class Scenario:
 
     @property
     def name(self) -> str:
-        """The id without the rule: junction, class, abstract scenario, configuration."""
+        """The id of a test of this scenario, without the rule: junction, class, abstract scenario, pedestrians, configuration."""
         turned = f".r{self.rotation}" if self.rotation else ""
         if self.order != tuple(range(len(self.order))):
             turned += f".o{label(self.order)}"
         seat = "" if self.subject is None else f"-s{self.subject}"
         orbits, number = _orbit(self.place, self.directions)
         cls = (orbits if number else Orbits.at(self.place)).label(number)
-        return f"{self.place.name}-{cls}-as{self.label}{seat}-cfg{self.point}{turned}"
+        walkers = f"-w{self.walking}" if self.pedestrians else ""
+        return f"{self.place.name}-{cls}-as{self.label}{seat}{walkers}-cfg{self.point}{turned}"
+
+    @property
+    def walking(self) -> str:
+        """The pedestrians as in the ids of tests, see `Pedestrian.label`; empty if nobody walks."""
+        return "_".join(walker.label for walker in self.pedestrians)
 
     @property
     def point(self) -> str:
-        """Label of the point of the grid: the configuration, the number of followers, and the senses that are not ideal."""
+        """Label of how the vehicles start: configuration, number of followers, elapsed cycle of the lights, imperfect senses."""
         queue = f"f{self.followers}" if self.followers else ""
-        return ".".join(filter(None, (self.configuration, queue, self.senses.label)))
+        elapsed = f"e{self.elapsed}" if self.elapsed else ""
+        return ".".join(filter(None, (self.configuration, queue, elapsed, self.senses.label)))
 
     @property
     def under_test(self) -> str | None:
@@ -233,9 +255,9 @@ class Scenario:
     def starts(self, body: Callable[[str], Vehicle] | None = None) -> tuple[tuple[float, float], ...]:
         """Return per agent its distance to the stopping line [m] and its speed [m/s], in the order of `agents`.
 
-        A follower starts at the speed of the vehicle ahead, `QUEUE_GAP` and `QUEUE_TIME` behind its body. Two vehicles from
-        different entrances in a common lane need the same gap, or the scenario is refused. Vehicles on converging approaches
-        must not touch.
+        A follower starts at the speed of the vehicle ahead. Its gap to that vehicle is `QUEUE_GAP` and the distance driven in
+        `QUEUE_TIME`. Two vehicles from different entrances in a common lane need at least the same gap. Vehicles on converging
+        approaches must not touch.
 
         Args:
             body: returns the vehicle of an agent, given by name; passenger cars by default.
@@ -300,8 +322,24 @@ class Scenario:
                         "different distances, or fewer vehicles"
                     )
 
+    def walkers(self, body: Callable[[str], Vehicle] | None = None) -> tuple[Setting, ...]:
+        """Return where and when the pedestrians, and the vehicles parked for them, start.
+
+        Args:
+            body: returns the vehicle of an agent, given by name; passenger cars by default.
+
+        Raises:
+            ScenarioError: nobody can meet a pedestrian, or a pedestrian would start behind the crossing; or see `starts`.
+        """
+        if not self.pedestrians:
+            return ()
+        rows = zip(self.agents(), self.itineraries(), self.starts(body), strict=True)
+        vehicles = [(agent, way.start(distance), speed) for agent, way, (distance, speed) in rows]
+        vehicles.sort(key=lambda row: row[0].entrance != self.subject)
+        return settings(self.place, self.pedestrians, vehicles, self.signals().colours(0.0, len(self.place.starts)))
+
     def agents(self) -> tuple[Agent, ...]:
-        """Return the agents by entrance, each first vehicle before its followers."""
+        """Return the vehicles in the order of their entrances, at each entrance the first vehicle before its followers."""
         place = self.place
         return tuple(
             Agent(place.vehicle_at(e) + (f"+{k}" if k else ""), place.leads(e, d))
@@ -315,8 +353,10 @@ class Scenario:
         return tuple(itinerary(self.place, *a.way.key) for a in self.agents())
 
     def signals(self) -> SignalPlan:
-        """Return the signal plan, see `first_green`."""
-        return SignalPlan(self.place.phase_groups, first_green(self.place, self.rotation))
+        """Return the signal plan; `first_green` gives the group of entrances that is green first."""
+        place = self.place
+        walks = ((way.entrance, start.phase, way.length) for way, start, _ in place.further if start.phase is not None)
+        return SignalPlan(place.phase_groups, first_green(place, self.rotation), self.elapsed, tuple(walks))
 
     def describe(self) -> str:
         """Return the start in one line: name, movements, distances and speeds of the first vehicles, number of followers."""
@@ -326,28 +366,36 @@ class Scenario:
         distances = " ".join(f"{d:g}" for d, _ in starts)
         speeds = " ".join(f"{v:g}" for _, v in starts)
         queue = f"  {self.followers} behind each" if self.followers else ""
-        return f"{self.name} ({movements})  d=({distances}) m  v=({speeds}) m/s{queue}"
+        walkers = "".join(
+            f"  p{number} {walker.behaviour} from the {walker.side} side of crosswalk {walker.crossing}, "
+            f"{abs(walker.difference):g} s {'early' if walker.difference < 0 else 'late'}"
+            for number, walker in enumerate(self.pedestrians)
+        )
+        return f"{self.name} ({movements})  d=({distances}) m  v=({speeds}) m/s{queue}{walkers}"
 
     def record(self) -> dict[str, Any]:
         """Return the fields as builtins, for records and run files; the junction is given by its name and its map file."""
         values = {item.name: getattr(self, item.name) for item in fields(self)[1:]}
-        if not self.followers:
-            del values["followers"]
+        for name in ("followers", "elapsed", "pedestrians"):
+            if not values[name]:
+                del values[name]
+        if self.pedestrians:
+            values["pedestrians"] = [asdict(walker) | {"side": f"{walker.side}"} for walker in self.pedestrians]
         return {"junction": self.place.name, "map": self.place.map, **values, "senses": self.senses.record()}
 
 
 def started(point: Configuration, place: Junction, rotation: int, subject: int | None, followers: int) -> dict[str, Any]:
-    """Return the arguments of a scenario that say how its vehicles start in a configuration.
+    """Return the arguments of `Scenario` that say how the vehicles start in a configuration: distances, speeds and its label.
 
     Args:
         point: the configuration.
         place: the junction.
-        rotation: by how many entrances the scenario is moved on.
+        rotation: number of entrances by which the scenario is moved on.
         subject: entrance of the vehicle under test, as in `Scenario.subject`.
-        followers: how many vehicles queue behind each. They need room on the approach as well.
+        followers: number of vehicles that queue behind each vehicle, and that need room on the approach as well.
 
     Raises:
-        ScenarioError: a staggered configuration, and nobody to be staggered around.
+        ScenarioError: the configuration is staggered around a subject, and there is no subject.
     """
     queue = followers * (Vehicle().length + QUEUE_GAP + QUEUE_TIME * max(point.speeds))
     if point.staggered:
@@ -361,20 +409,20 @@ def started(point: Configuration, place: Junction, rotation: int, subject: int |
     speeds = point.speeds
     if not point.label.startswith("d"):  # speeds that a user asks for are kept
         starts = zip(rotate(tuple(range(len(speeds))), -rotation), point.distances, speeds, strict=True)
-        speeds = tuple(min(speed, _fastest(place, entrance, distance, queue)) for entrance, distance, speed in starts)
+        speeds = tuple(min(speed, fastest_start(place, entrance, distance, queue)) for entrance, distance, speed in starts)
     return {"distance": point.distances, "speed": speeds, "configuration": point.label}
 
 
-def _fastest(place: Junction, entrance: int, distance: float, queue: float) -> float:
-    """Return the highest speed that vehicles may start with on the approach of an entrance [m/s].
+def fastest_start(place: Junction, entrance: int, distance: float, queue: float = 0.0) -> float:
+    """Return the highest speed at which vehicles are started on the approach of an entrance [m/s].
 
-    All speed limits from the last start up to the entrance count, and the bends from there on.
+    All speed limits between the start of the last vehicle and the entrance count, and so do all bends of this stretch.
 
     Args:
         place: the junction.
         entrance: number of the entrance.
-        distance: of the first vehicle to the stopping line [m].
-        queue: of the last vehicle to the first one [m].
+        distance: distance of the first vehicle from the stopping line [m].
+        queue: distance of the last vehicle of the queue from the first vehicle [m].
     """
     approach, start = place.entrances[entrance].approach, place.approach(entrance) - distance
     if approach is None or start <= 0.0:
@@ -414,7 +462,7 @@ def _check_directions(place: Junction, placed: Directions) -> None:
 
 @lru_cache(maxsize=4096)
 def _orbit(place: Junction, code: Directions) -> tuple[Orbits, int]:
-    """Return the set of full scenarios that contains `code`, with the number of its class; else partial scenarios and 0."""
+    """Return the scenarios of a junction that include `code`, and the number of its class; 0 if arms or lanes are empty."""
     for orbits in (Orbits.at(place, occupancy) for occupancy in OCCUPANCIES):
         if number := orbits.number(code):
             return orbits, number
@@ -424,7 +472,8 @@ def _orbit(place: Junction, code: Directions) -> tuple[Orbits, int]:
 def first_green(place: Junction, rotation: int) -> int:
     """Return the number of the phase group with green at t = 0: the group of the entrance to which the rotation moves entrance 0.
 
-    With one lane per arm, an odd rotation swaps the groups, as in the paper, even if the groups on the map are different.
+    With one lane per arm, a rotation by an odd number of arms swaps the two groups, as in the paper, even if the map
+    has other groups.
     """
     groups, count = place.phase_groups, len(place.entrances)
     if place.one_lane_each:
@@ -434,12 +483,19 @@ def first_green(place: Junction, rotation: int) -> int:
 
 
 def usual_duration(place: Junction) -> float:
-    """Return the default duration of runs at a junction [s]: 60, or a cycle of the lights and 30 s with more than two groups.
+    """Return the default duration of runs at a junction [s].
 
-    So every vehicle has green once, and then half a minute to leave.
+    The duration is 60 s, or, with more than two phase groups, a cycle of the lights and 30 s. So every vehicle has green once,
+    and half a minute to leave after that.
     """
     groups = len(place.phase_groups)
     return 60.0 if groups <= 2 else groups * (GREEN + YELLOW + CLEARANCE) + 30.0
+
+
+def _checked(pedestrians: object) -> tuple[Pedestrian, ...]:
+    if isinstance(pedestrians, Sequence) and all(isinstance(walker, Pedestrian) for walker in pedestrians):
+        return tuple(pedestrians)
+    raise ScenarioError(f"pedestrians must be a list of rvads.Pedestrian(crossing, side, ...), got {pedestrians!r:.100}")
 
 
 def _order(order: object, count: int) -> tuple[int, ...]:

@@ -1,47 +1,55 @@
-"""Turns the request of a test into scenarios: classes, members, rows or pairs of movements, and configurations.
+"""Turns what a test selects (classes, their scenarios or rotations, pairs of movements, configurations) into scenarios.
 
-The function `extended` gives the numbers of classes and pairs at junctions whose number of ways does not determine these numbers.
+Each scenario with vehicles is combined with each pedestrian that the test asks for and that a vehicle can meet.
+
+The function `extended` gives the numbers of classes and pairs at junctions whose number of arms does not determine these numbers.
 """
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
 from zlib import crc32
 
-from msgspec.structs import replace
+from msgspec import structs
 
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.report.session_report import Extent, Move
+from pytest_rvads.scenarios.classes import PAIRED, covering, pairs_at
 from pytest_rvads.scenarios.configurations import Configuration
 from pytest_rvads.scenarios.forks import near
 from pytest_rvads.scenarios.orbits import WAYS, Directions, Orbits, rotate
-from pytest_rvads.scenarios.pairs import PAIRED, covering, pairs_at
+from pytest_rvads.scenarios.pedestrians import Pedestrian, cast_of
 from pytest_rvads.scenarios.scenario import Scenario, started
 from pytest_rvads.scenarios.senses import IDEAL, Senses
+from pytest_rvads.scenarios.walks import Walk, choices, least, turns
 from pytest_rvads.support.errors import ScenarioError
 
 __all__ = ["CHOOSING", "COVERS", "TOO_SHORT", "TOO_TIGHT", "Selection", "alone", "extended"]
 
 CHOOSING = ("partial", *PAIRED)
-"""Covers that choose scenarios themselves.
+"""Covers that choose their scenarios, so that a test can't choose classes or scenarios as well.
 
-The cover ``partial`` has one row per class of scenarios that may leave entrances empty. The other covers have enough scenarios
-for every pair of movements, or for every pair that conflicts.
+The cover ``partial`` has one scenario per class of scenarios, including those with empty entrances. The cover ``pairs`` has
+enough scenarios for every pair of movements, and ``conflicts`` for every pair of conflicting movements.
 """
+_ONCE = ("class", "partial")
+"""Covers with one scenario per class."""
 TOO_TIGHT = "no car can keep its lane in a bend so narrow (cover 'class' takes them all the same)"
-"""The reason for movements that the covers of `PAIRED` leave out."""
+"""The reason why the covers of `PAIRED` leave out movements, in messages."""
 TOO_SHORT = "with an approach too short for a staggered start, where vehicles start as far out as they can"
 """The message on junctions for which `Selection.too_short` holds."""
 COVERS = ("class", "scenario", "rotation", *CHOOSING)
-"""One row per class; every distinct member; all rows, as in the paper's tables; and the covers of `CHOOSING`."""
+"""Names of covers, which say what a test runs of every class: one scenario (``class``), every distinct scenario (``scenario``),
+or all rotations of a scenario, as in the paper's tables (``rotation``); and the covers of `CHOOSING`."""
 
 
 @dataclass(frozen=True)
 class Selection:
-    """The product of abstract scenarios of a junction and configurations.
+    """The product of abstract scenarios of a junction and configurations, as a test selects it.
 
     Raises:
         ScenarioError: the junction does not have a selected class, scenario or subject.
@@ -56,19 +64,22 @@ class Selection:
     classes: tuple[int, ...] | None = None
     """Class numbers; None for all classes."""
     scenarios: tuple[Directions, ...] | None = None
-    """Scenarios at row 0 of their class; None for the representatives."""
+    """Scenarios before rotation, one per selected class; None for the lexicographically least scenario of every class."""
     subject: int | str | None = None
-    """Entrance of the vehicle under test among traffic, or ``"all"`` for every seat in turn."""
+    """Entrance of the vehicle under test among traffic, or ``"all"`` for every occupied entrance in turn."""
     followers: tuple[int, ...] = (0,)
     """Lengths of the queue behind each vehicle; each length is combined with every configuration."""
     senses: tuple[Senses, ...] = (IDEAL,)
     """Senses of the vehicle under test; each value is combined with every configuration."""
+    pedestrians: tuple[Walk, ...] = ()
+    """Pedestrians; each is combined with every scenario in which the vehicle under test, or any vehicle without a subject, drives
+    over the crosswalk. A junction with pedestrians is a walked junction, see `Junction.walked`."""
     duration: float | None = None
     """Longest run [s]; `usual_duration` if None."""
     aggression: int = 1
     wait: float = 1.5
     alternating: bool = False
-    """Whether every scenario and seat runs at one point only, in turn, instead of at all points."""
+    """Whether a scenario runs with only one combination of configuration, queue and senses, in turn, instead of with all."""
     left_out: int = 0
     """Number of further requested configurations, left out because no vehicle could stop."""
 
@@ -82,6 +93,12 @@ class Selection:
             raise ScenarioError(f"cover={self.cover!r} chooses scenarios itself: leave classes= and scenarios= out, or the cover")
         if self.subject not in (None, "all", *range(entrances)):
             raise ScenarioError(f"subject must be an entrance, 0 to {entrances - 1}, or 'all', got {self.subject!r}")
+        if self.pedestrians and not self.place.crossings:
+            raise ScenarioError(
+                f"junction {self.place.name!r} has no crosswalk for pedestrians: choose a junction with crosswalks, or leave "
+                "pedestrians= out"
+            )
+        cast_of(self.place, [walk.pedestrian for walk in self.pedestrians])
 
     @property
     def entrances(self) -> int:
@@ -90,12 +107,12 @@ class Selection:
 
     @property
     def points(self) -> int:
-        """Number of runs per abstract scenario."""
+        """Number of runs per abstract scenario: one, or one per combination of configuration, queue and senses."""
         return 1 if self.alternating else len(self.configurations) * len(self.followers) * len(self.senses)
 
     @property
     def too_tight(self) -> tuple[str, ...]:
-        """The movements that the cover leaves out because no car can keep its lane there, each named by junction and lanes."""
+        """The movements that the selection leaves out because no car can keep its lane on them, named by junction and lanes."""
         keys = sorted(self.place.tight) if self.cover in PAIRED else ()
         return tuple(f"{self.place.name} from entrance {entrance} to exit {exit}" for entrance, exit in keys)
 
@@ -112,45 +129,82 @@ class Selection:
 
     @cached_property
     def orbits(self) -> Orbits:
-        """The scenarios to choose from, and their classes."""
+        """The abstract scenarios of the junction to choose from, and their classes."""
         return Orbits.at(self.place, self.occupancy, partial=self.cover == "partial")
 
+    @property
+    def walks(self) -> int:
+        """Greatest number of pedestrians with which the vehicles of a scenario are combined in turn; 1 without pedestrians."""
+        if not self.pedestrians:
+            return 1
+        place, counts = self.place, Counter(key for _, key in self.place.covers)
+        met = len({number for number, _ in place.covers}) if self.subject is None else max(counts.values(), default=0)
+        return len(self.pedestrians) * met * (len(self.orbits.rows) // len(turns(place)))
+
     def count(self) -> int:
-        """Return the number of selected abstract scenarios (rows and seats), without listing all classes."""
+        """Return the number of selected abstract scenarios, counted per rotation and subject, without listing all classes.
+
+        With pedestrians, the number is the greatest possible number: `walks` for every scenario with vehicles.
+        """
+        return self._vehicles() * self.walks
+
+    def _vehicles(self) -> int:
         if self.classes is not None or self.scenarios is not None or self.cover in PAIRED:
             return sum(len(self._seated(first)) for first in self._firsts())
         orbits = self.orbits
-        once = self.cover in ("class", "partial")
+        once = self.cover in _ONCE
         if self.subject is None:
             whole = orbits.scenarios if self.cover == "scenario" else orbits.count
             return whole * orbits.blocks if self.cover == "rotation" else whole
         seats = range(self.entrances) if self.subject == "all" else [int(self.subject)]
         if self.cover == "rotation":
             return sum(map(orbits.turned, seats))
-        # Only the rotation by 0 keeps a seat, so every class of (scenario, seat) has as many members as rotations exist.
+        # Only the rotation by 0 keeps the subject's entrance, so every class of pairs (scenario, subject's entrance) has as many
+        # members as the junction has rotations.
         seated = sum(map(orbits.seated, seats))
         return seated // orbits.blocks if once and self.subject == "all" else seated
 
     def __iter__(self) -> Iterator[Scenario]:
-        """Yield the scenarios, class by class, row by row, configuration by configuration."""
+        """Yield the selected scenarios, class by class, rotation by rotation, configuration by configuration."""
         points = list(product(self.configurations, self.followers, self.senses))
-        turn = crc32(self.place.name.encode()) if self.alternating else 0  # junctions of one shape start at different points
+        # Junctions of one shape begin with different combinations.
+        turn = crc32(self.place.name.encode()) if self.alternating else 0
         for first in self._firsts():
+            seen: set[object] = set()
             for row, subject in self._seated(first):
                 turn += 1
+                walkers = [(walker,) for walker in self._walkers(rotate(first, row), subject, seen)] if self.pedestrians else [()]
                 for configuration, followers, senses in [points[turn % len(points)]] if self.alternating else points:
-                    yield Scenario(
-                        self.place,
-                        first,
-                        **started(configuration, self.place, row, subject, followers),
-                        rotation=row,
-                        duration=self.duration,
-                        aggression=self.aggression,
-                        wait=self.wait,
-                        subject=subject,
-                        senses=senses,
-                        followers=followers,
-                    )
+                    for pedestrians in walkers:
+                        yield Scenario(
+                            self.place,
+                            first,
+                            **started(configuration, self.place, row, subject, followers),
+                            rotation=row,
+                            duration=self.duration,
+                            aggression=self.aggression,
+                            wait=self.wait,
+                            subject=subject,
+                            senses=senses,
+                            followers=followers,
+                            pedestrians=pedestrians,
+                        )
+
+    def _walkers(self, placed: Directions, subject: int | None, seen: set[object]) -> Iterator[Pedestrian]:
+        """Yield the pedestrians for the vehicles of a scenario; per class, only the first of those that are equal up to rotation.
+
+        Args:
+            placed: directions as they stand on the map.
+            subject: entrance of the vehicle under test, if any.
+            seen: least images of the scenarios with pedestrians in the class so far.
+        """
+        rows = [(entrance, direction) for entrance, direction in enumerate(placed) if direction and subject in (None, entrance)]
+        ways = {self.place.leads(entrance, direction).key for entrance, direction in rows}
+        for walker in choices(self.place, ways, self.pedestrians):
+            image = least(self.place, placed, subject, walker.crossing), replace(walker, crossing=0)
+            if self.cover not in _ONCE or image not in seen:
+                seen.add(image)
+                yield walker
 
     @cached_property
     def roomy(self) -> bool:
@@ -159,22 +213,22 @@ class Selection:
         return not any(self.followers) and longest <= self._reach and not near(self.place)
 
     def fitting(self, unfit: Callable[[ScenarioError], object]) -> Iterator[Scenario]:
-        """Yield the scenarios in which every vehicle has room at its start.
+        """Yield the scenarios in which every vehicle has room at its start, and no pedestrian would have crossed before.
 
         Args:
             unfit: called with the reason for every scenario that is left out.
         """
         for scenario in self:
-            if not self.roomy:
+            if self.pedestrians or not self.roomy:
                 try:
-                    scenario.starts()
+                    scenario.walkers() if self.pedestrians else scenario.starts()
                 except ScenarioError as error:
                     unfit(error)
                     continue
             yield scenario
 
     def _firsts(self) -> Iterator[Directions]:
-        """Yield the scenario at row 0 of every selected class."""
+        """Yield, for every selected class, its abstract scenario before rotation."""
         if self.scenarios is not None:
             yield from self.scenarios
             return
@@ -191,24 +245,31 @@ class Selection:
     @cached_property
     def _paired(self) -> tuple[Directions, ...]:
         seat = self.subject if isinstance(self.subject, int) else None
-        return covering(self.place, self.orbits, seat, conflicting=self.cover == "conflicts")
+        walked = bool(self.pedestrians)
+        return covering(self.place, self.orbits, seat, conflicting=self.cover == "conflicts", walked=walked)
 
     def _seated(self, first: Directions) -> list[tuple[int, int | None]]:
-        """Return pairs of a row and the entrance of the subject in this row.
+        """Return pairs of a rotation and the entrance of the subject in the rotated scenario.
 
-        With a subject, a class runs once for every (scenario, seat). If the seat is fixed, the scenario is rotated through the
-        seat, else the seat moves.
+        With a subject, a class runs once for every vehicle of its scenario, up to symmetry. If the test fixes the entrance of the
+        subject, the scenario is rotated, so that each of its vehicles in turn comes to this entrance. If the subject is
+        ``"all"``, the scenario is not rotated, and each of its vehicles in turn is the subject. With pedestrians, all rotations
+        and vehicles are candidates, the least directions first, because a symmetry of the vehicles can move the pedestrian.
         """
-        once = self.cover in ("class", "partial") and self.scenarios is None
+        once = self.cover in _ONCE and self.scenarios is None
+        if self.pedestrians and self.cover in _ONCE and not isinstance(self.subject, int):
+            placed = sorted((rotate(first, row), row) for row in (self.orbits.rows if once else [0]))
+            seats = range(self.entrances) if self.subject == "all" else [None]
+            return [(row, seat) for code, row in placed for seat in seats if seat is None or code[seat]]
         if self.subject is None:
             return [(row, None) for row in self._rows(first)]
         if self.subject == "all":
-            if self.cover in ("class", "partial"):
+            if self.cover in _ONCE:
                 return [(0, seat) for seat in self.orbits.seats(first)]
             return [(row, seat) for row in self._rows(first) for seat, d in enumerate(rotate(first, row)) if d]
         seat = int(self.subject)
         rows = self.orbits.rows[: len(self.orbits.members(first))] if once else self._rows(first)
-        # A named scenario is kept even if its seat is empty, so that the error says so.
+        # A scenario that the test names is kept even if no vehicle is at the subject's entrance, so that the user gets an error.
         return [(row, seat) for row in rows if self.scenarios is not None or rotate(first, row)[seat]]
 
     def _rows(self, first: Directions) -> Sequence[int]:
@@ -230,7 +291,10 @@ def alone(place: Junction) -> tuple[Directions, ...]:
 
 
 def extended(extents: Mapping[str, Extent], selection: Selection) -> dict[str, Extent]:
-    """Return extents with the extent of a selection added; junctions as in the paper, with whole classes, need no extent."""
+    """Return the extents (numbers of classes and pairs by junction) with the extent of a selection's junction added.
+
+    Nothing is added for a junction of the paper, because its number of arms determines these numbers.
+    """
     place = selection.place
     full, usual = Orbits.at(place, selection.occupancy), Orbits.at(place)
     occupancy = "arms" if full == usual else selection.occupancy
@@ -240,10 +304,10 @@ def extended(extents: Mapping[str, Extent], selection: Selection) -> dict[str, E
     partial = {occupancy: selection.orbits.count} if selection.cover == "partial" else {}
     seated = sum(map(full.seated, range(full.size))) // full.blocks
     classes = before.classes | {occupancy: (full.count, full.scenarios, seated)}
-    after = replace(before, classes=classes, partial=before.partial | partial)
+    after = structs.replace(before, classes=classes, partial=before.partial | partial)
     if selection.cover in PAIRED or not place.one_lane_each:
         conflicts = () if place.conflicts is None else _moves(place, conflicting=True)
-        after = replace(after, pairs=_moves(place, conflicting=False), conflicts=conflicts)
+        after = structs.replace(after, pairs=_moves(place, conflicting=False), conflicts=conflicts)
     return {**extents, place.name: after}
 
 

@@ -15,7 +15,7 @@ __all__ = ["IDEAL", "Senses"]
 
 @dataclass(frozen=True, slots=True)
 class Senses:
-    """The autopilot's view of other vehicles, its age, and the latency of commands.
+    """How an autopilot sees other vehicles and pedestrians, how old the view is, and the latency of the autopilot's commands.
 
     The vehicle's own state, the lights and the map are known exactly. All random draws come from `seed`.
 
@@ -28,7 +28,7 @@ class Senses:
     range: float = math.inf
     """Range of sight, from reference point to reference point [m]; vehicles farther away are not seen."""
     occlusion: bool = False
-    """Whether hidden vehicles are not seen: no line from the own front to the other's front, centre or rear is free."""
+    """Whether who is hidden by vehicles is not seen: no line from the observer's front to its front, centre or rear is free."""
     dropout: float = 0.0
     """Share of decisions in which a visible vehicle is not seen, 0..1; drawn for each vehicle and decision."""
     position_noise: float = 0.0
@@ -59,7 +59,7 @@ class Senses:
 
     @classmethod
     def grid(cls, axes: Mapping[str, Any]) -> tuple[Senses, ...]:
-        """Return the product of fields, each a value or a list of values.
+        """Return the senses with all combinations of values; a field of the senses has a value or a list of values.
 
         Raises:
             ScenarioError: a field is unknown, a list is empty, or a value is out of range.
@@ -75,12 +75,12 @@ class Senses:
 
     @property
     def blurred(self) -> bool:
-        """Whether the view of other vehicles differs from their true state."""
+        """Whether an observation of other vehicles can be late, inexact or incomplete."""
         return Senses(latency=self.latency, jitter=self.jitter, seed=self.seed) != self
 
     @property
     def label(self) -> str:
-        """The fields that are not ideal, as in ids: ``delay0.20.range40.00``; empty for ideal senses."""
+        """The senses that are not ideal, as in the ids of tests: ``delay0.20.range40.00``; empty for ideal senses."""
         parts = []
         for item in fields(self):
             value = getattr(self, item.name)
@@ -90,7 +90,7 @@ class Senses:
         return ".".join(parts)
 
     def record(self) -> dict[str, Any]:
-        """Return the fields that are not ideal, as builtins."""
+        """Return the fields of the senses that are not ideal, as builtins (such as numbers)."""
         return {item.name: value for item in fields(self) if (value := getattr(self, item.name)) != item.default}
 
 

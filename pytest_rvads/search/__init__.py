@@ -1,4 +1,4 @@
-"""Beyond the tables: metamorphic checks, falsification, strategies, chance, consistency of rules."""
+"""Searches for faults: falsification, critical starts, metamorphic checks, random draws, contradicting rules, strategies."""
 
 from importlib import import_module
 
@@ -6,4 +6,4 @@ from importlib import import_module
 def __getattr__(name: str) -> object:
     if name != "strategies":
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return import_module(f"{__name__}.strategies")  # Hypothesis is imported at the first use
+    return import_module(f"{__name__}.strategies")  # imported at the first use, because the module imports Hypothesis

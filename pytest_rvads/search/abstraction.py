@@ -1,9 +1,9 @@
-"""The discrete abstraction of a scenario: each vehicle is on the approach, at the entrance, in the junction or at the exit.
+"""The discrete model of a scenario: each vehicle is on the approach, at the entrance, in the junction or at the exit.
 
-A configuration is the place of every vehicle and the phase of the lights. All configurations of a model are the states of a
-single run, so that the predicates of rules are evaluated as on any run. Of time, only the order of arrival remains: the order
-decides comparisons of waiting times, and no right of way is waived. The value of an atom that a configuration does not determine
-is open.
+A configuration of the model consists of the place of every vehicle (one of these four) and the phase of the lights. All
+configurations of a model are the states of a single run, so that the predicates of rules are evaluated as on any run. The model
+has no time: the order of arrival decides comparisons of waiting times, and no vehicle waives its right of way. If a configuration
+does not determine the value of an atom (a condition in the formula of a rule), the value is open.
 """
 
 from __future__ import annotations
@@ -27,13 +27,13 @@ from pytest_rvads.runs.states import CLEARANCE, GREEN, YELLOW, Agent, SignalPlan
 __all__ = ["Model", "weak_orders"]
 
 _PLACES = 4
-"""Number of places: approach, entrance, junction, exit. A configuration has two bits per vehicle."""
+"""Number of places of a vehicle: approach, entrance, junction, exit. The number of a configuration has two bits per vehicle."""
 _LONG_WAIT = 3600.0
-"""A waiting time longer than any difference between two arrivals [s]."""
+"""Waiting time of the vehicle that arrived first [s]; it is longer than any difference between two arrivals."""
 
 
 def weak_orders(count: int) -> Iterator[tuple[int, ...]]:
-    """Yield every order of arrival with ties, as the rank of each vehicle: 0 for the vehicles that arrive first.
+    """Yield every possible order of arrival of vehicles, with ties, as a rank per vehicle; rank 0 arrives first.
 
     For 1 to 5 vehicles, there are 1, 3, 13, 75 and 541 orders (the ordered Bell numbers).
     """
@@ -43,14 +43,14 @@ def weak_orders(count: int) -> Iterator[tuple[int, ...]]:
 
 
 class Model:
-    """The behaviours of the vehicles of an abstract scenario with a given order of arrival.
+    """All sequences of configurations through which the vehicles of an abstract scenario can go, for one order of arrival.
 
     Args:
         junction: the junction.
-        agents: the vehicles with their routes.
+        agents: the vehicles with their ways.
         arrivals: time of each vehicle's arrival at its entrance [s]; only the differences matter.
-        stop: least time of a vehicle from its arrival to its entry [s]. A vehicle that arrives within this time after another
-            vehicle meets the other vehicle at its entrance.
+        stop: least time that a vehicle stays at its entrance [s]. A vehicle does not enter before another vehicle arrives that
+            arrives within this time after it.
     """
 
     def __init__(self, junction: Junction, agents: tuple[Agent, ...], arrivals: Sequence[float], stop: float = 0.0) -> None:
@@ -60,34 +60,35 @@ class Model:
         self._stop = stop
         zone, lights = _all_configurations(len(agents), junction)
         self.run = Run("abstraction", junction, agents, zone, lights)
-        """Every configuration twice: at the start of a run, where waiting times are 0, and later."""
+        """A run with two states per configuration: as the first state of a run, with waiting times of 0, and as a later state."""
         self._phases = max(3 * len(junction.phase_groups), 1)
         self._size: int = _PLACES ** len(agents)
 
     @property
     def size(self) -> int:
-        """Number of configurations."""
+        """Number of states of `run`, twice the number of configurations."""
         return self.run.steps
 
     @cached_property
     def static(self) -> Static:
-        """Facts about the run that are the same in all configurations."""
+        """The facts that are equal in all configurations, such as signs and ways, which rules can be simplified by."""
         return extract(self.run)
 
     def starts(self) -> list[int]:
-        """Return the initial configurations: all vehicles on the approach, or the first to arrive already at their entrances."""
+        """Return the initial configurations: all vehicles are on the approach, or the vehicles that arrive first have arrived."""
         first = sum(Zone.ENTRANCE * _PLACES**i for i, time in enumerate(self.arrivals) if time == min(self.arrivals))
         return [3 * group * self._size + places for group in range(len(self.junction.phase_groups) or 1) for places in (0, first)]
 
     def through(self, configuration: int) -> bool:
-        """Return whether all vehicles have passed the junction."""
+        """Return whether all vehicles have passed the junction in a configuration."""
         return (configuration + 1) % self._size == 0
 
     def after(self, configuration: int) -> list[int]:
         """Return the configurations that can follow a configuration, including the configuration itself.
 
-        Any vehicles at an entrance or in the junction move on. The next vehicles to arrive may arrive, all at the same time. The
-        lights may change.
+        Any set of vehicles that are at an entrance or in the junction can move on to their next place. Of the vehicles on the
+        approach, either all vehicles with the earliest arrival time arrive, or none. The lights stay, or change to the next
+        phase.
         """
         places, phase = configuration % self._size, configuration // self._size % self._phases
         phases = (phase,) if self._phases == 1 else (phase, (phase + 1) % self._phases)
@@ -96,24 +97,24 @@ class Model:
 
     def _moves(self, places: int) -> list[int]:
         moves = _advances(places, len(self.agents))
-        coming = [time for i, time in enumerate(self.arrivals) if _place(places, i) == Zone.APPROACH]
+        coming = [time for i, time in enumerate(self.arrivals) if _zone_of(places, i) == Zone.APPROACH]
         if coming:
-            at_entrance = (i for i in range(len(self.agents)) if _place(places, i) == Zone.ENTRANCE)
+            at_entrance = (i for i in range(len(self.agents)) if _zone_of(places, i) == Zone.ENTRANCE)
             stopping = [i for i in at_entrance if min(coming) - self.arrivals[i] < self._stop]
-            moves = [moved for moved in moves if all(_place(moved, i) == Zone.ENTRANCE for i in stopping)]
+            moves = [moved for moved in moves if all(_zone_of(moved, i) == Zone.ENTRANCE for i in stopping)]
             step = sum(
-                _PLACES**i for i, time in enumerate(self.arrivals) if time == min(coming) and _place(places, i) == Zone.APPROACH
+                _PLACES**i for i, time in enumerate(self.arrivals) if time == min(coming) and _zone_of(places, i) == Zone.APPROACH
             )
             return [*moves, *[moved + step for moved in moves]]
         return moves
 
     def values(self, tie: float) -> Abstracted:
-        """Return the values of atoms in the configurations, with `tie` as the tie window of the rule [s]."""
+        """Return the values of atoms (conditions of rules) in all configurations, with waiting times within `tie` [s] equal."""
         return Abstracted(self, tie)
 
 
 class Abstracted(Values):
-    """The values of atoms in the configurations of a model; `open` returns the configurations in which a value is not known."""
+    """The values of atoms (conditions of rules) in the configurations of a model; `open` tells where a value is not known."""
 
     def __init__(self, model: Model, tie: float) -> None:
         super().__init__(model.run, tie)
@@ -123,7 +124,11 @@ class Abstracted(Values):
         self._window = tie
 
     def open(self, atom: f.Atom) -> NDArray[np.bool_] | bool:
-        """Return where the configuration does not determine `atom`: everywhere (True), nowhere, or shape ``(size,)``."""
+        """Return in which configurations the value of `atom` is open.
+
+        Returns:
+            True for all configurations, False for none, or an array with a truth value per state of the run, shape ``(size,)``.
+        """
         word = word_of(atom)
         if word is not None:
             return word.from_zones is FromZones.NEVER
@@ -133,7 +138,8 @@ class Abstracted(Values):
             ):
                 if not self._window:
                     return False
-                # Shortly after an arrival, the difference to the waiting time 0 of an absent vehicle is within the window.
+                # A vehicle that has just arrived has a waiting time within the window of the waiting time 0 of a vehicle that
+                # is not at its entrance, so the order of the two waiting times is open.
                 zone = self.run.zone
                 uncertain: NDArray[np.bool_] = (zone[:, first] == Zone.ENTRANCE) != (zone[:, second] == Zone.ENTRANCE)
                 return uncertain
@@ -148,21 +154,24 @@ class Abstracted(Values):
         return tick
 
 
-def _place(places: int, agent: int) -> int:
+def _zone_of(places: int, agent: int) -> int:
     return places >> 2 * agent & 3
 
 
 @lru_cache(maxsize=4096)
 def _advances(places: int, agents: int) -> list[int]:
-    """Return the places after any vehicles at an entrance or in the junction move on; moves of a single vehicle come first."""
-    steps = [_PLACES**i for i in range(agents) if _place(places, i) in (Zone.ENTRANCE, Zone.JUNCTION)]
+    """Return the places of the vehicles after each possible set of vehicles has moved on from entrance or junction.
+
+    Places are encoded with two bits per vehicle. Moves of a single vehicle come first.
+    """
+    steps = [_PLACES**i for i in range(agents) if _zone_of(places, i) in (Zone.ENTRANCE, Zone.JUNCTION)]
     movers = sorted(product((0, 1), repeat=len(steps)), key=lambda moving: (sum(moving) != 1, sum(moving)))
     return [places + sum(step for step, moves in zip(steps, moving, strict=True) if moves) for moving in movers]
 
 
 @lru_cache(maxsize=64)
 def _all_configurations(agents: int, junction: Junction) -> tuple[NDArray[np.int8], NDArray[np.int8]]:
-    """Return zones, shape ``(size, agents)``, and colours, shape ``(size, entrances)``, of all configurations."""
+    """Return zones, shape ``(size, agents)``, and colours, shape ``(size, entrances)``, of all configurations, twice."""
     plan = SignalPlan(junction.phase_groups)
     slots = [g * (GREEN + YELLOW + CLEARANCE) + t for g in range(len(plan.groups)) for t in (0.0, GREEN, GREEN + YELLOW)]
     colours = np.array([plan.colours(time, len(junction.entrances)) for time in slots or [0.0]], dtype=np.int8)

@@ -1,6 +1,7 @@
-"""The verdict on an autopilot with a random draw, over the range of the draw; changes of the verdict are located by bisection.
+"""Judges an autopilot with a random waiting time for all waiting times in a range; bisection locates changes of the verdict.
 
-The draw is a field of the scenario (`Scenario.wait`), and so a run with a draw is reproducible.
+The waiting time, which the autopilot would draw at random, is a field of the scenario (`Scenario.wait`), so that runs can be
+repeated. It is called the draw.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.runs.run import DT
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario
-from pytest_rvads.simulators.choice import Choice, choice, choosing
+from pytest_rvads.simulators.patience import Choice, choice, choosing
 from pytest_rvads.simulators.simulator import Simulator, meant, simulate
 from pytest_rvads.support.errors import RuleViolation, RunError, ScenarioError, require
 from pytest_rvads.support.executors import spread
@@ -27,13 +28,13 @@ from pytest_rvads.support.executors import spread
 __all__ = ["Interval", "Spread", "intervals", "sweep"]
 
 STEP = 0.1
-"""Distance between the draws that are tried first [s]."""
+"""Difference between neighbouring draws that are tried before the bisection [s]."""
 _WORST = (Status.FAIL, Status.OPEN, Status.PASS, Status.NA)
 
 
 @dataclass(frozen=True, slots=True)
 class Interval:
-    """An interval of draws with the same status, including both ends [s]."""
+    """An interval of draws [s], including its two ends, for which the verdict of a rule has the same status."""
 
     low: float
     high: float
@@ -45,31 +46,31 @@ class Interval:
 
 @dataclass(frozen=True, slots=True)
 class Spread:
-    """The verdict of a rule over a range of draws."""
+    """The statuses of a rule for all draws (random waiting times of an autopilot) in a range."""
 
     rule: str
     scenario: Scenario
     intervals: tuple[Interval, ...]
-    """Intervals in increasing order; between two intervals lies a tick."""
+    """Intervals in increasing order; an interval begins one tick of 0.01 s after the end of the interval before."""
 
     @property
     def shares(self) -> dict[Status, float]:
-        """Share of the range per occurring status, beginning with the worst status."""
+        """By status that occurs, its share of the draws, beginning with the worst status."""
         total = math.fsum(self._width(i) for i in self.intervals)
         shares = {s: math.fsum(self._width(i) for i in self.intervals if i.status is s) / total for s in _WORST}
         return {status: share for status, share in shares.items() if share}
 
     @property
     def status(self) -> Status:
-        """The worst status that occurs."""
+        """The worst status that occurs in the range of draws."""
         return next(iter(self.shares))
 
     def check(self) -> None:
-        """Require that no draw breaks the rule.
+        """Raise an error if the rule is violated for any draw.
 
         Raises:
-            RuleViolation: some draws break the rule; the message has the intervals.
-            ScenarioError: the rule applies for no draw, and so nothing was tried.
+            RuleViolation: the rule is violated for some draws; the message names the intervals.
+            ScenarioError: the rule applies to the run of no draw, so nothing was tested.
         """
         __tracebackhide__ = True
         bad = [i for i in self.intervals if i.status in (Status.FAIL, Status.OPEN)]
@@ -96,17 +97,17 @@ def sweep(  # noqa: PLR0913 - the sweep by position, its settings by keyword
     simulator: Simulator | None = None,
     executor: Executor | int | None = 1,
 ) -> Spread:
-    """Judge a case over a range of the draw of its autopilot.
+    """Judge a case by a rule for all draws (random waiting times of its autopilot) in a range.
 
-    Draws at distances of `step` are tried first. Between two draws with different statuses, the change is located to a tick of
-    0.01 s. An interval that lies within a step is not found.
+    Draws at distances of `step` are tried first. If two neighbouring draws have different statuses, bisection locates the change
+    to a tick of 0.01 s. An interval that lies between two neighbouring draws with equal statuses is not found.
 
     Args:
         case: the case; each draw replaces ``wait`` of its scenario.
         rule: the rule to judge by.
         low: least draw [s].
         high: greatest draw [s].
-        step: distance between the draws that are tried first [s].
+        step: difference between neighbouring draws that are tried before the bisection [s].
         simulator: the simulator of the runs, as for `simulate`.
         executor: executor or number of processes for the runs, as for `campaign`; this process by default.
 
@@ -133,13 +134,13 @@ def _status_of_draw(case: Case, rule: Rule, settings: Choice, wait: float) -> St
 def intervals(
     statuses: Callable[[Sequence[float]], Iterable[Status]], low: float, high: float, step: float = STEP
 ) -> tuple[Interval, ...]:
-    """Return the intervals of a range on which a function is constant, as far as points at distances of `step` show them.
+    """Return the intervals of a range on which a function of time is constant, located by bisection.
 
     Args:
-        statuses: function that returns the values at several points, in the order of the points.
-        low: least point [s].
-        high: greatest point [s].
-        step: distance between the points that are evaluated first [s].
+        statuses: function that returns the values at several times, in the order of the times.
+        low: least time [s].
+        high: greatest time [s].
+        step: difference between neighbouring times that are evaluated before the bisection [s].
 
     Raises:
         ScenarioError: the range is empty, or the step is below a tick.
@@ -153,7 +154,7 @@ def intervals(
     ticks = list(dict.fromkeys((*range(first, last, stride), last)))
     while ticks:
         statuses_by_tick |= zip(ticks, statuses([round(tick * DT, 6) for tick in ticks]), strict=True)
-        # All changes are bisected at the same time, until each lies between neighbouring ticks.
+        # Each round bisects all changes, so that the runs of a round can be simulated in parallel.
         neighbours = pairwise(sorted(statuses_by_tick))
         ticks = [
             (lower + upper) // 2

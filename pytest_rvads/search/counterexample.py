@@ -1,4 +1,4 @@
-"""A counterexample of a search, as a failure of a test with code that reproduces it."""
+"""Counterexamples of searches, and the errors that show a counterexample in a failed test, with code to reproduce it."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ __all__ = ["Counterexample", "pasteable", "violation"]
 
 @dataclass(frozen=True, slots=True)
 class Counterexample:
-    """The simplest scenario found in which a rule is broken."""
+    """The simplest scenario of a search in which a rule is violated, with the verdict on its run."""
 
     scenario: Scenario
     verdict: Verdict
     found: int
-    """Number of simulations up to the first counterexample."""
+    """Number of simulations until the first counterexample was found."""
     simulations: int
-    """Number of all simulations, including those that simplified the scenario."""
+    """Number of all simulations, including the simulations that simplified the scenario afterwards."""
 
 
 def pasteable(scenario: Scenario, rule: str) -> str:
@@ -38,6 +38,9 @@ def pasteable(scenario: Scenario, rule: str) -> str:
     for name, default in (("subject", None), ("wait", 1.5), ("aggression", 1), ("duration", usual_duration(place))):
         if getattr(scenario, name) != default:
             arguments.append(f"{name}={getattr(scenario, name)!r}")
+    if scenario.pedestrians:
+        walkers = (f"({w.crossing}, '{w.side}', {w.behaviour!r}, {w.difference:g})" for w in scenario.pedestrians)
+        arguments.append(f"pedestrians=[{', '.join(f'rvads.Pedestrian{walker}' for walker in walkers)}]")
     lines = [
         f"@rvads.scenario({', '.join(arguments)})",
         "def test_counterexample(run, rule, monitor):",

@@ -1,8 +1,12 @@
-"""The search for a counterexample: Hypothesis varies the scenario, guided by the distance of each run from a violation.
+"""Searches for a counterexample: Hypothesis varies the scenario, guided by the distance of each run from a violation.
 
-A run in which no vehicles could have obeyed the rule (see `consistency`) is no counterexample.
+The scenarios that Hypothesis generates depend on its number of examples. So a search runs Hypothesis again and again with the
+same number of examples, in blocks, until the budget of simulations is spent. For this reason, a search with a smaller budget
+simulates the first scenarios of a search with a greater budget.
 
-The import of Hypothesis takes a quarter of a second, and so the functions that search import Hypothesis themselves.
+If no vehicles could have obeyed the rule (see `consistency`), a violation is no counterexample.
+
+Hypothesis is imported only by the functions that search, because its import takes a quarter of a second.
 """
 
 from __future__ import annotations
@@ -14,6 +18,7 @@ from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import NamedTuple, Unpack
+from unittest import SkipTest
 
 import numpy as np
 
@@ -22,48 +27,54 @@ from pytest_rvads.drivers.traffic import Policy
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.conduct.blame import cut_short_by
+from pytest_rvads.logic.conduct.kpis import kpis
 from pytest_rvads.logic.conduct.presence import crossed
 from pytest_rvads.logic.judging.verdicts import Status, Verdict
 from pytest_rvads.logic.rules.book import get_rule, rules_for
 from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.runs.run import Run
-from pytest_rvads.runs.states import Zone
-from pytest_rvads.runs.vehicle import Vehicle
+from pytest_rvads.runs.states import Vehicle, Zone
 from pytest_rvads.scenarios.case import Case, Fleet
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.search.abstraction import Model
 from pytest_rvads.search.consistency import decide
 from pytest_rvads.search.counterexample import Counterexample
 from pytest_rvads.search.space import Space, explored
-from pytest_rvads.simulators.choice import Choice, choice, choosing
-from pytest_rvads.simulators.patience import Limits
+from pytest_rvads.simulators.patience import Choice, Limits, choice, choosing
 from pytest_rvads.simulators.simulator import Simulator, meant, simulate
 from pytest_rvads.support.errors import RunError, ScenarioError
 from pytest_rvads.support.executors import spread
 
 __all__ = ["Search", "avoidable", "look_for", "score"]
 
+_BLOCK = 50
+"""Number of examples of a block. In the second half of a block, Hypothesis varies the best scenarios of its first half."""
+_FAR_APART = 10.0
+"""Greatest post-encroachment time that guides the search [s]; vehicles that meet later do not influence each other."""
+_SHARE_OF_APART = 0.1
+"""Weight of the post-encroachment time in `score`, so small that it decides only between scenarios with about equal margins."""
+
 
 class SearchResult(NamedTuple):
-    """The result of a search."""
+    """The result of a search for a counterexample."""
 
     counterexample: Counterexample | None
     rule: str
     """Name of the rule."""
     triggered: bool
-    """Whether the rule applied in a simulation that shows a crossing, see `crossed`."""
+    """Whether the rule applied in any simulation in which a vehicle crossed the junction, see `crossed`."""
     simulations: int
     """Number of simulations."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Search:
-    """The rule to break and the scenarios to search, independent of the driver."""
+    """The settings of a search that do not depend on the driver: the rule to violate, the scenarios, the budget and the seed."""
 
     place: Junction
     rule: str | Rule
     traffic: Factory | None
-    """Driver of the vehicles around a subject; None for a search without a subject."""
+    """Driver of the vehicles around the subject (the vehicle under test); None for a search without a subject."""
     budget: int
     seed: int
     space: Space
@@ -72,7 +83,7 @@ class Search:
     def of(
         cls, junction: str | Junction, rule: str | Rule, traffic: str | Factory | None, budget: int, seed: int, space: Space
     ) -> Search:
-        """Check the arguments, and find the junction. The rule is looked up at the begin of the search, when it must be defined.
+        """Check the arguments of a search and return the search; the rule is looked up only when the search begins.
 
         Raises:
             RvadsError: an argument has a wrong type or is out of its range.
@@ -90,7 +101,7 @@ class Search:
             around = None
         else:
             raise ScenarioError("traffic= drives the vehicles around a subject: add subject=0, or leave traffic= out")
-        space = {**space, "map": None}  # the junction is found
+        space = {**space, "map": None}  # `explored` has looked up the junction in its map
         return cls(place=place, rule=rule, traffic=around, budget=budget, seed=seed, space=space)
 
     def begin(
@@ -102,7 +113,7 @@ class Search:
         searches: int = 1,
         executor: Executor | int | None = None,
     ) -> Counterexample | None:
-        """Look for a counterexample; `look_for` explains the arguments."""
+        """Run the search, and return a counterexample, or None if none was found; `look_for` explains the arguments."""
         parts = replace(self, rule=get_rule(self.rule)).parts(searches)
         if searches == 1 and not isinstance(executor, Executor):
             return self.settled([self.look(driver, fleet, simulator, name)])
@@ -111,12 +122,20 @@ class Search:
             return self.settled(searched)
 
     def look(self, driver: Factory, fleet: Fleet, simulator: Simulator | None, name: str | None = None) -> SearchResult:
-        """Return the result of a single search in this process."""
-        trial = _Trial(self.rule, self.budget, lambda s: Case(s, driver, self.traffic, fleet), simulator)
-        return SearchResult(_falsify(self, trial, fleet.vehicle, name), trial.rule.name, trial.triggered, trial.simulations)
+        """Run a single search in this process and return its result.
+
+        If a counterexample in the example database of Hypothesis still violates the rule, it is the result, and no other scenario
+        is searched. If not, the database does not affect the search.
+        """
+        for stored in (True, False) if name else (False,):
+            trial = _Trial(self.rule, self.budget, lambda s: Case(s, driver, self.traffic, fleet), simulator)
+            counterexample = _falsify(self, trial, fleet.vehicle, name, stored=stored)
+            if counterexample is not None:
+                break
+        return SearchResult(counterexample, trial.rule.name, trial.triggered, trial.simulations)
 
     def parts(self, searches: int) -> list[Search]:
-        """Return searches with consecutive seeds and equal parts of the budget.
+        """Split the search into searches with consecutive seeds and equal parts of the budget.
 
         Raises:
             ScenarioError: the number of searches is not from 1 to the budget.
@@ -127,10 +146,10 @@ class Search:
         return [replace(self, seed=self.seed + k, budget=share + (k < more)) for k in range(searches)]
 
     def settled(self, searched: Iterable[SearchResult]) -> Counterexample | None:
-        """Return the first counterexample of several searches.
+        """Return the counterexample of the first search with a counterexample; None if no search has one.
 
         Raises:
-            ScenarioError: no search has a counterexample, and the rule was triggered in none of them.
+            ScenarioError: no search has a counterexample, and the rule did not apply in any simulation with a crossing.
         """
         failed = []
         for result in searched:
@@ -161,20 +180,23 @@ def look_for(  # noqa: PLR0913 - keywords; a search has many settings
     executor: Executor | int | None = None,
     **space: Unpack[Space],
 ) -> Counterexample | None:
-    """Look for a scenario in which a rule is broken.
+    """Look for a scenario in which a rule is violated.
 
-    Several searches may run in parallel. The answer is the counterexample of the lowest seed that has a counterexample, so the
-    answer does not depend on the executor.
+    If the budget is increased and the seed is kept, the search begins with the same scenarios in the same order. The search
+    mostly varies the gaps between the arrivals of the vehicles.
+
+    Several searches with different seeds can run in parallel. If several of them find a counterexample, the counterexample of the
+    lowest seed is returned, so the result does not depend on the executor.
 
     Args:
         junction: built-in name, or id of a junction in ``map``; or the junction itself.
-        autopilot: drives all vehicles, or the subject.
-        rule: the rule to break.
-        traffic: driver of the vehicles around a ``subject``; the reference by default.
-        budget: most simulations before a counterexample, and most simulations to simplify it.
+        autopilot: drives all vehicles, or only the vehicle under test if ``subject`` is given.
+        rule: the rule to violate.
+        traffic: driver of the other vehicles if ``subject`` is given; the reference autopilot by default.
+        budget: largest number of simulations until a counterexample, and largest number of simulations that simplify it.
         seed: seed of the search.
-        fleet: the bodies of the vehicles; passenger cars by default.
-        name: name of the search in the example database of Hypothesis; None to store no counterexamples.
+        fleet: the vehicle parameters; passenger cars by default.
+        name: name of the search in the example database of Hypothesis; with None, no counterexample is stored.
         simulator: the simulator of the runs, as for `simulate`.
         searches: number of searches, with the seeds from `seed` on and equal parts of the budget.
         executor: executor or number of processes for several searches, as for `campaign`; a single search runs in this process.
@@ -185,7 +207,7 @@ def look_for(  # noqa: PLR0913 - keywords; a search has many settings
 
     Raises:
         RunError: a run ended by a fault; the scenario is in the message.
-        ScenarioError: an argument is out of its range, or the rule was never triggered.
+        ScenarioError: an argument is out of its range, or the rule did not apply in any simulation with a crossing.
         FormulaError: the rule is unknown, or has the name of a shipped rule.
     """
     search = Search.of(junction, rule, traffic, budget, seed, space)
@@ -200,8 +222,16 @@ def _run_search(
         return search.look(driver, fleet, simulator, name)
 
 
-def _falsify(search: Search, trial: _Trial, vehicle: Vehicle, name: str | None) -> Counterexample | None:
-    """Let Hypothesis try scenarios until a scenario breaks the rule, and then simplify this scenario."""
+def _falsify(search: Search, trial: _Trial, vehicle: Vehicle, name: str | None, *, stored: bool) -> Counterexample | None:
+    """Let Hypothesis try scenarios until the rule is violated, and then simplify the scenario of the violation.
+
+    Args:
+        search: the scenarios to search, and the seed.
+        trial: simulates and judges the scenarios.
+        vehicle: parameters of the vehicle whose braking envelope v(d)max bounds the initial speeds.
+        name: name of the search in the example database; with None, no counterexample is stored.
+        stored: whether to try only the scenarios that the example database holds.
+    """
     from hypothesis import HealthCheck, Phase, Verbosity, given, settings, target
     from hypothesis import seed as seeded
 
@@ -216,54 +246,63 @@ def _falsify(search: Search, trial: _Trial, vehicle: Vehicle, name: str | None) 
         if trial.counts[scenario]:
             simplest[:] = [scenario]
             raise _Broken
-        target(score(verdict))
+        target(score(verdict, trial.apart[scenario]))
 
     # The name of the function is part of the key in the example database of Hypothesis.
     attempt.__name__ = re.sub(r"\W", "_", f"{name}__{search.place.name}__{trial.rule.name}")
     configured = settings(
-        max_examples=trial.budget,
+        max_examples=1 if stored else _BLOCK,
         deadline=None,
-        phases=(Phase.reuse, Phase.generate, Phase.target, Phase.shrink),
+        phases=(*((Phase.reuse,) if stored else (Phase.generate, Phase.target)), Phase.shrink),
         verbosity=Verbosity.quiet,
         suppress_health_check=list(HealthCheck),
         print_blob=False,
         report_multiple_bugs=False,
         database=settings().database if name else None,
     )
-    # A seed switches the database off, and so the settings must be applied to the seeded test.
+    # `seed` switches the example database off, so `settings`, which switches it on, is applied after `seed`.
     scenarios = strategies.scenarios(search.place, vehicle=vehicle, simulator=trial.simulator, **search.space)
-    try:
-        configured(seeded(search.seed)(given(scenarios)(attempt)))()
-    except _Broken:
-        return Counterexample(simplest[0], trial.verdicts[simplest[0]], trial.first or 0, trial.simulations)
-    return None
+    block = 0
+    while True:
+        before = trial.simulations
+        try:
+            configured(seeded(f"{search.seed} block {block}")(given(scenarios)(attempt)))()
+        except _Broken:
+            return Counterexample(simplest[0], trial.verdicts[simplest[0]], trial.first or 0, trial.simulations)
+        except SkipTest:  # the example database holds no scenario
+            return None
+        if stored or trial.simulations in (before, trial.budget):
+            return None
+        block += 1
 
 
 class _Broken(Exception):
-    """Signals a counterexample to Hypothesis, which runs the simplest counterexample last."""
+    """Tells Hypothesis that a scenario is a counterexample; Hypothesis ends with this error for the simplest counterexample."""
 
 
 class _Trial:
-    """Simulates and judges scenarios, each once, within a budget of simulations."""
+    """Simulates and judges scenarios within a budget of simulations; a scenario that comes again is not simulated again."""
 
     def __init__(self, rule: str | Rule, budget: int, case: Callable[[Scenario], Case], simulator: Simulator | None) -> None:
         (self.rule,) = rules_for(get_rule(rule))
         self.budget = budget
         self.simulations = 0
         self.triggered = False
-        """Whether the rule applied in a run that shows a crossing, see `crossed`; other runs test nothing."""
+        """Whether the rule applied in a run in which a vehicle crossed the junction, see `crossed`; other runs test nothing."""
         self.first: int | None = None
-        """Number of simulations up to the first counterexample."""
+        """Number of simulations until the first counterexample or error; None before."""
         self.counts: dict[Scenario, bool] = {}
-        """By scenario, whether its run is a counterexample: broken, although the vehicles could have obeyed."""
+        """By scenario, whether its run is a counterexample: the rule is violated, and vehicles could have obeyed it."""
         self.verdicts: dict[Scenario, Verdict] = {}
+        self.apart: dict[Scenario, float] = {}
+        """By scenario, the shortest post-encroachment time in its run, see `_apart` [s]."""
         self.errors: dict[Scenario, Exception] = {}
-        """Errors of the simulator by scenario. Hypothesis repeats a failed scenario and must get the same error."""
+        """By scenario, the error of its simulation; Hypothesis repeats a scenario with an error and must get the same error."""
         self._case = case
         self.simulator = simulator
 
     def judge(self, scenario: Scenario) -> Verdict | None:
-        """Return the verdict on a scenario; None if the budget is spent.
+        """Return the verdict on the run of a scenario; None if the budget is spent.
 
         Raises:
             RunError: the run can't be judged.
@@ -281,6 +320,7 @@ class _Trial:
                 self.errors[scenario] = error
                 raise
             verdict = self.verdicts[scenario] = check(run, self.rule)
+            self.apart[scenario] = _apart(run, scenario.under_test)
             self.triggered = self.triggered or (verdict.status not in (Status.NA, Status.ERROR) and crossed(run))
             self.counts[scenario] = broken(run, verdict) and avoidable(run, self.rule)
             if self.first is None and (self.counts[scenario] or verdict.status is Status.ERROR):
@@ -291,27 +331,41 @@ class _Trial:
         return verdict
 
 
-def score(verdict: Verdict) -> float:
+def score(verdict: Verdict, apart: float) -> float:
     """Return how near a run was to a violation; a greater number is nearer.
 
-    For a triggered rule, the number is the greatest margin of its instances [s]. Otherwise the number is far below, and falls
-    with the number of missing conditions of the premise.
+    If the rule applied, the number is the greatest margin of its instances [s] minus a share of `apart`. The share distinguishes
+    runs by rules such as ``no_collision``, whose margin is 0 in every run without a violation. If the rule did not apply, the
+    number is far below, and is the lower the more conditions of the rule's premise were false.
+
+    Args:
+        verdict: the verdict on the run.
+        apart: the shortest post-encroachment time in the run, see `_apart` [s].
     """
     margins = [i.margin for i in verdict.instances if i.margin is not None]
     if verdict.status is Status.NA:
         return -100.0 - 10.0 * (len(verdict.near.missing) if verdict.near else 10)
-    return max(margins, default=-50.0)
+    return max(margins, default=-50.0) - _SHARE_OF_APART * apart
+
+
+def _apart(run: Run, subject: str | None) -> float:
+    """Return the shortest post-encroachment time of two vehicles, one of them the subject if any, at most `_FAR_APART` [s]."""
+    pairs = (pair for pair in kpis(run).pairs if subject is None or subject in pair.agents)
+    return min((pair.pet for pair in pairs if pair.pet is not None and pair.pet < _FAR_APART), default=_FAR_APART)
 
 
 def broken(run: Run, verdict: Verdict) -> bool:
-    """Return whether a run breaks a rule, apart from violations provoked by traffic and obligations cut short by a collision."""
+    """Return whether a run violates a rule.
+
+    A violation that the traffic provoked does not count, nor an obligation that is left open because a collision ended the run.
+    """
     if verdict.provoked:
         return False
     return verdict.status is Status.FAIL or (verdict.status is Status.OPEN and not cut_short_by(run))
 
 
 def avoidable(run: Run, rule: Rule) -> bool:
-    """Return whether vehicles with the arrival times of a run could have obeyed a rule."""
+    """Return whether vehicles that arrive in the order of a run can obey a rule, in the discrete model of `consistency`."""
     arrived = run.zone >= Zone.ENTRANCE
     arrivals = np.where(arrived.any(axis=0), arrived.argmax(axis=0), run.steps) * run.dt
     return decide(Model(run.junction, run.agents, [float(time) for time in arrivals]), [rule]).possible

@@ -1,10 +1,10 @@
-"""Metamorphic checks: two runs of an autopilot must be judged alike, whatever the verdicts are (paper, section 5.2).
+"""Metamorphic checks: an autopilot must get the same verdicts on two related runs, whether PASS or FAIL (paper, section 5.2).
 
 `equivalent` compares equivalent scenarios: an autopilot that passes in a scenario and fails in an equivalent scenario is wrong.
 
 `rational` and `determinate` check two properties after Li et al., Testing ADS: what really matters. A rational autopilot that
-keeps a rule also keeps the rule from farther away. The future of a determinate autopilot depends only on the positions and speeds
-of all vehicles.
+obeys a rule in a scenario also obeys it if all vehicles start farther from the junction. The further driving of a determinate
+autopilot depends only on the present positions and speeds of all vehicles.
 """
 
 from __future__ import annotations
@@ -31,22 +31,22 @@ __all__ = ["Comparison", "Difference", "compare", "determinate", "equivalent", "
 
 
 FARTHER = (1.0, 5.0, 20.0)
-"""Additional distances to the stopping line that `rational` tries [m]."""
+"""Distances by which all vehicles start farther from their stopping lines in the runs of `rational` [m]."""
 _BAD = (Status.FAIL, Status.OPEN)
 
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """Two runs with different statuses of a rule."""
+    """Two runs on which a rule has different statuses, although the statuses should be equal."""
 
     what: str
-    """The change between the runs, in words."""
+    """The change from the first run's scenario to the second run's scenario, in words."""
     one: Verdict
     """Verdict on the first run."""
     other: Verdict
     """Verdict on the second run."""
     table: str
-    """Table of both runs side by side."""
+    """Text table that shows the two runs side by side."""
 
     def __str__(self) -> str:
         return f"{self.what} turns {self.one.rule} from {self.one.status} into {self.other.status}"
@@ -54,14 +54,14 @@ class Difference:
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """The compared variants of a case, and the differences."""
+    """The compared variants of a case (a scenario with drivers and vehicles), and the differences of their verdicts."""
 
     compared: tuple[str, ...]
-    """Changes of the compared variants, in words."""
+    """Per compared variant, its change of the case, in words."""
     incomparable: tuple[Incomparable, ...]
     differences: tuple[Difference, ...]
     triggered: tuple[str, ...] = ()
-    """Rules that applied in a compared run; only these rules were tested."""
+    """Names of the rules that applied in a compared run; only these rules were tested."""
 
 
 def equivalent(
@@ -71,21 +71,21 @@ def equivalent(
     relations: str | Iterable[str] = "rotation",
     simulator: Simulator | None = None,
 ) -> Comparison:
-    """Require that the rules have the same statuses in equivalent scenarios; the order of the vehicles may differ.
+    """Raise an error if the status of a rule differs between equivalent scenarios.
 
     Args:
-        case: the case to begin with.
-        rules: a rulebook, rules, or both; of a rulebook, the rules about this kind of junction.
-        relations: one or several of ``rotation`` (the members of the structural equivalence class), ``creation`` (order of
-            creation), ``renaming`` (names of the agents), ``motion`` (the map translated and rotated), ``mirror`` (the map in a
-            mirror), ``approach`` (all vehicles start farther away).
+        case: the case whose variants are compared with it.
+        rules: a rulebook, rules, or both; of a rulebook, only the rules about this kind of junction.
+        relations: how the case is changed, by one or several of ``rotation`` (all vehicles start at other arms, as in the paper's
+            structural equivalence), ``creation`` (reverse order of creation), ``renaming`` (other names of vehicles), ``motion``
+            (a translated and rotated map), ``mirror`` (a mirrored map), ``approach`` (all vehicles start farther away).
         simulator: the simulator of the runs, as for `simulate`.
 
     Returns:
         The compared variants, and the variants that can't be compared.
 
     Raises:
-        MetamorphicViolation: two runs have different statuses; the note of the error shows the runs side by side.
+        MetamorphicViolation: a rule has different statuses on two runs; the note of the error shows the runs side by side.
         ScenarioError: a relation is unknown, no variant can be compared, or no rule applied.
         RunError: a run ended by a fault.
     """
@@ -112,7 +112,7 @@ def compare(
     relations: str | Iterable[str] = "rotation",
     simulator: Simulator | None = None,
 ) -> Comparison:
-    """Compare a case with its variants as `equivalent` does, and return the differences.
+    """Compare the verdicts on a case with the verdicts on its variants as `equivalent` does, and return the differences.
 
     Raises:
         ScenarioError: a relation is unknown.
@@ -169,15 +169,15 @@ def _checked_relations(relations: str | Iterable[str]) -> tuple[str, ...]:
 
 
 def side_by_side(run: Run, first: Verdict, other_run: Run, second: Verdict, image: Sequence[int], what: str) -> str:
-    """Return a table with a row per vehicle of `run`, beside the corresponding vehicle of `other_run`.
+    """Return a text table of two runs with a row per vehicle of `run` and the corresponding vehicle of `other_run`.
 
     Args:
         run: the first run.
         first: the verdict on the first run.
         other_run: the second run.
         second: the verdict of the same rule on the second run.
-        image: the corresponding entrance of `other_run` for each entrance of `run`.
-        what: the change between the runs, in words.
+        image: per entrance of `run`, the corresponding entrance of `other_run`.
+        what: the change from the first to the second run's scenario, in words.
     """
     columns: dict[int, list[int]] = {}
     for k, agent in enumerate(other_run.agents):
@@ -211,10 +211,10 @@ def rational(
     farther: Sequence[float] = FARTHER,
     simulator: Simulator | None = None,
 ) -> None:
-    """Require that a rule which passes also passes from greater distances with the same speeds.
+    """Raise an error if a rule passes in a case, but fails if the vehicles start farther away with the same speeds.
 
     Args:
-        case: the case to begin with.
+        case: the case.
         rules: a rulebook, rules, or both.
         farther: additional distances of all vehicles to the stopping line [m], tried in this order.
         simulator: the simulator of the runs, as for `simulate`.
@@ -249,22 +249,24 @@ def determinate(
     tolerance: float = 0.5,
     simulator: Simulator | None = None,
 ) -> None:
-    """Require that a run which starts from the positions and speeds of another run at time `at` continues like that run.
+    """Raise an error if vehicles drive differently when a run is restarted from its state at time `at`.
 
-    The autopilots of the second run have no memory of the time before `at`, so their memory must not matter. Every rule must have
-    the same status, and all vehicles must enter the junction in the same order and, up to `tolerance`, at the same time.
+    The second run starts with the positions and speeds of the first run at time `at`. Its autopilots don't remember what happened
+    earlier, so the check fails if this memory matters. Each rule must have the same status on the two runs. All vehicles must
+    enter the junction in the same order and at the same times, up to `tolerance`.
 
     Args:
-        case: the case to begin with, at a junction without lights, because lights would start anew.
+        case: the case of the first run, at a junction without lights, because a second run would begin with the first phase.
         rules: a rulebook, rules, or both.
-        at: time at which the second run starts [s]; no vehicle may be past the stopping line.
-        tolerance: largest difference between the entry times of both runs [s], because the lags of drive and brake start anew.
+        at: time at which the second run starts [s]; all vehicles must still be before their stopping lines.
+        tolerance: largest difference between the entry times of a vehicle in the two runs [s]; a difference arises because the
+            second run begins without acceleration or braking.
         simulator: the simulator of the runs, as for `simulate`.
 
     Raises:
-        MetamorphicViolation: the continuation differs.
-        ScenarioError: the junction has lights, the scenario has followers, a vehicle is past the line or gone at the time, or the
-            run shows no crossing.
+        MetamorphicViolation: a status, the order of the entries or an entry time differs.
+        ScenarioError: the junction has lights, the scenario has followers, a vehicle is past its line or gone at time `at`, or no
+            vehicle crosses the junction in the run.
         RunError: a run ended by a fault.
     """
     __tracebackhide__ = True
@@ -305,7 +307,7 @@ def _entries(run: Run, since: float) -> list[_Entry]:
 
 
 def _restarted_case(case: Case, run: Run, at: float) -> Case:
-    """Return the case that starts with the positions and speeds of a run at time `at` [s]."""
+    """Return a case whose vehicles start with their positions and speeds in a run at time `at` [s]."""
     scenario, tick = case.scenario, round(at / DT)
     if run.station is None or run.speed is None:
         raise RunError(f"the run {run.label} has no positions or no speeds")

@@ -1,11 +1,12 @@
-"""Metamorphic relations: from a case to variants that must be judged alike.
+"""Metamorphic relations: each relation changes a case into variants that must get the same verdicts as the case.
 
-A relation that can't be applied yields an `Incomparable` with the reason, so that no relation is skipped in silence.
+A relation that can't be applied to a case yields an `Incomparable` with the reason, so that no relation is skipped in silence.
+The relation ``renaming`` wraps autopilots; the wrapper changes the names of vehicles in the observations.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any
@@ -13,44 +14,46 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.drivers.renaming import renamed
+from pytest_rvads.drivers.interface import Command, Coordinates, Drives, Factory, Observation
+from pytest_rvads.drivers.naming import name_of
 from pytest_rvads.geometry.control import JunctionControl
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.rules.rule import Rule
+from pytest_rvads.runs.states import Agent
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.orbits import Orbits, rotate
 from pytest_rvads.scenarios.scenario import first_green
 from pytest_rvads.search.remap import broken_by, mirrored, moved, rotations_of
 
-__all__ = ["RELATIONS", "Incomparable", "Variant"]
+__all__ = ["RELATIONS", "Incomparable", "Variant", "renamed"]
 
 MOTION = (137.0, -59.0, 0.3)
-"""Motion of a moved map: translation x, y [m] and rotation [rad]."""
+"""Translation x, y [m] and rotation [rad] of the map in the relation ``motion``."""
 LONGER = 20.0
-"""Additional length of prolonged approaches [m]."""
+"""Distance by which vehicles start farther away in the relation ``approach`` [m]."""
 
 
 @dataclass(frozen=True, slots=True)
 class Variant:
-    """A case that must be judged like the original case."""
+    """A variant of a case, which must get the same verdicts as the original case."""
 
     what: str
     """The change in words, such as ``rotation by 1``."""
     case: Case
     image: tuple[int, ...]
-    """The corresponding entrance for each entrance of the original junction."""
+    """Per entrance of the original junction, the corresponding entrance in the variant."""
     sided: bool = False
-    """Whether the scenario is mirrored, so that rules which name left or right don't apply to both scenarios alike."""
+    """Whether the variant is mirrored, so that rules about left or right turns don't require the same in both scenarios."""
 
     def concerns(self, rule: Rule) -> bool:
-        """Return whether a rule requires the same in both scenarios."""
+        """Return whether a rule requires the same of the vehicles in the variant and in the original scenario."""
         return not (self.sided and names_sides(rule))
 
 
 @dataclass(frozen=True, slots=True)
 class Incomparable:
-    """A change that gives no variant."""
+    """A change that can't be applied to a case, with the reason."""
 
     what: str
     why: str
@@ -66,7 +69,7 @@ def names_sides(rule: Rule) -> bool:
 
 
 def rotation(case: Case) -> Iterator[Variant | Incomparable]:
-    """Yield the members of the structural equivalence class, including the light phase (the relation of the paper)."""
+    """Yield the case with all vehicles, and the phases of lights, moved on by each number of arms (structural equivalence)."""
     scenario, junction = case.scenario, case.scenario.place
     symmetries = {symmetry.arms: symmetry for symmetry in rotations_of(junction)}
     for arms in range(1, junction.ways):
@@ -81,14 +84,14 @@ def rotation(case: Case) -> Iterator[Variant | Incomparable]:
 
 
 def _lights_follow(junction: Junction, rotation: int, rows: int) -> bool:
-    """Return whether the order of the light phases rotates with the junction.
+    """Return whether the lights give green to the moved vehicles in the same order as to the vehicles before the rotation.
 
-    A rotation of a scenario changes the first phase in a fixed way, and a junction may need another change.
+    Which phase comes first in a rotated scenario is defined by `first_green`, and this phase does not fit every junction.
 
     Args:
         junction: the junction.
-        rotation: rotation of the original scenario.
-        rows: number of entrances by which the rotated scenario moves on.
+        rotation: number of entrances by which the original scenario is rotated.
+        rows: number of entrances by which the variant is rotated further.
     """
     groups, count = junction.phase_groups, len(junction.entrances)
     if len(groups) < 2:
@@ -104,7 +107,7 @@ def _lights_follow(junction: Junction, rotation: int, rows: int) -> bool:
 
 
 def creation(case: Case) -> Iterator[Variant | Incomparable]:
-    """Yield the case with the order of creation reversed, which reverses the order of every two vehicles."""
+    """Yield the case with its vehicles created in the reverse order."""
     if len(case.scenario.creation) < 2:
         yield Incomparable("creation order", "there is only one vehicle")
     else:
@@ -112,8 +115,8 @@ def creation(case: Case) -> Iterator[Variant | Incomparable]:
 
 
 def renaming(case: Case) -> Iterator[Variant]:
-    """Yield the case with other names of the agents, in another alphabetical order."""
-    # The suffix of a follower's name stays.
+    """Yield the case with autopilots that observe other names of the agents, in another alphabetical order."""
+    # The suffix that marks a follower in a queue, such as +1, is kept.
     place = case.scenario.place
     names = {
         agent.name: f"v{len(place.entrances) - agent.entrance}{agent.name.removeprefix(place.vehicle_at(agent.entrance))}"
@@ -129,12 +132,12 @@ def motion(case: Case) -> Iterator[Variant | Incomparable]:
 
 
 def mirror(case: Case) -> Iterator[Variant | Incomparable]:
-    """Yield the case on a mirrored map, with traffic on the other side."""
+    """Yield the case on a mirrored map, with traffic on the other side of the road."""
     yield _on_other_map("mirrored map", case, mirrored(case.scenario.place), lambda x, y: (x, -y), sided=True)
 
 
 def approach(case: Case) -> Iterator[Variant | Incomparable]:
-    """Yield the case with longer approaches, if all vehicles have equal starts and so arrive in the same order, only later."""
+    """Yield the case with all vehicles starting farther away; equal starts are required, which keep the order of arrivals."""
     what, scenario = f"approach longer by {LONGER:g} m", case.scenario
     starts, junction = {scenario.start(e) for e in scenario.creation}, scenario.place
     if junction.control is JunctionControl.LIGHTS or junction.phase_groups:
@@ -157,7 +160,7 @@ RELATIONS: Mapping[str, Relation] = MappingProxyType(
         "approach": approach,
     }
 )
-"""Relations by their name in ``relations=``."""
+"""Relations by their names in the argument `relations` of `equivalent`."""
 
 
 def _identity_image(case: Case) -> tuple[int, ...]:
@@ -165,11 +168,17 @@ def _identity_image(case: Case) -> tuple[int, ...]:
 
 
 def _changed_case(case: Case, image: tuple[int, ...], **changes: Any) -> Case:
-    """Return the case with a changed scenario; the seat of the subject and the bodies move with their vehicles."""
+    """Return a case with a changed scenario, in which each vehicle keeps its role and its parameters at its new entrance.
+
+    Args:
+        case: the case.
+        image: per entrance, the entrance to which its vehicle moves.
+        changes: changed fields of the scenario.
+    """
     before = case.scenario
     after = before.but(subject=None if before.subject is None else image[before.subject], **changes)
     names = {before.place.vehicle_at(e): after.place.vehicle_at(image_of) for e, image_of in enumerate(image)}
-    queue = {name: name.partition("+") for name in case.fleet.others}  # a0+1 follows a0
+    queue = {name: name.partition("+") for name in case.fleet.others}  # a0+1 is the first follower of a0
     others = {"".join((names[queue[name][0]], *queue[name][1:])): vehicle for name, vehicle in case.fleet.others.items()}
     return replace(case, scenario=after, fleet=replace(case.fleet, others=others))
 
@@ -183,7 +192,15 @@ def _motion_of_points(motion_: tuple[float, float, float]) -> Callable[[float, f
 def _on_other_map(
     what: str, case: Case, after: Junction, place: Callable[[float, float], tuple[float, float]], *, sided: bool
 ) -> Variant | Incomparable:
-    """Return the case at the junction `after` on another map; `place` maps points of the first map to the other map."""
+    """Return the case on a moved or mirrored map.
+
+    Args:
+        what: the change in words.
+        case: the case.
+        after: the junction on the changed map.
+        place: maps points of the original map to points of the changed map.
+        sided: whether the map is mirrored.
+    """
     scenario, before = case.scenario, case.scenario.place
     arms = _matching_arms(before, after, place)
     numbers = {(lane.arm, lane.lane): e for e, lane in enumerate(after.entrances)}
@@ -206,7 +223,7 @@ def _on_other_map(
         if row < 0:
             return Incomparable(what, "no rotation on the other map begins with the same lights")
     starts = [scenario.start(image.index(e)) for e in range(count)]
-    # A rotation changes the phase, and would also move the vehicles: these are rotated back before.
+    # The rotation `row` is chosen for its first light phase. It also moves the vehicles, so they are rotated by -row here.
     order = [image[(e + scenario.rotation) % count] for e in scenario.order]
     changed = _changed_case(
         case,
@@ -222,7 +239,7 @@ def _on_other_map(
 
 
 def _matching_arms(before: Junction, after: Junction, place: Callable[[float, float], tuple[float, float]]) -> tuple[int, ...]:
-    """Return for each arm of `before` the arm of `after` that lies at the position to which `place` maps the first arm."""
+    """Return, for each arm of `before`, the arm of `after` at the position to which `place` maps the arm."""
 
     def middles(junction: Junction) -> list[NDArray[np.float64]]:
         ends = [
@@ -233,3 +250,46 @@ def _matching_arms(before: Junction, after: Junction, place: Callable[[float, fl
 
     centres = np.array(middles(after))
     return tuple(int(np.argmin(np.hypot(*(centres - place(x, y)).T))) for x, y in middles(before))
+
+
+def renamed(factory: Factory, names: Mapping[str, str]) -> Factory:
+    """Return a factory of autopilots, or of a traffic system, that see other names of the vehicles in their observations.
+
+    Args:
+        factory: factory of the autopilots or of the traffic system.
+        names: by name of a vehicle in the run, its name in the observations.
+    """
+    return _Renamed(factory, names)
+
+
+class _Wrapper:
+    """A wrapper of an autopilot or traffic system, which has the attributes of the wrapped object, including its label."""
+
+    def __init__(self, inner: Any, names: Mapping[str, str]) -> None:
+        self._inner, self._names = inner, names
+        self.label = name_of(inner)
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("_"):  # copying and unpickling look for such attributes before `_inner` exists
+            raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+        return getattr(self._inner, name)
+
+
+class _Renamed(_Wrapper):
+    def __call__(self) -> Drives | Coordinates:
+        driver = self._inner()
+        return _System(driver, self._names) if callable(getattr(driver, "autopilots", None)) else _Pilot(driver, self._names)
+
+
+class _Pilot(_Wrapper):
+    def control(self, seen: Observation) -> Command:
+        names = self._names
+        others = tuple([other._replace(name=names[other.name]) for other in seen.others])
+        command: Command = self._inner.control(seen._replace(me=seen.me._replace(name=names[seen.me.name]), others=others))
+        return command
+
+
+class _System(_Wrapper):
+    def autopilots(self, agents: Sequence[Agent]) -> Sequence[Drives]:
+        renamed_agents = [replace(agent, name=self._names[agent.name]) for agent in agents]
+        return [_Pilot(pilot, self._names) for pilot in self._inner.autopilots(renamed_agents)]

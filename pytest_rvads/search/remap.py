@@ -1,4 +1,4 @@
-"""Images of junctions: on a moved or mirrored map, and rotations of a junction onto itself."""
+"""Moves and mirrors the map of a junction, and finds the rotations of a junction onto itself."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from xml.etree.ElementTree import Element, ElementTree
 
-from pytest_rvads.geometry.builtin import LAYOUTS, path_of
 from pytest_rvads.geometry.finder import find
 from pytest_rvads.geometry.junction import Junction
+from pytest_rvads.geometry.opendrive.signals import LINE_RANGE
 from pytest_rvads.geometry.opendrive.xmlfile import load
 from pytest_rvads.support.errors import MapError
 
@@ -35,7 +35,7 @@ _MIRRORED_ATTRIBUTES = {
     "laneLink": ("from", "to"),
     "validity": ("fromLane", "toLane"),
 }
-"""Attributes that change sign in a mirror."""
+"""By element of OpenDRIVE, its attributes whose sign a mirrored map changes."""
 
 
 def moved(junction: Junction, motion: Motion) -> Junction:
@@ -56,15 +56,31 @@ def mirrored(junction: Junction) -> Junction:
     return find(junction.id, _rewritten_map(_map_of(junction), None))
 
 
+@lru_cache
 def _map_of(junction: Junction) -> Path:
-    if junction.map is None and junction.name in LAYOUTS:
-        return path_of(junction.name)
-    if junction.map is None:
+    """Return the map file of a junction; for a map in another format than OpenDRIVE, the file of the junction as OpenDRIVE."""
+    if junction.map_file is None:
         raise MapError(f"junction {junction.name!r} has no map file, so it can't be moved")
-    return Path(junction.map)
+    if junction.map_file.suffix.lower() == ".xodr":
+        return junction.map_file
+    farthest = max(junction.setbacks)
+    if farthest > LINE_RANGE:
+        raise MapError(
+            f"junction {junction.name!r} has a stopping line {farthest:.1f} m before it, and a map in OpenDRIVE, which can be "
+            f"moved, has none beyond {LINE_RANGE:g} m"
+        )
+    target = _new_folder() / f"{junction.map_file.stem}.xodr"
+    target.write_text(junction.opendrive(), encoding="utf-8")
+    return target
 
 
 _FOLDER = TemporaryDirectory(prefix="rvads-", ignore_cleanup_errors=True)
+
+
+def _new_folder() -> Path:
+    folder = Path(_FOLDER.name) / str(len(list(Path(_FOLDER.name).iterdir())))
+    folder.mkdir()
+    return folder
 
 
 @lru_cache
@@ -75,10 +91,7 @@ def _rewritten_map(source: Path, motion: Motion | None) -> Path:
             _mirror(element)
         elif element.tag == "geometry":
             _move(element, *motion)
-    number = len(list(Path(_FOLDER.name).iterdir()))
-    folder = Path(_FOLDER.name) / str(number)
-    folder.mkdir()
-    target = folder / f"{source.stem}{'-mirrored' if motion is None else '-moved'}.xodr"
+    target = _new_folder() / f"{source.stem}{'-mirrored' if motion is None else '-moved'}.xodr"
     ElementTree(root).write(target, encoding="utf-8", xml_declaration=True)
     return target
 
@@ -119,16 +132,17 @@ class Symmetry:
     """A rotation of a junction onto itself."""
 
     arms: int
-    """Number of arms by which every arm moves on."""
+    """Number of arms by which the rotation moves every arm, counter-clockwise."""
     rows: int
-    """Number of entrances by which every entrance moves on."""
+    """Number of entrances by which the rotation moves every entrance, counter-clockwise."""
 
 
 @lru_cache(maxsize=64)
 def rotations_of(junction: Junction) -> tuple[Symmetry, ...]:
-    """Return the rotations that preserve lanes, signs, right-of, opposite, turns and the set of phase groups.
+    """Return the rotations of a junction that keep its lanes, signs, turns, relations of entrances and groups of light phases.
 
-    The identity is the first. An X-junction has four such rotations, a T-junction only the identity.
+    The first rotation is the identity. A symmetric junction of four arms has four such rotations; a T-junction has only the
+    identity.
     """
     symmetries = []
     for arms in range(junction.ways):
@@ -139,7 +153,7 @@ def rotations_of(junction: Junction) -> tuple[Symmetry, ...]:
 
 
 def broken_by(junction: Junction, arms: int) -> tuple[str, ...]:
-    """Return the properties that a rotation by `arms` arms changes; empty for a symmetry."""
+    """Return the names of the properties of a junction that a rotation by `arms` arms does not keep; empty if it keeps all."""
     images = junction.image(arms)
     if images is None:
         return ("lanes",)

@@ -1,4 +1,4 @@
-"""The space of scenarios for a search, and the check of its bounds."""
+"""The bounds of the scenarios that a search explores, and the check of these bounds."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from pytest_rvads.support.errors import ScenarioError, suggest
 __all__ = ["FARTHEST", "NEAREST", "Space", "explored"]
 
 NEAREST, FARTHEST = 0.3, 30.0
-"""Default range of the distances to the stopping line [m]."""
+"""Least and greatest distance of a vehicle at its start to the stopping line, by default [m]."""
 
 
 class Space(TypedDict, total=False):
-    """Bounds of a search; `strategies.scenarios` explains the bounds and has the defaults."""
+    """Bounds of the scenarios of a search; `strategies.scenarios` explains the bounds and has their defaults."""
 
     map: str | None
     subject: int | None
@@ -34,7 +34,7 @@ class Space(TypedDict, total=False):
 
 
 def explored(junction: str | Junction, space: Space) -> Junction:
-    """Return the junction of a search, after a check of its bounds.
+    """Check the bounds of the scenarios of a search, and return the junction.
 
     Raises:
         MapError: the junction is unknown or unusable.
@@ -86,11 +86,11 @@ def _distance(value: Any) -> bool:
 
 
 _CHECKS: dict[str, tuple[Callable[[Any], bool], str]] = {
-    "map": (lambda file: file is None or isinstance(file, str | os.PathLike), "the path of an OpenDRIVE file"),
+    "map": (lambda file: file is None or isinstance(file, str | os.PathLike), "the path of a map file"),
     "partial": (lambda partial: isinstance(partial, bool), "True or False"),
     "near": (_distance, "a distance of 0 m or more"),
     "far": (_distance, "a distance of 0 m or more"),
     "pace": (lambda pace: _number(pace, 0, 1), "a share of v(d)max, from 0 to 1"),
     "wait": (_range, "the least and the greatest number of seconds, such as (0, 4)"),
 }
-"""For each argument that can be checked without a junction: the check, and the expected value in words."""
+"""By name of a bound that can be checked without the junction, the check and the expected value in words."""

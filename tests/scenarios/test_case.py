@@ -10,11 +10,10 @@ import pytest
 
 import pytest_rvads as rvads
 from pytest_rvads.drivers.reference import Reference
-from pytest_rvads.drivers.rolling import RollingStop
-from pytest_rvads.drivers.traffic import POLICIES
+from pytest_rvads.drivers.traffic import POLICIES, RollingStop
 from pytest_rvads.geometry.finder import find
 from pytest_rvads.runs.runfile import load_run, save_run
-from pytest_rvads.runs.vehicle import Vehicle
+from pytest_rvads.runs.states import Vehicle
 from pytest_rvads.scenarios.case import Case, Fleet
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.simulators.simulator import simulate

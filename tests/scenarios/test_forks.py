@@ -11,9 +11,9 @@ from pytest_rvads.geometry.finder import find
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.geometry.segment import Segment
 from pytest_rvads.physics.body import start
-from pytest_rvads.physics.bullet_world import BulletWorld
-from pytest_rvads.runs.vehicle import Vehicle
-from pytest_rvads.satellites.campaigns.town_plan import Asked, Plan
+from pytest_rvads.physics.engines import BulletWorld
+from pytest_rvads.runs.states import Vehicle
+from pytest_rvads.satellites.campaigns.town_plan import Plan, Request
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.configurations import explicit
 from pytest_rvads.scenarios.forks import forks, near
@@ -147,7 +147,7 @@ def test_followers_on_converging_approaches_must_not_overlap() -> None:
 
 
 def test_starts_inside_each_other_are_left_out_of_a_town_with_the_reason() -> None:
-    plan = Plan([MERGE], Asked(Reference, occupancy="lanes", followers=(2,)))
+    plan = Plan([MERGE], Request(Reference, occupancy="lanes", followers=(2,)))
     left_out = plan.left_out(MERGE)
     assert left_out is not None
     assert (left_out.scenarios > 0, "would start inside each other" in left_out.reason) == (True, True)

@@ -16,8 +16,7 @@ from pytest_rvads.runs.run import DT, Run
 from pytest_rvads.scenarios.classes import classes, members
 from pytest_rvads.search import consistency
 from pytest_rvads.search.abstraction import Model, weak_orders
-from pytest_rvads.search.consistency import core, decide
-from pytest_rvads.search.survey import survey
+from pytest_rvads.search.consistency import core, decide, survey
 from pytest_rvads.support.errors import FormulaError
 
 PAPER = rules_for("paper")

@@ -16,7 +16,9 @@ from pytest_rvads.drivers.interface import Control, Observation
 from pytest_rvads.logic.rules.book import get_rule
 from pytest_rvads.search.counterexample import pasteable
 from pytest_rvads.search.falsify import avoidable, broken, look_for
-from pytest_rvads.simulators.planar import usual
+from pytest_rvads.simulators.loop import usual
+
+from ..drivers.blind import BlindLeft
 
 NONE: dict[str, Any] = {"i1": False, "i2": False, "i3": False, "i4": False, "i5": False}
 
@@ -207,7 +209,7 @@ def test_error_of_a_simulator_is_printed_once_with_its_type_and_notes(pytester: 
         test_it="""
         import pytest
         import pytest_rvads as rvads
-        from pytest_rvads.simulators.planar import usual
+        from pytest_rvads.simulators.loop import usual
 
         class Lost(rvads.RunError):
             def __init__(self, host, port):
@@ -305,3 +307,13 @@ def test_parallel_searches_give_the_answer_of_sequential_searches(pytestconfig: 
 def test_searches_must_not_exceed_the_budget(searches: int) -> None:
     with pytest.raises(rvads.ScenarioError, match="from 1 to the budget of 10 simulations"):
         look_for("stop4", Heedless, "no_collision", budget=10, searches=searches)
+
+
+@pytest.mark.extended
+def test_controller_that_looks_only_to_its_right_is_found_by_a_collision() -> None:
+    """The vehicle from the left or from ahead arrives shortly before the controller, which the reference lets pass."""
+    searches = (look_for("stop4", BlindLeft, "no_collision", subject=0, seed=seed, budget=60) for seed in range(6))
+    counterexample = next(filter(None, searches), None)
+    assert counterexample is not None
+    run = rvads.simulate(rvads.Case(counterexample.scenario, rvads.Reference, rvads.traffic("reference")))
+    assert rvads.check(run, "no_collision").status is rvads.Status.PASS

@@ -1,0 +1,206 @@
+"""Pedestrians of a scenario: the crosswalk, the side, the behaviour and the time of arrival of each pedestrian.
+
+The start of a pedestrian is given by a difference of arrivals: the arrival of the pedestrian at the way of a vehicle minus the
+arrival of this vehicle at the way of the pedestrian, if nobody reacts to anybody. So a grid of differences combines with every
+start of the vehicles.
+
+The vehicle is the vehicle under test if its way leads over the crosswalk, and else the first vehicle whose way does. It is taken
+to accelerate by `PULL` up to `CRUISE` if it starts more slowly, and to keep its speed otherwise.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from pytest_rvads.drivers.walking import KERB, STRIDE, behaviour
+from pytest_rvads.geometry.conflicts import Shared
+from pytest_rvads.geometry.crosswalks import PERSON, SIDEWALK, Parking, Side
+from pytest_rvads.geometry.junction import Junction
+from pytest_rvads.runs.states import Agent, Colour, Kind, Vehicle
+from pytest_rvads.support.errors import ScenarioError
+
+__all__ = ["CRUISE", "PULL", "Crossed", "Pedestrian", "Setting", "arrival", "cast_of", "settings"]
+
+PULL, CRUISE = 2.0, 8.0
+"""Acceleration [m/s^2] and final speed [m/s] of a vehicle that starts slowly, to compute when it would arrive."""
+_APART = 0.8
+"""Distance between the pedestrians of a group [m]."""
+_PARKED = -1.0
+"""Station of the front of a parked vehicle: this far before the crosswalk [m]."""
+
+
+@dataclass(frozen=True, slots=True)
+class Pedestrian:
+    """A pedestrian, or a group, who crosses a crosswalk.
+
+    Raises:
+        ScenarioError: the number of the crosswalk is negative, the side or the behaviour is unknown, or the difference is not a
+            finite number.
+    """
+
+    crossing: int
+    """Number of the crosswalk in `Junction.crossings`, as it stands on the map."""
+    side: str = Side.NEAR
+    """Side from which the pedestrian comes, a `Side`; ``near`` is the side of the entrances."""
+    behaviour: str = "steady"
+    """Name of the behaviour, one of `pytest_rvads.drivers.walking.BEHAVIOURS`."""
+    difference: float = 0.0
+    """Arrival of the pedestrian minus arrival of the vehicle [s]; negative if the pedestrian is early."""
+
+    def __post_init__(self) -> None:
+        if not (isinstance(self.crossing, int) and not isinstance(self.crossing, bool) and self.crossing >= 0):
+            raise ScenarioError(f"crossing must be the number of a crosswalk, 0 or more, got {self.crossing!r}")
+        if self.side not in tuple(Side):
+            raise ScenarioError(f"side must be one of {', '.join(Side)}, got {self.side!r}")
+        behaviour(self.behaviour)
+        number = isinstance(self.difference, int | float) and not isinstance(self.difference, bool)
+        if not (number and math.isfinite(self.difference)):
+            raise ScenarioError(f"difference must be a finite number of seconds, got {self.difference!r}")
+        object.__setattr__(self, "side", Side(self.side))
+        object.__setattr__(self, "difference", round(float(self.difference), 2) + 0.0)
+        if behaviour(self.behaviour).parked and self.side is Side.FAR:
+            raise ScenarioError(
+                f"a pedestrian with the behaviour {self.behaviour!r} comes from the near side, where a vehicle can be parked "
+                "before the crosswalk: say side='near'"
+            )
+
+    @property
+    def course(self) -> str:
+        """The crosswalk, the side and the behaviour as in the ids of tests, such as ``1n.steady``."""
+        return f"{self.crossing}{self.side[0]}.{self.behaviour}"
+
+    @property
+    def label(self) -> str:
+        """The pedestrian as in the ids of tests: ``1n.steady.e0.50`` is early by 0.5 s, from the near side of crosswalk 1."""
+        late = "e" if self.difference < 0 else "l"
+        return f"{self.course}.{late}{abs(self.difference):.2f}"
+
+
+class Crossed(ScenarioError):
+    """A pedestrian would have crossed before the run begins.
+
+    Cause: the pedestrian is earlier than the vehicle by more time than the vehicle needs.
+    Remedy: a greater difference of arrivals, or a vehicle that starts farther away.
+    """
+
+
+class Setting(NamedTuple):
+    """Where and when a pedestrian, or a parked vehicle, starts."""
+
+    agent: Agent
+    station: float
+    """Station at the start of the run [m]."""
+    speed: float
+    """Speed at the start of the run [m/s]; 0 for a pedestrian who sets out later."""
+    delay: float
+    """Time at which the pedestrian sets out [s]; inf for a parked vehicle."""
+    behaviour: str
+    """Name of the behaviour; ``parked`` for a parked vehicle."""
+    behind: float = 0.0
+    """Distance to the first pedestrian of the group [m]; 0 for the first pedestrian."""
+
+
+def cast_of(place: Junction, pedestrians: Sequence[Pedestrian]) -> tuple[Agent, ...]:
+    """Return the agents of pedestrians in their order, each parked vehicle after the first pedestrian whom it hides.
+
+    Args:
+        place: a walked junction, see `Junction.walked`.
+        pedestrians: the pedestrians.
+
+    Raises:
+        ScenarioError: the junction has no such crosswalk.
+    """
+    return tuple(agent for number in range(len(pedestrians)) for agent in _agents(place, pedestrians, number))
+
+
+def _agents(place: Junction, pedestrians: Sequence[Pedestrian], number: int) -> Iterator[Agent]:
+    walker = pedestrians[number]
+    count = len(place.crossings)
+    if walker.crossing >= count:
+        had = f"its crosswalks are 0 to {count - 1}" if count else "it has no crosswalk"
+        raise ScenarioError(f"junction {place.name!r} has no crosswalk {walker.crossing}: {had}")
+    way = place.further[2 * walker.crossing + (walker.side is Side.FAR)].way
+    manner = behaviour(walker.behaviour)
+    for k in range(manner.people):
+        yield Agent(f"p{number}" + (f"+{k}" if k else ""), way, Kind.PEDESTRIAN, (PERSON, PERSON))
+    if manner.parked and not any(behaviour(p.behaviour).parked and p.crossing == walker.crossing for p in pedestrians[:number]):
+        yield Agent(f"parked{number}", place.further[2 * count + walker.crossing].way, size=(Vehicle().length, Vehicle().width))
+
+
+def arrival(distance: float, speed: float) -> float:
+    """Return the time in which a vehicle drives a distance [s]; see the module for its speed.
+
+    Args:
+        distance: the distance [m]; negative for a place that the vehicle has passed.
+        speed: speed of the vehicle at the start [m/s].
+    """
+    pace = max(speed, CRUISE)
+    rising = (pace * pace - speed * speed) / (2.0 * PULL)
+    if distance <= 0.0 or rising <= 0.0:
+        return distance / pace
+    if distance < rising:
+        return (math.sqrt(speed * speed + 2.0 * PULL * distance) - speed) / PULL
+    return (pace - speed) / PULL + (distance - rising) / pace
+
+
+def settings(
+    place: Junction,
+    pedestrians: Sequence[Pedestrian],
+    vehicles: Sequence[tuple[Agent, float, float]],
+    lights: Sequence[Colour] = (),
+) -> tuple[Setting, ...]:
+    """Return where and when the agents of `cast_of` start, in the same order.
+
+    A pedestrian who looks at the kerb before going, or whose light forbids to go when the run begins, starts before the kerb.
+
+    Args:
+        place: a walked junction.
+        pedestrians: the pedestrians.
+        vehicles: the vehicles with their stations [m] and speeds [m/s] at the start, the vehicle under test first.
+        lights: the colours of all lights at the start, see `Junction.starts`; empty without lights.
+
+    Raises:
+        ScenarioError: no vehicle's way leads over the crosswalk.
+        Crossed: the pedestrian would start behind the crossing.
+    """
+    rows = []
+    for number, walker in enumerate(pedestrians):
+        agents, manner = tuple(_agents(place, pedestrians, number)), behaviour(walker.behaviour)
+        speed = manner.speed
+        meeting = _meeting(place, agents[0], vehicles)
+        if meeting is None:
+            raise ScenarioError(
+                f"no vehicle of the scenario drives over crosswalk {walker.crossing} of junction {place.name!r}, so nobody can "
+                "meet a pedestrian there: choose another crosswalk or other directions"
+            )
+        shared, reached = meeting
+        station = shared.yours.start - speed * (reached + walker.difference)
+        forbidden = lights and lights[agents[0].entrance] in (Colour.YELLOW, Colour.RED)
+        if manner.kerb or (manner.lawful and forbidden):
+            station = min(station, -KERB)
+        if station >= agents[0].way.length:
+            raise Crossed(
+                f"p{number} would have crossed before the run begins, {-walker.difference:g} s before the vehicle: choose a "
+                "greater difference"
+            )
+        wait = (-SIDEWALK - station) / speed  # for a pedestrian who starts at full speed at the end of the sidewalk
+        rising = speed / (2.0 * STRIDE)  # time that setting out costs
+        delay, pace = max(wait - rising, 0.0), speed if wait <= 0.0 else 0.0
+        begin = station if wait <= 0.0 else -SIDEWALK + speed * max(rising - wait, 0.0)
+        for k, agent in enumerate(agents):
+            if isinstance(agent.way, Parking):
+                rows.append(Setting(agent, _PARKED, 0.0, math.inf, "parked"))
+            else:
+                rows.append(Setting(agent, begin - k * _APART, pace, delay, walker.behaviour, k * _APART))
+    return tuple(rows)
+
+
+def _meeting(place: Junction, walker: Agent, vehicles: Sequence[tuple[Agent, float, float]]) -> tuple[Shared, float] | None:
+    """Return what the first vehicle that crosses the way of a pedestrian shares with it, and the time of its arrival [s]."""
+    for agent, station, speed in vehicles:
+        if shared := (place.stretches or {}).get((agent.way.key, walker.way.key)):
+            return shared, arrival(shared.mine.start - station, speed)
+    return None

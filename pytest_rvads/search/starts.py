@@ -1,0 +1,330 @@
+"""Lines of starts: scenarios of two vehicles whose ways conflict, ordered by which vehicle is ahead and by how much.
+
+A start on a line is given by its lead: the time by which the subject (the vehicle under test) would reach its stopping line
+before the other vehicle, if both kept their speeds. If the two vehicles have green at different times, the lead is the time by
+which the subject would reach its line before its light turns yellow; the other vehicle then waits at its own red light.
+
+On a line from rest, the subject stands at its stopping line at the start, and the other vehicle comes. If the two vehicles have
+green at different times, the other vehicle has green, and the subject waits at its own red light. On a line on red, the subject
+comes to its red light on the move and turns to the near side (right, where traffic keeps right), and the other vehicle has green.
+
+On a line with a pedestrian, the subject is the only vehicle, and its way leads over the crosswalk of the pedestrian. The lead is
+the arrival of the pedestrian at the way of the subject minus the arrival of the subject at the way of the pedestrian, if nobody
+reacts (`Pedestrian.difference`). The subject starts alike at all starts of such a line.
+
+Two starts on a line differ only in the distances of the vehicles; from rest, a near vehicle is slower as well. By Li et al.
+(arXiv 2405.16914), a driver that passes the test at the start where waiting turns into going has to pass at every start farther
+away from this start.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from enum import StrEnum
+
+from pytest_rvads.drivers.walking import behaviour
+from pytest_rvads.geometry.conflicts import Key
+from pytest_rvads.geometry.control import Sign
+from pytest_rvads.geometry.crosswalks import Crossing, Side
+from pytest_rvads.geometry.junction import Junction
+from pytest_rvads.runs.itineraries import itinerary
+from pytest_rvads.runs.states import CLEARANCE, GREEN, YELLOW
+from pytest_rvads.scenarios.classes import pairs_at
+from pytest_rvads.scenarios.orbits import Directions, Orbits, rotate
+from pytest_rvads.scenarios.pedestrians import Pedestrian, arrival, cast_of
+from pytest_rvads.scenarios.scenario import Scenario, fastest_start
+from pytest_rvads.scenarios.walks import least
+from pytest_rvads.support.errors import ScenarioError
+
+__all__ = ["CHANGED", "LONGEST", "STEP", "Begin", "Line", "lines_at"]
+
+LONGEST = 12.0
+"""Greatest lead of either vehicle [s]."""
+STEP = 0.01
+"""Time between two neighbouring starts of a line [s]; 0.08 m at `_SPEED`."""
+_SPEED, _NEAREST = 8.0, 20.0
+"""Speed of a start [m/s], and the least distance to the stopping line at that speed [m]; v(d)max is 12 m/s there."""
+_SHORTEST = _NEAREST / _SPEED
+"""Least time of a vehicle to its stopping line [s]. On a shorter approach, a vehicle is slower."""
+_BEFORE_YELLOW = 6.0
+"""Time from the start until the light of the subject turns yellow [s]."""
+CHANGED = _BEFORE_YELLOW + YELLOW + CLEARANCE
+"""Time from the start until the phase after that of the subject begins [s]; the other vehicle has no green before."""
+_AT_RED = 0.3
+"""Distance of a vehicle that waits at a red light to its stopping line [m]."""
+_AT_LINE = 0.01
+"""Distance of a subject at rest to its stopping line [m], as in the configurations A and F of Li et al."""
+_WAITING = frozenset({Sign.STOP, Sign.YIELD, Sign.LIGHTS})
+"""Signs at which a vehicle may have to wait."""
+
+
+class Begin(StrEnum):
+    """What the subject of a line of starts does at the beginning of a run."""
+
+    MOVING = "moving"
+    """The subject comes to its stopping line, and its light, if any, is green."""
+    REST = "rest"
+    """The subject stands at its stopping line."""
+    RED = "red"
+    """The subject comes to its red light, where it may turn, while the other vehicle has green."""
+
+
+_LABELS = {Begin.MOVING: "", Begin.REST: " from rest", Begin.RED: " on red"}
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """A line of starts: scenarios of a subject (the vehicle under test) and another vehicle or pedestrian whose ways conflict."""
+
+    place: Junction
+    """The junction; on a line with a pedestrian, a walked junction, see `Junction.walked`."""
+    directions: Directions
+    """Direction per entrance; two entrances have a vehicle, or only that of the subject on a line with a pedestrian."""
+    seat: int
+    """Entrance of the subject."""
+    begin: Begin = Begin.MOVING
+    """What the subject does at the beginning."""
+    walker: Pedestrian | None = None
+    """The pedestrian, without a difference of arrivals; None on a line with another vehicle."""
+
+    @property
+    def ways(self) -> tuple[Key, Key]:
+        """The ways of the subject and of the other vehicle or pedestrian, each as the numbers of its start and its end."""
+        keys = {e: self.place.leads(e, direction).key for e, direction in enumerate(self.directions) if direction}
+        subject = keys.pop(self.seat)
+        if self.walker:
+            return subject, cast_of(self.place, [self.walker])[0].way.key
+        (other,) = keys.values()
+        return subject, other
+
+    @property
+    def by_light(self) -> bool:
+        """Whether the two vehicles have green at different times."""
+        if self.walker:
+            return False
+        first, second = (self.place.entrances[way[0]] for way in self.ways)
+        return first.sign is second.sign is Sign.LIGHTS and first.phase != second.phase
+
+    @property
+    def by_yellow(self) -> bool:
+        """Whether the lead is the time by which a moving subject would reach its line before its light turns yellow."""
+        return self.by_light and self.begin is Begin.MOVING
+
+    @property
+    def vista(self) -> str:
+        """The rule of priority that decides between the two, in words."""
+        subject, other = self.ways
+        signs = {self.place.starts[way[0]].sign for way in (subject, other)}
+        if signs == {Sign.STOP}:
+            return "all-way stop"
+        if self.by_light:
+            return "turn on red" if self.begin is Begin.RED else "end of green"
+        yields = self.place.yields or {}
+        if (subject, other) in yields:
+            return "subject gives way"
+        return "other vehicle gives way" if (other, subject) in yields else "nobody has priority"
+
+    def reach(self, longest: float = LONGEST) -> tuple[int, int]:
+        """Return the least and the greatest lead, up to `longest` [s], for which both vehicles have room [steps of `STEP`].
+
+        A pedestrian has room who has not crossed when the run begins.
+        """
+        if self.walker:
+            most = math.floor(longest / STEP)
+            return max(math.floor(self._before / STEP + 1e-6) + 1, -most), most
+        subject, other = (way[0] for way in self.ways)
+        room, other_room = (self._farthest(entrance) for entrance in (subject, other))
+        if self.begin is Begin.REST:
+            low, high = 0.0, other_room
+        elif self.by_yellow:
+            low, high = _BEFORE_YELLOW - room, _BEFORE_YELLOW - _SHORTEST
+        else:
+            low, high = _SHORTEST - room, other_room - _SHORTEST
+        return math.ceil(max(low, -longest) / STEP), math.floor(min(high, longest) / STEP)
+
+    def scenario(self, lead: int) -> Scenario:
+        """Return the scenario of the line with a lead in steps of `STEP`; the lead is positive if the subject is early.
+
+        Raises:
+            ScenarioError: a vehicle has no room where it starts.
+        """
+        subject, other = (way[0] for way in self.ways)
+        seconds = lead * STEP
+        if self.walker:
+            scenario = self._walked(seconds)
+            scenario.walkers()
+            return scenario
+        count = len(self.directions)
+        distances, speeds = [_NEAREST] * count, [0.0] * count
+        if self.begin is Begin.REST:
+            times = {other: seconds}
+        elif self.by_yellow:
+            times = {subject: _BEFORE_YELLOW - seconds}
+            distances[other] = _AT_RED
+        else:
+            early = max(_SHORTEST, _SHORTEST - seconds)
+            times = {subject: early, other: early + seconds}
+        for entrance, time in times.items():
+            # A vehicle that is nearer than `_SHORTEST` is slower in proportion, so that the same braking stops it at its line.
+            speeds[entrance] = round(self._speed(entrance) * min(time / _SHORTEST, 1.0), 2)
+            distances[entrance] = max(round(speeds[entrance] * time, 2), _AT_LINE)
+        if self.begin is Begin.REST:
+            distances[subject] = _AT_LINE
+        scenario = Scenario(
+            self.place, self.directions, distance=distances, speed=speeds, subject=self.seat, elapsed=self._elapsed()
+        )
+        scenario.starts()
+        return scenario
+
+    def _walked(self, seconds: float) -> Scenario:
+        """Return the scenario of a line with a pedestrian whose lead is `seconds`."""
+        assert self.walker
+        count, speed = len(self.directions), 0.0 if self.begin is Begin.REST else self._speed(self.seat)
+        distances, speeds = [_NEAREST] * count, [0.0] * count
+        distances[self.seat], speeds[self.seat] = max(round(speed * _SHORTEST, 2), _AT_LINE), speed
+        return Scenario(
+            self.place,
+            self.directions,
+            distance=distances,
+            speed=speeds,
+            subject=self.seat,
+            elapsed=self._elapsed(),
+            pedestrians=[replace(self.walker, difference=seconds)],
+        )
+
+    @property
+    def _before(self) -> float:
+        """The greatest lead with which the pedestrian has crossed when the run begins [s]."""
+        assert self.walker
+        subject, other = self.ways
+        shared = (self.place.stretches or {})[subject, other]
+        distance, speed = self._walked(0.0).start(self.seat)
+        reached = arrival(shared.mine.start - itinerary(self.place, *subject).start(distance), speed)
+        behind = self.place.every_way[other].length - shared.yours.start
+        return -reached - behind / behaviour(self.walker.behaviour).speed
+
+    def _elapsed(self) -> int:
+        """Return the time of the lights' cycle at which the scenario starts [s]; the vehicle that moves first has green."""
+        mover = self.seat if self.begin is Begin.MOVING or self.walker else self.ways[1][0]
+        for turn, group in enumerate(self.place.phase_groups):
+            if mover in group:
+                passed = GREEN - _BEFORE_YELLOW if self.by_light else 0.0
+                return round(turn * (GREEN + YELLOW + CLEARANCE) + passed)
+        return 0
+
+    def _speed(self, entrance: int) -> float:
+        """Return the speed of a vehicle at its start [m/s], rounded down to 0.1 m/s."""
+        room = self._room(entrance)
+        allowed = fastest_start(self.place, entrance, min(room, LONGEST * _SPEED + _NEAREST))
+        return max(int(10 * min(_SPEED, allowed, min(room, _NEAREST) / _SHORTEST)) / 10, 0.1)
+
+    def _farthest(self, entrance: int) -> float:
+        """Return the longest time from its start to its stopping line for which a vehicle has room [s]."""
+        return self._room(entrance) / self._speed(entrance)
+
+    def _room(self, entrance: int) -> float:
+        """Return the greatest distance to its stopping line at which a vehicle can start [m]; 0.01 m are left for rounding."""
+        return self.place.approach(entrance) - 0.01
+
+    @property
+    def id(self) -> str:
+        """The name of the line in ids of tests: junction, seat, and both ways, such as ``stop4-s0-0to2-meets-1to3-rest``.
+
+        On a line with a pedestrian, ``zebra4-s0-0to2-meets-0n.steady`` names crosswalk, side and behaviour.
+        """
+        ways = "-meets-".join(self.named("to"))
+        return f"{self.place.name}-s{self.seat}-{ways}{'' if self.begin is Begin.MOVING else f'-{self.begin}'}"
+
+    @property
+    def labels(self) -> tuple[str, str]:
+        """The ways of the subject and of the other vehicle in words, such as ``0->2 from rest`` and ``1->3``."""
+        subject, other = self.named()
+        return f"{subject}{_LABELS[self.begin]}", other
+
+    def named(self, arrow: str = "->") -> tuple[str, str]:
+        """Return the two ways, such as ``0->2`` and ``1->3``; a pedestrian as in ids, ``0n.steady``."""
+        subject, other = (arrow.join(map(str, way)) for way in self.ways)
+        return subject, self.walker.course if self.walker else other
+
+    def __str__(self) -> str:
+        return f"{self.place.name}: {' meets '.join(self.labels)}"
+
+
+def lines_at(place: Junction, seats: Iterable[int] | None = None, behaviours: Sequence[str] = ()) -> tuple[tuple[Line, ...], ...]:
+    """Return the lines of starts of every pair of conflicting ways, with either vehicle as the subject (vehicle under test).
+
+    If the subject may have to wait at its stopping line, the pair of ways has a second line, from rest. If the subject may turn
+    on red in front of the other vehicle, the pair has a third line, on red. The lines leave out ways on which no car can keep its
+    lane (`Junction.tight`).
+
+    Args:
+        place: the junction.
+        seats: entrances of the subject; all entrances by default.
+        behaviours: behaviours of pedestrians. If given, the lines are instead those of every way and each crossing to which the
+            way gives way, with a pedestrian of each behaviour, moving and from rest.
+
+    Returns:
+        Groups of lines. The lines of a group are equal up to a rotation that keeps lanes, movements and signs of the junction,
+        and its crosswalks if pedestrians walk.
+
+    Raises:
+        ScenarioError: the conflicts of the junction are unknown, there are none, a seat is no entrance, or a behaviour is
+            unknown.
+    """
+    count = len(place.entrances)
+    chosen = tuple(range(count)) if seats is None else tuple(seats)
+    for seat in chosen:
+        if seat not in range(count):
+            raise ScenarioError(f"a seat of {place.name!r} is one of its entrances, 0 to {count - 1}, got {seat!r}")
+    groups: dict[tuple[object, ...], list[Line]] = {}
+    for line in _walked_lines(place.walked, behaviours) if behaviours else _every_line(place):
+        if line.seat in chosen:
+            groups.setdefault(_orbit(line), []).append(line)
+    if not groups and behaviours:
+        raise ScenarioError(
+            f"no way of junction {place.name!r} from seats {list(chosen)} gives way to pedestrians: choose a junction with "
+            "crosswalks"
+        )
+    if not groups:
+        raise ScenarioError(f"no two ways of junction {place.name!r} from seats {list(chosen)} conflict: choose another junction")
+    return tuple(map(tuple, groups.values()))
+
+
+def _every_line(place: Junction) -> Iterator[Line]:
+    directions = {movement.key: direction for (_, direction), movement in place.by_direction.items()}
+    for pair in pairs_at(place, conflicting=True):
+        if not set(pair) & set(place.tight):
+            code = [0] * len(place.entrances)
+            for key in pair:
+                code[key[0]] = directions[key]
+            for seat, _ in pair:
+                line = Line(place, tuple(code), seat)
+                yield line
+                if place.entrances[seat].sign in _WAITING or line.vista == "subject gives way":
+                    yield replace(line, begin=Begin.REST)
+                if line.by_light and place.movements[line.ways[0]].turn is place.near:
+                    yield replace(line, begin=Begin.RED)
+
+
+def _walked_lines(place: Junction, behaviours: Sequence[str]) -> Iterator[Line]:
+    directions = {movement.key: direction for (_, direction), movement in place.by_direction.items()}
+    for subject, other in sorted(place.yields or ()):
+        crossing = place.every_way[other]
+        if isinstance(crossing, Crossing) and subject in directions and subject not in place.tight:
+            code = tuple(directions[subject] if entrance == subject[0] else 0 for entrance in range(len(place.entrances)))
+            for name in behaviours:
+                if crossing.side is Side.NEAR or not behaviour(name).parked:
+                    walker = Pedestrian(crossing.crosswalk, crossing.side, name)
+                    yield from (Line(place, code, subject[0], begin, walker) for begin in (Begin.MOVING, Begin.REST))
+
+
+def _orbit(line: Line) -> tuple[object, ...]:
+    """Return the least image of a line of starts under the rotations of its junction, equal for lines that differ by rotation."""
+    if line.walker:
+        image = least(line.place, line.directions, line.seat, line.walker.crossing)
+        return image, line.walker.side, line.walker.behaviour, line.begin
+    count = len(line.directions)
+    images = ((rotate(line.directions, row), (line.seat + row) % count) for row in Orbits.at(line.place).rows)
+    return *min(images), line.begin

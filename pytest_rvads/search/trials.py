@@ -1,0 +1,186 @@
+"""Simulates and judges starts of a line of starts, each start once, and tells which kind of failure breaking a rule is."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import NamedTuple
+
+import numpy as np
+
+from pytest_rvads.drivers.interface import Factory
+from pytest_rvads.drivers.traffic import Policy
+from pytest_rvads.logic.check import check
+from pytest_rvads.logic.conduct.kpis import arrival_differences
+from pytest_rvads.logic.judging.verdicts import Status, Verdict
+from pytest_rvads.logic.outcome import Outcome
+from pytest_rvads.logic.rules.rule import Rule
+from pytest_rvads.runs.run import Run
+from pytest_rvads.scenarios.case import Case, Fleet
+from pytest_rvads.scenarios.ids import run_id
+from pytest_rvads.scenarios.scenario import Scenario
+from pytest_rvads.search.starts import CHANGED, LONGEST, Line
+from pytest_rvads.simulators.patience import Choice, Limits, choice, choosing
+from pytest_rvads.simulators.simulator import Simulator, meant, simulate
+from pytest_rvads.support.errors import RunError
+
+__all__ = ["Fault", "Outcomes", "Setting", "Start", "Trial", "fault_of", "rank"]
+
+_TIMID = frozenset({"progress"})
+"""Rules that a driver breaks by waiting."""
+_MANNERS = frozenset({"full_stop", "keep_lane", "on_lane_allowed", "on_route", "speed_limit"})
+"""Rules about the subject alone."""
+
+Outcomes = tuple[tuple[str, Outcome], ...]
+"""The outcome of every rule."""
+
+
+class Fault(StrEnum):
+    """The kinds of failures of a driver at a start."""
+
+    BOLD = "too bold"
+    """The subject breaks a rule about other vehicles: it collides, gets in the way, or takes another vehicle's turn."""
+    TIMID = "too timid"
+    """The subject could go and does not."""
+    MANNERS = "wrong by itself"
+    """The subject breaks a rule about itself: full stop, lane, route, speed."""
+    IRRATIONAL = "irrational"
+    """The subject keeps a rule about other vehicles at a start, and breaks the rule at a less critical start."""
+
+
+class Start(NamedTuple):
+    """A start that was simulated and judged."""
+
+    lead: int
+    """Lead of the start [steps of `STEP`]."""
+    goes: bool
+    """Whether the subject entered the junction before the other vehicle, or came to the way of the pedestrian first."""
+    outcomes: Outcomes
+    difference: float | None = None
+    """Arrival of the other vehicle minus that of the subject [s]; None if they did not meet, or no rule required anything."""
+
+    def failed(self) -> list[tuple[str, Outcome]]:
+        """Return the failed rules with their outcomes, the rules that matter most first."""
+        return sorted([pair for pair in self.outcomes if pair[1].bad], key=lambda pair: (rank(pair[0]), pair[1].severity))
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """The driver, traffic, rules, vehicles and simulator that all starts have in common."""
+
+    driver: Factory
+    """Drives the subject."""
+    rules: tuple[Rule, ...]
+    traffic: Policy | None
+    """Drives the other vehicle; None if the driver drives both vehicles."""
+    fleet: Fleet
+    simulator: Simulator
+    limits: Limits
+
+    @classmethod
+    def of(
+        cls,
+        driver: Factory,
+        rules: Iterable[Rule],
+        traffic: str | Factory | None = "reference",
+        fleet: Fleet | None = None,
+        simulator: Simulator | None = None,
+    ) -> Setting:
+        """Return a setting, by default with the simulator of the session and its limits of real time."""
+        limits = choice().limits._replace(dump=None)
+        return cls(
+            driver, tuple(rules), None if traffic is None else Policy.of(traffic), fleet or Fleet(), meant(simulator), limits
+        )
+
+    def judged(self, scenario: Scenario) -> tuple[Run, list[Verdict]]:
+        """Simulate a scenario, and judge the run by every rule.
+
+        Raises:
+            RunError: the run ended by a fault, or a rule can't judge the run.
+        """
+        run = self.simulated(scenario)
+        if run.fault is not None:
+            raise RunError(f"{scenario.name}: {run.fault.reason}")
+        verdicts = [check(run, rule) for rule in self.rules if rule.concerns(scenario.place)]
+        for verdict in verdicts:
+            if verdict.status is Status.ERROR:
+                raise RunError(f"{scenario.name} can't be judged by {verdict.rule}: {verdict.reason}")
+        return run, verdicts
+
+    def simulated(self, scenario: Scenario) -> Run:
+        """Simulate a scenario; the run may have ended by a fault."""
+        with choosing(Choice(self.simulator, self.limits)):
+            return simulate(self._case(scenario), self.simulator)
+
+    def _case(self, scenario: Scenario) -> Case:
+        if self.traffic is None:
+            return Case(scenario.but(subject=None), self.driver, fleet=self.fleet)
+        return Case(scenario, self.driver, self.traffic.factory, self.fleet)
+
+    def id(self, scenario: Scenario) -> str:
+        """Return the id of a start, given by its scenario, in reports."""
+        return run_id(scenario, self.traffic.name if self.traffic else None)
+
+
+def fault_of(rule: str) -> Fault:
+    """Return the kind of failure that breaking a rule is; a rule of a user is taken to be about other vehicles."""
+    return Fault.TIMID if rule in _TIMID else Fault.MANNERS if rule in _MANNERS else Fault.BOLD
+
+
+def rank(rule: str) -> int:
+    """Return a number for how much breaking a rule matters; 0 matters most."""
+    return list(Fault).index(fault_of(rule))
+
+
+class Trial:
+    """Simulates and judges starts of a line, each start once.
+
+    Args:
+        setting: driver, rules and vehicles.
+        line: the line.
+        longest: greatest lead of either vehicle [s].
+    """
+
+    def __init__(self, setting: Setting, line: Line, longest: float = LONGEST) -> None:
+        self.setting, self.line = setting, line
+        self.low, self.high = line.reach(longest)
+        self._starts: dict[int, Start] = {}
+
+    def start(self, lead: int) -> Start:
+        """Return the simulated and judged start with a lead [steps of `STEP`]."""
+        if lead not in self._starts:
+            run, verdicts = self.setting.judged(self.line.scenario(lead))
+            outcomes = tuple((verdict.rule, verdict.outcome) for verdict in verdicts)
+            self._starts[lead] = Start(lead, self._goes(run), outcomes, _difference(run, verdicts, self.line.seat))
+        return self._starts[lead]
+
+    def _goes(self, run: Run) -> bool:
+        if self.line.walker:
+            shared = (self.line.place.stretches or {})[self.line.ways]
+            return _reached(run, 0, shared.mine.start) < _reached(run, 1, shared.yours.start)
+        entries = {agent.entrance: run.entry(column) for column, agent in enumerate(run.agents)}
+        subject = entries.pop(self.line.seat)
+        if self.line.by_yellow:
+            return subject is not None and subject < CHANGED
+        (other,) = entries.values()
+        return subject is not None and (other is None or subject < other)
+
+    def tried(self) -> list[Start]:
+        """Return the starts that have been simulated, sorted by their lead."""
+        return [self._starts[lead] for lead in sorted(self._starts)]
+
+
+def _reached(run: Run, column: int, station: float) -> float:
+    """Return the time at which the agent in a column reaches a station [s]; inf if the agent does not."""
+    reached = np.flatnonzero(run.need("station")[:, column] >= station)
+    return float(reached[0]) * run.dt if len(reached) else math.inf
+
+
+def _difference(run: Run, verdicts: Sequence[Verdict], seat: int) -> float | None:
+    """Return the arrival of the other vehicle minus the arrival of the vehicle at a seat, see `Start.difference` [s]."""
+    measured = arrival_differences(run)
+    if measured is None or not any(verdict.asked and verdict.outcome.judges for verdict in verdicts):
+        return None
+    return next((seconds for own, _, seconds in measured.tried if run.agents[own].entrance == seat), None)
