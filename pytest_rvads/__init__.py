@@ -9,7 +9,7 @@ __version__ = "0.2.0.dev0"
 
 
 def _homes() -> dict[str, str]:
-    """Return the module of every public name, as the stub of this package has it."""
+    """Return, by public name, the module from which the stub ``__init__.pyi`` imports the name."""
     import ast
     from pkgutil import get_data
 

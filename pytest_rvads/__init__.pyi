@@ -4,14 +4,14 @@ __all__: list[str]
 
 from pytest_rvads.drivers.follower import Follower as Follower
 from pytest_rvads.drivers.reference import Reference as Reference
-from pytest_rvads.drivers.rolling import RollingStop as RollingStop
-from pytest_rvads.drivers.traffic import SumoDriver as SumoDriver
+from pytest_rvads.drivers.traffic import RollingStop as RollingStop, SumoDriver as SumoDriver
 from pytest_rvads.drivers.lgsvl import LgsvlLike as LgsvlLike
 from pytest_rvads.drivers.playback import Replay as Replay
 from pytest_rvads.drivers.traffic import traffic as traffic
 from pytest_rvads.satellites.campaigns.campaign import campaign as campaign
 from pytest_rvads.satellites.campaigns.resultsfile import Results as Results
 from pytest_rvads.session.collection.marks import known as known, recorded as recorded, scenario as scenario
+from pytest_rvads.session.collection.searching import critical as critical
 from pytest_rvads.session.collection.searching import falsify as falsify
 from pytest_rvads.support.errors import (
     AutopilotError as AutopilotError,
@@ -25,21 +25,23 @@ from pytest_rvads.support.errors import (
     ScenarioError as ScenarioError,
 )
 from pytest_rvads.logic.check import check as check
-from pytest_rvads.logic.live import Decided as Decided, RuleMonitor as RuleMonitor, Seen as Seen
+from pytest_rvads.logic.live.instant import Decided as Decided, Seen as Seen
+from pytest_rvads.logic.live.rule_monitor import RuleMonitor as RuleMonitor
 from pytest_rvads.logic.rules.book import RuleBook as RuleBook, predicate as predicate, rule as rule
 from pytest_rvads.logic.rules.rule import Rule as Rule
-from pytest_rvads.logic.rules.rulefile import load_rules as load_rules
+from pytest_rvads.logic.rules.book import load_rules as load_rules
 from pytest_rvads.logic.rules.vocabulary import Word as Word
 from pytest_rvads.logic.judging.verdicts import Status as Status, Verdict as Verdict
 from pytest_rvads.geometry.finder import find as find
 from pytest_rvads.geometry.junction import Entrance as Entrance, Exit as Exit, Junction as Junction, Movement as Movement
 from pytest_rvads.geometry.control import Sign as Sign
-from pytest_rvads.geometry.segment import Turn as Turn
-from pytest_rvads.simulators.choice import limits as limits
-from pytest_rvads.simulators.planar import bullet as bullet, mujoco as mujoco
+from pytest_rvads.geometry.turns import Turn as Turn
+from pytest_rvads.simulators.patience import limits as limits
+from pytest_rvads.simulators.loop import bullet as bullet, mujoco as mujoco
 from pytest_rvads.satellites.sumo.sumo_simulator import Sumo as Sumo, sumo as sumo
 from pytest_rvads.simulators.simulator import Simulator as Simulator, simulate as simulate, vmax as vmax
 from pytest_rvads.scenarios.case import Case as Case, Fleet as Fleet
+from pytest_rvads.scenarios.pedestrians import Pedestrian as Pedestrian
 from pytest_rvads.scenarios.scenario import Scenario as Scenario
 from pytest_rvads.scenarios.senses import Senses as Senses
 from pytest_rvads.satellites.openscenario.run_export import export_run as export_run
@@ -51,8 +53,7 @@ from pytest_rvads.search.metamorphic import equivalent as equivalent
 from pytest_rvads.search.metamorphic import determinate as determinate, rational as rational
 from pytest_rvads.runs.itineraries import Itinerary as Itinerary
 from pytest_rvads.logic.conduct.kpis import kpis as kpis
-from pytest_rvads.runs.readers import read_runs as read_runs
-from pytest_rvads.runs.recorded import read_recorded as read_recorded
+from pytest_rvads.runs.readers import read_recorded as read_recorded, read_runs as read_runs
 from pytest_rvads.runs.measured import Kpis as Kpis
 from pytest_rvads.runs.recording import Recording as Recording
 from pytest_rvads.runs.recordingfile import load_recording as load_recording, save_recording as save_recording
@@ -72,7 +73,7 @@ from pytest_rvads.drivers.interface import (
     Waypoint as Waypoint,
 )
 from pytest_rvads.logic.conduct.validate import Finding as Finding, validate as validate
-from pytest_rvads.runs.vehicle import Vehicle as Vehicle
+from pytest_rvads.runs.states import Vehicle as Vehicle
 from pytest_rvads.drivers.stacks.process import Process as Process
 
 __version__: str

@@ -1,6 +1,6 @@
-"""The pytest plugin: the hooks, each in a few lines that call other modules.
+"""The hooks of the pytest plugin; each hook calls other modules in a few lines.
 
-Every pytest run of an environment imports this module, so it imports no heavy module at top level.
+Every run of pytest in an environment with this plugin imports this module, so this module imports no heavy module at top level.
 
 Only the modules of the plugin and the tests of simulators import pytest. All other modules work in scripts and notebooks.
 """
@@ -14,26 +14,24 @@ from typing import TypeVar
 
 import pytest
 
-from pytest_rvads.drivers.chosen import chosen
+from pytest_rvads.drivers.naming import chosen
 from pytest_rvads.fixtures.monitoring import monitor, rule, settle
 from pytest_rvads.fixtures.running import run, rvads_cell, rvads_recorded, rvads_run, rvads_runs
 from pytest_rvads.fixtures.systems import rvads_autopilot, rvads_map, rvads_simulator, rvads_sut, rvads_vehicle
 from pytest_rvads.session import hooks
 from pytest_rvads.session.artefacts import check_library
-from pytest_rvads.session.bundled import offer
-from pytest_rvads.session.chosen_driver import code_of_driver, code_of_simulator
+from pytest_rvads.session.chosen_driver import code_of_driver, code_of_simulator, offer
 from pytest_rvads.session.closing import Causes, Verdicts
-from pytest_rvads.session.collection.books import open_book, open_session, outliving
 from pytest_rvads.session.collection.expansion import expand, expand_recorded, idle, is_recorded, unused
+from pytest_rvads.session.collection.extensions import open_book, open_session, outliving
 from pytest_rvads.session.collection.marks import register_marks
-from pytest_rvads.session.interrupts import end_with_parent, heed, limits
+from pytest_rvads.session.interrupts import BUDGET, Budget, end_with_parent, heed, limits
 from pytest_rvads.session.items import RECORD, attach, letter, prepare
 from pytest_rvads.session.main_process import Session
-from pytest_rvads.session.options import OPTIONS, Options, declare
+from pytest_rvads.session.options import OPTIONS, Options, all_options, declare
 from pytest_rvads.session.outputs import FOLDER, SessionFolder, claim
 from pytest_rvads.session.plan import Planner, in_part
-from pytest_rvads.session.time_budget import BUDGET, Budget
-from pytest_rvads.simulators.choice import Choice, choice, choosing
+from pytest_rvads.simulators.patience import Choice, choice, choosing
 from pytest_rvads.support.errors import RvadsError
 from pytest_rvads.support.wording import encode_all, one_line
 
@@ -62,15 +60,24 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_addhooks(pluginmanager: pytest.PytestPluginManager) -> None:
-    """Register the hooks that users may implement."""
+    """Register the hooks that users can implement."""
     pluginmanager.add_hookspecs(hooks)
 
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_load_initial_conftests(early_config: pytest.Config) -> None:
-    """Open the rulebook of the session, and mark an earlier report as replaced."""
+    """Open a place for the rules that the session registers, and mark the report of an earlier session as replaced."""
     claim(early_config)
     _opened(early_config, open_session(early_config))
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_cmdline_main(config: pytest.Config) -> int | None:
+    """Print the help of all options of this plugin in place of a session, if ``--rvads-help`` asks for it."""
+    if not config.option.rvads_help:
+        return None
+    sys.stdout.write(all_options().format_help())
+    return 0
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -113,7 +120,7 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_report_header(config: pytest.Config) -> list[str]:
-    """Return header lines on driver and simulator, each if an option names it, with file and digest of the code.
+    """Return header lines on the driver and the simulator that options name, with file and digest of their code.
 
     A further line names the limits that the simulator states for its results.
     """
@@ -128,7 +135,7 @@ def pytest_report_header(config: pytest.Config) -> list[str]:
 
 def pytest_report_collectionfinish(config: pytest.Config, items: list[pytest.Item]) -> str | None:
     """Return a line which says that a fixture chooses the driver, if no option names a driver."""
-    items_of_plugin = (item for item in items if "rvads_cell" in getattr(item, "fixturenames", ()))
+    items_of_plugin = (item for item in items if {"rvads_cell", "rvads_autopilot"} <= {*getattr(item, "fixturenames", ())})
     if config.stash[OPTIONS].driver or all(map(is_recorded, items_of_plugin)):
         return None
     return "rvads: driven by what the fixture rvads_autopilot returns"
@@ -138,41 +145,43 @@ def pytest_report_collectionfinish(config: pytest.Config, items: list[pytest.Ite
 def pytest_make_collect_report(
     collector: pytest.Collector,
 ) -> Generator[None, pytest.CollectReport, pytest.CollectReport]:
-    """Open the book of rules of a test file while it is collected."""
+    """While pytest collects a test file, make the rules available that the test file registers."""
     with open_book(collector):
         return (yield)
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
-    """Expand ``@rvads.scenario``; the plugin `Recorded` expands ``@rvads.recorded``."""
+    """Expand the mark ``@rvads.scenario`` into test items; the plugin `Recorded` expands ``@rvads.recorded``."""
     test = metafunc.definition
     if test.get_closest_marker("rvads_recorded"):
         return
-    if "rvads_cell" in metafunc.fixturenames or test.get_closest_marker("rvads_scenario"):
+    takes_cell = "rvads_cell" in metafunc.fixturenames and "rvads_lines" not in metafunc.fixturenames
+    if takes_cell or test.get_closest_marker("rvads_scenario"):
         expand(metafunc, metafunc.config.stash[OPTIONS])
 
 
 class Recorded:
-    """Expands ``@rvads.recorded`` before pytest expands parametrized fixtures, because recorded runs use no driver."""
+    """A plugin that expands ``@rvads.recorded`` before pytest expands fixtures, because recorded runs use no driver fixture."""
 
     @pytest.hookimpl(tryfirst=True)
     def pytest_generate_tests(self, metafunc: pytest.Metafunc) -> None:
-        """Expand the mark."""
+        """Expand the mark ``@rvads.recorded`` into test items."""
         if metafunc.definition.get_closest_marker("rvads_recorded"):
             expand_recorded(metafunc, metafunc.config.stash[OPTIONS])
 
     def pytest_itemcollected(self, item: pytest.Item) -> None:
-        """Let ``-k`` select recorded runs by junction, because their ids do not name the junction."""
+        """Let ``-k`` select recorded runs by junction, although the ids of recorded runs do not name the junction."""
         if item.get_closest_marker("rvads_recorded"):
             item.extra_keyword_matches |= {str(mark.kwargs.get("junction", "")) for mark in item.iter_markers("rvads")}
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Refuse a mark on an item that can't be parametrized, and a mark ``@rvads.known`` that matches no cell."""
+    """Refuse a mark on a test that can't be parametrized, and a mark ``@rvads.known`` that matches no test item."""
     for item in items:
         if "rvads_cell" in getattr(item, "fixturenames", ()):
-            encode_all(sys.stdout, sys.stderr)  # characters that a driver prints never end its run
-            continue
+            encode_all(sys.stdout, sys.stderr)  # no run ends because its driver prints a character that the terminal lacks
+            if "rvads_lines" not in item.fixturenames:  # type: ignore[attr-defined]
+                continue
         for name in ("scenario", "recorded"):
             if mark := item.get_closest_marker(f"rvads_{name}"):
                 reason = f"has @rvads.{name}(...), which works on functions and classes of pytest only"
@@ -187,14 +196,14 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, object, object]:
-    """Open the book of rules of a test file while one of its tests runs."""
+    """While a test item runs, make the rules available that its test file registers."""
     with open_book(item):
         return (yield)
 
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_runtest_setup(item: pytest.Item) -> None:
-    """Begin the record of an item of this plugin, and skip the item after the deadline of the time budget."""
+    """Begin the record of a test item that judges a run, and skip the item after the deadline of the time budget."""
     if prepare(item) and (budget := item.config.stash[BUDGET]):
         budget.check_deadline()
 
@@ -208,7 +217,7 @@ def pytest_fixture_setup(fixturedef: pytest.FixtureDef[object]) -> Generator[Non
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_call(item: pytest.Item) -> Generator[None, None, None]:
-    """Fail an item of this plugin that judged nothing, or whose test continued after a violation."""
+    """Fail a test item that took a monitor and judged nothing, or whose test continued after a violation."""
     __tracebackhide__ = True
     if RECORD not in item.stash:
         return (yield)
@@ -225,7 +234,7 @@ def pytest_runtest_call(item: pytest.Item) -> Generator[None, None, None]:
 def pytest_runtest_makereport(
     item: pytest.Item, call: pytest.CallInfo[None]
 ) -> Generator[None, pytest.TestReport, pytest.TestReport]:
-    """Attach record, explanation and properties of the item to its report."""
+    """Attach the record (verdicts and facts), explanation and JUnit properties of a test item to pytest's report of the item."""
     report = yield
     attach(item, call, report)
     return report
@@ -239,7 +248,7 @@ def pytest_assertrepr_compare(op: str, left: object, right: object) -> list[str]
 
 
 def pytest_report_teststatus(report: pytest.CollectReport | pytest.TestReport) -> tuple[str, str, str] | None:
-    """Return the letters of NA, UNSURE and NOT RUN."""
+    """Return category, letter and word by which pytest shows an item with the status NA, UNSURE or NOT RUN."""
     return letter(report)
 
 
@@ -266,7 +275,7 @@ def _compared_verdicts(op: str, left: object, right: object) -> list[str] | None
 
 
 def _opened(config: pytest.Config, context: AbstractContextManager[_T]) -> _T:
-    """Enter a context, which is left when the session ends."""
+    """Enter a context manager, which pytest exits at the end of the session, and return its value."""
     stack = ExitStack()
     config.add_cleanup(stack.close)
     return stack.enter_context(context)

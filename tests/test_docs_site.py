@@ -176,10 +176,10 @@ def test_replays_are_framed_from_two_seconds_before_their_failure_on(hooks: Modu
 
 
 def test_pages_made_from_the_code_hold_every_option_and_command(hooks: ModuleType, pytester: pytest.Pytester) -> None:
-    offered = set(re.findall(r"^  (--rvads-[a-z-]*[a-z])", pytester.runpytest("--help").stdout.str(), re.MULTILINE))
+    offered = set(re.findall(r"^  (--rvads-[a-z-]*[a-z])", pytester.runpytest("--rvads-help").stdout.str(), re.MULTILINE))
     rows = re.findall(r"^## (--rvads-[a-z-]+)\n\n`\1=[^`]+`, in the ini file `(rvads_\w+)`, ", hooks.options(), re.MULTILINE)
     assert {flag for flag, _ in rows} == offered
     assert all(ini == flag.removeprefix("--").replace("-", "_") for flag, ini in rows)
     commands = re.findall(r"^## rvads ([\w-]+)$", hooks.commands(), re.MULTILINE)
-    assert {"map", "check", "town", "report"} < set(commands)
+    assert {"map", "check", "town", "report", "docs", "classes", "paper"} < set(commands)
     assert "### rvads report merge" in hooks.commands()

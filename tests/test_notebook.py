@@ -24,10 +24,11 @@ from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.logic.judging.verdicts import InstanceVerdict, Status, Verdict
 from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.report.draw.curves import draw_braking
+from pytest_rvads.runs.measured import Kpis, PairKpis, VehicleKpis
 from pytest_rvads.runs.run import Excerpt, Fault, Run
 from pytest_rvads.runs.states import Zone
 from pytest_rvads.scenarios.scenario import Scenario
-from pytest_rvads.simulators.planar import usual
+from pytest_rvads.simulators.loop import usual
 
 ROOT = Path(__file__).parents[1]
 NOTEBOOK = ROOT / "examples" / "explore.ipynb"
@@ -211,6 +212,53 @@ def test_every_status_has_its_mark() -> None:
     assert {outcome.mark for outcome in Outcome} == set(_MARKS)
     for status in Status:
         assert status.value in shown(Verdict("r", status, "message")).text
+
+
+def test_a_list_of_verdicts_is_a_table_in_a_notebook() -> None:
+    interactive = pytest.importorskip("IPython.core.interactiveshell", reason="IPython is not installed")
+    code = f"""
+from {interactive.__name__} import InteractiveShell
+shell = InteractiveShell.instance(history_manager=None)
+from pytest_rvads.logic.judging.verdicts import Status, Verdict
+bad = Verdict("p1", Status.FAIL, "p1 at t=1.00 s: {HOSTILE[:26]}")
+for value in ([bad, Verdict("p2", Status.PASS, "kept")], [bad, 1], []):
+    print(shell.display_formatter.format(value)[0].get("text/html"))
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    table, *others = done.stdout.splitlines()
+    page = Page(table)
+    assert page.cells == ["rule", "verdict", "message", "p1", "✗ FAIL", f"p1 at t=1.00 s: {HOSTILE[:26]}", "p2", "✓ PASS", "kept"]
+    assert page.tags <= TAGS
+    assert others == ["None", "None"], "IPython shows any other list as it always does"
+
+
+def test_indicators_are_tables_of_vehicles_and_pairs() -> None:
+    vehicles = VehicleKpis("a0", 3.0, 1.5, None, 2.25, 9.0), VehicleKpis(HOSTILE)
+    page = shown(Kpis(vehicles, (PairKpis(("a0", HOSTILE), 1.25, -0.5),), ("weather",)))
+    name = HOSTILE.replace("\x1b", "\\x1b")
+    assert page.cells[:5] == ["vehicle", "arrives", "waits", "braking", "jerk"], "no vehicle has a delay"
+    assert page.cells[5:15] == ["a0", "3.00 s", "1.50 s", "2.25 m/s²", "9.00 m/s³", name, "", "0.00 s", "", ""]
+    assert page.cells[18:20] == [f"a0, {name}", "1.25 s"]
+    assert page.cells[20].startswith("-0.50 s")
+    assert page.text.endswith("not recorded: weather")
+    assert page.tags <= TAGS
+
+
+class Hasty(rvads.Follower):
+    """Drives over every line."""
+
+    def target_speed(self, seen: rvads.Observation) -> float:
+        return 5.0
+
+
+def test_results_show_their_totals_and_causes() -> None:
+    scenario = Scenario(find("stop4"), "2000", distance=5, duration=3)
+    page = shown(rvads.campaign([rvads.Case(scenario, Hasty)], "full_stop"))
+    assert page.text.startswith("1 verdict on 1 run: 1 fail")
+    assert page.cells[:5] == ["", "items", "rule", "cause", "first"]
+    assert page.cells[5:8] == ["causes of failures", "1", "full_stop"]
+    assert scenario.name in page.cells[9]
+    assert page.tags <= TAGS
 
 
 def test_white_letters_can_be_read_on_every_mark() -> None:

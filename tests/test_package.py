@@ -12,7 +12,7 @@ import pytest
 
 import pytest_rvads
 from pytest_rvads.cli import main
-from pytest_rvads.support.wording import SITE, page
+from pytest_rvads.support.wording import page
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = Path(pytest_rvads.__file__).parent
@@ -57,7 +57,7 @@ def test_substitutions_leave_whole_addresses_and_code_alone() -> None:
 def test_metadata_names_where_to_go() -> None:
     urls = CONFIGURATION["project"]["urls"]
     assert set(urls) == {"Homepage", "Documentation", "Source", "Issues", "Changelog"}
-    assert urls["Documentation"] == SITE
+    assert f"site_url: {urls['Documentation']}\n" in (ROOT / "mkdocs.yml").read_text("utf-8")
     assert (ROOT / urls["Changelog"].removeprefix(f"{REPOSITORY}/blob/main/")).is_file()
     supported = [name.rpartition(" ")[2] for name in CONFIGURATION["project"]["classifiers"] if ":: 3." in name]
     assert CONFIGURATION["project"]["requires-python"] == f">={supported[0]}"
@@ -101,16 +101,70 @@ def test_named_pages_exist() -> None:
         if not re.search(r"docs/|\.md\b|README|\bpage\(|in the documentation", text):
             continue
         named |= set(re.findall(r"docs/([\w-]+)\.md", text)) | set(re.findall(r"\bpage\([\"']([\w-]+)[\"']\)", text))
-        for said in spoken(ast.parse(text)):
+        for said in spoken(ast.parse(text)) if path.stem != "docs_command" else ():
             assert not re.search(r"docs/|\b(README|ARCHITECTURE|CONTRIBUTING|CHANGELOG|SECURITY)\b", said), (path, said)
             assert all(title in titles for title in re.findall(r"'([^']+)' in the documentation", said)), (path, said)
     assert {"attach-your-stack", "ci", "replication", "tutorial"} <= named
     assert sorted(name for name in named if not (ROOT / "docs" / f"{name}.md").is_file()) == []
 
 
+def test_no_address_of_the_site_is_printed_before_it_is_published() -> None:
+    for path in sorted(PACKAGE.rglob("*.py")):
+        assert "github.io" not in path.read_text("utf-8"), path
+
+
 def test_help_says_where_the_documentation_is(pytester: pytest.Pytester, capsys: pytest.CaptureFixture[str]) -> None:
-    assert page() in pytester.runpytest("--help").stdout.str()
+    assert f"documentation: {page()}" in pytester.runpytest("--help").stdout.str()
     with pytest.raises(SystemExit):
         main(["--help"])
-    assert f"Documentation: {page()}" in capsys.readouterr().out
-    assert page("ci") == f"{SITE}ci.html"
+    assert f"documentation: {page()}" in capsys.readouterr().out
+
+
+def test_the_pages_ship_with_the_package(capsys: pytest.CaptureFixture[str]) -> None:
+    assert CONFIGURATION["tool"]["hatch"]["build"]["targets"]["wheel"]["force-include"]["docs"] == "pytest_rvads/docs"
+    assert main(["docs"]) == 0
+    listed = [line.split()[0] for line in capsys.readouterr().out.splitlines()[:-1]]
+    assert sorted(listed) == sorted(
+        p.relative_to(ROOT / "docs").with_suffix("").as_posix() for p in (ROOT / "docs").rglob("*.md")
+    )
+    assert listed[0] == "README"
+    assert main(["docs", "concepts/zones.md"]) == 0
+    assert capsys.readouterr().out.startswith("# Zones\n")
+    assert main(["docs", "../README"]) == 2
+    assert "'../README': rvads docs lists all pages" in capsys.readouterr().err
+    assert main(["docs", "/etc/\x1b[2J\u202e"]) == 2
+    told = capsys.readouterr().err
+    assert told.removesuffix("\n").isprintable(), "neither the terminal nor the direction of writing changes"
+
+
+def test_help_of_pytest_is_short_and_explains_every_option_elsewhere(pytester: pytest.Pytester) -> None:
+    shown = pytester.runpytest("--help").stdout.str()
+    begin = shown.index("traffic-rule validation")
+    everyday = shown[begin : shown.index("\n\n", begin)]
+    assert len(everyday.splitlines()) <= 20
+    result = pytester.runpytest("--rvads-help")
+    assert result.ret == 0
+    every = set(re.findall(r"^  (--rvads-[a-z-]+)", result.stdout.str(), re.MULTILINE))
+    assert set(re.findall(r"^  (--rvads-[a-z-]+)", everyday, re.MULTILINE)) - {"--rvads-help"} < every
+    page = (ROOT / "docs" / "everything-else.md").read_text("utf-8")
+    told = {
+        f"--rvads-{name}" for name in re.findall(r"`([a-z-]+)`", page.partition("## Further options")[2].partition("## In")[0])
+    }
+    assert every - set(re.findall(r"^  (--rvads-[a-z-]+)", everyday, re.MULTILINE)) == told - {"--rvads-simulator"}
+    assert {f"--{name.replace('_', '-')}" for name in re.findall(r"^  (rvads_\w+)", shown, re.MULTILINE)} == every
+
+
+def test_help_of_the_tool_explains_at_most_twelve_commands_and_names_all(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["--help"])
+    shown = capsys.readouterr().out
+    explained = re.findall(r"^  ([a-z][\w-]*) ", shown, re.MULTILINE)
+    assert len(explained) <= 12
+    assert all(f"\n{group}:\n" in shown for group in ("start", "judge", "measure"))
+    with pytest.raises(SystemExit):
+        main(["no-such-command"])
+    offered = set(re.findall(r"[a-z][\w-]+", capsys.readouterr().err.partition("choose from")[2]))
+    further = set(re.findall(r"[\w-]+", shown.partition("further commands: ")[2].partition("(")[0]))
+    assert {*explained} | further == offered
+    page = (ROOT / "docs" / "everything-else.md").read_text("utf-8")
+    assert set(re.findall(r"^\| `rvads ([\w-]+)`", page, re.MULTILINE)) == further

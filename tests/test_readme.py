@@ -13,10 +13,20 @@ import pytest
 
 import pytest_rvads as rvads
 from pytest_rvads.cli import main
-from pytest_rvads.simulators.planar import usual
+from pytest_rvads.simulators.loop import usual
 
 ROOT = Path(__file__).parents[1]
-GUIDES = ("tutorial", "write-a-test", "bring-an-autopilot", "bring-recorded-runs", "read-a-failure", "rules", "concepts/subject")
+GUIDES = (
+    "tutorial",
+    "write-a-test",
+    "bring-an-autopilot",
+    "foreign-drivers",
+    "pedestrians",
+    "bring-recorded-runs",
+    "read-a-failure",
+    "rules",
+    "concepts/subject",
+)
 PAGES = {page: (ROOT / page).read_text(encoding="utf-8") for page in ("README.md", *(f"docs/{guide}.md" for guide in GUIDES))}
 ALL = sorted(p.relative_to(ROOT).as_posix() for p in (*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")))
 FAILURES = [page for page, text in PAGES.items() if "\nrerun     pytest" in text]
@@ -94,7 +104,12 @@ def test_commands_print_what_is_shown(tmp_path: Path, command: str, said: str) -
 
 
 def _make(words: list[str], command: str, folder: Path) -> bool:
-    """Make the files that a command reads, as the pages say; return whether there are any."""
+    """Make the files that a command reads, as the pages say, or copy public files; return whether there are any."""
+    public = [ROOT.parent / "shared" / "maps" / "commonroad" / word for word in words if word.endswith(".xml")]
+    for file in public:
+        if not file.is_file():
+            pytest.skip(f"the public file ../shared/maps/commonroad/{file.name} is absent")
+        shutil.copy(file, folder)
     files = [word for word in words if word.endswith((".csv", ".npz", ".json")) and f"-o {word}" not in command]
     scripts = [code for code in SCRIPTS if any(f'"{file}"' in code for file in files)]
     commands = [other for other, _ in CONSOLE if any(f"-o {file}" in other for file in files)]
@@ -104,7 +119,7 @@ def _make(words: list[str], command: str, folder: Path) -> bool:
         program, *arguments = shlex.split(other)
         assert _make(arguments, other, folder)
         assert _run([str(Path(sys.executable).with_name(program)), *arguments], folder).returncode == 0
-    return bool(scripts or commands)
+    return bool(scripts or commands or public)
 
 
 def _run(command: list[str], folder: Path) -> subprocess.CompletedProcess[str]:
@@ -113,7 +128,7 @@ def _run(command: list[str], folder: Path) -> subprocess.CompletedProcess[str]:
 
 
 def test_options_exist(pytester: pytest.Pytester) -> None:
-    offered = set(re.findall(r"--rvads-[a-z-]*[a-z]", pytester.runpytest("--help").stdout.str()))
+    offered = {"--rvads-help", *re.findall(r"--rvads-[a-z-]*[a-z]", pytester.runpytest("--rvads-help").stdout.str())}
     named = {
         (page, name) for page in ALL for name in re.findall(r"--rvads-[a-z-]*[a-z]", (ROOT / page).read_text(encoding="utf-8"))
     }

@@ -58,6 +58,11 @@ def test_the_order_of_the_things_does_not_matter(things: list[Thing], size: int,
     assert set(drawn(other, size, seed)) == set(drawn(things, size, seed))
 
 
+@given(THINGS, SIZES, SIZES, SEEDS)
+def test_sample_is_part_of_every_greater_sample(things: list[Thing], size: int, more: int, seed: int) -> None:
+    assert set(drawn(things, size, seed)) <= set(drawn(things, size + more, seed))
+
+
 def test_seeds_draw_others_and_every_thing_is_drawn_by_some_seed() -> None:
     things = [("A", "1", "x", k) for k in range(12)]
     samples = [frozenset(drawn(things, 3, seed)) for seed in range(60)]

@@ -1,4 +1,4 @@
-"""The command ``rvads``: the functions of the package that need no pytest.
+"""The command line tool ``rvads``: the functions of the package that need no pytest.
 
 Standard output holds only the answer. Warnings and errors go to standard error; an error is one line, with exit status 2.
 """
@@ -7,27 +7,42 @@ from __future__ import annotations
 
 import argparse
 import os
+import shutil
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from textwrap import wrap
 
 from pytest_rvads import __version__
 from pytest_rvads.cli import (
-    braking_command,
+    atlas_command,
+    braking_commands,
+    calibrate_command,
     check_commands,
+    critical_command,
+    docs_command,
     init_command,
     map_commands,
     replay_command,
     report_commands,
 )
 from pytest_rvads.cli.common import warn
-from pytest_rvads.support.entrypoints import entries, load
 from pytest_rvads.support.errors import RvadsError
+from pytest_rvads.support.installed import entries, load
 from pytest_rvads.support.wording import encode_all, page
 
 __all__ = ["answer", "main"]
 
 _STUDIES = {"compare-simulators": "simulators", "power": "power", "simulate": "prediction"}
 """Former commands that measure the checks or the simulators themselves, and the modules of ``studies`` that replace them."""
+
+_WITH_MAPS = ("atlas", "braking", "check", "classes", "critical", "export", "import", "init", "map", "town")
+"""Commands that read a map file."""
+_GROUPS = {
+    "start": ("init", "map", "rules", "docs"),
+    "judge": ("check", "replay", "report", "import", "town"),
+    "measure": ("critical", "atlas", "dynamics"),
+}
+"""The commands that ``rvads --help`` explains, by group; it only names further commands."""
 
 _RENAMED = {
     **{(command, "--rule"): "--rules" for command in ("check", "export", "replay", "rules")},
@@ -38,12 +53,14 @@ _RENAMED = {
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run ``rvads`` with the given words, by default the words of the command line, and return the exit status."""
+    """Run the tool ``rvads`` with some arguments, by default those of the command line, and return the exit status."""
     words = sys.argv[1:] if arguments is None else arguments
     if words and words[0] in _STUDIES:
         replacement = f"python -m studies.{_STUDIES[words[0]]}"
         warn(f"rvads: rvads {words[0]} is no part of the package any more: run {replacement} in a clone of the project")
         return 2
+    if len(words) > 1 and words[0] == "rules" and words[1] not in ("check", "show") and not words[1].startswith("-"):
+        words = ["rules", "show", *words[1:]]
     return answer(_parser(), _renamed(words))
 
 
@@ -51,8 +68,8 @@ def answer(parser: argparse.ArgumentParser, words: Sequence[str] | None = None) 
     """Run the function that the parsed command line names as ``command``, and return the exit status.
 
     Args:
-        parser: sets ``command`` to a function that takes the parsed options and returns an exit status.
-        words: the command line; by default that of the process.
+        parser: parser that sets ``command`` to a function which takes the parsed options and returns an exit status.
+        words: the arguments; by default the command line of the process.
 
     Returns:
         The status of the command; 2 after an error, which is printed in one line; 130 after Ctrl-C.
@@ -63,6 +80,10 @@ def answer(parser: argparse.ArgumentParser, words: Sequence[str] | None = None) 
     encode_all(sys.stdout, sys.stderr)
     options = parser.parse_args(words)
     command: Callable[[argparse.Namespace], int] = options.command
+    if getattr(options, "hand", None):
+        from pytest_rvads.geometry.network import HAND
+
+        os.environ[HAND] = options.hand  # other processes of the command read maps, too
     try:
         return command(options)
     except BrokenPipeError:  # the reader, such as `head`, has closed the pipe; nothing more can be written
@@ -79,7 +100,7 @@ def answer(parser: argparse.ArgumentParser, words: Sequence[str] | None = None) 
 
 
 def _renamed(words: Sequence[str]) -> list[str]:
-    """Return the words of a command with the present names of its options; a former name causes a warning."""
+    """Return the arguments of a command with former names of options replaced by present names; each causes a warning."""
     former = {option: name for (command, option), name in _RENAMED.items() if words and command == words[0]}
     parts = [word.partition("=") for word in words]
     for option in dict.fromkeys(option for option, _, _ in parts if option in former):
@@ -90,20 +111,48 @@ def _renamed(words: Sequence[str]) -> list[str]:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="rvads",
+        usage="rvads [--help] [--version] COMMAND ...",
         description="Validate autonomous-driving controllers against traffic rules.",
-        epilog=f"Documentation: {page()}",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action="version", version=f"rvads {__version__}")
-    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+    commands = parser.add_subparsers(prog="rvads", required=True, metavar="COMMAND", help=argparse.SUPPRESS)
     for module in (
         init_command,
         map_commands,
         check_commands,
-        braking_command,
+        braking_commands,
+        calibrate_command,
+        critical_command,
+        atlas_command,
         report_commands,
         replay_command,
+        docs_command,
     ):
         module.declare(commands)
     for name in entries("commands"):
         load("commands", name).declare(commands)
+    for name in _WITH_MAPS:
+        commands.choices[name].add_argument(
+            "--hand",
+            choices=("left", "right"),
+            help="side on which traffic keeps, for maps of lanelets that do not show the side (also the variable RVADS_HAND)",
+        )
+    helps = {action.dest: action.help or "" for action in commands._choices_actions}
+    parser.epilog = "\n".join([*_command_list(helps), f"documentation: {page()}"])
     return parser
+
+
+def _command_list(helps: Mapping[str, str]) -> Iterator[str]:
+    """Yield lines with the commands of each group and their help, and a line with the names of all other commands.
+
+    Args:
+        helps: the help of every command, by name.
+    """
+    width = shutil.get_terminal_size().columns - 2
+    for title, names in _GROUPS.items():
+        yield f"{title}:"
+        for name in names:
+            yield from wrap(helps[name], width, initial_indent=f"  {name:<10}", subsequent_indent=" " * 12)
+    others = sorted(helps.keys() - {name for names in _GROUPS.values() for name in names})
+    yield from wrap(f"further commands: {', '.join(others)} ({page('everything-else')})", width, subsequent_indent="  ")

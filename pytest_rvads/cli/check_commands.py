@@ -1,90 +1,130 @@
-"""``rvads check``, ``rvads rules`` and ``rvads monitor``: the oracle without simulation."""
+"""The commands ``rvads check``, ``rvads rules`` and ``rvads monitor``, which judge runs without simulation."""
 
 from __future__ import annotations
 
 import argparse
 import json
+import textwrap
 from contextlib import closing
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from pytest_rvads.cli.common import Subparsers, lines, progress, say
-from pytest_rvads.support.entrypoints import load
+from pytest_rvads.cli.common import Subparsers, lines, named_rules, progress, say
 from pytest_rvads.support.errors import RunError, ScenarioError
+from pytest_rvads.support.installed import load
 
-__all__ = ["declare"]
+if TYPE_CHECKING:
+    from pytest_rvads.logic.rules.rule import Rule
+
+__all__ = ["declare", "list_rules"]
 
 _JUNCTIONS = {("stop", 3): "stop3", ("stop", 4): "stop4", ("lights", 3): "light3", ("lights", 4): "light4"}
 
 
 def declare(commands: Subparsers) -> None:
-    """Add the commands of this module."""
-    rules = commands.add_parser("rules", help="list the rules: meaning, formula, source, who is responsible")
-    rules.add_argument("--rules", action="append", metavar="FILE", help="also those of a file of rules, may be repeated")
-    rules.set_defaults(command=_rules)
-    _declare_rules_check(rules)
+    """Add the commands ``check``, ``rules`` and ``monitor`` to the parser."""
+    rules = commands.add_parser(
+        "rules",
+        help="list the rules, or show the rule NAME: meaning, formula, source, who is responsible",
+        usage="rvads rules [NAME ...] [--rules FILE] [--help]\n       rvads rules check [OPTION ...]",
+    )
+    rules.add_argument("--rules", action="append", metavar="FILE", help="also list the rules of a file; repeatable")
+    rules.set_defaults(command=_print_rules, names=())
+    _declare_below_rules(rules)
     _declare_check(commands)
 
     monitor = commands.add_parser("monitor", help="show the LTL3 monitor of a formula, or monitor words")
     what = monitor.add_mutually_exclusive_group(required=True)
     what.add_argument("formula", nargs="?", metavar="FORMULA")
     what.add_argument(
-        "--jsonl", action="store_true", help="read objects with id, formula, words line by line, answer each in a line"
+        "--jsonl",
+        action="store_true",
+        help="read a JSON object with id, formula and words per line, answer each with a line",
     )
     monitor.set_defaults(command=_monitor)
 
 
-def _rules(options: argparse.Namespace) -> int:
-    from pytest_rvads.cli.answers import list_rules
-    from pytest_rvads.logic.rules.rulefile import load_rules
+def _print_rules(options: argparse.Namespace) -> int:
+    from pytest_rvads.logic.rules.book import get_rule, load_rules
 
     for file in options.rules or ():
         load_rules(file)
-    say(list_rules())
+    say("\n".join(_rule_entry(get_rule(name)) for name in options.names) if options.names else list_rules())
     return 0
 
 
-def _declare_rules_check(rules: argparse.ArgumentParser) -> None:
-    commands = rules.add_subparsers(metavar="COMMAND")
+def list_rules() -> str:
+    """Return a text that lists all rules by rulebook, with meaning, formula, source and responsible role."""
+    from pytest_rvads.logic.rules.book import current_book, rulebook
+
+    blocks = []
+    for book in ("paper", "variants", "road"):
+        blocks.append(f"rulebook {book}")
+        blocks += [_rule_entry(r) for r in rulebook(book)]
+    if own_rules := current_book().own:
+        blocks += ["your own", *map(_rule_entry, own_rules)]
+    return "\n".join(blocks)
+
+
+def _rule_entry(rule: Rule) -> str:
+    kind = f" [{', '.join(rule.kinds)}]" if rule.about else ""
+    lines = [f"  {rule.name}  {rule.title}{kind}", f"      {rule.meaning}" if rule.meaning else ""]
+    lines += [f"      {line}" for line in textwrap.wrap(rule.text, 110, break_on_hyphens=False)]
+    facts = [
+        f"responsible: {rule.responsible}" if rule.responsible else "",
+        f"tie window: {rule.tie:g} s" if rule.tie else "",
+        f"source: {rule.source}" if rule.source else "",
+        f"requirement: {rule.requirement}" if rule.requirement else "",
+    ]
+    return "\n".join(filter(None, [*lines, *(f"      {fact}" for fact in facts if fact)]))
+
+
+def _declare_below_rules(rules: argparse.ArgumentParser) -> None:
+    commands = rules.add_subparsers(prog="rvads rules", metavar="COMMAND")
+    show = commands.add_parser("show", help="show some rules; `rvads rules NAME` does the same")
+    show.add_argument("names", nargs="+", metavar="NAME", help="name of a rule")
+    show.add_argument("--rules", action="append", default=argparse.SUPPRESS, metavar="FILE", help="file of rules; repeatable")
     check = commands.add_parser(
         "check",
         help="find scenarios and orders of arrival in which nobody can obey the rules",
-        description="Find scenarios and orders of arrival in which no behaviour satisfies all rules and lets everyone through; "
-        "exit status 1 if there are any.",
+        description="Find scenarios and orders of arrival in which no behaviour satisfies all rules and lets all vehicles "
+        "through. Exit status: 1 if there is such a scenario, else 0.",
     )
     check.add_argument(
         "--rules",
         action="append",
         default=argparse.SUPPRESS,
         metavar="RULE",
-        help="a rule, rulebook or file of rules, may be repeated (default: paper)",
+        help="a rule, rulebook or file of rules; repeatable (default: paper)",
     )
     check.add_argument("--ways", type=int, choices=(3, 4), default=4, help="entrances of the junction (default: 4)")
-    check.add_argument("--control", choices=("stop", "lights"), help="of the junction (default: both)")
-    check.add_argument("--scenario", metavar="DIRECTIONS", help="one scenario, such as 1133; 0 where nobody stands")
-    check.add_argument("--arrivals", metavar="SECONDS", help="one order of arrival: a time per entrance, such as 0,0,0.4,2")
+    check.add_argument("--control", choices=("stop", "lights"), help="control of the junction (default: both)")
+    check.add_argument("--scenario", metavar="DIRECTIONS", help="check one scenario, such as 1133; 0 is an empty entrance")
+    check.add_argument(
+        "--arrivals", metavar="SECONDS", help="check one order of arrival, given as a time per entrance, such as 0,0,0.4,2"
+    )
     check.set_defaults(command=_rules_check)
 
 
 def _rules_check(options: argparse.Namespace) -> int:
-    from pytest_rvads.cli.answers import named_rules
     from pytest_rvads.geometry.control import JunctionControl
     from pytest_rvads.geometry.finder import find
     from pytest_rvads.scenarios.classes import parse
-    from pytest_rvads.search.survey import show, survey
+    from pytest_rvads.search.consistency import show, survey
 
     rules = named_rules(options.rules or ["paper"])
     code = parse(options.scenario) if options.scenario else None
     if code and len(code) != options.ways:
         raise ScenarioError(f"scenario {options.scenario!r} names {len(code)} entrances, expected {options.ways}: see --ways")
-    arrivals = _times(options.arrivals) if options.arrivals else None
+    arrivals = _arrival_times(options.arrivals) if options.arrivals else None
     contradicted = False
     for control in (options.control,) if options.control else ("stop", "lights"):
-        about = [rule for rule in rules if rule.concerns(JunctionControl(control))]
-        if about:
+        controlled_rules = [rule for rule in rules if rule.concerns(JunctionControl(control))]
+        if controlled_rules:
             result = survey(
                 find(_JUNCTIONS[control, options.ways]),
-                about,
+                controlled_rules,
                 scenarios=[code] if code else None,
                 arrivals=arrivals,
                 progress=partial(progress, what="pairs"),
@@ -94,7 +134,7 @@ def _rules_check(options: argparse.Namespace) -> int:
     return 1 if contradicted else 0
 
 
-def _times(text: str) -> list[float]:
+def _arrival_times(text: str) -> list[float]:
     try:
         times = [float(part) for part in text.split(",")]
     except ValueError:
@@ -108,15 +148,15 @@ def _declare_check(commands: Subparsers) -> None:
     check = commands.add_parser(
         "check",
         help="judge runs that were recorded (.json), kept by --rvads-keep (.npz), or exported (.xosc)",
-        description="Exit status: 0 when no rule is violated or open, 1 when one is, 2 when a file or run can't be read or "
-        "judged, 5 when nothing was judged: no rule applies, or every verdict is unsure. What is UNSURE is counted and listed, "
-        "and neither passes nor fails.",
+        description="Exit status: 0 if no rule is violated or open, 1 if a rule is violated or open, 2 if a file or run can't be "
+        "read or judged, 5 if nothing was judged: no rule applies, or every verdict is UNSURE. An UNSURE verdict is counted and "
+        "listed, and neither passes nor fails.",
     )
     check.add_argument(
         "files", nargs="+", metavar="FILE", help="file, folder (searched at any depth) or quoted pattern such as 'drives/*.npz'"
     )
     check.add_argument(
-        "--rules", action="append", metavar="RULE", help="a rule, rulebook or file of rules, may be repeated (default: road)"
+        "--rules", action="append", metavar="RULE", help="a rule, rulebook or file of rules; repeatable (default: road)"
     )
     form = check.add_mutually_exclusive_group()
     form.add_argument(
@@ -124,35 +164,36 @@ def _declare_check(commands: Subparsers) -> None:
         action="store_true",
         help="print one JSON object: run, rule, status and instances; exit 0 whatever the verdicts",
     )
-    form.add_argument("--jsonl", action="store_true", help="likewise, a line per run as soon as it is judged")
-    check.add_argument("--html", metavar="DIR", help="write the page of the verdicts and a replay page of every failure there")
+    form.add_argument("--jsonl", action="store_true", help="as --json, but print a line per run as soon as the run is judged")
+    check.add_argument(
+        "--html", metavar="DIR", help="write the page of the verdicts and a replay page per failure to this folder"
+    )
     check.add_argument(
         "--report", action="append", default=[], metavar="FILE", help="write a report, in the format of its ending; repeatable"
     )
-    check.add_argument("--kpis", action="store_true", help="also the key performance indicators of every run")
-    check.add_argument("-j", "--jobs", type=_count, default=1, metavar="N", help="judge on so many processes (default: 1)")
-    check.add_argument("-v", "--verbose", action="store_true", help="of many runs, print all verdicts and warnings")
+    check.add_argument("--kpis", action="store_true", help="also print the key performance indicators of every run")
+    check.add_argument("-j", "--jobs", type=_process_count, default=1, metavar="N", help="number of processes (default: 1)")
+    check.add_argument("-v", "--verbose", action="store_true", help="print all verdicts and warnings, also of many runs")
     load("streams", "follow").declare(check)
-    check.set_defaults(command=_check)
+    check.set_defaults(command=_check_runs)
 
 
-def _count(text: str) -> int:
+def _process_count(text: str) -> int:
     value = int(text)
     if not 1 <= value <= 1000:
         raise ValueError
     return value
 
 
-_count.__name__ = "number of processes"  # argparse names it in its messages
+_process_count.__name__ = "number of processes"  # argparse prints this name in its messages
 
 
-def _check(options: argparse.Namespace) -> int:
+def _check_runs(options: argparse.Namespace) -> int:
     following = load("streams", "follow")
     if options.follow:
         status: int = following.follow(options)
         return status
     following.refuse_without(options)
-    from pytest_rvads.cli.answers import named_rules
     from pytest_rvads.cli.check_output import Teller, Totals
     from pytest_rvads.cli.run_answers import Question, judged, run_files
 
@@ -162,21 +203,21 @@ def _check(options: argparse.Namespace) -> int:
 
         reports += map(fitting, options.report)
     names = tuple(options.rules or ["road"])
-    named_rules(names)  # what is wrong with them is told before anything is read
+    named_rules(names)  # mistakes in rules are reported before any file is read
     if options.html is not None:
         _make_folder(options.html)
         reports.append(Path(options.html) / "index.html")
-    totals, told = Totals(), options.json or options.jsonl
+    totals, for_program = Totals(), options.json or options.jsonl
     files = run_files(options.files, totals.trouble)
     alone = len(options.files) == len(files) == 1
-    question = Question(names, options.kpis, alone and not told, options.html)
+    question = Question(names, options.kpis, alone and not for_program, options.html)
     with (
         Teller(options, totals, len(files), reports, alone=alone) as teller,
         closing(judged(files, question, options.jobs)) as batches,
     ):
         for batch in batches:
             teller.tell(batch)
-    return totals.exit_status(told=told)
+    return totals.exit_status(for_program=for_program)
 
 
 def _make_folder(name: str) -> None:
@@ -187,10 +228,9 @@ def _make_folder(name: str) -> None:
 
 
 def _monitor(options: argparse.Namespace) -> int:
-    from pytest_rvads.logic.ltl.export import describe
+    from pytest_rvads.logic.ltl.export import answer, describe
     from pytest_rvads.logic.ltl.ltl3 import synthesize
     from pytest_rvads.logic.ltl.parser import parse_ltl
-    from pytest_rvads.logic.ltl.words import answer
 
     if not options.jsonl:
         say(describe(synthesize(parse_ltl(options.formula))))

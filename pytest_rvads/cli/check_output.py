@@ -1,4 +1,4 @@
-"""What ``rvads check`` prints, run by run, for people or as JSON, and the reports that it writes at the end."""
+"""The output of ``rvads check``: the verdicts on each run, as text or JSON, and the reports at the end."""
 
 from __future__ import annotations
 
@@ -29,60 +29,67 @@ __all__ = ["VERSION", "Output", "Teller", "Totals", "line", "measured", "output"
 VERSION = 1
 """Version of the object of ``--json`` and of the lines of ``--jsonl``."""
 _KPIS = "(kpis)"
-"""Where the indicators of a run stand beside its rules in JSON; no rule can be called so."""
+"""Member of a JSON object with the indicators of a run, beside the rules; no rule can have this name."""
 _LISTED = {Status.FAIL: "violated", Status.OPEN: "open", Status.UNSURE: "unsure"}
-"""What instances are listed under in JSON."""
+"""By status, the member of a JSON object that lists the instances."""
 _MOST_DOUBTS = 20
+"""Largest number of warnings that are printed without ``--verbose``."""
 
 
 class Output:
-    """What is printed; some outputs leave the rest to standard error."""
+    """Base class of the formats in which verdicts on runs are printed; a format overrides the methods for what it prints."""
 
     def run(self, label: str, answer: RunAnswer) -> None:
-        """Print what is said of a run."""
+        """Print the verdicts on a run."""
 
     def unread(self, batch: Batch) -> None:
         """Print that a file could not be read."""
 
     def close(self) -> None:
-        """Print what comes last."""
+        """Print the end of the output."""
 
 
 def output(options: argparse.Namespace, alone: bool, totals: Totals) -> Output:
-    """Return what prints as the options say; `alone` when there is one file, `totals` of all that is counted."""
+    """Return the output (text, JSON object or JSON lines) that the options choose.
+
+    Args:
+        options: the options of the command.
+        alone: whether a single file is checked.
+        totals: counts the verdicts of all runs.
+    """
     if options.json:
         return _Object()
     return _Lines() if options.jsonl else _Text(alone, options.verbose, totals)
 
 
 def line(verdict: Verdict) -> str:
-    """Return the status of a verdict and its message, which names the rule, in one line."""
+    """Return a line with the status of a verdict and its message, which names the rule."""
     text = verdict.message.removeprefix(f"{verdict.rule} {verdict.status}: ")
     return f"{verdict.status.value:5} {text if text.startswith(verdict.rule) else f'{verdict.rule}: {text}'}"
 
 
 def unsure(verdict: Verdict) -> Iterator[str]:
-    """Yield who is in each unsure instance and what it hangs on, where the line of the verdict does not say it."""
+    """Yield a line per unsure instance of a rule, with its agents and its doubt, unless the line of the verdict names both."""
     doubts = [instance for instance in verdict.instances if instance.status is Status.UNSURE]
     if len(doubts) > 1 or verdict.status is not Status.UNSURE or not verdict.reason:
         yield from (": ".join(filter(None, (", ".join(name for _, name in i.binding), i.hangs))) for i in doubts)
 
 
 class _Text(Output):
-    """For people: of one file everything, of several what is not as it should be, unless they want all."""
+    """Prints text: all verdicts for a single file or with ``--verbose``, and otherwise only the `NOTABLE` verdicts."""
 
     def __init__(self, alone: bool, verbose: bool, totals: Totals) -> None:
         self._alone, self._verbose, self._totals, self._excerpts = alone, verbose, totals, False
 
     def run(self, label: str, answer: RunAnswer) -> None:
         self._excerpts |= answer.excerpt
-        whole = self._verbose or (self._alone and not answer.excerpt)
+        complete = self._verbose or (self._alone and not answer.excerpt)
         lines: list[str] = []
         for verdict in answer.verdicts:
-            if whole or verdict.status in NOTABLE:
+            if complete or verdict.status in NOTABLE:
                 lines += [line(verdict), *(f"       UNSURE {what}" for what in unsure(verdict))]
         indicators = [] if answer.kpis is None else list(describe(answer.kpis))
-        if lines or whole or indicators:
+        if lines or complete or indicators:
             say("\n  ".join((label, *lines, *indicators)))
 
     def close(self) -> None:
@@ -91,19 +98,21 @@ class _Text(Output):
 
 
 def measured(verdict: Verdict, instance: InstanceVerdict) -> dict[str, Any]:
-    """Return when an instance was violated, by what margin, and what it hangs on, as JSON can have it."""
+    """Return a JSON object with time and margin of an instance of a rule, and the event on which an unsure instance depends."""
     margin = instance.margin if instance.margin is not None and math.isfinite(instance.margin) else None
     hangs = {"hangs": instance.hangs} if instance.hangs else {}
     return {"time": when(verdict, instance), "margin": margin, **hangs}
 
 
 def _verdict(verdict: Verdict) -> dict[str, Any]:
-    """Return the status and the instances that are violated, open, unsure; ``open`` only where there are some."""
-    listed: dict[str, list[dict[str, Any]]] = {word: [] for word in _LISTED.values()}
+    """Return a verdict as a JSON object: the status, and the violated, unsure and (if any) open instances of the rule."""
+    instances_by_word: dict[str, list[dict[str, Any]]] = {word: [] for word in _LISTED.values()}
     for instance in verdict.instances:
         if instance.status in _LISTED:
-            listed[_LISTED[instance.status]].append({**dict(instance.binding), **measured(verdict, instance)})
-    return {"status": verdict.status.value} | {word: found for word, found in listed.items() if found or word != "open"}
+            instances_by_word[_LISTED[instance.status]].append({**dict(instance.binding), **measured(verdict, instance)})
+    return {"status": verdict.status.value} | {
+        word: instances for word, instances in instances_by_word.items() if instances or word != "open"
+    }
 
 
 def _verdicts(answer: RunAnswer) -> dict[str, Any]:
@@ -111,41 +120,41 @@ def _verdicts(answer: RunAnswer) -> dict[str, Any]:
 
 
 class _Object(Output):
-    """One JSON object, written piece by piece: runs are not held until the last is judged."""
+    """Prints one JSON object for all runs piece by piece, so that memory does not hold all runs."""
 
     def __init__(self) -> None:
-        self._put(f'{{"version": {VERSION}')
+        self._write(f'{{"version": {VERSION}')
 
     def run(self, label: str, answer: RunAnswer) -> None:
-        told = _verdicts(answer) | ({} if answer.kpis is None else {_KPIS: answer.kpis.record()})
-        self._put(f",\n{json.dumps(label)}: {json.dumps(told)}")
+        content = _verdicts(answer) | ({} if answer.kpis is None else {_KPIS: answer.kpis.record()})
+        self._write(f",\n{json.dumps(label)}: {json.dumps(content)}")
 
     def close(self) -> None:
-        self._put("\n}\n")
+        self._write("\n}\n")
 
-    def _put(self, text: str) -> None:
+    def _write(self, text: str) -> None:
         sys.stdout.write(text)
         sys.stdout.flush()
 
 
 class _Lines(Output):
-    """A JSON object per run and line."""
+    """Prints a line with a JSON object per run."""
 
     def run(self, label: str, answer: RunAnswer) -> None:
-        told: dict[str, Any] = {"run": label, "file": answer.file, "start": answer.start, "vehicles": answer.vehicles}
-        told |= {"verdicts": _verdicts(answer)}
-        told |= {} if answer.kpis is None else {"kpis": answer.kpis.record()}
-        self._put(told | ({"errors": list(answer.errors)} if answer.errors else {}))
+        content: dict[str, Any] = {"run": label, "file": answer.file, "start": answer.start, "vehicles": answer.vehicles}
+        content |= {"verdicts": _verdicts(answer)}
+        content |= {} if answer.kpis is None else {"kpis": answer.kpis.record()}
+        self._write(content | ({"errors": list(answer.errors)} if answer.errors else {}))
 
     def unread(self, batch: Batch) -> None:
-        self._put({"file": batch.file, "errors": [batch.error]})
+        self._write({"file": batch.file, "errors": [batch.error]})
 
-    def _put(self, told: dict[str, Any]) -> None:
-        print(json.dumps({"version": VERSION} | told), flush=True)
+    def _write(self, content: dict[str, Any]) -> None:
+        print(json.dumps({"version": VERSION} | content), flush=True)
 
 
 class Totals:
-    """Counts the answers on all runs."""
+    """Counts the verdicts on all runs, and the files and runs that could not be judged."""
 
     def __init__(self) -> None:
         self._at = AtJunctions({})
@@ -160,7 +169,7 @@ class Totals:
         warn(f"rvads: {sentence}")
 
     def doubt(self, sentence: str, *, every: bool) -> None:
-        """Print a doubt about a run; only the first few doubts are printed, unless `every` doubt is wanted."""
+        """Print a warning about a run; only the first few warnings are printed, unless `every` is set."""
         self._doubts += 1
         if every or self._doubts <= _MOST_DOUBTS:
             warn(f"warning: {sentence}")
@@ -168,7 +177,7 @@ class Totals:
             warn("warning: further warnings are not printed, --verbose prints them")
 
     def add(self, answer: RunAnswer) -> None:
-        """Count the answer on a run."""
+        """Count the verdicts on a run."""
         self.runs += 1
         self.vehicles += answer.vehicles
         self._statuses.update(verdict.status for verdict in answer.verdicts)
@@ -176,28 +185,28 @@ class Totals:
             self._at.add(record)
 
     def lines(self) -> list[str]:
-        """Return the numbers of verdicts by rule as a table, and how much was judged."""
-        _, rules, _ = sums(self._at.found)
+        """Return the lines of a table of the numbers of verdicts by rule, and a line on the number of judged runs."""
+        _, rules, _ = sums(self._at.junctions)
         kinds = [kind.value for kind in rules.kinds if kind]
         table = [("", *kinds), *((row.name, *(str(count or "") for count in row.counts)) for row in rules.rows)]
         name = max((len(row.name) for row in rules.rows), default=0)
         lines = [f"{cells[0]:{name}}" + "".join(map(_right, cells[1:], kinds)) for cells in table] if rules.rows else []
-        return [*map(str.rstrip, lines), self._judged]
+        return [*map(str.rstrip, lines), self._extent]
 
     @property
-    def _judged(self) -> str:
-        told = f"{plural(self.runs, 'run')}, {plural(self.vehicles, 'vehicle')} judged"
-        return f"{told}; {plural(len(self.troubles), 'thing')} could not be read or judged" if self.troubles else told
+    def _extent(self) -> str:
+        text = f"{plural(self.runs, 'run')}, {plural(self.vehicles, 'vehicle')} judged"
+        return f"{text}; {plural(len(self.troubles), 'thing')} could not be read or judged" if self.troubles else text
 
     @property
     def status(self) -> int:
-        """The exit status."""
-        # A rule that is violated is violated, whether or not somebody could have kept it.
-        return exit_status({Outcome(status.value) for status in self._statuses}, whole=not self.troubles)
+        """The exit status of the command for the counted verdicts."""
+        # An unavoidable violation counts as a violation.
+        return exit_status({Outcome(status.value) for status in self._statuses}, complete=not self.troubles)
 
-    def exit_status(self, *, told: bool) -> int:
-        """Return the exit status; if a program reads the verdicts (`told`), the statuses 1 and 5 are not used."""
-        if told and not self.troubles:
+    def exit_status(self, *, for_program: bool) -> int:
+        """Return the exit status; 0 in place of 1 and 5 if a program reads the verdicts (`for_program`)."""
+        if for_program and not self.troubles:
             return 0
         if self.status == NOTHING_JUDGED:
             unsure = "every verdict that applies is UNSURE"
@@ -211,11 +220,11 @@ def _right(text: str, kind: str) -> str:
 
 
 class Teller:
-    """Takes the answers on parts of files, in order; the reports are written even after an error.
+    """Prints the verdicts on parts of files, in order, and writes the reports at the end, even after an error.
 
     Args:
         options: the options of the command.
-        totals: the counts of all answers.
+        totals: counts the verdicts of all runs.
         files: number of files.
         reports: paths of the reports to write.
         alone: whether a single file is checked, so that all its warnings are printed.
@@ -226,7 +235,7 @@ class Teller:
         self._labels = {"version"}  # the member of the JSON object that is no run
         self._output = output(options, alone, totals)
         self._reports, self._records = reports, Spool()
-        # A program that reads JSON may read standard error together with it.
+        # A program that reads JSON can read standard error as well.
         self._bar = sys.stderr.isatty() or not (options.json or options.jsonl)
 
     def __enter__(self) -> Teller:
@@ -243,7 +252,7 @@ class Teller:
         if not self._reports:
             return
         from pytest_rvads.report.files import save
-        from pytest_rvads.support.versions import versions
+        from pytest_rvads.support.installed import versions
 
         notes = () if whole else ("INCOMPLETE: rvads check did not come to its end, so runs are missing",)
         report = Report(
@@ -258,7 +267,7 @@ class Teller:
             save(path, report)
 
     def tell(self, batch: Batch) -> None:
-        """Print the answers on a part of a file."""
+        """Print the verdicts on a part of a file."""
         clear()
         if batch.error:
             self._totals.trouble(batch.error)
@@ -283,7 +292,7 @@ class Teller:
             self._records.add(replace(record, nodeid=f"{label}-{record.rule}", recording=label))
 
     def _label(self, answer: RunAnswer) -> str:
-        """Return what a run is called; a label that comes again, in another file or the same, has the file before it."""
+        """Return the label of a run; if an earlier run has the same label, the name of the file is put in front."""
         label, number = answer.label, 1
         while label in self._labels:
             label = f"{answer.file}: {answer.label}" + (f" ({number})" if number > 1 else "")

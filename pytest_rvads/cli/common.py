@@ -1,4 +1,4 @@
-"""Functions that commands share: signals, progress, reading lines and printing."""
+"""Functions that commands share: signals, progress, reading lines, finding rules and printing."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import shutil
 import signal
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from itertools import count
 from typing import TYPE_CHECKING, TypeAlias
@@ -16,20 +16,37 @@ from pytest_rvads.support.errors import RvadsError
 from pytest_rvads.support.wording import printable
 
 if TYPE_CHECKING:
+    from pytest_rvads.logic.rules.rule import Rule
     from pytest_rvads.report.session_report import Report
 
-__all__ = ["LINE_LIMIT", "Subparsers", "clear", "lines", "progress", "progress_for", "say", "show", "terminable", "warn"]
+__all__ = [
+    "LINE_LIMIT",
+    "MAP_FORMATS",
+    "Subparsers",
+    "clear",
+    "lines",
+    "listed_rules",
+    "named_rules",
+    "progress",
+    "progress_for",
+    "say",
+    "show",
+    "terminable",
+    "warn",
+]
 
 LINE_LIMIT = 2**20
-"""Longest line that is read [bytes]; to answer it may take a hundred times as much memory."""
+"""Longest line of input that is read [bytes]; the output for a line can take a hundred times as much memory."""
 
+MAP_FORMATS = "OpenDRIVE, Lanelet2 or CommonRoad"
+"""The formats of maps that are read, for the help of options."""
 Subparsers: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
-"""The object to which a module adds its commands."""
+"""The object of argparse to which a module adds its commands."""
 
 
 @contextmanager
 def terminable() -> Iterator[None]:
-    """Have SIGTERM and SIGHUP raise KeyboardInterrupt, as Ctrl-C does, unless somebody ignores or handles them."""
+    """Let SIGTERM and SIGHUP raise KeyboardInterrupt, as Ctrl-C does, unless the process ignores or handles these signals."""
     main = threading.current_thread() is threading.main_thread()
     names = [name for name in ("SIGTERM", "SIGHUP") if main and hasattr(signal, name)]
     numbers = [number for name in names if signal.getsignal(number := signal.Signals[name]) is signal.SIG_DFL]
@@ -43,7 +60,7 @@ def terminable() -> Iterator[None]:
 
 
 def progress(done: int, total: int, what: str = "runs") -> None:
-    """Draw a bar on standard error; where that is no terminal, a line per quarter."""
+    """Draw a progress bar on standard error; print a line per quarter if standard error is no terminal."""
     if sys.stderr.isatty():
         full = 40 * done // total
         end = "\n" if done == total else ""
@@ -53,7 +70,7 @@ def progress(done: int, total: int, what: str = "runs") -> None:
 
 
 def progress_for(options: argparse.Namespace) -> Callable[[int, int], None] | None:
-    """Return the progress display; None for a program that wants JSON, which may read standard error together with it."""
+    """Return a function that shows progress; None if a program reads JSON, because the program can read standard error, too."""
     return None if options.json and not sys.stderr.isatty() else progress
 
 
@@ -64,10 +81,10 @@ def clear() -> None:
 
 
 def lines() -> Iterator[bytes]:
-    """Yield the lines of standard input, but for empty ones.
+    """Yield the lines of standard input, without empty lines.
 
     Raises:
-        RvadsError: a line is too long; those before it have been yielded.
+        RvadsError: a line is too long; the earlier lines have been yielded.
     """
     for number in count(1):
         line = sys.stdin.buffer.readline(LINE_LIMIT + 1)
@@ -79,13 +96,37 @@ def lines() -> Iterator[bytes]:
             yield line
 
 
+def listed_rules(names: Sequence[str]) -> tuple[str | Rule, ...]:
+    """Return names of rules and rulebooks as they are, with the rules of files (``.rules``) in place of the names of files.
+
+    Raises:
+        FormulaError: a name is unknown, or a file of rules has a mistake.
+    """
+    from pytest_rvads.logic.rules.book import load_rules, rules_for
+
+    rules = tuple(rule for name in names for rule in (load_rules(name) if name.endswith(".rules") else [name]))
+    rules_for(rules)
+    return rules
+
+
+def named_rules(names: Sequence[str]) -> tuple[Rule, ...]:
+    """Return the rules that names of rules, rulebooks or files of rules (``.rules``) denote, each rule once.
+
+    Raises:
+        FormulaError: a name is unknown, or a file of rules has a mistake.
+    """
+    from pytest_rvads.logic.rules.book import rules_for
+
+    return rules_for(listed_rules(names))
+
+
 def say(text: str) -> None:
-    """Print an answer; control characters in foreign names are made harmless."""
+    """Print a text on standard output, with control characters escaped."""
     print(printable(text, len(text)), flush=True)
 
 
 def show(report: Report) -> None:
-    """Print the summary of a report, as wide as the terminal."""
+    """Print the summary of a report in the width of the terminal."""
     from pytest_rvads.report.terminal import summary
 
     unicode = (sys.stdout.encoding or "").lower().startswith("utf")

@@ -1,4 +1,4 @@
-"""``rvads init``: writes files to start from."""
+"""The command ``rvads init``: writes the first test files of a project."""
 
 from __future__ import annotations
 
@@ -10,38 +10,43 @@ from collections.abc import Mapping
 from importlib.resources import files
 from pathlib import Path
 from string import Template
+from typing import TYPE_CHECKING
 
-from pytest_rvads.cli.common import Subparsers, say
+from pytest_rvads.cli.common import MAP_FORMATS, Subparsers, say
+from pytest_rvads.geometry.control import JunctionControl, Sign
 from pytest_rvads.support.errors import MapError, RunError, RvadsError, ScenarioError
 from pytest_rvads.support.wording import page
+
+if TYPE_CHECKING:
+    from pytest_rvads.geometry.junction import Junction
 
 __all__ = ["WORKFLOW", "declare", "template"]
 
 WORKFLOW = ".github/workflows/rules.yml"
-"""Path of GitHub's workflow file for pushes."""
+"""Path in a repository: the workflow file that GitHub runs at every push."""
 
 
 def declare(commands: Subparsers) -> None:
-    """Add the command of this module."""
+    """Add the command ``rvads init`` to the parser."""
     init = commands.add_parser(
         "init",
-        help="write a first test and what drives in it, to start from",
+        help="write a first test and a controller to start from",
         description="Writes test_rules.py, and conftest.py with a controller to replace by yours. Changes no file that exists.",
     )
-    init.add_argument("folder", metavar="DIR", nargs="?", default=".", help="where to write (default: here)")
+    init.add_argument("folder", metavar="DIR", nargs="?", default=".", help="folder for the files (default: working directory)")
     drives = init.add_mutually_exclusive_group()
-    drives.add_argument("--sut", metavar="COMMAND", help="a program of yours drives, in C++ or any language; started in DIR")
-    drives.add_argument("--recordings", metavar="FILE", help="nothing drives: judge runs of a file, folder or pattern")
+    drives.add_argument("--sut", metavar="COMMAND", help="let your program drive, in C++ or any language; it starts in DIR")
+    drives.add_argument("--recordings", metavar="FILE", help="judge recorded runs of a file, folder or pattern; nothing drives")
     drives.add_argument("--ci", choices=("github",), help="write a workflow for GitHub Actions instead of tests")
     init.add_argument(
-        "--map", metavar="FILE", help="drive at a junction of this OpenDRIVE file, not at the built-in all-way stop"
+        "--map", metavar="FILE", help=f"drive at a junction of this map file ({MAP_FORMATS}), not at the built-in all-way stop"
     )
-    init.add_argument("--junction", metavar="ID", help="which junction of --map (default: the first that can be used)")
+    init.add_argument("--junction", metavar="ID", help="junction of --map (default: the first usable junction)")
     init.set_defaults(command=_init)
 
 
 def template(name: str, values: Mapping[str, object] | None = None) -> str:
-    """Return the text of a file to start from, with `values` inserted as Python literals."""
+    """Return the text of a template file, with `values` inserted as Python literals."""
     text = files("pytest_rvads.cli").joinpath("start", name).read_text(encoding="utf-8")
     return Template(text).substitute({key: repr(value) for key, value in values.items()}) if values else text
 
@@ -54,27 +59,39 @@ def _init(options: argparse.Namespace) -> int:
     if options.junction and not options.map:
         raise RvadsError("--junction names a junction of --map: name the file as well")
     folder = Path(options.folder)
-    texts = {WORKFLOW: template("rules.yml")} if options.ci else _tests(options, folder)
-    for path in _write(folder, texts):
+    texts = {WORKFLOW: template("rules.yml")} if options.ci else _test_files(options, folder)
+    for path in _write_new(folder, texts):
         say(f"wrote {path}")
     for line in _next(options):
         say(line)
     return 0
 
 
-def _tests(options: argparse.Namespace, folder: Path) -> dict[str, str]:
-    """Return the tests and their driver, by the names of their files."""
+def _test_files(options: argparse.Namespace, folder: Path) -> dict[str, str]:
+    """Return the contents of the test files and of the driver's file, by names of files."""
     if options.recordings:
         return {"test_rules.py": template("test_recordings.txt", {"recordings": _recordings(options.recordings, folder)})}
-    drives = template("stack.txt", {"command": _command(options.sut)}) if options.sut else template("conftest.txt")
-    if not options.map:
-        return {"conftest.py": drives, "test_rules.py": template("test_rules.txt")}
-    at = _place(options.map, options.junction) | {"map": _seen_from(folder, options.map)}
-    return {"conftest.py": drives, "test_rules.py": template("test_map.txt", at)}
+    place, tests = None, template("test_rules.txt")
+    if options.map:
+        place, at = _map_junction(options.map, options.junction)
+        tests = template("test_map.txt", at | {"map": _seen_from(folder, options.map)})
+    if options.sut:
+        drives = template("stack.txt", {"command": _command_words(options.sut)})
+    else:
+        drives = Template(template("conftest.txt")).substitute(fault=_fault(place))
+    return {"conftest.py": drives, "test_rules.py": tests}
 
 
-def _write(folder: Path, texts: Mapping[str, str]) -> list[Path]:
-    """Write files; none is written if a file exists.
+def _fault(place: Junction | None) -> str:
+    """Return what MyController does wrong at a junction, in words; None is the built-in all-way stop."""
+    signs = {Sign.STOP} if place is None else {entrance.sign for entrance in place.entrances}
+    if Sign.STOP in signs:
+        return "not at the stop sign"
+    return "not at a red light" if Sign.LIGHTS in signs else "not for who comes and has to be let pass"
+
+
+def _write_new(folder: Path, texts: Mapping[str, str]) -> list[Path]:
+    """Write files, or no file if one of the files exists.
 
     Raises:
         RvadsError: a file exists.
@@ -86,37 +103,43 @@ def _write(folder: Path, texts: Mapping[str, str]) -> list[Path]:
             raise RvadsError(f"{path} exists and is not changed, nothing was written: move it away, or name another folder")
     for path, text in paths.items():
         path.parent.mkdir(parents=True, exist_ok=True)
-        with path.open("x", encoding="utf-8") as out:  # a file that was made meanwhile is not changed either
+        with path.open("x", encoding="utf-8") as out:  # mode x: a file that was made in the meantime is not changed either
             out.write(text)
     return list(paths)
 
 
 def _next(options: argparse.Namespace) -> list[str]:
-    """Return lines on the next steps."""
+    """Return lines for the user on the next steps after ``rvads init``."""
     if options.ci:
-        told = "commit it; at each push GitHub runs pytest, shows failures beside the lines of their tests and keeps the reports"
-        return [f"next: {told}", f"more: {page('ci')}"]
-    next_ = ["next: pytest" if options.folder == "." else f"next: cd {shlex.quote(options.folder)} && pytest"]
+        advice = (
+            "commit it; at each push GitHub runs pytest, shows failures beside the lines of their tests and keeps the reports"
+        )
+        source = (
+            "RVADS in the file says from where pip installs pytest-rvads: until its first release, name the repository you cloned"
+        )
+        return [f"next: {advice}", source, f"more: {page('ci')}"]
+    pytest = f"RVADS_HAND={options.hand} pytest" if options.hand else "pytest"
+    steps = [f"next: {pytest}" if options.folder == "." else f"next: cd {shlex.quote(options.folder)} && {pytest}"]
     if options.recordings:
-        return [*next_, f"more: {page('bring-recorded-runs')}"]
+        return [*steps, f"more: {page('bring-recorded-runs')}"]
     failures = "The line `look` of a failure names a page that replays it, the line `rerun` runs it once more."
     if options.sut:
-        return [*_missing(options.sut, Path(options.folder)), *next_, failures, f"more: {page('attach-your-stack')}"]
-    own = "Then put your controller in place of MyController in conftest.py."
-    return [*next_, failures, own, f"more: {page('tutorial')}"]
+        return [*_missing_program(options.sut, Path(options.folder)), *steps, failures, f"more: {page('attach-your-stack')}"]
+    replacement = "Then put your controller in place of MyController in conftest.py."
+    return [*steps, failures, replacement, f"more: {page('tutorial')}"]
 
 
-def _missing(command: str, folder: Path) -> list[str]:
-    """Return a line if the program of a command does not exist yet."""
-    program = _command(command)[0]
+def _missing_program(command: str, folder: Path) -> list[str]:
+    """Return a line of advice in a list if the program of a command does not exist yet; an empty list if it exists."""
+    program = _command_words(command)[0]
     if shutil.which(os.path.join(folder, program) if "/" in program else program):  # a Path would drop the ./ of a program
         return []
     where = f"at {folder / program}" if "/" in program else "on the PATH"
     return [f"There is no program {where} yet: put it there first."]
 
 
-def _command(text: str) -> list[str]:
-    """Return the words of a command."""
+def _command_words(text: str) -> list[str]:
+    """Return the program and the arguments of a command."""
     try:
         words = shlex.split(text)
     except ValueError as error:
@@ -126,21 +149,24 @@ def _command(text: str) -> list[str]:
     return words
 
 
-def _place(file: str, wanted: str | None) -> dict[str, object]:
-    """Return a junction of a map and the starts of its vehicles: the given junction, or the first junction with meeting ways."""
+def _map_junction(file: str, named_junction: str | None) -> tuple[Junction, dict[str, object]]:
+    """Return the named junction of a map, or else its first junction with conflicting ways, and values for its test file."""
     from pytest_rvads.geometry.conflicts import JunctionKind
-    from pytest_rvads.geometry.control import JunctionControl
     from pytest_rvads.geometry.finder import find
     from pytest_rvads.geometry.road_map import describe, read_map
     from pytest_rvads.scenarios.classes import label
     from pytest_rvads.scenarios.selection import alone
 
-    junctions = describe(read_map(file))["junctions"] if wanted is None else ()
-    usable = [wanted] if wanted else [one["id"] for one in junctions if one["kind"] not in (None, JunctionKind.CONFLICT_FREE)]
+    junctions = describe(read_map(file))["junctions"] if named_junction is None else ()
+    usable = (
+        [named_junction]
+        if named_junction
+        else [junction["id"] for junction in junctions if junction["kind"] not in (None, JunctionKind.CONFLICT_FREE)]
+    )
     if not usable:
         raise MapError(f"{file} has no usable junction where ways meet: rvads map {shlex.quote(file)} tells why")
     place = find(usable[0], file)
-    return {
+    return place, {
         "junction": usable[0],
         "grid": ("S21", "S46") if place.control is JunctionControl.STOP else ("S42", "S53"),
         "alone": tuple(label(code, place.lanes) for code in alone(place)),

@@ -1,4 +1,7 @@
-"""``rvads classes`` and ``rvads map``: junctions and their scenarios."""
+"""The commands ``rvads classes`` and ``rvads map``, which show classes of scenarios and the junctions of a map.
+
+Classes are drawn as in the paper: a row per class, a diagram per scenario.
+"""
 
 from __future__ import annotations
 
@@ -7,74 +10,146 @@ import json
 import os
 import sys
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import groupby, islice
+from math import cos, pi, sin
 from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
-from pytest_rvads.cli.common import Subparsers, say, warn
+from pytest_rvads.cli.common import MAP_FORMATS, Subparsers, say, warn
 from pytest_rvads.geometry.segment import NO_LIMIT
+from pytest_rvads.report.draw.svg import document, text
+from pytest_rvads.report.rollup import natural
 from pytest_rvads.support.storage import write_file
 from pytest_rvads.support.wording import plural
 
-__all__ = ["declare"]
+__all__ = ["declare", "draw_classes"]
 
 _SHOWN = 100
 _START = "vehicles start up to {:.0f} m before the line"
+_CELL, _LABEL, _RADIUS, _LANE = 110, 90, 42.0, 5.0
+_AT = 0.05
+"""Distance between a crosswalk and a stopping line below which the crosswalk is at the line [m]."""
+_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#7f7f00")
+"""Okabe and Ito's palette, distinguishable by colour-blind people; a colour per direction (arms from entrance to exit)."""
 
 
 def declare(commands: Subparsers) -> None:
-    """Add the commands of this module."""
+    """Add the commands ``classes`` and ``map`` to the parser."""
     classes = commands.add_parser(
-        "classes", help="list the structural equivalence classes of an n-way junction, or of one by name"
+        "classes", help="list the structural equivalence classes of an n-way junction, or of a named junction"
     )
-    what = classes.add_mutually_exclusive_group(required=True)
-    what.add_argument("ways", type=int, nargs="?", metavar="N", help="number of ways, 3 to 8")
-    what.add_argument("--junction", metavar="NAME", help="built-in name, or id of a junction in --map")
-    classes.add_argument("--map", metavar="FILE", help="OpenDRIVE file of a junction given by id")
+    subject = classes.add_mutually_exclusive_group(required=True)
+    subject.add_argument("place", nargs="?", metavar="N|NAME", help="number of ways, 3 to 8, or a junction as for --junction")
+    subject.add_argument("--junction", metavar="NAME", help="built-in name, or id of a junction in --map")
+    classes.add_argument("--map", metavar="FILE", help=f"map file ({MAP_FORMATS}) of the junction, if --junction is an id")
     classes.add_argument("--occupancy", choices=("arms", "lanes"), default="arms", help="a vehicle on each arm, or on each lane")
     classes.add_argument("--all", action="store_true", help=f"list all classes, not only the first {_SHOWN}")
-    classes.add_argument("--svg", metavar="OUT", help="also draw them into this file")
+    classes.add_argument("--svg", metavar="OUT", help="also draw the classes into this file")
     classes.set_defaults(command=_classes)
 
-    map_ = commands.add_parser("map", help="show the junctions of an OpenDRIVE file and what is doubtful in it")
-    map_.add_argument("file", metavar="FILE")
+    map_ = commands.add_parser("map", help="show the junctions of a map file, and warnings on doubtful parts of the file")
+    map_.add_argument("file", metavar="FILE", help=f"map file ({MAP_FORMATS})")
     map_.add_argument("--json", action="store_true", help="print one JSON object")
     map_.add_argument("--svg", metavar="OUT", help="also draw the junctions into this file")
-    map_.add_argument("--uturns", action="store_true", help="keep U-turns, which are left out otherwise")
-    map_.add_argument("--no-clusters", dest="clusters", action="store_false", help="keep junctions of a cluster apart")
+    map_.add_argument("--uturns", action="store_true", help="include U-turns, which are left out otherwise")
+    map_.add_argument(
+        "--no-clusters", dest="clusters", action="store_false", help="read the junctions of a cluster as separate junctions"
+    )
     map_.set_defaults(command=_map)
 
 
 def _classes(options: argparse.Namespace) -> int:
     from pytest_rvads.geometry.finder import find
-    from pytest_rvads.report.draw.class_table import draw_classes
     from pytest_rvads.scenarios.classes import label
     from pytest_rvads.scenarios.orbits import Orbits
     from pytest_rvads.support.errors import ScenarioError
 
-    place = find(options.junction, options.map) if options.junction else None
+    name = options.junction or ("" if options.place.isdecimal() else options.place)
+    place = find(name, options.map) if name else None
     if place is None and options.map:
-        raise ScenarioError("--map is where --junction is looked for: name the junction, or leave --map out")
-    orbits = Orbits.at(place, options.occupancy) if place else Orbits.plain(options.ways)
+        raise ScenarioError("--map is the file of the junction that --junction names: name the junction, or leave --map out")
+    orbits = Orbits.at(place, options.occupancy) if place else Orbits.plain(int(options.place))
     lanes, total = place.lanes if place else (), orbits.count
     if options.svg and place and not place.one_lane_each:
         raise ScenarioError(f"--svg draws junctions of one lane per arm, {place.name!r} has more: leave it out")
     title = f"{orbits.scenarios} scenarios in {total} classes"
     shown = total if options.all else min(total, _SHOWN)
 
-    def listed() -> Iterator[tuple[str, tuple[tuple[int, ...], ...]]]:
+    def rows() -> Iterator[tuple[str, tuple[tuple[int, ...], ...]]]:
         return ((orbits.label(n), orbits.members(code)) for n, code in enumerate(islice(orbits, shown), start=1))
 
     if options.svg:
-        write_file(Path(options.svg), draw_classes(place.ways if place else options.ways, title, list(listed())).encode())
+        write_file(Path(options.svg), draw_classes(place.ways if place else int(options.place), title, list(rows())).encode())
     print(title)
-    for name, members in listed():
+    for name, members in rows():
         print(f"{name}  {label(members[0], lanes)}  {' '.join(label(m, lanes) for m in members[1:])}".rstrip())
     if shown < total:
         print(f"... and {total - shown} more: --all lists them", file=sys.stderr)
     return 0
+
+
+def draw_classes(ways: int, title: str, rows: Iterable[tuple[str, Sequence[tuple[int, ...]]]]) -> str:
+    """Return an SVG document with a diagram of every scenario of some classes.
+
+    Args:
+        ways: number of entrances.
+        title: the first line.
+        rows: per class, its label and the directions of its scenarios.
+    """
+    body = [text(10, 24, title, font_size=15, font_weight="bold")]
+    count = 0
+    for label, members in rows:
+        top = 40 + count * _CELL
+        body.append(text(10, top + _CELL / 2 + 4, label))
+        for column, member in enumerate(members):
+            x, y = _LABEL + (column + 0.5) * _CELL, top + _CELL / 2
+            body.append(f'<g transform="translate({x:g} {y:g})">{_diagram(ways, member)}</g>')
+        count += 1
+    markers = "".join(
+        f'<marker id="d{d}" viewBox="0 0 6 6" refX="4" refY="3" markerWidth="5" markerHeight="5" orient="auto">'
+        f'<path d="M0 0L6 3L0 6z" fill="{_COLOURS[d - 1]}"/></marker>'
+        for d in range(1, ways)
+    )
+    return document(_LABEL + ways * _CELL + 10, 50 + count * _CELL, body, markers)
+
+
+def _diagram(ways: int, directions: Sequence[int]) -> str:
+    parts = []
+    for arm in range(ways):
+        ux, uy = _outward(arm, ways)
+        parts.append(f'<line x2="{_RADIUS * ux:.1f}" y2="{_RADIUS * uy:.1f}" stroke="#ddd" stroke-width="{4 * _LANE:g}"/>')
+    for arm, direction in enumerate(directions):
+        ux, uy = _outward(arm, ways)
+        number = _RADIUS + 8
+        parts.append(text(number * ux, number * uy + 3, str(arm), font_size=9, fill="#666", text_anchor="middle"))
+        if direction:
+            parts.append(_movement(ways, arm, (arm + direction) % ways, direction))
+    return "".join(parts)
+
+
+def _movement(ways: int, entrance: int, leaving: int, direction: int) -> str:
+    """Return the SVG path of a movement, from the lane that leads into the junction to the lane that leads out."""
+    ux, uy = _outward(entrance, ways)
+    vx, vy = _outward(leaving, ways)
+    # Screen y points down: the lane to the right of a driver heading inwards (-u) lies along (uy, -ux).
+    start = (_RADIUS * ux + _LANE * uy, _RADIUS * uy - _LANE * ux)
+    end = (_RADIUS * vx - _LANE * vy, _RADIUS * vy + _LANE * vx)
+    bend = 2 * _LANE
+    controls = (bend * ux + _LANE * uy, bend * uy - _LANE * ux), (bend * vx - _LANE * vy, bend * vy + _LANE * vx)
+    path = " ".join(f"{x:.1f} {y:.1f}" for x, y in (*controls, end))
+    colour = _COLOURS[direction - 1]
+    return (
+        f'<path d="M{start[0]:.1f} {start[1]:.1f}C{path}" fill="none" stroke="{colour}" stroke-width="2" '
+        f'marker-end="url(#d{direction})"/>'
+    )
+
+
+def _outward(arm: int, ways: int) -> tuple[float, float]:
+    """Return the direction of an arm on the screen: arm 0 points down, the other arms follow counter-clockwise."""
+    angle = -pi / 2 + 2 * pi * arm / ways
+    return cos(angle), -sin(angle)
 
 
 def _map(options: argparse.Namespace) -> int:
@@ -91,8 +166,11 @@ def _map(options: argparse.Namespace) -> int:
         print(json.dumps(description, indent=1))
         return 0
     say(f"{os.path.basename(options.file)}: {plural(len(description['junctions']), 'junction')}")
-    say(f"  {_summed(description['junctions'])}")
-    for junction in description["junctions"]:
+    say(f"  {_junction_summary(description['junctions'])}")
+    crossed = [len(junction["crossings"]) for junction in description["junctions"] if junction["crossings"]]
+    if crossed:
+        say(f"  {plural(sum(crossed), 'crosswalk')} at {plural(len(crossed), 'junction')}")
+    for junction in sorted(description["junctions"], key=lambda junction: natural(junction["id"])):
         state = f"not usable: {junction['reason']}"
         if junction["usable"]:
             state = f"{junction['kind']}; {_START.format(junction['usable_from'])}"
@@ -104,8 +182,8 @@ def _map(options: argparse.Namespace) -> int:
     return 0
 
 
-def _summed(junctions: list[dict[str, Any]]) -> str:
-    """Return a line on the usable junctions: their number, their kinds, and the length of the longest approaches."""
+def _junction_summary(junctions: list[dict[str, Any]]) -> str:
+    """Return a line on the usable junctions of a map: their number, their kinds, and the length of their approaches."""
     from pytest_rvads.geometry.conflicts import JunctionKind
 
     usable = [junction for junction in junctions if junction["usable"]]
@@ -124,20 +202,38 @@ def _details(junction: dict[str, Any]) -> Iterator[str]:
         for arm in junction["arms"]
     ]
     alike = groupby(range(len(arms)), key=arms.__getitem__)
-    yield "; ".join(f"{_named([*numbers])}: {arm}" for arm, numbers in alike)
+    yield "; ".join(f"{_arm_names([*numbers])}: {arm}" for arm, numbers in alike)
     ways = [movement["entrance"] for movement in junction["movements"]]
     yielding = sorted({(ways[arm_number], ways[other_arm]) for arm_number, other_arm in junction["yields"]})
     parts = [
-        f"arm {arm_number} to {_listed([other_arm for _, other_arm in pairs])}"
+        f"arm {arm_number} to {_arm_list([other_arm for _, other_arm in pairs])}"
         for arm_number, pairs in groupby(yielding, key=itemgetter(0))
     ]
     undecided = sorted({tuple(sorted((ways[arm_number], ways[other_arm]))) for arm_number, other_arm in junction["undecided"]})
     parts += [f"arms {arm_number} and {other_arm} undecided" for arm_number, other_arm in undecided]
     yield f"gives way: {'; '.join(parts) or 'nobody'}"
+    crosswalks: dict[str, list[int]] = {}
+    for crosswalk in junction["crossings"]:
+        crosswalks.setdefault(", ".join(_crosswalk(crosswalk)), []).append(crosswalk["arm"])
+    if crosswalks:
+        yield f"crosswalks: {'; '.join(f'{_arm_names(arms)}: {words}' for words, arms in crosswalks.items())}"
+
+
+def _crosswalk(crosswalk: dict[str, Any]) -> Iterator[str]:
+    """Yield the length of a crosswalk, its distance from the stopping line, its island and its lights, in words."""
+    yield f"{crosswalk['length']:.1f} m long"
+    behind = crosswalk["behind_line"]
+    if behind is not None:
+        where = "at" if abs(behind) < _AT else f"{abs(behind):.1f} m {'behind' if behind > 0 else 'before'}"
+        yield f"{where} the stopping line"
+    if crosswalk["island"]:
+        yield f"island of {crosswalk['island']:.1f} m"
+    if crosswalk["green"]:
+        yield f"walk with the green of {_arm_names(crosswalk['green'])}"
 
 
 def _control(arm: dict[str, Any]) -> Iterator[str]:
-    """Yield the control of an arm with entrances, in words."""
+    """Yield the control (sign or lights) of an arm in words; nothing for an arm without entrances."""
     if arm["entrances"]:
         yield "no sign" if arm["control"] == "none" else arm["control"]
 
@@ -148,9 +244,12 @@ def _limits(arm: dict[str, Any]) -> Iterator[str]:
         yield "no limit" if limit == NO_LIMIT else f"limit {limit:.1f} m/s"
 
 
-def _named(arms: list[int]) -> str:
-    return f"arm {arms[0]}" if len(arms) == 1 else f"arms {arms[0]} {'and' if len(arms) == 2 else 'to'} {arms[-1]}"
+def _arm_names(arms: list[int]) -> str:
+    *most, last = arms
+    if len(most) > 1 and last - most[0] == len(most):
+        return f"arms {most[0]} to {last}"
+    return f"arms {_arm_list(most)} and {last}" if most else f"arm {last}"
 
 
-def _listed(arms: list[int]) -> str:
+def _arm_list(arms: list[int]) -> str:
     return ", ".join(map(str, arms))

@@ -1,8 +1,8 @@
-"""The display of junctions, scenarios, runs and verdicts in notebooks: self-contained pictures and tables as HTML.
+"""Displays junctions, scenarios, runs, verdicts, indicators and results in notebooks: self-contained pictures and tables as HTML.
 
-A picture is a separate image within the HTML. So the styles and ids of the picture reach nothing else on the page, nothing in the
-picture is executed, and viewers that remove scripts and style elements show the whole picture. An inlined picture would pass its
-styles to the page, and viewers that remove styles would show black shapes. The text beside a picture has the colours of the
+A picture is a separate image within the HTML. So the styles and ids of the picture affect nothing else on the page, nothing in
+the picture is executed, and viewers that remove scripts and style elements show the whole picture. An inlined picture would pass
+its styles to the page, and viewers that remove styles would show black shapes. The text beside a picture has the colours of the
 notebook.
 """
 
@@ -11,35 +11,41 @@ from __future__ import annotations
 from base64 import b64encode
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
+from math import isinf
 
 import numpy as np
 
+from pytest_rvads.geometry.conflicts import Reason
 from pytest_rvads.geometry.control import JunctionControl
 from pytest_rvads.geometry.junction import Junction
-from pytest_rvads.geometry.turn_words import turn_word
-from pytest_rvads.geometry.yielding import Reason
+from pytest_rvads.geometry.turns import turn_word
 from pytest_rvads.logic.judging.verdicts import InstanceVerdict, Verdict
+from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.report.draw.picture import course, draw_ways, picture, still
 from pytest_rvads.report.draw.scene import Scene, body, inks, label
+from pytest_rvads.report.outline import Causes, Head, Notes, outline
+from pytest_rvads.report.session_report import Report
+from pytest_rvads.runs.itineraries import itinerary
+from pytest_rvads.runs.measured import Kpis
 from pytest_rvads.runs.run import ARRAYS, Run
-from pytest_rvads.runs.states import Agent, Zone
-from pytest_rvads.runs.vehicle import Vehicle
+from pytest_rvads.runs.states import Agent, Vehicle, Zone, crowd
+from pytest_rvads.scenarios.pedestrians import Setting
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.support.errors import RunError, RvadsError
-from pytest_rvads.support.wording import first, markup, one_line, plural
+from pytest_rvads.support.wording import first, markup, one_line
 
 __all__ = ["Picture", "html", "telling"]
 
 _WIDE = 500
 """Width of a picture on a page with enough room [px]."""
 _ROWS = 24
-"""Most rows of a table; a line below the table states the number of further rows."""
+"""Largest number of rows of a table; a line below the table states the number of further rows."""
 _SHORT = 24
-"""Most letters of a cell that is not broken into lines."""
+"""Largest number of letters of a cell that is not broken into lines."""
 _TRAIL = 3.0
 """Length of the trails of recorded traffic [s]."""
 _HITS = 3
-"""Most collisions in a line; recorded traffic may have more."""
+"""Largest number of collisions that a line names; further collisions are counted."""
 _MARKS = {"good": ("✓", "#00694d"), "bad": ("✗", "#b3261e"), "doubt": ("!", "#8a5a00"), "none": ("–", "#5f6368")}
 """Sign and colour by mark of an outcome; white letters have a contrast above 5 on every colour."""
 _WHEN = {JunctionControl.STOP: " in a tie", JunctionControl.LIGHTS: " on the same green"}
@@ -49,7 +55,7 @@ _ZONES = ((Zone.ENTRANCE, "arrives"), (Zone.JUNCTION, "enters"), (Zone.EXIT, "le
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """An SVG document as an image, which untrusted notebooks show, too; the ``draw_...`` functions return pictures."""
+    """An SVG document as an image, which even untrusted notebooks show; the ``draw_...`` functions return pictures."""
 
     svg: str
     alt: str = "picture"
@@ -62,7 +68,10 @@ class Picture:
 
 
 def html(value: object) -> str:
-    """Return a junction, scenario, run or verdict as HTML; the text of the error if drawing fails, as the notebook goes on."""
+    """Return a junction, scenario, run, verdict, list of verdicts, `Kpis` or `Report` as HTML.
+
+    If drawing fails, return the text of the error.
+    """
     try:
         match value:
             case Junction():
@@ -73,9 +82,15 @@ def html(value: object) -> str:
                 return _run(value)
             case Verdict():
                 return _verdict(value)
-    except Exception as error:  # a value that a user built by hand may be invalid
-        return _line(f"<{type(value).__name__}> can't be drawn: {type(error).__name__}: {error}")
-    return _line(repr(value))
+            case list():
+                return _html_table(("rule", "verdict", "message"), [(v.rule, _status(v.outcome), v.message) for v in value])
+            case Kpis():
+                return _kpis(value)
+            case Report():
+                return _report(value)
+    except Exception as error:  # a value that a user built by hand can be invalid
+        return _paragraph(f"<{type(value).__name__}> can't be drawn: {type(error).__name__}: {error}")
+    return _paragraph(repr(value))
 
 
 def _junction(junction: Junction) -> str:
@@ -88,7 +103,9 @@ def _junction(junction: Junction) -> str:
         priors = None
         if junction.yields is not None:
             decided = (pair for pair, reason in junction.yields.items() if reason is not Reason.UNDECIDED)
-            priors = sorted({label(junction, prior[0]) for way, prior in decided if way[0] == entrance})
+            found = {prior for way, prior in decided if way[0] == entrance}
+            priors = sorted({label(junction, prior[0]) for prior in found if prior in junction.movements})
+            priors += ["pedestrians"] if any(prior not in junction.movements for prior in found) else []
         rows.append(
             (
                 label(junction, entrance),
@@ -100,16 +117,17 @@ def _junction(junction: Junction) -> str:
         )
     head = ("entrance", "sign", "approach", "ways to arms", f"gives way{_WHEN.get(junction.control, '')} to")
     return _block(
-        _line(junction.name, f"{junction.ways}-way {junction.control}; {where}traffic keeps {side}; {use}"),
-        _image(lambda: draw_ways(junction), f"junction {junction.name}"),
-        _table(head, rows),
+        _paragraph(junction.name, f"{junction.ways}-way {junction.control}; {where}traffic keeps {side}; {use}"),
+        _image(lambda: draw_ways(junction.walked), f"junction {junction.name}"),
+        _html_table(head, rows),
     )
 
 
 def _scenario(scenario: Scenario) -> str:
     place, agents = scenario.place, scenario.agents()
+    walkers: tuple[Setting, ...] = ()
     try:
-        starts = scenario.starts()
+        starts, walkers = scenario.starts(), scenario.walkers()
     except RvadsError as error:
         starts, fault = tuple(scenario.start(agent.entrance) for agent in agents), str(error)
     else:
@@ -123,17 +141,20 @@ def _scenario(scenario: Scenario) -> str:
         )
         for agent, (distance, speed) in zip(agents, starts, strict=True)
     ]
+    for agent, station, speed, delay, *_ in walkers:
+        pace = f"{speed:g} m/s" if speed or isinf(delay) else f"from {delay:.2f} s on"
+        rows.append((agent.name, _way(place, agent), f"{-station:.1f} m", pace))
     cls = f"class {scenario.number}" if scenario.number else "no class: not every arm has its vehicle"
     summary = f"{scenario.label} at {place.name}, {cls}; at most {scenario.duration:g} s"
     return _block(
-        _line(scenario.name, summary),
-        _line(fault) if fault else _image(lambda: _starts(scenario, starts), f"start of {scenario.name}"),
-        _table(("vehicle", "way", "to its line", "speed"), rows),
+        _paragraph(scenario.name, summary),
+        _paragraph(fault) if fault else _image(lambda: _starts(scenario, starts, walkers), f"start of {scenario.name}"),
+        _html_table(("agent" if walkers else "vehicle", "way", "to its line", "speed"), rows),
     )
 
 
-def _starts(scenario: Scenario, starts: Sequence[tuple[float, float]]) -> str:
-    """Return a picture of the vehicles at their starts, with the judged part of the way of each vehicle."""
+def _starts(scenario: Scenario, starts: Sequence[tuple[float, float]], walkers: Sequence[Setting]) -> str:
+    """Return a picture of the agents of a scenario at their starts, with the judged part of the way of each vehicle."""
     place, agents = scenario.place, scenario.agents()
     scene = Scene(place)
     size = (Vehicle().length, Vehicle().width)
@@ -144,24 +165,27 @@ def _starts(scenario: Scenario, starts: Sequence[tuple[float, float]]) -> str:
         ways.append(course(points, ink))
         bodies.append(body(points[0], agent, size, ink))
         corners += points[(0, -1), :2].tolist()
-    return still(scene, [scene.lights(scenario.signals().colours(0.0, len(place.entrances))), *ways, *bodies], corners)
+    for setting, ink in zip(walkers, inks([*agents, *(setting.agent for setting in walkers)])[len(agents) :], strict=True):
+        pose = np.array(itinerary(place, *setting.agent.way.key).pose(setting.station))
+        bodies.append(body(pose, setting.agent, setting.agent.size or size, ink))
+    return still(scene, [scene.lights(scenario.signals().colours(0.0, len(place.starts))), *ways, *bodies], corners)
 
 
 def _run(run: Run) -> str:
     tick, reason = telling(run)
-    summary = [plural(len(run.agents), "vehicle"), f"{run.duration:.2f} s", *_events(run), *_origin(run)]
+    summary = [crowd(run.agents), f"{run.duration:.2f} s", *_events(run), *_origin(run)]
     rows = [(agent.name, _way(run.junction, agent), *_passage(run, column)) for column, agent in enumerate(run.agents)]
     title = f"{run.start + tick * run.dt:.2f} s: {reason}"
     hit = {name for collision in run.collisions or () for name in collision.agents}
     return _block(
-        _line(run.label, "; ".join(summary)),
+        _paragraph(run.label, "; ".join(summary)),
         _image(lambda: _instant(run, tick, title, hit), f"{run.label} at {title}"),
-        _table(("vehicle", "way", *(word for _, word in _ZONES)), rows),
+        _html_table(("vehicle", "way", *(word for _, word in _ZONES)), rows),
     )
 
 
 def _instant(run: Run, tick: int, title: str, hit: Collection[str]) -> str:
-    """Return a picture of the state at `tick`; recorded traffic has short trails, because long trails would hide the state."""
+    """Return a picture of the state of a run at `tick`; recorded traffic has short trails, because long trails hide the state."""
     if not run.steps:
         raise RunError(f"run {run.label!r} has no states")
     if run.excerpt is None:
@@ -173,10 +197,10 @@ def _instant(run: Run, tick: int, title: str, hit: Collection[str]) -> str:
 
 
 def telling(run: Run) -> tuple[int, str]:
-    """Return the tick of the most telling state of a run, and the reason in words.
+    """Return the tick (number) of the state that best represents a run, and the reason for the choice in words.
 
-    The tick is the tick of the first collision or of a fault, else the middle of the first time in which most vehicles are in the
-    junction, else the last tick.
+    The tick is the tick of the first collision; without a collision, the tick of the fault that ended the run; without a fault,
+    the middle of the first period with the most vehicles in the junction; and the last tick if no vehicle was in the junction.
     """
     last = max(run.steps - 1, 0)
     if run.collisions:
@@ -213,7 +237,7 @@ def _origin(run: Run) -> list[str]:
 
 
 def _passage(run: Run, column: int) -> list[str]:
-    """Return the times at which an agent enters its zones; ``by`` marks a zone in which the recording of the agent begins."""
+    """Return texts on the times at which an agent enters its zones; ``by`` marks a zone in which the agent's recording begins."""
     times = []
     for zone, _ in _ZONES:
         reached = np.flatnonzero(run.zone[:, column] >= zone)
@@ -222,10 +246,14 @@ def _passage(run: Run, column: int) -> list[str]:
     return times
 
 
+def _status(outcome: Outcome) -> str:
+    return f"{_MARKS[outcome.mark][0]} {outcome.value}"
+
+
 def _verdict(verdict: Verdict) -> str:
     outcome = verdict.outcome
-    sign, colour = _MARKS[outcome.mark]
-    badge = f'<b style="background:{colour};color:#fff;padding:1px 7px;border-radius:4px">{sign} {outcome.value}</b> '
+    colour = _MARKS[outcome.mark][1]
+    badge = f'<b style="background:{colour};color:#fff;padding:1px 7px;border-radius:4px">{_status(outcome)}</b> '
     head = ("about", "verdict", "since", "broken", "margin", "because")
     unfolded = " open" if outcome.mark in ("bad", "doubt") else ""
     text = (
@@ -233,12 +261,44 @@ def _verdict(verdict: Verdict) -> str:
     )
     requirement = [f"requirement {verdict.requirement}"] if verdict.requirement else []
     return _block(
-        _line(verdict.rule, "; ".join(filter(None, [verdict.title, *requirement])), before=badge),
-        _line(verdict.message),
-        *(_line(f"note: {note}") for note in verdict.notes),
-        _table(head, [_instance(verdict, instance) for instance in verdict.instances]),
+        _paragraph(verdict.rule, "; ".join(filter(None, [verdict.title, *requirement])), before=badge),
+        _paragraph(verdict.message),
+        *(_paragraph(f"note: {note}") for note in verdict.notes),
+        _html_table(head, [_instance(verdict, instance) for instance in verdict.instances]),
         f"<details{unfolded}><summary>explanation</summary>{text}</details>" if verdict.explanation else "",
     )
+
+
+def _kpis(kpis: Kpis) -> str:
+    """Return the indicators of a run: a table of its vehicles, and a table of its pairs of vehicles."""
+
+    def number(value: float | None, unit: str) -> str:
+        return "" if value is None else f"{value:.2f} {unit}"
+
+    vehicles = [
+        (
+            v.agent,
+            *(number(time, "s") for time in (v.arrival, v.waiting, v.delay)),
+            number(v.deceleration, "m/s²"),
+            number(v.jerk, "m/s³"),
+        )
+        for v in kpis.vehicles
+    ]
+    pairs = [(", ".join(pair.agents), number(pair.ttc, "s"), number(pair.pet, "s")) for pair in kpis.pairs]
+    return _block(
+        _html_table(("vehicle", "arrives", "waits", "delay", "braking", "jerk"), vehicles),
+        _html_table(("vehicles", "time to collision", "post-encroachment time"), pairs),
+        _paragraph("not recorded", ", ".join(kpis.unavailable)) if kpis.unavailable else "",
+    )
+
+
+def _report(report: Report) -> str:
+    """Return the totals of a report, and a table of its causes."""
+    blocks = outline(report)
+    lines = [line for block in blocks if isinstance(block, Notes | Head) for line in block.lines]
+    groups = [block for block in blocks if isinstance(block, Causes)]
+    rows = [(group.title, str(c.count), c.rule, c.line, group.first(c)) for group in groups for c in group.causes]
+    return _block(*map(_paragraph, lines), _html_table(("", "items", "rule", "cause", "first"), rows))
 
 
 def _instance(verdict: Verdict, instance: InstanceVerdict) -> tuple[str, ...]:
@@ -256,6 +316,8 @@ def _instance(verdict: Verdict, instance: InstanceVerdict) -> tuple[str, ...]:
 
 
 def _way(junction: Junction, agent: Agent) -> str:
+    if agent.way.key not in junction.movements:
+        return f"{agent.way.kind} of arm {junction.starts[agent.entrance].arm}"
     return f"{label(junction, agent.entrance)} to {junction.exits[agent.exit].arm}, {turn_word(junction, agent.way)}"
 
 
@@ -263,8 +325,8 @@ def _block(*parts: str) -> str:
     return f"<div>{''.join(parts)}</div>"
 
 
-def _line(head: str, body: str = "", before: str = "") -> str:
-    """Return a paragraph; its head is bold if a body follows."""
+def _paragraph(head: str, body: str = "", before: str = "") -> str:
+    """Return an HTML paragraph with a head and a body; the head is bold if the paragraph has a body."""
     text = f"<b>{markup(head)}</b>: {markup(body)}" if body else markup(head)
     return f'<p style="margin:4px 0;overflow-wrap:anywhere">{before}{text}</p>'
 
@@ -274,23 +336,23 @@ def _image(draw: Callable[[], str], alt: str) -> str:
     try:
         return Picture(draw(), alt)._repr_html_()
     except RvadsError as error:
-        return _line(f"no picture: {error}")
+        return _paragraph(f"no picture: {error}")
 
 
-def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Return a table of texts without empty columns; an empty text without rows."""
+def _html_table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Return an HTML table of texts without empty columns; an empty text without rows."""
     if not rows:
         return ""
     shown = [k for k in range(len(head)) if any(row[k] for row in rows)]
-    titles = "".join(_cell("th", head[k]) for k in shown)
-    lines = ["".join(_cell("td", row[k]) for k in shown) for row in rows[:_ROWS]]
+    titles = "".join(_html_cell("th", head[k]) for k in shown)
+    lines = ["".join(_html_cell("td", row[k]) for k in shown) for row in rows[:_ROWS]]
     lower = "".join(f"<tr>{line}</tr>" for line in lines)
-    more = _line(f"and {len(rows) - _ROWS} more") if len(rows) > _ROWS else ""
+    more = _paragraph(f"and {len(rows) - _ROWS} more") if len(rows) > _ROWS else ""
     table = f'<table style="margin:4px 0"><thead><tr>{titles}</tr></thead><tbody>{lower}</tbody></table>'
     return f'<div style="overflow-x:auto">{table}</div>{more}'
 
 
-def _cell(tag: str, text: str) -> str:
-    """Return a cell; a short text is not broken into lines, because a narrow page can be scrolled."""
+def _html_cell(tag: str, text: str) -> str:
+    """Return an HTML cell; a short text is not broken into lines, because a narrow page can be scrolled."""
     wrap = ";white-space:nowrap" if len(text) <= _SHORT else ""
     return f'<{tag} style="text-align:left;vertical-align:top;padding:2px 10px 2px 0{wrap}">{markup(text)}</{tag}>'

@@ -1,4 +1,4 @@
-"""``rvads replay``: draws the replay page of a failure on request."""
+"""The command ``rvads replay``: draws the replay page of a failure of an earlier session, or of a run in a file."""
 
 from __future__ import annotations
 
@@ -21,22 +21,22 @@ if TYPE_CHECKING:
 __all__ = ["declare"]
 
 _NAMED = 3
-"""Most failures that an error message names."""
+"""Largest number of failures that an error message names."""
 
 
 def declare(commands: Subparsers) -> None:
-    """Add the command of this module."""
+    """Add the command ``rvads replay`` to the parser."""
     parser = commands.add_parser(
         "replay",
         help="draw the replay page of a failure from its kept run; without arguments list the failures of the latest session",
         description="A session of pytest draws its first failures and keeps the runs of all of them in its folder, .rvads/N. "
-        "Exit status: 0; 1 when --all could not draw one; 2 when there is no such session, failure or run.",
+        "Exit status: 0; 1 if --all could not draw a page; 2 if there is no such session, failure or run.",
     )
     parser.add_argument(
         "what",
         nargs="?",
         metavar="ITEM|RUN",
-        help="id of an item that failed, or a part of it that no other has; or the file of a run, as --rvads-keep writes them",
+        help="id of a failed item, or a part that no other id has; or the file of a run, as --rvads-keep writes files",
     )
     parser.add_argument("--session", metavar="N|DIR", help="number or folder of the session (default: the latest in .rvads)")
     parser.add_argument(
@@ -44,10 +44,10 @@ def declare(commands: Subparsers) -> None:
         action="append",
         default=[],
         metavar="RULE",
-        help="only failures of this rule; of the file of a run the rule to judge it by; or a file of rules of yours (.rules)",
+        help="only failures of this rule; or the rule that judges the file of a run; or a file of your rules (.rules)",
     )
     parser.add_argument("--all", action="store_true", help="draw every failure that has no page yet")
-    parser.add_argument("--baseline", metavar="FILE.json", help="report of an earlier session, whose run is shown below this one")
+    parser.add_argument("--baseline", metavar="FILE.json", help="report of an earlier session, whose run is drawn faintly below")
     parser.add_argument("-o", "--output", metavar="FILE", help="page to write (default: in the folder of the session)")
     parser.add_argument("--svg", metavar="FILE", help="write an animated picture of the seconds around the violation instead")
     parser.set_defaults(command=_replay)
@@ -64,18 +64,18 @@ class _Session:
 
     @property
     def failed(self) -> list[Record]:
-        """The items that failed."""
+        """The records of the test items that failed."""
         return [record for record in self.report.records if record.failed]
 
     def page(self, record: Record) -> Path:
-        """Return the path of the page of a failure, whether the page exists or not."""
+        """Return the path of the replay page of a failure, whether the page exists or not."""
         from pytest_rvads.report.folders import shown
         from pytest_rvads.support.storage import slug
 
         return shown(self.folder, slug(record.nodeid))
 
     def unseen(self, record: Record) -> str:
-        """Return the reason why a failure has no replay; empty if a replay is possible."""
+        """Return the reason why no replay of a failure can be drawn; empty if a replay can be drawn."""
         from pytest_rvads.report.folders import run_file
 
         if not record.hash or not record.shows:
@@ -89,7 +89,7 @@ class _Session:
         """Return the replay of a failure.
 
         Raises:
-            RvadsError: the failure has nothing to show, or its run is not kept or damaged.
+            RvadsError: no rule was violated, or the run of the failure is damaged or was not kept.
         """
         from pytest_rvads.cli.replayed import failed_run
 
@@ -100,7 +100,7 @@ class _Session:
 
 
 def _replay(options: argparse.Namespace) -> int:
-    from pytest_rvads.logic.rules.rulefile import load_rules
+    from pytest_rvads.logic.rules.book import load_rules
     from pytest_rvads.report.files import load
     from pytest_rvads.runs.readers import READERS
 
@@ -114,36 +114,36 @@ def _replay(options: argparse.Namespace) -> int:
     if more:
         raise RvadsError(f"a replay is about one rule, --rules names {options.rule!r} and {more[0]!r}: name one of them")
     if Path(what).suffix.lower() in READERS and "::" not in what:
-        return _file(options, Path(what))
+        return _draw_file(options, Path(what))
     session = _session(options.session)
     if not (what or options.all or options.rule or options.output or options.svg):
-        return _list(session)
+        return _print_failures(session)
     if options.baseline:
         session = replace(session, earlier=(Path(options.baseline), load(Path(options.baseline))))
-    chosen = _chosen(session, what, options.rule)
+    chosen = _matching_failures(session, what, options.rule)
     if options.all:
-        return _all(session, chosen)
-    record = _one(chosen, session, what, options.rule)
+        return _draw_all(session, chosen)
+    record = _single_failure(chosen, session, what, options.rule)
     page = session.page(record)
     shown = session.replayed(record, Path(options.output) if options.output else page)
-    _write(shown, page, options.output, options.svg)
+    _write_replay(shown, page, options.output, options.svg)
     if page.exists():
-        _link(session)
+        _link_pages(session)
     return 0
 
 
-def _file(options: argparse.Namespace, file: Path) -> int:
-    """Draw the run of a file."""
+def _draw_file(options: argparse.Namespace, file: Path) -> int:
+    """Draw the replay of a run in a file."""
     from pytest_rvads.cli.replayed import run_of_file
 
     if options.session or options.all or options.baseline:
         raise RvadsError(f"{file} is the file of a run, which belongs to no session: leave --session, --all and --baseline out")
     page = Path(f"{file.stem}{f'-{options.rule}' if options.rule else ''}.html")
-    _write(run_of_file(file, options.rule), page, options.output, options.svg)
+    _write_replay(run_of_file(file, options.rule), page, options.output, options.svg)
     return 0
 
 
-def _write(shown: Replayed, page: Path, output: str | None, svg: str | None) -> None:
+def _write_replay(shown: Replayed, page: Path, output: str | None, svg: str | None) -> None:
     """Write the page of a replay, or an animated picture, or both, and print the paths and the message of the verdict."""
     from pytest_rvads.support.storage import write_file
 
@@ -164,7 +164,7 @@ def _session(which: str | None) -> _Session:
     """Return a session by its number or folder, or the latest session.
 
     Raises:
-        RvadsError: there is no such session, or the session has left no report.
+        RvadsError: no session has this number or folder, or the session has left no report.
     """
     from pytest_rvads.report.files import load
     from pytest_rvads.report.folders import REPORT, ROOT, sessions
@@ -173,53 +173,56 @@ def _session(which: str | None) -> _Session:
     root = Path(ROOT) if number or which is None else Path(which)
     if which and not number and (root / REPORT).exists():
         return _Session(root, load(root / REPORT))
-    found = {folder.name: folder for folder in sessions(root)}
-    if not found:
+    folders = {folder.name: folder for folder in sessions(root)}
+    if not folders:
         raise RvadsError(
             f"no session of pytest has left anything in {root}: run pytest in this folder first, or name the folder of a session "
             "by --session"
         )
-    if number and number not in found:
-        raise RvadsError(f"there is no session {number} in {root}, there are {first(list(found), None)}")
-    folder = found[number] if number else list(found.values())[-1]
+    if number and number not in folders:
+        raise RvadsError(f"there is no session {number} in {root}, there are {first(list(folders), None)}")
+    folder = folders[number] if number else list(folders.values())[-1]
     if not (folder / REPORT).exists():
-        ended = [one for one in found.values() if (one / REPORT).exists()]
-        other = f"; the last one that has is that of --session {ended[-1]}" if ended else ""
+        ended = [ended_folder for ended_folder in folders.values() if (ended_folder / REPORT).exists()]
+        other = f"; the last session with a report is --session {ended[-1]}" if ended else ""
         raise RvadsError(f"the session of {folder} has not ended, or died, so it has left no {REPORT}{other}")
     return _Session(folder, load(folder / REPORT))
 
 
-def _list(session: _Session) -> int:
+def _print_failures(session: _Session) -> int:
     """Print the failures of a session, a line each."""
     from pytest_rvads.report.folders import option
 
-    failed, report = session.failed, session.report
+    failures, report = session.failed, session.report
     began = f"began {report.began}, " if report.began else ""
-    say(f"{session.folder.as_posix()}: {began}{len(failed):,} of {plural(len(report.records), 'item')} failed")
-    undrawn, which = 0, option(session.folder)
-    for record in failed:
+    say(f"{session.folder.as_posix()}: {began}{len(failures):,} of {plural(len(report.records), 'item')} failed")
+    undrawn, session_option = 0, option(session.folder)
+    for record in failures:
         drawn, why = session.page(record).exists(), session.unseen(record)
         undrawn += not (drawn or why)
-        look = f"{session.page(record).as_posix()}{_at(record)}" if drawn else why or "not drawn yet"
+        look = f"{session.page(record).as_posix()}{_time_fragment(record)}" if drawn else why or "not drawn yet"
         say(f"{record.status:<10} {one_line(record.nodeid)}  {look}")
     if undrawn:
-        say(f'rvads replay {which} "ID" draws one of them, and a part of its id will do; rvads replay {which} --all draws all')
+        say(
+            f'rvads replay {session_option} "ID" draws a failure by its id or a part of its id; '
+            f"rvads replay {session_option} --all draws all failures"
+        )
     return 0
 
 
-def _at(record: Record) -> str:
+def _time_fragment(record: Record) -> str:
     time = record.verdicts[-1].time if record.verdicts else None
     return "" if time is None else f"#t={time:.2f}"
 
 
-def _chosen(session: _Session, what: str, rule: str | None) -> list[Record]:
-    """Return the failures that match a request; a failure whose whole id is given is the only match."""
+def _matching_failures(session: _Session, what: str, rule: str | None) -> list[Record]:
+    """Return the failures whose ids contain the requested text; a failure whose whole id is given is the only match."""
     failed = [r for r in session.failed if rule in (None, r.verdicts[-1].rule if r.verdicts else r.rule)]
     return [r for r in failed if r.nodeid == what] or [r for r in failed if what in r.nodeid]
 
 
-def _one(chosen: Sequence[Record], session: _Session, what: str, rule: str | None) -> Record:
-    """Return the failure that matches a request.
+def _single_failure(chosen: Sequence[Record], session: _Session, what: str, rule: str | None) -> Record:
+    """Return the only failure whose id matches the requested text.
 
     Raises:
         RvadsError: no failure matches, or several failures match.
@@ -228,41 +231,44 @@ def _one(chosen: Sequence[Record], session: _Session, what: str, rule: str | Non
 
     if len(chosen) == 1:
         return chosen[0]
-    asked = " and ".join([f"{what!r} in the id"] * bool(what) + [f"{rule!r} as its rule"] * bool(rule))
-    those = f" with {asked}" if asked else ""
+    request = " and ".join([f"{what!r} in the id"] * bool(what) + [f"{rule!r} as its rule"] * bool(rule))
+    matching = f" with {request}" if request else ""
     if chosen:
         names = first([record.nodeid for record in chosen], _NAMED)
-        raise RvadsError(f"{session.folder} has {plural(len(chosen), 'failure')}{those}: say more of one, or --all: {names}")
+        raise RvadsError(
+            f"{session.folder} has {plural(len(chosen), 'failure')}{matching}: name a longer part of an id, or --all: {names}"
+        )
     passed = next((r for r in session.report.records if what and what in r.nodeid and rule in (None, r.rule)), None)
     if passed:
         raise RvadsError(
             f"{passed.nodeid} did not fail in {session.folder}, it is {passed.status}, and only runs of failures are kept: "
-            "--rvads-keep=DIR keeps all"
+            "--rvads-keep=DIR keeps all runs"
         )
-    raise RvadsError(f"{session.folder} has no failure{those}: `rvads replay {option(session.folder)}` lists those that it has")
+    raise RvadsError(f"{session.folder} has no failure{matching}: `rvads replay {option(session.folder)}` lists its failures")
 
 
-def _all(session: _Session, chosen: Sequence[Record]) -> int:
-    """Draw all failures without a page; a failure that can't be drawn does not stop the others."""
+def _draw_all(session: _Session, chosen: Sequence[Record]) -> int:
+    """Draw the replays of all failures without a page; a failure that can't be drawn does not stop the drawing."""
     from pytest_rvads.support.storage import write_file
 
-    todo, lost = [record for record in chosen if not session.page(record).exists()], 0
-    for number, record in enumerate(todo, 1):
+    undrawn, failed_pages = [record for record in chosen if not session.page(record).exists()], 0
+    for number, record in enumerate(undrawn, 1):
         try:
             page = session.page(record)
             write_file(page, session.replayed(record, page).page().encode())
         except (RvadsError, OSError) as error:
             warn(f"rvads: {' '.join(str(error).split())}")
-            lost += 1
-        progress(number, len(todo), "pages")
-    if len(todo) > lost:
-        _link(session)
-    there = len(chosen) - len(todo)
-    say(f"{session.folder.as_posix()}: {plural(len(todo) - lost, 'page')} drawn{f', {there:,} were there' if there else ''}")
-    return 1 if lost else 0
+            failed_pages += 1
+        progress(number, len(undrawn), "pages")
+    if len(undrawn) > failed_pages:
+        _link_pages(session)
+    existing = len(chosen) - len(undrawn)
+    before = f", {existing:,} drawn before" if existing else ""
+    say(f"{session.folder.as_posix()}: {plural(len(undrawn) - failed_pages, 'page')} drawn{before}")
+    return 1 if failed_pages else 0
 
 
-def _link(session: _Session) -> None:
+def _link_pages(session: _Session) -> None:
     """Write the page of a session again with links to all its replays, if the page can be written."""
     from msgspec import structs
 
@@ -272,7 +278,7 @@ def _link(session: _Session) -> None:
     records = []
     for record in session.report.records:
         page = session.page(record)
-        at = record.look[record.look.find("#") :] if "#" in record.look else _at(record)
+        at = record.look[record.look.find("#") :] if "#" in record.look else _time_fragment(record)
         look = f"{page.as_posix()}{at}" if record.failed and page.exists() else ""
         records.append(structs.replace(record, look=look) if look else record)
     report = replace(session.report, records=tuple(records))

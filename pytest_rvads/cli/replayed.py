@@ -1,4 +1,4 @@
-"""What ``rvads replay`` draws: a failure of a session from its kept run, or the run of a file."""
+"""The replays that ``rvads replay`` draws: of a failure in a session, from its kept run, or of a run in a file."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from pytest_rvads.cli.answers import named_rules
+from pytest_rvads.cli.common import named_rules
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.judging.verdicts import Verdict
 from pytest_rvads.logic.rules.book import get_rule
@@ -32,45 +32,45 @@ __all__ = ["Replayed", "failed_run", "run_of_file"]
 
 @dataclass(frozen=True, slots=True)
 class Replayed:
-    """A run, with the verdict and the texts of its replay."""
+    """A run with the verdict and the texts that its replay shows."""
 
     run: Run
     verdict: Verdict | None
-    """None where nothing was judged."""
+    """The verdict of the shown rule; None if no rule judges the run."""
     rule: Rule | None
-    """The rule whose monitors are shown; None if no rule has the name."""
+    """The rule whose monitors are shown; None if no monitors are shown."""
     notes: str
     beside: Beside
     doubt: str = ""
-    """A sentence on why the replay may differ from the session; may be empty."""
+    """Reason why the replay of a failure can't show the monitors of the rule; empty without such a reason."""
 
     @property
     def time(self) -> float | None:
-        """The most telling time of the verdict, on the clock of the recording [s]."""
+        """The time that shows best what the verdict is about, on the clock of the recording [s]."""
         return None if self.verdict is None else moment(self.run, self.verdict)
 
     def page(self) -> str:
-        """Return the replay page."""
+        """Return the replay page of the run as HTML."""
         if self.verdict is None:
             return replay(self.run, self.run.label, self.notes, beside=self.beside)
-        # A name that no rule has shows no monitors.
+        # No rule has an empty name, so a page for the empty name shows no monitors.
         return next(failure_pages(self.run, self.verdict, self.rule or "", self.notes, self.beside)).html
 
     def animation(self) -> str:
-        """Return the seconds around the moment as an animated SVG."""
-        title, who = (self.run.label, ()) if self.verdict is None else (self.verdict.message, self.verdict.responsible)
-        return animated(self.run, title=title, responsible=who, around=self.time)
+        """Return an animated SVG of the seconds around the time that shows best what the verdict is about."""
+        title, responsible = (self.run.label, ()) if self.verdict is None else (self.verdict.message, self.verdict.responsible)
+        return animated(self.run, title=title, responsible=responsible, around=self.time)
 
 
 def failed_run(folder: Path, report: Report, record: Record, page: Path, earlier: tuple[Path, Report] | None) -> Replayed:
-    """Return the replay of an item that violated a rule.
+    """Return the replay of a test item that violated a rule.
 
     Args:
         folder: folder of the session.
         report: report of the session.
         record: record of the item.
         page: path of the replay page.
-        earlier: file and content of the report of an earlier session, whose run of the item is shown, too; may be None.
+        earlier: file and content of the report of an earlier session, whose run of the item is shown, too; or None.
 
     Raises:
         RunError: the kept run is damaged, or is another run.
@@ -79,11 +79,11 @@ def failed_run(folder: Path, report: Report, record: Record, page: Path, earlier
     run, again = load_run(path), f"{report.again} {quoted(record.nodeid)}"
     if run.hash != record.hash:
         raise RunError(f"{path} holds another run than that of {record.nodeid}: run it again: {again}")
-    verdict, rule, doubt = _judged(run, record.verdicts[-1])
-    start = _start(run, record)
-    made = [f"{word:<9} {text}" for word, text in facts(record, start, "") if word not in ("rule", "requirements")]
+    verdict, rule, doubt = _judged_again(run, record.verdicts[-1])
+    start = _start_text(run, record)
+    origin_lines = [f"{word:<9} {text}" for word, text in facts(record, start, "") if word not in ("rule", "requirements")]
     notes = "\n".join(
-        (verdict.explanation or verdict.message, *made, *([f"note      {doubt}"] if doubt else []), f"rerun     {again}")
+        (verdict.explanation or verdict.message, *origin_lines, *([f"note      {doubt}"] if doubt else []), f"rerun     {again}")
     )
     ghost = None
     if earlier and run.excerpt is None:
@@ -94,34 +94,34 @@ def failed_run(folder: Path, report: Report, record: Record, page: Path, earlier
     return Replayed(run, verdict, rule, notes, beside, doubt)
 
 
-def run_of_file(file: Path, asked: str | None) -> Replayed:
+def run_of_file(file: Path, rule_name: str | None) -> Replayed:
     """Return the replay of the run of a file.
 
     Args:
         file: file of the run.
-        asked: name of the rule that judges the run; None to show the run alone.
+        rule_name: name of the rule that judges the run; None to show the run alone.
 
     Raises:
-        RvadsError: the file is missing, damaged or has several runs, or `asked` names no rule or several rules.
+        RvadsError: the file is missing, damaged or has several runs, or `rule_name` names no rule or several rules.
     """
-    rules = named_rules((asked,)) if asked else ()
+    rules = named_rules((rule_name,)) if rule_name else ()
     if len(rules) > 1:
-        raise FormulaError(f"a page is about one rule, got {asked!r}, which are {len(rules)}: name one of them")
+        raise FormulaError(f"a page shows one rule, got {rule_name!r} with {len(rules)} rules: name one of these rules")
     runs = read_runs(file)
     if len(runs) != 1:
         raise RunError(
-            f"{file}: it holds {len(runs)} runs, expected one: `rvads check {quoted(str(file))} --html DIR` draws those"
+            f"{file} holds {len(runs)} runs, expected one run: `rvads check {quoted(str(file))} --html DIR` draws several runs"
         )
     run, verdict = runs[0], check(runs[0], rules[0]) if rules else None
-    again = f"rvads replay {quoted(str(file))}{f' --rules {asked}' if asked else ''}"
+    again = f"rvads replay {quoted(str(file))}{f' --rules {rule_name}' if rule_name else ''}"
     rows = [("recorded", str(file)), *([("rule", f"{rules[0].name}: {rules[0].title}")] if rules else []), ("rerun", again)]
     notes = "\n".join((*([] if verdict is None else [verdict.explanation]), f"recorded  {file}", f"rerun     {again}"))
     others = other_verdicts(run, usual_rules(run), rules[0].name if rules else "")
     return Replayed(run, verdict, rules[0] if rules else None, notes, Beside(tuple(rows), others))
 
 
-def _judged(run: Run, recorded: Verdict) -> tuple[Verdict, Rule | None, str]:
-    """Return the verdict of a session, its rule if known, and a reason why the shown monitors may be missing or differ."""
+def _judged_again(run: Run, recorded: Verdict) -> tuple[Verdict, Rule | None, str]:
+    """Return a failure's verdict, the rule whose monitors can be shown, and the reason if no monitors can be shown."""
     try:
         rule = get_rule(recorded.rule)
     except FormulaError:
@@ -131,19 +131,19 @@ def _judged(run: Run, recorded: Verdict) -> tuple[Verdict, Rule | None, str]:
     if verdict.status is recorded.status:
         return verdict, rule, ""
     session, version = f"the session said {recorded.status} by {recorded.rule}", f"this version says {verdict.status}"
-    return recorded, None, f"{session}, and {version}: shown is what the session said"
+    return recorded, None, f"{session}, and {version}: the page shows the verdict of the session"
 
 
-def _start(run: Run, record: Record) -> str:
-    """Return the start of a run in words, or the name of a recorded one."""
+def _start_text(run: Run, record: Record) -> str:
+    """Return the start of a simulated run in words, or the name of a recorded run."""
     scenario = run.provenance.get("scenario")
     if isinstance(scenario, Mapping):
-        with suppress(RvadsError):  # another version wrote the scenario
+        with suppress(RvadsError):  # another version of this package wrote the scenario
             return recalled(scenario, run.junction, "scenario").describe()
     return record.recording if isinstance(record, RecordedItem) else record.run or ""
 
 
 def _recorded_verdicts(report: Report, but: Record) -> tuple[tuple[str, str, str], ...]:
-    """Return rule, status and message of the other verdicts of a session on a run, the worst first."""
+    """Return rule, status and message of the session's other verdicts on a run, the worst verdict first."""
     same = (r for r in report.records if r.hash == but.hash and r.test == but.test and r.variant == but.variant)
     return summed({v.rule: v for r in same for v in r.verdicts if v.rule != but.verdicts[-1].rule}.values())

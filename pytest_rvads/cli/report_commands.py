@@ -1,62 +1,85 @@
-"""``rvads report``: what can be done with the reports that ``--rvads-report=FILE.json`` wrote."""
+"""The command ``rvads report``: merges, checks and compares reports of sessions in JSON, and makes reports of campaigns.
+
+Several sessions, such as the shards of a CI job, are merged into one report.
+"""
 
 from __future__ import annotations
 
 import argparse
 import shutil
+from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
 
 from pytest_rvads.cli.common import Subparsers, say, show, warn
-from pytest_rvads.report.session_report import UNFINISHED
+from pytest_rvads.logic.outcome import Outcome
+from pytest_rvads.report.record import Record, SimulatedItem
+from pytest_rvads.report.session_report import (
+    NOTHING_JUDGED,
+    UNFINISHED,
+    Cell,
+    Extent,
+    Report,
+    cell_of,
+    exit_status,
+    in_order,
+    steady,
+)
 from pytest_rvads.support.errors import RvadsError
-from pytest_rvads.support.wording import one_line
+from pytest_rvads.support.wording import first, one_line
 
-__all__ = ["declare"]
+__all__ = ["declare", "merge"]
+
+_SHOWN = 10
+"""Largest number of contradictions between merged reports that are listed; further contradictions are counted."""
+_COMMANDS = 3
+"""Largest number of commands of merged sessions that are named; further commands are counted."""
 
 
 def declare(commands: Subparsers) -> None:
-    """Add the commands of this module."""
-    report = commands.add_parser(
-        "report", help="merge or compare the reports of sessions, or tell whether they are whole; make those of a campaign"
-    )
+    """Add the command ``rvads report`` to the parser."""
+    report = commands.add_parser("report", help="merge, compare or check the reports of sessions; make the reports of a campaign")
     actions = report.add_subparsers(required=True, metavar="ACTION")
     merge = actions.add_parser(
         "merge",
-        help="make one report of several, such as the shards of a CI job, and print its summary",
-        description="Exit status: that of a session which had run everything; 1 when reports contradict each other or coverage "
-        "is too low; 2 when one is missing, damaged or incomplete.",
+        help="merge several reports, such as the shards of a CI job, into one report, and print its summary",
+        description="Exit status: the status of a session with all items; 1 if reports contradict each other or coverage is too "
+        "low; 2 if a report is missing, damaged or incomplete.",
     )
     merge.add_argument("files", nargs="+", metavar="FILE.json", help="written by --rvads-report")
     merge.add_argument("-o", "--output", metavar="OUT", help="write the merged report, in the format of its ending")
-    merge.add_argument("--cov-fail-under", type=_percent, metavar="N", help="as --rvads-cov-fail-under, for the whole [%%]")
-    merge.add_argument("--baseline", metavar="FILE.json", help="tell what changed since an earlier report")
+    merge.add_argument(
+        "--cov-fail-under", type=_percent, metavar="N", help="as --rvads-cov-fail-under, for the merged report [%%]"
+    )
+    merge.add_argument("--cov-arrivals", type=_seconds, metavar="SECONDS", help="as --rvads-cov-arrivals, for the merged report")
+    merge.add_argument("--baseline", metavar="FILE.json", help="show the changes since an earlier report")
     merge.add_argument("--baseline-of", choices=("same", "any"), default="same", help="as --rvads-baseline-of (default same)")
     merge.add_argument("--erosion", type=_seconds, default=0.5, metavar="SECONDS", help="as --rvads-erosion (default 0.5)")
-    merge.set_defaults(command=_merge)
+    merge.set_defaults(command=_print_merged)
     check = actions.add_parser(
         "check",
-        help="tell whether sessions came to their end, and how",
-        description="Exit status: 2 when a report is missing, damaged, or incomplete because its session has not ended or died; "
-        "else that of the first session that did not end with 0.",
+        help="show whether sessions came to their end, and with which exit status",
+        description="Exit status: 2 if a report is missing, damaged, or incomplete because its session has not ended or died; "
+        "else the status of the first session that did not end with 0.",
     )
     check.add_argument("files", nargs="+", metavar="FILE.json", help="written by --rvads-report")
-    check.set_defaults(command=_check)
+    check.set_defaults(command=_check_reports)
     compare = actions.add_parser(
         "compare",
-        help="show two sessions side by side: what each was, and in what their verdicts differ",
+        help="show two sessions side by side, with the verdicts that differ",
         description="Items are matched by their ids: run the same tests twice, with the code before and after a change, or with "
-        "one controller and another. Exit status: 0 when the difference was told, whatever it is; 1 when there is one that "
-        "--fail-on names; 2 when a report is missing or damaged, or the two have no item in common.",
+        "two controllers. Exit status: 0 if the sessions were compared, whatever the differences; 1 if there is a difference "
+        "that --fail-on names; 2 if a report is missing or damaged, or the two reports have no item in common.",
     )
-    compare.add_argument("a", metavar="A.json", help="written by --rvads-report; the earlier one, or that of one controller")
-    compare.add_argument("b", metavar="B.json", help="the later one, or that of another controller")
+    compare.add_argument("a", metavar="A.json", help="report of the earlier session, or of one controller (--rvads-report)")
+    compare.add_argument("b", metavar="B.json", help="report of the later session, or of another controller")
     compare.add_argument(
         "-o",
         "--output",
         metavar="OUT",
         action="append",
         default=[],
-        help="write the comparison too, as FILE.html, FILE.md or FILE.json, or in another format of reports B with what changed "
+        help="also write the comparison, as FILE.html, FILE.md or FILE.json; other formats of reports hold B with the changes "
         "since A; repeatable",
     )
     compare.add_argument("--erosion", type=_seconds, default=0.5, metavar="SECONDS", help="as --rvads-erosion (default 0.5)")
@@ -66,16 +89,16 @@ def declare(commands: Subparsers) -> None:
         action="append",
         default=[],
         choices=("new", "eroded", "lost"),
-        help="exit with 1 when an item is new (fails in B and did not in A), eroded (passes with less of a margin) or lost (was "
+        help="exit with 1 if an item is new (fails in B and did not in A), eroded (passes with a smaller margin) or lost (was "
         "judged in A and is not in B); repeatable",
     )
     compare.set_defaults(command=_compare)
     make = actions.add_parser(
         "make",
         help="make the reports of a campaign from its results, and print its summary",
-        description="Takes the results of one campaign, or of parts of it that ran apart; a case that is in several counts once. "
-        "Exit status: 0 if all is well, 1 if something is wrong, 2 if the campaign did not come to its end, 5 if nothing was "
-        "judged.",
+        description="Takes the results of a campaign, or of parts of a campaign that ran separately; a case that is in several "
+        "files counts once. Exit status: 0 if all is well, 1 if something is wrong, 2 if the campaign did not come to its end, "
+        "5 if nothing was judged.",
     )
     make.add_argument("files", nargs="+", metavar="RESULTS.jsonl", help="written by rvads.campaign or rvads town")
     make.add_argument(
@@ -103,16 +126,15 @@ def _seconds(text: str) -> float:
     return value
 
 
-_percent.__name__, _seconds.__name__ = "percentage", "number of seconds"  # argparse names them in its messages
+_percent.__name__, _seconds.__name__ = "percentage", "number of seconds"  # argparse prints these names in its messages
 
 
-def _merge(options: argparse.Namespace) -> int:
+def _print_merged(options: argparse.Namespace) -> int:
+    from pytest_rvads.report.arrivals import untested
     from pytest_rvads.report.baseline import compare, with_baseline
     from pytest_rvads.report.coverage import shortfall
     from pytest_rvads.report.files import load, save
     from pytest_rvads.report.journal import recovered
-    from pytest_rvads.report.merge import merge
-    from pytest_rvads.report.session_report import cell_of
 
     report = merge([(name, recovered(Path(name))) for name in options.files])
     if options.baseline:
@@ -124,10 +146,13 @@ def _merge(options: argparse.Namespace) -> int:
     if options.output:
         save(Path(options.output), report)
     show(report)
-    short = "" if options.cov_fail_under is None else shortfall(report, options.cov_fail_under)
-    for note in (*report.notes, *([short] if short else [])):
+    gates = (
+        "" if options.cov_fail_under is None else shortfall(report, options.cov_fail_under),
+        "" if options.cov_arrivals is None else untested(report, options.cov_arrivals),
+    )
+    for note in filter(None, (*report.notes, *gates)):
         warn(f"rvads: {note}")
-    return report.ended or (1 if short else 0)
+    return report.ended or int(any(gates))
 
 
 def _compare(options: argparse.Namespace) -> int:
@@ -138,16 +163,16 @@ def _compare(options: argparse.Namespace) -> int:
 
     outputs = list(map(fitting, options.output))
     a, b = ((name, recovered(Path(name))) for name in (options.a, options.b))
-    found = side_by_side(a, b, options.erosion)
-    print(text(found, shutil.get_terminal_size().columns))
+    sessions = side_by_side(a, b, options.erosion)
+    print(text(sessions, shutil.get_terminal_size().columns))
     for path in outputs:
-        save(path, found)
-    return int(found.comparison.count(*map(str.upper, options.fail_on)) > 0)
+        save(path, sessions)
+    return int(sessions.comparison.count(*map(str.upper, options.fail_on)) > 0)
 
 
 def _make(options: argparse.Namespace) -> int:
     from pytest_rvads.report.files import fitting, save
-    from pytest_rvads.support.entrypoints import load
+    from pytest_rvads.support.installed import load
 
     paths = list(map(fitting, options.output))
     with load("results", "campaign")(options.files) as results:
@@ -161,13 +186,13 @@ def _make(options: argparse.Namespace) -> int:
     return ended
 
 
-def _check(options: argparse.Namespace) -> int:
-    statuses = [_told(Path(name)) for name in options.files]
+def _check_reports(options: argparse.Namespace) -> int:
+    statuses = [_print_ending(Path(name)) for name in options.files]
     return UNFINISHED if UNFINISHED in statuses else next(filter(None, statuses), 0)
 
 
-def _told(file: Path) -> int:
-    """Say of one report whether it is whole, and return the exit status of its session."""
+def _print_ending(file: Path) -> int:
+    """Print whether a report is complete, and return the exit status of its session."""
     from pytest_rvads.report.journal import recovered
 
     try:
@@ -180,3 +205,140 @@ def _told(file: Path) -> int:
     if report.complete:
         say(f"{file}: complete, {len(report.records)} items, exit status {report.exitstatus}")
     return report.ended
+
+
+def merge(reports: Sequence[tuple[str, Report]]) -> Report:
+    """Return one report on the test items of several sessions.
+
+    If several sessions ran a test item, the worst verdict counts. A note lists the items whose verdicts or runs differ between
+    sessions: the code changed, or the autopilot is not deterministic. An item has run if any session ran the item.
+
+    Args:
+        reports: the name and the content of each report.
+
+    Raises:
+        RvadsError: a report has no records, or two reports are no parts of one session: their projects differ, or the same name
+            means different maps, formulas or code.
+    """
+    _refuse_strangers(reports)
+    records: dict[str, tuple[str, Record]] = {}
+    clashes: list[str] = []
+    for name, report in reports:
+        for record in report.records:
+            earlier = records.setdefault(record.nodeid, (name, record))
+            if earlier[1] is not record:
+                clash = _clash(earlier, (name, record))
+                clashes += [clash] if clash else []
+                records[record.nodeid] = min(earlier, (name, record), key=lambda named_record: named_record[1].status.severity)
+    notes = [f"{name}: {note}" for name, report in reports for note in report.notes]
+    notes += clashes[:_SHOWN]
+    if len(clashes) > _SHOWN:
+        notes.append(f"... and {len(clashes) - _SHOWN} more contradictions between the merged reports")
+    versions, differences = _merged_versions(reports)
+    planned: dict[Cell, None] = dict.fromkeys(cell for _, report in reports for cell in report.planned)
+    merged = in_order(list(steady(record for _, record in records.values())))
+    return Report(
+        merged,
+        {ways: total for _, report in reports for ways, total in report.totals.items()},
+        tuple(sorted(planned, key=str)),
+        versions,
+        _merged_exitstatus([report for _, report in reports], merged, bool(clashes)),
+        tuple(differences + notes),
+        {test: count for _, report in reports for test, count in report.left_out.items()},
+        seconds=_summed_seconds([report for _, report in reports]),
+        unfit={test: count for _, report in reports for test, count in report.unfit.items()},
+        extents=_merged_extents([report for _, report in reports]),
+        complete=all(report.complete for _, report in reports),
+        project=next((report.project for _, report in reports if report.project), ""),
+        refused=_refused_names([report for _, report in reports]),
+        drawn=tuple(dict.fromkeys(drawn for _, report in reports for drawn in report.drawn)),
+        began=min((report.began for _, report in reports if report.began), default=""),
+        command=first(list(dict.fromkeys(report.command for _, report in reports if report.command)), _COMMANDS),
+    )
+
+
+def _refuse_strangers(reports: Sequence[tuple[str, Report]]) -> None:
+    earlier_values: dict[str, tuple[str, set[str]]] = {}
+    for name, report in reports:
+        if not report.records:
+            raise RvadsError(f"{name} has no items, so it is no part of a session: leave it out, or look why it has none")
+        origins: dict[str, set[str]] = {"project": {report.project}}
+        for record in report.records:
+            test = record.nodeid.partition("[")[0]
+            origins.setdefault(f"map of {record.junction} in {test}", set()).add(record.place or "")
+            if isinstance(record, SimulatedItem):
+                origins.setdefault(f"code of {record.driver} in {test}", set()).add(record.source)
+            origins.setdefault(f"formula of {record.rule}", set()).add(record.formula)
+        for subject, values in origins.items():
+            if present := values - {""}:
+                earlier_name, before = earlier_values.setdefault(subject, (name, present))
+                if not before & present:
+                    raise RvadsError(f"{earlier_name} and {name} are no parts of one session: they differ in the {subject}")
+
+
+def _clash(named_record: tuple[str, Record], other_named_record: tuple[str, Record]) -> str:
+    """Return in words how two records of the same test item contradict each other; an empty text without a contradiction."""
+    (name, a), (other_name, b) = named_record, other_named_record
+    if Outcome.NOT_RUN in (a.status, b.status):
+        return ""
+    if a.status != b.status:
+        return f"{a.nodeid} is {a.status} in {name} and {b.status} in {other_name}"
+    if a.hash != b.hash:
+        return f"{a.nodeid} is {a.status} in both {name} and {other_name}, but of different runs"
+    return ""
+
+
+def _merged_versions(reports: Sequence[tuple[str, Report]]) -> tuple[dict[str, str], list[str]]:
+    """Return the versions of all reports, and a sentence for each version that differs between reports."""
+    versions: dict[str, dict[str, str]] = {}
+    for name, report in reports:
+        for package, version in report.versions.items():
+            versions.setdefault(package, {}).setdefault(version, name)
+    differences = [
+        f"versions differ: {package} " + ", ".join(f"{version} in {name}" for version, name in names.items())
+        for package, names in versions.items()
+        if len(names) > 1
+    ]
+    return {package: ", ".join(names) for package, names in versions.items()}, differences
+
+
+def _merged_extents(reports: Sequence[Report]) -> dict[str, Extent]:
+    """Return the numbers of classes and scenarios at each junction, as far as any session counted them."""
+    extents: dict[str, Extent] = {}
+    for name, extent in (entry for report in reports for entry in report.extents.items()):
+        earlier = extents.get(name, extent)
+        extents[name] = Extent(
+            turns=extent.turns,
+            classes=earlier.classes | extent.classes,
+            partial=earlier.partial | extent.partial,
+            pairs=earlier.pairs or extent.pairs,
+            conflicts=earlier.conflicts or extent.conflicts,
+        )
+    return extents
+
+
+def _refused_names(reports: Sequence[Report]) -> dict[str, tuple[str, ...]]:
+    """Return the reasons for left-out junctions of all sessions, with the names of the junctions."""
+    names_by_reason: dict[str, dict[str, None]] = {}
+    for reason, names in (entry for report in reports for entry in report.refused.items()):
+        names_by_reason.setdefault(reason, {}).update(dict.fromkeys(names))
+    return {reason: tuple(names) for reason, names in names_by_reason.items()}
+
+
+def _summed_seconds(reports: Sequence[Report]) -> dict[str, float]:
+    """Return the times that the runs took [s]; the times of a run that several sessions simulated are added."""
+    seconds: Counter[str] = Counter()
+    for report in reports:
+        seconds.update(report.seconds)
+    return dict(seconds)
+
+
+def _merged_exitstatus(reports: Sequence[Report], records: Sequence[Record], clashed: bool) -> int:
+    """Return the exit status of the merged report.
+
+    A shard without a judgement (status 5) does no harm if another shard has a judgement.
+    """
+    # A failure that was expected, or that an option lets pass, does not fail the merged session either.
+    outcomes = {Outcome.FAIL if r.failed else Outcome.PASS if r.status.judges else Outcome.NA for r in records}
+    worst = max((report.ended for report in reports if report.ended != NOTHING_JUDGED), default=0)
+    return worst or exit_status(outcomes | ({Outcome.ERROR} if clashed else set()))

@@ -1,7 +1,7 @@
-"""Judging the runs of files for ``rvads check``: records, as plain values that cross processes.
+"""Judges the runs of files for ``rvads check``, and returns the verdicts as records that can be sent between processes.
 
-Answers come in the order of the files, on any number of processes, with one run in memory per process. A run that can't be read
-or judged, or that kills its process, costs no other verdict.
+The verdicts come in the order of the files, on any number of processes, with one run in memory per process. A run that can't be
+read or judged, or that kills its process, costs no other verdict.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from shlex import quote
 
 from msgspec.structs import replace
 
-from pytest_rvads.cli.answers import named_rules
-from pytest_rvads.logic.conduct.kpis import kpis
+from pytest_rvads.cli.common import named_rules
+from pytest_rvads.logic.conduct.kpis import arrival_differences, kpis
 from pytest_rvads.logic.conduct.validate import damage, validate
 from pytest_rvads.logic.judging.verdicts import Status, Verdict
 from pytest_rvads.logic.rules.rule import Rule
@@ -30,6 +30,7 @@ from pytest_rvads.report.run_record import by_rule, of_run, sentence, summed, ve
 from pytest_rvads.runs.measured import Kpis
 from pytest_rvads.runs.readers import READERS, files_of, matching, read_runs
 from pytest_rvads.runs.run import Run
+from pytest_rvads.runs.states import Kind
 from pytest_rvads.support.executors import Failed, gathered
 from pytest_rvads.support.storage import slug, write_file
 
@@ -40,32 +41,32 @@ _SIZE = 4
 _SHOWN = (Status.FAIL, Status.OPEN, Status.UNSURE)
 """The statuses of verdicts that have replay pages."""
 NOTABLE = (*_SHOWN, Status.ERROR)
-"""What is not as it should be."""
+"""The statuses of verdicts that people have to look at."""
 
 
 @dataclass(frozen=True, slots=True)
 class Question:
-    """The question of a command about every run."""
+    """The settings by which a command judges every run: its rules, and whether indicators and replay pages are made."""
 
     rules: tuple[str, ...]
     """Names of rules, as on the command line."""
     kpis: bool = False
-    """Whether indicators are asked for."""
+    """Whether performance indicators are computed for every run."""
     alone: bool = False
-    """Whether a single file is checked; then a run that is no excerpt has indicators."""
+    """Whether a single file is checked; then indicators are computed for every run that is no excerpt of a recording."""
     pages: str | None = None
     """Folder of the pages of failures."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Part:
-    """Some runs of a file."""
+    """A part of a file: some of its runs."""
 
     file: str
     begin: int
     end: int
 
-    def rest(self, total: int) -> list[_Part]:
+    def further(self, total: int) -> list[_Part]:
         """Return the parts after the first part of a file with `total` runs; all parts have the same size."""
         size = self.end - self.begin
         return [_Part(self.file, k, k + size) for k in range(self.end, total, size)] if self.begin == 0 else []
@@ -96,13 +97,13 @@ class RunAnswer:
 
     @property
     def kpis(self) -> Kpis | None:
-        """The indicators of the run, where they are asked for."""
+        """The performance indicators of the run; None if the command did not request indicators."""
         return self.records[0].kpis if self.records else None
 
 
 @dataclass(frozen=True, slots=True)
 class Batch:
-    """The answers on a part of a file."""
+    """The verdicts on the runs of a part of a file."""
 
     file: str
     total: int
@@ -115,48 +116,48 @@ class Batch:
 
 
 class _Parts(Iterator[_Part]):
-    """The parts of files in the order of judging; added parts come before the next file."""
+    """Iterator over the parts of files in the order of judging; the parts in `waiting` come before the next file."""
 
     def __init__(self, files: Sequence[str], size: int) -> None:
-        self.rest: deque[_Part] = deque()
-        self.begun: list[_Part] = []
+        self.waiting: deque[_Part] = deque()
+        self.issued: list[_Part] = []
         self._first = (_Part(file, 0, size) for file in files)
 
     def __next__(self) -> _Part:
-        self.begun.append(self.rest.popleft() if self.rest else next(self._first))
-        return self.begun[-1]
+        self.issued.append(self.waiting.popleft() if self.waiting else next(self._first))
+        return self.issued[-1]
 
 
 def judged(files: Sequence[str], question: Question, processes: int = 1) -> Generator[Batch, None, None]:
-    """Yield the answers on the runs of files, in order, as soon as they are known; closing ends the processes early."""
+    """Yield the verdicts on the runs of files in order, as soon as possible; closing the iterator ends the processes."""
     size = _SIZE if processes > 1 else 1  # a single process answers after each run
-    parts, done = _Parts(files, size), dict[_Part, Batch]()
-    due = deque(_Part(file, 0, size) for file in files)
+    parts, batches = _Parts(files, size), dict[_Part, Batch]()
+    awaited = deque(_Part(file, 0, size) for file in files)
     with closing(gathered(_Judge(question), parts, processes, batch=1)) as answers:
         for number, answer in answers:
-            part = parts.begun[number]
-            done[part] = Batch(part.file, 0, error=f"{part.file}: {answer.error}") if isinstance(answer, Failed) else answer
-            parts.rest.extend(part.rest(done[part].total))
-            while due and due[0] in done:
-                part = due.popleft()
-                batch = done.pop(part)
-                due.extendleft(reversed(part.rest(batch.total)))
+            part = parts.issued[number]
+            batches[part] = Batch(part.file, 0, error=f"{part.file}: {answer.error}") if isinstance(answer, Failed) else answer
+            parts.waiting.extend(part.further(batches[part].total))
+            while awaited and awaited[0] in batches:
+                part = awaited.popleft()
+                batch = batches.pop(part)
+                awaited.extendleft(reversed(part.further(batch.total)))
                 yield batch
 
 
 class _Judge:
-    """Answers a question about runs, one after the other; the file that was read last is kept where it holds several."""
+    """Judges the runs of parts of files; the runs of the last file stay in memory if the file holds several runs."""
 
     def __init__(self, question: Question) -> None:
         self._question = question
-        self._kept: tuple[str, Sequence[Run]] | None = None
+        self._last_read: tuple[str, Sequence[Run]] | None = None
 
     @cached_property
     def _rules(self) -> tuple[Rule, ...]:
         return named_rules(self._question.rules)
 
     def __call__(self, part: _Part) -> Batch:
-        """Return the answers on a part of a file; an unreadable file or run gives an answer with the error."""
+        """Return the verdicts on the runs in a part of a file; for an unreadable file or run, return the error."""
         try:
             runs = self._runs(part.file)
             total = len(runs)
@@ -166,42 +167,45 @@ class _Judge:
         return Batch(part.file, total, tuple(answers), last=part.end >= total)
 
     def _runs(self, file: str) -> Sequence[Run]:
-        if self._kept is None or self._kept[0] != file:
-            self._kept = None  # what was read before goes first: two files need not fit
+        if self._last_read is None or self._last_read[0] != file:
+            self._last_read = None  # the runs of two files can be larger than memory
             runs = read_runs(file)
             if len(runs) < 2:
                 return runs
-            self._kept = file, runs
-        return self._kept[1]
+            self._last_read = file, runs
+        return self._last_read[1]
 
     def _answers(self, part: _Part, runs: Sequence[Run], numbers: range) -> Iterator[RunAnswer]:
         for number in numbers:
             try:
-                yield self._one(part.file, number, runs[number])
+                yield self._answer(part.file, number, runs[number])
             except Exception as error:
                 yield RunAnswer(part.file, f"run {number + 1}", 0.0, False, 0, errors=(f"can't be judged: {sentence(error)}",))
 
-    def _one(self, file: str, number: int, run: Run) -> RunAnswer:
+    def _answer(self, file: str, number: int, run: Run) -> RunAnswer:
         reasons: dict[str, list[str]] = {}
         verdicts: list[tuple[Rule, Verdict]] = []
         for rule in self._rules:
+            if not (rule.walked_at(run.junction) or rule.name in self._question.rules):
+                continue
             verdict = verdict_by(run, rule)
             if verdict.status is Status.ERROR:
                 reasons.setdefault(verdict.reason, []).append(rule.name)
             verdicts.append((rule, verdict))
         wants_kpis = self._question.kpis or (self._question.alone and run.excerpt is None)
-        place = run.junction
+        place, fit = run.junction, not damage(run)
         keys = {"junction": place.name, "control": place.control.value, "recording": run.label}
-        whole = replace(
+        run_record = replace(
             planned_record(run.label, 0, "", keys, place.ways),
             verdicts=tuple(verdict for _, verdict in verdicts),
             run=run.label,
-            kpis=kpis(run) if wants_kpis and not damage(run) else None,
+            kpis=kpis(run) if wants_kpis and fit else None,
+            arrivals=arrival_differences(run) if fit else None,
             **of_run(run),
         )
         records = [
-            self._shown(record, self._pages(file, number, run, rule, verdict, verdicts))
-            for record, (rule, verdict) in zip(by_rule(whole), verdicts, strict=True)
+            self._with_pages(record, self._pages(file, number, run, rule, verdict, verdicts))
+            for record, (rule, verdict) in zip(by_rule(run_record), verdicts, strict=True)
         ]
         judged = None if run.excerpt is None else run.excerpt.judged
         return RunAnswer(
@@ -209,23 +213,19 @@ class _Judge:
             run.label,
             run.start,
             run.excerpt is not None,
-            len(run.agents if judged is None else judged),
+            sum(agent.kind is not Kind.PEDESTRIAN and (judged is None or agent.name in judged) for agent in run.agents),
             tuple(records),
             tuple(map(str, validate(run))),
-            tuple(self._unfit(reason, names) for reason, names in reasons.items()),
+            tuple(_unfit(reason, names, len(verdicts)) for reason, names in reasons.items()),
         )
 
-    def _unfit(self, reason: str, names: Sequence[str]) -> str:
-        by = "" if len(names) == len(self._rules) else f" by {', '.join(names)}"
-        return f"can't be judged{by}: {reason}"
-
-    def _shown(self, record: Record, pages: tuple[str, ...]) -> Record:
+    def _with_pages(self, record: Record, pages: tuple[str, ...]) -> Record:
         return replace(record, look=pages[0], looks=pages[1:]) if pages else record
 
     def _pages(
         self, file: str, number: int, run: Run, rule: Rule, verdict: Verdict, verdicts: Sequence[tuple[Rule, Verdict]]
     ) -> tuple[str, ...]:
-        """Write the replay pages of a verdict; return their names with their opening times, or the reason for having no page."""
+        """Write the replay pages of a verdict; return their names with their opening times, or the reason why no page exists."""
         if self._question.pages is None or verdict.status not in _SHOWN:
             return ()
         again = f"rvads check {quote(file)} --rules {rule.name}"
@@ -243,26 +243,31 @@ class _Judge:
         return tuple(pages)
 
 
-def run_files(names: Sequence[str], lament: Callable[[str], None]) -> list[str]:
-    """Return the files that names denote, each once: in the order of the names, the files of a folder or pattern sorted.
+def run_files(names: Sequence[str], complain: Callable[[str], None]) -> list[str]:
+    """Return the files that some names denote, each file once, in the order of the names; files of a folder are sorted.
 
     Args:
         names: names of files; of folders, which are searched for files of runs at any depth; and patterns, which some shells do
             not expand.
-        lament: called with a sentence for each folder or pattern without files.
+        complain: called with a sentence for each folder or pattern without files.
     """
     by_path: dict[str, str] = {}
     for name in names:
-        files = _meant(name)
+        files = _matching_files(name)
         if not files:
             kinds = f"expected files of runs ({', '.join(READERS)}) in it"
-            lament(f"{name}: the folder is empty, {kinds}" if os.path.isdir(name) else f"{name}: no file matches this pattern")
+            complain(f"{name}: the folder is empty, {kinds}" if os.path.isdir(name) else f"{name}: no file matches this pattern")
         for file in files:
             by_path.setdefault(os.path.abspath(file), file)
     return list(by_path.values())
 
 
-def _meant(name: str) -> list[str]:
+def _matching_files(name: str) -> list[str]:
     if not os.path.isdir(name) and (os.path.lexists(name) or not has_magic(name)):
         return [name]  # the reader reports a file that can't be read
     return list(map(str, files_of(Path(name)) if os.path.isdir(name) else matching(name)))
+
+
+def _unfit(reason: str, names: Sequence[str], rules: int) -> str:
+    by = "" if len(names) == rules else f" by {', '.join(names)}"
+    return f"can't be judged{by}: {reason}"

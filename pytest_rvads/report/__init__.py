@@ -1,1 +1,1 @@
-"""Reports on sessions and campaigns, made from plain records."""
+"""Reports on sessions and campaigns, made from records of test items."""

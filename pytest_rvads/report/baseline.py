@@ -1,10 +1,10 @@
-"""Changes since a baseline, that is, since an earlier report of the same tests.
+"""Changes since a baseline, that is, since an earlier report of the same tests. Test items are compared by node id.
 
-Items are compared by node id. A safety margin is a time: the margin of the bound vehicle against its rule, the shortest time to
-collision of the run, or the shortest post-encroachment time of the run. All items of a run share the indicators of the run, so
-erosion is reported once per run, for its first item.
+A safety margin is a time: the time by which the vehicle that a rule obliges kept the rule, the shortest time to collision of the
+run, or the shortest post-encroachment time of the run. All items of a run share the indicators of the run, so erosion is reported
+once per run, for its first item.
 
-A margin that has fallen has eroded only below a threshold of the literature.
+A margin has eroded if it has fallen and is now below its threshold from the literature (`MATTERS`).
 """
 
 from __future__ import annotations
@@ -23,18 +23,19 @@ from pytest_rvads.support.wording import first, plural
 __all__ = ["MATTERS", "compare", "with_baseline"]
 
 MATTERS = {"ttc": 4.0, "pet": 5.0, "margin": 5.0}
-"""Safety margins, and from where on they are so large that it does not matter by how much they fall [s].
+"""Threshold of each safety margin [s]; a fall of the margin to a value above the threshold does not matter.
 
 - ``ttc``: drivers keep control of situations with a time to collision (Hayward, HRB 1972) above 4 s (van der Horst and Hogema,
   Time-to-collision and collision avoidance systems, ICTCT 1993).
 - ``pet``: a post-encroachment time (Allen, Shin, Cooper, TRR 1978) above 5 s is no conflict (Gettman and others, Surrogate
   safety assessment model and validation, FHWA-HRT-08-051, 2008).
-- ``margin``: how long the bound vehicle waited beyond what its rule asks is a gap between two vehicles as that is, so the same.
+- ``margin``: the time that the obliged vehicle waited longer than its rule requires. This time is a gap between two vehicles, as
+  a post-encroachment time is, so both have the same threshold.
 """
 _NAMED = 5
-"""Margins of a run that are told; the rest is counted."""
+"""Largest number of margins that are named per run; further margins are counted."""
 _Fall = tuple[float, float]
-"""A margin before and now [s]."""
+"""A safety margin in the baseline and in the session [s]."""
 
 
 def compare(
@@ -43,15 +44,17 @@ def compare(
     """Return what changed between a baseline and a session.
 
     Args:
-        report: of the session.
+        report: the report of the session.
         baseline: the earlier report.
-        name: what to call it.
-        erosion: of a margin that is less than it should be, see `MATTERS`, a fall by more than this is told [s]; once per run, at
-            its first item in which one fell, and not where something of the run is NEW. Its other items are UNCHANGED.
-        gone: whether an item of the baseline that the session has no record of does not exist any more; otherwise it was
-            not selected.
-        same: compare an item only where driver, junction and formula are those of the baseline. Elsewhere an item that
-            fails is NEW, and an item that was judged in the baseline and does not fail is LOST.
+        name: the name of the baseline.
+        erosion: a margin below its threshold in `MATTERS` has eroded if the margin fell by more than `erosion` [s]. Erosion is
+            reported once per run, for the first item of the run with an eroded margin, and not if an item of the run is NEW. The
+            other items of the run are UNCHANGED.
+        gone: takes the id of an item of the baseline that has no record in the session. Returns True if the item does not exist
+            any more, and False if the item exists and was not selected.
+        same: whether items are compared only if their driver, junction and formula are the same as in the baseline. An item for
+            which one of the three differs is NEW if the item fails, and LOST if the item was judged in the baseline and does not
+            fail.
     """
     before = {record.nodeid: record for record in baseline.records}
     pairs = ((before[record.nodeid], record) for record in report.records if record.nodeid in before)
@@ -64,9 +67,9 @@ def compare(
     difference_counts: Counter[str] = Counter()
     for record in report.records:
         earlier = before.pop(record.nodeid, None)
-        difference = _other(record, earlier) if earlier else ""
+        difference = _incomparable(record, earlier) if earlier else ""
         difference_counts[difference] += 1
-        change = _change(record, earlier, difference if same else "")
+        change = _item_change(record, earlier, difference if same else "")
         if change.kind == "NEW":
             broken.add(record.ran_as)
         elif (
@@ -79,7 +82,7 @@ def compare(
             changes[erosion_of_run.number] = Change("ERODED", changes[erosion_of_run.number].nodeid, erosion_of_run.text())
     for nodeid, record in before.items():
         if gone(nodeid):
-            changes += [Change("LOST", nodeid, f"was {record.status}, does not exist any more")] if _judged(record) else []
+            changes += [Change("LOST", nodeid, f"was {record.status}, does not exist any more")] if _is_judged(record) else []
         else:
             changes.append(Change("OUTSIDE", nodeid))
     differences = [
@@ -103,23 +106,23 @@ def with_baseline(report: Report, comparison: Comparison) -> Report:
 
 
 def _state(record: Record | None) -> str:
-    """Return the meaning of an outcome, or ``absent`` or ``known``; whatever the verdicts, a failed item is no passed one."""
+    """Return ``absent``, ``passed``, ``known`` (a known failure), ``idle`` (not judged), ``violated``, ``error`` or ``flaky``."""
     if record is None:
         return "absent"
     if record.failed:
-        # An error says nothing of what the verdict would be, so it is never the same as a violation.
+        # An error does not say what the verdict would be, so an error is never the same as a violation.
         return record.status.meaning if record.status.bad else "violated"
     if record.known:
         return "known"
     return "passed" if record.status.meaning == "passed" else "idle"
 
 
-def _judged(record: Record | None) -> bool:
+def _is_judged(record: Record | None) -> bool:
     return record is not None and _state(record) != "idle"
 
 
-def _other(record: Record, before: Record) -> str:
-    """Return why what an item was is no basis for what it is, where both are known; else nothing."""
+def _incomparable(record: Record, before: Record) -> str:
+    """Return the reason why an item can't be compared with the item of the baseline; empty if no reason is known."""
     if record.place and before.place and record.place != before.place:
         return "at a junction that is not the same any more"
     drivers = [item.driver for item in (before, record) if isinstance(item, SimulatedItem) and item.driver]
@@ -130,27 +133,27 @@ def _other(record: Record, before: Record) -> str:
     return ""
 
 
-def _change(record: Record, before: Record | None, other: str) -> Change:
-    """Return what became of an item that the session has a record of, but for its margins; `other` as of `_other`."""
+def _item_change(record: Record, before: Record | None, difference: str) -> Change:
+    """Return the change of a test item, apart from its safety margins; `difference` is the result of `_incomparable`."""
     if record.status is Outcome.NOT_RUN:
-        # A skip that somebody wrote into a test is a choice; being too late, or interrupted, is none.
+        # Skipping an item is a choice of its author. No author chooses that time runs out or that a session is interrupted.
         chosen = record.outcome == "skipped" and not record.late
-        if before and chosen and _judged(before):
+        if before and chosen and _is_judged(before):
             return Change("LOST", record.nodeid, f"was {before.status}, is skipped")
         return Change("NOT RUN", record.nodeid)
-    then, now = "absent" if other else _state(before), _state(record)
+    then, now = "absent" if difference else _state(before), _state(record)
     was = before.status.value if before else ""
     if now in BAD and then != now:
         changed = f"was {was}, is {record.status}: " if then in BAD else ""
         return Change("NEW", record.nodeid, changed + record.message.strip().partition("\n")[0])
-    if other and now not in BAD and _judged(before):
-        return Change("LOST", record.nodeid, f"was {was}, {other}")
-    kind, text = _kept(then, now)
+    if difference and now not in BAD and _is_judged(before):
+        return Change("LOST", record.nodeid, f"was {was}, {difference}")
+    kind, text = _change_kind(then, now)
     return Change(kind, record.nodeid, text.format(was=was, now=record.status, known=record.known))
 
 
-def _kept(then: str, now: str) -> tuple[str, str]:
-    """Return the kind of a change that is no new failure, and what to say of it."""
+def _change_kind(then: str, now: str) -> tuple[str, str]:
+    """Return the kind of a change that is no new failure, and a pattern for the text on the change."""
     match then, now:
         case (("violated" | "error" | "flaky" | "known"), "passed"):
             return "FIXED", ""
@@ -165,30 +168,30 @@ def _kept(then: str, now: str) -> tuple[str, str]:
 
 @dataclass(slots=True)
 class _Eroded:
-    """A run of which margins fell."""
+    """A run with eroded safety margins, i.e. margins that fell below their thresholds."""
 
     number: int
-    """Of its first item in which one did, among the changes."""
+    """Position, in the list of changes, of the run's first item with an eroded margin."""
     items: int = 0
-    """In how many one did."""
+    """Number of items with an eroded margin."""
     falls: dict[str, _Fall] = field(default_factory=dict)
-    """By margin; where items differ the deepest fall."""
+    """By name of the margin, its deepest fall among the items of the run."""
 
     def add(self, falls: Iterable[tuple[str, _Fall]]) -> None:
-        """Add the fallen margins of an item."""
+        """Add the fallen safety margins of a test item that judges the run."""
         self.items += 1
         for name, (then, now) in falls:
             if name not in self.falls or then - now > self.falls[name][0] - self.falls[name][1]:
                 self.falls[name] = then, now
 
     def text(self) -> str:
-        """Return which margins fell, in one line."""
+        """Return a line on the safety margins that fell."""
         margins = first([f"{name} {then:.2f} -> {now:.2f} s" for name, (then, now) in self.falls.items()], _NAMED)
         return margins + (f", in {self.items} items of its run" if self.items > 1 else "")
 
 
 def _falls(record: Record, before: Record, least: float) -> list[tuple[str, _Fall]]:
-    """Return which margins that matter fell by more than `least` [s]; that of a rule with its name."""
+    """Return the safety margins below their thresholds that fell by more than `least` [s], by name of the margin."""
     now, then = _margins(record), _margins(before)
     return [
         (f"margin of {record.asks}" if name == "margin" else name, (then[name], value))
@@ -198,7 +201,7 @@ def _falls(record: Record, before: Record, least: float) -> list[tuple[str, _Fal
 
 
 def _margins(record: Record) -> dict[str, float]:
-    """Return the safety margins of an item [s], the larger the safer."""
+    """Return the safety margins of a test item [s], by name; a larger margin is safer."""
     waits = [-i.margin for verdict in record.verdicts for i in verdict.instances if i.margin is not None]
     kpis = record.kpis
     margins = {

@@ -1,8 +1,8 @@
-"""Tables of text as wide as a terminal: split into blocks, each with the names of all rows, and no word is cut.
+"""Lays out a table as text no wider than a terminal: in blocks of columns, each of which repeats the names of all rows.
 
-What is too wide is wrapped at its spaces, and where not even the longest words fit beside each other, a row is a list. A word
-that is longer than a line is the one thing that is broken. rich.table does not split a table into blocks, and takes six times as
-long for the lines of a block.
+Wide texts are wrapped at their spaces. If not even the longest words fit beside each other, each row becomes a list. Only a word
+that is longer than a line is broken. The class rich.table.Table is not used here, because it does not split a table into blocks
+and takes six times as long for the lines of a block.
 """
 
 from __future__ import annotations
@@ -19,18 +19,18 @@ from rich.text import Text
 __all__ = ["Block", "Cell", "Column", "blocks", "wrapped"]
 
 _BREAK = re.compile(r"(?<!\d) | (?!(?:m?s|m|m/s|m/s\^2|NA)(?:[ ,:;).]|$))")
-"""The spaces at which a text may be broken."""
+"""The spaces at which a text can be broken into lines."""
 
 _GAPS = 3, 2
-"""Between columns where one block is wide enough for all of them, and elsewhere."""
+"""Gap between columns if all columns fit in one block, and gap if the columns need several blocks [characters]."""
 _PLEASANT = 20
-"""A column whose texts are wider is wrapped, where its words allow."""
+"""Width above which the texts of a column are wrapped, as far as their words allow [characters]."""
 _INDENT = 2
-"""Of what belongs to the line above."""
+"""Indent of a line that continues the line above [characters]."""
 
 
 class Cell(NamedTuple):
-    """A text, and how a terminal shows it."""
+    """A cell of a table: a text with its style on a terminal."""
 
     text: str = ""
     style: str = ""
@@ -38,27 +38,27 @@ class Cell(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """A column: its headings, from above, and a cell per row."""
+    """A column of a table: its headings from top to bottom, and a cell per row."""
 
     heads: tuple[str, ...]
     cells: tuple[Cell, ...]
     right: bool = False
     """Whether the texts are aligned at the right, as numbers are."""
     group: Hashable = None
-    """Neighbouring columns of a group stay in one block where the width allows; equal upper headings are printed once."""
+    """Name of a group: neighbouring columns of a group stay in one block if the width allows."""
 
     @property
     def texts(self) -> tuple[str, ...]:
-        """All that stands in it."""
+        """The texts of all headings and cells of the column."""
         return (*self.heads, *(cell.text for cell in self.cells))
 
 
 @dataclass(frozen=True, slots=True)
 class Block:
-    """Some columns of a table, as lines."""
+    """A part of a table with some of its columns, as lines of text."""
 
     columns: tuple[int, ...]
-    """Which, by number."""
+    """The numbers of the columns in the table."""
     lines: tuple[Text, ...]
 
 
@@ -66,9 +66,9 @@ def wrapped(text: str, width: int, indent: int = 0) -> list[str]:
     """Return a text as lines, broken at spaces, but not between a number and its unit; a word longer than a line is cut.
 
     Args:
-        text: on one line.
-        width: of the longest line.
-        indent: of all lines but the first.
+        text: a text without line ends.
+        width: greatest width of a line [characters].
+        indent: indent of all lines except the first [characters].
     """
     lines = [""]
     for word in _BREAK.split(text):
@@ -85,31 +85,31 @@ def blocks(corner: str, labels: Sequence[str], columns: Sequence[Column], width:
     """Return a table as blocks that are no wider than the terminal.
 
     Args:
-        corner: what a row is.
-        labels: the names of the rows.
-        columns: with a cell per row.
-        width: of the terminal, in characters.
-        rule: the character that the line below the headings is made of.
+        corner: heading of the column with the names of the rows.
+        labels: names of the rows.
+        columns: columns with a cell per row.
+        width: width of the terminal [characters].
+        rule: the character of the line below the headings.
     """
     if not columns:
         return []
-    beside = max(map(cell_len, (corner, *labels)))
-    wide = [_wide(column) for column in columns]
-    gap = _GAPS[1 + beside + sum(_GAPS[0] + each for each in wide) > width]
-    if 1 + beside + sum(gap + each for each in wide) > width:
+    label_width = max(map(cell_len, (corner, *labels)))
+    widths = [_column_width(column) for column in columns]
+    gap = _GAPS[1 + label_width + sum(_GAPS[0] + column_width for column_width in widths) > width]
+    if 1 + label_width + sum(gap + column_width for column_width in widths) > width:
         word = max(_longest(text) for text in (corner, *labels))
-        most = max(min(beside, width // 3), min(beside, word + _INDENT))
-        beside = max(cell_len(line) for text in (corner, *labels) for line in wrapped(text, most, _INDENT))
-        if 1 + beside + gap + max(_longest(text) for column in columns for text in column.texts) > width:
-            return [_listed(corner, labels, columns, width)]
-    room = width - 1 - beside
-    wide = [min(each, room - gap) for each in wide]
-    pages = _packed(columns, [gap + each for each in wide], room)
-    return [Block(page, _drawn(corner, labels, columns, page, beside, wide, gap, rule)) for page in pages]
+        most = max(min(label_width, width // 3), min(label_width, word + _INDENT))
+        label_width = max(cell_len(line) for text in (corner, *labels) for line in wrapped(text, most, _INDENT))
+        if 1 + label_width + gap + max(_longest(text) for column in columns for text in column.texts) > width:
+            return [_as_list(corner, labels, columns, width)]
+    room = width - 1 - label_width
+    widths = [min(column_width, room - gap) for column_width in widths]
+    pages = _packed(columns, [gap + column_width for column_width in widths], room)
+    return [Block(page, _block_lines(corner, labels, columns, page, label_width, widths, gap, rule)) for page in pages]
 
 
-def _wide(column: Column) -> int:
-    """Return the width of a column: that of its longest text, or of its longest word if the texts are long."""
+def _column_width(column: Column) -> int:
+    """Return the width of a column: the width of its longest text, or of its longest word if the texts are long."""
     most = max(_PLEASANT, max(map(_longest, column.texts)))
     return max(cell_len(line) for text in column.texts for line in wrapped(text, most))
 
@@ -118,59 +118,65 @@ def _longest(text: str) -> int:
     return max(map(cell_len, text.split(" ")))
 
 
-def _packed(columns: Sequence[Column], wide: Sequence[int], room: int) -> list[tuple[int, ...]]:
-    """Return the columns of each block, by number."""
+def _packed(columns: Sequence[Column], widths: Sequence[int], room: int) -> list[tuple[int, ...]]:
+    """Return the numbers of the columns in each block of a table."""
     pages: list[list[int]] = [[]]
     used = 0
     for _, members in groupby(range(len(columns)), lambda i: columns[i].group or i):
         group = list(members)
-        together = sum(wide[i] for i in group)
+        together = sum(widths[i] for i in group)
         for k, i in enumerate(group):
-            if pages[-1] and used + (wide[i] if k else together) > room:
+            if pages[-1] and used + (widths[i] if k else together) > room:
                 pages.append([])
                 used = 0
             pages[-1].append(i)
-            used += wide[i]
+            used += widths[i]
     return [tuple(page) for page in pages]
 
 
-def _drawn(  # noqa: PLR0913 - what a layout consists of
+def _block_lines(  # noqa: PLR0913 - a table and its layout
     corner: str,
     labels: Sequence[str],
     columns: Sequence[Column],
     page: Sequence[int],
-    beside: int,
-    wide: Sequence[int],
+    label_width: int,
+    widths: Sequence[int],
     gap: int,
     rule: str,
 ) -> tuple[Text, ...]:
-    """Return the lines of one block."""
+    """Return the lines of one block of a table."""
     lines: list[Text] = []
     last = len(columns[page[0]].heads) - 1
     for level in range(last + 1):
         heads = [columns[i].heads[level] for i in page]
-        if level < last:  # said once over neighbours that share it
+        if level < last:  # neighbouring columns with the same heading show the heading once
             heads = [head if not k or columns[page[k - 1]].heads[level] != head else "" for k, head in enumerate(heads)]
         if level < last and not any(heads):
             continue
         cells = [Cell(head) for head in heads]
-        lines += _row(corner if level == last else "", cells, columns, page, beside, wide, gap)
-    lines.append(Text(rule * (1 + beside + sum(gap + wide[i] for i in page))))
+        lines += _row_lines(corner if level == last else "", cells, columns, page, label_width, widths, gap)
+    lines.append(Text(rule * (1 + label_width + sum(gap + widths[i] for i in page))))
     for number, label in enumerate(labels):
-        lines += _row(label, [columns[i].cells[number] for i in page], columns, page, beside, wide, gap)
+        lines += _row_lines(label, [columns[i].cells[number] for i in page], columns, page, label_width, widths, gap)
     return tuple(lines)
 
 
-def _row(  # noqa: PLR0913 - likewise
-    label: str, cells: Sequence[Cell], columns: Sequence[Column], page: Sequence[int], beside: int, wide: Sequence[int], gap: int
+def _row_lines(  # noqa: PLR0913 - a row and its layout
+    label: str,
+    cells: Sequence[Cell],
+    columns: Sequence[Column],
+    page: Sequence[int],
+    label_width: int,
+    widths: Sequence[int],
+    gap: int,
 ) -> list[Text]:
-    """Return a row, of which each cell may take several lines."""
-    texts = [wrapped(cell.text, wide[i]) for cell, i in zip(cells, page, strict=True)]
+    """Return the lines of a row of a table; each cell can take several lines."""
+    texts = [wrapped(cell.text, widths[i]) for cell, i in zip(cells, page, strict=True)]
     lines = []
-    for name, *parts in zip_longest(wrapped(label, beside, _INDENT), *texts, fillvalue=""):
-        line = Text(f" {name}{' ' * (beside - cell_len(name))}")
+    for name, *parts in zip_longest(wrapped(label, label_width, _INDENT), *texts, fillvalue=""):
+        line = Text(f" {name}{' ' * (label_width - cell_len(name))}")
         for part, cell, i in zip(parts, cells, page, strict=True):
-            pad = " " * (wide[i] - cell_len(part))
+            pad = " " * (widths[i] - cell_len(part))
             line.append(" " * gap + (pad if columns[i].right else ""))
             line.append(part, style=cell.style)
             line.append("" if columns[i].right else pad)
@@ -179,11 +185,11 @@ def _row(  # noqa: PLR0913 - likewise
     return lines
 
 
-def _listed(corner: str, labels: Sequence[str], columns: Sequence[Column], width: int) -> Block:
+def _as_list(corner: str, labels: Sequence[str], columns: Sequence[Column], width: int) -> Block:
     """Return a table as a list: the name of each row, followed by its cells with their headings."""
     lines: list[Text] = []
     for number, label in enumerate(labels):
         lines += [Text(f" {line}") for line in wrapped(f"{corner} {label}", width - 1, _INDENT)]
-        told = [f"{' '.join(filter(None, c.heads))}: {c.cells[number].text}" for c in columns if c.cells[number].text]
-        lines += [Text(f"{' ' * (1 + _INDENT)}{line}") for line in wrapped("; ".join(told), width - 1 - _INDENT, _INDENT)]
+        texts = [f"{' '.join(filter(None, c.heads))}: {c.cells[number].text}" for c in columns if c.cells[number].text]
+        lines += [Text(f"{' ' * (1 + _INDENT)}{line}") for line in wrapped("; ".join(texts), width - 1 - _INDENT, _INDENT)]
     return Block(tuple(range(len(columns))), tuple(lines))

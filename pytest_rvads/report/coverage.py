@@ -1,9 +1,11 @@
 """Coverage: the share of the planned cells that a session exercised.
 
-A cell is (junction, class, configuration, rule), with a subject also the subject's seat and the traffic around it. A cell of a
-recording is (junction, recording, rule). A cell is exercised if a rule required something of the system under test in the cell,
-and the verdict is PASS, FAIL or OPEN, expected or not. A rule that bound only the traffic exercises no cell. NA, UNSURE, errors
-and items that did not run exercise no cell either. Tests that plan the same cells share them, and so do the variants of a test.
+A cell is (junction, class, configuration, rule). If the scenario has a subject (vehicle under test), the cell also names the
+entrance of the subject and the traffic around the subject. If somebody walks, the cell also names the pedestrians. A cell of a
+recording is (junction, recording, rule). A cell is
+exercised if a rule required something of the system under test in the cell, and the verdict is PASS, FAIL or OPEN, expected or
+not. A rule that required something only of the traffic exercises no cell. NA, UNSURE, errors and items that did not run exercise
+no cell either. A cell counts once, even if several tests or several variants of a test contain the cell.
 """
 
 from __future__ import annotations
@@ -28,11 +30,11 @@ class Coverage:
     """Cells that the collected tests expand to, before tests are deselected."""
     exercised: int
     idle: dict[str, int]
-    """Number of cells that were not exercised, by reason: the status of their items, or ``not selected``."""
+    """Number of cells that were not exercised, by reason: the status of their test items, or ``not selected``."""
 
     @property
     def percent(self) -> float:
-        """Share of the exercised cells among the planned cells [%]; 0 if no cells were planned."""
+        """Percentage of the planned cells that were exercised; 0 if no cells were planned."""
         return 100 * self.exercised / self.planned if self.planned else 0.0
 
     def __str__(self) -> str:
@@ -43,45 +45,45 @@ class Coverage:
 
 
 class Cells:
-    """Counts cells by their outcome; records are added singly.
+    """Counts cells (junction, class, configuration, rule) by their outcome; records are added one by one.
 
     Args:
-        planned: the planned cells, which count without a record as well.
+        planned: the planned cells; a planned cell counts even if no record of the cell is added.
     """
 
     def __init__(self, planned: Iterable[Cell] = ()) -> None:
         self._rules: dict[str, int] = {}
         self._rows: dict[tuple[object, ...], bytearray] = {}
-        """By cell without its rule, a byte per rule: a session may have a million cells."""
+        """By cell without its rule, a byte per rule; bytes save memory, because a session can have a million cells."""
         for cell in planned:
-            self._note(cell, _PLANNED)
+            self._note_outcome(cell, _PLANNED)
 
     def add(self, record: Record) -> None:
-        """Add a record."""
-        self._note(cell_of(record), _EXERCISED if record.asked else _EXERCISED + 1 + record.status.severity)
+        """Add the outcome of a record to its cell."""
+        self._note_outcome(cell_of(record), _EXERCISED if record.asked else _EXERCISED + 1 + record.status.severity)
 
-    def _note(self, cell: Cell, found: int) -> None:
-        """Note the outcome of a cell; of several outcomes the least byte counts."""
+    def _note_outcome(self, cell: Cell, value: int) -> None:
+        """Note the outcome of a cell as a byte; if a cell has several outcomes, the least byte counts."""
         junction, cls, configuration, rule, seat, traffic = cell
         row = self._rows.setdefault((junction, cls, configuration, seat, traffic), bytearray())
         number = self._rules.setdefault(rule, len(self._rules))
         row.extend([_NO_CELL] * (number + 1 - len(row)))
-        row[number] = min(row[number], found)
+        row[number] = min(row[number], value)
 
     def coverage(self) -> Coverage:
-        """Return the number of cells and of exercised cells."""
-        found: Counter[int] = Counter()
+        """Return the numbers of planned and of exercised cells."""
+        counts: Counter[int] = Counter()
         for row in self._rows.values():
-            found.update(row)
-        del found[_NO_CELL]
-        # By the first reason that applies to an item of the cell.
-        whys = [(outcome.small, found[_EXERCISED + 1 + outcome.severity]) for outcome in Outcome.worst_first()]
-        idle = {why: count for why, count in (*whys, (_UNSELECTED, found[_PLANNED])) if count}
-        return Coverage(found.total(), found[_EXERCISED], idle)
+            counts.update(row)
+        del counts[_NO_CELL]
+        # A cell with several outcomes counts under its worst outcome: the worst outcome has the least byte.
+        reasons = [(outcome.small, counts[_EXERCISED + 1 + outcome.severity]) for outcome in Outcome.worst_first()]
+        idle = {why: count for why, count in (*reasons, (_UNSELECTED, counts[_PLANNED])) if count}
+        return Coverage(counts.total(), counts[_EXERCISED], idle)
 
 
 def measure(report: Report) -> Coverage:
-    """Return the coverage of a session over its cells."""
+    """Return the coverage of a session: the numbers of planned and of exercised cells."""
     cells = Cells(report.planned)
     for record in report.records:
         cells.add(record)
@@ -89,16 +91,16 @@ def measure(report: Report) -> Coverage:
 
 
 _EXERCISED, _PLANNED, _NO_CELL = 0, 254, 255
-"""Values of a cell's byte; between the first two, 1 plus the severity of the outcome that exercised nothing."""
+"""Bytes for the state of a cell: exercised, planned without a record, or no cell; other bytes are 1 + an outcome's severity."""
 _UNSELECTED = "not selected"
 
 
 def shortfall(report: Report, least: float) -> str:
-    """Return the sentence that the coverage is too low, or an empty text.
+    """Return a sentence if the coverage of a report is below `least`; an empty text if it is not.
 
     Args:
         report: the report of a session, or of several sessions merged.
-        least: the least share of the planned cells that have to be exercised [%].
+        least: least share of the planned cells that has to be exercised [%].
     """
     coverage = measure(report)
     if coverage.planned and 100 * coverage.exercised >= least * coverage.planned:
@@ -107,11 +109,11 @@ def shortfall(report: Report, least: float) -> str:
 
 
 def dropped(report: Report, most: int | None = None) -> list[str]:
-    """Return a line on the points of grids beyond v(d)max, and a line on the scenarios without room, if there are any.
+    """Return a line on left-out starts (faster than the braking envelope v(d)max), and a line on scenarios without room to start.
 
     Args:
         report: the report of a session, or of several sessions merged.
-        most: most tests or junctions named in a line; the others are counted.
+        most: largest number of tests that a line names; further tests are counted.
     """
     return [
         f"{sum(tests.values())} {what}{'' if sum(tests.values()) == 1 else 's'} {why} left out: "
@@ -125,16 +127,16 @@ def dropped(report: Report, most: int | None = None) -> list[str]:
 
 
 class Requirements:
-    """Counts the verdicts that trace to each requirement; records are added singly."""
+    """Counts the verdicts on each requirement of the user; records are added one by one."""
 
     def __init__(self) -> None:
-        self._found: dict[str, Counter[Tallied]] = {}
+        self._counts: dict[str, Counter[Tallied]] = {}
 
     def add(self, record: Record) -> None:
-        """Add a record."""
+        """Count the verdict of a record for each of its requirements."""
         for requirement in record.requirements:
-            self._found.setdefault(requirement, Counter())[record.counts_as] += 1
+            self._counts.setdefault(requirement, Counter())[record.counts_as] += 1
 
     def lines(self) -> list[str]:
         """Return a line per requirement with its verdicts by status."""
-        return [f"requirement {name}: {counted(self._found[name])}" for name in sorted(self._found)]
+        return [f"requirement {name}: {counted(self._counts[name])}" for name in sorted(self._counts)]

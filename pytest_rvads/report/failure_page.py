@@ -1,6 +1,7 @@
-"""The replay page of a run with a failed verdict, which tests and ``rvads check`` write.
+"""Makes the replay page of a run with a failed verdict, for tests and ``rvads check``.
 
-Beside the replay stand facts about the run, and the run of the same item in an earlier session.
+The page also shows facts about the run, timelines (the states of the monitors of the rule along the run), and the run of the same
+test item in an earlier session.
 """
 
 from __future__ import annotations
@@ -13,12 +14,18 @@ from pathlib import Path
 
 import numpy as np
 
+from pytest_rvads.logic.conduct.predicates import extract
+from pytest_rvads.logic.conduct.presence import without_jumps
+from pytest_rvads.logic.judging.evaluate import Values
+from pytest_rvads.logic.judging.judge import walk
+from pytest_rvads.logic.judging.prepare import prepare
 from pytest_rvads.logic.judging.verdicts import InstanceVerdict, Status, Verdict
+from pytest_rvads.logic.ltl.ltl3 import Truth
 from pytest_rvads.logic.rules.book import get_rule, rules_for
 from pytest_rvads.logic.rules.rule import Rule
-from pytest_rvads.logic.timeline import timelines
+from pytest_rvads.logic.telling.story import bound_names
 from pytest_rvads.report.draw.picture import picture
-from pytest_rvads.report.draw.replay import Beside, Track, replay
+from pytest_rvads.report.draw.replay import Beside, Track, opening, replay
 from pytest_rvads.report.folders import run_file
 from pytest_rvads.report.record import Record, SimulatedItem
 from pytest_rvads.report.run_record import summed, verdict_by
@@ -28,16 +35,28 @@ from pytest_rvads.runs.runfile import load_run
 from pytest_rvads.support.errors import FormulaError, RunError
 from pytest_rvads.support.storage import slug
 
-__all__ = ["Page", "earlier_run", "facts", "failure_pages", "failure_picture", "moment", "other_verdicts", "usual_rules", "when"]
+__all__ = [
+    "Page",
+    "Timeline",
+    "earlier_run",
+    "facts",
+    "failure_pages",
+    "failure_picture",
+    "moment",
+    "other_verdicts",
+    "timelines",
+    "usual_rules",
+    "when",
+]
 
 
 def earlier_run(report: Report, beside: Path, here: Path, nodeid: str, run: Run) -> Run | None:
-    """Return the run of an item in an earlier session; None if it is the same run, was not kept, or has another junction.
+    """Return the run of a test item in an earlier session; None if that run is the same, was not kept, or has another junction.
 
     Args:
         report: the report of the earlier session.
-        beside: the folder of that report.
-        here: the working directory of this session, which may have been that of the earlier session.
+        beside: the folder of the report of the earlier session.
+        here: the working directory of this session; kept runs of the earlier session are searched from here and from `beside`.
         nodeid: the id of the item.
         run: the run of the item in this session.
     """
@@ -59,14 +78,14 @@ def earlier_run(report: Report, beside: Path, here: Path, nodeid: str, run: Run)
 
 
 def _file_names(nodeid: str, rule: str | None) -> list[str]:
-    """Return the possible names of an item's run file: the id without the rule, at each place where the rule occurs in the id."""
+    """Return the names that the file of an item's run can have: the item's id without one occurrence of the rule's name."""
     if not rule:
         return [slug(nodeid)]
     return [slug(nodeid[: at.start()] + nodeid[at.end() :]) for at in re.finditer(re.escape(f"-{rule}"), nodeid)]
 
 
 def facts(record: Record, start: str, rerun: str) -> tuple[tuple[str, str], ...]:
-    """Return the facts about the run of an item, each as a word and a text; unknown facts are left out.
+    """Return the facts about the run of a test item as pairs of a word and a text; unknown facts are left out.
 
     Args:
         record: the record of the item.
@@ -91,13 +110,15 @@ def facts(record: Record, start: str, rerun: str) -> tuple[tuple[str, str], ...]
 
 
 _BEFORE, _AFTER = 30.0, 10.0
-"""Shown time of recorded traffic before and after an instant [s]: minutes of dense traffic fill megabytes."""
+"""A page shows this much recorded traffic before and after an instant [s]; minutes of dense traffic would fill megabytes."""
 _TROUBLE = (Status.FAIL, Status.OPEN, Status.UNSURE)
+_FINAL_WORDS = {Truth.FALSE: "violated", Truth.TRUE: "satisfied"}
+"""Names of the states of a monitor in which the verdict is final."""
 
 
 @dataclass(frozen=True, slots=True)
 class Page:
-    """A page about a verdict."""
+    """A replay page about a failed verdict."""
 
     time: float
     """Time at which the page opens, on the clock of the recording [s]."""
@@ -105,18 +126,21 @@ class Page:
 
 
 def moment(run: Run, verdict: Verdict) -> float:
-    """Return the most telling time of a verdict, on the clock of the recording [s].
+    """Return the time that shows best what a verdict is about, on the clock of the recording [s].
 
-    The time is the time of the verdict, else the time at which its first instance became violated, open or unsure, else the end
-    of the run.
+    The result is the time of the verdict. If the verdict has no time, the result is the time of the first violated, open or
+    unsure instance (rule for certain vehicles). If no such instance has a time, the result is the end of the run. If the rule
+    was not violated, open or unsure, the result is 1 s before the first vehicle enters the junction.
     """
+    if verdict.status not in _TROUBLE:
+        return opening(run)
     if verdict.time is not None:
         return verdict.time
     return next((time for time, _ in _troubled_instances(verdict)), run.start + run.duration)
 
 
 def failure_picture(run: Run, verdict: Verdict) -> str:
-    """Return the state in which the rule was broken as SVG.
+    """Return a picture (SVG) of the state in which the rule was violated.
 
     Raises:
         RunError: the run has no positions or no states.
@@ -127,17 +151,18 @@ def failure_picture(run: Run, verdict: Verdict) -> str:
 
 
 def failure_pages(run: Run, verdict: Verdict, rule: str | Rule, notes: str, beside: Beside | None = None) -> Iterator[Page]:
-    """Yield pages that show the violated, open or unsure instances of a verdict, with the monitors of the rule.
+    """Yield replay pages of the instances (rule for certain vehicles) that are violated, open or unsure, with their monitors.
 
-    The first page shows the time `moment`. A simulated run has one page. Recorded traffic has a page for each instance that no
-    earlier page shows. The page shows the seconds around the instance, and the vehicles that were present then.
+    The first page opens at the time that `moment` returns. A simulated run gives one page. Recorded traffic gives a page for each
+    instance that no earlier page shows. A page of recorded traffic shows the seconds around its instance, with the vehicles that
+    were present in these seconds.
 
     Args:
         run: the run.
         verdict: the failed verdict.
-        rule: the broken rule.
+        rule: the violated rule.
         notes: text of the pages beside the picture.
-        beside: further texts and pictures; its ghost is left out for recorded traffic.
+        beside: further texts and pictures; the ghost (an earlier run, drawn below the replay) is left out for recorded traffic.
 
     Raises:
         RunError: the run has no positions or no states.
@@ -146,7 +171,7 @@ def failure_pages(run: Run, verdict: Verdict, rule: str | Rule, notes: str, besi
     beside = _completed(run, rule, notes, beside or Beside())
     if run.excerpt is None:
         time, message = moment(run, verdict), verdict.message
-        marked = [(time, message)]
+        marked = [(time, message)] if verdict.status in _TROUBLE else []
         yield Page(time, replay(run, message, notes, marked, _tracks(run, rule), verdict.responsible, beside=beside))
         return
     beside = replace(beside, ghost=None, ghost_name="")
@@ -168,11 +193,11 @@ def failure_pages(run: Run, verdict: Verdict, rule: str | Rule, notes: str, besi
 
 
 def _completed(run: Run, rule: str | Rule, notes: str, beside: Beside) -> Beside:
-    """Return the texts and pictures beside a run, with missing facts added from the run and the rule."""
+    """Return the texts and pictures beside a replay, with missing facts added from the run and the rule."""
     origin, known_rule = run.provenance, None
     with suppress(FormulaError):  # no rule has this name
         known_rule = get_rule(rule)
-    reruns = re.findall(r"^rerun +(.+)$", notes, re.MULTILINE)[-1:]  # texts of users come before the line of this package
+    reruns = re.findall(r"^rerun +(.+)$", notes, re.MULTILINE)[-1:]  # the last match is by this package
     traffic = origin.get("traffic")
     driver = str(origin.get("autopilot") or "")
     defaults = {
@@ -189,14 +214,15 @@ def _completed(run: Run, rule: str | Rule, notes: str, beside: Beside) -> Beside
 
 
 def usual_rules(run: Run) -> tuple[Rule, ...]:
-    """Return the default rules for a run: the book ``road`` for a run with a subject or recorded traffic, else ``paper``."""
+    """Return the default rules for a run: ``road`` for a run with a subject or of recorded traffic, otherwise ``paper``."""
     return rules_for("paper" if run.subject is None and run.excerpt is None else "road", run.junction)
 
 
 def other_verdicts(run: Run, rules: Iterable[str | Rule], but: str = "") -> tuple[tuple[str, str, str], ...]:
-    """Return rule, status and message of the verdicts of a run for `Beside.others`, the worst verdict first.
+    """Return the verdicts of a run as (rule, status, message), which `Beside.others` holds; the worst verdict comes first.
 
-    The status is PROVOKED or UNAVOIDABLE for such verdicts, and ERROR with the reason for a rule that can't judge the run.
+    The status of a provoked or unavoidable violation is PROVOKED or UNAVOIDABLE. If a rule can't judge the run, the status is
+    ERROR, and the message is the reason.
 
     Args:
         run: the run.
@@ -208,19 +234,19 @@ def other_verdicts(run: Run, rules: Iterable[str | Rule], but: str = "") -> tupl
 
 
 def _troubled_instances(verdict: Verdict) -> list[tuple[float, InstanceVerdict]]:
-    """Return the violated, open or unsure instances with the times of their `when` [s]; instances without a time are left out."""
+    """Return the violated, open or unsure instances of a rule that have a time (see `when`), with their times [s]."""
     timed = [(when(verdict, instance), instance) for instance in verdict.instances if instance.status in _TROUBLE]
     return [(time, instance) for time, instance in timed if time is not None]
 
 
 def _event(verdict: Verdict, instance: InstanceVerdict) -> str:
-    """Return the text of an instance among the events of a page."""
+    """Return the line on an instance of a rule (rule for certain vehicles) for the list of events of a page."""
     names = ", ".join(name for _, name in instance.binding)
     return f"{verdict.rule} {instance.status}: {names}{instance.hangs and f', {instance.hangs}'}"
 
 
 def when(verdict: Verdict, instance: InstanceVerdict) -> float | None:
-    """Return the time at which an instance was violated, else the time since which an obligation is due.
+    """Return the time at which an instance of a rule was violated, or, without a violation, since when an obligation is due.
 
     The time is on the clock of the recording [s]. None means that no obligation was due.
     """
@@ -228,8 +254,56 @@ def when(verdict: Verdict, instance: InstanceVerdict) -> float | None:
     return None if tick is None else round(verdict.start + tick * verdict.dt, 9)
 
 
+@dataclass(frozen=True, slots=True)
+class Timeline:
+    """The states of one monitor along a run; the monitor watches the rule for certain vehicles and entrances."""
+
+    binding: tuple[tuple[str, str], ...]
+    """Variables of the rule, and the names of the elements that the variables stand for."""
+    changes: tuple[tuple[int, str], ...]
+    """Pairs of tick and new state of the monitor.
+
+    The states are ``watching`` (no obligation is due, every verdict is possible), ``due`` (an obligation is due), ``violated``
+    and ``satisfied`` (both final, whatever happens later). The LTL3 verdicts of the four states are ?, ?, F and T.
+    """
+
+    @property
+    def moved(self) -> bool:
+        """Whether the monitor was in a state other than ``watching`` at any tick of the run."""
+        return len(self.changes) > 1 or self.changes[0][1] != "watching"
+
+
+def timelines(run: Run, rule: str | Rule) -> tuple[Timeline, ...]:
+    """Return a timeline per choice of vehicles and entrances for a rule; none if the run lacks a quantity that the rule needs.
+
+    Args:
+        run: the run.
+        rule: a rule or the name of a rule.
+
+    Raises:
+        FormulaError: no rule has this name.
+    """
+    rule, run = get_rule(rule), without_jumps(run)
+    templates = prepare(rule.formula, extract(run), rule.bound).templates
+    try:
+        walked = walk(templates, Values(run, rule.tie))
+    except RunError:
+        return ()
+    result = []
+    for template, states in zip(templates, walked, strict=True):
+        ticks = np.concatenate(([0], np.flatnonzero(np.diff(states)) + 1))
+        changes: list[tuple[int, str]] = []
+        for tick in ticks.tolist():
+            state = int(states[tick])
+            word = _FINAL_WORDS.get(Truth(int(template.machine.output[state])), "due" if state else "watching")
+            if not changes or changes[-1][1] != word:
+                changes.append((tick, word))
+        result.append(Timeline(bound_names(template), tuple(changes)))
+    return tuple(result)
+
+
 def _tracks(run: Run, rule: str | Rule) -> list[Track]:
-    """Return the monitors of a rule whose state ever changed; no monitors if no rule has the name."""
+    """Return a track (states over time) per monitor of a rule that left the state ``watching``; none if no rule has this name."""
     try:
         moved = [line for line in timelines(run, rule) if line.moved]
     except FormulaError:
@@ -241,7 +315,7 @@ def _tracks(run: Run, rule: str | Rule) -> list[Track]:
 
 
 def _part(run: Run, begin: int, end: int) -> Run:
-    """Return some ticks of recorded traffic as a run, with the vehicles that are present in these ticks."""
+    """Return the states of recorded traffic between two ticks as a run with the vehicles that are present in these states."""
     span = slice(begin, end)
     present = np.flatnonzero(run.here[span].any(axis=0)).tolist()
     names = {run.agents[column].name for column in present}
@@ -261,7 +335,7 @@ def _part(run: Run, begin: int, end: int) -> Run:
 
 
 def _within(track: Track, begin: int, end: int) -> Track | None:
-    """Return the part of a track between the ticks `begin` and `end`; None if the track does not change between the two."""
+    """Return the part of a track between the ticks `begin` and `end`; None if the track has no change between the two ticks."""
     before = [word for tick, word in track.changes if tick <= begin]
     inside = [(tick - begin, word) for tick, word in track.changes if begin < tick < end]
     return replace(track, changes=((0, before[-1]), *inside)) if inside else None

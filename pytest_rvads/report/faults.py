@@ -1,4 +1,4 @@
-"""The failure of an item, from its record: the violated obligation, the time, and the signature of its cause."""
+"""Describes the failure of a test item from its record: the violated obligation, the time, and a key of its cause."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from pytest_rvads.report.record import Record
 __all__ = ["explains", "first_line", "hanging", "signature", "time_of", "verdict_of", "violated"]
 
 _INSTANCES = 3
-"""Most unsure instances of an item that are described; the others are counted."""
+"""Largest number of unsure instances that are described per test item; further instances are counted."""
 _VARIES = re.compile(r"0x[0-9a-fA-F]+|\d+([.,]\d+)*(e[+-]?\d+)?")
-"""Matches the parts that differ between messages of one fault: numbers of vehicles, times, lines, addresses."""
+"""Matches the parts in which messages of one fault differ: vehicle numbers, times, line numbers, memory addresses."""
 
 
 def explains(record: Record) -> bool:
-    """Return whether the violation of a record can be behind other failures of its run."""
+    """Return whether the violation in a record can be the cause of other failures of the same run."""
     verdict = verdict_of(record)
     return verdict is not None and bool(record.hash) and not verdict.unavoidable
 
 
 def verdict_of(record: Record) -> Verdict | None:
-    """Return the verdict that gave a record its status; None if the status has another origin."""
+    """Return the verdict from which a record has its status; None if the status comes from an error or an exception."""
     status = record.status
     if status is Outcome.ERROR:
         return None
@@ -33,7 +33,7 @@ def verdict_of(record: Record) -> Verdict | None:
 
 
 def time_of(record: Record) -> tuple[bool, float, str]:
-    """Return the sort key of a record in its run: violations by their times [s], then open obligations.
+    """Return the key by which failures of a run are sorted: violations by their times [s], then open obligations.
 
     An obligation becomes overdue at the end of the run, whenever it began. Records with the same time are ordered by the names of
     their rules.
@@ -44,18 +44,18 @@ def time_of(record: Record) -> tuple[bool, float, str]:
 
 
 def signature(record: Record) -> Hashable:
-    """Return a key that is equal for records with the same cause; the differing parts of messages are left out."""
+    """Return a key that is equal for records with the same cause, without the parts of messages that differ."""
     verdict = verdict_of(record)
     if verdict is not None:
         # Violations of a rule that no vehicle could have kept are one cause, whatever their status.
         return "" if verdict.unavoidable else record.status, violated(record)
-    # A fault of a stack is one cause, whatever rules would have judged its runs; so is a stack that is not deterministic.
+    # A fault of a stack is one cause, whatever rules would have judged its runs. So is a stack that is not deterministic.
     rule = "" if record.status in (Outcome.ERROR, Outcome.FLAKY) else record.asks
     return record.status, rule, _VARIES.sub("#", violated(record))
 
 
 def violated(record: Record) -> str:
-    """Return the violated obligation or the error, in words."""
+    """Return the violated obligation or the error of a record in words."""
     if record.status is Outcome.FLAKY:
         repeated = record.flaky and record.flaky.what == "status"
         return f"not deterministic: the same start gave another {'verdict' if repeated else 'run'}"
@@ -71,7 +71,7 @@ def violated(record: Record) -> str:
 
 
 def hanging(record: Record) -> str:
-    """Return the doubts on which an unsure record depends."""
+    """Return the doubts (events within the accuracy of a recording) that make the verdict of a record UNSURE, in words."""
     verdict = verdict_of(record)
     if verdict is None:
         return first_line(record)

@@ -1,4 +1,4 @@
-"""The files of a session's report: the table of formats, writing, and reading JSON back.
+"""Writes the report of a session in any format, and reads reports in JSON.
 
 Formats of this module are JSON, the traceability table (comma-separated values), and JUnit XML for servers of continuous
 integration.
@@ -28,9 +28,9 @@ from pytest_rvads.report.page import page
 from pytest_rvads.report.record import Record, properties
 from pytest_rvads.report.session_report import Report
 from pytest_rvads.support.decoding import decode, encode
-from pytest_rvads.support.entrypoints import entries
-from pytest_rvads.support.entrypoints import load as load_entry
 from pytest_rvads.support.errors import RvadsError
+from pytest_rvads.support.installed import entries
+from pytest_rvads.support.installed import load as load_entry
 from pytest_rvads.support.storage import read_file, write_file
 from pytest_rvads.support.wording import printable
 
@@ -39,20 +39,20 @@ __all__ = ["FORMATS", "MOST", "append_summary", "fitting", "junit", "load", "rea
 
 VERSION = 5
 MOST = 2**28
-"""A longer report is refused [bytes]; no session writes a report of this length."""
+"""Greatest length of a report that is read [bytes]; no session writes a report of this length."""
 SUMMARY_LIMIT = 900 * 1024
-"""GitHub drops a job summary above 1 MiB as a whole [bytes]."""
+"""Greatest length of a job summary that is written [bytes]; GitHub drops a job summary above 1 MiB as a whole."""
 
 
 class _Head(msgspec.Struct):
-    """Fields by which a report differs from other files."""
+    """The first fields of a report in JSON, which distinguish a report from other files."""
 
     format: str
     version: int
 
 
 def fitting(name: str | Path) -> Path:
-    """Return the path of a report, before anything is spent on the report.
+    """Return the path of a report, after a check that the ending of the path names a format.
 
     Raises:
         RvadsError: the ending names no format.
@@ -74,7 +74,7 @@ def save(path: Path, report: Report) -> None:
 
 
 def write(path: Path, content: str | bytes | Iterable[str | bytes]) -> None:
-    """Write the content of a report: a text, bytes, or pieces of a content that may be longer than memory.
+    """Write the content of a report: a text, bytes, or pieces of a content that can be longer than memory.
 
     Raises:
         OSError: the file can't be written.
@@ -84,7 +84,7 @@ def write(path: Path, content: str | bytes | Iterable[str | bytes]) -> None:
 
 
 def append_summary(path: Path, report: Report) -> None:
-    """Append a report to the job summary of GitHub Actions, or say that it is too long for one.
+    """Append a report to the job summary of GitHub Actions; a report that is too long is replaced by a note.
 
     Raises:
         OSError: the file can't be written.
@@ -95,7 +95,7 @@ def append_summary(path: Path, report: Report) -> None:
 
 
 def load(path: Path) -> Report:
-    """Read the JSON report of a session that came to its end.
+    """Read the JSON report of a session that has ended.
 
     Raises:
         RvadsError: `read` refuses the file, or the report is incomplete.
@@ -107,7 +107,7 @@ def load(path: Path) -> Report:
 
 
 def read(path: Path) -> Report:
-    """Read a JSON report, also an incomplete one.
+    """Read the JSON report of a session, even if the report is incomplete.
 
     Raises:
         RvadsError: the file is no report, has another version or is damaged, or a record contradicts itself.
@@ -129,7 +129,7 @@ def read(path: Path) -> Report:
 
 
 def _json(report: Report) -> Iterator[str]:
-    """Yield a report as JSON: the fields of the report, with a record per line, and the text of its outline."""
+    """Yield a report as JSON: the fields of the report, a record per line, and the content of the report as text."""
     yield f'{{\n "format": "rvads-report",\n "version": {VERSION},\n "records": ['
     for number, record in enumerate(report.records):
         yield f"{',' if number else ''}\n  {encode(record).decode()}"
@@ -140,8 +140,8 @@ def _json(report: Report) -> Iterator[str]:
     yield f"\n ],{msgspec.json.format(encode(other_fields), indent=1).decode().removeprefix('{')}"
 
 
-def _added(name: str, report: Report, folder: Path) -> Any:
-    """Return a report in the format of the entry point of that name."""
+def _external_format(name: str, report: Report, folder: Path) -> Any:
+    """Return a report in the format of another package, given the name of its entry point."""
     return load_entry("reports", name)(report, folder)
 
 
@@ -165,28 +165,28 @@ _COLUMNS = {
     "run": "hash",
     "item": "nodeid",
 }
-"""Heading to attribute of the record; the cell is empty where the record has no such attribute."""
+"""By heading of a column, the attribute of a record that its cells show; a cell is empty if its record lacks the attribute."""
 _WAITING = 2**20
-"""Characters of rows of a requirement that wait in memory; more of them wait on disk."""
+"""Largest number of characters of waiting rows that memory holds per requirement; further rows wait on disk."""
 _FORMULA = re.compile(r"[\s'\"\u200b\ufeff]*[=+\-@＝＋－＠\t\r]")
 """Matches the beginning of a text that spreadsheets compute as a formula (OWASP, CSV Injection)."""
 _NUMBER = re.compile(r"[+-]?\d+(\.\d*)?(e[+-]?\d+)?", re.ASCII | re.IGNORECASE)
 
 
 def table(report: Report) -> Iterator[str]:
-    """Yield a report as comma-separated values: a row per requirement and item, then a row per line of its outline.
+    """Yield a report as comma-separated values: a row per requirement and test item, then a row per line of its outline.
 
-    Items without a requirement come last, with the first column empty. Rows wait on disk until the rows of all earlier
-    requirements are out.
+    Items without a requirement come last, with the first column empty. Rows of a requirement wait on disk until the rows of all
+    requirements before it are yielded.
 
     All rows have the same width. The rows of the outline fill only the columns ``section`` and ``text``. The rows of items leave
-    ``section`` empty, and have the message of the item in ``text``. So sorting, filtering or counting by any other column meets
-    only items. Texts that spreadsheets would take for formulas begin with an apostrophe.
+    ``section`` empty, and have the message of the item in ``text``. So the rows of the outline change nothing when a user sorts,
+    filters or counts the other columns. Texts that spreadsheets would take for formulas begin with an apostrophe.
 
     Raises:
         OSError: there is no room for temporary files.
     """
-    yield _row(["requirement", *_COLUMNS, "versions", "section", "text"])
+    yield _csv_row(["requirement", *_COLUMNS, "versions", "section", "text"])
     versions = "; ".join(f"{name} {version}" for name, version in report.versions.items())
     with ExitStack() as files:
         waiting: dict[str, IO[str]] = {}
@@ -195,33 +195,33 @@ def table(report: Report) -> Iterator[str]:
             for requirement in record.requirements or ("",):
                 if requirement not in waiting:
                     waiting[requirement] = files.enter_context(SpooledTemporaryFile(_WAITING, "w+", encoding="utf-8", newline=""))
-                waiting[requirement].write(_row([requirement, *cells, versions, "", record.message]))
+                waiting[requirement].write(_csv_row([requirement, *cells, versions, "", record.message]))
         for requirement in sorted(waiting, key=lambda name: (name == "", name)):
             waiting[requirement].seek(0)
             yield from iter(partial(waiting[requirement].read, _WAITING), "")
     empty = [""] * (2 + len(_COLUMNS))
-    yield from (_row([*empty, block.title, line]) for block in outline(report) for line in block.plain())
+    yield from (_csv_row([*empty, block.title, line]) for block in outline(report) for line in block.plain())
 
 
-def _row(cells: Iterable[object]) -> str:
+def _csv_row(cells: Iterable[object]) -> str:
     out = io.StringIO()
-    csv.writer(out, lineterminator="\n").writerow(map(_cell, cells))
+    csv.writer(out, lineterminator="\n").writerow(map(_spreadsheet_value, cells))
     return out.getvalue()
 
 
-def _cell(value: object) -> object:
+def _spreadsheet_value(value: object) -> object:
     """Return a value for a spreadsheet: an apostrophe before a text keeps a spreadsheet from computing the text as a formula."""
-    return _shown(value) if isinstance(value, str) else value
+    return _spreadsheet_text(value) if isinstance(value, str) else value
 
 
 @lru_cache(256)  # the rows of a run have most cells in common
-def _shown(text: str) -> str:
-    shown = printable(text, len(text))
-    return f"'{shown}" if _FORMULA.match(text) and not _NUMBER.fullmatch(text) else shown
+def _spreadsheet_text(text: str) -> str:
+    safe_text = printable(text, len(text))
+    return f"'{safe_text}" if _FORMULA.match(text) and not _NUMBER.fullmatch(text) else safe_text
 
 
 _ERRORS = (Outcome.ERROR, Outcome.FLAKY, Outcome.NOT_JUDGED)
-"""Outcomes that say nothing about the rule of an item."""
+"""Outcomes without a verdict on the rule of a test item."""
 
 
 def junit(report: Report) -> Iterator[str]:
@@ -236,7 +236,7 @@ def junit(report: Report) -> Iterator[str]:
 
 
 def _kind(record: Record) -> str:
-    """Return the name of the XML element for the end of an item; an empty text for an item that passed."""
+    """Return the name of JUnit's XML element for the result of a test item; an empty text for an item that passed."""
     if record.failed:
         return "error" if record.status in _ERRORS else "failure"
     return "" if record.outcome == "passed" else "skipped"
@@ -266,9 +266,9 @@ FORMATS: dict[str, Callable[[Report, Path], Any]] = {
     ".md": lambda report, _: markdown(report),
     ".csv": lambda report, _: table(report),
     ".xml": lambda report, _: junit(report),
-    **{f".{name}": partial(_added, name) for name in entries("reports")},
+    **{f".{name}": partial(_external_format, name) for name in entries("reports")},
 }
-"""Per suffix, a function that returns the content of a file for `write`, given the report and the folder from which links lead.
+"""Per suffix, a function of a report and of the folder of the new file that returns the content of the file for `write`.
 
-Formats of other packages are entry points ``rvads.reports``, named by the suffix.
+Links in the file start from its folder. Formats of other packages are entry points ``rvads.reports``, named by the suffix.
 """

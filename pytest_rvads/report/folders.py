@@ -1,8 +1,9 @@
-"""The folders of sessions: numbered below the folder of artefacts, the latest few of them kept.
+"""The folders in which sessions write their files: numbered below the folder of artefacts; the latest few folders are kept.
 
-The main process draws a token and tells it to its workers. The first process with a file to write makes a folder with the token
-as its name, which only one process can do, and then moves the folder to the next number. A marker in the folder holds the token,
-by which the other processes find the folder. Only folders with a marker count as sessions or are removed.
+The main process draws a random text (token) and sends the token to its workers. The first process with a file to write makes a
+folder with the token as its name, which only one process can do, and then renames the folder to the next free number. A marker
+file in the folder holds the token, by which the other processes find the folder. Only a folder with a marker file counts as the
+folder of a session, and only such folders are removed.
 """
 
 from __future__ import annotations
@@ -16,26 +17,28 @@ from pathlib import Path
 from pytest_rvads.support.errors import RunError
 from pytest_rvads.support.wording import quoted
 
-__all__ = ["INDEX", "REPORT", "ROOT", "claimed", "option", "run_file", "sessions", "shown", "used"]
+__all__ = ["ATLAS", "INDEX", "REPORT", "ROOT", "claimed", "option", "run_file", "sessions", "shown", "used"]
 
 ROOT = ".rvads"
 """Default folder of artefacts."""
 INDEX, REPORT = "index.html", "report.json"
 """Files that an ended session leaves in its folder: its page, and its report for programs."""
+ATLAS = "atlas.html"
+"""Page of `rvads atlas` in the folder of artefacts, to which the pages of sessions link."""
 _RUNS, _MARKER, _LATEST = "runs", ".session", "latest"
 _OURS = (".html", ".svg", ".json", ".npz", ".part")
-"""Suffixes of the files that a session writes to its folder; other files are the user's."""
+"""Suffixes of the files that a session writes to its folder; files with other suffixes belong to the user."""
 _HASH = re.compile("[0-9a-f]+")
 _ALIVE = 3600.0
-"""A session without a report that wrote a file less than this time ago may still be running [s]."""
+"""A session that has written no report counts as running until this time after its last written file [s]."""
 _ATTEMPTS, _PAUSE = 100, 0.02
 """How often a process checks whether another process has made the session's folder, and the pause between checks [s]."""
 
 
 def sessions(root: Path) -> list[Path]:
     """Return the folders of the sessions below a folder of artefacts, the oldest first; folders of other origin are left out."""
-    numbered = _numbered(root)
-    return [numbered[number] for number in sorted(numbered) if _made(numbered[number])]
+    numbered = _numbered_folders(root)
+    return [numbered[number] for number in sorted(numbered) if _is_session(numbered[number])]
 
 
 def claimed(root: Path, token: str, keep: int) -> Path:
@@ -51,17 +54,17 @@ def claimed(root: Path, token: str, keep: int) -> Path:
     """
     part = root / f".{token}"
     for _ in range(_ATTEMPTS):
-        if folder := _of(root, token):
+        if folder := _session_folder(root, token):
             return folder
         _prepare(root)
         try:
-            part.mkdir()  # only one process can
+            part.mkdir()  # only one process of the session succeeds
         except FileExistsError:
             time.sleep(_PAUSE)
             continue
         try:
-            # If the folder can be made again, another process may have moved it to its place in the meantime.
-            if folder := _of(root, token):
+            # Another process may have made this folder before and renamed the folder to its number.
+            if folder := _session_folder(root, token):
                 return folder
             numbered = _numbered_anew(root, part, token)
         finally:
@@ -73,17 +76,17 @@ def claimed(root: Path, token: str, keep: int) -> Path:
 
 
 def option(folder: Path) -> str:
-    """Return the option by which ``rvads replay`` takes this session, not a later session.
+    """Return the option by which ``rvads replay`` reads a certain session in place of the latest session.
 
     Args:
-        folder: the folder of the session, as seen from its working directory.
+        folder: the folder of the session, relative to the working directory of the session.
     """
     numbered = folder.parent == Path(ROOT) and folder.name.isdecimal()
     return f"--session {folder.name if numbered else quoted(folder.as_posix())}"
 
 
 def shown(folder: Path, name: str) -> Path:
-    """Return the path of the page of a failure.
+    """Return the path of the replay page of a failed test item.
 
     Args:
         folder: the folder of the session.
@@ -108,26 +111,26 @@ def run_file(folder: Path, digest: str) -> Path:
 
 
 def used(folder: Path) -> int:
-    """Return the size of the runs of a session on disk [bytes]."""
+    """Return the disk space that the files of a session's runs take [bytes]."""
     with suppress(OSError):
         return sum(path.stat().st_size for path in (folder / _RUNS).iterdir())
     return 0
 
 
-def _numbered(root: Path) -> dict[int, Path]:
-    """Return all files and folders whose name is a number, of any origin."""
+def _numbered_folders(root: Path) -> dict[int, Path]:
+    """Return, by number, the files and folders in `root` that have a number as their name, whether a session made them or not."""
     with suppress(OSError):
         return {int(p.name): p for p in root.iterdir() if p.name.isascii() and p.name.isdecimal() and p.name[0] != "0"}
     return {}
 
 
-def _made(folder: Path) -> bool:
-    """Return whether a session made a folder; a link does not count."""
+def _is_session(folder: Path) -> bool:
+    """Return whether a folder is the folder of a session; a link to a folder does not count."""
     return not folder.is_symlink() and (folder / _MARKER).is_file()
 
 
-def _of(root: Path, token: str) -> Path | None:
-    """Return the folder of a session, or None."""
+def _session_folder(root: Path, token: str) -> Path | None:
+    """Return the folder of the session with a token; None if no folder has the token."""
     for folder in sessions(root):
         with suppress(OSError, UnicodeDecodeError):
             if (folder / _MARKER).read_text(encoding="utf-8") == token:
@@ -136,20 +139,21 @@ def _of(root: Path, token: str) -> Path | None:
 
 
 def _numbered_anew(root: Path, part: Path, token: str) -> Path:
-    """Move a new folder to the next free number, and return its path.
+    """Move the new folder of a session to the next free number, and return the new path.
 
-    The folder already contains its marker, because the file system does not replace a folder that is not empty.
+    The marker file is written before the move: the file system does not replace a folder that is not empty, so no session takes
+    the number of another session.
 
     Raises:
         OSError: the folder can't be moved.
     """
     (part / _MARKER).write_text(token, encoding="utf-8")
     while True:
-        folder = root / str(max(_numbered(root), default=0) + 1)
+        folder = root / str(max(_numbered_folders(root), default=0) + 1)
         try:
             return part.rename(folder)
         except OSError:
-            if not folder.exists():  # else another session has this number
+            if not folder.exists():  # an existing folder means that another session has taken this number
                 raise
 
 
@@ -161,7 +165,7 @@ def _prepare(root: Path) -> None:
 
 
 def _point(root: Path, folder: Path, token: str) -> None:
-    """Make the link ``latest`` point to the newest session, if the system has links and the name is not taken by a file."""
+    """Make the link ``latest`` point to the newest session, if the system has links and no file of the user has this name."""
     link, part = root / _LATEST, root / f".{token}.link"
     with suppress(OSError, NotImplementedError):
         if link.is_symlink() or not link.exists():
@@ -173,7 +177,7 @@ def _point(root: Path, folder: Path, token: str) -> None:
 
 
 def _prune(root: Path, keep: int) -> None:
-    """Remove the oldest sessions, except sessions that may be running."""
+    """Remove the folders of all but the newest `keep` sessions; a session that may still be running keeps its folder."""
     for folder in sessions(root)[:-keep]:
         if not _running(folder):
             _remove(folder)
@@ -189,7 +193,7 @@ def _running(folder: Path) -> bool:
 
 
 def _remove(folder: Path) -> None:
-    """Remove the files of a session, and its folder unless the folder contains files of the user."""
+    """Remove the files that a session wrote, and its folder unless the folder contains files of the user."""
     runs = folder / _RUNS
     with suppress(OSError):
         for place in (folder,) if runs.is_symlink() else (runs, folder):

@@ -5,7 +5,7 @@ const failures = session.causes.filter(block => block.failed);
 const many = new Set(session.items.map(item => item.driver + "\n" + item.simulator)).size > 1;
 let only = null;
 const count = (n, thing) => `${n.toLocaleString("en")} ${thing}${n === 1 ? "" : "s"}`;
-// A part that is made when it is first opened.
+// Makes a folded part, which gets its content when it is first opened.
 function fold(place, title, fill, kind = "") {
   const part = make("details", place, "", kind);
   make("summary", part, title);
@@ -13,45 +13,45 @@ function fold(place, title, fill, kind = "") {
   return part;
 }
 function box(place, name) {
-  const found = make("div", place, "", "scroll");
-  found.tabIndex = 0;
-  found.setAttribute("role", "region");
-  found.setAttribute("aria-label", name);
-  return found;
+  const region = make("div", place, "", "scroll");
+  region.tabIndex = 0;
+  region.setAttribute("role", "region");
+  region.setAttribute("aria-label", name);
+  return region;
 }
 function link(place, item, text) {
   if (item.look) make("a", place, text).href = item.look;
   else if (item.draw) make("code", place, item.draw, "line");
 }
 function card(list, item) {
-  const one = make("li", list), head = make("p", one);
+  const entry = make("li", list), head = make("p", entry);
   make("span", head, item.status + (item.known ? " (known)" : "") + (item.change ? `, ${item.change}` : ""), "s " + session.statuses[item.status]);
   head.append(" ");
   make("span", head, item.id, "id");
   if (item.text.length > long) {
-    const part = fold(one, item.text.slice(0, long) + " ...", () => make("p", part, item.text), "what");
-  } else if (item.text) make("p", one, item.text);
+    const part = fold(entry, item.text.slice(0, long) + " ...", () => make("p", part, item.text), "what");
+  } else if (item.text) make("p", entry, item.text);
   if (many && (item.driver || item.simulator)) {
-    const made = [item.driver && `driven by ${item.driver}`, item.simulator && `simulated by ${item.simulator}`];
-    make("p", one, made.filter(Boolean).join(", "), "made");
+    const makers = [item.driver && `driven by ${item.driver}`, item.simulator && `simulated by ${item.simulator}`];
+    make("p", entry, makers.filter(Boolean).join(", "), "made");
   }
-  link(one, item, "replay");
-  item.more.forEach((look, number) => { one.append(" "); make("a", one, `replay ${number + 2}`).href = look; });
-  if (item.why) fold(one, item.why.split("\n")[0], part => make("pre", part, item.why), "what");
+  link(entry, item, "replay");
+  item.more.forEach((look, number) => { entry.append(" "); make("a", entry, `replay ${number + 2}`).href = look; });
+  if (item.why) fold(entry, item.why.split("\n")[0], part => make("pre", part, item.why), "what");
 }
-function paged(place, found) {
+function paged(place, matches) {
   const list = make("ol", place, "", "items"), button = make("button", place, "", "more");
   let shown = 0;
   button.onclick = () => {
-    found.slice(shown, shown + page).forEach(item => card(list, item));
-    shown = Math.min(shown + page, found.length);
-    button.hidden = shown === found.length;
-    button.textContent = `show more, ${shown} of ${found.length} are shown`;
+    matches.slice(shown, shown + page).forEach(item => card(list, item));
+    shown = Math.min(shown + page, matches.length);
+    button.hidden = shown === matches.length;
+    button.textContent = `show more, ${shown} of ${matches.length} are shown`;
   };
   button.onclick();
 }
-function pick(found) {
-  only = found;
+function pick(condition) {
+  only = condition;
   get("status").value = get("rule").value = get("search").value = "";
   list();
   get("bar").scrollIntoView();
@@ -60,48 +60,48 @@ function pick(found) {
 function list() {
   const status = get("status").value, rule = get("rule").value, text = get("search").value.toLowerCase();
   const all = !only && !status && !rule && !text;
-  const found = all ? failing : session.items.filter(item => (!only || only(item)) && (!status || item.status === status)
+  const matches = all ? failing : session.items.filter(item => (!only || only(item)) && (!status || item.status === status)
     && (!rule || item.rule === rule) && (!text || `${item.id} ${item.change} ${item.text}`.toLowerCase().includes(text)));
-  const rest = session.all - session.items.length, more = rest ? `, without ${rest} that this page leaves out` : "";
-  get("count").textContent = `${found.length}${all ? " failing" : ""} of ${count(session.items.length, "item")}${more}`;
+  const leftOut = session.all - session.items.length, more = leftOut ? `, without ${leftOut} that this page leaves out` : "";
+  get("count").textContent = `${matches.length}${all ? " failing" : ""} of ${count(session.items.length, "item")}${more}`;
   get("failures").textContent = all ? "failures" : "items found";
   get("grouped").hidden = !all;
   get("found").hidden = get("clear").hidden = all;
   get("found").replaceChildren();
-  if (!all) paged(get("found"), found);
+  if (!all) paged(get("found"), matches);
 }
 function causes(place, block) {
-  const told = make("ol", place, "", "causes");
-  function add(cause, number, list = told) {
+  const listed = make("ol", place, "", "causes");
+  function add(cause, number, list = listed) {
     const row = make("li", list), head = make("p", row), ids = new Set(cause.ids);
-    const own = session.items.filter(item => ids.has(item.id)), first = own.find(item => item.id === cause.first);
+    const causeItems = session.items.filter(item => ids.has(item.id)), first = causeItems.find(item => item.id === cause.first);
     make("b", head, `${number + 1}.`);
     make("b", head, `${cause.count} x`);
     make("span", head, `${cause.rule}: ${cause.text}`);
     make("code", row, cause.again, "line");
-    const actions = make("div", row, "", "do"), seen = first && first.look ? first : own.find(item => item.look) || first;
-    if (seen) link(actions, seen, seen === first ? "replay of the first" : "replay of another");
-    make("button", actions, count(own.length, "item")).onclick = () => pick(item => ids.has(item.id));
+    const actions = make("div", row, "", "do"), linked = first && first.look ? first : causeItems.find(item => item.look) || first;
+    if (linked) link(actions, linked, linked === first ? "replay of the first" : "replay of another");
+    make("button", actions, count(causeItems.length, "item")).onclick = () => pick(item => ids.has(item.id));
   }
   shorten(place, block.causes, "cause", add, "causes");
 }
-// The first few at once, the rest when it is asked for.
+// Shows the first few entries, and folds the other entries.
 function shorten(place, all, thing, add, kind) {
-  all.slice(0, few).forEach((one, number) => add(one, number));
+  all.slice(0, few).forEach((entry, number) => add(entry, number));
   if (all.length > few) fold(place, `${all.length - few} more ${thing}s`, part => {
     const list = make(kind === "causes" ? "ol" : "div", part, "", kind);
-    all.slice(few).forEach((one, number) => add(one, few + number, list));
+    all.slice(few).forEach((entry, number) => add(entry, few + number, list));
   });
 }
 function groups() {
-  const told = failures.flatMap(block => block.causes), seen = new Set(), place = get("grouped");
-  const grouped = told.map(cause => {
-    const ids = new Set(cause.ids), own = failing.filter(item => ids.has(item.id) && !seen.has(item.id));
-    own.forEach(item => seen.add(item.id));
+  const allCauses = failures.flatMap(block => block.causes), assigned = new Set(), place = get("grouped");
+  const grouped = allCauses.map(cause => {
+    const ids = new Set(cause.ids), own = failing.filter(item => ids.has(item.id) && !assigned.has(item.id));
+    own.forEach(item => assigned.add(item.id));
     own.sort((a, b) => (b.id === cause.first) - (a.id === cause.first));
     return { title: `${cause.rule}: ${cause.text}`, own };
   });
-  grouped.push({ title: "other failures", own: failing.filter(item => !seen.has(item.id)) });
+  grouped.push({ title: "other failures", own: failing.filter(item => !assigned.has(item.id)) });
   const filled = grouped.filter(group => group.own.length);
   if (!filled.length) make("p", place, "No item failed.");
   shorten(place, filled, "cause", ({ title, own }, number, where = place) => {
@@ -114,7 +114,7 @@ function groups() {
 }
 function draw(matrix, place) {
   make("h3", place, matrix.title);
-  const numbers = new Map(Object.entries(matrix.numbers));  // which knows no names but its own
+  const numbers = new Map(Object.entries(matrix.numbers));  // a Map has no inherited names, as an object has
   const table = make("table", box(place, matrix.title), "", "matrix"), head = table.createTHead();
   if (matrix.columns.some(([cfg]) => cfg)) {
     const row = head.insertRow();
@@ -164,10 +164,10 @@ function summed(place, sum) {
     });
   }
   sum.rows.slice(0, worst).forEach(add);
-  const rest = sum.rows.slice(worst);
-  if (rest.length) {
-    const button = make("button", place, `${rest.length} more ${sum.corner}s`);
-    button.onclick = () => { button.remove(); rest.forEach(add); };
+  const hiddenRows = sum.rows.slice(worst);
+  if (hiddenRows.length) {
+    const button = make("button", place, `${hiddenRows.length} more ${sum.corner}s`);
+    button.onclick = () => { button.remove(); hiddenRows.forEach(add); };
   }
 }
 failures.forEach(block => { make("h2", get("causes"), block.title); causes(get("causes"), block); });

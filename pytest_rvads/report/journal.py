@@ -1,7 +1,7 @@
-"""The journal of a session: its records on disk as they arrive, so that records need no memory and outlive the process.
+"""The journal of a session: a file to which records are written as they arrive, so that records outlive the process.
 
-Until its session has ended, a report says that it is incomplete. ``rvads report check`` tells from outside whether the session
-died.
+A report says that it is incomplete until its session has ended. ``rvads report check`` reads the journal of a session that has
+not ended, or that died.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from pytest_rvads.support.storage import read_file
 __all__ = ["Journal", "claim", "journal_of", "recovered"]
 
 _SHOWN = 3
-"""Most items without a verdict that are named."""
+"""Largest number of test items without a verdict that the note on an incomplete session names."""
 
 
 def journal_of(report: Path) -> Path:
@@ -36,27 +36,27 @@ def journal_of(report: Path) -> Path:
 
 
 def claim(report: Path) -> None:
-    """Create an empty journal beside a report unless a journal exists, as a sign that a session began which will replace it."""
+    """Create an empty journal beside a report unless a journal exists; the journal shows that a new session has begun."""
     with suppress(OSError):
         journal_of(report).touch()
 
 
 class Journal:
-    """Takes records, a line of JSON each, and returns them at the end of the session.
+    """Writes records to a file, a line of JSON each, and reads the records back at the end of the session.
 
     Args:
-        report: the path of the report beside which the journal lies. Without a report, or if no file can be made there, the
-            journal is a file without a name that is gone with its process.
+        report: the path of the report beside which the journal lies. Without a report, or if no file can be made in its folder,
+            the journal is a temporary file.
     """
 
     def __init__(self, report: Path | None) -> None:
         self._path = report and journal_of(report)
-        self._file = _begun(self._path)
+        self._file = _new_file(self._path)
         self._unwritten: list[bytes] = []
         """Lines that could not be written to disk."""
 
     def add(self, record: Record) -> None:
-        """Write a record to the file at once."""
+        """Append a record to the file at once."""
         line = b"\n" + encode(record)  # the line end comes first: it ends a line that was cut off
         with suppress(OSError):
             if self._file and self._file.write(line) == len(line):
@@ -64,27 +64,27 @@ class Journal:
         self._unwritten.append(line)
 
     def records(self) -> dict[str, Record]:
-        """Return the records by node id; for an item that was repeated, its last record."""
-        found = {}
+        """Return the record of each test item by node id; for an item that was repeated, its last record."""
+        records = {}
         if self._file:
             self._file.seek(0)
             with open(self._file.fileno(), "rb", closefd=False) as lines:
-                found = _parsed(lines)
-        return found | _parsed(self._unwritten)
+                records = _parsed(lines)
+        return records | _parsed(self._unwritten)
 
     def remove(self) -> None:
-        """Remove the file, unless another session has replaced it by its own journal."""
+        """Remove the file of the journal, unless another session has replaced the file by its own journal."""
         with suppress(OSError):
             if self._file and self._path and samestat(fstat(self._file.fileno()), self._path.stat()):
                 self._path.unlink()
 
     def close(self) -> None:
-        """Close the file."""
+        """Close the file of the journal."""
         if self._file:
             self._file.close()
 
 
-def _begun(path: Path | None) -> IO[bytes] | None:
+def _new_file(path: Path | None) -> IO[bytes] | None:
     """Return a new file for writing and reading, which replaces an earlier file; None if no file can be made anywhere."""
     if path:
         with suppress(OSError):
@@ -99,12 +99,12 @@ def _begun(path: Path | None) -> IO[bytes] | None:
 def _parsed(lines: Iterable[bytes]) -> dict[str, Record]:
     """Return the last record of each node id; lines that are no record, such as a line that was cut off, are skipped."""
     decoder = msgspec.json.Decoder(Record)
-    found = {}
+    records = {}
     for line in lines:
         with suppress(msgspec.DecodeError, RecursionError):
             record = decoder.decode(line)
-            found[record.nodeid] = record
-    return found
+            records[record.nodeid] = record
+    return records
 
 
 def recovered(path: Path) -> Report:
@@ -117,24 +117,24 @@ def recovered(path: Path) -> Report:
     if report.complete:
         if not journal.exists():
             return report
-        note = f"of an earlier session: one that began later has not ended, or died ({journal.name} is still there)"
+        note = f"of an earlier session: a session that began later has not ended, or died ({journal.name} is still there)"
         return replace(report, exitstatus=UNFINISHED, notes=(note, *report.notes), complete=False)
     records = {record.nodeid: record for record in report.records}
     try:
         records |= _parsed(read_file(journal, MOST).splitlines())
-    except FileNotFoundError:  # a copied report may lack its journal
+    except FileNotFoundError:  # a report that was copied to another folder has no journal there
         pass
     except OSError as error:
         raise RvadsError(f"{journal} can't be read as the journal of a session: {error}") from error
-    whole = in_order(list(records.values()))
-    return replace(report, records=whole, notes=(f"incomplete: {_missing(whole)}",))
+    all_records = in_order(list(records.values()))
+    return replace(report, records=all_records, notes=(f"incomplete: {_missing_note(all_records)}",))
 
 
-def _missing(records: tuple[Record, ...]) -> str:
-    """Return the note on a session that did not end: how many of its items have a verdict."""
-    said = "the session that writes it has not ended, or died"
+def _missing_note(records: tuple[Record, ...]) -> str:
+    """Return a note that a session did not end, with the number of test items that have a verdict."""
+    state = "the session that writes it has not ended, or died"
     if not records:
-        return f"{said} before it was known what is to run"
-    without = [record.nodeid for record in records if not record.outcome]
-    first = f", the first without: {', '.join(without[:_SHOWN])}" if without else ""
-    return f"{said}: {len(records) - len(without)} of {len(records)} items have a verdict{first}"
+        return f"{state} before its items were known"
+    unjudged = [record.nodeid for record in records if not record.outcome]
+    first_unjudged = f", the first items without a verdict: {', '.join(unjudged[:_SHOWN])}" if unjudged else ""
+    return f"{state}: {len(records) - len(unjudged)} of {len(records)} items have a verdict{first_unjudged}"

@@ -1,4 +1,4 @@
-"""A report as Markdown, for example for GitHub's job summary: the session and the causes of failures first, the rest folded."""
+"""Shows a report as Markdown, for example for GitHub's job summary; most parts below the causes of failures are folded."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from pytest_rvads.support.wording import printable, quoted
 __all__ = ["markdown", "section"]
 
 _LINES = 50
-"""Most lines of a list that are not folded."""
+"""Largest number of lines of a list that are not folded."""
 _ESCAPES = (
     (re.compile(r"&(?=[#\w])"), "&amp;"),  # entities
     (re.compile(r"<(?=[A-Za-z/!?])"), "&lt;"),  # HTML, addresses in angle brackets
@@ -25,24 +25,24 @@ _ESCAPES = (
 
 
 def markdown(report: Report) -> str:
-    """Return a report as Markdown: the session, the changes, the causes of failures and the sums; everything else folded."""
+    """Return a report as Markdown: the session, the changes, the causes of failures and the sums; all other parts are folded."""
     blocks = outline(report)
     shown, closed = [block for block in blocks if _open(block)], [block for block in blocks if not _open(block)]
     lines = ["# rvads verdicts"]
     for block in sorted(shown, key=lambda block: isinstance(block, RollUp)):
         lines += ["", *_render(block)]
-    for title, several in groupby(closed, _summary):
-        told = [line for block in several for line in ("", *_render(block))]
-        lines += ["", f"<details><summary>{title}</summary>", *told, "", "</details>"]
+    for title, several in groupby(closed, _fold_title):
+        folded_lines = [line for block in several for line in ("", *_render(block))]
+        lines += ["", f"<details><summary>{title}</summary>", *folded_lines, "", "</details>"]
     return "\n".join(lines) + "\n"
 
 
 def _open(block: Block) -> bool:
-    """Return whether a block is not folded; sums are not, because their length does not grow with the number of verdicts."""
+    """Return whether a part of a report is unfolded; sums are unfolded, because their length is bounded."""
     return isinstance(block, Notes | Head | Changes | RollUp) or block.title == FAILURES
 
 
-def _summary(block: Block) -> str:
+def _fold_title(block: Block) -> str:
     """Return the summary line of a folded part, which contains no text from elsewhere because the line is HTML."""
     match block:
         case Verdicts():
@@ -53,62 +53,65 @@ def _summary(block: Block) -> str:
 
 
 def section(part: Section) -> Iterator[str]:
-    """Yield a heading with a table below, or with a list if there are no columns; long tables and lists are folded."""
-    yield from (f"## {_text(part.title)}", "")
+    """Yield a section of a comparison: a heading with a table, or with a list if there are no columns; long content is folded."""
+    yield from (f"## {_escaped(part.title)}", "")
     if part.columns:
-        rows = [_row(text for text, _ in cells) for cells in part.rows]
-        yield from _folded((_row(part.columns), f"|{'---|' * len(part.columns)}"), rows, "rows")
+        rows = [_table_row(text for text, _ in cells) for cells in part.rows]
+        yield from _folded_markdown((_table_row(part.columns), f"|{'---|' * len(part.columns)}"), rows, "rows")
     else:
-        yield from _folded((), [f"- {_text(line)}" for line in part.lines], "lines", _LINES)
+        yield from _folded_markdown((), [f"- {_escaped(line)}" for line in part.lines], "lines", _LINES)
 
 
 def _render(block: Block) -> Iterator[str]:
     match block:
         case Notes():
-            yield "\n\n".join(f"**{_text(note)}**" for note in block.lines)
+            yield "\n\n".join(f"**{_escaped(note)}**" for note in block.lines)
         case Changes(comparison):
-            yield from (_heading(block.title), "", _text(comparison.headline), "")
-            yield from _folded((), [f"- {_text(line)}" for line in comparison.lines()], "changes", _LINES)
+            yield from (_heading(block.title), "", _escaped(comparison.headline), "")
+            yield from _folded_markdown((), [f"- {_escaped(line)}" for line in comparison.lines()], "changes", _LINES)
         case Causes(title, causes, again):
-            head = f"| items | rule | cause | {_text(f'first: {again}' if again else 'first')} |", "|---:|---|---|---|"
+            head = f"| items | rule | cause | {_escaped(f'first: {again}' if again else 'first')} |", "|---:|---|---|---|"
             rows = [
-                f"| {c.count} | {_text(c.rule)} | {_text(c.line)} | {_code(quoted(c.example) if again else c.example)} |"
+                f"| {c.count} | {_escaped(c.rule)} | {_escaped(c.line)} | {_code_span(example)} |"
                 for c in causes
+                for example in [quoted(c.example) if again else c.example]
             ]
-            yield from (_heading(title), "", *_folded(head, rows, "causes"))
+            yield from (_heading(title), "", *_folded_markdown(head, rows, "causes"))
         case Head(lines) | Figures(lines):
-            yield from _folded((), [f"- {_text(line)}" for line in lines], "lines", _LINES)
+            yield from _folded_markdown((), [f"- {_escaped(line)}" for line in lines], "lines", _LINES)
+            if isinstance(block, Figures) and block.arrivals:
+                yield from ("", *section(block.arrivals))
         case RollUp(sums):
             yield _heading(block.title)
             for table in sums:
-                head = _row(table.columns), "|" + "".join("---|" if side == "left" else "---:|" for side in table.sides)
-                yield from ("", *_folded(head, [_row(table.cells(row)) for row in table.rows], f"{table.corner}s"))
+                head = _table_row(table.columns), "|" + "".join("---|" if side == "left" else "---:|" for side in table.sides)
+                yield from ("", *_folded_markdown(head, [_table_row(table.cells(row)) for row in table.rows], f"{table.corner}s"))
         case Verdicts(matrix):
-            yield from (f"## {_text(matrix.title)}", "")
+            yield from (f"## {_escaped(matrix.title)}", "")
             columns = [f"{matrix.numbers.get(cfg, cfg)} {rule}".lstrip() for cfg, rule in matrix.columns]
-            head = _row([matrix.corner, *columns]), "|---|" + "---|" * len(columns)
-            rows = [_row([label, *(entry.text for entry in entries)]) for label, entries in matrix.rows]
-            yield from _folded(head, rows, "rows")
+            head = _table_row([matrix.corner, *columns]), "|---|" + "---|" * len(columns)
+            rows = [_table_row([label, *(entry.text for entry in entries)]) for label, entries in matrix.rows]
+            yield from _folded_markdown(head, rows, "rows")
             if matrix.numbers:
-                yield from ("", *(f"- {_text(f'{number} = {label}')}" for label, number in matrix.numbers.items()))
+                yield from ("", *(f"- {_escaped(f'{number} = {label}')}" for label, number in matrix.numbers.items()))
 
 
-def _folded(head: tuple[str, ...], rows: Sequence[str], what: str, most: int = WORST) -> Iterator[str]:
-    """Yield a table or a list; the rows beyond a screen are folded."""
+def _folded_markdown(head: tuple[str, ...], rows: Sequence[str], what: str, most: int = WORST) -> Iterator[str]:
+    """Yield a table or a list as Markdown; the rows after the first `most` rows are folded."""
     yield from (*head, *rows[:most])
     if more := rows[most:]:
         yield from ("", f"<details><summary>{len(more)} more {what}</summary>", "", *head, *more, "", "</details>")
 
 
-def _row(cells: Iterable[str]) -> str:
-    return f"| {' | '.join(map(_text, cells))} |"
+def _table_row(cells: Iterable[str]) -> str:
+    return f"| {' | '.join(map(_escaped, cells))} |"
 
 
 def _heading(title: str) -> str:
     return f"## {title[0].upper()}{title[1:]}"
 
 
-def _text(text: str) -> str:
+def _escaped(text: str) -> str:
     """Return a text on one line, escaped so that Markdown reads no markup, HTML, link or mention in it."""
     line = printable(text, len(text)).translate({ord("\n"): " ", ord("\t"): " "})
     for special, escaped in _ESCAPES:
@@ -116,6 +119,6 @@ def _text(text: str) -> str:
     return line
 
 
-def _code(text: str) -> str:
-    """Return a text as a code span if the text needs no escapes, because nothing can be escaped in a code span; else as text."""
-    return _text(text) if re.search(r"[`\\|\s]", text) else f"`{printable(text, len(text))}`"
+def _code_span(text: str) -> str:
+    """Return a text as a code span; a text that needs escapes becomes escaped text, because code spans can't have escapes."""
+    return _escaped(text) if re.search(r"[`\\|\s]", text) else f"`{printable(text, len(text))}`"

@@ -1,4 +1,4 @@
-"""The verdict matrix of a session, as plain values."""
+"""The verdict matrices of a session: tables of outcomes by class, configuration and rule."""
 
 from __future__ import annotations
 
@@ -19,43 +19,43 @@ __all__ = ["SAME", "Entry", "Matrices", "Matrix", "Place", "group_of", "member_o
 
 _CLASS = re.compile(r"-class(\d{2,9})-")
 _LONG = 8
-"""A configuration with a longer label is numbered in tables and spelled out below them."""
+"""Length of a configuration's label above which tables show a number, and explain the number below the table."""
 _NAMED = 3
-"""Recordings of a row that are named."""
+"""Largest number of recordings of a row that are named."""
 _SPANS = 10
-"""Ranges of classes of a row that are told in short."""
+"""Largest number of ranges of classes in the short label of a row."""
 _WIDE, _TABLES = 200, 100
-"""Most columns of a table, and most tables, that anybody reads; beyond them sums are told."""
+"""Largest numbers of columns of a table, and of tables, that anybody reads; a larger report has sums instead."""
 _MOST = 200_000
-"""Most entries of a matrix, and most cells of all of them: nobody reads more, and most of a larger matrix would be empty."""
+"""Largest number of entries of a matrix, and of all matrices; nobody reads more, and a larger matrix would be mostly empty."""
 SAME = "="
-"""What stands in a cell of two sessions in which no item differs."""
+"""Text of a cell in a comparison of two sessions, if no item of the cell differs."""
 _Row = tuple[str, Any]
-"""A variant, and the number of a class or the name of a recording."""
+"""A row: the variant (values of the test's other parameters), and the number of a class or the name of a recording."""
 Place = tuple[str, _Row, tuple[str, str]]
-"""Of a cell: title, row, and column."""
+"""The place of a cell: title of the matrix, row, and column."""
 _Counts = dict[tuple[str, Outcome], int]
-"""How many verdicts have a status, known failures apart by what a cell calls them."""
+"""Number of verdicts by reason and status; the reason is empty except for a known failure."""
 
 
 class Entry(NamedTuple):
-    """What stands where a row and a column of a matrix meet."""
+    """The content of a cell of a verdict matrix."""
 
     text: str = ""
-    """``pass``, ``3/4 fail``, ``NA``, ``xfail I3``; empty where no item is."""
+    """``pass``, ``3/4 fail``, ``NA``, ``xfail I3``; empty for a cell without items."""
     outcome: Outcome | None = None
-    """The worst in it."""
+    """The worst outcome of the items; None for a cell without items."""
     known: bool = False
-    """Whether all that went wrong was known."""
+    """Whether all failures of the items were known."""
 
     @property
     def bad(self) -> bool:
-        """Whether something went wrong that was not known."""
+        """Whether a test item of the cell failed and the failure was not known."""
         return bool(self.outcome and self.outcome.bad and not self.known)
 
     @property
     def style(self) -> str:
-        """How a terminal shows it: bold only where all of it went wrong."""
+        """The style of the cell on a terminal; bold only if all test items of the cell failed."""
         style = self.outcome.style if self.outcome else ""
         return style if self.outcome and self.text == self.outcome.cell else style.removeprefix("bold ")
 
@@ -68,19 +68,19 @@ class Matrix:
     columns: tuple[tuple[str, str], ...]
     """(configuration, rule) of each column."""
     rows: tuple[tuple[str, tuple[Entry, ...]], ...]
-    """Per row: a label of the classes or recordings with equal verdicts, and an entry per column. The rows of a variant stand
-    below each other, and their labels begin with the name of the variant."""
+    """Per row: a label of the classes or recordings with equal verdicts, and an entry per column. The rows of a variant follow
+    each other, and their labels begin with the name of the variant."""
     members: tuple[tuple[int | str, ...], ...] = ()
-    """Per row what `member_of` says of its records."""
+    """Per row, the results of `member_of` for its records."""
     corner: str = "class"
-    """What a row is: class, or recording, with a variant where there are any."""
+    """Heading of the column with the labels: class or recording, with a variant if any test has variants."""
     junction: str = ""
     variants: tuple[str, ...] = ()
-    """Per row its variant, empty without any."""
+    """Per row, its variant; empty for a row without variant."""
 
     @property
     def numbers(self) -> dict[str, str]:
-        """What stands for configurations with long labels, in every format: ``#1``, ``#2``, in the order of the columns."""
+        """The numbers that replace long labels of configurations, by label: ``#1``, ``#2``, in the order of the columns."""
         long = [label for label in dict.fromkeys(cfg for cfg, _ in self.columns) if len(label) > _LONG]
         return {label: f"#{number}" for number, label in enumerate(long, start=1)}
 
@@ -92,27 +92,27 @@ class Matrix:
     def shortened(self, most: int) -> Matrix:
         """Return the matrix with at most `most` rows and short labels; rows with a failure are kept before other rows."""
         wrong = [any(entry.bad or entry.known for entry in entries) for _, entries in self.rows]
-        kept = sorted(sorted(range(len(self.rows)), key=lambda i: not wrong[i])[:most])
-        variants = tuple(self.variants[i] for i in kept)
-        rows = tuple((_brief(self.rows[i][0], variant), self.rows[i][1]) for i, variant in zip(kept, variants, strict=True))
-        return replace(self, rows=rows, members=tuple(self.members[i] for i in kept), variants=variants)
+        shown_rows = sorted(sorted(range(len(self.rows)), key=lambda i: not wrong[i])[:most])
+        variants = tuple(self.variants[i] for i in shown_rows)
+        rows = tuple((_brief(self.rows[i][0], variant), self.rows[i][1]) for i, variant in zip(shown_rows, variants, strict=True))
+        return replace(self, rows=rows, members=tuple(self.members[i] for i in shown_rows), variants=variants)
 
 
 class Matrices:
-    """Takes records in and gives a matrix per test file, test function, junction and kind of traffic, in the order of items."""
+    """Counts records in a verdict matrix per test function, junction and kind of traffic, in the order of the test items."""
 
     def __init__(self) -> None:
         self._groups: dict[str, _Group] = {}
         self._room = _MOST
-        """How many more cells are kept; below 0 nobody could read them, and none are."""
+        """Number of cells that still fit; a number below 0 means that there are too many cells, and then no cells are kept."""
 
     @property
     def too_many(self) -> bool:
-        """Whether the verdicts are too many for tables."""
+        """Whether the report has too many verdicts to show matrices."""
         return self._room < 0 or len(self._groups) > _TABLES or any(group.wide for group in self._groups.values())
 
     def add(self, record: Record) -> None:
-        """Take a record in."""
+        """Count the outcome of a record."""
         if self._room < 0:
             return
         title, row, column = place_of(record)
@@ -122,26 +122,29 @@ class Matrices:
             self._groups.clear()
 
     def matrices(self) -> list[Matrix]:
-        """Return the matrices; none where the verdicts are too many."""
+        """Return the verdict matrices; no matrices if the report has too many verdicts."""
         return [group.matrix(title) for title, group in self._groups.items()]
 
     def after(self, earlier: Matrices, changed: Container[Place]) -> list[Matrix]:
-        """Return the matrices of an earlier session and this one as one each, in the order of this one.
+        """Return the matrices of this session merged with the matrices of an earlier session, in the order of this session.
 
         Args:
-            earlier: of the other session.
-            changed: cells in which items differ.
+            earlier: the matrices of the earlier session.
+            changed: places of the cells in which test items differ.
         """
-        found = []
+        matrices = []
         for title in {**self._groups, **earlier._groups}:
-            groups = [all_of[title] for all_of in (earlier._groups, self._groups) if title in all_of]
-            found.append(_tabled(title, groups, partial(self._change, earlier, changed, title)))
-        return found
+            groups = [groups_by_title[title] for groups_by_title in (earlier._groups, self._groups) if title in groups_by_title]
+            matrices.append(_matrix_of_groups(title, groups, partial(self._change_entry, earlier, changed, title)))
+        return matrices
 
-    def _change(self, earlier: Matrices, changed: Container[Place], title: str, row: _Row, column: tuple[str, str]) -> Entry:
-        """Return what became of a cell."""
+    def _change_entry(
+        self, earlier: Matrices, changed: Container[Place], title: str, row: _Row, column: tuple[str, str]
+    ) -> Entry:
+        """Return the content of a cell for two sessions: the outcomes in both sessions, or `SAME`."""
         was, now = (
-            all_of[title].entry(row, column) if title in all_of else Entry() for all_of in (earlier._groups, self._groups)
+            groups_by_title[title].entry(row, column) if title in groups_by_title else Entry()
+            for groups_by_title in (earlier._groups, self._groups)
         )
         if (title, row, column) not in changed:
             return Entry(SAME if now.text else "")
@@ -149,13 +152,13 @@ class Matrices:
 
 
 def group_of(record: Record) -> str:
-    """Return the title of the matrix that a record belongs to: junction, traffic, and test, where there is one."""
+    """Return the title of the verdict matrix of a record: junction, traffic, and test if the record has a test."""
     among = " as recorded" if isinstance(record, RecordedItem) else f" among {record.traffic} traffic" if record.traffic else ""
     return f"{record.junction}{among}   {record.nodeid.partition('[')[0] if record.test else ''}".rstrip()
 
 
 class _Group:
-    """What was counted for a matrix: per row and column the verdicts, by reason where they are known failures."""
+    """The counted verdicts of a verdict matrix, by row and column."""
 
     def __init__(self, first: Record) -> None:
         self.junction, self.recorded = first.junction, isinstance(first, RecordedItem)
@@ -165,11 +168,11 @@ class _Group:
 
     @property
     def wide(self) -> bool:
-        """Whether there are more columns than anybody reads."""
+        """Whether the matrix has more columns than anybody reads."""
         return len(self.columns) > _WIDE
 
     def add(self, record: Record, row: _Row, column: tuple[str, str]) -> bool:
-        """Take a record of a cell in, and return whether it is the first of it."""
+        """Count the outcome of a record in its cell, and return whether the record is the first record of the cell."""
         self.width = max(self.width, _width(record))
         columns = self.cells.setdefault(row, {})
         new = column not in columns
@@ -180,24 +183,24 @@ class _Group:
         return new
 
     def entry(self, row: _Row, column: tuple[str, str]) -> Entry:
-        """Return what stands in a cell."""
+        """Return the content of a cell of the matrix."""
         return _entry(self.cells.get(row, {}).get(column, {}))
 
     def matrix(self, title: str) -> Matrix:
-        """Return the matrix; one without rows where nobody could read it."""
-        return _tabled(title, (self,), self.entry)
+        """Return the verdict matrix; a matrix that is too large to be read has no rows."""
+        return _matrix_of_groups(title, (self,), self.entry)
 
 
-def _tabled(title: str, groups: Sequence[_Group], entry: Callable[[_Row, tuple[str, str]], Entry]) -> Matrix:
-    """Return the matrix over the cells of groups, in which variants follow each other and equal rows of one are merged."""
+def _matrix_of_groups(title: str, groups: Sequence[_Group], entry: Callable[[_Row, tuple[str, str]], Entry]) -> Matrix:
+    """Return a verdict matrix of one or two sessions; variants follow each other, and equal rows of a variant are merged."""
     columns = tuple(sorted(set().union(*(group.columns for group in groups))))
-    # Whoever numbers versions means that the tenth comes after the ninth.
+    # The natural order of names puts version 10 after version 9.
     cells = sorted(set().union(*(group.cells for group in groups)), key=lambda row: (natural(row[0]), *row))
     recorded, junction = groups[0].recorded, groups[0].junction
     if len(cells) * len(columns) > _MOST:
         what = "recordings" if recorded else "classes"
-        said = f"{len(cells):,} {what} in {len(columns):,} columns are too many for a table"
-        return Matrix(f"{title}: {said}", (), (), junction=junction)
+        limit_text = f"{len(cells):,} {what} in {len(columns):,} columns are too many for a table"
+        return Matrix(f"{title}: {limit_text}", (), (), junction=junction)
     alike: dict[tuple[str, tuple[Entry, ...]], list[Any]] = {}
     for row in cells:
         alike.setdefault((row[0], tuple(entry(row, column) for column in columns)), []).append(row[1])
@@ -208,10 +211,10 @@ def _tabled(title: str, groups: Sequence[_Group], entry: Callable[[_Row, tuple[s
         title,
         columns,
         tuple(
-            (_label(variant, first(found, _NAMED) if recorded else _spans(found, width)), entries)
-            for (variant, entries), found in alike.items()
+            (_row_label(variant, first(members, _NAMED) if recorded else _spans(members, width)), entries)
+            for (variant, entries), members in alike.items()
         ),
-        tuple(tuple(_named(variant, member) for member in found) for (variant, _), found in alike.items()),
+        tuple(tuple(_member_label(variant, member) for member in members) for (variant, _), members in alike.items()),
         f"variant, {corner}" if any(variants) else corner,
         junction,
         variants,
@@ -219,58 +222,58 @@ def _tabled(title: str, groups: Sequence[_Group], entry: Callable[[_Row, tuple[s
 
 
 def place_of(record: Record) -> Place:
-    """Return the cell of a matrix that a record belongs to."""
+    """Return the place of a record in the verdict matrices: title of the matrix, row and column."""
     if isinstance(record, RecordedItem):
         return group_of(record), (record.variant, record.recording), ("", record.asks)
     return group_of(record), (record.variant, record.cls), (record.cfg, record.asks)
 
 
 def member_of(record: Record) -> int | str:
-    """Return what a record stands for in a row of its matrix: the number of its class, or its recording; with its variant."""
-    return _named(*place_of(record)[1])
+    """Return the number of a record's class, or the name of its recording; with the variant if the record has a variant."""
+    return _member_label(*place_of(record)[1])
 
 
-def _named(variant: str, member: int | str) -> int | str:
+def _member_label(variant: str, member: int | str) -> int | str:
     return f"{variant} {member}" if variant else member
 
 
-def _label(variant: str, members: str) -> str:
+def _row_label(variant: str, members: str) -> str:
     return f"{variant}  {members}" if variant else members
 
 
 def _brief(label: str, variant: str) -> str:
-    """Return the label of a row with no more classes than a line has room for."""
-    return _label(variant, first(label.removeprefix(_label(variant, "")).split(", "), _SPANS))
+    """Return the label of a matrix row with at most `_SPANS` ranges of classes."""
+    return _row_label(variant, first(label.removeprefix(_row_label(variant, "")).split(", "), _SPANS))
 
 
 def _width(record: Record) -> int:
-    """Return how many digits the number of a class has in ids, at least two."""
-    found = _CLASS.search(record.nodeid)
-    return len(found[1]) if found else 2
+    """Return the number of digits of the class number in the id of a test item, at least two."""
+    match = _CLASS.search(record.nodeid)
+    return len(match[1]) if match else 2
 
 
-def _entry(found: _Counts) -> Entry:
-    """Return an outcome, or where the rows differ the bad ones with their share; known failures apart."""
-    if not found:
+def _entry(verdict_counts: _Counts) -> Entry:
+    """Return the content of a cell: the outcome of all items, or the share of each bad outcome and of each known failure."""
+    if not verdict_counts:
         return Entry()
     counts: Counter[Outcome] = Counter()
-    known: Counter[str] = Counter()
-    for (reason, outcome), count in found.items():
+    known_counts: Counter[str] = Counter()
+    for (reason, outcome), count in verdict_counts.items():
         if reason:
-            known[reason] += count
+            known_counts[reason] += count
         else:
             counts[outcome] += count
-    worst = min((outcome for _, outcome in found), key=lambda outcome: outcome.severity)
+    worst = min((outcome for _, outcome in verdict_counts), key=lambda outcome: outcome.severity)
     bad = [outcome for outcome in Outcome.worst_first() if counts[outcome] and outcome.bad]
-    only_known = bool(known) and not bad
-    if len(counts) + len(known) == 1:
-        return Entry(next(iter(known), worst.cell), worst, only_known)
-    shown = [(counts[outcome], outcome.small) for outcome in bad] + [(known[name], name) for name in sorted(known)]
+    only_known = bool(known_counts) and not bad
+    if len(counts) + len(known_counts) == 1:
+        return Entry(next(iter(known_counts), worst.cell), worst, only_known)
+    shown = [(counts[outcome], outcome.small) for outcome in bad] + [(known_counts[name], name) for name in sorted(known_counts)]
     if not shown:
-        # What did not run comes first: it may be anything.
-        rest = sorted(counts, key=lambda outcome: (outcome is not Outcome.NOT_RUN, outcome.severity))
-        shown = [(counts[outcome], outcome.cell) for outcome in rest]
-    rows = counts.total() + known.total()
+        # Items that did not run come first: they could have any outcome.
+        outcomes = sorted(counts, key=lambda outcome: (outcome is not Outcome.NOT_RUN, outcome.severity))
+        shown = [(counts[outcome], outcome.cell) for outcome in outcomes]
+    rows = counts.total() + known_counts.total()
     return Entry(", ".join(f"{count}/{rows} {name}" for count, name in shown), worst, only_known)
 
 

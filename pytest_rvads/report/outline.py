@@ -1,6 +1,6 @@
-"""The outline of a report: its whole content, in order, as blocks that every format renders.
+"""The outline of a report: its whole content in order, as blocks (parts such as tables or causes) that every format renders.
 
-Formats differ in how they show a block. All formats show the same blocks.
+All formats show the same blocks, each format in its own way.
 """
 
 from __future__ import annotations
@@ -11,9 +11,10 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from pytest_rvads.logic.outcome import Tallied, counted
+from pytest_rvads.report.arrivals import SIMULTANEOUS, ArrivalCoverage, Tried
 from pytest_rvads.report.at_junctions import FEW, AtJunction, AtJunctions
 from pytest_rvads.report.coverage import Cells, Requirements, dropped
-from pytest_rvads.report.figures import Extremes, Makers, Timing, Titles, slowest
+from pytest_rvads.report.figures import Excesses, Extremes, Makers, Timing, Titles, slowest
 from pytest_rvads.report.matrix import Matrices, Matrix
 from pytest_rvads.report.record import Record
 from pytest_rvads.report.rollup import Sums, ranked, sums
@@ -24,15 +25,15 @@ from pytest_rvads.support.wording import first, plural, quoted
 __all__ = ["FAILURES", "Block", "Causes", "Changes", "Figures", "Head", "Notes", "RollUp", "Section", "Verdicts", "outline"]
 
 FAILURES = "causes of failures"
-"""Title of the block that groups failures, which no format folds."""
+"""Title of the block with the causes of failures, which no format folds."""
 _REASONS = 5
-"""Most reasons for left-out junctions in the short form."""
+"""Largest number of reasons for left-out junctions in the short form."""
 _LISTED = 10
-"""Most lines of a kind in the short form: systems under test and simulators, stacks, samples."""
+"""Largest number of lines of a kind in the short form: systems under test and simulators, stacks, samples."""
 _SLOWEST = 10
-"""Most slowest runs that are named; three in the short form, and none if all runs took less than a second."""
+"""Largest number of slowest runs that are named; three in the short form, and none if all runs took less than a second."""
 _NAMED = 5
-"""Most junctions named per reason."""
+"""Largest number of junctions named per reason."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,13 +41,13 @@ class _Lines:
     lines: tuple[str, ...]
 
     def plain(self) -> Iterator[str]:
-        """Yield the content of the block as lines of text."""
+        """Yield the content of this part of a report as lines of text."""
         yield from self.lines
 
 
 @dataclass(frozen=True, slots=True)
 class Notes(_Lines):
-    """Missing or doubtful parts of the report, shown before everything else."""
+    """Notes on missing or doubtful parts of the report, which formats show before all other blocks."""
 
     title: str = "notes"
 
@@ -57,7 +58,7 @@ class Head(_Lines):
 
     title: str = "session"
     short: tuple[str, ...] = ()
-    """The lines that neither pytest's own output nor the blocks below contain."""
+    """The lines to print at the end of a pytest session: lines that are neither in pytest's own output nor in a later block."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,16 +68,16 @@ class Changes:
     comparison: Comparison
     title: str = "since the baseline"
     again: str = "pytest"
-    """The command that runs an item again."""
+    """The command that runs an item again if the quoted id of the item follows."""
 
     def plain(self) -> Iterator[str]:
-        """Yield the content of the block as lines of text."""
+        """Yield the content of this part of a report as lines of text."""
         yield self.comparison.headline
         yield from self.comparison.lines()
 
     def first(self, nodeid: str) -> str:
-        """Return the command that runs an item again."""
-        return _command(self.again, nodeid)
+        """Return the command that runs the test item with this id again."""
+        return _rerun_command(self.again, nodeid)
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,48 +88,62 @@ class Verdicts:
 
     @property
     def title(self) -> str:
-        """The title: junction, traffic, and test."""
+        """Title of the block: junction, traffic, and test."""
         return self.matrix.title
 
     def plain(self) -> Iterator[str]:
-        """Yield the content of the block as lines of text."""
+        """Yield the content of this part of a report as lines of text."""
         for rows, entries in self.matrix.rows:
-            told = (f"{column} {e.text}" for column, e in zip(self.matrix.headings, entries, strict=True) if e.text)
-            yield f"{self.matrix.corner} {rows}: {'; '.join(told)}"
+            texts = (f"{column} {e.text}" for column, e in zip(self.matrix.headings, entries, strict=True) if e.text)
+            yield f"{self.matrix.corner} {rows}: {'; '.join(texts)}"
 
 
 @dataclass(frozen=True, slots=True)
 class RollUp:
-    """Sums of the verdicts at many junctions, instead of a table per junction."""
+    """Sums of the verdicts at many junctions, in place of a table per junction."""
 
     sums: tuple[Sums, ...]
     title: str = "verdicts in sums"
 
     def plain(self) -> Iterator[str]:
-        """Yield the content of the block as lines of text."""
+        """Yield the content of this part of a report as lines of text."""
         for table in self.sums:
             yield from table.plain()
 
 
 @dataclass(frozen=True, slots=True)
 class Causes:
-    """The causes of failures, or of items that did not fail, sorted by severity."""
+    """Groups of failures by their cause, or groups of items that did not fail by their reason, sorted by severity."""
 
     title: str
     causes: tuple[Cause, ...]
     again: str = "pytest"
-    """The command that runs an item again."""
+    """The command that runs an item again if the quoted id of the item follows."""
     settled: bool = False
     """Whether the causes need no attention: known failures, and items that did not apply or did not run."""
 
     def plain(self) -> Iterator[str]:
-        """Yield the content of the block as lines of text."""
+        """Yield the content of this part of a report as lines of text."""
         for cause in self.causes:
             yield f"{cause.count} x {cause.rule}: {cause.line} (first: {self.first(cause)})"
 
     def first(self, cause: Cause) -> str:
-        """Return the command that runs the first item of a cause again."""
-        return _command(self.again, cause.example)
+        """Return the command that runs the first test item of a cause again."""
+        return _rerun_command(self.again, cause.example)
+
+
+@dataclass(frozen=True, slots=True)
+class Section:
+    """A part of a comparison of two reports: lines, and possibly a table with the same content, for formats with tables."""
+
+    title: str
+    lines: tuple[str, ...]
+    columns: tuple[str, ...] = ()
+    rows: tuple[tuple[tuple[str, str], ...], ...] = ()
+    """The cells of the table: texts with the mark ``good``, ``bad``, ``bars`` for a histogram in text, ``look`` for the path of a
+    replay page, or an empty mark."""
+    side: bool = False
+    """Whether the part is shown beside another part if the page is wide enough."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,19 +151,15 @@ class Figures(_Lines):
     """Extreme values, coverage and durations."""
 
     title: str = "coverage"
+    arrivals: Section | None = None
+    """The differences between arrivals that were tried; None in the short form and if no two vehicles met."""
+    last: str = ""
+    """The line of `lines` that terminals print below all other output; empty if there is no such line."""
 
-
-@dataclass(frozen=True, slots=True)
-class Section:
-    """A part of a comparison of two reports: lines, or a table that says the same."""
-
-    title: str
-    lines: tuple[str, ...]
-    columns: tuple[str, ...] = ()
-    rows: tuple[tuple[tuple[str, str], ...], ...] = ()
-    """The cells of the table: texts with the mark ``good``, ``bad`` or an empty mark."""
-    side: bool = False
-    """Whether the part stands beside another one where there is room."""
+    def plain(self) -> Iterator[str]:
+        """Yield the content of this part of a report as lines of text."""
+        yield from self.lines
+        yield from self.arrivals.lines if self.arrivals else ()
 
 
 Block = Notes | Head | Changes | RollUp | Verdicts | Causes | Figures
@@ -166,86 +177,122 @@ _GROUPED: tuple[tuple[str, Callable[[], ByText]], ...] = (
     ("known failures", known),
     ("not applicable, skipped or not run", idle),
 )
-"""Titles of blocks of causes, with the makers of their groups; the short form leaves out the last block."""
+"""Title of each block of causes, with the function that makes its collector of records; the short form has no last block."""
 _SETTLED = {"known failures", "not applicable, skipped or not run"}
 
 
 def outline(report: Report, short: bool = False, tables: bool = False) -> list[Block]:
-    """Return the outline of a report, in one pass over its records; empty blocks are left out.
+    """Return the outline of a report, i.e. its content in blocks, in one pass over its records; empty blocks are left out.
 
     Args:
         report: the report of a session, of several sessions merged, or of a campaign.
-        short: whether to name at most three slow runs, none if all were quick, and to leave out requirements, versions and the
-            reasons why items were not judged.
-        tables: whether to include the table of every junction beside the sums that replace the tables of many junctions; never if
-            there are too many verdicts for tables.
+        short: whether to name at most three slow runs, or none if all runs were quick, and to leave out requirements, versions
+            and the reasons why test items were not judged.
+        tables: whether a report on many junctions has a table per junction in addition to its sums. A report with too many
+            verdicts for tables has only sums.
     """
     at_junctions = AtJunctions(report.totals, report.extents)
-    matrices, cells, requirements = Matrices(), Cells(report.planned), Requirements()
-    makers, titles, extremes, timing = Makers(), Titles(), Extremes(), Timing()
+    matrices, cells, arrivals, requirements = Matrices(), Cells(report.planned), ArrivalCoverage(), Requirements()
+    makers, titles, extremes, timing, excesses = Makers(), Titles(), Extremes(), Timing(), Excesses()
     groups = [(title, make()) for title, make in (_GROUPED[:-1] if short else _GROUPED)]
     _fill(
         report.records,
         matrices,
         at_junctions,
         cells,
+        arrivals,
         requirements,
         makers,
         titles,
         extremes,
         timing,
+        excesses,
         *(group for _, group in groups),
     )
     many = at_junctions.many or matrices.too_many
     brief = _LISTED if short else None
     blocks: list[Block] = [Notes(report.notes)] if report.notes else []
-    total, made = _total(at_junctions.found), tuple(_few(makers.lines(report.versions), brief))
+    total, maker_lines = _verdict_total(at_junctions.junctions), tuple(_few(makers.lines(report.versions), brief))
     ended = f"exit status {report.ended}"
-    # The block of a single junction shows its verdicts itself.
-    blocks.append(Head((*_began(report), total, ended, *made), short=made if len(at_junctions.found) == 1 else (total, *made)))
+    # The block of a single junction shows the total, so the head needs no total.
+    blocks.append(
+        Head(
+            (*_beginning(report), total, ended, *maker_lines),
+            short=maker_lines if len(at_junctions.junctions) == 1 else (total, *maker_lines),
+        )
+    )
     if report.comparison:
         blocks.append(Changes(report.comparison, again=report.again))
-    blocks += [RollUp(sums(at_junctions.found))] if many else []
+    blocks += [RollUp(sums(at_junctions.junctions))] if many else []
     blocks += map(Verdicts, matrices.matrices()) if tables or not many else []
     for title, group in groups:
-        blocks += [Causes(title, tuple(found), report.again, title in _SETTLED)] if (found := group.causes(many)) else []
+        blocks += (
+            [Causes(title, tuple(group_causes), report.again, title in _SETTLED)] if (group_causes := group.causes(many)) else []
+        )
     versions = ", ".join(f"{name} {version}" for name, version in report.versions.items())
     lines = (
         *titles.lines(brief),
         *extremes.lines(),
-        *(_worst(at_junctions.found) if many else (line for one in at_junctions.found for line in one.lines())),
+        *(
+            _worst_lines(at_junctions.junctions)
+            if many
+            else (line for junction in at_junctions.junctions for line in junction.lines())
+        ),
         *_few(timing.lines(), brief),
+        *excesses.lines(),
         *(slowest(report.seconds, 3, 1.0) if short else slowest(report.seconds, _SLOWEST)),
         *([] if short else requirements.lines()),
         *([f"versions: {versions}"] if versions and not short else []),
         f"coverage: {cells.coverage()}",
+        *([arrivals.line()] if arrivals.pairs else []),
         *dropped(report, brief),
         *_few(refused(report, _REASONS if short else None), brief),
     )
-    return [*blocks, Figures(lines)]
+    last = SIMULTANEOUS if arrivals.simultaneous else ""
+    return [*blocks, Figures((*lines, *filter(None, [last])), arrivals=None if short else _arrivals(arrivals, many), last=last)]
 
 
-def _command(again: str, nodeid: str) -> str:
+def _arrivals(coverage: ArrivalCoverage, many: bool) -> Section | None:
+    """Return a table of the tried differences between arrivals: a row per pair of movements, or per junction for many pairs."""
+    rows: list[tuple[tuple[str, ...], Tried, Tried]]
+    if many:
+        heads: tuple[str, ...] = ("junction", "pairs met")
+        rows = [((name, f"{met} of {pairs}"), tried, worst) for name, met, pairs, tried, worst in coverage.at_junctions()]
+    else:
+        heads = ("junction", "under test", "other vehicle")
+        rows = [(tuple(names), tried, tried) for *names, tried in coverage.rows()]
+    if not rows:
+        return None
+    heads += ("other first", "together", "other later", "largest untested gap")
+    lines, table = [], []
+    for names, tried, worst in rows:
+        texts = (*names, *map(str, tried.orders), str(worst))
+        lines.append(f"{', '.join(map(' '.join, zip(heads, texts, strict=True)))}: {tried.bins()}")
+        table.append((*((text, "") for text in texts), (tried.bars(), "bars")))
+    return Section("arrivals", tuple(lines), (*heads, "6 s earlier to 6 s later"), tuple(table))
+
+
+def _rerun_command(again: str, nodeid: str) -> str:
     return f"{again} {quoted(nodeid)}".lstrip()
 
 
-def _began(report: Report) -> Iterator[str]:
-    """Yield the beginning and the command of a session, if they are known."""
+def _beginning(report: Report) -> Iterator[str]:
+    """Yield lines with the time at which a session began and its command, if these are known."""
     if report.began:
         yield f"began {report.began}"
     if report.command:
         yield f"command: {report.command}"
 
 
-def _total(junctions: Sequence[AtJunction]) -> str:
-    """Return the number of verdicts by kind, and the number of runs."""
+def _verdict_total(junctions: Sequence[AtJunction]) -> str:
+    """Return a line with the number of verdicts of each kind and the number of runs."""
     tally = sum((junction.tally for junction in junctions), Counter[Tallied]())
     runs = len(set[str]().union(*(ids for junction in junctions for ids in (junction.runs, junction.wrong))))
     return f"{plural(tally.total(), 'verdict')} on {plural(runs, 'run')}: {counted(tally) or 'none'}"
 
 
 def _fill(records: Iterable[Record], *tallies: _Tally) -> None:
-    """Add all records to all tallies, in one pass."""
+    """Add all records to all tallies (objects that count), in one pass over the records."""
     adds = [tally.add for tally in tallies]
     for record in records:
         for add in adds:
@@ -253,34 +300,32 @@ def _fill(records: Iterable[Record], *tallies: _Tally) -> None:
 
 
 def _few(lines: Sequence[str], most: int | None) -> Iterator[str]:
-    """Yield at most `most` lines, and the number of further lines."""
+    """Yield at most `most` lines, then a line with the number of further lines."""
     yield from lines[:most]
     if most is not None and len(lines) > most:
         yield f"... and {len(lines) - most} more"
 
 
-def _worst(junctions: Sequence[AtJunction]) -> Iterator[str]:
-    """Yield the lines of the worst few junctions."""
+def _worst_lines(junctions: Sequence[AtJunction]) -> Iterator[str]:
+    """Yield the lines on the few junctions with the most failures."""
     yield from (line for junction in ranked(junctions)[:FEW] for line in junction.lines())
     if len(junctions) > FEW:
         yield f"... and {plural(len(junctions) - FEW, 'more junction')}, none worse"
 
 
 def refused(report: Report, most: int | None = None) -> list[str]:
-    """Return a line per reason for left-out junctions or movements, the most frequent first, and a line per drawn sample.
+    """Return a line per reason why junctions, movements or scenarios are left out, and a line per test that runs only a sample.
 
     Args:
         report: the report of a session, or of several sessions merged.
-        most: most reasons that have a line; the junctions of further reasons are counted.
+        most: largest number of reasons with a line, the most frequent first; the junctions of further reasons are counted.
     """
     reasons = sorted(report.refused.items(), key=lambda entry: -len(entry[1]))
     lines = []
     for reason, names in reasons[:most]:
-        what = plural(len(names), "movement" if " from entrance " in names[0] else "junction")
+        what = plural(len(names), "movement" if " from entrance " in names[0] else "test" if "::" in names[0] else "junction")
         lines.append(f"{what}{'' if reason.startswith('with ') else ' left out:'} {reason}: {first(names, _NAMED)}")
     further_names = {name for _, names in reasons[len(lines) :] for name in names}
     if further_names:
         lines.append(f"{plural(len(further_names), 'junction')} left out for other reasons: reports in files say which")
-    return lines + [
-        f"{sample.taken:,} of {sample.total:,} {sample.what} drawn, seed {sample.seed}: {sample.test}" for sample in report.drawn
-    ]
+    return lines + [f"{sample}: {sample.test}" for sample in report.drawn]

@@ -1,4 +1,4 @@
-"""A report as a self-contained page: what the session was, causes, failures; all else is folded, and made when it is opened."""
+"""Makes the self-contained HTML page of a report. The page shows session, causes and failures, and folds all other parts."""
 
 from __future__ import annotations
 
@@ -11,34 +11,35 @@ from functools import partial
 from heapq import nsmallest
 from pathlib import Path
 from typing import Any, TypeVar
+from urllib.parse import quote
 
 from pytest_rvads.logic.outcome import Outcome
-from pytest_rvads.report.folders import option, sessions
+from pytest_rvads.report.folders import ATLAS, option, sessions
 from pytest_rvads.report.matrix import SAME, member_of, place_of
 from pytest_rvads.report.outline import FAILURES, Block, Causes, Changes, Figures, Head, Notes, RollUp, Section, Verdicts, outline
 from pytest_rvads.report.record import Record, SimulatedItem
 from pytest_rvads.report.rollup import Sums
-from pytest_rvads.report.session_report import TOLD, Report
+from pytest_rvads.report.session_report import LISTED, Report
 from pytest_rvads.report.webpage import webpage
 from pytest_rvads.support.wording import markup, printable, quoted
 
 __all__ = ["page", "rendered"]
 
 _ITEMS = 5000
-"""Items in a page; of more of them those that went wrong first, from all junctions and rules alike."""
+"""Largest number of test items on a page: failures are taken first, then further items evenly from all junctions and rules."""
 _WEB = re.compile(r"https://[^\\\s]+")
 _NO_PATH = re.compile(r"[^/?#]*:| *//|.*[\\\t\n]", re.DOTALL)
-"""An address with a scheme, of another host, or what browsers would make one of."""
+"""Matches an address with a scheme or with another host, and texts that browsers would turn into such an address."""
 _TERMS = ("began", "driven by", "simulated by", "command:", "", "exit status")
-"""What lines of the head begin with, in the order of the page; the one on all verdicts begins with their number."""
+"""The beginnings of the lines of `Head`, in the order of the page; the line on all verdicts begins with their number."""
 _UNDRAWN = "not drawn"
-"""What stands in place of a replay page begins so, and goes on with the reason."""
+"""The beginning of the text that takes the place of a missing replay page; the reason follows."""
 _LINES = 10
-"""Lines of the head, changes, and lines of a section that are not folded."""
+"""Largest number of lines of the head, of changes, and of lines of a section that are not folded."""
 _ROWS = 50
-"""Rows of a table of a section that are not folded."""
+"""Largest number of rows of a table of a section that are not folded."""
 _LONG = 40
-"""Characters of the longest text that stands on one line of a table."""
+"""Largest number of characters of a text that is not wrapped in a table."""
 
 Entry = TypeVar("Entry")
 Cells = tuple[tuple[str, str], ...]
@@ -48,123 +49,130 @@ def page(report: Report, folder: Path) -> str:
     """Return a report as an HTML page.
 
     Args:
-        report: of a session, or merged.
-        folder: where the page will lie, relative to the folder the session was started in; replay pages are linked from there.
+        report: the report of a session, or of several sessions merged.
+        folder: the folder of the page, relative to the working directory of the session; links to replay pages start from this
+            folder.
     """
     blocks = outline(report, tables=True)
-    chosen = _chosen(report)
-    seen = {record.status for record in chosen}
+    records = _page_records(report)
+    statuses = {record.status for record in records}
     rolled = [block for block in blocks if isinstance(block, RollUp)]
-    session = _session(folder)
+    session = _session_option(folder)
     content = {
-        "items": [_item(record, folder, report, session) for record in chosen],
+        "items": [_item_data(record, folder, report, session) for record in records],
         "all": len(report.records),
-        "sums": [_sums(table) for block in rolled for table in block.sums],
+        "sums": [_sums_data(table) for block in rolled for table in block.sums],
         "rolled": "".join(block.title for block in rolled),
-        "causes": [_causes(block) for block in blocks if isinstance(block, Causes)],
-        "matrices": [_matrix(block) for block in blocks if isinstance(block, Verdicts)],
-        "statuses": {outcome: outcome.mark for outcome in Outcome.worst_first() if outcome in seen},
+        "causes": [_causes_data(block) for block in blocks if isinstance(block, Causes)],
+        "matrices": [_matrix_data(block) for block in blocks if isinstance(block, Verdicts)],
+        "statuses": {outcome: outcome.mark for outcome in Outcome.worst_first() if outcome in statuses},
     }
-    return rendered("rvads verdicts", blocks, content, ("pytest_rvads.report", "items"))
+    return rendered("rvads verdicts", blocks, content, ("pytest_rvads.report", "items"), atlas=_atlas_link(folder))
 
 
 def rendered(title: str, blocks: Iterable[Block | Section], content: object, *part: tuple[str, str], **more: str) -> str:
-    """Return a page that begins with blocks.
+    """Return an HTML page that begins with blocks (parts) of a report.
 
     Args:
         title: the title of the page.
-        blocks: the blocks; those that the script of a part shows are left out here.
-        content: what the script finds as data.
-        part: package and name of the sources of the part of the page below the blocks, if there is one; see `webpage`.
-        more: markup that the part has places for.
+        blocks: the blocks of the report; blocks that a script shows (tables, sums and causes) give no markup.
+        content: the data for the script.
+        part: package and name of the source files of the part below the blocks, as `webpage` takes them; or nothing.
+        more: markup by name of its place in the part.
     """
     shown = list(blocks)
-    said = "".join(map(_said, shown))
-    figures = "".join(_figures(block) for block in shown if isinstance(block, Figures))
+    head = "".join(map(_block_html, shown))
+    figures = "".join(_figures_html(block) for block in shown if isinstance(block, Figures))
     sources = [("pytest_rvads.report", "page"), *part]
-    return webpage(sources, title, content, heading=markup(title), said=said, figures=figures, **more)
+    return webpage(sources, title, content, heading=markup(title), head=head, figures=figures, **more)
 
 
-def _chosen(report: Report) -> list[Record]:
-    """Return the records that the page has, in their order."""
+def _page_records(report: Report) -> list[Record]:
+    """Return the records of the test items that the page shows, in the order of the report."""
     if len(report.records) <= _ITEMS:
         return list(report.records)
-    seen: Counter[tuple[int, str, str]] = Counter()
+    counts: Counter[tuple[int, str, str]] = Counter()
 
     def ranked() -> Iterator[tuple[int, int, int, Record]]:
         for number, record in enumerate(report.records):
             wrong = record.failed or (record.status.bad and not record.known)
             key = 0 if wrong else 1 if record.known or record.status.mark == "doubt" else 2, record.junction, record.asks
-            seen[key] += 1
-            yield key[0], seen[key], number, record
+            counts[key] += 1
+            yield key[0], counts[key], number, record
 
-    kept = nsmallest(_ITEMS, ranked(), key=lambda found: found[:3])
-    return [record for *_, record in sorted(kept, key=lambda found: found[2])]
+    numbered_records = nsmallest(_ITEMS, ranked(), key=lambda row: row[:3])
+    return [record for *_, record in sorted(numbered_records, key=lambda row: row[2])]
 
 
-def _said(block: Block | Section) -> str:
-    """Return a block that the page begins with as HTML; what can be clicked is made on the page."""
+def _block_html(block: Block | Section) -> str:
+    """Return a block of a report as HTML for the beginning of the page; the page's script makes elements that can be clicked."""
     match block:
         case Notes(lines):
             return "".join(f"<p class=note>{markup(note)}</p>" for note in lines)
         case Head(lines):
-            return _head(lines)
+            return _head_html(lines)
         case Changes(comparison):
-            changes = _folded(list(comparison.lines()), _LINES, "", _list)
+            changes = _folded_html(list(comparison.lines()), _LINES, "", _list_html)
             return f"<h2>{block.title}</h2><p>{markup(comparison.headline)}</p>{changes}"
         case Section(title, lines, columns, rows, side):
-            told = _folded(rows, _ROWS, " rows", partial(_table, columns)) if columns else _folded(lines, _LINES, " lines", _list)
-            return f"<section{' class=side' if side else ''}><h2>{markup(title)}</h2>{told}</section>"
+            content = (
+                _folded_html(rows, _ROWS, " rows", partial(_table_html, columns))
+                if columns
+                else _folded_html(lines, _LINES, " lines", _list_html)
+            )
+            return f"<section{' class=side' if side else ''}><h2>{markup(title)}</h2>{content}</section>"
     return ""
 
 
-def _folded(entries: Sequence[Entry], most: int, what: str, show: Callable[[Sequence[Entry]], str]) -> str:
-    """Return entries as HTML; those beyond the first few are folded."""
+def _folded_html(entries: Sequence[Entry], most: int, what: str, show: Callable[[Sequence[Entry]], str]) -> str:
+    """Return entries of a list as HTML; entries after the first `most` are folded."""
     more = entries[most:]
-    rest = f"<details><summary>{len(more)} more{what}</summary>{show(more)}</details>" if more else ""
-    return f"{show(entries[:most])}{rest}" if entries else ""
+    folded = f"<details><summary>{len(more)} more{what}</summary>{show(more)}</details>" if more else ""
+    return f"{show(entries[:most])}{folded}" if entries else ""
 
 
-def _list(lines: Sequence[str]) -> str:
+def _list_html(lines: Sequence[str]) -> str:
     return f"<ul>{''.join(f'<li>{markup(line)}' for line in lines)}</ul>"
 
 
-def _table(columns: Sequence[str], rows: Sequence[Cells]) -> str:
+def _table_html(columns: Sequence[str], rows: Sequence[Cells]) -> str:
     head = "".join(f"<th>{markup(column)}" for column in columns)
-    body = "".join(f"<tr><th>{markup(label)}{''.join(map(_cell, cells))}" for (label, _), *cells in rows)
+    body = "".join(f"<tr><th>{markup(label)}{''.join(map(_cell_html, cells))}" for (label, _), *cells in rows)
     return f"<div class=scroll><table class=matrix><thead><tr>{head}</thead><tbody>{body}</tbody></table></div>"
 
 
-def _cell(cell: tuple[str, str]) -> str:
-    """Return a cell as HTML, marked by what its text says."""
+def _cell_html(cell: tuple[str, str]) -> str:
+    """Return a table cell as HTML: a link for the path of a replay page, a separate style if two sessions do not differ."""
     text, mark = cell
+    if mark == "look" and text:
+        return f'<td><a href="{markup(quote(text, safe="/#=."))}">replay</a>'
     kind = "same" if text == SAME else " ".join([mark, *(["long"] if len(text) > _LONG else [])]).strip()
     return f'<td class="{kind}">{markup(text)}'
 
 
-def _head(lines: Sequence[str]) -> str:
-    """Return what the session was as a list of terms; many drivers are folded."""
+def _head_html(lines: Sequence[str]) -> str:
+    """Return the lines on a session as a list of terms; lines beyond the first few are folded, except the last three."""
     rows = [
-        f"<div><dt>{term.rstrip(':') or 'found'}</dt><dd>{markup(line.removeprefix(term).lstrip())}</dd></div>"
+        f"<div><dt>{term.rstrip(':') or 'result'}</dt><dd>{markup(line.removeprefix(term).lstrip())}</dd></div>"
         for term in _TERMS
         for line in lines
-        if _term(line) == term
+        if _head_term(line) == term
     ]
     few, more = (rows, []) if len(rows) <= _LINES else (rows[: _LINES - 3] + rows[-3:], rows[_LINES - 3 : -3])
     folded = f"<details><summary>{len(more)} more</summary><dl class=head>{''.join(more)}</dl></details>" if more else ""
     return f"<dl class=head>{''.join(few)}</dl>{folded}"
 
 
-def _term(line: str) -> str:
+def _head_term(line: str) -> str:
     return next(term for term in sorted(_TERMS, reverse=True) if line.startswith(term))
 
 
-def _figures(block: Figures) -> str:
-    figures = "".join(f"<li>{markup(line)}" for line in block.lines)
-    return f"<details class=fold><summary>{block.title} and figures</summary><ul>{figures}</ul></details>"
+def _figures_html(block: Figures) -> str:
+    figures = _list_html(block.lines) + (_block_html(block.arrivals) if block.arrivals else "")
+    return f"<details class=fold><summary>{block.title} and figures</summary>{figures}</details>"
 
 
-def _causes(block: Causes) -> dict[str, Any]:
+def _causes_data(block: Causes) -> dict[str, Any]:
     causes = [
         {"count": c.count, "rule": c.rule, "text": c.line, "ids": c.nodeids, "first": c.example, "again": block.first(c)}
         for c in block.causes
@@ -172,13 +180,13 @@ def _causes(block: Causes) -> dict[str, Any]:
     return {"title": block.title, "failed": block.title == FAILURES, "causes": causes}
 
 
-def _sums(table: Sums) -> dict[str, Any]:
+def _sums_data(table: Sums) -> dict[str, Any]:
     marks = [""] * (1 + len(table.headings)) + ["" if kind is None else kind.mark for kind in table.kinds]
     rows = [table.cells(row) for row in table.rows]
     return {"corner": table.corner, "columns": table.columns, "sides": table.sides, "marks": marks, "rows": rows}
 
 
-def _matrix(block: Verdicts) -> dict[str, Any]:
+def _matrix_data(block: Verdicts) -> dict[str, Any]:
     matrix = block.matrix
     rows = [
         (label, [(entry.text, entry.bad) for entry in entries], members)
@@ -194,11 +202,11 @@ def _matrix(block: Verdicts) -> dict[str, Any]:
     }
 
 
-def _item(record: Record, folder: Path, report: Report, session: str) -> dict[str, Any]:
+def _item_data(record: Record, folder: Path, report: Report, session: str) -> dict[str, Any]:
     group, _, (cfg, rule) = place_of(record)
     driver, simulator = (record.driver, record.simulator) if isinstance(record, SimulatedItem) else ("", "")
     looks = (record.look, *record.looks)
-    links = [link for link in (_link(look, folder) for look in looks) if link]
+    links = [link for link in (_page_link(look, folder) for look in looks) if link]
     return {
         "id": record.nodeid,
         "group": group,
@@ -207,7 +215,7 @@ def _item(record: Record, folder: Path, report: Report, session: str) -> dict[st
         "status": record.status,
         "failed": record.failed,
         "known": bool(record.known),
-        "change": record.change if record.change in TOLD else "",
+        "change": record.change if record.change in LISTED else "",
         "member": member_of(record),
         "cfg": cfg,
         "rule": rule,
@@ -217,27 +225,35 @@ def _item(record: Record, folder: Path, report: Report, session: str) -> dict[st
         "look": links[0] if links else "",
         "more": links[1:],
         "why": next((look for look in looks if look.startswith(_UNDRAWN)), ""),
-        "draw": _drawing(record, report, session),
+        "draw": _draw_command(record, report, session),
     }
 
 
-def _session(folder: Path) -> str:
-    """Return the option that names the session whose folder this is; nothing where it is no session's."""
-    place = Path(os.path.realpath(folder))  # a link may lead to another session later
+def _atlas_link(folder: Path) -> str:
+    """Return a link to a page of `rvads atlas` in the folder of the page or of all sessions; empty if there is no such page."""
+    for path in (folder / ATLAS, folder.parent / ATLAS):
+        if path.is_file():
+            return f'<p><a href="{os.path.relpath(path, folder).replace(os.sep, "/")}">atlas of starts</a></p>'
+    return ""
+
+
+def _session_option(folder: Path) -> str:
+    """Return the option that names the session of a folder; an empty text if the folder is not the folder of a session."""
+    place = Path(os.path.realpath(folder))  # a link such as `latest` can lead to another session later
     if place not in sessions(place.parent):
         return ""
-    with suppress(ValueError):  # on another drive no path leads there from here
+    with suppress(ValueError):  # no relative path leads to another drive
         place = Path(os.path.relpath(place))
     return option(place)
 
 
-def _drawing(record: Record, report: Report, session: str) -> str:
-    """Return the command that draws the replay of an item, where it has a run that may be kept and none is drawn.
+def _draw_command(record: Record, report: Report, session: str) -> str:
+    """Return the command that draws the replay of a test item; empty if the replay is drawn or the run is not kept.
 
     Args:
-        record: of the item.
-        report: of its session.
-        session: the option that names the session; empty takes the latest, where nothing is known of it.
+        record: the record of the item.
+        report: the report of the session.
+        session: the option that names the session; if the option is empty, the command takes the latest session.
     """
     if record.look and not record.look.startswith(_UNDRAWN):
         return ""
@@ -246,8 +262,8 @@ def _drawing(record: Record, report: Report, session: str) -> str:
     return " ".join(filter(None, ("rvads replay", session, quoted(record.nodeid))))
 
 
-def _link(look: str, folder: Path) -> str:
-    """Return a link to a page, for a file in a folder; nothing where that would be neither a relative path nor https."""
+def _page_link(look: str, folder: Path) -> str:
+    """Return a link from a folder to a page; an empty text if the link would be neither a relative path nor https."""
     if look.startswith(_UNDRAWN):
         return ""
     look = printable(look, len(look))  # control characters become backslashes, which are refused

@@ -1,8 +1,8 @@
-"""Records: one value per item, the only thing that reports are made from.
+"""Records: a record holds the verdicts and facts of one test item, and reports are made only from records.
 
-Records are typed. They cross processes and reach hooks as builtins, and are checked where they are read. Verdicts, indicators and
-differences of runs are embedded unchanged; only the explanation of a verdict is left out, because a town has a million verdicts
-and most explanations are never read.
+Records are typed. Records cross processes and reach hooks as JSON values, and the reader of a record checks its types. Verdicts,
+indicators and differences of runs are embedded unchanged; only the explanation of a verdict is left out, because a town (all
+junctions of a map, judged together) can have a million verdicts, and most explanations are never read.
 
 Sessions make a record per item. Campaigns and ``rvads check`` make a record of a run with all its verdicts, which `run_record`
 splits into a record per rule.
@@ -18,12 +18,13 @@ from msgspec.structs import replace
 
 from pytest_rvads.logic.judging.verdicts import Verdict
 from pytest_rvads.logic.outcome import Outcome, Tallied
-from pytest_rvads.runs.measured import Divergence, Kpis
+from pytest_rvads.runs.measured import ArrivalDifferences, Divergence, Kpis
 from pytest_rvads.support.decoding import encode
 
 __all__ = [
     "AgentRecord",
     "Computing",
+    "Excess",
     "Record",
     "RecordedItem",
     "SimulatedItem",
@@ -35,20 +36,31 @@ __all__ = [
 ]
 
 Count = Annotated[int, msgspec.Meta(ge=0, le=2**53)]
-"""What things are counted or numbered by, exact in every program that reads JSON."""
+"""A non-negative integer that every program reads exactly from JSON."""
 
 
 class Computing(msgspec.Struct, frozen=True, kw_only=True):
-    """Computing times of a stack in another process in a run: the sum and the longest decision [s]."""
+    """Computing times of a stack (a driver in another process) in a run."""
 
     stack: str
     decisions: Count
     compute: float
+    """Sum of the computing times of all decisions [s]."""
     longest: float
+    """Computing time of the longest decision [s]."""
+
+
+class Excess(msgspec.Struct, frozen=True, kw_only=True):
+    """Accelerations that a driver asked for in a run and its vehicle can't reach."""
+
+    requests: Count
+    """Number of commands."""
+    largest: float
+    """The acceleration of the greatest magnitude [m/s^2]."""
 
 
 class AgentRecord(msgspec.Struct, frozen=True, kw_only=True):
-    """Who took part in a run; where it comes from and goes to as arm and lane."""
+    """An agent of a run; its entrance and exit are given by arm and lane."""
 
     name: str
     kind: str
@@ -60,7 +72,7 @@ class AgentRecord(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class _Item(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, tag_field="type"):
-    """What is known of every item; the status is NOT RUN until the item has run.
+    """The fields of every record; the status is NOT RUN until the test item has run.
 
     A field with a default is left out of files where it has the default.
     """
@@ -74,69 +86,78 @@ class _Item(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, tag_f
     """Number of arms of the junction."""
     junction: str
     control: str = ""
-    """What regulates the junction, where that is known."""
+    """The control of the junction; empty if the control is not known."""
     rule: str | None
     requirements: tuple[str, ...]
-    """Identifiers of what scenario and rule trace to."""
+    """Identifiers of the requirements to which scenario and rule trace."""
     formula: str = ""
-    """Digest of the formula of the rule, of its tie window and of who is bound by it."""
+    """Digest of the formula of the rule, of its tie window and of the agents that the rule binds."""
     status: Outcome
     verdicts: tuple[Verdict, ...]
     known: str | None
-    """Reason of the xfail that matched."""
+    """Reason of the xfail mark that expected the failure; None if no xfail mark expected a failure."""
     outcome: str
-    """Pytest's, empty if it did not run."""
+    """The outcome that pytest reports; empty if the item did not run."""
     late: bool = False
     """Whether the time budget of the session was used up before the item started."""
     message: str
     run: str | None = None
     hash: str | None = None
     place: str | None = None
-    """Digest of the junction: another map under the same name has another one."""
+    """Digest of the junction, which tells apart junctions that have the same name in different maps."""
     duration: float | None = None
     """Duration of the run [s]."""
     agents: tuple[AgentRecord, ...] = ()
     kpis: Kpis | None = None
+    arrivals: ArrivalDifferences | None = None
+    """Differences between the arrivals of vehicles with conflicting movements; None if the conflicts are not known."""
     timing: dict[str, Computing] | None = None
     """Computing times by vehicle, for vehicles that a stack in another process drove."""
+    excess: dict[str, Excess] | None = None
+    """Accelerations beyond the limits of the vehicle, by vehicle, for vehicles whose driver asked for some."""
     unkept: str | None = None
     """Reason why the run could not be kept."""
     flaky: Divergence | None = None
     look: str = ""
-    """The replay page, with the time of the violation."""
+    """Path of the replay page with the time of the violation, or the reason why the page was not drawn; empty without both."""
     looks: tuple[str, ...] = ()
     """Further replay pages, of later violations in a long recording."""
     change: str = ""
-    """Since the baseline, where there is one."""
+    """Kind of the change since the baseline; empty without a baseline."""
     variant: str = ""
-    """Values of the test's other parameters, as ids name them, such as the version of a controller; empty without any."""
+    """Values of the test's other parameters, as in ids, such as the version of a controller; empty without other parameters."""
 
     @property
     def contradiction(self) -> str:
-        """What of the record can't be true at once, in words; empty for every record that a session writes."""
+        """Two fields of the record that contradict each other, in words; empty for every record that a session writes."""
+        arrivals = self.arrivals
+        if arrivals and (arrivals.symmetry > self.ways or any(max(pair) >= len(self.agents) for *pair, _ in arrivals.tried)):
+            return f"has differences between arrivals that do not fit {self.ways} arms and {len(self.agents)} agents"
         rules = {verdict.rule for verdict in self.verdicts} - {"", self.rule}
         if self.rule and rules:
             return f"is about {self.rule} and has a verdict of {min(rules)}"
-        worst = min((verdict.outcome for verdict in self.verdicts), key=lambda found: found.severity, default=None)
+        worst = min((verdict.outcome for verdict in self.verdicts), key=lambda outcome: outcome.severity, default=None)
         fits = self.status is (worst or self.status)
         if self.outcome == "failed":
             fits = self.status.bad or self.status is Outcome.UNSURE or (fits and self.status is Outcome.UNAVOIDABLE)
-        told = f"a verdict {worst}" if worst else "no verdict"
-        return "" if fits or self.status is Outcome.FLAKY else f"is {self.status}, {self.outcome or 'never ran'}, and has {told}"
+        verdict_text = f"a verdict {worst}" if worst else "no verdict"
+        if fits or self.status is Outcome.FLAKY:
+            return ""
+        return f"is {self.status}, {self.outcome or 'never ran'}, and has {verdict_text}"
 
     @property
     def took_part(self) -> str:
-        """The agents in words: ``car a0 from 0.0 to 2.0; truck a1 from 1.0 to 3.0``, arm and lane."""
+        """The agents in words, with arm and lane of entrance and exit: ``car a0 from 0.0 to 2.0; truck a1 from 1.0 to 3.0``."""
         return "; ".join(map(str, self.agents))
 
     @property
     def asks(self) -> str:
-        """The rule, or ``run`` where a test judges the run itself."""
+        """Name of the rule, or ``run`` if the test judges the run without a rule."""
         return self.rule or "run"
 
     @property
     def counts_as(self) -> Tallied:
-        """The status for sums; None for a known failure."""
+        """The status under which sums count the record; None for a known failure."""
         return None if self.known else self.status
 
     @property
@@ -151,28 +172,28 @@ class _Item(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, tag_f
 
     @property
     def where(self) -> str:
-        """The run as sentences name it: test and run with the variant, or the run alone where there is no test."""
+        """The name of the run for sentences: test, run and variant; the run alone for a record without a test."""
         return f"{self.test}[{self.run}{f', {self.variant}' if self.variant else ''}]" if self.test else str(self.run)
 
     @property
     def failed(self) -> bool:
-        """Whether the item failed, or passed one time and not another."""
+        """Whether the test item failed or is FLAKY."""
         return self.outcome == "failed" or self.status is Outcome.FLAKY
 
     @property
     def shows(self) -> bool:
-        """Whether a replay shows what was wrong: the item has a run, and its last verdict is FAIL, OPEN or UNSURE."""
+        """Whether a replay shows the failure: the test item has a run, and its last verdict is FAIL, OPEN or UNSURE."""
         return bool(self.hash and self.verdicts) and self.verdicts[-1].status in ("FAIL", "OPEN", "UNSURE")
 
     @property
     def asked(self) -> bool:
-        """Whether a rule asked something of the system under test, of the subject where there is one, and got an answer."""
-        given = any(verdict.asked for verdict in self.verdicts if Outcome(verdict.status).judges)
-        return self.status.judges or (given and self.status is not Outcome.ERROR)
+        """Whether a rule required an action of the system under test, or of the subject, and a verdict was given."""
+        asked = any(verdict.asked for verdict in self.verdicts if Outcome(verdict.status).judges)
+        return self.status.judges or (asked and self.status is not Outcome.ERROR)
 
 
 class SimulatedItem(_Item, frozen=True, kw_only=True, omit_defaults=True, tag="simulated"):
-    """What is known of an item that simulates a scenario."""
+    """The record of a test item that simulates a scenario."""
 
     cls: Count
     scenario: str
@@ -181,41 +202,43 @@ class SimulatedItem(_Item, frozen=True, kw_only=True, omit_defaults=True, tag="s
     seat: Count | None
     traffic: str | None
     driver: str
-    """What drove, as it calls itself."""
+    """Name of the driver, as the driver gives it."""
     source: str = ""
-    """Where what drove is defined and a digest of its code, or its version: ``pilots.py 3fa29c01``."""
+    """File of the driver and digest of its code, or the version of the driver: ``pilots.py 3fa29c01``."""
     simulator: str = ""
-    """What made the run, likewise."""
+    """Name of the simulator, as the simulator gives it."""
+    pedestrians: str = ""
+    """The pedestrians as in ids of test items, such as ``1n.steady.e0.50``; empty if nobody walks."""
     orbit: str = ""
-    """The least scenario of the class, where the number does not tell which one that is."""
+    """The scenario of the class with the least code; empty if the number of the class identifies the class."""
 
 
 class RecordedItem(_Item, frozen=True, kw_only=True, omit_defaults=True, tag="recorded"):
-    """What is known of an item that judges a run of a file."""
+    """The record of a test item that judges a recorded run of a file."""
 
     recording: str
-    """What was recorded, as in the id of the item: file, and time or label where the file holds several runs."""
+    """Name of the recording, as in the id of the item: file, and time or label if the file holds several runs."""
 
 
 Record: TypeAlias = SimulatedItem | RecordedItem
-"""What is known of an item. In JSON the field ``type`` tells the two apart."""
+"""The record of an item. In JSON the field ``type`` distinguishes the two types."""
 
 
 def planned_record(
     nodeid: str, line: int, test: str, keys: Mapping[str, Any], ways: int, requirements: Sequence[str] = ()
 ) -> Record:
-    """Return the record of an item that is to run.
+    """Return the record of a planned test item, before the item runs.
 
     Args:
-        nodeid: of the item.
-        line: of the test function in its file.
+        nodeid: id of the item.
+        line: line of the test function in its file.
         test: name of the test function.
-        keys: what selects the cell: junction, then recording, or cls, scenario, cfg, rotation, and seat, traffic, rule, orbit,
-            control, variant where there is one.
+        keys: the fields of the record that identify the item, by name: junction; recording, or cls, scenario, cfg and rotation;
+            seat, pedestrians, traffic, rule, orbit, control and variant, if the item has these.
         ways: number of arms of the junction.
-        requirements: identifiers of what scenario and rule trace to.
+        requirements: identifiers of the requirements to which scenario and rule trace.
     """
-    unsaid = {} if "recording" in keys else _UNSAID
+    defaults = {} if "recording" in keys else _DEFAULTS
     kind: type[Record] = RecordedItem if "recording" in keys else SimulatedItem
     return kind(
         nodeid=nodeid,
@@ -228,15 +251,15 @@ def planned_record(
         known=None,
         outcome="",
         message="",
-        **{"rule": None, **unsaid, **keys},
+        **{"rule": None, **defaults, **keys},
     )
 
 
-_UNSAID = {"cls": 0, "scenario": "", "cfg": "", "rotation": 0, "seat": None, "traffic": None, "driver": ""}
-"""What a simulated item has where its keys do not say otherwise."""
+_DEFAULTS = {"cls": 0, "scenario": "", "cfg": "", "rotation": 0, "seat": None, "traffic": None, "driver": ""}
+"""Default values of fields of a simulated item, for fields that the keys of `planned_record` do not contain."""
 
 
-def conclude(  # noqa: PLR0913 - what pytest tells about the end of an item
+def conclude(  # noqa: PLR0913 - the facts about the end of an item
     record: Record,
     verdicts: Sequence[Verdict],
     when: str,
@@ -247,14 +270,14 @@ def conclude(  # noqa: PLR0913 - what pytest tells about the end of an item
     error: Outcome | None = None,
     late: bool = False,
 ) -> Record:
-    """Return the record of a finished item.
+    """Return the record of a finished test item.
 
     Args:
         record: the item's record so far.
-        verdicts: the verdicts given, in order; the record holds them without their explanations.
-        when: phase of pytest's report.
-        outcome: pytest's outcome.
-        known: reason of the xfail that matched, or None.
+        verdicts: the verdicts of the item, in the order of the test; the record holds verdicts without explanations.
+        when: phase of pytest's report: setup, call or teardown.
+        outcome: pytest's outcome: passed, failed or skipped.
+        known: reason of the xfail mark that expected the failure, or None.
         text: text of the exception, or empty.
         error: status of a failure that is no failed assertion: ERROR, NOT JUDGED for a test that asked for no verdict, or
             UNSURE if the session lets UNSURE fail.
@@ -263,8 +286,9 @@ def conclude(  # noqa: PLR0913 - what pytest tells about the end of an item
     The status is the worst status of the verdicts. A test without rule and monitor is PASS or FAIL by its assertions, also if an
     xfail expected the failure. A skipped test is NOT RUN. A failed test always counts as a failure.
     """
-    given = tuple(replace(verdict, explanation="") for verdict in verdicts)
-    worst = min((verdict.outcome for verdict in given), key=lambda found: found.severity, default=None)
+    short_verdicts = tuple(replace(verdict, explanation="") for verdict in verdicts)
+    outcomes = [verdict.outcome for verdict in verdicts]
+    worst = min(outcomes, key=lambda verdict_outcome: verdict_outcome.severity, default=None)
     if outcome != "failed":
         ran = Outcome.FAIL if known else Outcome.NOT_RUN if outcome == "skipped" else Outcome.PASS
         status = worst or (ran if when == "call" else Outcome.NOT_RUN)
@@ -274,42 +298,43 @@ def conclude(  # noqa: PLR0913 - what pytest tells about the end of an item
         status = Outcome.ERROR
     else:
         status = worst if worst and worst.severity <= Outcome.UNAVOIDABLE.severity else Outcome.FAIL
-    return replace(record, status=status, verdicts=given, known=known, outcome=outcome, message=text, late=late)
+    return replace(record, status=status, verdicts=short_verdicts, known=known, outcome=outcome, message=text, late=late)
 
 
 def sent(record: Record) -> dict[str, Any]:
-    """Return a record as it crosses processes and reaches hooks: builtins that JSON has too."""
+    """Return a record as values that JSON has (dict, list, str, ...); in this form records cross processes and reach hooks."""
     content: dict[str, Any] = msgspec.json.decode(encode(record))
     return content
 
 
 def received(content: Mapping[str, Any]) -> Record:
-    """Return the record that was sent.
+    """Return the record from the values that `sent` made of it.
 
     Raises:
-        msgspec.ValidationError: it is none.
+        msgspec.ValidationError: the content is no record.
     """
     record: Record = msgspec.convert(content, Record)
     return record
 
 
 def properties(record: Record) -> list[tuple[str, Any]]:
-    """Return the properties of an item for JUnit."""
-    begun: list[tuple[str, Any]]
-    made: list[tuple[str, Any]] = []
+    """Return the properties of a test item for JUnit files, as pairs of name and value."""
+    run_properties: list[tuple[str, Any]]
+    maker_properties: list[tuple[str, Any]] = []
     if isinstance(record, RecordedItem):
-        begun = [("recording", record.recording)]
+        run_properties = [("recording", record.recording)]
     else:
-        begun = [("class", record.cls), ("scenario", record.scenario), ("configuration", record.cfg)]
-        begun += [("rotation", record.rotation)]
-        begun += [] if record.seat is None else [("seat", record.seat), ("traffic", record.traffic)]
-        made = [("driver", record.driver), ("simulator", record.simulator)]
+        run_properties = [("class", record.cls), ("scenario", record.scenario), ("configuration", record.cfg)]
+        run_properties += [("rotation", record.rotation)]
+        run_properties += [] if record.seat is None else [("seat", record.seat), ("traffic", record.traffic)]
+        run_properties += [("pedestrians", record.pedestrians)] if record.pedestrians else []
+        maker_properties = [("driver", record.driver), ("simulator", record.simulator)]
     return [
         ("junction", record.junction),
-        *begun,
+        *run_properties,
         *([("variant", record.variant)] if record.variant else []),
         ("rule", record.rule or record.test),
         ("verdict", record.status.value),
         *([("change", record.change)] if record.change else []),
-        *made,
+        *maker_properties,
     ]

@@ -1,6 +1,6 @@
-"""Sums over many junctions, instead of a table per junction: per kind of junction, per rule, and per junction, worst first.
+"""Sums of verdicts over many junctions: tables with a row per kind of junctions, per rule, and per junction, worst first.
 
-Sums are shown if a report has more junctions, tables or columns than anybody reads.
+A report shows sums instead of a table per junction if it has more junctions, tables or columns than anybody reads.
 """
 
 from __future__ import annotations
@@ -17,15 +17,15 @@ from pytest_rvads.report.at_junctions import AtJunction
 __all__ = ["WORST", "Row", "Sums", "natural", "ranked", "sums"]
 
 WORST = 20
-"""Most rows of a table of sums in short forms."""
+"""Largest number of rows of a table of sums in short outputs."""
 
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """The verdicts of a kind of junction, of a rule, or at a junction."""
+    """A row of a table of sums: the verdicts at a kind of junctions, by a rule, or at a junction."""
 
     name: str
-    told: tuple[str, ...]
+    texts: tuple[str, ...]
     """The texts between the name of the row and its verdicts, one per heading."""
     counts: tuple[int, ...]
     """Number of verdicts of each kind."""
@@ -33,14 +33,14 @@ class Row:
 
 @dataclass(frozen=True, slots=True)
 class Sums:
-    """A table of sums."""
+    """A table with sums of verdicts, a row per kind of junctions, rule or junction."""
 
     corner: str
     """Heading of the first column: kind, rule, or junction."""
     headings: tuple[str, ...]
     """Headings of the columns between the name of a row and its verdicts."""
     kinds: tuple[Tallied, ...]
-    """The kinds of verdicts that occur, one column for each kind; None: known failures."""
+    """The kinds of verdicts that occur, a column for each kind; None stands for known failures."""
     rows: tuple[Row, ...]
 
     @property
@@ -60,28 +60,28 @@ class Sums:
         return tuple("left" if heading in (self.corner, "kind") else "right" for heading in self.columns)
 
     def cells(self, row: Row) -> tuple[str, ...]:
-        """Return a text per column; empty for a kind without verdicts."""
-        return (row.name, *row.told, *(str(count) if count else "" for count in row.counts))
+        """Return the texts of the row, one per column; a text is empty for a kind without verdicts."""
+        return (row.name, *row.texts, *(str(count) if count else "" for count in row.counts))
 
     def plain(self) -> Iterator[str]:
-        """Yield a line per row."""
+        """Yield the table as text, a line per row."""
         for row in self.rows:
-            texts = ", ".join(f"{heading} {text}" for heading, text in zip(self.headings, row.told, strict=True))
+            texts = ", ".join(f"{heading} {text}" for heading, text in zip(self.headings, row.texts, strict=True))
             yield f"{self.corner} {row.name}: {texts}: {counted(dict(zip(self.kinds, row.counts, strict=True)))}"
 
 
-def sums(found: Sequence[AtJunction]) -> tuple[Sums, ...]:
-    """Return three tables of sums: per kind of junction by name, per rule by number of failures, per junction as `ranked`."""
+def sums(at_junctions: Sequence[AtJunction]) -> tuple[Sums, ...]:
+    """Return tables of sums: a row per kind of junctions (by name), per rule (most failures first), per junction (`ranked`)."""
     kinds: dict[str, list[AtJunction]] = {}
     junctions: dict[str, list[AtJunction]] = {}
     rules: dict[str, dict[str, Counter[Tallied]]] = {}
-    for at_junction in ranked(found):
+    for at_junction in ranked(at_junctions):
         kinds.setdefault(at_junction.kind, []).append(at_junction)
         junctions.setdefault(at_junction.junction, []).append(at_junction)
         for rule, counts in at_junction.counts.items():
             by_junction_of_rule = rules.setdefault(rule, {})
             by_junction_of_rule[at_junction.junction] = by_junction_of_rule.get(at_junction.junction, Counter()) + counts
-    occurring = told_in(_total(at_junction.tally for at_junction in found))
+    occurring = told_in(_total(at_junction.tally for at_junction in at_junctions))
     of_rules = {rule: _total(by_junction_of_rule.values()) for rule, by_junction_of_rule in rules.items()}
 
     def row(name: str, texts: Iterable[object], counts: Counter[Tallied]) -> Row:
@@ -110,13 +110,13 @@ def sums(found: Sequence[AtJunction]) -> tuple[Sums, ...]:
     )
 
 
-def ranked(found: Iterable[AtJunction]) -> list[AtJunction]:
-    """Return the junctions, the worst first: by the share of wrong runs, then by their number, then by name."""
-    return sorted(found, key=lambda junction: (-junction.share, -len(junction.wrong), natural(junction.junction)))
+def ranked(at_junctions: Iterable[AtJunction]) -> list[AtJunction]:
+    """Return the junctions, the worst first: by the share of failing runs, then by the number of failing runs, then by name."""
+    return sorted(at_junctions, key=lambda junction: (-junction.share, -len(junction.wrong), natural(junction.junction)))
 
 
 def _runs(junctions: Sequence[AtJunction]) -> tuple[int, int]:
-    """Return the number of runs, and the number of runs with a failure."""
+    """Return the number of runs at some junctions, and the number of these runs with a failure."""
     return sum(len(junction.runs | junction.wrong) for junction in junctions), sum(len(junction.wrong) for junction in junctions)
 
 
@@ -129,6 +129,6 @@ def _bad(counts: Counter[Tallied]) -> int:
 
 
 def natural(name: str) -> list[tuple[bool, int, str, str]]:
-    """Return the sort key by which name 26 comes before name 124; a number may have more digits than Python's int() accepts."""
+    """Return a sort key that puts name 26 before name 124; a number can have more digits than Python's int() accepts."""
     parts = [(part, part.lstrip("0") if part.isdecimal() else "") for part in re.split(r"(\d+)", name)]
     return [(part.isdecimal(), len(digits), digits, part) for part, digits in parts]

@@ -1,9 +1,9 @@
-"""The report of a session: records, planned items, versions, and the changes since a baseline.
+"""The report of a session: records of test items, planned cells, versions, and the changes since a baseline.
 
 A report also holds the time and the command of the session, and the driver with its file and digest. No verdict depends on these.
 
-Memory may not hold all records of a report. A report therefore goes through its records once, and each part of the outline is a
-tally that keeps only what it reports.
+The records of a report can be larger than memory. A report is therefore made in one pass over its records: each part of the
+report counts records and keeps only sums and examples.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ from pytest_rvads.runs.measured import Divergence
 from pytest_rvads.support.decoding import encode
 
 __all__ = [
+    "LISTED",
     "NOTHING_JUDGED",
-    "TOLD",
     "UNFINISHED",
     "Anew",
     "Cell",
@@ -46,20 +46,23 @@ __all__ = [
 
 
 UNFINISHED = 2
-"""Exit status of a session that did not come to its end, as of one that was interrupted."""
+"""Exit status of a session that did not come to its end, for example of an interrupted session."""
 
 NOTHING_JUDGED = 5
-"""Exit status of a report without a judgement, as of a session that collected no test."""
+"""Exit status of a report without a judgement, for example of a session that collected no test."""
 
 
-def exit_status(outcomes: Collection[Outcome], *, whole: bool = True) -> int:
-    """Return the exit status of a report: 0 if all is well, 1 if something is wrong, else `UNFINISHED` or `NOTHING_JUDGED`.
+def exit_status(outcomes: Collection[Outcome], *, complete: bool = True) -> int:
+    """Return the exit status of a report.
+
+    The status is `UNFINISHED` if the report is incomplete, 1 if any outcome is bad, 0 if no outcome is bad and any outcome judges
+    the system under test, and `NOTHING_JUDGED` if no outcome does.
 
     Args:
-        outcomes: the outcomes that occur in the report, at least once each.
-        whole: whether everything that was planned has an outcome.
+        outcomes: every outcome that occurs in the report.
+        complete: whether everything that was planned has an outcome.
     """
-    if not whole:
+    if not complete:
         return UNFINISHED
     if any(outcome.bad for outcome in outcomes):
         return 1
@@ -67,37 +70,48 @@ def exit_status(outcomes: Collection[Outcome], *, whole: bool = True) -> int:
 
 
 Cell = tuple[str, int | str, str, str, int | None, str | None]
-"""Junction, class, configuration, rule, seat of the subject, traffic around it; where a test has no rule axis, its name stands
-for the rule, and where a number does not tell a class, its least member for that. Of a recording, its name for the class."""
+"""Junction, class, configuration, rule, seat of the subject, and traffic around the subject.
+
+The pedestrians, if any, stand before the configuration.
+
+The name of the test takes the place of the rule if the test does not run per rule. The least scenario of the class takes the
+place of the class if the number of the class does not identify the class. The name of the recording takes the place of the class
+of a recorded run.
+"""
 Move = tuple[tuple[int, int], tuple[int, int]]
-"""A movement: arm and lane that it comes from, arm and lane that it leads to."""
+"""A movement: arm and lane of its entrance, arm and lane of its exit."""
 
 
 class Extent(Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """Numbers of classes, scenarios and movements that tests can cover at a junction."""
+    """The numbers of classes, scenarios and movements at a junction that tests can cover."""
 
     turns: Annotated[int, Meta(ge=1)]
     """Number of rotations that keep the lanes, movements and signs of the junction."""
     classes: dict[str, tuple[int, int, int]] = {}
-    """By the occupancy that tests asked for: how many classes of full scenarios exist, how many full scenarios, and how many
-    classes of scenarios with a subject."""
+    """By occupancy (a vehicle per arm or lane), the numbers of classes, of full scenarios, and of classes with a subject."""
     partial: dict[str, int] = {}
-    """By occupancy, how many classes exist with those of scenarios that leave entrances empty, where tests asked for them."""
+    """By occupancy, number of classes of scenarios with or without empty entrances; only if tests asked for these classes."""
     pairs: tuple[tuple[Move, Move], ...] = ()
-    """Pairs of movements from different entrances, where they count."""
+    """The pairs of movements from different entrances; empty if no test asked for pairs at the junction."""
     conflicts: tuple[tuple[Move, Move], ...] = ()
-    """Those of them that cross or merge."""
+    """The pairs whose movements cross or merge."""
 
 
 class Drawn(Struct, frozen=True, array_like=True):
-    """The sample that a test runs of the runs or junctions that the test asks for."""
+    """A sample: the part of the requested runs or junctions that a test runs."""
 
     test: str
     what: str
-    """Runs or junctions."""
+    """The sampled things: runs or junctions."""
     taken: Annotated[int, Meta(ge=0)]
     total: Annotated[int, Meta(ge=0)]
     seed: int
+
+    def __str__(self) -> str:
+        """Return the sample in words, with the option that asks for it."""
+        session, town = ("--rvads-sample", "--sample") if self.what == "runs" else ("limit= of the mark", "--limit")
+        option = town if self.test == "rvads town" else session
+        return f"{self.taken:,} of {self.total:,} {self.what} drawn by {option}, seed {self.seed}"
 
 
 _KINDS = {
@@ -112,51 +126,51 @@ _KINDS = {
     "OUTSIDE": "is in the baseline and was not selected now",
 }
 """Every kind of change, in the order of the summary."""
-TOLD = ("NEW", "FIXED", "ERODED", "LOST", "KNOWN")
-"""Kinds that are listed item by item."""
+LISTED = ("NEW", "FIXED", "ERODED", "LOST", "KNOWN")
+"""Kinds of changes that are listed item by item."""
 
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """The change of an item since the baseline."""
+    """The change of a test item since the baseline, i.e. since an earlier session."""
 
     kind: str
     """A key of `_KINDS`."""
     nodeid: str
     text: str = ""
-    """Details of the change; may be empty."""
+    """Details of the change; empty without details."""
 
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """The changes of a session since its baseline."""
+    """The changes of a session since its baseline, i.e. since an earlier session."""
 
     name: str
     """Name of the baseline."""
     changes: tuple[Change, ...]
     versions: tuple[str, ...] = ()
-    """A sentence for each version that differs."""
+    """A sentence for each package whose version differs."""
 
     def count(self, *kinds: str) -> int:
-        """Return how many items changed in one of these ways."""
+        """Return the number of items with a change of these kinds."""
         return sum(change.kind in kinds for change in self.changes)
 
     @property
     def headline(self) -> str:
-        """The numbers in one line."""
+        """One line with the number of changes of each kind between the baseline and this session."""
         counts = Counter(change.kind for change in self.changes)
         return f"against {self.name}: " + (
             ", ".join(f"{counts[kind]} {kind}" for kind in _KINDS if counts[kind]) or "nothing to compare"
         )
 
     def lines(self, most: int | None = None) -> Iterator[str]:
-        """Yield the changes worth telling, a line each.
+        """Yield a line per package whose version differs, and a line per change of a kind in `LISTED`.
 
         Args:
-            most: most lines per kind; further changes are counted.
+            most: largest number of lines per kind of change; further changes are counted.
         """
         yield from self.versions
-        for kind in TOLD:
+        for kind in LISTED:
             changes = [change for change in self.changes if change.kind == kind]
             for change in changes[:most]:
                 yield f"{kind:<7} {change.nodeid}" + (f"  {change.text}" if change.text else "")
@@ -166,37 +180,37 @@ class Comparison:
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """A whole session, several merged into one, or a campaign."""
+    """The report of a session, of several sessions merged, or of a campaign."""
 
     records: Collection[Record]
-    """One per selected item, in the order of the tests; what did not run has the status NOT RUN. Memory may
-    not hold all records: readers go through them once, from first to last, and keep none."""
+    """A record per selected item, in the order of the tests; an item that did not run has the status NOT RUN. The records can be
+    larger than memory, so readers go through the records once, from first to last, and keep none."""
     totals: dict[int, tuple[int, int]] = field(default_factory=dict)
-    """Per number of ways, how many classes and how many full scenarios exist."""
+    """By number of arms, the number of classes and the number of full scenarios (a vehicle at every arm)."""
     planned: tuple[Cell, ...] = ()
     """Every cell that the collected tests expand to, before ``-k`` and ``-m`` deselect."""
     versions: dict[str, str] = field(default_factory=dict)
     """Versions of the packages on which the verdicts depend, by name."""
     exitstatus: Annotated[int, Meta(ge=0, le=255)] = 0
-    """Of pytest; 2 to 4: the session did not end by itself."""
+    """Exit status of pytest; 2 to 4 mean that the session did not end by itself."""
     notes: tuple[str, ...] = ()
     """Missing or doubtful parts of the report, a sentence each."""
     left_out: dict[str, int] = field(default_factory=dict)
-    """Test to how many points of its grid are beyond v(d)max and were left out."""
+    """By test, the number of points of its grid that were left out: too fast to stop before the line, beyond v(d)max."""
     seconds: dict[str, float] = field(default_factory=dict, compare=False)
-    """Test and run, with its variant, to how long simulating and judging took on this machine [s]."""
+    """By test, run and variant, the time that simulating and judging took on this machine [s]."""
     comparison: Comparison | None = None
-    """With the baseline, where there is one."""
+    """The changes since the baseline; None without a baseline."""
     complete: bool = True
-    """False from the beginning of a session until it has come to its end, whatever ended it; so for ever if it died."""
+    """False from the beginning of a session until its end; False for ever if the session died."""
     unfit: dict[str, int] = field(default_factory=dict)
-    """Test to how many scenarios were left out because a vehicle has no room where it would start."""
+    """By test, the number of scenarios that were left out because a vehicle has no room at its start."""
     extents: dict[str, Extent] = field(default_factory=dict)
-    """Junction to how much there is to cover, where `totals` do not tell."""
+    """By junction, the numbers of classes and scenarios; only for junctions that `totals` does not describe."""
     again: str = "pytest"
-    """The command that runs an item once more, when its id follows in quotes."""
+    """The command that runs an item again if the quoted id of the item follows."""
     refused: dict[str, tuple[str, ...]] = field(default_factory=dict)
-    """Why junctions that tests asked for among others, or movements there, are left out, to their names."""
+    """By reason, the names of junctions and movements that are left out, or that run with other starts than requested."""
     drawn: tuple[Drawn, ...] = ()
     """Tests that ran only a sample of their runs; the remaining runs are not planned."""
     began: str = field(default="", compare=False)
@@ -204,13 +218,13 @@ class Report:
     command: str = field(default="", compare=False)
     """The command that started the session."""
     project: str = ""
-    """Identity of the project of the tests: a digest of pytest's configuration file, or the name of the folder."""
+    """Identity of the project of the tests: a digest of pytest's configuration file, or the name of pytest's root folder."""
     kept: str = field(default="", compare=False)
-    """Folder in which all runs are kept, from the folder the session was started in; empty where they are not."""
+    """Folder in which all runs are kept, relative to the working directory of the session; empty if runs are not kept."""
 
     @property
     def ended(self) -> int:
-        """The exit status; `UNFINISHED` for an incomplete report."""
+        """The exit status of the session; `UNFINISHED` for an incomplete report."""
         return self.exitstatus if self.complete else UNFINISHED
 
 
@@ -220,7 +234,7 @@ def begun(
     planned: Sequence[Cell],
     extents: dict[str, Extent] | None = None,
 ) -> Report:
-    """Return the report of a session that has not ended, with what is to run, where that is known; arguments as its fields."""
+    """Return the report of a session that has not ended; the arguments are the known fields of the report."""
     note = "INCOMPLETE: the session that writes this report has not ended, or died; `rvads report check` says what it has judged"
     return Report(
         in_order(records),
@@ -234,31 +248,33 @@ def begun(
 
 
 def cell_of(record: Record) -> Cell:
-    """Return the cell of a table that a record belongs to; the rows of a class share it."""
+    """Return the cell (junction, class, configuration, rule, ...) of a record; the rotations of a class share a cell."""
     rule = record.rule or record.test
     if isinstance(record, RecordedItem):
         return record.junction, record.recording, "", rule, None, None
-    return record.junction, record.orbit or record.cls, record.cfg, rule, record.seat, record.traffic
+    start = f"{record.pedestrians} {record.cfg}" if record.pedestrians else record.cfg
+    return record.junction, record.orbit or record.cls, start, rule, record.seat, record.traffic
 
 
 def in_order(records: Sequence[Record]) -> tuple[Record, ...]:
-    """Return records as their tests stand in the files, so that no report depends on which worker was faster."""
+    """Return records in the order of their tests in the files, so that no report depends on which worker was faster."""
     return tuple(sorted(records, key=lambda record: (record.nodeid.partition("::")[0], record.line, record.nodeid)))
 
 
 def steady(records: Iterable[Record]) -> Iterator[Record]:
-    """Yield records, as FLAKY where items of one start, one test and one variant were judged on different runs.
+    """Yield records; items of the same start, test and variant that were judged on different runs get the status FLAKY.
 
-    So many runs of one start come from a driver that draws at random, or that keeps state between runs: rules that follow each
-    other in one process share a run, rules in different processes do not. Errors stay errors.
+    Different runs of the same start come from a driver that draws at random, or that keeps state between runs. Rules that
+    one process judges directly one after the other share a run; rules in different processes do not. A record with status ERROR
+    stays unchanged.
     """
     records = list(records)
     runs: dict[tuple[str, ...], dict[str, Record]] = {}
     for record in records:
         if record.hash and record.status is not Outcome.ERROR:
-            runs.setdefault(_start(record), {}).setdefault(record.hash, record)
+            runs.setdefault(_run_start(record), {}).setdefault(record.hash, record)
     for record in records:
-        others = [item for run, item in runs.get(_start(record), {}).items() if run != record.hash]
+        others = [item for run, item in runs.get(_run_start(record), {}).items() if run != record.hash]
         if not others or not record.hash or record.status is Outcome.ERROR:
             yield record
         else:
@@ -266,26 +282,26 @@ def steady(records: Iterable[Record]) -> Iterator[Record]:
             yield replace(record, status=Outcome.FLAKY, flaky=record.flaky or divergence, known=None)
 
 
-def _start(record: Record) -> tuple[str, ...]:
-    """Return what names the run of an item: its test and variant, what drives and simulates, and the id of the run."""
+def _run_start(record: Record) -> tuple[str, ...]:
+    """Return a key of the start of a test item: test, variant, driver, traffic, simulator, and id of the run."""
     test = record.nodeid.partition("[")[0]
     source = (record.driver, str(record.traffic), record.simulator) if isinstance(record, SimulatedItem) else ()
     return test, record.variant, *source, str(record.run)
 
 
 class Anew(Collection[Record]):
-    """Records that are made anew in every pass, because memory may not hold all of them.
+    """A collection of records whose every iteration makes the records again, because the records can be larger than memory.
 
     Args:
-        made: makes the records of a pass.
+        make: makes the records of a pass.
         count: returns the number of records.
     """
 
-    def __init__(self, made: Callable[[], Iterable[Record]], count: Callable[[], int]) -> None:
-        self._made, self._count = made, count
+    def __init__(self, make: Callable[[], Iterable[Record]], count: Callable[[], int]) -> None:
+        self._make, self._count = make, count
 
     def __iter__(self) -> Iterator[Record]:
-        return iter(self._made())
+        return iter(self._make())
 
     def __len__(self) -> int:
         return self._count()
@@ -295,7 +311,7 @@ class Anew(Collection[Record]):
 
 
 class Spool(Anew):
-    """Records in a file without a name, a line of JSON each; every pass reads them."""
+    """Records in a temporary file, a line of JSON each; every pass over the records reads the file."""
 
     def __init__(self) -> None:
         self._file = TemporaryFile()  # noqa: SIM115 - closed with the last reference to these records
@@ -304,7 +320,7 @@ class Spool(Anew):
         super().__init__(self._read, lambda: self._lines)
 
     def add(self, record: Record) -> None:
-        """Append a record; the passes begin after the last record."""
+        """Append a record to the file; records must not be added after the first pass."""
         self._file.write(encode(record) + b"\n")
         self._lines += 1
 

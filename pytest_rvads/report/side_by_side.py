@@ -1,6 +1,6 @@
-"""Two sessions side by side: the command and result of each session, and the items whose verdicts differ.
+"""Compares two sessions side by side: the command and result of each session, and the test items whose verdicts differ.
 
-Items are matched by node id, as with a baseline, so two controllers are compared by running the same tests with each.
+Items are matched by node id, as with a baseline, so two controllers are compared by running the same tests with each controller.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _WHERE = {(True, False): "only in A", (False, True): "only in B", (True, True): 
 
 @dataclass(frozen=True, slots=True)
 class Side:
-    """One of the two sessions."""
+    """One of two compared sessions."""
 
     name: str
     head: tuple[str, ...]
@@ -39,7 +39,7 @@ class Side:
 
 @dataclass(frozen=True, slots=True)
 class Ruled:
-    """The verdicts of a rule in each of the two sessions."""
+    """The verdicts of a rule in each of two compared sessions."""
 
     rule: str
     a: Counter[Tallied]
@@ -48,7 +48,7 @@ class Ruled:
 
 @dataclass(frozen=True, slots=True)
 class Shared:
-    """A cause of failures, and the number of its items in each of the two sessions."""
+    """A cause of failures, and the number of failures with this cause in each of two compared sessions."""
 
     rule: str
     text: str
@@ -65,7 +65,7 @@ class Shared:
 
 @dataclass(frozen=True, slots=True)
 class SideBySide:
-    """Two sessions, called A and B, and the differences between them."""
+    """Two compared sessions, called A and B, and their differences."""
 
     a: Side
     b: Side
@@ -78,11 +78,11 @@ class SideBySide:
     rules: tuple[Ruled, ...]
     causes: tuple[Shared, ...]
     later: Report
-    """The report of B, with what changed since A."""
+    """The report of B, with the changes since A as its comparison with a baseline."""
 
     @property
     def differ(self) -> bool:
-        """Whether any verdict differs."""
+        """Whether any verdict differs between the two sessions."""
         return (
             self.comparison.count("UNCHANGED", "OUTSIDE") < len(self.comparison.changes)
             or self.matrices is None
@@ -91,12 +91,12 @@ class SideBySide:
 
 
 def side_by_side(a: tuple[str, Report], b: tuple[str, Report], erosion: float) -> SideBySide:
-    """Return two sessions side by side.
+    """Return the comparison of two sessions.
 
     Args:
         a: name and report of the earlier session, or of the session of one controller.
         b: name and report of the later session, or of the session of another controller.
-        erosion: a margin that falls by more than this is reported [s].
+        erosion: a fall of a safety margin by more than this is reported [s]; see `compare`.
 
     Raises:
         RvadsError: the two sessions have no item in common.
@@ -116,9 +116,9 @@ def side_by_side(a: tuple[str, Report], b: tuple[str, Report], erosion: float) -
         _side(*b),
         common,
         comparison,
-        _matrices(earlier.records, later.records),
-        _rules(earlier.records, later.records),
-        _causes(earlier.records, later.records),
+        _merged_matrices(earlier.records, later.records),
+        _verdicts_per_rule(earlier.records, later.records),
+        _shared_causes(earlier.records, later.records),
         with_baseline(later, comparison),
     )
 
@@ -128,17 +128,17 @@ def _side(name: str, report: Report) -> Side:
     return Side(name, head, report.notes)
 
 
-def _matrices(earlier_records: Iterable[Record], later_records: Iterable[Record]) -> tuple[Matrix, ...] | None:
-    """Merge the matrices of two sessions; None if the verdicts are too many for tables."""
+def _merged_matrices(earlier_records: Iterable[Record], later_records: Iterable[Record]) -> tuple[Matrix, ...] | None:
+    """Return the verdict matrices of two sessions in one; None if the sessions have too many verdicts for tables."""
     old_matrices, new_matrices = Matrices(), Matrices()
     before: dict[str, tuple[Place, Outcome, str]] = {}
     for record in earlier_records:
         old_matrices.add(record)
-        before[record.nodeid] = _stands(record)
+        before[record.nodeid] = _standing(record)
     moved: set[Place] = set()
     for record in later_records:
         new_matrices.add(record)
-        standing = _stands(record)
+        standing = _standing(record)
         earlier = before.pop(record.nodeid, None)
         if earlier != standing:
             moved |= {standing[0], (earlier or standing)[0]}
@@ -146,13 +146,13 @@ def _matrices(earlier_records: Iterable[Record], later_records: Iterable[Record]
     return None if old_matrices.too_many or new_matrices.too_many else tuple(new_matrices.after(old_matrices, moved))
 
 
-def _stands(record: Record) -> tuple[Place, Outcome, str]:
-    """Return the place of a record in its table, its status, and the reason of a known failure."""
+def _standing(record: Record) -> tuple[Place, Outcome, str]:
+    """Return the place of a record in its verdict matrix, its status, and the reason of a known failure."""
     return place_of(record), record.status, (record.known or "").partition(":")[0]
 
 
-def _rules(earlier_records: Iterable[Record], later_records: Iterable[Record]) -> tuple[Ruled, ...]:
-    """Return the verdicts per rule, by name."""
+def _verdicts_per_rule(earlier_records: Iterable[Record], later_records: Iterable[Record]) -> tuple[Ruled, ...]:
+    """Return the numbers of verdicts per rule in two sessions, by name of the rule."""
     by_rule: dict[str, Ruled] = {}
     for second, records in enumerate((earlier_records, later_records)):
         for record in records:
@@ -161,12 +161,12 @@ def _rules(earlier_records: Iterable[Record], later_records: Iterable[Record]) -
     return tuple(by_rule[rule] for rule in sorted(by_rule))
 
 
-def _causes(earlier_records: Iterable[Record], later_records: Iterable[Record]) -> tuple[Shared, ...]:
-    """Return the causes of failures: first those only in the second session, then only in the first, then in both by frequency.
+def _shared_causes(earlier_records: Iterable[Record], later_records: Iterable[Record]) -> tuple[Shared, ...]:
+    """Return the causes of failures: first causes only in the later session, then only in the earlier session, then in both.
 
-    Causes with the same text are the same cause. Of the remaining causes, those whose texts differ only in numbers are the same.
+    Causes with equal texts are the same cause. Among all other causes, causes whose texts differ only in numbers are the same.
     """
-    old_causes, new_causes = _found(earlier_records), _found(later_records)
+    old_causes, new_causes = _failure_causes(earlier_records), _failure_causes(later_records)
     shared: list[Shared] = []
     for reading in (str, lambda text: _NUMBER.sub("#", text)):
         waiting: dict[str, list[triage.Cause]] = {}
@@ -185,7 +185,7 @@ def _causes(earlier_records: Iterable[Record], later_records: Iterable[Record]) 
     return (*only, *sorted(shared, key=lambda cause: -cause.b))
 
 
-def _found(records: Iterable[Record]) -> list[triage.Cause]:
+def _failure_causes(records: Iterable[Record]) -> list[triage.Cause]:
     by_cause = triage.causes()
     for record in records:
         by_cause.add(record)
@@ -193,12 +193,12 @@ def _found(records: Iterable[Record]) -> list[triage.Cause]:
 
 
 def differing(matrix: Matrix) -> int:
-    """Return the number of cells that differ."""
+    """Return the number of cells of a matrix in which two sessions differ."""
     return sum(
         len(members) * sum(map(changed, entries)) for (_, entries), members in zip(matrix.rows, matrix.members, strict=True)
     )
 
 
 def changed(entry: Entry) -> bool:
-    """Return whether the items of a cell differ."""
+    """Return whether two sessions differ in a cell of a matrix."""
     return entry.text not in ("", SAME)

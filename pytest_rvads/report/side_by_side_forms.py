@@ -1,4 +1,4 @@
-"""Writes two sessions side by side for a terminal, as a page, as Markdown and as JSON, and the later session in other formats."""
+"""Writes the comparison of two sessions for a terminal, as a page, Markdown or JSON; other formats show the later session."""
 
 from __future__ import annotations
 
@@ -26,16 +26,16 @@ __all__ = ["save", "sections", "text"]
 
 _TITLE = "rvads: two sessions side by side"
 _MOST = 10
-"""Most lines of a section, and most tables, that a terminal shows; the others are counted."""
+"""Largest number of lines of a section, and of tables, that a terminal shows; further lines and tables are counted."""
 _LINE = 2000
-"""Most characters of a line on a terminal."""
+"""Largest number of characters of a line on a terminal."""
 
 
-def text(found: SideBySide, width: int) -> str:
-    """Return the text for a terminal of `width` columns; only unbreakable words, such as an id, are wider."""
+def text(sessions: SideBySide, width: int) -> str:
+    """Return the comparison of two sessions as text for a terminal of `width` columns; only a longer word makes a line wider."""
     wrapped = partial(wrap, width=width, break_long_words=False, break_on_hyphens=False)
     lines = []
-    for part in sections(found, _MOST):
+    for part in sections(sessions, _MOST):
         lines += wrapped(one_line(part.title, _LINE))
         for line in part.lines:
             lines += wrapped(one_line(line, _LINE), initial_indent="  ", subsequent_indent="      ")
@@ -45,8 +45,8 @@ def text(found: SideBySide, width: int) -> str:
     return "\n".join(lines)
 
 
-def save(path: Path, found: SideBySide) -> None:
-    """Write two sessions side by side, in the format that the suffix of `path` names.
+def save(path: Path, sessions: SideBySide) -> None:
+    """Write the comparison of two sessions in the format that the suffix of `path` names.
 
     A format with a row or case per item, which can't show two sessions, shows the later session and the changes.
 
@@ -54,67 +54,76 @@ def save(path: Path, found: SideBySide) -> None:
         RvadsError: no format has this suffix.
         OSError: the file can't be written.
     """
-    own = _FORMATS.get(fitting(path).suffix)
-    write(path, own(found) if own else FORMATS[path.suffix](found.later, path.parent))
+    form = _FORMATS.get(fitting(path).suffix)
+    write(path, form(sessions) if form else FORMATS[path.suffix](sessions.later, path.parent))
 
 
-def sections(found: SideBySide, most: int | None = None) -> Iterator[Section]:
-    """Yield the sections on two sessions, in order; empty sections are left out.
+def sections(sessions: SideBySide, most: int | None = None) -> Iterator[Section]:
+    """Yield the sections (parts) of the comparison of two sessions, in order; empty sections are left out.
 
     Args:
-        found: the sessions.
-        most: most lines of a section, most tables, and most changes of a kind; the others are counted.
+        sessions: the two sessions and their differences.
+        most: largest number of lines of a section, of tables, and of changes of a kind; what exceeds the number is counted.
     """
-    for letter, side in (("A", found.a), ("B", found.b)):
+    for letter, side in (("A", sessions.a), ("B", sessions.b)):
         yield Section(f"{letter}: {side.name}", (*(f"note: {note}" for note in side.notes), *side.head), side=True)
-    if found.comparison.versions:
-        yield Section("versions that differ", found.comparison.versions)
-    changes = replace(found.comparison, versions=())
-    yield Section("what changed from A to B", (changes.headline if found.differ else _same(found),))
-    yield from _tables(found, most)
+    if sessions.comparison.versions:
+        yield Section("versions that differ", sessions.comparison.versions)
+    changes = replace(sessions.comparison, versions=())
+    yield Section("what changed from A to B", (changes.headline if sessions.differ else _no_difference(sessions),))
+    yield from _matrix_sections(sessions, most)
     for kind, lines in groupby(changes.lines(most), lambda line: line.partition(" ")[0]):
         yield Section(f"{kind}: {plural(changes.count(kind), 'item')}", tuple(line.removeprefix(kind).strip() for line in lines))
     yield Section(
         "verdicts per rule",
-        tuple(_cut([_sums(ruled) for ruled in found.rules], most)),
+        tuple(_cut([_rule_line(ruled) for ruled in sessions.rules], most)),
         ("rule", "A", "B"),
-        tuple(((ruled.rule, ""), (counted(ruled.a), ""), (counted(ruled.b), "")) for ruled in found.rules),
+        tuple(((ruled.rule, ""), (counted(ruled.a), ""), (counted(ruled.b), "")) for ruled in sessions.rules),
     )
-    if found.causes:
+    if sessions.causes:
         yield Section(
             "causes of failures",
-            tuple(_cut([_told(cause) for cause in found.causes], most)),
+            tuple(_cut([_cause_line(cause) for cause in sessions.causes], most)),
             ("where", "A", "B", "rule", "cause", "first"),
             tuple(
-                ((c.where, _mark(c)), (_count(c.a), ""), (_count(c.b), ""), (c.rule, ""), (c.text, ""), (c.example, ""))
-                for c in found.causes
+                (
+                    (c.where, _cause_mark(c)),
+                    (_count_text(c.a), ""),
+                    (_count_text(c.b), ""),
+                    (c.rule, ""),
+                    (c.text, ""),
+                    (c.example, ""),
+                )
+                for c in sessions.causes
             ),
         )
 
 
-def _same(found: SideBySide) -> str:
-    """Return the sentence that no verdict differs, with its limitations."""
-    absent = found.comparison.count("OUTSIDE")
+def _no_difference(sessions: SideBySide) -> str:
+    """Return the sentence that no verdict differs between two sessions, and what the comparison does not show."""
+    absent = sessions.comparison.count("OUTSIDE")
     more = f"; {plural(absent, 'item')} of A not selected in B" if absent else ""
-    dated = any(line.startswith("began ") for line in found.a.head)
-    once = "; they are reports of one session" if dated and found.a.head == found.b.head else ""
-    return f"no verdict of the {plural(found.common, 'item')} that both have differs{more}{once}"
+    dated = any(line.startswith("began ") for line in sessions.a.head)
+    once = "; they are reports of one session" if dated and sessions.a.head == sessions.b.head else ""
+    return f"no verdict of the {plural(sessions.common, 'item')} that both have differs{more}{once}"
 
 
-def _tables(found: SideBySide, most: int | None) -> Iterator[Section]:
-    """Yield a section per table with differing cells."""
-    if found.matrices is None:
+def _matrix_sections(sessions: SideBySide, most: int | None) -> Iterator[Section]:
+    """Yield a section of the comparison per verdict matrix with differing cells."""
+    if sessions.matrices is None:
         yield Section("verdicts", ("too many for tables: the changes name the items",))
         return
-    told = [matrix for matrix in found.matrices if differing(matrix)]
-    for matrix in told[:most]:
-        yield _table(matrix, most)
-    if most is not None and len(told) > most:
-        yield Section("more tables", (f"... and {plural(len(told) - most, 'more table')} in which something differs",))
+    differing_matrices = [matrix for matrix in sessions.matrices if differing(matrix)]
+    for matrix in differing_matrices[:most]:
+        yield _matrix_section(matrix, most)
+    if most is not None and len(differing_matrices) > most:
+        yield Section(
+            "more tables", (f"... and {plural(len(differing_matrices) - most, 'more table')} in which something differs",)
+        )
 
 
-def _table(matrix: Matrix, most: int | None) -> Section:
-    """Return a section with the rows and columns of a matrix that contain differing cells."""
+def _matrix_section(matrix: Matrix, most: int | None) -> Section:
+    """Return a section with the rows and columns of a verdict matrix that contain differing cells."""
     columns = [i for i in range(len(matrix.columns)) if any(changed(entries[i]) for _, entries in matrix.rows)]
     rows = [i for i, (_, entries) in enumerate(matrix.rows) if any(map(changed, entries))]
     count = differing(matrix)
@@ -124,7 +133,7 @@ def _table(matrix: Matrix, most: int | None) -> Section:
     )
     return Section(
         f"{matrix.title}: {count:,} of {cells:,} cells differ{'s' if count == 1 else ''}",
-        tuple(_cut([line for i in rows for line in _row(matrix, i)], most)),
+        tuple(_cut([line for i in rows for line in _row_differences(matrix, i)], most)),
         (matrix.corner, *(matrix.headings[i] for i in columns)),
         tuple(
             ((matrix.rows[i][0], ""), *((matrix.rows[i][1][k].text, _better(matrix.rows[i][1][k])) for k in columns))
@@ -133,41 +142,41 @@ def _table(matrix: Matrix, most: int | None) -> Section:
     )
 
 
-def _row(matrix: Matrix, number: int) -> Iterator[str]:
+def _row_differences(matrix: Matrix, number: int) -> Iterator[str]:
     """Yield the differences in a row of a matrix, a line per rule and change: ``v3, class 07, p1: pass -> FAIL (C, E)``."""
     label, entries = matrix.rows[number]
-    found: dict[tuple[str, str], list[str]] = {}
+    configurations: dict[tuple[str, str], list[str]] = {}
     for (cfg, rule), entry in zip(matrix.columns, entries, strict=True):
         if changed(entry):
-            found.setdefault((rule, entry.text), []).append(cfg)
+            configurations.setdefault((rule, entry.text), []).append(cfg)
     variant = matrix.variants[number]
     name = f"{matrix.corner.removeprefix('variant, ')} {label.removeprefix(variant).strip()}"
-    for (rule, text), cfgs in found.items():
+    for (rule, text), cfgs in configurations.items():
         where = f" ({first(cfgs, None)})" if any(cfgs) else ""
         yield f"{f'{variant}, ' if variant else ''}{name}, {rule}: {text}{where}"
 
 
 def _better(entry: Entry) -> str:
-    """Return whether a cell has changed to good or bad; empty for a cell without change or without such a value."""
+    """Return the mark ``good`` or ``bad`` for the change of a cell; empty if the cell became neither better nor worse."""
     passed = entry.outcome is not None and entry.outcome.meaning == "passed"
     return "bad" if entry.bad else "good" if passed and changed(entry) else ""
 
 
-def _sums(ruled: Ruled) -> str:
+def _rule_line(ruled: Ruled) -> str:
     was, now = counted(ruled.a) or "none", counted(ruled.b) or "none"
     return f"{ruled.rule}: {now} in both" if was == now else f"{ruled.rule}: {was} -> {now}"
 
 
-def _told(cause: Shared) -> str:
+def _cause_line(cause: Shared) -> str:
     count = f"{cause.a} -> {cause.b}" if cause.a and cause.b else str(cause.a or cause.b)
     return f"{cause.where}: {count} x {cause.rule}: {cause.text} (first: {cause.example})"
 
 
-def _mark(cause: Shared) -> str:
+def _cause_mark(cause: Shared) -> str:
     return "" if cause.a and cause.b else "bad" if cause.b else "good"
 
 
-def _count(number: int) -> str:
+def _count_text(number: int) -> str:
     return str(number) if number else ""
 
 
@@ -176,31 +185,31 @@ def _cut(lines: list[str], most: int | None) -> list[str]:
     return lines if more <= 0 else [*lines[:most], f"... and {more} more"]
 
 
-def _page(found: SideBySide) -> str:
-    return rendered(_TITLE, sections(found), {})
+def _page(sessions: SideBySide) -> str:
+    return rendered(_TITLE, sections(sessions), {})
 
 
-def _markdown(found: SideBySide) -> str:
+def _markdown(sessions: SideBySide) -> str:
     lines = [f"# {_TITLE}"]
-    for part in sections(found):
+    for part in sections(sessions):
         lines += ["", *section(part)]
     return "\n".join(lines) + "\n"
 
 
-def _json(found: SideBySide) -> str:
-    """Return all sections for programs. Numbers of verdicts have the name of their status as key, known failures ``known``."""
-    tables = None if found.matrices is None else list(map(_cells, found.matrices))
+def _json(sessions: SideBySide) -> str:
+    """Return the comparison of two sessions as JSON; numbers of verdicts have their status, or ``known``, as key."""
+    tables = None if sessions.matrices is None else list(map(_cells, sessions.matrices))
     content = {
         "format": "rvads-comparison",
         "version": 1,
-        "a": asdict(found.a),
-        "b": asdict(found.b),
-        "common": found.common,
-        "versions": found.comparison.versions,
-        "changes": [asdict(change) for change in found.comparison.changes if change.kind != "UNCHANGED"],
+        "a": asdict(sessions.a),
+        "b": asdict(sessions.b),
+        "common": sessions.common,
+        "versions": sessions.comparison.versions,
+        "changes": [asdict(change) for change in sessions.comparison.changes if change.kind != "UNCHANGED"],
         "tables": tables,
-        "rules": [{"rule": one.rule, "a": _by_name(one.a), "b": _by_name(one.b)} for one in found.rules],
-        "causes": [{"where": cause.where, **asdict(cause)} for cause in found.causes],
+        "rules": [{"rule": ruled.rule, "a": _by_name(ruled.a), "b": _by_name(ruled.b)} for ruled in sessions.rules],
+        "causes": [{"where": cause.where, **asdict(cause)} for cause in sessions.causes],
     }
     return msgspec.json.format(encode(content), indent=1).decode() + "\n"
 
@@ -218,4 +227,4 @@ def _by_name(counts: dict[Tallied, int]) -> dict[str, int]:
 
 
 _FORMATS: dict[str, Callable[[SideBySide], str]] = {".html": _page, ".md": _markdown, ".json": _json}
-"""What shows both sessions, by the ending of the file."""
+"""By the ending of a file, the function that renders both sessions."""

@@ -1,11 +1,12 @@
-"""The summary of a session as text, for terminals and logs of any width.
+"""Prints the summary of a session as text for terminals and logs of any width.
 
-rich is imported at the end of a session that has records.
+This module imports rich, which is slow to import, so sessions import this module only at their end.
 """
 
 from __future__ import annotations
 
 import io
+import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
@@ -24,15 +25,17 @@ from pytest_rvads.support.wording import plural, printable
 __all__ = ["Summary", "summarise", "summary"]
 
 _MOST = 10
-"""Most causes, and most changes of a kind, that are listed; the others are counted."""
+"""Largest number of causes, and of changes of a kind, that are listed; further causes and changes are counted."""
 _ROWS = 20
-"""Most rows of a table that are shown; rows with failures come first."""
+"""Largest number of rows of a table that are shown; rows with failures come first."""
 _LINES = 50
-"""Most lines of all tables together; tables with failures come first."""
+"""Largest number of lines of all tables together; tables with failures come first."""
 _LENGTH, _BRIEF = 20_000, 1_000
-"""Most characters of a line in the full form, and in the short form."""
+"""Largest number of characters of a line in the full form, and in the short form."""
 _NARROWEST = 20
-"""Least width of the output on terminals that are narrower [characters]."""
+"""Least width of the output, even on a narrower terminal [characters]."""
+_RELATIVE = re.compile(r"(entrance|arm)\s+\+\d")
+"""Matches an arm that a cause counts from the arm of another vehicle, so that the cause is the same for rotated scenarios."""
 _CHANGES = {"NEW": "bold red", "FIXED": "green", "ERODED": "yellow", "LOST": "yellow"}
 _MEANINGS = {
     Outcome.NA: "the rule did not apply",
@@ -48,20 +51,22 @@ _MEANINGS = {
 
 @dataclass(frozen=True, slots=True)
 class Summary:
-    """The summary of a report in two parts; the causes that need attention come last."""
+    """The text of a report's summary in two parts; the second part has the causes of failures."""
 
     verdicts: str
     """The first part: totals, changes, tables and figures."""
     causes: str
     """The second part: causes of failures, and causes of items that did not fail."""
     examples: tuple[str, ...]
-    """The first item of each cause of failures, listed or not."""
+    """Node id of the first item of each cause of failures, also of causes that the text only counts."""
+    last: str
+    """The last line on the terminal; empty without such a line."""
 
 
 def summary(
     report: Report, *, colour: bool, width: int, unicode: bool, full: bool = False, more: str = "reports in files hold all"
 ) -> str:
-    """Return the summary of a report without its notes, which callers print separately; the causes come last.
+    """Return the summary of a report as text, without its notes, which callers print; the causes of failures come last.
 
     Args:
         report: the report of a session, of several sessions merged, or of a campaign.
@@ -72,13 +77,13 @@ def summary(
         more: a phrase that names the output with everything that is left out.
     """
     parts = summarise(report, colour=colour, width=width, unicode=unicode, full=full, more=more)
-    return parts.verdicts + parts.causes
+    return "\n".join([parts.verdicts + parts.causes, parts.last, ""]) if parts.last else parts.verdicts + parts.causes
 
 
 def summarise(  # noqa: PLR0913 - the properties of a terminal, and the extent of the output
     report: Report, *, colour: bool, width: int, unicode: bool, full: bool, more: str, head: bool = True
 ) -> Summary:
-    """Return the summary of a report in its two parts.
+    """Return the summary of a report as text in two parts: verdicts and causes.
 
     Args:
         report: the report of a session, of several sessions merged, or of a campaign.
@@ -91,7 +96,7 @@ def summarise(  # noqa: PLR0913 - the properties of a terminal, and the extent o
     """
     verdicts, causes = (_Screen(colour, max(width, _NARROWEST), unicode, full, more) for _ in range(2))
     tables: list[RollUp | Verdicts] = []
-    rest: list[Block] = []
+    later_blocks: list[Block] = []
     examples: list[str] = []
     for block in outline(report, short=not full, tables=full):
         match block:
@@ -106,20 +111,22 @@ def summarise(  # noqa: PLR0913 - the properties of a terminal, and the extent o
                 causes.causes(block)
                 examples += [cause.example for cause in block.causes if block.title == FAILURES]
             case _:
-                rest.append(block)
+                later_blocks.append(block)
+    if _RELATIVE.search(causes.text()):
+        causes.lines(["", " entrance +1: one arm counter-clockwise from +0, the arm of the vehicle that is named first"])
     verdicts.tables(tables)
-    for block in rest:
+    for block in later_blocks:
         match block:
             case Causes():
                 verdicts.causes(block)
                 verdicts.lines([""])
-            case Figures(lines):
-                verdicts.lines(lines)
-    return Summary(verdicts.text(), causes.text(), tuple(examples))
+            case Figures(last=last):
+                verdicts.lines(line for line in block.plain() if line != last)
+    return Summary(verdicts.text(), causes.text(), tuple(examples), last)
 
 
 class _Table:
-    """A table, divided into blocks of columns that fit on a terminal, and cut unless everything is to be shown."""
+    """A table, divided into blocks of columns that fit on a terminal; rows are left out unless everything is to be shown."""
 
     def __init__(self, title: str, what: str, parts: Sequence[Part], hidden: Sequence[str]) -> None:
         self.title, self.what, self.parts = title, what, parts
@@ -131,16 +138,16 @@ class _Table:
         """Per block, the lines below its table; each line is printed once."""
 
     def rank(self, k: int) -> tuple[bool, int]:
-        """Return the sort key of a block: blocks with failures first, and a first block of each table before second blocks."""
+        """Return a sort key of block `k`: blocks with failures first; first blocks of all tables precede second blocks."""
         return not self.wrong[k], self.wrong[:k].count(self.wrong[k])
 
     def height(self, k: int) -> int:
-        """Return the number of lines of a block, with its title and the lines below."""
+        """Return the number of lines of a block of columns, including its title and the lines below its table."""
         return len(self.parts[k].lines) + len(self.below[k]) + 2
 
 
 class _Screen:
-    """Renders blocks; unless `full`, long lists and tables are cut."""
+    """Renders the parts of a report as text; unless `full`, long lists and tables are cut."""
 
     def __init__(self, colour: bool, width: int, unicode: bool, full: bool, more: str) -> None:
         self._out = io.StringIO()
@@ -152,67 +159,69 @@ class _Screen:
         self._full, self._more = full, more
 
     def text(self) -> str:
-        """Return the rendered text."""
+        """Return the text that was rendered so far."""
         return self._out.getvalue()
 
-    def lines(self, told: Iterable[str]) -> None:
+    def lines(self, texts: Iterable[str]) -> None:
         """Print lines, each broken at spaces if it is too long."""
-        for one in told:
-            self.lines_as_they_are(wrapped(_fit(one, self._length), self._width, 4))
+        for text in texts:
+            self.lines_as_they_are(wrapped(_fit(text, self._length), self._width, 4))
 
-    def lines_as_they_are(self, told: Iterable[str]) -> None:
-        """Print lines unbroken; terminals break them anywhere."""
-        for line in told:
-            self._line(line)
+    def lines_as_they_are(self, texts: Iterable[str]) -> None:
+        """Print lines without line breaks, even lines that are wider than the terminal."""
+        for line in texts:
+            self._print_line(line)
 
-    def tables(self, found: Sequence[RollUp | Verdicts]) -> None:
+    def tables(self, table_blocks: Sequence[RollUp | Verdicts]) -> None:
         """Render as many blocks of tables as fit on a screen, but at least one; blocks with failures come first."""
         tables: list[_Table] = []
-        for block in found:
+        for block in table_blocks:
             match block:
                 case RollUp(sums):
-                    tables += self._sums(sums)
+                    tables += self._sums_tables(sums)
                 case Verdicts(matrix):
-                    tables.append(self._matrix(matrix))
-        kept = self._kept(tables)
-        shown = [(table, [k for k in range(len(table.parts)) if (number, k) in kept]) for number, table in enumerate(tables)]
-        out = [table for table, parts in shown if table.parts and not parts]
+                    tables.append(self._matrix_table(matrix))
+        shown_blocks = self._shown_blocks(tables)
+        shown = [
+            (table, [k for k in range(len(table.parts)) if (number, k) in shown_blocks]) for number, table in enumerate(tables)
+        ]
+        hidden_tables = [table for table, parts in shown if table.parts and not parts]
         for table, parts in shown:
             if parts or not table.parts:
-                self._table(table, parts)
-        if out:
-            self._line(f"... and {plural(len(out), 'more table')}: {self._more}\n")
+                self._print_table(table, parts)
+        if hidden_tables:
+            self._print_line(f"... and {plural(len(hidden_tables), 'more table')}: {self._more}\n")
         if shown:
-            self._legend(found)
+            self._print_legend(table_blocks)
 
-    def _kept(self, tables: Sequence[_Table]) -> set[tuple[int, int]]:
-        """Return the shown blocks, as numbers of tables and of blocks."""
-        every = [(number, k) for number, table in enumerate(tables) for k in range(len(table.parts))]
+    def _shown_blocks(self, tables: Sequence[_Table]) -> set[tuple[int, int]]:
+        """Return the blocks of columns that fit on a screen, each as the numbers of its table and of the block."""
+        all_blocks = [(number, k) for number, table in enumerate(tables) for k in range(len(table.parts))]
         if self._full:
-            return set(every)
+            return set(all_blocks)
         shown: set[tuple[int, int]] = set()
         lines = 0
-        for number, k in sorted(every, key=lambda block: tables[block[0]].rank(block[1])):
+        for number, k in sorted(all_blocks, key=lambda block: tables[block[0]].rank(block[1])):
             lines += tables[number].height(k)
             if shown and lines > _LINES:
                 break
             shown.add((number, k))
         return shown
 
-    def _table(self, table: _Table, parts: Sequence[int]) -> None:
+    def _print_table(self, table: _Table, parts: Sequence[int]) -> None:
         if table.title:
-            self._line(table.title, "bold")
+            self._print_line(table.title, "bold")
         for k in parts:
             for line in table.parts[k].lines:
                 self._console.print(line, soft_wrap=True)
         hidden = sum(len(part.columns) for k, part in enumerate(table.parts) if k not in parts)
         for left_out in (*table.hidden, *([plural(hidden, "more column")] if hidden else [])):
-            self._paragraph(f"... and {left_out}: {self._more}")
+            self._print_paragraph(f"... and {left_out}: {self._more}")
         self.lines_as_they_are(dict.fromkeys(line for k in parts for line in table.below[k]))
-        self._line("")
+        self._print_line("")
 
-    def _matrix(self, whole: Matrix) -> _Table:
-        matrix = whole if self._full else whole.shortened(_ROWS)
+    def _matrix_table(self, full_matrix: Matrix) -> _Table:
+        matrix = full_matrix if self._full else full_matrix.shortened(_ROWS)
         short = matrix.numbers
         columns = [
             Column(
@@ -223,7 +232,7 @@ class _Screen:
             for i, (label, rule) in enumerate(matrix.columns)
         ]
         rows = [_fit(label) for label, _ in matrix.rows]
-        more = len(whole.rows) - len(rows)
+        more = len(full_matrix.rows) - len(rows)
         parts = blocks(matrix.corner, rows, columns, self._width, self._rule) if rows else []
         table = _Table(matrix.title, "column", parts, [plural(more, "more row")] if more else [])
         table.wrong = tuple(any(entries[i].bad for _, entries in matrix.rows for i in part.columns) for part in parts)
@@ -231,19 +240,19 @@ class _Screen:
         table.below = tuple([f" {short[name]} = {name}" for name in names if name in short] for names in labels)
         return table
 
-    def _sums(self, sums: Sequence[Sums]) -> list[_Table]:
-        """Return the tables of sums, with as many rows each as fit on a screen together."""
+    def _sums_tables(self, sums: Sequence[Sums]) -> list[_Table]:
+        """Return the tables of sums, cut to the largest number of rows per table with which all tables fit on one screen."""
         for most in (None,) if self._full else (WORST, 15, 12, 10, 8, 6, 5, 4, 3):
             tables = [
-                self._rolled_up(table_of_sums, most, "" if k else "verdicts in sums") for k, table_of_sums in enumerate(sums)
+                self._sums_table(table_of_sums, most, "" if k else "verdicts in sums") for k, table_of_sums in enumerate(sums)
             ]
             if sum(table.height(k) for table in tables for k in range(len(table.parts))) <= _LINES:
                 break
         for table in tables:
-            table.wrong = (True,) * len(table.parts)  # sums are cut by rows, and no table of sums is left out before a matrix
+            table.wrong = (True,) * len(table.parts)  # no table of sums is left out before a matrix: sums are cut by rows
         return tables
 
-    def _rolled_up(self, sums: Sums, most: int | None, title: str) -> _Table:
+    def _sums_table(self, sums: Sums, most: int | None, title: str) -> _Table:
         rows = [sums.cells(row) for row in sums.rows[:most]]
         columns = [
             Column((_fit(sums.columns[i]),), tuple(Cell(_fit(row[i]), sums.styles[i]) for row in rows), sums.sides[i] == "right")
@@ -253,62 +262,62 @@ class _Screen:
         more = len(sums.rows) - len(rows)
         return _Table(title, "column", parts, [plural(more, f"more {sums.corner}")] if more else [])
 
-    def _legend(self, tables: Sequence[RollUp | Verdicts]) -> None:
-        """Print the explanations of the words in the tables that need one."""
+    def _print_legend(self, tables: Sequence[RollUp | Verdicts]) -> None:
+        """Print the explanations of words in the tables."""
         explanations = list(legend(tables))
         if explanations:
-            self._paragraph("; ".join(explanations))
-            self._line("")
+            self._print_paragraph("; ".join(explanations))
+            self._print_line("")
 
-    def _paragraph(self, text: str) -> None:
+    def _print_paragraph(self, text: str) -> None:
         for line in wrapped(text, self._width - 1, 2):
-            self._line(f" {line}")
+            self._print_line(f" {line}")
 
     def changes(self, block: Changes) -> None:
         """Print the changes since the baseline."""
-        self._line(block.comparison.headline, "bold")
+        self._print_line(block.comparison.headline, "bold")
         new = next((change.nodeid for change in block.comparison.changes if change.kind == "NEW"), "")
         lines = list(block.comparison.lines(self.most))
         for number, line in enumerate(lines):
             kind = line.partition(" ")[0]
-            self._line(f"  {line}", _CHANGES.get(kind, ""))
+            self._print_line(f"  {line}", _CHANGES.get(kind, ""))
             if new and kind == "NEW" and not any(after.startswith("NEW ") for after in lines[number + 1 :]):
-                self._line(f"          first: {block.first(new)}")
-        self._line("")
+                self._print_line(f"          first: {block.first(new)}")
+        self._print_line("")
 
     def causes(self, block: Causes) -> None:
-        """Print causes; for causes that need attention, also the command that runs the first item."""
-        self._line(block.title, "bold")
+        """Print causes of failures; for causes that need attention, also the command that runs the first test item."""
+        self._print_line(block.title, "bold")
         for cause in block.causes[: self.most]:
             count = f"  {cause.count:4d} x "
             lines = wrapped(f"{_fit(cause.rule)}: {_fit(cause.line, self._length)}", self._width - len(count))
             for number, line in enumerate(lines):
-                self._line((" " * len(count) if number else count) + line)
+                self._print_line((" " * len(count) if number else count) + line)
             if self._full or not block.settled:
-                self._line(f"         first: {block.first(cause)}")
+                self._print_line(f"         first: {block.first(cause)}")
         if self.most is not None and len(block.causes) > self.most:
-            self._line(f"  ... and {len(block.causes) - self.most} more: {self._more}")
+            self._print_line(f"  ... and {len(block.causes) - self.most} more: {self._more}")
 
     @property
     def _length(self) -> int:
         return _LENGTH if self._full else _BRIEF
 
-    def _line(self, text: str, style: str = "") -> None:
-        """Print a line unbroken, so that a command in the line can be pasted; terminals break it if it is too long."""
+    def _print_line(self, text: str, style: str = "") -> None:
+        """Print a line without line breaks, so that a command in the line can be copied."""
         end = "\n" if text.endswith("\n") else ""
         self._console.print(Text(_fit(text.removesuffix("\n"), self._length) + end, style=style), soft_wrap=True)
 
 
 def _fit(text: str, length: int = _LENGTH) -> str:
-    """Return a text on one line, without control characters that a terminal would obey."""
+    """Return a text on one line, without control characters that would act on a terminal."""
     return printable(text.replace("\n", " "), length)
 
 
-def legend(found: Iterable[RollUp | Verdicts]) -> Iterator[str]:
-    """Yield an explanation for each word in the tables that needs one."""
+def legend(tables: Iterable[RollUp | Verdicts]) -> Iterator[str]:
+    """Yield explanations of the outcomes in the tables, such as NA, for readers who do not know the outcomes."""
     kinds: set[Outcome] = set()
     known = shares = summed = False
-    for block in found:
+    for block in tables:
         match block:
             case Verdicts(matrix):
                 entries = {entry for _, row in matrix.rows for entry in row if entry.outcome}
@@ -323,6 +332,6 @@ def legend(found: Iterable[RollUp | Verdicts]) -> Iterator[str]:
         yield "wrong: runs with a failure that is not known, wrong at: junctions with one"
     if shares:
         yield "1/4: one of four items"
-    yield from (f"{kind.small}: {told}" for kind, told in _MEANINGS.items() if kind in kinds)
+    yield from (f"{kind.small}: {meaning}" for kind, meaning in _MEANINGS.items() if kind in kinds)
     if known:
         yield "known, xfail: a failure that the tests expect, by the reason that they give"

@@ -1,13 +1,14 @@
-"""Causes of failures: groups the failing items that probably have the same fault behind them.
+"""Causes of failures: groups the failing test items that probably have the same fault of the driver as their cause.
 
 One fault breaks several rules of a run: a vehicle that enters too early also breaks rules about the vehicles that it meets. The
-first violation of a run explains the later failures of the run, except the violations of other vehicles by themselves. Runs with
-the same first violation form a cause, whichever vehicle it was. Grouping every failure by rule, violation and roles instead gave
-three times as many groups as faults, measured with mutants of the reference driver (tests/report/test_triage.py).
+first violation of a run explains the later failures of the run, except violations for which only other vehicles are to blame.
+Runs with the same first violation form a cause, whichever vehicle violated the rule. Grouping every failure by rule, violation
+and roles instead gave three times as many groups as faults, measured with mutants of the reference driver
+(tests/report/test_triage.py).
 
 An unavoidable violation explains no other failure and is a separate cause.
 
-A cause names the variants of its tests (the values of their other parameters) when it concerns only some variants.
+A cause names the variants of its tests (the values of their other parameters) if only some variants have the cause.
 """
 
 from __future__ import annotations
@@ -45,20 +46,20 @@ Variant = tuple[str, str]
 
 
 class Variants:
-    """Collects the variants of tests from records, and selects the variants to name."""
+    """Collects the variants of tests (values of their other parameters), and selects the variants that a cause names."""
 
     def __init__(self) -> None:
         self._variants: dict[str, set[str]] = {}
         """All variants of each test."""
 
     def add(self, record: Record) -> None:
-        """Add a record."""
+        """Add the variant of a record."""
         if record.variant:
             test, variant = variant_of(record)
             self._variants.setdefault(test, set()).add(variant)
 
     def only(self, places: Collection[Variant]) -> tuple[str, ...]:
-        """Return the variants at some places in order; empty if their tests have no other variants, or a test has none."""
+        """Return the given variants in order; empty if these are all variants of their tests, or a test has no variants."""
         tests, chosen = {test for test, _ in places}, {variant for _, variant in places}
         if "" in chosen or chosen >= set().union(*(self._variants.get(test, ()) for test in tests)):
             return ()
@@ -66,56 +67,57 @@ class Variants:
 
 
 def variant_of(record: Record) -> Variant:
-    """Return the test of a record, by file and function, and its variant."""
-    # Records without a variant share a place: a campaign has a million records, each with an item of its own.
+    """Return the test of a record (file and function) and its variant (values of the test's other parameters)."""
+    # All records without a variant have the same result, because a campaign would have a million different results.
     return (record.nodeid.partition("[")[0], record.variant) if record.variant else ("", "")
 
 
 _RULES = 3
-"""Most rules named per cause; further rules are counted."""
+"""Largest number of rules named per cause; further rules are counted."""
 _VARIANTS = 5
-"""Most variants named per cause; further variants are counted."""
+"""Largest number of variants named per cause; further variants are counted."""
 _IDS = 1000
-"""Most items of a cause whose ids are kept; further items are counted."""
+"""Largest number of items of a cause whose ids are kept; further items are counted."""
 _GROUPS = 1000
-"""Most causes that are distinguished; all further failures form one more cause."""
+"""Largest number of causes that are distinguished; all further failures form one more cause."""
 _OPEN = 10_000
-"""Most failing runs that are kept open for further failures; a later failure of a closed run is grouped separately."""
+"""Largest number of failing runs that wait for further failures; above this number, the longest waiting run is grouped."""
 _SEATS = 3
-"""Seats of the subject are named in a cause that concerns at most this number of seats."""
-_YIELDING = ("left_yields", "yield_sign", "priority", "right_before_left", "merge")
+"""Seats of the subject (entrances of the vehicle under test) are named in a cause that concerns at most this many seats."""
+_YIELDING = ("left_yields", "yield_sign", "priority", "right_before_left", "merge", "crosswalk", "crosswalk_turning")
 _GRAVE = ("no_collision", "no_conflict", "red", "right_on_red", *_YIELDING)
 """Rules of the first causes in a report, the gravest first: contact, meeting in the junction, then failing to yield."""
 _OWN = (*_GRAVE[2:], "p4", "full_stop", "speed_limit", "keep_lane", "on_route", "on_lane_allowed")
-"""Rules that no vehicle breaks because another vehicle has broken a rule before."""
+"""Rules that a vehicle never breaks merely because another vehicle has broken a rule before."""
 
 
 def gravity(rules: Iterable[str]) -> int:
-    """Return the place of the gravest of these rules in the order of causes, the lower the graver."""
+    """Return the rank of the gravest of some rules in the order of causes; a lower rank is graver."""
     return min((_GRAVE.index(rule) for rule in rules if rule in _GRAVE), default=len(_GRAVE))
 
 
 @dataclass(frozen=True, slots=True)
 class Cause:
-    """Failures that look alike: in their runs the same was violated first."""
+    """A cause of failures: the failures of runs with the same first violation."""
 
     rules: tuple[str, ...]
-    """The gravest first; of equally grave ones the rule that was violated first in the first of the runs."""
+    """The violated rules, the gravest first; of equally grave rules the rule that was first violated comes first."""
     text: str
     """First violation, without the vehicles."""
     nodeids: tuple[str, ...]
-    """Its first items."""
+    """Node ids of the first items with this cause."""
     count: int
     """Number of items with this cause."""
     runs: int
+    """Number of runs with this cause."""
     example: str
-    """Node id of the first item that tells it."""
+    """Node id of the first test item that found the first violation."""
     roles: str = ""
-    """Who did it most often, up to rotation, where it was not always the same."""
+    """The most frequent roles of the responsible vehicles, up to rotation; empty if the roles are the same in all runs."""
     junctions: int = 0
-    """At how many, where that is told."""
+    """Number of junctions with this cause; 0 if the number is not reported."""
     title: str = ""
-    """Title of the first of the rules, if that rule was violated first."""
+    """Title of the first rule in `rules`; empty unless that rule was violated first."""
     variants: tuple[str, ...] = ()
     """Variants of the test with this cause; empty if all variants have the cause."""
     seats: tuple[int, ...] = ()
@@ -123,10 +125,10 @@ class Cause:
 
     @property
     def rule(self) -> str:
-        """The rules in a few words, the first with its title, where that says more than its name."""
+        """The rules in a few words, the first with its title if the title differs from the name of the rule."""
         more = len(self.rules) - _RULES
-        told = self.title and self.title.casefold() != self.rules[0].replace("_", " ").casefold()
-        names = (f"{self.rules[0]} ({self.title})" if told else self.rules[0], *self.rules[1:_RULES])
+        titled = self.title and self.title.casefold() != self.rules[0].replace("_", " ").casefold()
+        names = (f"{self.rules[0]} ({self.title})" if titled else self.rules[0], *self.rules[1:_RULES])
         return ", ".join(names) + (f" and {more} more" if more > 0 else "")
 
     @property
@@ -144,16 +146,18 @@ def _seat(record: Record) -> int | None:
 
 
 class _Part:
-    """A failure of a run, with the later failures of the run that it explains."""
+    """A failure of a run, together with the later failures of the run that this failure explains."""
 
     def __init__(self, record: Record, signature: Hashable, text: str, verdict: Verdict | None = None) -> None:
         self.signature, self.text = signature, text
         self.verdict, self.time = verdict is not None, time_of(record)
         self.open = record.status is Outcome.OPEN
         self.grave = -1 if record.status in (Outcome.ERROR, Outcome.FLAKY) else gravity((record.asks,))
-        self.who = set(verdict.responsible) if verdict is not None else set()
-        self.begun = set(verdict.instances[0].responsible) if verdict is not None and verdict.instances else self.who
-        """Vehicles that are to blame for the first instance; `who` has those for any instance."""
+        self.to_blame = set(verdict.responsible) if verdict is not None else set()
+        self.first_to_blame = (
+            set(verdict.instances[0].responsible) if verdict is not None and verdict.instances else self.to_blame
+        )
+        """Vehicles that are to blame for the first instance; `to_blame` has the vehicles that are to blame for any instance."""
         self.seats = {_seat(record)} - {None}
         self.roles = verdict.roles if verdict is not None else ""
         self.title = verdict.title if verdict is not None else ""
@@ -165,11 +169,15 @@ class _Part:
         """Add a later failure of the same run that this failure explains."""
         self.rules, self.ids, self.count = self.rules | other.rules, self.ids + other.ids, self.count + other.count
         self.number, self.places = min(self.number, other.number), self.places | other.places
-        self.grave, self.begun, self.seats = min(self.grave, other.grave), self.begun | other.begun, self.seats | other.seats
+        self.grave, self.first_to_blame, self.seats = (
+            min(self.grave, other.grave),
+            self.first_to_blame | other.first_to_blame,
+            self.seats | other.seats,
+        )
 
 
 class _Group:
-    """Parts with one cause."""
+    """Collects the failures of all runs with one cause."""
 
     def __init__(self, first: _Part) -> None:
         self.first = first
@@ -184,7 +192,7 @@ class _Group:
         self._roles: Counter[str] = Counter()
 
     def take(self, part: _Part) -> None:
-        """Add a part."""
+        """Add a failure of a run, with the later failures that it explains."""
         if part.number < self.first.number:
             self.first = part
         if part.verdict and part.run not in self._runs:
@@ -199,7 +207,13 @@ class _Group:
         self.grave = min(self.grave, part.grave)
 
     def cause(self, junctions: bool, variants: Variants, seats: set[int | None]) -> Cause:
-        """Return the cause of the parts; `variants` and `seats` are those of all records, `junctions` asks for their number."""
+        """Return the cause of the collected failures.
+
+        Args:
+            junctions: whether the cause states the number of junctions.
+            variants: the variants of the tests of all records.
+            seats: the entrances of the vehicle under test in all records.
+        """
         text, roles = self.first.text, self.first.roles
         if len(self._roles) == 1 and roles:
             text = f"{text} ({roles})"
@@ -222,10 +236,10 @@ class _Group:
 
 
 class ByText:
-    """Groups records by a text.
+    """Groups records by a text, such as the reason of a known failure; each group is a cause.
 
     Args:
-        text: the text of a record; None for a record that is left out.
+        text: returns the text of a record; None for a record that is left out.
     """
 
     def __init__(self, text: Callable[[Record], str | None]) -> None:
@@ -236,14 +250,14 @@ class ByText:
         self._number = 0
 
     def add(self, record: Record) -> None:
-        """Add a record."""
+        """Add a record to the group of its text."""
         self._variants.add(record)
         self._seats.add(_seat(record))
         text = self._text(record)
         if text is not None:
-            self._take(self._numbered(_Part(record, text, text)))
+            self._take(self._with_number(_Part(record, text, text)))
 
-    def _numbered(self, part: _Part) -> _Part:
+    def _with_number(self, part: _Part) -> _Part:
         self._number = part.number = self._number + 1
         return part
 
@@ -261,10 +275,10 @@ class ByText:
 
 
 class ByCause(ByText):
-    """Groups records by the first violation of their run.
+    """Groups the records of failures by the first violation of their run; each group is a cause.
 
     Args:
-        chosen: whether a record counts.
+        chosen: returns whether a record counts.
     """
 
     def __init__(self, chosen: Callable[[Record], bool]) -> None:
@@ -274,12 +288,12 @@ class ByCause(ByText):
         """The failures so far, by run."""
 
     def add(self, record: Record) -> None:
-        """Add a record."""
+        """Add a record; only records that are `chosen` count."""
         self._variants.add(record)
         self._seats.add(_seat(record))
         if not self._chosen(record):
             return
-        part = self._numbered(_Part(record, signature(record), violated(record), verdict_of(record)))
+        part = self._with_number(_Part(record, signature(record), violated(record), verdict_of(record)))
         if not explains(record):
             self._take(part)
         else:
@@ -288,20 +302,22 @@ class ByCause(ByText):
                 self._close(next(iter(self._open)))
 
     def _close(self, run: str) -> None:
-        """Group the failures of a run: the first violation explains the later ones, except violations of other vehicles alone.
+        """Group the failures of a run: the first violation explains later failures, unless only other vehicles are to blame.
 
-        The first violation also explains every open obligation: a crash that ends a run leaves bystanders at their lights.
+        The first violation also explains every open obligation: if a crash ends a run, other vehicles still wait at their lights.
         """
-        begun: list[_Part] = []
+        first_failures: list[_Part] = []
         for part in sorted(self._open.pop(run), key=lambda part: part.time):
-            for earlier in begun:
-                own = part.rule in _OWN and earlier.rule in _OWN and part.who and earlier.begun and not part.open
-                if not own or part.who & earlier.begun:
+            for earlier in first_failures:
+                independent = (
+                    part.rule in _OWN and earlier.rule in _OWN and part.to_blame and earlier.first_to_blame and not part.open
+                )
+                if not independent or part.to_blame & earlier.first_to_blame:
                     earlier.join(part)
                     break
             else:
-                begun.append(part)
-        for part in begun:
+                first_failures.append(part)
+        for part in first_failures:
             self._take(part)
 
     def causes(self, junctions: bool = False) -> list[Cause]:
@@ -312,7 +328,7 @@ class ByCause(ByText):
 
 
 def causes() -> ByCause:
-    """Return an empty collector that groups unexpected failures by their cause."""
+    """Return an empty collector that groups the records of unexpected failures by their cause."""
     return ByCause(lambda record: record.failed)
 
 
@@ -322,22 +338,22 @@ def provoked() -> ByCause:
 
 
 def unavoidable() -> ByCause:
-    """Return an empty collector that groups UNAVOIDABLE items that failed no test by their cause."""
+    """Return an empty collector that groups UNAVOIDABLE test items by their cause, without items that failed."""
     return ByCause(lambda record: record.status is Outcome.UNAVOIDABLE and not record.failed)
 
 
 def unsure() -> ByText:
-    """Return an empty collector that groups UNSURE items that failed no test by their doubts."""
+    """Return an empty collector that groups UNSURE test items by their doubts, without items that failed."""
     return ByText(lambda record: hanging(record) if record.status is Outcome.UNSURE and not record.failed else None)
 
 
 def known() -> ByText:
-    """Return an empty collector that groups known failures by their known deficiency."""
+    """Return an empty collector that groups known failures by the reason that their xfail marks give."""
     return ByText(lambda record: record.known or None)
 
 
 def idle() -> ByText:
-    """Return an empty collector that groups items that are not passed, failed, known or UNSURE by the reason given."""
+    """Return an empty collector that groups test items without a verdict (such as NA or NOT RUN) by their reason."""
 
     def reason(record: Record) -> str | None:
         without_verdict = not (record.failed or record.known or record.outcome == "passed" or record.status is Outcome.UNSURE)

@@ -1,10 +1,10 @@
 const get = id => document.getElementById(id), root = document.documentElement.dataset;
 function make(tag, parent, text = "", kind = "") {
-  const one = document.createElement(tag);
-  one.textContent = text;
-  if (kind) one.className = kind;
-  parent.append(one);
-  return one;
+  const element = document.createElement(tag);
+  element.textContent = text;
+  if (kind) element.className = kind;
+  parent.append(element);
+  return element;
 }
 root.theme = matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light";
 get("theme").onclick = () => { root.theme = root.theme === "dark" ? "light" : "dark"; };

@@ -1,4 +1,4 @@
-"""Self-contained pages: one frame, with a policy by which a browser runs their own script and nothing that came with the data."""
+"""Makes self-contained HTML pages in a common frame; the content security policy lets a browser run only the page's script."""
 
 from __future__ import annotations
 
@@ -38,44 +38,45 @@ def webpage(sources: Sequence[tuple[str, str]], title: str, data: object, style:
     """Return an HTML page.
 
     Args:
-        sources: package and name of the sources of the page, then of the part within the page, if there is one. ``NAME.html`` is
-            the body, with a ``$place`` for each part of `parts`, and ``$part`` for the next source; ``NAME.css`` and ``NAME.js``,
-            which need not exist, are its style and script. All scripts follow the common script ``webpage.js``.
+        sources: package and name of the source files of the page; if the page has a part, also those of the part. ``NAME.html``
+            is the body, with a ``$place`` for each piece of markup in `parts`, and with ``$part`` for the body of the next
+            source. ``NAME.css`` and ``NAME.js``, which need not exist, are style and script. All scripts follow the common
+            script ``webpage.js``.
         title: the title of the page.
-        data: what the script finds in the element ``data``, as JSON; it has to show texts as texts.
-        style: further style, before that of the sources.
-        parts: markup, in which what is not ours went through `markup`.
+        data: the content of the element ``data``, as JSON; the script must insert its texts as text, not as markup.
+        style: CSS that comes before the CSS of the sources.
+        parts: markup by name of its place; the caller has escaped texts from elsewhere with `markup`.
     """
-    body, script = "", _read("pytest_rvads.report", "webpage.js")
+    body, script = "", _source_text("pytest_rvads.report", "webpage.js")
     for package, name in reversed(sources):
-        body = Template(_read(package, f"{name}.html")).substitute(parts, part=body)
+        body = Template(_source_text(package, f"{name}.html")).substitute(parts, part=body)
     for package, name in sources:
-        style += _read(package, f"{name}.css")
-        script += _read(package, f"{name}.js")
+        style += _source_text(package, f"{name}.css")
+        script += _source_text(package, f"{name}.js")
     return _FRAME.substitute(
         policy=_POLICY.substitute(script=_digest(script), style=_digest(style)),
         title=markup(title),
         style=style,
         body=body,
         # "<" could end the script element from inside a string.
-        data=json.dumps(_shown(data), separators=(",", ":")).replace("<", "\\u003c"),
+        data=json.dumps(_printable_data(data), separators=(",", ":")).replace("<", "\\u003c"),
         script=script,
     )
 
 
-def _read(package: str, name: str) -> str:
-    """Return a source of a page; empty if there is no such file."""
+def _source_text(package: str, name: str) -> str:
+    """Return the content of a source file of a page; empty if the file does not exist."""
     file = files(package).joinpath(name)
     return file.read_text(encoding="utf-8") if file.is_file() else ""
 
 
-def _shown(value: Any) -> Any:
-    """Return a value of JSON whose texts can be shown."""
+def _printable_data(value: Any) -> Any:
+    """Return a JSON value with the control characters in its texts escaped."""
     if isinstance(value, str):
         return printable(value, len(value))
     if isinstance(value, dict):
-        return {key: _shown(inner) for key, inner in value.items()}
-    return list(map(_shown, value)) if isinstance(value, list | tuple) else value
+        return {key: _printable_data(inner) for key, inner in value.items()}
+    return list(map(_printable_data, value)) if isinstance(value, list | tuple) else value
 
 
 def _digest(text: str) -> str:

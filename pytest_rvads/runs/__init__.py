@@ -1,1 +1,1 @@
-"""Runs: the states of vehicles and lights (paper, section 4.2), their files."""
+"""Runs (sequences of states of vehicles and lights; paper, section 4.2), and files of runs."""

@@ -1,7 +1,8 @@
-"""Files of runs and recordings: arrays in an npz archive, and a JSON header with a version.
+"""Files of runs and recordings: arrays in an npz archive, a JSON header with a version, and bounds on their content.
 
-The size of every array is known and bounded before the array is unpacked. A file of another version is refused, and no file is
-converted. The same holds for reports and for the protocol of stacks.
+Within the bounds, reading and judging a run takes seconds and fits into memory. The size of every array is known and bounded
+before the array is unpacked. A file of another version is refused, and no file is converted. Reports, and the protocol of drivers
+in other processes, also refuse other versions.
 """
 
 from __future__ import annotations
@@ -11,12 +12,13 @@ import math
 import re
 import reprlib
 import zipfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Annotated, Any, TypeVar
 
 import numpy as np
+from msgspec import Meta
 from numpy.typing import NDArray
 
 from pytest_rvads.geometry.segment import Segment
@@ -25,7 +27,24 @@ from pytest_rvads.support.errors import MapError, RunError
 from pytest_rvads.support.storage import open_file, read_file, write_file
 from pytest_rvads.support.wording import one_line
 
-__all__ = ["MOST_BYTES", "Kept", "peek", "unpack"]
+__all__ = ["FARTHEST", "MOST_BYTES", "MOST_LANES", "Kept", "Name", "Size", "Step", "check_size", "peek", "unpack"]
+
+FARTHEST = 1e9
+"""Largest number in an array of places, speeds or commands."""
+MOST_LANES = _MOST_AGENTS = 100
+"""Most vehicles of a run, and most entrances, or exits, of a junction."""
+_MOST_WORK = 320_000_000
+"""Largest sum, over the runs of a file, of the ticks times the square of the number of vehicles and entrances.
+
+Five million ticks with four vehicles at four entrances reach it. Judging so many ticks takes half a gigabyte and some seconds.
+"""
+
+Name = Annotated[str, Meta(min_length=1, max_length=1000, pattern="^[^\x00-\x1f\x7f-\x9f\ud800-\udfff]+$")]
+"""Name of a run, a vehicle or a junction: a text without control characters."""
+Step = Annotated[float, Meta(ge=1e-6, le=3600.0)]
+"""Time between two states [s]."""
+Size = Annotated[float, Meta(gt=0.0, le=1e4)]
+"""Length or width of a vehicle, width of a lane [m]."""
 
 _Header = TypeVar("_Header")
 _Value = TypeVar("_Value")
@@ -41,6 +60,27 @@ _HEADER = re.compile(
     re.DOTALL,
 )
 """Header of an array in version 1 of the npy format, as numpy writes it; numpy's reader evaluates the header as Python."""
+
+
+def check_size(where: str, sizes: Iterable[tuple[int, int, int]]) -> None:
+    """Raise a `RunError` if runs are too large to be judged together.
+
+    Args:
+        where: the beginning of the message.
+        sizes: ticks, vehicles and entrances of every run.
+    """
+    ticks = work = 0
+    for steps, agents, entrances in sizes:
+        if agents > _MOST_AGENTS or entrances > MOST_LANES:
+            raise RunError(
+                f"{where}: {agents:,} vehicles at {entrances:,} entrances, at most {_MOST_AGENTS} of either are read: cut it up"
+            )
+        ticks, work = ticks + steps, work + steps * (agents + entrances) ** 2
+    if work > _MOST_WORK:
+        raise RunError(
+            f"{where}: {ticks:,} ticks of so many vehicles and entrances are {work:,} pairs of them, at most {_MOST_WORK:,} are "
+            "read: cut it into several files, or record in longer steps"
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,7 +185,7 @@ def unpack(content: bytes, most: int = MOST_BYTES) -> dict[str, NDArray[Any]]:
 
 
 def peek(path: Path, name: str, most: int = 2**16) -> bytes:
-    """Return the first bytes of an array in a file of a run, at most `most`; no bytes if the array is missing or damaged."""
+    """Return at most `most` bytes from the start of an array in a file of a run; no bytes if the array is missing or damaged."""
     try:
         with open_file(path) as file, zipfile.ZipFile(file) as archive, archive.open(f"{name}.npy") as member:
             data = member.read(most)
@@ -167,7 +207,7 @@ def _members(content: bytes, most: int) -> dict[str, bytes]:
         members = {}
         for name, entry in entries.items():
             with archive.open(entry) as member:
-                members[name] = member.read(entry.file_size + 1)  # without a number, the whole member is unpacked
+                members[name] = member.read(entry.file_size + 1)  # without a size, any amount of data would be unpacked
             if len(members[name]) != entry.file_size:
                 raise ValueError(f"{name} has {len(members[name]):,} bytes where {entry.file_size:,} are announced")
         return members

@@ -17,7 +17,8 @@ __all__ = ["diverge"]
 def diverge(one: Run, other: Run) -> Divergence | None:
     """Return the first difference between two runs; None if the runs have the same hash.
 
-    The properties of the runs come first (label, step, vehicles), then the states in order of time, then the ends of the runs.
+    The comparison begins with the properties of the runs (label, time step, vehicles, facts, junction), goes on with the states
+    in order of time, and ends with length, fault and collisions.
     """
     difference = _first_unlike_pair(
         label=(one.label, other.label),
@@ -39,7 +40,7 @@ def diverge(one: Run, other: Run) -> Divergence | None:
 
 
 def _first_unlike_pair(**pairs: tuple[object, object]) -> Divergence | None:
-    """Return the first of some named pairs whose two values differ."""
+    """Return the first of some named pairs of values in which the two values differ."""
     return next((Divergence(what, str(a), str(b)) for what, (a, b) in pairs.items() if a != b), None)
 
 
@@ -52,7 +53,7 @@ def _vehicles(run: Run) -> str:
 
 
 def _first_difference(one: Run, other: Run, field: str) -> Divergence | None:
-    """Return the first difference in one field of the states."""
+    """Return the first difference of two runs in one field of their states."""
     a: NDArray[Any] | None = getattr(one, field)
     b: NDArray[Any] | None = getattr(other, field)
     if a is None or b is None:

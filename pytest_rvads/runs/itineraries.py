@@ -1,7 +1,7 @@
 """Itineraries: the path of one agent along an approach, through the junction on a way, down an exit road.
 
-An itinerary neither begins nor ends in a junction (paper, section 4.2). Its stations are measured from the
-entrance vertex: negative before it, 0..length on the movement, more on the exit road.
+An itinerary neither begins nor ends in a junction (paper, section 4.2). Stations (distances along an itinerary) are measured from
+the entrance vertex: negative on the approach, 0..length on the movement, more on the exit road.
 """
 
 from __future__ import annotations
@@ -14,22 +14,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.geometry.junction import Junction
-from pytest_rvads.geometry.segment import ADVISED, SPEED_LIMIT, Limits, Pose, Segment, Turn, fixed, limit_in
+from pytest_rvads.geometry.segment import ADVISED, SPEED_LIMIT, Limits, Pose, Segment, fixed, limit_in
 from pytest_rvads.geometry.sweep import BEFORE, Course, through
+from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.runs.states import APPROACH, ENTRANCE, EXIT, GONE, JUNCTION, Zone
 from pytest_rvads.support.errors import MapError
 
 __all__ = ["ENTRANCE_ZONE", "LEAVE", "Itinerary", "itinerary"]
 
 ENTRANCE_ZONE = 1.0
-"""Distance before the stopping line at which the entrance zone begins, which ends at the entrance vertex [m]."""
+"""Distance before the stopping line at which the entrance zone begins [m]. The zone ends at the entrance vertex."""
 LEAVE = 15.0
-"""Distance down the exit road from which on the reference point of a vehicle has left [m]."""
+"""Distance behind the exit vertex from which on the reference point of a vehicle counts as having left the junction [m]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Itinerary:
-    """The path of one vehicle: approach . movement . exit road."""
+    """The path of one vehicle: approach, movement through the junction and exit road, joined to one line."""
 
     entrance: int
     exit: int
@@ -49,7 +50,7 @@ class Itinerary:
     borders: NDArray[np.float64] = field(init=False)
     """Stations at which the zones after `APPROACH` begin, shape ``(4,)`` [m]."""
     limits: Limits = field(init=False)
-    """The speed limits that the map states: the station where each begins [m], and the limit [m/s]; empty without any."""
+    """The speed limits that the map states: the station where each begins [m], and the limit [m/s]; empty if it states none."""
 
     def __post_init__(self) -> None:
         end = self.path.length - self.origin
@@ -61,7 +62,7 @@ class Itinerary:
 
     @classmethod
     def through(cls, junction: Junction, entrance: int, exit: int) -> Itinerary:
-        """Build the itinerary of the way from `entrance` to `exit` of `junction`, which are the numbers of its start and its end.
+        """Build the itinerary of the way of `junction` from the start with number `entrance` to the end with number `exit`.
 
         Raises:
             MapError: the junction has no geometry, or its pieces do not meet.
@@ -85,26 +86,26 @@ class Itinerary:
         return self.path.pose(station + self.origin)
 
     def course(self, lane_width: float, start: float) -> Course:
-        """Return the way of a vehicle from station `start` on, in a lane of some width [m], as plans of a rear axle need it."""
+        """Return the centre line from station `start` on, with the width of the lane [m], to plan a path of the rear axle."""
         begin = max(-self.origin, self.line - BEFORE)
-        # A vehicle that is first seen in the junction need not be on the centre line there.
+        # A path begins on the centre line, and a vehicle that is first seen in the junction need not be on the centre line.
         return Course(self.path, self.origin, self.length, max(start, begin) if start <= 0.0 else begin, lane_width)
 
     def limit_at(self, station: float) -> float:
-        """Return the speed limit to keep at `station` [m/s]: `SPEED_LIMIT` where the map states none, at most `ADVISED`."""
+        """Return the speed limit to keep at `station` [m/s]: `SPEED_LIMIT` where the map states no limit, at most `ADVISED`."""
         return min(limit_in(self.limits, station) or SPEED_LIMIT, ADVISED) if self.limits else SPEED_LIMIT
 
     def placed(self, station: float, back: float) -> Pose:
-        """Return the pose of a vehicle whose reference point, at `station`, and rear axle, `back` behind, are on the way [m]."""
+        """Return the pose of a vehicle on the centre line, its front at `station` [m], its rear axle `back` [m] behind."""
         front, axle = self.pose(station), self.pose(station - back)
         return Pose(front.x, front.y, math.atan2(front.y - axle.y, front.x - axle.x))
 
     def centre(self, station: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the points of the centre line at stations, and the direction there, each of shape ``(steps, 2)``."""
+        """Return points of the centre line at stations, and unit vectors along the line, each of shape ``(steps, 2)``."""
         return self.path.centre(station + self.origin)
 
     def project(self, x: float, y: float, near: float) -> tuple[float, float]:
-        """Return station and lateral offset (left positive) of a point, looked for around station `near` [m]."""
+        """Return station and lateral offset (left positive) of a point on this itinerary, searched around station `near` [m]."""
         station, offset = self.path.project(x, y, near + self.origin)
         return station - self.origin, offset
 
@@ -123,5 +124,5 @@ class Itinerary:
 
 @lru_cache(maxsize=256)
 def itinerary(junction: Junction, entrance: int, exit: int) -> Itinerary:
-    """Return the way of a vehicle through a junction, built once; see `Itinerary.through` for errors."""
+    """Return the itinerary of a vehicle through a junction, built at the first call; see `Itinerary.through` for errors."""
     return Itinerary.through(junction, entrance, exit)

@@ -1,4 +1,7 @@
-"""A junction in a file: lanes, signs and movements as JSON, and the centre lines as separate arrays."""
+"""A junction in a file: lanes, signs and movements as JSON, and the centre lines as separate arrays.
+
+The file of a run with pedestrians also holds the crosswalks, from which reading rebuilds the ways of the pedestrians.
+"""
 
 from __future__ import annotations
 
@@ -12,9 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.geometry.control import Sign
+from pytest_rvads.geometry.crosswalks import Crosswalk
 from pytest_rvads.geometry.junction import Entrance, Exit, Junction, Movement
-from pytest_rvads.geometry.segment import NO_LIMIT, Segment, Turn
-from pytest_rvads.runs.bounds import FARTHEST, MOST_LANES, Name, Size
+from pytest_rvads.geometry.segment import NO_LIMIT, Segment
+from pytest_rvads.geometry.turns import Turn
+from pytest_rvads.runs.archive import FARTHEST, MOST_LANES, Name, Size
 from pytest_rvads.support.errors import RunError
 
 __all__ = ["Count", "JunctionRecord", "Key", "get_junction", "put_junction"]
@@ -26,13 +31,15 @@ _LONGEST = 10_000
 
 Count = Annotated[int, msgspec.Meta(ge=0, le=1_000_000)]
 _Length = Annotated[float, msgspec.Meta(ge=0.0, le=1e6)]
-"""[m]."""
+"""A length or distance of a junction in a file [m]."""
 
 
 Key = tuple[Count, Count]
 """A movement: entrance and exit."""
 _Limit = Annotated[float, msgspec.Meta(gt=0.0, le=NO_LIMIT)]
-"""[m/s]."""
+"""A speed limit in a file [m/s]."""
+_Place = Annotated[float, msgspec.Meta(ge=-FARTHEST, le=FARTHEST)]
+"""A coordinate of a crosswalk [m]."""
 _MOST_PAIRS = 100_000
 """Most pairs of movements with a priority in the map; 64 movements have 4,032 pairs."""
 
@@ -74,6 +81,18 @@ class _Movement(msgspec.Struct, frozen=True):
     path: _Line | None
 
 
+class _Crosswalk(msgspec.Struct, frozen=True):
+    """A crosswalk; its points are in the header, because they are few."""
+
+    id: str
+    arm: Count
+    area: Annotated[list[tuple[_Place, _Place]], msgspec.Meta(min_length=3, max_length=1000)]
+    path: Annotated[list[tuple[_Place, _Place]], msgspec.Meta(min_length=2, max_length=1000)]
+    middle: _Length
+    island: _Length
+    phase: Count | None
+
+
 class JunctionRecord(msgspec.Struct, frozen=True, omit_defaults=True):
     """A junction as JSON."""
 
@@ -89,17 +108,28 @@ class JunctionRecord(msgspec.Struct, frozen=True, omit_defaults=True):
     stated: Annotated[list[tuple[Key, Key]], msgspec.Meta(max_length=_MOST_PAIRS)] = []
     """Left out of the file if the map states no priority, as in files of earlier versions."""
     joining: Annotated[list[tuple[Key, Key]], msgspec.Meta(max_length=_MOST_PAIRS)] = []
+    crosswalks: Annotated[list[_Crosswalk], msgspec.Meta(max_length=MOST_LANES)] = []
+    """Left out of the file if nobody walks."""
+
+    @property
+    def starts(self) -> int:
+        """Number of starts of ways: every crosswalk has two crossings and a parking place."""
+        return len(self.entrances) + 3 * len(self.crosswalks)
 
 
 def put_junction(junction: Junction, lines: list[Segment]) -> JunctionRecord:
     """Return a junction as JSON, and add its centre lines to `lines`, which a file stores as arrays.
 
     Raises:
-        RunError: the junction has a way that is no movement.
+        RunError: the junction has other ways than movements and the ways of `Junction.walked`.
     """
-    if junction.further:
+    walked = bool(junction.further)
+    if walked and (not junction.crossings or junction.unwalked.walked != junction):
         kinds = ", ".join(sorted({way.kind for way, _, _ in junction.further}))
-        raise RunError(f"junction {junction.name!r} has ways of the kind {kinds}, and files hold movements only: save it without")
+        raise RunError(
+            f"junction {junction.name!r} has ways of the kind {kinds} that do not follow from its crosswalks, and files hold "
+            "movements and crosswalks only: save it without"
+        )
 
     def put(line: Segment | None) -> _Line | None:
         if line is None:
@@ -119,11 +149,15 @@ def put_junction(junction: Junction, lines: list[Segment]) -> JunctionRecord:
         junction.lane_width,
         sorted(junction.stated),
         sorted(junction.joining),
+        [
+            _Crosswalk(c.id, c.arm, c.area.tolist(), c.path.points.tolist(), c.middle, c.island, c.phase)
+            for c in (junction.crossings if walked else ())
+        ],
     )
 
 
 def get_junction(record: JunctionRecord, arrays: Mapping[str, NDArray[Any]]) -> Junction:
-    """Return the junction of a file. Equal files give the same object, so the cached results of a junction are computed once.
+    """Return the junction of a file. Equal files give the same object, so that results cached on a junction are computed once.
 
     Args:
         record: the junction in the file's header.
@@ -156,13 +190,18 @@ def _build(record: JunctionRecord, arrays: Mapping[str, NDArray[Any]]) -> Juncti
         return Segment(line.id, along, line.turn, line.junction, line.limits)
 
     movements = [Movement(m.entrance, m.exit, m.turn, m.length, m.segment, get(m.path)) for m in record.movements]
-    length = math.fsum(m.path.length for m in movements if m.path is not None)
+    crosswalks = tuple(
+        Crosswalk(c.id, c.arm, np.array(c.area), Segment(c.id, np.array(c.path)), c.middle, c.island, c.phase)
+        for c in record.crosswalks
+    )
+    lines = [*(m.path for m in movements), *(c.path for c in crosswalks)]
+    length = math.fsum(line.length for line in lines if line is not None)
     if length > _LONGEST:
-        raise ValueError(f"its movements are {length:,.0f} m long together, expected at most {_LONGEST:,} m")
+        raise ValueError(f"its movements and crosswalks are {length:,.0f} m long together, expected at most {_LONGEST:,} m")
     ways = {m.key: m for m in movements}
     if unknown := [key for pair in (*record.stated, *record.joining) for key in pair if key not in ways]:
         raise ValueError(f"its junction states a priority of the movement {unknown[0]}, which it does not have")
-    return Junction(
+    junction = Junction(
         record.name,
         record.id,
         tuple(Entrance(e.arm, e.lane, e.sign, e.phase, e.setback, get(e.approach), e.sign_setback) for e in record.entrances),
@@ -174,4 +213,8 @@ def _build(record: JunctionRecord, arrays: Mapping[str, NDArray[Any]]) -> Juncti
         record.lane_width,
         stated=frozenset(record.stated),
         joining=frozenset(record.joining),
+        crossings=crosswalks,
     )
+    if wrong := [c.arm for c in crosswalks if c.arm >= junction.ways]:
+        raise ValueError(f"it has a crosswalk over arm {wrong[0]}, and its junction has {junction.ways} arms")
+    return junction.walked

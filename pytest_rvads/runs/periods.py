@@ -1,7 +1,8 @@
 """Busy periods of a junction: recorded traffic is cut at times without a vehicle near the junction.
 
-An instance is judged in one excerpt: the excerpt in which the last of its vehicles to appear is judged. The same holds for
-indicators of a pair of vehicles. The other vehicles of an excerpt are context.
+An excerpt is the part of a recording that one run holds. An instance of a rule (the rule for certain vehicles) is judged in one
+excerpt: the excerpt that judges the vehicle of the instance that appeared last. The indicators of two vehicles are computed in
+the excerpt that judges the vehicle that appeared later. An excerpt also shows vehicles that it does not judge, as context.
 """
 
 from __future__ import annotations
@@ -15,9 +16,12 @@ from numpy.typing import NDArray
 __all__ = ["MOST_JUDGED", "NEAR", "NEAR_TIME", "Period", "busy_periods"]
 
 NEAR = 15.0
-"""Distance to its stopping line from which on a vehicle is near the junction [m]: two vehicles of a lane fit in."""
+"""Distance before its stopping line from which on a vehicle is near the junction [m]: two queuing vehicles fit in."""
 NEAR_TIME = 5.0
-"""Time before a vehicle would arrive at its present speed, from which the vehicle is near [s]; not below `priority.DUE`."""
+"""A vehicle is also near the junction if it would reach its stopping line within this time at its present speed [s].
+
+The time is not below `pytest_rvads.logic.conduct.rights.DUE`.
+"""
 MOST_JUDGED = 24
 """Most vehicles that are judged in one run. Longer periods are cut, because the cost grows with the square of the vehicles."""
 
@@ -27,14 +31,14 @@ Span = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
 
 @dataclass(frozen=True, slots=True)
 class Period:
-    """A time in which the junction is busy without a break, or a part of it."""
+    """A time in which vehicles are near the junction without a break, or a part of such a time."""
 
     begin: float
-    """Time at which the first judged vehicle appears [s]; earlier, if a vehicle that is near then came near before."""
+    """Time at which the first judged vehicle appears [s], or the earlier time at which a vehicle near at that time came near."""
     end: float
     """Time at which the last judged vehicle vanishes [s]."""
     busy: float
-    """Time at which the first judged vehicle comes near [s]."""
+    """Time at which the first judged vehicle comes near the junction [s]."""
     judged: tuple[int, ...]
     """Numbers of the judged vehicles; each vehicle is judged in one period."""
     present: tuple[int, ...]
@@ -42,7 +46,7 @@ class Period:
 
 
 def busy_periods(spans: Sequence[Span], lines: Sequence[float], leave: Sequence[float]) -> tuple[Period, ...]:
-    """Return the busy periods, in order.
+    """Return the busy periods of a junction (times with vehicles near the junction) in order.
 
     Args:
         spans: samples of every vehicle.
@@ -73,7 +77,7 @@ def busy_periods(spans: Sequence[Span], lines: Sequence[float], leave: Sequence[
 def _near(
     times: NDArray[np.float64], station: NDArray[np.float64], speed: NDArray[np.float64], line: float, last: float
 ) -> tuple[float, float] | None:
-    """Return the first and the last time at which a vehicle is near the junction [s], None if the vehicle is never near."""
+    """Return the first and the last time at which a vehicle is near the junction [s]; None if the vehicle never comes near."""
     reach = np.maximum(NEAR, NEAR_TIME * np.maximum(speed, 0.0))
     samples = np.flatnonzero((station >= line - reach) & (station <= last))
     return (float(times[samples[0]]), float(times[samples[-1]])) if len(samples) else None

@@ -1,11 +1,11 @@
-"""Recorded traffic at a junction: vehicles that come and go, with individual sample times, cut into runs of busy periods.
+"""Recorded traffic at a junction: agents that come and go, with individual sample times, cut into runs of busy periods.
 
-Before its first and after its last sample, a vehicle is absent (`Zone.ABSENT`): its numbers are NaN, and no instance about the
-vehicle is judged.
+Before its first and after its last sample, an agent is absent (`Zone.ABSENT`): its numbers are NaN, and no rule is judged about
+the agent.
 
-The clock of a run has steps of 0.01 s, as in simulated runs, so that waiting times and ties mean the same in both. A recording
-stores the samples and builds a run when the run is indexed, so that one run at a time is in memory. Stations and speeds between
-samples are interpolated.
+The clock of a recorded run has steps of 0.01 s, as in simulated runs, so that waiting times and simultaneous arrivals mean the
+same in both kinds of runs. A recording stores the samples and builds a run when the run is indexed, so that one run at a time is
+in memory. Stations and speeds between samples are interpolated.
 """
 
 from __future__ import annotations
@@ -23,29 +23,29 @@ from pytest_rvads.runs.itineraries import Itinerary, itinerary
 from pytest_rvads.runs.periods import NEAR, Period, busy_periods
 from pytest_rvads.runs.run import DT, Excerpt, Facts, Run
 from pytest_rvads.runs.smoothing import DERIVED, PACE, beside
-from pytest_rvads.runs.states import Agent, Colour, Zone
+from pytest_rvads.runs.states import Agent, Colour, Kind, Zone
 
 __all__ = ["Before", "Changes", "Recording", "Track", "speeds", "stations", "unseen_stand", "zones"]
 
 _Values = NDArray[np.float64]
 _APART = 0.15
-"""Longest time between samples for which the speed is interpolated in a straight line [s], see `speeds`."""
+"""Longest time between two samples during which no vehicle can stop and set off again unseen [s], see `unseen_stand`."""
 _AROUND = 4
-"""Number of consecutive samples that show a stop between the two middle samples."""
+"""Number of consecutive samples from which `speeds` can find a stop between the second and the third of these samples."""
 _AGREE = 0.1
-"""Largest relative difference between speed times time and the distance driven between two samples for a trusted speed."""
+"""Largest share by which the distance at the mean speed differs from the distance driven, if `stations` uses the speeds."""
 HARDEST = 5.0
 """Greatest braking or acceleration of a vehicle that is about to stop [m/s^2]."""
 _ALL = 3.0
-"""Number of standard deviations of the greatest possible error."""
+"""Greatest possible error of a measurement, as a number of standard deviations."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Track:
-    """The samples of a vehicle near the junction; arrays have a row per sample."""
+    """The samples of a vehicle near the junction, or of a pedestrian at a crosswalk; arrays have a row per sample."""
 
     agent: Agent
-    """Name, way, kind and size of the vehicle."""
+    """Name, way, kind and size of the vehicle or pedestrian."""
     times: NDArray[np.float64]
     """Times on the clock of the recording, increasing, at least two, shape ``(samples,)`` [s]."""
     station: NDArray[np.float64]
@@ -84,22 +84,22 @@ class Recording(Sequence[Run]):
     tracks: tuple[Track, ...]
     """Tracks in the order of their first samples."""
     lights: Mapping[int, Changes] = field(default_factory=dict)
-    """Lights by entrance."""
+    """Lights by entrance, or by the start of another way, see `Junction.starts`."""
     facts: Facts = field(default_factory=Facts)
     position_accuracy: float = 0.0
     """Standard deviation of a measured coordinate [m]; 0 for exact coordinates. The coordinates of tracks are smoothed."""
     speed_accuracy: float = 0.0
-    """Standard deviation of a measured speed [m/s]; 0 for exact speeds. The speeds of tracks are smoothed if positions are."""
+    """Standard deviation of a measured speed [m/s]; 0 for exact speeds. Speeds are smoothed if coordinates are not exact."""
     dt: float = DT
     """Time between two states of a run [s]."""
     left_out: tuple[tuple[str, str], ...] = ()
-    """Recorded vehicles that are not in the recording, with the reason."""
+    """Names of the vehicles and pedestrians of the log that are not in the recording, each with the reason."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "tracks", tuple(sorted(self.tracks, key=lambda track: (track.times[0], track.agent.name))))
 
     def __repr__(self) -> str:
-        return f"<Recording {self.label}: {len(self.tracks)} vehicles, {len(self)} busy periods>"
+        return f"<Recording {self.label}: {len(self.vehicles)} vehicles, {len(self)} busy periods>"
 
     def __len__(self) -> int:
         return len(self.periods)
@@ -119,11 +119,17 @@ class Recording(Sequence[Run]):
         return map(self._run, self.periods)
 
     @cached_property
+    def vehicles(self) -> tuple[Track, ...]:
+        """The tracks of vehicles, without the tracks of pedestrians."""
+        return tuple(track for track in self.tracks if _drives(track))
+
+    @cached_property
     def periods(self) -> tuple[Period, ...]:
-        """Times at which vehicles were near the junction, with these vehicles."""
+        """Times at which vehicles were near the junction, each with the numbers of its agents in `tracks`."""
         spans = [(track.times, track.station, track.speed) for track in self.tracks]
         ways = [self._itinerary(track) for track in self.tracks]
-        return busy_periods(spans, [way.line for way in ways], [way.leave for way in ways])
+        periods = busy_periods(spans, [way.line for way in ways], [way.leave for way in ways])
+        return tuple(period for period in periods if any(_drives(self.tracks[number]) for number in period.present))
 
     def _itinerary(self, track: Track) -> Itinerary:
         return itinerary(self.junction, *track.agent.way.key)
@@ -147,7 +153,10 @@ class Recording(Sequence[Run]):
             unwrapped = np.column_stack((track.pose[:, :2], np.unwrap(track.pose[:, 2])))
             pose[rows, column] = np.stack([np.interp(at, track.times, values) for values in unwrapped.T], axis=1)
             spread[rows, column] = 0.0 if track.spread is None else np.interp(at, track.times, track.spread)
-            zone[rows, column] = zones(self._itinerary(track).borders, station[rows, column], spread[rows, column])
+            borders, along = self._itinerary(track).borders, station[rows, column]
+            # Noise makes no vehicle drive back, but pedestrians may turn back.
+            by_station = np.searchsorted(borders, along, side="right")
+            zone[rows, column] = zones(borders, along, spread[rows, column]) if _drives(track) else by_station
         lights = np.zeros((steps, len(self.junction.starts)), dtype=np.int8)
         for entrance, changes in self.lights.items():
             colours = np.concatenate(([Colour.NONE], changes.colours)).astype(np.int8)
@@ -172,10 +181,10 @@ class Recording(Sequence[Run]):
         )
 
     def _position_deviation(self, tracks: Sequence[Track]) -> float:
-        """Return the standard deviation of positions beside the way [m].
+        """Return the standard deviation of the positions of vehicles, measured across their way [m].
 
-        If speeds come from positions, headings may come from positions, too, and so may the place of the front of a vehicle. Then
-        the deviation is the deviation of the measured positions.
+        If speeds are derived from positions, then headings, and so the place of the front of a vehicle, can be derived from
+        positions as well. In this case the result is the standard deviation of the measured positions.
         """
         if self.position_accuracy <= 0.0 or self.speed_accuracy >= DERIVED:
             return self.position_accuracy
@@ -190,7 +199,7 @@ class Recording(Sequence[Run]):
             speed: interpolated speeds, shape ``(steps, tracks)`` [m/s].
         """
         if self.speed_accuracy <= 0.0:
-            exact = ((t, column) for column, t in enumerate(tracks) if t.spread is None)
+            exact = ((t, column) for column, t in enumerate(tracks) if t.spread is None and _drives(t))
             slower = (unseen_stand(t.times, t.station, t.speed, ticks, speed[:, column]) for t, column in exact)
             return max(slower, default=0.0) / _ALL
         accuracy = self.speed_accuracy
@@ -199,13 +208,17 @@ class Recording(Sequence[Run]):
         return max(accuracy, HARDEST * max(_sampling_time(tracks) - DT, 0.0) / 2 / _ALL)
 
 
+def _drives(track: Track) -> bool:
+    return track.agent.kind is not Kind.PEDESTRIAN
+
+
 def _sampling_time(tracks: Sequence[Track]) -> float:
     """Return the median time between samples [s]."""
     return float(np.median(np.concatenate([np.diff(track.times) for track in tracks])))
 
 
 class Before(NamedTuple):
-    """The state before the states of a call of `zones`; arrays have the shape ``(agents,)``."""
+    """The state just before the states that a call of `zones` gets; arrays have the shape ``(agents,)``."""
 
     zone: NDArray[np.int8]
     """Zone of each vehicle; `Zone.ABSENT` of an absent vehicle."""
@@ -223,15 +236,15 @@ def zones(
 ) -> NDArray[np.int8]:
     """Return the zones of a vehicle, shape ``(steps,)``, or of several vehicles, shape ``(steps, agents)``.
 
-    A vehicle crosses a border in the first state in which the vehicle is beyond the border even at `spread` behind its station.
-    A vehicle also crosses a border by a step beyond the border that is longer than the spread of both states, because noise makes
-    no such step. A border stays crossed, even if the vehicle is measured before the border afterwards.
+    A vehicle crosses a border in the first state in which its station minus its spread is beyond the border. A vehicle also
+    crosses a border by a step beyond the border that is longer than the sum of the spreads before and after the step, because
+    noise makes no such step. A border stays crossed, even if the vehicle is measured before the border afterwards.
 
     Args:
         borders: `Itinerary.borders` of the vehicle, or of every vehicle, shape ``(4,)`` or ``(agents, 4)`` [m].
         station: stations of the reference point, in the shape of the result [m].
         spread: largest distance of a vehicle from its station, in the shape of the result, or a number [m]; 0 for exact stations.
-        before: the state before the first state; None if no vehicle was present.
+        before: the state just before the first state of `station`; None if no vehicle was present in that state.
     """
     spread = np.broadcast_to(spread, station.shape)
     nan = np.full(station.shape[1:], np.nan)
@@ -246,7 +259,7 @@ def zones(
 def stations(times: _Values, station: _Values, speed: _Values, at: _Values) -> _Values:
     """Return the stations at times between samples [m], shape ``(steps,)``.
 
-    The interpolation is a cubic if the speeds agree with the distance driven, else a straight line.
+    The interpolation is a cubic if the speeds agree with the distance driven, and a straight line if the speeds disagree.
 
     Args:
         times: times of the samples, shape ``(samples,)`` [s].
@@ -270,8 +283,8 @@ def speeds(times: _Values, station: _Values, speed: _Values, spread: _Values | N
     """Return the speeds of a vehicle at times between its samples [m/s], shape ``(steps,)``.
 
     The speed is interpolated in a straight line, except between two samples before which the vehicle brakes and after which the
-    vehicle accelerates. There the braking is continued and the acceleration is extended backwards, if this agrees better with the
-    distance driven. Otherwise a short stop between two samples would be lost.
+    vehicle accelerates. Between two such samples the braking is continued and the acceleration is extended backwards, if this
+    agrees better with the distance driven, because a straight line would lose a short stop between two samples.
 
     Args:
         times: times of the samples, shape ``(samples,)`` [s].
@@ -290,7 +303,7 @@ def speeds(times: _Values, station: _Values, speed: _Values, spread: _Values | N
     with np.errstate(divide="ignore", invalid="ignore"):
         turn = (v1 - after * duration - v0) / (before - after)
         lowest = v0 + before * turn
-        # A vehicle that comes to rest before the start of its acceleration stands in between.
+        # A vehicle that comes to rest before its acceleration begins stands until its acceleration begins.
         stands = lowest < 0.0
         way = np.where(
             stands,

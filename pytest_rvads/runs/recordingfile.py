@@ -19,8 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.geometry.segment import Segment
-from pytest_rvads.runs.archive import Kept
-from pytest_rvads.runs.bounds import FARTHEST, Name, Size, Step
+from pytest_rvads.runs.archive import FARTHEST, Kept, Name, Size, Step
 from pytest_rvads.runs.itineraries import itinerary
 from pytest_rvads.runs.junctionfile import Count, JunctionRecord, Key, get_junction, put_junction
 from pytest_rvads.runs.recording import Changes, Recording, Track
@@ -34,12 +33,12 @@ __all__ = ["FORMAT", "VERSION", "load_recording", "save_recording"]
 
 FORMAT, VERSION = "rvads-recording", 1
 _KEPT = Kept("recording", FORMAT, VERSION, most_bytes=2**30, most_header=2**26)
-"""Room for ten million samples."""
+"""The file format of a recording; the largest file has room for ten million samples."""
 _MOST_TRACKS = 200_000
 _LONGEST = 1e5
 """Longest time from the first to the last sample of a vehicle [s]: more than a day."""
 _ARRAYS = {"times": (), "station": (), "speed": (), "pose": (3,), "spread": (), "light_times": (), "light_colours": ()}
-"""Shape of an entry of each array."""
+"""Per array, the shape of one entry, such as the pose of a sample."""
 _Accuracy = Annotated[float, msgspec.Meta(ge=0.0, le=100.0)]
 _Samples = Annotated[int, msgspec.Meta(ge=2, le=100_000_000)]
 T = TypeVar("T")
@@ -164,7 +163,7 @@ def _recording(header: _Header, arrays: Mapping[str, NDArray[Any]]) -> Recording
     for light, times, colours in zip(
         header.lights, _parts(arrays["light_times"], changes), _parts(arrays["light_colours"], changes), strict=True
     ):
-        if light.entrance >= len(junction.entrances) or (np.diff(times) <= 0.0).any() or not np.isin(colours, [*Colour]).all():
+        if light.entrance >= len(junction.starts) or (np.diff(times) <= 0.0).any() or not np.isin(colours, [*Colour]).all():
             raise ValueError(
                 f"the light of entrance {light.entrance} must have an existing entrance, increasing times and valid colours"
             )
@@ -185,7 +184,7 @@ def _recording(header: _Header, arrays: Mapping[str, NDArray[Any]]) -> Recording
 def _way(ways: Mapping[Key, T], record: _Track) -> T:
     if record.route not in ways:
         entrance, exit = record.route
-        raise ValueError(f"{record.name} goes from entrance {entrance} to exit {exit}, where no movement leads")
+        raise ValueError(f"{record.name} goes from entrance {entrance} to exit {exit}, where no way leads")
     return ways[record.route]
 
 

@@ -2,7 +2,10 @@
 
 Runs are values. A verdict depends on what the hash of a run covers, and on nothing else: the states with their accuracy, the
 name, route, kind and size of every agent, collisions, `Facts`, fault, excerpt and junction. `Run.provenance` tells where a run
-comes from, and no code that judges reads it. ``collisions=None`` means that nothing watched for collisions.
+comes from, and no code that judges reads the provenance. ``collisions=None`` means that collisions were not recorded.
+
+`once` caches the results of functions of a run as long as the run exists, so that all rules that judge the run share the results.
+A cached result must not hold the run, because the circle of references would keep the run in memory.
 """
 
 from __future__ import annotations
@@ -10,40 +13,41 @@ from __future__ import annotations
 import hashlib
 import json
 import sys
-from collections.abc import Mapping
+import weakref
+from collections.abc import Callable, Mapping
 from dataclasses import astuple, dataclass, field, fields
 from functools import cached_property
 from types import MappingProxyType
-from typing import Annotated, Any, get_type_hints
+from typing import Annotated, Any, TypeVar, get_type_hints
 
 import numpy as np
 from msgspec import Meta
 from numpy.typing import NDArray
 
 from pytest_rvads.geometry.junction import Junction
-from pytest_rvads.runs.states import Agent, Zone
+from pytest_rvads.runs.states import Agent, Zone, crowd
 from pytest_rvads.support.decoding import typed
-from pytest_rvads.support.displayed import shown
 from pytest_rvads.support.errors import RunError
+from pytest_rvads.support.wording import shown
 
-__all__ = ["ARRAYS", "DT", "FAULT", "LATE", "Collision", "Excerpt", "Facts", "Fault", "Halt", "Positive", "Run"]
+__all__ = ["ARRAYS", "DT", "FAULT", "LATE", "Collision", "Excerpt", "Facts", "Fault", "Halt", "Positive", "Run", "given", "once"]
 
 DT = 0.01
 """Time between two states, and the physics step [s]."""
 ARRAYS = ("zone", "lights", "station", "speed", "pose", "controls")
-"""The states."""
+"""Names of the arrays of a run that hold its states."""
 FAULT, LATE = "fault", "late"
-"""Ends of runs in their provenance: a fault, and a fault because a limit of real time was exceeded."""
+"""Reasons for the end of a run, as its provenance holds them: a fault, and a fault because a limit of real time was exceeded."""
 Positive = Annotated[float, Meta(gt=0.0, le=sys.float_info.max)]
-"""A number above 0, finite; as run files have it."""
+"""A finite number above 0, as run files hold it."""
 
 
 @dataclass(frozen=True, slots=True)
 class Collision:
-    """Two bodies touching for the first time."""
+    """The moment at which two bodies touch for the first time."""
 
     time: float
-    """[s]."""
+    """Time of the first touch since the start of the run [s]."""
     agents: tuple[str, str]
     speed: float
     """Relative speed of the two bodies at impact [m/s]."""
@@ -51,23 +55,23 @@ class Collision:
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """The reason why a run ended early: the verdict of every rule is then ERROR."""
+    """The reason why a run ended early. A rule that was violated before the end stays FAIL; every other verdict is ERROR."""
 
     time: float
-    """[s]."""
+    """Time of the fault since the start of the run [s]."""
     agent: str
-    """The vehicle concerned."""
+    """Name of the vehicle whose autopilot or plant caused the fault."""
     reason: str
     """One sentence naming autopilot or plant and what went wrong."""
     detail: str = field(default="", compare=False)
-    """What a stack in another process last wrote to its standard error; not part of the run's hash."""
+    """The last text that a driver in another process wrote to its standard error; not part of the run's hash."""
 
 
 class Halt(RunError):
-    """Ends a run with a fault; raised and caught within a simulation.
+    """The exception that ends a run with a fault; raised and caught within a simulation.
 
     Args:
-        agent: the vehicle concerned.
+        agent: name of the vehicle, see `Fault.agent`.
         reason: one sentence, see `Fault.reason`.
         detail: see `Fault.detail`.
         end: what the run's provenance calls its end, `FAULT` or `LATE`.
@@ -83,7 +87,7 @@ class Halt(RunError):
 
 @dataclass(frozen=True, slots=True)
 class Facts:
-    """The facts beside the states on which a verdict can depend; part of a run's hash. An unknown fact is None.
+    """The facts beside the states of a run on which a verdict can depend; part of the run's hash. An unknown fact is None.
 
     Raises:
         RunError: a value is not of the type of its fact.
@@ -96,13 +100,13 @@ class Facts:
     strayed: tuple[str, ...] = ()
     """Names of the vehicles that left their routes, which ended the run."""
     turning: tuple[tuple[str, Positive], ...] = ()
-    """Names of vehicles that steer otherwise than a usual car of their length, each with the radius of the smallest circle that
-    its rear axle drives [m]."""
+    """Names of the vehicles whose turning circle is not that of a usual car of their length, each with the radius of the smallest
+    circle that its rear axle drives [m]."""
 
     def __post_init__(self) -> None:
         for name, kind in _FACTS.items():
             value = getattr(self, name)
-            plain = float(value) if isinstance(value, float) else value  # numpy's are a class of their own
+            plain = float(value) if isinstance(value, float) else value  # numpy's floats are of a subclass
             object.__setattr__(self, name, typed(plain, kind, f"{name} of facts", RunError))
 
 
@@ -111,32 +115,33 @@ _FACTS = get_type_hints(Facts, include_extras=True)
 
 @dataclass(frozen=True, slots=True)
 class Excerpt:
-    """Which part of a recording a run is, and how exact that is; part of a run's hash."""
+    """The part of a recording that a run holds, and the accuracy of the recording; part of the run's hash."""
 
     start: float = 0.0
     """Time of the first state on the clock of the recording [s]."""
     judged: tuple[str, ...] | None = None
-    """Names of the vehicles that are judged in this excerpt; None if all are. An instance of a rule is judged if the vehicle that
-    appeared last among the vehicles of the instance is a judged vehicle. Another excerpt judges the remaining vehicles."""
+    """Names of the vehicles that are judged in this excerpt; None if all vehicles are judged. An instance of a rule (the rule for
+    certain vehicles) is judged if the vehicle that appeared last among these vehicles is a judged vehicle. Other excerpts judge
+    the other vehicles."""
     position_accuracy: float = 0.0
-    """Standard deviation of a position beside the way [m]; along the way see `Run.spread`."""
+    """Standard deviation of a position across the way of the vehicle [m]; for the accuracy along the way see `Run.spread`."""
     speed_accuracy: float = 0.0
     """Standard deviation of a speed [m/s]."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Run:
-    """A run of the system: states every `dt` seconds, as arrays with one row per state.
+    """A simulated or recorded run: the states every `dt` seconds, as arrays with one row per state.
 
     A run holds copies of its arrays; the arrays and the keys of the provenance are read-only. A field that a recording does not
     hold is None.
     """
 
     label: str
-    """Names the scenario or the recording, as in test ids."""
+    """Name of the scenario or the recording, as in the ids of tests."""
     junction: Junction
     agents: tuple[Agent, ...]
-    """In the order of the columns; simulated runs list them by entrance."""
+    """The agents in the order of the columns of the arrays; simulated runs list the agents by entrance."""
     zone: NDArray[np.int8]
     """`Zone` of every agent, shape ``(steps, agents)``."""
     lights: NDArray[np.int8]
@@ -144,7 +149,7 @@ class Run:
     dt: float = DT
     """Time between two states [s]."""
     station: NDArray[np.float64] | None = None
-    """Reference point along the itinerary, 0 at the entrance vertex, shape ``(steps, agents)`` [m]."""
+    """Station of the reference point along the itinerary, 0 at the entrance vertex, shape ``(steps, agents)`` [m]."""
     speed: NDArray[np.float64] | None = None
     """Forward speed, shape ``(steps, agents)`` [m/s]."""
     pose: NDArray[np.float64] | None = None
@@ -152,11 +157,11 @@ class Run:
     controls: NDArray[np.float64] | None = None
     """Throttle, brake, steering commanded in each step, shape ``(steps, agents, 3)``."""
     collisions: tuple[Collision, ...] | None = None
-    """None if collisions were not recorded; they are then computed from poses and sizes."""
+    """Collisions; None if collisions were not recorded, so that they are computed from poses and sizes."""
     fault: Fault | None = None
     facts: Facts = Facts()
     excerpt: Excerpt | None = None
-    """The part of a recording that this run is; None if the run is the whole recording."""
+    """The part of a recording that this run is; None for a simulated run, and for a run that is a whole recording."""
     spread: NDArray[np.float64] | None = None
     """Largest error of the stations, shape ``(steps, agents)`` [m]; None if the stations are exact."""
     provenance: Mapping[str, Any] = field(default_factory=dict)
@@ -175,14 +180,14 @@ class Run:
         return Run, tuple(getattr(self, item.name) for item in fields(self))  # numpy unpickles arrays that can be written to
 
     def __eq__(self, other: object) -> bool:
-        """Tell whether two runs are the same bit for bit."""
+        """Return whether two runs are the same bit for bit, apart from their provenance."""
         return self.hash == other.hash if isinstance(other, Run) else NotImplemented
 
     def __hash__(self) -> int:
         return hash(self.hash)
 
     def __repr__(self) -> str:
-        return f"<Run {self.label}: {len(self.agents)} vehicles, {self.duration:.2f} s>"
+        return f"<Run {self.label}: {crowd(self.agents)}, {self.duration:.2f} s>"
 
     def _repr_html_(self) -> str:
         return shown(self)
@@ -206,8 +211,8 @@ class Run:
     def wt(self) -> NDArray[np.int32]:
         """Waiting time of every agent in ticks, shape ``(steps, agents)``.
 
-        Zero in the first state and outside the entrance zone, one more for every further state spent in
-        it; it does not restart when the vehicle starts to move inside the zone.
+        The waiting time is zero in the first state and outside the entrance zone, and grows by one with every further state in
+        the zone. The waiting time does not restart when the vehicle starts to move inside the zone.
         """
         tick = np.arange(self.steps, dtype=np.int32)[:, None]
         restart = np.where(self.zone == Zone.ENTRANCE, 0, tick)
@@ -217,7 +222,7 @@ class Run:
 
     @cached_property
     def entered(self) -> NDArray[np.int64]:
-        """First tick in the junction or beyond, shape ``(agents,)``; the number of states for an agent that never enters."""
+        """First tick of every agent in the junction or beyond, shape ``(agents,)``; the number of states if it never enters."""
         beyond = self.zone >= Zone.JUNCTION
         ticks = np.where(beyond.any(axis=0), beyond.argmax(axis=0), self.steps)
         ticks.flags.writeable = False
@@ -225,7 +230,7 @@ class Run:
 
     @cached_property
     def facing(self) -> NDArray[np.int8]:
-        """Colour of the light at each agent's entrance, shape ``(steps, agents)``; after the entry, the colour at the entry."""
+        """Colour of the light at each agent's entrance, frozen once the agent has entered, shape ``(steps, agents)``."""
         colours = self.lights[:, [agent.entrance for agent in self.agents]]
         tick = np.minimum(np.arange(self.steps)[:, None], self.entered)
         faced: NDArray[np.int8] = np.take_along_axis(colours, tick, axis=0)
@@ -251,7 +256,7 @@ class Run:
 
     @cached_property
     def hash(self) -> str:
-        """SHA-256 over states, collisions, fault, agents, facts and junction: equal hashes mean runs that are judged alike."""
+        """SHA-256 over states, collisions, fault, agents, facts, excerpt and junction; equal hashes mean equal verdicts."""
         sha = hashlib.sha256()
         agents = [[a.name, a.way.key, a.kind, a.size] for a in self.agents]
         # Facts about steering enter the hash only if a vehicle has them, so that runs of usual cars keep their hashes.
@@ -270,7 +275,7 @@ class Run:
 
     @property
     def start(self) -> float:
-        """Time of the first state on the clock of the recording that the run is an excerpt of, else 0 [s]."""
+        """Time of the first state on the clock of the recording [s]; 0 for a run that is no excerpt of a recording."""
         return 0.0 if self.excerpt is None else self.excerpt.start
 
     @cached_property
@@ -282,7 +287,7 @@ class Run:
 
     @cached_property
     def spans(self) -> NDArray[np.int64]:
-        """First tick of every agent and the tick after its last, shape ``(agents, 2)``; both 0 if the agent never appears."""
+        """First tick of every agent, and the tick after its last tick, shape ``(agents, 2)``; both 0 if it never appears."""
         present = self.zone != Zone.ABSENT
         ends = np.where(present.any(axis=0), self.steps - present[::-1].argmax(axis=0), 0)
         spans = np.stack((present.argmax(axis=0), ends), axis=1) if self.steps else np.zeros((len(self.agents), 2), np.int64)
@@ -295,10 +300,10 @@ class Run:
         return self.facts.subject
 
     def need(self, name: str) -> NDArray[np.float64]:
-        """Return ``station``, ``speed`` or ``pose``.
+        """Return the array ``station``, ``speed`` or ``pose`` of the run.
 
         Raises:
-            RunError: the run does not record it.
+            RunError: the run does not record this array.
         """
         array: NDArray[np.float64] | None = getattr(self, name)
         if array is None:
@@ -309,7 +314,7 @@ class Run:
         """Return length and width of the agent in column `agent` [m].
 
         Raises:
-            RunError: the run does not record them.
+            RunError: the run does not record the size of this agent.
         """
         size = self.agents[agent].size
         if size is None:
@@ -320,3 +325,29 @@ class Run:
         """Return the time at which the agent in column `agent` enters the junction [s]; None if the agent never enters."""
         inside = np.flatnonzero(self.zone[:, agent] == Zone.JUNCTION)
         return float(inside[0]) * self.dt if len(inside) else None
+
+
+_Result = TypeVar("_Result")
+_RESULTS: dict[int, dict[object, Any]] = {}
+"""The results of every run by the id of the run, deleted with the run."""
+
+
+def once(run: Run, work: Callable[..., _Result], *columns: int) -> _Result:
+    """Return the result of `work` on a run, or on agents of the run, given by column; the result is cached with the run."""
+    results, key = _results_of(run), (work, columns)
+    if key not in results:
+        results[key] = work(run, *columns)
+    result: _Result = results[key]
+    return result
+
+
+def given(run: Run, work: Callable[[Run], _Result], result: _Result) -> None:
+    """Store a result of `work` on a run, so that `once` returns this result instead of calling `work`."""
+    _results_of(run)[work, ()] = result
+
+
+def _results_of(run: Run) -> dict[object, Any]:
+    if id(run) not in _RESULTS:
+        _RESULTS[id(run)] = {}
+        weakref.finalize(run, _RESULTS.pop, id(run)).atexit = False
+    return _RESULTS[id(run)]

@@ -21,8 +21,7 @@ from numpy.typing import NDArray
 
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.geometry.segment import Segment
-from pytest_rvads.runs.archive import MOST_BYTES, Kept, peek
-from pytest_rvads.runs.bounds import FARTHEST, Name, Size, Step, check_size
+from pytest_rvads.runs.archive import FARTHEST, MOST_BYTES, Kept, Name, Size, Step, check_size, peek
 from pytest_rvads.runs.itineraries import itinerary
 from pytest_rvads.runs.junctionfile import JunctionRecord, Key, get_junction, put_junction
 from pytest_rvads.runs.run import Collision, Excerpt, Facts, Fault, Run
@@ -33,7 +32,7 @@ from pytest_rvads.support.errors import MapError, RunError, require
 __all__ = ["FORMAT", "VERSION", "glance", "load_run", "save_run"]
 
 _MOST = 2**21
-"""Longest head that is read [bytes]."""
+"""Largest part of a header that `glance` reads [bytes]."""
 FORMAT, VERSION = "rvads-run", 3
 _ARRAYS = {"zone": "i", "lights": "i", "station": "f", "speed": "f", "pose": "f", "controls": "f", "spread": "f"}
 """Per array of a run the kind of its numbers: whole numbers (``i``) or floats (``f``)."""
@@ -95,7 +94,7 @@ def save_run(run: Run, path: str | Path) -> None:
     except (TypeError, ValueError) as error:
         raise RunError(f"run {run.label!r} can't be kept: {error}") from error
     typed(values, _Header, f"run {run.label!r} can't be kept", RunError)
-    check_size(f"run {run.label!r} can't be kept", [(run.steps, len(run.agents), len(run.junction.entrances))])
+    check_size(f"run {run.label!r} can't be kept", [(run.steps, len(run.agents), len(run.junction.starts))])
     _KEPT.write(run.label, path, text, arrays, lines)
 
 
@@ -111,17 +110,15 @@ def load_run(path: str | Path) -> Run:
 
 def _run(header: _Header, arrays: Mapping[str, NDArray[Any]], path: Path) -> Run:
     steps, *_ = arrays["zone"].shape or (0,)
-    lanes, names = len(header.junction.entrances), [agent.name for agent in header.agents]
-    check_size(str(path), [(steps, len(names), lanes)])
+    starts, names = header.junction.starts, [agent.name for agent in header.agents]
+    check_size(str(path), [(steps, len(names), starts)])
     each = (steps, len(names))
-    _check_arrays(arrays, {"zone": each, "lights": (steps, lanes), "pose": (*each, 3), "controls": (*each, 3)}, each)
+    _check_arrays(arrays, {"zone": each, "lights": (steps, starts), "pose": (*each, 3), "controls": (*each, 3)}, each)
     junction = get_junction(header.junction, arrays)
     agents = []
     for agent in header.agents:
         if agent.route not in junction.every_way:
-            raise ValueError(
-                f"{agent.name} goes from entrance {agent.route[0]} to exit {agent.route[1]}, where no movement leads"
-            )
+            raise ValueError(f"{agent.name} goes from entrance {agent.route[0]} to exit {agent.route[1]}, where no way leads")
         if junction.drivable:
             itinerary(junction, *agent.route)  # raises an error about lanes that do not meet
         agents.append(Agent(agent.name, junction.every_way[agent.route], agent.kind, agent.size))
@@ -163,8 +160,8 @@ def _check_arrays(arrays: Mapping[str, NDArray[Any]], shapes: Mapping[str, tuple
 def glance(path: Path) -> Junction | None:
     """Return the junction of a run that `save_run` wrote, without its centre lines, or None.
 
-    Only the head of the file is read, so a folder of a thousand runs takes a second. None means that the file holds no run or is
-    damaged; the error of `load_run` tells the two apart.
+    Only the header of the file is read, so reading the junctions of a thousand runs takes a second. None means that the file
+    holds no run or is damaged; the error of `load_run` says which.
     """
     try:
         head = msgspec.json.decode(peek(path, "header", _MOST), type=_Head)

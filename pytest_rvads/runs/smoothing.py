@@ -2,8 +2,8 @@
 
 The station of a vehicle is estimated from the samples around, by a polynomial over the longest window that agrees with all
 shorter windows (intersection of confidence intervals, Goldenshluger and Nemirovski 1997). If speeds were measured, only the
-difference between the stations and the integral of the speeds is estimated. Then the window can be longer and the station is more
-accurate, especially on a straight stretch. A standing vehicle has one station.
+difference between the stations and the integral of the speeds is estimated. With measured speeds the window can be longer and the
+station is more accurate, especially on a straight stretch. A vehicle that stands gets a single station.
 """
 
 from __future__ import annotations
@@ -22,37 +22,37 @@ SURE = 3.0
 AGREE = 2.0
 """Two estimates agree if their difference is at most this multiple of the sum of their standard deviations."""
 REACHES = (0.15, 0.25, 0.4, 0.6, 0.9, 1.3, 2.0, 3.0, 5.0, 8.0, 12.0)
-"""Half lengths of the windows around a sample [s]; the longest window that agrees counts."""
+"""Half lengths of the windows around a sample [s]; the longest window that agrees with all shorter windows is used."""
 BENT = 2.0
-"""Greatest half length of a window off straight stretches [s]; on straight stretches the speeds integrate to the way."""
+"""Greatest half length of a window on bent stretches [s]. Only on straight stretches the speeds integrate to the stations."""
 HARD = 5.0
 """Change of acceleration of drivers between two samples [m/s^2], which causes an error of the integral of the speeds."""
 LATEST = 0.1
-"""Greatest delay of speeds against stations [s]; a simulator may record the speed of the step before or after."""
+"""Greatest delay of speeds against stations [s]; some simulators record the speed of the step before or after."""
 FAR = 2.0
 """Greatest half length of a window with measured speeds [m]: over a longer way the effect of a bend on the way of the bumper
 changes."""
 LONG = 0.6
-"""Greatest half length of a window without measured speeds [s]: drivers begin and end to brake."""
+"""Greatest half length of a window without measured speeds [s]; in longer windows, drivers begin and end to brake."""
 DERIVED = HARD * LONG / 2 / SURE
 """Standard deviation of speeds that are derived from stations [m/s]: a vehicle that brakes and sets off at `HARD` and stops only
 for a moment has an average speed over `LONG` of up to three times this value."""
 SHORT = 0.4
-"""Half length of the windows that always count [s]; speeds are averages over at least such a window."""
+"""Half length up to which a window is always used [s], so that speeds are averages over at least such a window."""
 ALLOWED = 0.012
 """Error of polynomials against the motion of vehicles [m], measured in simulated traffic."""
 SETTLED = 0.2
-"""Time at the beginning and end of a stand that may belong to braking or setting off [s]."""
+"""Time at the beginning and end of a stand that can belong to braking or setting off, and does not count as stand [s]."""
 QUIET = 0.02
 """Greatest noise of speeds that count as exact [m/s]."""
 STAND = 0.8
 """Shortest time in one place that proves a stand [s]; full stops are rarely shorter."""
 PACE = 0.1
-"""Largest speed of a standing vehicle [m/s], see `standing.STANDSTILL`."""
+"""Largest speed of a standing vehicle [m/s], see `pytest_rvads.logic.conduct.standing.STANDSTILL`."""
 _FEW = 8
 """Shortest stretch from which the delay of speeds is estimated [samples]."""
 _MOST_SAMPLES = 200
-"""Most samples of a window, which is shortened to this number; the station is then ten times as accurate as a sample."""
+"""Most samples of a window; a longer window is shortened. With so many samples, a station is ten times as exact as a sample."""
 
 
 def roughness(times: _Values, values: _Values) -> float:
@@ -93,7 +93,7 @@ def beside(accuracy: float, apart: float) -> float:
 def delay(times: _Values, station: _Values, speed: _Values, straight: NDArray[np.bool_]) -> tuple[float, float]:
     """Return the delay of a vehicle's speeds against its stations [s], and the weight of this estimate.
 
-    A simulator may record the speed of the step before or after a position, and a sensor filters speeds. The integral of delayed
+    Some simulators record the speed of the step before or after a position, and sensors filter speeds. The integral of delayed
     speeds differs from the stations in proportion to the speed. Estimates of several vehicles are averaged by their weights.
 
     Args:
@@ -151,8 +151,8 @@ def smoothed(  # noqa: PLR0913 - the samples, their accuracy, and the straight p
 def _smoothed_speeds(times: _Values, station: _Values, accuracy: float, speed: _Values, noise: float) -> _Values:
     """Return noisy speeds smoothed, and exactly 0 where speeds and stations prove a stand.
 
-    If the magnitude of the velocity was measured, no speed is negative, and the mean speed of a standing vehicle is too high.
-    Then only the stations prove a stand.
+    If the magnitude of the velocity was measured, no speed is negative and the mean speed of a standing vehicle is too high, so
+    only the stations prove a stand.
     """
     smooth = _fitted(times, speed, noise, 2, np.full(len(times), LONG)).value
     for reach in (reach for reach in REACHES if reach <= BENT):
@@ -179,23 +179,24 @@ class _Fit:
 
 
 def _driven(times: _Values, speed: _Values) -> _Values:
-    """Return the integral of speeds, shape ``(samples,)`` [m]."""
+    """Return the distance driven at every sample, the integral of the speeds, shape ``(samples,)`` [m]."""
     return np.concatenate(([0.0], np.cumsum((speed[1:] + speed[:-1]) / 2 * np.diff(times))))
 
 
 def _along_stretches(
     times: _Values, residual: _Values, accuracy: float, straight: NDArray[np.bool_], fit: _Fit, wander: float
 ) -> _Fit:
-    """Return estimates of the residual, on straight stretches from all samples of the stretch.
+    """Return estimates of the residual, the stations minus the integral of the speeds.
 
-    The residual is constant along a stretch if the speeds are measured without a systematic error, else a line.
+    On a straight stretch the residual is estimated from all samples of the stretch. It is constant if the speeds are measured
+    without a systematic error, and a straight line if the error of the speeds is constant.
 
     Args:
         times: times of the samples, shape ``(samples,)`` [s].
         residual: stations minus the integral of the speeds, shape ``(samples,)`` [m].
         accuracy: standard deviation of a station [m].
         straight: which samples lie on a straight part of the way, shape ``(samples,)``.
-        fit: estimates from the samples around.
+        fit: estimates of the residual at every sample from the samples around it.
         wander: variance of the residual per second that noisy speeds cause [m^2/s].
     """
     value, slope, deviation = fit.value.copy(), fit.slope.copy(), fit.deviation.copy()
@@ -215,7 +216,7 @@ def _along_stretches(
 
 
 def _parts(true: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """Return the first index of every unbroken sequence of true values, and the index after its last."""
+    """Return the first index of every unbroken sequence of true values, and the index after its last index."""
     edges = np.flatnonzero(np.diff(np.concatenate(([False], true, [False])).astype(int)))
     return [(int(begin), int(end)) for begin, end in edges.reshape(-1, 2)]
 
@@ -285,7 +286,7 @@ def _window(times: _Values, values: _Values, reach: float, accuracy: float, degr
 
 
 def _standing(times: _Values, station: _Values, accuracy: float, fit: _Fit) -> tuple[_Values, _Values, _Values]:
-    """Return stations, speeds and spread; in a stand from all samples of the stand."""
+    """Return stations, speeds and spread: while the vehicle stands, estimated from all samples of the stand."""
     value, speed, spread = fit.value.copy(), fit.slope.copy(), SURE * fit.deviation + ALLOWED
     for begin, end in _stands(times, station, accuracy):
         count, stand = end - begin, slice(begin, end)
@@ -299,9 +300,9 @@ def _standing(times: _Values, station: _Values, accuracy: float, fit: _Fit) -> t
 
 
 def _stands(times: _Values, station: _Values, accuracy: float) -> list[tuple[int, int]]:
-    """Return the first sample of every stand, and the sample after its last.
+    """Return the index of the first sample of every stand, and the index after its last sample.
 
-    The samples of a stand differ from their mean only by noise.
+    In a stand, the vehicle does not move: the measured stations differ from their mean only by noise.
     """
     reach = STAND / 2
     fit = _window(times, station, reach, accuracy, 1)

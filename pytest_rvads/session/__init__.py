@@ -1,1 +1,1 @@
-"""A session of pytest: the planned items, the records of the items that ran, and the end of the session."""
+"""A session of pytest: the planned test items, the records of the items that ran, and the end of the session."""

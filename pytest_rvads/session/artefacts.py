@@ -1,4 +1,4 @@
-"""What a session leaves of its failures: runs, replay pages, pictures, and exports as OpenSCENARIO XML.
+"""Writes the files on the failures of a session: runs, replay pages, pictures, and exports as OpenSCENARIO XML.
 
 The run of a failure is saved under its hash, so several failures of one run share a file. Drawing thousands of pages would take
 minutes, so a process draws the first failures only; ``rvads replay`` draws any other failure from the folder of the session.
@@ -17,8 +17,8 @@ import pytest
 
 from pytest_rvads.session.options import Options
 from pytest_rvads.session.outputs import FOLDER
-from pytest_rvads.support.entrypoints import load
 from pytest_rvads.support.errors import RvadsError
+from pytest_rvads.support.installed import load
 from pytest_rvads.support.storage import open_file, slug, write_file
 from pytest_rvads.support.wording import named_error, one_line, quoted
 
@@ -33,29 +33,29 @@ if TYPE_CHECKING:
 __all__ = ["Shown", "beside", "check_library", "export", "look", "show"]
 
 _MOST_PAGES = 20
-"""Number of failures that a process draws, beside the first failure of every rule."""
+"""Number of failures after which a process draws only the first failure of every further rule."""
 _MOST_BYTES = 200 * 2**20
 """Disk space for the runs of a session; a run of four vehicles and 30 s takes 0.25 MB [bytes]."""
 _MOST_EXPORTS = 100
 """Number of failed runs that a process exports."""
 _HEAD = 2**16
-"""An exported file states the hash of its run within its first bytes [bytes]."""
+"""Length of the beginning of an exported file that contains the hash of its run [bytes]."""
 _DRAWN: pytest.StashKey[Counter[str]] = pytest.StashKey()
 """Number of failures that this process has drawn, by rule."""
 _EXPORTED = pytest.StashKey[int]()
 """Number of runs that this process has exported."""
 _BASELINE: pytest.StashKey[Report | None] = pytest.StashKey()
-"""The baseline, which a process reads when its first failure is shown."""
+"""The report of the earlier session (baseline), which a process reads when the first failure is shown."""
 
 
 @dataclass(frozen=True, slots=True)
 class Shown:
-    """Where a failure can be looked at."""
+    """The replay page and the picture of a failure."""
 
     text: str
-    """The replay page with the time of the violation, or the command that draws the page, or the reason why neither exists."""
+    """Path of the replay page with the time of the violation, or the command that draws the page, or the reason for neither."""
     page: str = ""
-    """The replay page with the time of the violation; empty without a page."""
+    """Path of the replay page with the time of the violation; empty without a page."""
     image: str = ""
     """SVG text of the picture; empty if no picture was drawn."""
 
@@ -71,7 +71,7 @@ def look(item: pytest.Item, run: Run, verdict: Verdict, rule: str | Rule, notes:
         verdict: the verdict on the run.
         rule: the violated rule; the page shows its monitors.
         notes: text of the page beside the picture.
-        around: returns the contents of the page beside the replay; called only if a page is drawn.
+        around: returns the texts beside the replay on the page; called only if a page is drawn.
     """
     from pytest_rvads.report.folders import option
 
@@ -97,7 +97,7 @@ def look(item: pytest.Item, run: Run, verdict: Verdict, rule: str | Rule, notes:
 
 
 def show(item: pytest.Item, report: pytest.TestReport, image: str) -> None:
-    """Attach a picture (SVG) to the report of an item for pytest-html, where that is installed.
+    """Attach a picture (SVG) to pytest's report of a test item for pytest-html, if pytest-html is installed.
 
     The picture is encoded in base64, the only form of pictures in the self-contained mode of pytest-html.
     """
@@ -108,7 +108,7 @@ def show(item: pytest.Item, report: pytest.TestReport, image: str) -> None:
 
 
 def _save(folder: Path, run: Run) -> str:
-    """Save a run unless its file exists; return the reason why the run can't be saved, or an empty text."""
+    """Write a run to its file unless the file exists; return the reason why the run can't be written, or an empty text."""
     from pytest_rvads.report.folders import run_file, used
     from pytest_rvads.runs.runfile import save_run
 
@@ -140,7 +140,7 @@ def _draw(  # noqa: PLR0913 - a failure and its texts
 
 
 def beside(item: pytest.Item, options: Options, record: Record, run: Run, start: str, rerun: str) -> Beside:
-    """Return what a page shows beside the replay of a failure: facts, the other verdicts, the run of the baseline.
+    """Return the texts that a page shows beside the replay of a failure: facts, other verdicts, the run of an earlier session.
 
     A rule that can't judge the run has the status ERROR among the other verdicts.
 
@@ -163,7 +163,7 @@ def beside(item: pytest.Item, options: Options, record: Record, run: Run, start:
 
 
 def _rules(item: pytest.Item, run: Run) -> tuple[Rule, ...]:
-    """Return the rules that the marks of a test name for its runs, whether selected or not; without names the usual rules."""
+    """Return all rules that the marks of a test name, not only selected rules; the default rules if the marks name no rules."""
     from pytest_rvads.logic.rules.book import rules_for
     from pytest_rvads.report.failure_page import usual_rules
 
@@ -173,7 +173,7 @@ def _rules(item: pytest.Item, run: Run) -> tuple[Rule, ...]:
 
 
 def _ghost(item: pytest.Item, options: Options, run: Run) -> Run | None:
-    """Return the run of the item in the session of the baseline; None without that run."""
+    """Return the run of the test item in the baseline, i.e. in an earlier session; None if the earlier run was not kept."""
     if options.baseline is None or run.excerpt is not None:
         return None
     from pytest_rvads.report.failure_page import earlier_run
@@ -206,7 +206,7 @@ def check_library() -> None:
 
 
 def export(item: pytest.Item, folder: Path, name: str, run: Run, verdict: Verdict, map: str | None) -> str:
-    """Export the run of a failed item, unless its file exists, and return the path of the file, or the reason why there is none.
+    """Export the run of a failed item, unless its file exists, and return the path of the file or the reason for no file.
 
     Args:
         item: the failed item.
@@ -232,7 +232,7 @@ def export(item: pytest.Item, folder: Path, name: str, run: Run, verdict: Verdic
 
 
 def _is_export_of(path: Path, run: Run) -> bool:
-    """Return whether a file is the export of this run; an earlier session may have left the export of another run."""
+    """Return whether a file exports this run; an earlier session can have left the export of another run under this name."""
     try:
         with open_file(path) as file:
             return run.hash.encode() in file.read(_HEAD)

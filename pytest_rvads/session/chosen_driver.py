@@ -1,19 +1,27 @@
-"""Which code drives and simulates in a session: for the header of the session, and for a session without a driver."""
+"""Names the code of a session's driver and simulator for the header of the session, and offers tests to users without tests.
+
+The tests that come with the plugin (folder ``suite``) are collected for users without tests: ``pytest --rvads-sut ./stack``.
+The report of a session without a driver names a definition that was probably meant as the driver.
+"""
 
 from __future__ import annotations
 
 import difflib
 import sys
+from pathlib import Path
 from typing import Any
 
 import pytest
 
-from pytest_rvads.drivers.chosen import chosen
+from pytest_rvads.drivers.naming import chosen
 from pytest_rvads.session.options import OPTIONS
 
-__all__ = ["code_of_driver", "code_of_simulator", "where_else"]
+__all__ = ["code_of_driver", "code_of_simulator", "offer", "where_else"]
 
+_SUITE = Path(__file__).parent / "suite"
+"""Folder of the tests that come with the plugin."""
 _NAME = "rvads_autopilot"
+"""Name of the fixture that returns the driver."""
 _ALIKE = 0.8
 """Least similarity of a misspelt name to the name of the fixture, see `difflib`."""
 _ELSEWHERE: pytest.StashKey[str] = pytest.StashKey()
@@ -46,8 +54,52 @@ def _code(factory: Any, config: pytest.Config) -> str:
     return f" ({code})" if code else ""
 
 
+def offer(config: pytest.Config) -> None:
+    """Collect the bundled tests if pytest was started without arguments in a folder without test files.
+
+    Ids of bundled tests among the arguments select these tests, if no file of the same name exists.
+    """
+    start = config.invocation_params.dir
+    if config.args_source is config.ArgsSource.INVOCATION_DIR:
+        patterns: list[str] = config.getini("python_files")
+        if not any(next(start.rglob(pattern), None) for pattern in patterns):
+            config.args[:] = [str(_SUITE)]
+        return
+    files = {argument.partition("::")[0] for argument in config.args}
+    if files <= {path.name for path in _SUITE.glob("*.py")} and not any((start / file).exists() for file in files):
+        # Pytest makes the ids relative to the folder of the suite only if that folder is the argument.
+        config.pluginmanager.register(_Selected(tuple(config.args)), "rvads_named")
+        config.args[:] = [str(_SUITE)]
+
+
+class _Selected:
+    """A plugin that deselects the bundled tests which the arguments of pytest do not name."""
+
+    def __init__(self, names: tuple[str, ...]) -> None:
+        self._names = names
+
+    @pytest.hookimpl(tryfirst=True)
+    def pytest_collection_modifyitems(self, config: pytest.Config, items: list[pytest.Item]) -> None:
+        """Deselect the bundled test items that no argument of pytest names.
+
+        Raises:
+            pytest.UsageError: an argument names no bundled test item.
+        """
+        named = {name: [item for item in items if _selects(item.nodeid, name)] for name in self._names}
+        if missing := [name for name, matches in named.items() if not matches]:
+            raise pytest.UsageError(f"not found: {missing[0]}, among the tests that come with the plugin")
+        selected = {item for matches in named.values() for item in matches}
+        config.hook.pytest_deselected(items=[item for item in items if item not in selected])
+        items[:] = [item for item in items if item in selected]
+
+
+def _selects(nodeid: str, name: str) -> bool:
+    """Return whether a name is the id of a test item, of its test function or of its test file."""
+    return nodeid == name or nodeid.startswith((f"{name}[", f"{name}::"))
+
+
 def where_else(session: pytest.Session) -> str:
-    """Return a sentence on a definition that was probably meant as the fixture of the driver, or an empty text.
+    """Return a sentence on a definition in the tests that was probably meant as the fixture of the driver; empty without one.
 
     The modules of the tests and of the plugins are searched once per session.
     """

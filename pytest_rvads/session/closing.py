@@ -1,9 +1,12 @@
-"""The end of a session in the terminal: the verdicts, pytest's short summary, and the causes of failures.
+"""Prints the end of a session in the terminal: the verdicts, pytest's short summary, and the causes of failures.
 
-Pytest's short summary has a line per failure. Here it gets a line per cause, because the causes list the other failures.
+Pytest prints a block per failure, and in its short summary a line per failure. This module leaves one block and one line per
+cause. The causes, which are printed at the end, count the other failures.
 
-Two wrappers surround pytest's summary. The inner wrapper prints the verdicts and removes failures from pytest's list. The outer
-wrapper puts these failures back and prints the causes. So the list is unchanged for other plugins before and after.
+Two wrappers surround pytest's summary. The outer wrapper removes failures from pytest's list before pytest prints its blocks.
+The inner wrapper puts these failures back, prints the verdicts, lets other plugins print, and removes the failures again
+before pytest prints its short summary. The outer wrapper puts the failures back and prints the causes. So other plugins see
+pytest's list of failures unchanged.
 """
 
 from __future__ import annotations
@@ -24,11 +27,11 @@ if TYPE_CHECKING:
 __all__ = ["Causes", "Verdicts"]
 
 _FOLDED = {"failed": "f", "error": "E"}
-"""Kinds of reports with lines in pytest's short summary, to the letter of ``-r`` that requests these lines."""
+"""By kind of reports that are folded, the letter of pytest's option ``-r`` that requests lines in pytest's short summary."""
 
 
 class Verdicts:
-    """Prints the verdicts before pytest's short summary, and leaves one failure per cause in that summary.
+    """Prints the verdicts before pytest's short summary, and leaves one failure per cause in pytest's list of failures.
 
     Args:
         session: the session whose report is printed.
@@ -38,10 +41,14 @@ class Verdicts:
         self._session = session
         self.summary: Summary | None = None
         """The printed summary; None in a session without items of this plugin, or after an error while the summary was made."""
-        self.whole: dict[str, list[Any]] = {}
-        """The reports of pytest's terminal reporter before failures were removed, by kind."""
-        self.lines = 0
-        """Number of removed failures."""
+        self._whole: dict[str, list[Any]] = {}
+        """The reports of pytest's terminal reporter before failures were removed, by kind of removed failures."""
+
+    def begin(self, reporter: pytest.TerminalReporter) -> None:
+        """Make the summary, and remove failures from pytest's list before pytest prints its blocks."""
+        encode_all(sys.stdout)
+        self.summary = self._summarised(reporter)
+        self.fold(reporter)
 
     def _summarised(self, reporter: pytest.TerminalReporter) -> Summary | None:
         report = self._session.report
@@ -65,42 +72,53 @@ class Verdicts:
 
     @pytest.hookimpl(wrapper=True, trylast=True)
     def pytest_terminal_summary(self, terminalreporter: pytest.TerminalReporter) -> Generator[None, object, object]:
-        """Print the verdicts, and remove failures so that one per cause is left."""
-        encode_all(sys.stdout)
-        self.summary = self._summarised(terminalreporter)
+        """Print the verdicts, and let other plugins see all failures before pytest prints its short summary."""
+        self.restore(terminalreporter)
         if self.summary:
             terminalreporter.section("rvads verdicts")
             terminalreporter.write(self.summary.verdicts)
         try:
             return (yield)
         finally:
-            if self.summary and terminalreporter.verbosity < 2 and self._session.options.summary != "full":
-                self._fold(terminalreporter, {*self.summary.examples})
+            self.fold(terminalreporter)
 
-    def _lines_of(self, reporter: pytest.TerminalReporter) -> set[str]:
-        """Return the kinds of reports with lines in pytest's short summary."""
-        if self._session.config.getoption("no_summary", False):
-            return set()
-        return {kind for kind, letter in _FOLDED.items() if letter in getattr(reporter, "reportchars", "")}
-
-    def _fold(self, reporter: pytest.TerminalReporter, examples: set[str]) -> None:
-        """Remove the reports of items that a cause counts, except its examples; `Causes` puts the reports back."""
-        for kind in self._lines_of(reporter):
+    def fold(self, reporter: pytest.TerminalReporter) -> None:
+        """Remove the reports of failures that a cause counts, except one example per cause; `restore` puts the reports back."""
+        if not self.summary or reporter.verbosity >= 2 or self._session.options.summary == "full":
+            return
+        examples = {*self.summary.examples}
+        for kind in _FOLDED:
             reports = reporter.stats.get(kind, [])
             remaining = [report for report in reports if not self._counted(report) or report.nodeid in examples]
             if len(remaining) < len(reports):
-                self.whole[kind] = reports
+                self._whole[kind] = reports
                 reporter.stats[kind] = remaining
-                self.lines += len(reports) - len(remaining)
+
+    def restore(self, reporter: pytest.TerminalReporter) -> None:
+        """Put the removed reports back into pytest's list."""
+        reporter.stats.update(self._whole)
+
+    def note(self, reporter: pytest.TerminalReporter) -> str:
+        """Return a line which says that pytest's output has one failure per cause; empty if the output has all failures."""
+        config = self._session.config
+        letters = [_FOLDED[kind] for kind in self._whole]
+        printed = {
+            "one block": config.getoption("tbstyle", "auto") != "no",
+            "one line": any(letter in getattr(reporter, "reportchars", "") for letter in letters),
+        }
+        if not letters or config.getoption("no_summary", False) or not any(printed.values()):
+            return ""
+        count = sum(len(reports) for reports in self._whole.values())
+        return f"{' and '.join(filter(printed.get, printed))} per cause; -vv lists all {plural(count, 'failure')}"
 
     def _counted(self, report: Any) -> bool:
-        """Return whether a cause counts the failure of a report; no cause counts an error at teardown."""
+        """Return whether a cause counts the failure that a report of pytest states; no cause counts an error at teardown."""
         record = self._session.records.get(report.nodeid)
         return record is not None and record.failed and hasattr(report, "rvads")
 
 
 class Causes:
-    """Prints the end of the summary: the causes, the path of the page, and the reasons why the session is not green.
+    """Prints the end of the summary: the causes of failures, the path of the page, and the reasons why the session fails.
 
     Args:
         verdicts: the wrapper that printed the verdicts.
@@ -112,23 +130,25 @@ class Causes:
 
     @pytest.hookimpl(wrapper=True, tryfirst=True)
     def pytest_terminal_summary(self, terminalreporter: pytest.TerminalReporter) -> Generator[None, object, object]:
-        """Put the removed failures back, and print after pytest's short summary."""
+        """Fold the failures while pytest prints its summary, and print the causes below pytest's short summary."""
+        self._verdicts.begin(terminalreporter)
         try:
             return (yield)
         finally:
-            terminalreporter.stats.update(self._verdicts.whole)
+            self._verdicts.restore(terminalreporter)
             self._print(terminalreporter)
 
     def _print(self, reporter: pytest.TerminalReporter) -> None:
         summary = self._verdicts.summary
+        if note := self._verdicts.note(reporter):
+            reporter.write_line(note)
         if summary and summary.causes:
             reporter.section("rvads causes")
             reporter.write(summary.causes)
-        if self._verdicts.lines:
-            folded = plural(self._verdicts.lines, "failure")
-            reporter.write_line(f"{folded} left out above, where the short summary has one line per cause: -vv shows all")
         if self._session.outputs.index:
             reporter.write_line(f"look: {self._session.outputs.index}")
+        if summary and summary.last:
+            reporter.write_line(f"rvads: {summary.last}", yellow=True)
         for trouble in self._session.troubles:
             reporter.write_line(f"rvads: {printable(trouble)}", red=True)
         self._session.outputs.annotate(self._session.report, reporter)

@@ -1,4 +1,4 @@
-"""Hooks that a ``conftest.py`` or another plugin may implement to extend pytest-rvads."""
+"""Hooks that a ``conftest.py`` or another plugin can implement to extend pytest-rvads."""
 
 from __future__ import annotations
 
@@ -16,8 +16,9 @@ __all__ = ["pytest_rvads_grids", "pytest_rvads_junctions", "pytest_rvads_rules",
 
 @pytest.hookspec
 def pytest_rvads_junctions(config: pytest.Config) -> Mapping[str, tuple[str | Path, str]]:  # type: ignore[empty-body]
-    """Return your junctions: a name for ``@rvads.scenario`` to an OpenDRIVE file and the id or type of a junction in this file.
+    """Return a dict of your junctions: the key is a name for ``@rvads.scenario``, the value is a pair.
 
+    The pair is a map file and the id or type of a junction in the file.
     A relative path starts at pytest's root folder. The hook is called once per process, at collection. Since 0.1.
 
     Example:
@@ -28,7 +29,7 @@ def pytest_rvads_junctions(config: pytest.Config) -> Mapping[str, tuple[str | Pa
 
 @pytest.hookspec
 def pytest_rvads_rules(config: pytest.Config) -> Iterable[Rule | str | Path]:  # type: ignore[empty-body]
-    """Return your rules, made by ``rvads.rule``, or files of rules; ``rules=`` of a mark may then name these rules.
+    """Return your rules, made by ``rvads.rule``, or files of rules; the argument ``rules=`` of marks can name these rules.
 
     A relative path starts at pytest's root folder. The hook is called once per process, at collection. Since 0.1.
 
@@ -40,9 +41,11 @@ def pytest_rvads_rules(config: pytest.Config) -> Iterable[Rule | str | Path]:  #
 
 @pytest.hookspec
 def pytest_rvads_grids(config: pytest.Config) -> Mapping[str, tuple[Any, Any]]:  # type: ignore[empty-body]
-    """Return your grids: a name for ``grid=`` or ``--rvads-grid`` to ``distances=`` [m] and ``speeds=`` [m/s] of the mark.
+    """Return a dict of your grids: the key is a name for ``grid=`` or ``--rvads-grid``, the value is a pair.
 
-    Points beyond the braking envelope are left out. The hook is called once per process, at collection. Since 0.1.
+    The pair is the values of the arguments ``distances=`` [m] and ``speeds=`` [m/s] of ``@rvads.scenario``.
+    Points from which a vehicle can't stop before its line (beyond the braking envelope v(d)max) are left out. The hook is called
+    once per process, at collection. Since 0.1.
 
     Example:
         >>> def pytest_rvads_grids(config):
@@ -54,7 +57,8 @@ def pytest_rvads_grids(config: pytest.Config) -> Mapping[str, tuple[Any, Any]]: 
 def pytest_rvads_verdict(record: dict[str, Any], config: pytest.Config) -> None:
     """Receive the record of an item when the item ends.
 
-    The record has the fields of a record in the JSON report (see docs/sessions.md), as builtins; hooks must not change it.
+    The record has the fields of a record in the JSON report (see docs/sessions.md), as values of built-in types; hooks must not
+    change the record.
     The hook is called in the main process, also under xdist, and not for items that never ran. A repeated item calls the hook
     once per repetition. Since 0.1.
     """

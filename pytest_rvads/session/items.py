@@ -1,26 +1,27 @@
-"""The record of an item: begun before the fixtures, completed after the test, and put on pytest's report of the item.
+"""Makes the record of a test item: begun before the fixtures, completed after the test, and put on pytest's report of the item.
 
-The record is an attribute of the report, as builtins. Pytest serialises all attributes of a report and makes
-a `TestReport` of them by keyword, so the record reaches the main process under xdist, and report logs. The other place,
-``user_properties``, appears in JUnit files.
+The record is an attribute of the report, in the form of JSON values. Pytest serialises all attributes of a report and makes
+a `TestReport` of them by keyword, so the record reaches the main process under xdist, and report logs. The record is not put
+into ``user_properties``, because JUnit files show all ``user_properties``.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from functools import partial
 from typing import TYPE_CHECKING, Any, cast
 
 import pytest
 
-from pytest_rvads.drivers.naming import stand_in
+from pytest_rvads.drivers.naming import called, stand_in
 from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.session.artefacts import beside, export, look, show
 from pytest_rvads.session.chosen_driver import where_else
 from pytest_rvads.session.collection.cells import RecordedCell, run_name
+from pytest_rvads.session.interrupts import OutOfTime
 from pytest_rvads.session.options import OPTIONS
 from pytest_rvads.session.plan import start
-from pytest_rvads.session.time_budget import OutOfTime
 from pytest_rvads.support.wording import named_error, printable, quoted
 
 if TYPE_CHECKING:
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
     from pytest_rvads.simulators.simulator import Simulator
 
 __all__ = [
+    "CELL",
     "RECORD",
     "REPEAT",
     "RUN",
@@ -42,6 +44,7 @@ __all__ = [
     "NotJudged",
     "Unsure",
     "attach",
+    "checked_name",
     "letter",
     "prepare",
 ]
@@ -57,7 +60,7 @@ _SKIPPED = (Outcome.NA, Outcome.UNSURE)
 
 
 class NoVerdict(pytest.fail.Exception):  # type: ignore[name-defined,misc]
-    """The run of an item can't be judged, or a rule is not the rule of the item; an error even in a test with an xfail."""
+    """The run of a test item can't be judged, or a rule is not the rule of the item; an error even in a test with an xfail."""
 
 
 class NotJudged(NoVerdict):
@@ -65,7 +68,7 @@ class NotJudged(NoVerdict):
 
 
 class Unsure(NoVerdict):
-    """The verdict is UNSURE, and the option ``--rvads-unsure=fail`` makes that a failure."""
+    """The verdict is UNSURE, and the option ``--rvads-unsure=fail`` lets such a verdict fail the test."""
 
 
 for _exception in (NoVerdict, NotJudged, Unsure):
@@ -75,9 +78,27 @@ RUN: pytest.StashKey[Run] = pytest.StashKey()
 SIMULATOR: pytest.StashKey[Simulator] = pytest.StashKey()
 """The simulator that made the run of an item."""
 EARLIER: pytest.StashKey[tuple[Outcome, str | None]] = pytest.StashKey()
-"""Status and hash of the run of an item at its last execution; kept, because a plugin may repeat the item."""
+"""Status of a test item and hash of its run at the last execution, to compare with if a plugin repeats the item."""
+CELL: pytest.StashKey[Cell] = pytest.StashKey()
+"""The cell (run and rule) of the start that a searching test reports; in all other tests, items have a cell as parameter."""
 REPEAT: pytest.StashKey[Callable[[], Divergence | None]] = pytest.StashKey()
-"""Simulates the run of an item once more; returns the first difference, or None."""
+"""A function that simulates the run of an item once more and returns the first difference of the two runs, or None."""
+
+
+def checked_name(driver: Any) -> str:
+    """Return the name of a driver, read within the time limit of a decision, because reading can run code of the driver.
+
+    Raises:
+        NoVerdict: reading took too long.
+    """
+    from pytest_rvads.simulators.patience import TooLate, Watch, choice
+
+    with suppress(TooLate), Watch(choice().limits) as watch:
+        watch.asked = driver
+        name = called(driver)
+    if watch.late:
+        raise NoVerdict(f"ERROR: what drives does not say what it is called: {watch.late}", pytrace=False)
+    return name
 
 
 def prepare(item: pytest.Item) -> bool:
@@ -90,7 +111,7 @@ def prepare(item: pytest.Item) -> bool:
 
 
 def letter(report: pytest.CollectReport | pytest.TestReport) -> tuple[str, str, str] | None:
-    """Return category, letter and word of a report with status NA or UNSURE, or of an item beyond the time budget; else None."""
+    """Return category, letter and word for pytest, for an item that is NA, UNSURE or beyond the time budget; None for others."""
     record = getattr(report, "rvads", None)
     if not record:
         return None
@@ -103,7 +124,7 @@ def letter(report: pytest.CollectReport | pytest.TestReport) -> tuple[str, str, 
 
 
 def attach(item: pytest.Item, call: pytest.CallInfo[None], report: pytest.TestReport) -> None:
-    """Put the record, the explanation and the properties of an item on its report.
+    """Put the record, the explanation and the properties of a test item on pytest's report of the item.
 
     One report per item has the record: the report of the call, or of a setup that did not pass.
     """
@@ -138,7 +159,7 @@ def _fallback_record(item: pytest.Item, error: Exception, report: pytest.TestRep
 
 
 def _completed_record(item: pytest.Item, raised: BaseException | None, report: pytest.TestReport) -> Record:
-    """Return the record of an item after its last phase."""
+    """Return the record of a test item whose call ended, or whose setup did not pass, with its verdicts."""
     from pytest_rvads.report.record import conclude
 
     text = str(raised) if raised else report.longrepr if isinstance(report.longrepr, str) else ""
@@ -160,9 +181,9 @@ def _completed_record(item: pytest.Item, raised: BaseException | None, report: p
 
 
 def _xfail_reason(report: pytest.TestReport, raised: BaseException | None, text: str) -> str | None:
-    """Return the reason of the xfail that a violation met, or None.
+    """Return the reason of the xfail mark that expected the violation of a test item; None if no xfail mark did.
 
-    An xfail stands for a violation. If an xfail meets another exception, the item fails.
+    An xfail expects a violation of a rule. If another exception is raised, the item fails.
     """
     if not (report.skipped and hasattr(report, "wasxfail")):
         return None
@@ -176,7 +197,7 @@ def _xfail_reason(report: pytest.TestReport, raised: BaseException | None, text:
 
 
 def _publish(item: pytest.Item, record: Record, report: pytest.TestReport) -> None:
-    """Put a record and its properties on a report; a skip by the verdict gets the line of the test."""
+    """Put a record and its properties on pytest's report; if the verdict skips the test, the report gets the test's line."""
     from pytest_rvads.report.record import properties, sent
 
     item.stash[RECORD] = record
@@ -192,15 +213,15 @@ def _publish(item: pytest.Item, record: Record, report: pytest.TestReport) -> No
 
 
 def _has_no_driver(item: pytest.Item) -> bool:
-    """Return whether an item used the fixture of the driver, and neither a fixture nor an option names a driver."""
+    """Return whether a test item used the fixture of the driver although neither a fixture nor an option names a driver."""
     options = item.config.stash[OPTIONS]
     driver = getattr(item, "funcargs", {}).get("rvads_autopilot")
     return driver is not None and driver is stand_in() and not options.driver
 
 
 def _release(item: pytest.Item) -> None:
-    """Delete run, record and verdicts of an item, because memory does not hold those of thousands of items."""
-    keys: tuple[pytest.StashKey[Any], ...] = (RECORD, VERDICTS, RUN, SIMULATOR, REPEAT)
+    """Delete run, record and verdicts of a test item, because memory does not hold the runs of thousands of items."""
+    keys: tuple[pytest.StashKey[Any], ...] = (RECORD, VERDICTS, RUN, SIMULATOR, REPEAT, CELL)
     for key in keys:
         if key in item.stash:
             del item.stash[key]
@@ -238,7 +259,7 @@ def _with_earlier_execution(item: pytest.Item, record: Record) -> Record:
 
 
 def _with_explanation(item: pytest.Item, record: Record, report: pytest.TestReport) -> Record:
-    """Add the explanation of a FAIL, OPEN or UNSURE to the report, and return the record with the address of its page."""
+    """Add the explanation of a verdict FAIL, OPEN or UNSURE to the report, and return the record with the address of its page."""
     verdicts = item.stash[VERDICTS]
     if not (report.failed and verdicts and verdicts[-1].status in ("FAIL", "OPEN", "UNSURE")):
         return record
@@ -256,7 +277,7 @@ def _with_explanation(item: pytest.Item, record: Record, report: pytest.TestRepo
 
 
 def _origin(item: pytest.Item, scenario: Scenario, record: SimulatedItem) -> list[str]:
-    """Return a line each on driver, simulator and start of a run, and on a start beyond the braking envelope."""
+    """Return lines on the driver, the simulator and the start of a run, and on a start beyond the braking envelope."""
     from pytest_rvads.scenarios.configurations import Configuration, probe
     from pytest_rvads.simulators.simulator import vmax
 
@@ -268,8 +289,8 @@ def _origin(item: pytest.Item, scenario: Scenario, record: SimulatedItem) -> lis
 
 
 def _explanation(item: pytest.Item, verdict: Verdict, record: Record, report: pytest.TestReport) -> tuple[str, str]:
-    """Return the printed text of a failure and the address of its page, or an empty address; attach the picture to the report."""
-    cell: Cell | RecordedCell = item.callspec.params["rvads_cell"]  # type: ignore[attr-defined]
+    """Return the text that pytest prints on a failure, and the address of its page or an empty text; attach the picture."""
+    cell: Cell | RecordedCell = item.stash.get(CELL, None) or item.callspec.params["rvads_cell"]  # type: ignore[attr-defined]
     if isinstance(cell, RecordedCell):
         origin = [f"recorded  {cell.path}"]
     else:

@@ -1,4 +1,4 @@
-"""The main process of a session: it collects the records of all items, and makes the report and the exit status at the end."""
+"""The main process of a session, which collects the records of all items and makes the report and the exit status."""
 
 from __future__ import annotations
 
@@ -14,12 +14,11 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from pytest_rvads.logic.outcome import Outcome
-from pytest_rvads.session.interrupts import leave_in_time, put_off
+from pytest_rvads.session.interrupts import BUDGET, leave_in_time, put_off
 from pytest_rvads.session.options import OPTIONS
 from pytest_rvads.session.outputs import Outputs, totals
 from pytest_rvads.session.plan import Planner
 from pytest_rvads.session.reasons import Ending, reasons
-from pytest_rvads.session.time_budget import BUDGET
 from pytest_rvads.support.errors import RvadsError
 from pytest_rvads.support.wording import named_error, plural, printable
 
@@ -31,7 +30,7 @@ __all__ = ["Session", "has_run"]
 
 
 class Session:
-    """The session in the main process; under xdist the workers send the reports."""
+    """A session in the main process, which collects the records of all test items; under xdist the workers send the records."""
 
     def __init__(self, config: pytest.Config, planner: Planner) -> None:
         self.config = config
@@ -42,37 +41,37 @@ class Session:
         self.records: dict[str, Record] = {}
         """Records by node id, read from the journal at the end of the session; the last record of a repeated item."""
         self.seconds: dict[str, float] = {}
-        """Node id to the time that the phases of the item took [s]."""
+        """By node id, the time that setup, call and teardown of the item took together [s]."""
         self.lost: dict[str, str] = {}
-        """Node ids of items that ran without leaving a record, to the reason."""
+        """By node id of an item that ran without leaving a record, the reason."""
         self.turned: set[str] = set()
-        """Node ids of items that failed until somebody changed their reports."""
+        """Node ids of items that failed and whose reports a plugin or conftest.py turned into reports of passed items."""
         self.failures_without_verdict: set[str] = set()
         """Node ids of failures without a verdict: other tests, collection, teardown, hooks of users."""
         self.undriven: dict[str, str] = {}
-        """Node ids of items without a named driver, to the sentence of `where_else`."""
+        """By node id of an item without a named driver, the sentence of `where_else` on a misplaced definition of the driver."""
         self.troubles: list[str] = []
         self.report: Report | None = None
         """The report of the session; None before the end."""
         self.began = datetime.now().astimezone().isoformat(timespec="seconds")
         self.collected = False
-        """Whether the collection was completed; True under xdist too, where workers collect."""
+        """Whether the collection was completed; also True under xdist, where workers collect."""
 
     @pytest.hookimpl(tryfirst=True)
     def pytest_sessionstart(self) -> None:
-        """Replace the reports of an earlier session before any item runs."""
+        """Replace the reports of an earlier session before any test item runs."""
         self.outputs.begin()
 
     @pytest.hookimpl(wrapper=True)
     def pytest_collection(self) -> Generator[None, object, object]:
-        """Write the plan into the reports after the collection."""
+        """Write the plan, i.e. all selected test items, into the reports after the collection."""
         collection = yield
         self.collected = True
         self.outputs.announce(self.planner)
         return collection
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
-        """Store the record, the duration and the failure of a report."""
+        """Store the record, the duration and the failure of a test item from pytest's report."""
         self.outputs.announce(self.planner)  # under xdist the plan comes with the first report
         content = getattr(report, "rvads", None)
         self.seconds[report.nodeid] = self.seconds.get(report.nodeid, 0.0) + report.duration
@@ -86,7 +85,7 @@ class Session:
             self.failures_without_verdict.add(report.nodeid)
 
     def _store(self, content: dict[str, Any], report: pytest.TestReport) -> None:
-        """Add a record to the journal and call the hooks of users; an error in a hook costs no verdict."""
+        """Add a record to the journal on disk and call the hooks of users; an error in a hook loses no verdict."""
         from pytest_rvads.report.record import received
 
         try:
@@ -106,7 +105,7 @@ class Session:
             self.failures_without_verdict.add("pytest_rvads_verdict")
 
     def pytest_collectreport(self, report: pytest.CollectReport) -> None:
-        """Note a failed collection."""
+        """Note that the collection of a test file failed."""
         if report.failed:
             self.failures_without_verdict.add(report.nodeid)
 
@@ -134,7 +133,7 @@ class Session:
             leave_in_time(int(session.exitstatus))
 
     def _finish(self, session: pytest.Session, exitstatus: int) -> None:
-        """Make the report, write the files and set the exit status."""
+        """Make the report of the session, write the files and set the exit status."""
         from pytest_rvads.report.session_report import steady
 
         self.records = self.outputs.journal.records()
@@ -167,16 +166,17 @@ class Session:
         self.troubles += troubles
         if not complete:
             status = status or pytest.ExitCode.TESTS_FAILED
-        if session.exitstatus in (0, exitstatus):  # another plugin may have set a worse status
+        if session.exitstatus in (0, exitstatus):  # unchanged if another plugin has set a worse status
             session.exitstatus = status
 
     def _has_part(self) -> bool:
-        """Return whether the session plans items of this plugin, or an option requests a report or a comparison."""
-        requests = self.baseline, self.options.report, self.options.cov_fail_under is not None
+        """Return whether the session has test items of this plugin, or an option requests a report or a comparison."""
+        gates = self.options.cov_fail_under, self.options.cov_arrivals
+        requests = self.baseline, self.options.report, gates != (None, None)
         return bool(self.planner.plan().cells or any(requests))
 
     def _complete(self) -> int:
-        """Add a record for every selected item without a record; return the number of items that never ran."""
+        """Add a record for every selected test item without a record; return the number of items that never ran."""
         from msgspec import structs
 
         from pytest_rvads.report.record import conclude
@@ -194,15 +194,16 @@ class Session:
         return missing
 
     def _report(self, exitstatus: int, cut: bool) -> Report:
-        """Return the report of the session; its exit status includes the comparison with the baseline and the least coverage.
+        """Return the report of the session; its exit status includes the comparison with the baseline and the required coverage.
 
         Args:
             exitstatus: exit status so far.
             cut: whether items are missing, so that the comparison excuses no failure.
         """
+        from pytest_rvads.report.arrivals import untested
         from pytest_rvads.report.coverage import shortfall
         from pytest_rvads.report.session_report import Report, in_order
-        from pytest_rvads.support.versions import ENGINES, versions
+        from pytest_rvads.support.installed import ENGINES, versions
 
         plan = self.planner.plan()
         records = in_order(list(self.records.values()))
@@ -227,20 +228,23 @@ class Session:
             report = self._compare(report, self.baseline)
             if exitstatus in (pytest.ExitCode.OK, pytest.ExitCode.TESTS_FAILED):
                 exitstatus = self._judge_changes(report, exitstatus, cut)
-        least_coverage = self.options.cov_fail_under
-        shortfall_text = "" if least_coverage is None else shortfall(report, least_coverage)
-        if shortfall_text:
-            self.troubles.append(shortfall_text)
-            exitstatus = exitstatus or pytest.ExitCode.TESTS_FAILED
+        least_coverage, most_untested = self.options.cov_fail_under, self.options.cov_arrivals
+        for text in (
+            "" if least_coverage is None else shortfall(report, least_coverage),
+            "" if most_untested is None else untested(report, most_untested),
+        ):
+            if text:
+                self.troubles.append(text)
+                exitstatus = exitstatus or pytest.ExitCode.TESTS_FAILED
         return replace(report, notes=tuple(self.troubles), exitstatus=exitstatus)
 
     def _project(self) -> str:
-        """Return the identifier of the project, see `Report.project`."""
+        """Return the identifier of the tested project, see `Report.project`."""
         file = self.config.inipath
         return sha256(file.read_bytes()).hexdigest()[:12] if file and file.is_file() else self.config.rootpath.name
 
     def _kept_folder(self) -> str:
-        """Return the folder of ``--rvads-keep``, relative to the directory in which the session was started."""
+        """Return the path of the folder ``--rvads-keep``, written relative to the directory in which the session was started."""
         if not self.options.keep:
             return ""
         try:
@@ -249,7 +253,7 @@ class Session:
             return str(self.options.keep)
 
     def _by_run(self) -> dict[str, float]:
-        """Return, by run, the time that all items of the run took [s]."""
+        """Return the time that all test items of each run took, by name of the run [s]."""
         seconds: dict[str, float] = {}
         for nodeid, record in self.records.items():
             if record.run:
@@ -266,7 +270,7 @@ class Session:
         )
 
     def _judge_changes(self, report: Report, exitstatus: int, cut: bool) -> int:
-        """Return the exit status if only some changes since the baseline are failures; a `cut` session is no success."""
+        """Return the exit status; ``--rvads-fail-on`` excuses failures that the baseline has as well, but not if `cut` is set."""
         kinds = {"any": (), "new": ("NEW", "LOST"), "eroded": ("NEW", "LOST", "ERODED")}[self.options.fail_on]
         if not kinds or not report.comparison:
             return exitstatus
@@ -283,12 +287,12 @@ class Session:
 
 
 def has_run(report: Report) -> bool:
-    """Return whether at least one item of the session ran."""
+    """Return whether at least one test item of the session ran."""
     return any(record.status is not Outcome.NOT_RUN for record in report.records)
 
 
 def _load(path: Path | None) -> Report | None:
-    """Return the report of the baseline; None without a path.
+    """Return the report of an earlier session (the baseline); None without a path.
 
     Raises:
         pytest.UsageError: the file is no report.

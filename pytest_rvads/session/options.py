@@ -1,4 +1,4 @@
-"""The options of the plugin: a flag ``--rvads-*`` and an ini setting ``rvads_*`` each, read once into one frozen object.
+"""The options of the plugin, each a flag ``--rvads-*`` and an ini setting ``rvads_*``, read once into an `Options` object.
 
 A field of `Options` declares an option: its help, its default, and the function that makes the value of the field from the text
 of the flag, the ini setting or the default.
@@ -6,6 +6,7 @@ of the flag, the ini setting or the default.
 
 from __future__ import annotations
 
+import argparse
 import math
 import os
 import shlex
@@ -21,7 +22,7 @@ import pytest
 from pytest_rvads.support.errors import RvadsError
 from pytest_rvads.support.wording import page
 
-__all__ = ["OPTIONS", "Options", "declare"]
+__all__ = ["OPTIONS", "Options", "all_options", "declare"]
 
 _Parse = Callable[[pytest.Config, str, str], Any]
 """Returns the value of an option from the configuration of the session, the ini name of the option, and its text.
@@ -32,7 +33,7 @@ Raises an `RvadsError` for a text that is no value of the option.
 
 @dataclass(frozen=True, slots=True)
 class _Option:
-    """How an option is declared."""
+    """The declaration of an option: default, help, and the function that reads its text."""
 
     help: str
     parse: _Parse
@@ -40,7 +41,7 @@ class _Option:
     metavar: str
     choices: tuple[str, ...] | None
     several: bool
-    """Whether the flag may be repeated; the ini setting then has one value per line."""
+    """Whether the flag can be given several times; the ini setting of such an option has one value per line."""
 
 
 def _option(
@@ -52,7 +53,7 @@ def _option(
     *,
     several: bool = False,
 ) -> Any:
-    """Return a field of `Options`; without `metavar`, the help shows the last word of the option's name."""
+    """Return a dataclass field of `Options`; without `metavar`, the help shows the last word of the option's name."""
     return field(metadata={"option": _Option(help, parse, default, metavar, choices, several)})
 
 
@@ -102,7 +103,7 @@ def _speed(_config: pytest.Config, name: str, text: str) -> float | None:
     """Return a speed limit [m/s]; None for an option that is not set."""
     if not text:  # most sessions set no limit and need no reader of maps
         return None
-    from pytest_rvads.geometry.opendrive.speeds import speed_of
+    from pytest_rvads.geometry.opendrive.xmlfile import speed_of
 
     return speed_of(text, name)
 
@@ -118,7 +119,7 @@ def _path_from_root(config: pytest.Config, _name: str, text: str) -> Path | None
 
 
 def _map(config: pytest.Config, name: str, _text: str) -> str | None:
-    """Return the map file: flag and variable are relative to the working directory, the ini setting to the root folder."""
+    """Return the map file; a flag or variable is relative to the working directory, an ini setting to pytest's root folder."""
     flag = config.getoption(name) or os.environ.get("RVADS_MAP")
     if flag:
         return str(Path(flag).resolve())
@@ -203,7 +204,7 @@ class Options:
         _speed,
         metavar="SPEED",
     )
-    map: str | None = _option("OpenDRIVE file for junctions that are not built in (also the variable RVADS_MAP)", _map)
+    map: str | None = _option("map file for junctions that are not built in (also the variable RVADS_MAP)", _map)
     cover: str = _option(
         "scenarios to run of every class, or of a junction, for tests without cover=",
         _text,
@@ -247,6 +248,12 @@ class Options:
         "before -k and -m, were exercised; NA exercises nothing",
         partial(_number, most=100.0),
         metavar="N",
+    )
+    cov_arrivals: float | None = _option(
+        "fail when more than SECONDS between two tried differences of arrivals were not tried, for any two conflicting movements "
+        "on which vehicles met within 6 s of each other",
+        partial(_number, most=12.0),
+        metavar="SECONDS",
     )
     baseline: Path | None = _option(
         "earlier report, FILE.json of --rvads-report; the session reports all changes since then",
@@ -332,24 +339,59 @@ class Options:
 
 
 OPTIONS: pytest.StashKey[Options] = pytest.StashKey()
-"""The options of a session, in the stash of its configuration."""
+"""Key in the stash of pytest's configuration under which the options of the session are stored."""
 _DECLARED: dict[str, _Option] = {item.name: item.metadata["option"] for item in fields(Options) if item.metadata}
+
+
+_EVERYDAY = {
+    "sut": "command of the stack that drives, in another process",
+    "autopilot": "controller that drives: module:Class, reference, or another traffic policy",
+    "simulator": "bullet, mujoco, sumo, or module:name",
+    "map": "map file for junctions that are not built in",
+    "rules": "file with your rules",
+    "sample": "run only N runs of every test",
+    "report": "also write the verdicts to FILE.html, FILE.json, FILE.md, FILE.csv or FILE.xml",
+    "baseline": "earlier FILE.json: report what changed since then",
+    "fail_on": "failures that fail the session",
+}
+"""The options that ``pytest --help`` shows, with short texts; ``pytest --rvads-help`` shows all options and their whole help."""
+_HELP = "--rvads-help"
 
 
 def declare(parser: pytest.Parser) -> None:
     """Add the flag and the ini setting of every option to pytest's parser."""
-    group = parser.getgroup("rvads", f"traffic-rule validation (pytest-rvads), documented at {page()}")
+    group = parser.getgroup("rvads", f"traffic-rule validation (pytest-rvads; documentation: {page()})")
     for name, option in _DECLARED.items():
-        ini = _ini_name(name)
-        more: dict[str, Any] = {"action": "append"} if option.several else {}
-        metavar = option.metavar or name.rpartition("_")[2].upper()
-        more |= {"choices": option.choices} if option.choices else {"metavar": metavar}
-        help_text = f"{option.help} (ini: {ini}{f', default {option.default}' if option.default else ''})"
-        group.addoption(_flag(name), dest=ini, default=None, help=help_text.replace("%", "%%"), **more)
+        ini, keywords = _ini_name(name), _keywords(name, option)
+        group.addoption(_flag(name), **keywords | {"help": _EVERYDAY.get(name, argparse.SUPPRESS)})
         if option.several:
-            parser.addini(ini, help=option.help, type="linelist", default=[])
+            parser.addini(ini, help=f"see {_HELP}", type="linelist", default=[])
         else:
-            parser.addini(ini, help=option.help, type="string", default="")
+            parser.addini(ini, help=f"see {_HELP}", type="string", default="")
+    group.addoption(
+        _HELP, dest="rvads_help", action="store_true", help=f"show all {len(_DECLARED)} options of this plugin, and exit"
+    )
+
+
+def all_options() -> argparse.ArgumentParser:
+    """Return a parser of the plugin's options alone, with their whole help texts."""
+    parser = argparse.ArgumentParser(prog="pytest", usage="pytest [--rvads-OPTION=VALUE ...]", add_help=False)
+    group = parser.add_argument_group(
+        "rvads", "Each option is also a setting of pytest's ini file, whose name stands in brackets."
+    )
+    for name, option in _DECLARED.items():
+        group.add_argument(_flag(name), **_keywords(name, option))
+    return parser
+
+
+def _keywords(name: str, option: _Option) -> dict[str, Any]:
+    """Return the keyword arguments with which an option is added to a parser."""
+    ini = _ini_name(name)
+    help_text = f"{option.help} (ini: {ini}{f', default {option.default}' if option.default else ''})"
+    keywords: dict[str, Any] = {"dest": ini, "default": None, "help": help_text.replace("%", "%%")}
+    keywords |= {"action": "append"} if option.several else {}
+    metavar = option.metavar or name.rpartition("_")[2].upper()
+    return keywords | ({"choices": option.choices} if option.choices else {"metavar": metavar})
 
 
 def _ini_name(name: str) -> str:
@@ -361,7 +403,7 @@ def _flag(name: str) -> str:
 
 
 def _read_text(config: pytest.Config, name: str, option: _Option) -> str:
-    """Return the text of the flag, else of the ini setting, else the default."""
+    """Return the text of the flag; without the flag, the text of the ini setting; without both, the default."""
     flag = config.getoption(_ini_name(name))
     if flag is not None and not flag.strip():  # for example an unset variable of a CI job
         raise RvadsError(f"{_flag(name)} needs a value, got {flag!r}: give a value, or leave the option out")

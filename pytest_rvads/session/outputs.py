@@ -1,7 +1,12 @@
-"""What a session writes: its folder, its journal, its reports, its page, and the summary of a CI job.
+"""Writes the files of a session: its folder, its journal, its reports, its page, and the summary and annotations of a CI job.
 
 All processes of a session share one folder, which is made when the first file is written to it. The reports are written at the
 start of the session, when the plan is known, and at the end: so a report never shows an earlier session.
+
+In GitHub Actions, failures are shown beside the lines of a change: one annotation per cause of failures. An annotation is a
+workflow command on a separate line, ``::error file=...,line=...,title=...::message``. Values are escaped, so that no name and
+no message can end a command or begin another command. The output of a controller is not escaped: GitHub reads
+every line of a log, also the lines that a controller prints.
 """
 
 from __future__ import annotations
@@ -18,22 +23,27 @@ from uuid import uuid4
 import pytest
 
 from pytest_rvads.session.options import OPTIONS, Options
-from pytest_rvads.support.wording import named_error
+from pytest_rvads.support.wording import named_error, one_line, plural, quoted
 
 if TYPE_CHECKING:
     from pytest_rvads.report.journal import Journal
     from pytest_rvads.report.record import Record
     from pytest_rvads.report.session_report import Cell, Extent, Report
+    from pytest_rvads.report.triage import Cause
     from pytest_rvads.session.plan import Planner
 
-__all__ = ["FOLDER", "Outputs", "SessionFolder", "claim", "totals"]
+__all__ = ["FOLDER", "Outputs", "SessionFolder", "annotate", "claim", "totals"]
 
 _TOKEN = "rvads_session"
 """Key under which a worker gets the name of its session from the main process."""
+_MOST_ANNOTATIONS = 10
+"""Largest number of annotations of a kind per step that GitHub shows; GitHub drops further annotations."""
+_LONGEST_LINE = 1000
+"""Largest number of characters of a line of an annotation."""
 
 
 class SessionFolder:
-    """The folder for the pages, reports and runs of a session; it is made when the first file is written to it.
+    """The folder for the pages, reports and runs of a session; the folder is made when a file is first written to it.
 
     Args:
         config: configuration of the session.
@@ -45,7 +55,7 @@ class SessionFolder:
         self._start, self._artefacts, self._keep = config.invocation_params.dir, options.artefacts or "", options.keep_sessions
 
     def make(self) -> Path:
-        """Make the folder if it does not exist, and return it.
+        """Return the path of the folder, which is made if it does not exist.
 
         Raises:
             OSError: the folder can't be made.
@@ -65,12 +75,12 @@ class SessionFolder:
 
 
 FOLDER: pytest.StashKey[SessionFolder] = pytest.StashKey()
-_QUESTIONS = ("cacheshow", "collectonly", "help", "markers", "show_fixtures_per_test", "showfixtures", "version")
-"""Options with which pytest only prints and runs no item."""
+_QUESTIONS = ("cacheshow", "collectonly", "help", "markers", "rvads_help", "show_fixtures_per_test", "showfixtures", "version")
+"""Options with which pytest only prints and runs no test."""
 
 
 def claim(early_config: pytest.Config) -> None:
-    """Write an empty journal before code of users is loaded, so that a report of an earlier session no longer counts."""
+    """Write an empty journal (file of records) before user code is loaded, so that an earlier report no longer counts."""
     arguments = early_config.known_args_namespace
     names = arguments.rvads_report or early_config.getini("rvads_report")
     report = _first_json([early_config.invocation_params.dir / name for name in names])
@@ -81,7 +91,7 @@ def claim(early_config: pytest.Config) -> None:
 
 
 def totals(records: Iterable[Record]) -> dict[int, tuple[int, int]]:
-    """Return the numbers of classes and of scenarios at junctions, by the number of ways, for all numbers of ways in records."""
+    """Return the numbers of classes and scenarios at a junction, by number of arms, for all numbers of arms in the records."""
     from pytest_rvads.report.record import SimulatedItem
     from pytest_rvads.scenarios.classes import count_classes, count_scenarios
 
@@ -90,7 +100,7 @@ def totals(records: Iterable[Record]) -> dict[int, tuple[int, int]]:
 
 
 class Outputs:
-    """Writes the files of a session; an error while writing one file does not keep the others from being written."""
+    """Writes the files of a session; an error while writing one file does not keep other files from being written."""
 
     def __init__(self, config: pytest.Config) -> None:
         options, self._config = config.stash[OPTIONS], config
@@ -105,7 +115,7 @@ class Outputs:
 
     @cached_property
     def journal(self) -> Journal:
-        """The journal: the record of an item is appended when the item ends."""
+        """The journal, a file to which the record of every test item is appended when the item ends."""
         from pytest_rvads.report.journal import Journal
 
         journal = Journal(_first_json(self._reports))
@@ -115,11 +125,11 @@ class Outputs:
     def begin(self) -> None:
         """Replace the reports of an earlier session by reports which say that this session has not ended."""
         if self._reports:
-            _ = self.journal  # before the reports: the journal of an earlier session has other items
+            _ = self.journal  # replaced before the reports, because the journal of an earlier session has other items
             self._write_planned((), ())
 
     def announce(self, planner: Planner) -> None:
-        """Write the plan into the reports once it is known, so that an item without a verdict can be noticed."""
+        """Write all selected test items into the reports before the items run, so that an item without a verdict is noticed."""
         if self._reports and not self._announced and (plan := planner.plan()).items:
             self._announced = True
             self._write_planned(plan.items.values(), plan.cells, plan.extents)
@@ -158,8 +168,6 @@ class Outputs:
         """Print the annotations that GitHub shows beside the lines of a change, if the session runs in GitHub Actions."""
         if report is None or os.environ.get("GITHUB_ACTIONS") != "true":
             return
-        from pytest_rvads.report.annotations import annotate
-
         root = self._config.rootpath
         annotations: list[str] = []
         workspace = Path(os.environ.get("GITHUB_WORKSPACE") or root)
@@ -188,13 +196,79 @@ class Outputs:
         save(path.with_name(REPORT), report)
 
 
+def annotate(report: Report, root: Path, workspace: Path) -> list[str]:
+    """Return at most ten workflow commands, one per cause of failures, sorted by severity.
+
+    The commands are errors, or warnings if the session passes in spite of the failures, for example because the baseline has the
+    same failures.
+
+    Args:
+        report: the report of the session.
+        root: the folder to which the ids of the test items are relative.
+        workspace: the folder of the repository; tests outside of the repository are annotated without a file.
+    """
+    from pytest_rvads.report.triage import causes
+
+    collector = causes()
+    failed_records: dict[str, Record] = {}
+    for record in report.records:
+        collector.add(record)
+        if record.failed:
+            failed_records[record.nodeid] = record
+    failure_causes = collector.causes()
+    kind = "error" if report.ended else "warning"
+    shown = failure_causes if len(failure_causes) <= _MOST_ANNOTATIONS else failure_causes[: _MOST_ANNOTATIONS - 1]
+    lines = [
+        _annotation(kind, cause, _file_and_line(failed_records[cause.example], root, workspace), report.again) for cause in shown
+    ]
+    if further_causes := failure_causes[len(shown) :]:
+        items = plural(sum(cause.count for cause in further_causes), "item")
+        lines.append(
+            _workflow_command(
+                kind, {"title": "rvads"}, f"{len(further_causes)} more causes, of {items}: see the summary of the job"
+            )
+        )
+    return lines
+
+
+def _annotation(kind: str, cause: Cause, place: dict[str, str], again: str) -> str:
+    title = f"{cause.rule}, {plural(cause.count, 'item')}"
+    lines = (cause.line, f"rerun: {again} {quoted(cause.example)}")
+    return _workflow_command(kind, {**place, "title": title}, *lines)
+
+
+def _file_and_line(record: Record, root: Path, workspace: Path) -> dict[str, str]:
+    """Return file and line of the test of a record; an empty dict for a test outside of the repository."""
+    file = os.path.abspath(root / record.nodeid.partition("::")[0])
+    inside = os.path.relpath(file, workspace)
+    if inside.split(os.sep)[0] == os.pardir:
+        return {}
+    return {"file": inside.replace(os.sep, "/"), "line": str(record.line + 1)}  # pytest counts lines from 0
+
+
+def _workflow_command(kind: str, properties: dict[str, str], *lines: str) -> str:
+    """Return a workflow command with a message of several lines."""
+    values = ",".join(f"{name}={_property(one_line(value, _LONGEST_LINE))}" for name, value in properties.items())
+    return f"::{kind} {values}::{'%0A'.join(_data(one_line(line, _LONGEST_LINE)) for line in lines)}"
+
+
+def _data(text: str) -> str:
+    """Return a text escaped as the message of a command."""
+    return text.replace("%", "%25").replace("\r", "%0D").replace("\n", "%0A")
+
+
+def _property(text: str) -> str:
+    """Return a text escaped as the value of a property of a command."""
+    return _data(text).replace(":", "%3A").replace(",", "%2C")
+
+
 def _attempt(what: str, write: Callable[[], None]) -> list[str]:
     """Write a file; return a list with a sentence on the error, or an empty list."""
     try:
         write()
     except OSError as error:
         return [f"{what} could not be written: {error}"]
-    except Exception as error:  # values that drivers or hooks put into a record may break a format
+    except Exception as error:  # values that drivers or hooks put into a record can break a format
         return [f"{what} could not be written: {named_error(error)}"]
     return []
 

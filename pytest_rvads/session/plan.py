@@ -1,7 +1,9 @@
-"""The plan of a session: the cells of all collected tests and the selected items, known before the first item runs.
+"""The plan of a session: the cells (run and rule) of all collected tests, and the selected test items, before any item runs.
 
-Coverage is a share of the planned cells, and an item that did not run has a record. Under xdist a worker sends the plan to the
-main process with its first report.
+Coverage is a share of the planned cells. The plan has a record of every selected item, also of items that will not run. Under
+xdist a worker sends the plan to the main process with its first report.
+
+What the collection of tests leaves out is noted in the stash of pytest's configuration, under the keys of this module.
 """
 
 from __future__ import annotations
@@ -14,42 +16,50 @@ from typing import TYPE_CHECKING, Any, cast
 
 import pytest
 
-from pytest_rvads.session.collection.planned import DRAWN, EXTENTS, LEFT_OUT, REFUSED, UNFIT
-
 if TYPE_CHECKING:
     from pytest_rvads.report.record import Record
     from pytest_rvads.report.session_report import Cell, Drawn, Extent
     from pytest_rvads.session.collection.cells import Cell as Parameter
     from pytest_rvads.session.collection.cells import RecordedCell
 
-__all__ = ["Plan", "Planner", "in_part", "start"]
+__all__ = ["DRAWN", "EXTENTS", "LEFT_OUT", "REFUSED", "UNFIT", "Plan", "Planner", "in_part", "start"]
 
 _WIRE = "rvads_plan"
 """Attribute of a worker's first report, or key of its output, that carries the plan to the main process."""
+LEFT_OUT: pytest.StashKey[dict[str, int]] = pytest.StashKey()
+"""By node id of a test, the number of points of its grid that were left out: too fast to stop, beyond v(d)max."""
+UNFIT: pytest.StashKey[dict[str, int]] = pytest.StashKey()
+"""By node id of a test, the number of scenarios that were left out, because a vehicle has no room at its start."""
+REFUSED: pytest.StashKey[dict[str, dict[str, None]]] = pytest.StashKey()
+"""By reason for leaving junctions out, or for running other starts than requested, the names of the junctions."""
+DRAWN: pytest.StashKey[dict[Drawn, None]] = pytest.StashKey()
+"""Tests that run only a sample of their runs, with the size of the sample."""
+EXTENTS: pytest.StashKey[dict[str, Extent]] = pytest.StashKey()
+"""By junction, its numbers of classes and pairs, if the number of arms does not determine these numbers."""
 
 
 @dataclass(slots=True)
 class Plan:
-    """The cells that the collected tests ask for, and the items that were selected to run."""
+    """The cells that the collected tests ask for, and the test items that were selected to run."""
 
     cells: dict[Cell, None] = field(default_factory=dict)
-    """The cells before ``-k`` and ``-m``, in the order of collection; the values are not used."""
+    """The planned cells, before ``-k`` and ``-m`` deselect any, in the order of collection; the values are not used."""
     items: dict[str, Record] = field(default_factory=dict)
-    """Node id of every selected item to the start of its record."""
+    """By node id of a selected test item, its record, as known before the item runs."""
     deselected: set[str] = field(default_factory=set)
     """Node ids of the deselected items."""
     vanished: dict[str, Record] = field(default_factory=dict)
-    """Node id of every item that disappeared without `pytest_deselected`, to the start of its record."""
+    """By node id of a test item that a plugin dropped without `pytest_deselected`, its record, as known before the item runs."""
     files: set[str] = field(default_factory=set)
     """Every file from which pytest collected an item, of this plugin or not."""
     left_out: dict[str, int] = field(default_factory=dict)
-    """Test to the number of points of its grid that were left out, because they are beyond the braking envelope."""
+    """By node id of a test, the number of points of its grid that were left out: too fast to stop, beyond v(d)max."""
     unfit: dict[str, int] = field(default_factory=dict)
-    """Test to the number of scenarios that were left out, because a vehicle has no room at its start."""
+    """By node id of a test, the number of scenarios that were left out, because a vehicle has no room at its start."""
     extents: dict[str, Extent] = field(default_factory=dict)
-    """Junction to its numbers of classes and pairs, if its number of ways does not determine them."""
+    """By junction, its numbers of classes and pairs, if the number of arms does not determine these numbers."""
     refused: dict[str, tuple[str, ...]] = field(default_factory=dict)
-    """Reason for which junctions are left out, to the names of the junctions."""
+    """By reason for leaving junctions out, or for running other starts than requested, the names of the junctions."""
     drawn: dict[Drawn, None] = field(default_factory=dict)
     """Tests that run only a sample of their runs, with the size of the sample."""
 
@@ -64,7 +74,7 @@ class Plan:
         return encode([list(self.cells), *records, *of_all_tests, self.extents, self.refused, list(self.drawn)]).decode()
 
     def unpack(self, text: str) -> None:
-        """Add the values of a packed plan; all workers send the same plan."""
+        """Add the values of a plan in JSON that a worker sent; all workers send the same plan."""
         cells, items, vanished, deselected, files, left_out, unfit, extents, refused, drawn = json.loads(text)
         if cells:
             from msgspec import convert
@@ -85,12 +95,12 @@ class Plan:
 
 
 def in_part(config: pytest.Config) -> bool:
-    """Return whether the session collects only parts of files."""
+    """Return whether options or arguments of pytest select only parts of test files."""
     return bool(getattr(config.option, "lf", False)) or any("::" in argument for argument in config.args)
 
 
 def start(item: pytest.Item) -> Record | None:
-    """Return the start of an item's record; None if the item does not belong to this plugin."""
+    """Return the record of a test item, as known before the item runs; None if the item does not belong to this plugin."""
     if not (isinstance(item, pytest.Function) and hasattr(item, "callspec") and "rvads_cell" in item.callspec.params):
         return None
     from pytest_rvads.report.record import planned_record
@@ -101,21 +111,21 @@ def start(item: pytest.Item) -> Record | None:
 
 
 def _variant(whole: str, names: Sequence[str], cell: str) -> str:
-    """Return the values of the other parameters of an item, as its id names them.
+    """Return the values of the parameters of a test item other than the cell, as the id of the item names the values.
 
     Args:
-        whole: the part of the item's id in brackets: the ids of its parameters, joined by dashes; an id may contain dashes.
+        whole: the part of the item's id in brackets: the ids of its parameters, joined by dashes; an id can contain dashes.
         names: names of the parameters, in the same order.
         cell: id of the cell.
     """
     whole, part = f"-{whole}-", f"-{cell}-"
-    # The id of another parameter may contain the id of the cell; the parameter of the cell is first or last.
+    # The id of another parameter can contain the id of the cell; the cell is the first or the last parameter.
     at = whole.rfind(part) if names[-1] == "rvads_cell" else whole.find(part)
     return ", ".join(filter(None, (whole[1:at], whole[at + len(part) : -1])))
 
 
 class Planner:
-    """Makes the plan in every process that collects, and sends the plan from a worker to the main process."""
+    """Makes the plan in every process that collects tests, and sends the plan from an xdist worker to the main process."""
 
     def __init__(self, config: pytest.Config) -> None:
         self._plan = Plan()
@@ -129,7 +139,7 @@ class Planner:
         """Number of all items that a worker has collected."""
 
     def plan(self) -> Plan:
-        """Return the plan, made from the items that were collected since the last call."""
+        """Return the plan, after adding the items that were collected since the last call."""
         starts = {item.nodeid: record for item in self._collected if (record := start(item))}
         if starts:
             from pytest_rvads.report.session_report import cell_of
@@ -155,11 +165,11 @@ class Planner:
         return self._plan
 
     def unplanned(self) -> int:
-        """Return the number of items that workers collected, if no worker sent its plan; else 0."""
+        """Return the number of test items that workers collected, if no worker sent its plan; 0 if a worker did."""
         return 0 if self.plan().files else self._ids
 
     def no_longer_exists(self, nodeid: str) -> bool:
-        """Return whether an item no longer exists.
+        """Return whether a test item of an earlier session no longer exists.
 
         An item no longer exists if its file does not exist, or if its whole file was collected without the item, the item was not
         deselected, and its test does not draw a sample.
@@ -172,20 +182,20 @@ class Planner:
         return _file(nodeid) in plan.files and not in_part(self._config)
 
     def pytest_itemcollected(self, item: pytest.Item) -> None:
-        """Note every item before plugins can deselect or drop items."""
+        """Note every test item before plugins can deselect or drop items."""
         self._collected.append(item)
 
     def pytest_deselected(self, items: list[pytest.Item]) -> None:
-        """Note the items that an option or a plugin deselects."""
+        """Note the test items that an option or a plugin deselects."""
         self._deselected |= {item.nodeid for item in items}
 
     def pytest_collection_finish(self, session: pytest.Session) -> None:
-        """Note the selected items."""
+        """Note the test items that are selected to run."""
         self._selected = session.items
 
     @pytest.hookimpl(wrapper=True)
     def pytest_runtest_makereport(self) -> Generator[None, pytest.TestReport, pytest.TestReport]:
-        """Send the plan with the first report of a worker, because the worker may crash later."""
+        """Send the plan with the first report of a worker, because the worker can crash later."""
         report = yield
         if self._unsent:
             setattr(report, _WIRE, self.plan().pack())
@@ -199,7 +209,7 @@ class Planner:
 
     @pytest.hookimpl(wrapper=True, tryfirst=True)
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> Generator[None, None, None]:
-        """Take the plan from a worker's report before other plugins read the report, and shrink the report afterwards."""
+        """Take the plan from a worker's report before other plugins read the report, and drop unneeded texts afterwards."""
         if not hasattr(self._config, "workerinput") and hasattr(report, _WIRE):
             self._plan.unpack(report.__dict__.pop(_WIRE))
         try:
@@ -222,7 +232,7 @@ class Planner:
 
 
 def _shrink(report: pytest.TestReport) -> None:
-    """Remove from a report all values that nobody reads at the end, because terminal reporters keep every report."""
+    """Remove from pytest's report of an item all values that are not read again, because terminal reporters keep every report."""
     if report.passed and report.when != "call":
         report.keywords, report.user_properties = {}, []
     if record := getattr(report, "rvads", None):

@@ -1,4 +1,4 @@
-"""The reasons why a session is not green: a list of checks, each of which may give one reason.
+"""The reasons why a session is not green (fails): a list of checks, each of which returns one reason or none.
 
 A session is green only if a verdict was given, a driver was named, and everything planned is accounted for. A violation fails
 its item even if the test, a plugin or a conftest.py catches the exception.
@@ -29,25 +29,25 @@ class Ending:
     """All values that decide whether a session is green."""
 
     exitstatus: int
-    """Exit status by pytest."""
+    """Exit status that pytest decided on."""
     collected: bool
     """Whether the collection was completed."""
     records: Mapping[str, Record]
-    """Records by node id."""
+    """Record of each test item, by node id."""
     missing: int
     """Number of selected items that never ran."""
     unplanned: int
-    """Number of items that workers collected, if every worker ended before it reported which items belong to this plugin."""
+    """Number of items that workers collected, if no worker reported which items belong to this plugin; 0 if a worker did."""
     vanished: int
     """Number of items that a plugin dropped without the hook `pytest_deselected`."""
     undriven: Mapping[str, str]
-    """Node ids of items without a named driver, to a sentence on a misplaced definition of the driver, or an empty text."""
+    """By node id of an item without a named driver, a sentence on a misplaced definition of the driver, or an empty text."""
     turned: Set[str]
-    """Node ids of items that failed until somebody changed their reports."""
+    """Node ids of items that failed and whose reports a plugin or conftest.py turned into reports of passed items."""
     late: str
     """Message of the items that the time budget kept from starting; empty without a budget."""
     lets_open_pass: bool
-    """Whether the options let OPEN pass or skip."""
+    """Whether the options let an item with the verdict OPEN pass or be skipped."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,13 +56,13 @@ class Reason:
 
     text: str
     exitstatus: int = _FAILED
-    """Exit status in place of 0; 0 for a note that changes no exit status."""
+    """Exit status of the session if nothing else gives the session another status than 0; 0 for a note."""
     cut: bool = True
     """Whether so many items are missing that ``--rvads-fail-on`` excuses no failure."""
 
 
 def reasons(ending: Ending) -> list[Reason]:
-    """Return all reasons; the first reason with an exit status other than 0 decides the exit status."""
+    """Return the reasons why the session is not green; the first reason with an exit status other than 0 decides the status."""
     return [reason for check in _CHECKS if (reason := check(ending))]
 
 
@@ -104,7 +104,7 @@ def _unjudged(ending: Ending) -> Reason | None:
 
 
 def _hushed(ending: Ending) -> Reason | None:
-    """Return the reason if a plugin or conftest.py let items pass that failed."""
+    """Return a reason why the session fails if a plugin or conftest.py turned failed test items into passed items."""
     fails = {outcome for outcome in Outcome if outcome.bad} - ({Outcome.OPEN} if ending.lets_open_pass else set())
     hidden = {name for name, r in ending.records.items() if r.status in fails and not r.failed and not r.known}
     hushed = sorted(hidden | {name for name in ending.turned if ending.records[name].status is not Outcome.FLAKY})
@@ -114,7 +114,7 @@ def _hushed(ending: Ending) -> Reason | None:
 
 
 def _flaky(ending: Ending) -> Reason | None:
-    """Return the reason if items are FLAKY that pytest does not count as failed."""
+    """Return a reason why the session fails if test items are FLAKY that pytest does not count as failed."""
     flaky = [r for r in ending.records.values() if r.status is Outcome.FLAKY and r.outcome != "failed"]
     if not flaky:
         return None

@@ -1,1 +1,1 @@
-"""What every room needs: errors, texts, files, processes, entry points; nothing here knows vehicles."""
+"""What all other packages need: errors, texts, files, processes, entry points; no module here knows about vehicles."""

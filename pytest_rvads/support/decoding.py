@@ -1,6 +1,6 @@
-"""Typed JSON: msgspec checks JSON from files and stacks against a type, and an error names the field in one sentence.
+"""Typed JSON: msgspec checks JSON from files and other processes against a type, and an error names the field in one sentence.
 
-The import of msgspec takes some 20 ms, with the first run, record or file.
+The import of msgspec takes some 20 ms, so msgspec is imported only with the first run, record or file.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ _PLAIN = {IntType: int, FloatType: float, StrType: str}
 
 
 def decode(text: bytes, kind: type[T], where: str, error: type[RvadsError]) -> T:
-    """Return a JSON text as a value of `kind`; see `typed`.
+    """Return the value of type `kind` that a JSON text holds; see `typed`.
 
     Raises:
         RvadsError: an `error`; the text is no JSON, or does not fit `kind`.
@@ -68,7 +68,7 @@ def encode(value: object) -> bytes:
 
 
 def _encodable(value: Any) -> Any:
-    """Return builtins with a question mark for each character that UTF-8 can't hold."""
+    """Return a value of built-in types with a question mark for each character that UTF-8 can't hold."""
     if isinstance(value, str):
         return value.encode(errors="replace").decode()
     if isinstance(value, dict):
@@ -77,7 +77,7 @@ def _encodable(value: Any) -> Any:
 
 
 def typed(value: object, kind: type[T], where: str, error: type[RvadsError]) -> T:
-    """Return a value of builtins, as read from JSON, as a value of `kind`.
+    """Return builtins, as read from JSON, converted to a value of type `kind`.
 
     Args:
         value: the value of builtins.
@@ -109,6 +109,10 @@ def _sentence(message: str, value: Any, info: Type) -> str:
     missing = re.fullmatch("Object missing required field `(.*)`", what)
     if missing:
         return f"the field {f'{path}.{missing[1]}'.lstrip('.')!r} is missing"
+    unknown = re.fullmatch("Object contains unknown field `(.*)`", what, re.DOTALL)
+    if unknown and isinstance(info, StructType):
+        choices = ", ".join(field.encode_name for field in info.fields)
+        return one_line(f"the field {f'{path}.{unknown[1]}'.lstrip('.')!r} is unknown, expected one of {choices}")
     expected = what.removeprefix("Expected ").partition(", got ")[0]
     expected = re.sub("`(.*?)`", lambda kinds: " or ".join(_WORDS.get(k, k) for k in kinds[1].split(" | ")), expected)
     if isinstance(info, EnumType | LiteralType):
@@ -149,7 +153,7 @@ def _wrong_key(values: dict[str, Any], info: Type) -> str:
 
 
 def _checkable(info: Type) -> Any:
-    """Return a type against which a value of a dictionary is checked."""
+    """Return the Python type against which a value of a dictionary of this msgspec type is checked."""
     if isinstance(info, TupleType):
         return tuple[tuple(map(_checkable, info.item_types))]  # type: ignore[misc]
     return info.cls if isinstance(info, StructType) else _PLAIN.get(type(info), Any)

@@ -1,7 +1,7 @@
 """The errors of the library: a tree of classes, each with cause and remedy.
 
-A message is one sentence with the value that was got, the expected value, the place, and the remedy. The plugin turns
-every error of this module into a ``pytest.UsageError`` or an error of the item, never into a traceback.
+A message is one sentence with the value that was got, the expected value, the place, and the remedy. The plugin turns every error
+of this module into a ``pytest.UsageError`` or an error of the test, never into a traceback.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ __all__ = [
 
 
 class RvadsError(Exception):
-    """Base of the errors of this library, except violations of rules."""
+    """Base class of the errors of this library, except violations of rules."""
 
 
 class MapError(RvadsError):
@@ -63,8 +63,8 @@ class AutopilotError(RvadsError):
 class RunError(RvadsError):
     """A run can't be judged.
 
-    Cause: the run is empty, breaks the semantic model, or ended by a fault of simulator or autopilot.
-    Remedy: remove the fault that the message names; the verdict of such a run is ERROR, never PASS or FAIL.
+    Cause: the run is empty, breaks the semantic model, or ended by a fault of simulator or autopilot. Remedy: remove the fault
+    that the message names; the verdict on such a run is ERROR, or FAIL for a violation before the fault.
     """
 
 

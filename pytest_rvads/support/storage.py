@@ -1,4 +1,8 @@
-"""Files: only regular files of bounded size are read, and files are written atomically."""
+"""Files: only regular files of bounded size are read, XML is read within bounds, and files are written atomically.
+
+XML is read element by element, within bounds on depth and tag length. A document type declaration is refused when it begins, so
+a file can declare no entity and refer to nothing outside.
+"""
 
 from __future__ import annotations
 
@@ -6,22 +10,31 @@ import errno
 import os
 import re
 import stat
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from hashlib import sha256
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 from uuid import uuid4
+from xml.parsers import expat
 
-__all__ = ["open_file", "read_file", "slug", "write_file"]
+from pytest_rvads.support.errors import RvadsError
+from pytest_rvads.support.wording import one_line
+
+__all__ = ["DEEPEST", "LONGEST_TAG", "XmlError", "open_file", "read_file", "read_xml", "slug", "write_file"]
 
 _LONGEST = 190
 """Longest name of a file without its ending [bytes]; file systems take 255."""
 _PLAIN = re.compile(r"(?:\w+/)*\w+\.py(?:::\w+)*(?:\[[\w.-]*[\w.]\])?", re.ASCII)
 """Ids of items that stay distinct when brackets and slashes become hyphens."""
 
+DEEPEST = 60
+"""Deepest nesting that is read: a trajectory of OpenSCENARIO lies 16 levels deep, a lane of OpenDRIVE 10."""
+LONGEST_TAG = 2**23
+"""Longest tag or comment that is read [bytes]; a tag is held in memory as a whole."""
+
 
 def open_file(path: Path) -> BinaryIO:
-    """Open a regular file for reading; a pipe or device, which may never end, is refused without waiting.
+    """Open a regular file for reading; a pipe or device, which could be endless, is refused without waiting.
 
     Raises:
         OSError: the file can't be read or is not regular; ``strerror`` states the reason.
@@ -61,8 +74,8 @@ def read_file(path: Path, most: int) -> bytes:
 def write_file(path: Path, content: bytes | Iterable[bytes]) -> None:
     """Write a file atomically: a reader sees the old content or the whole new content, even if the writer is killed.
 
-    Several processes may write the same file: each process writes a temporary file and renames it. A path of another kind,
-    such as ``/dev/stdout``, is written to directly. Missing folders are made.
+    Several processes can write the same file at once, because each process writes a temporary file and renames it. A pipe or
+    device, such as ``/dev/stdout``, is written to directly. Missing folders are made.
 
     Args:
         path: path of the file.
@@ -91,9 +104,71 @@ def write_file(path: Path, content: bytes | Iterable[bytes]) -> None:
 
 
 def slug(text: str) -> str:
-    """Return a file name without ending for the id of an item or another text; different texts get different names."""
+    """Return a file name without ending for the id of a test or another text; different texts get different names."""
     name = re.sub(r"[^A-Za-z0-9_.-]+", "-", text.replace(".py::", ".")).strip("-")
     if _PLAIN.fullmatch(text) and len(name) <= _LONGEST:
         return name
     digest = sha256(text.encode("utf-8", "surrogatepass")).hexdigest()[:12]
     return f"{name[: _LONGEST - 13]}-{digest}"
+
+
+class XmlError(RvadsError):
+    """The error that a file is no XML, or exceeds a bound; the message names the row, and the caller adds the file's name."""
+
+
+def read_xml(
+    chunks: Iterable[bytes],
+    expected: str,
+    start: Callable[[str, dict[str, str], int], None],
+    end: Callable[[str], None] | None = None,
+    text: Callable[[str], None] | None = None,
+) -> None:
+    """Read XML and call a function for each element.
+
+    Args:
+        chunks: the content, in pieces; the caller bounds the number of bytes.
+        expected: what the file should be, for the message about a file that is no XML.
+        start: called with the tag of an element, its attributes, and the row of the file that the element begins in.
+        end: called with the tag of an element when the element ends.
+        text: called with text between tags.
+
+    Raises:
+        XmlError: the content is no XML, has a document type declaration or a tag that is too long, or nests elements too deep.
+    """
+    parser = expat.ParserCreate()
+    # By default, expat delays the parsing of a long tag, and its position does not show how long the tag is.
+    getattr(parser, "SetReparseDeferralEnabled", bool)(False)
+    depth = fed = 0
+
+    def doctype(*_: Any) -> None:
+        raise XmlError("it has a document type declaration (DTD), which can hide entity bombs; remove it")
+
+    def begin(tag: str, attributes: dict[str, str]) -> None:
+        nonlocal depth
+        depth += 1
+        if depth > DEEPEST:
+            raise XmlError(f"row {parser.CurrentLineNumber}: elements are nested deeper than {DEEPEST} levels")
+        start(tag, attributes, parser.CurrentLineNumber)
+
+    def finish(tag: str) -> None:
+        nonlocal depth
+        depth -= 1
+        if end is not None:
+            end(tag)
+
+    parser.StartDoctypeDeclHandler, parser.StartElementHandler, parser.EndElementHandler = doctype, begin, finish
+    parser.CharacterDataHandler = text
+    complete = False
+    try:
+        for chunk in chunks:
+            parser.Parse(chunk, False)
+            fed += len(chunk)
+            if fed - parser.CurrentByteIndex > LONGEST_TAG:
+                raise XmlError(f"row {parser.CurrentLineNumber}: a tag or comment has more than {LONGEST_TAG // 2**20} MB")
+        complete = True
+        parser.Parse(b"", True)
+    except expat.ExpatError as error:
+        what = one_line(expat.errors.messages.get(error.code, str(error))) + ", the file is cut off" * complete
+        raise XmlError(f"row {error.lineno}, column {error.offset}: not XML: {what}; expected {expected}") from error
+    except (ValueError, LookupError) as error:  # the file declares an unknown encoding
+        raise XmlError(f"not XML: {one_line(str(error))}; expected {expected}") from error

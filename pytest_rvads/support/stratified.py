@@ -24,9 +24,10 @@ def draw(things: Iterable[T], size: int, seed: int, stratum: Callable[[T], tuple
     """Return a sample of `size` things in their order, or all things if there are no more than `size`.
 
     The size is divided over the outermost groups, the share of a group over the groups within it, and so on. Groups within the
-    same group get equal shares, up to a difference of one; a smaller group is taken as a whole. The SHA-256 of seed and name
-    decides which group gets one more and which things are drawn, so the sample does not depend on the order of the things or on
-    the process. Memory grows with the number of strata and the size, not with the number of things.
+    same group get equal shares, up to a difference of one; a group smaller than its share is taken as a whole. The SHA-256 of
+    seed and name decides which group gets one thing more and which things are drawn, so the sample does not depend on the order
+    of the things or on the process. Memory grows with the number of strata (innermost groups) and the size, not with the number
+    of things.
 
     Args:
         things: the things to draw from, which are iterated twice.
@@ -59,7 +60,7 @@ def draw(things: Iterable[T], size: int, seed: int, stratum: Callable[[T], tuple
 
 
 def _share(counts: Mapping[_Path, int], group: _Path, size: int, seed: int, shares: dict[_Path, int]) -> None:
-    """Divide `size` over the groups within a group, and put the shares of its strata into `shares`."""
+    """Divide `size` over the groups within a group, and put the shares of its innermost groups (strata) into `shares`."""
     if group in counts:
         shares[group] = size
         return
@@ -73,7 +74,7 @@ def _share(counts: Mapping[_Path, int], group: _Path, size: int, seed: int, shar
 
 
 def _even(most: Mapping[_Path, int], size: int, order: Sequence[_Path]) -> dict[_Path, int]:
-    """Return the share of each group, at most its size; the first groups of `order` get one more if the size is not divisible."""
+    """Return the share of each group, at most its number of things; the first groups of `order` get the remainder."""
     shares: dict[_Path, int] = {}
     groups = list(order)
     while groups:

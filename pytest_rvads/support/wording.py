@@ -1,24 +1,41 @@
-"""Text for users: texts of drivers, stacks and files are made printable; numbers, lists and ids become parts of sentences."""
+"""Text for users: texts of drivers, stacks and files are made printable; numbers, lists and ids become parts of sentences.
+
+A value that a notebook shows does not import the module that draws the value, so that judging and driving never load code for
+pictures. `shown` imports the drawing module by name when a notebook asks for a picture.
+"""
 
 from __future__ import annotations
 
 import io
 import re
 import shlex
+import sys
 from collections.abc import Sequence
 from html import escape
+from importlib import import_module
 from typing import TextIO
 
-__all__ = ["encode_all", "first", "markup", "named_error", "one_line", "page", "plural", "printable", "quoted"]
-
-SITE = "https://pytest-rvads.github.io/pytest-rvads/"
-"""Address of the pages of ``docs/``."""
+__all__ = [
+    "encode_all",
+    "first",
+    "markup",
+    "named_error",
+    "one_line",
+    "page",
+    "plural",
+    "printable",
+    "quoted",
+    "show_lists",
+    "shown",
+]
 
 _UNFIT = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u2028-\u202e\u2066-\u2069\ud800-\udfff\ufffe\uffff]")
 """Characters that control a terminal, change the direction of writing, or can't be encoded; not line ends and tabs."""
 
 _EXPANDED = re.compile(r"[\"$`\\!]")
 """Characters that a shell interprets between double quotes."""
+
+_DRAWS = "pytest_rvads.cli.notebook"
 
 
 def printable(text: str, most: int = 4096) -> str:
@@ -59,7 +76,7 @@ def encode_all(*streams: TextIO | None) -> None:
 
 
 def plural(count: int, thing: str, several: str = "") -> str:
-    """Return a number of things in words: ``1 run``, ``1,200 runs``; `several` is the plural if it is not formed by an s."""
+    """Return a number of things in words: ``1 run``, ``1,200 runs``; `several` is a plural that is not formed by an s."""
     return f"{count:,} {thing if count == 1 else several or f'{thing}s'}"
 
 
@@ -73,5 +90,18 @@ def quoted(name: str) -> str:
 
 
 def page(name: str = "") -> str:
-    """Return the address of the page of a file in ``docs/``, given by name without ending; the home page without a name."""
-    return f"{SITE}{name}.html" if name else SITE
+    """Return the command that shows a page of ``docs/``, given by name without ending; without a name, the list of pages."""
+    return f"rvads docs {name}".rstrip()
+
+
+def shown(value: object) -> str:
+    """Return a value as HTML, as `pytest_rvads.cli.notebook.html` draws it."""
+    return str(import_module(_DRAWS).html(value))
+
+
+def show_lists(kind: type) -> None:
+    """Let a running notebook show lists of values of a type as `shown` draws lists; do nothing outside of a notebook."""
+    shell = sys.modules["IPython"].get_ipython() if "IPython" in sys.modules else None
+    if shell is not None:
+        printers = shell.display_formatter.formatters["text/html"]
+        printers.for_type(list, lambda found: shown(found) if found and all(isinstance(one, kind) for one in found) else None)

@@ -354,7 +354,7 @@ def test_session_page_shows_the_session_then_causes_then_failures(open_page: Ope
         "driven by": "pilots.hurried.HurriedPilot (pilots/hurried.py 3fa29c01): 600 runs",
         "simulated by": "bullet 3.2.7: 600 runs",
         "command": "pytest tests/test_pilots.py --rvads-report=verdicts.html -n 4",
-        "found": "3,000 verdicts on 600 runs: 1,825 pass, 160 fail, 140 open, 875 NA",
+        "result": "3,000 verdicts on 600 runs: 1,825 pass, 160 fail, 140 open, 875 NA",
         "exit status": "1",
     }
     assert [title.text for title in browser.find_elements("tag name", "h2")] == [

@@ -8,17 +8,17 @@ import pytest
 
 from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.report.outline import Notes
-from pytest_rvads.satellites.campaigns.town_page import Site, TownMap, town_page
-from pytest_rvads.satellites.campaigns.town_picture import Spot, TownPicture
-from pytest_rvads.satellites.campaigns.town_tally import CauseTally, JunctionTally
+from pytest_rvads.satellites.campaigns.town_page import town_page
+from pytest_rvads.satellites.campaigns.town_picture import Site, Spot, TownMap, TownPicture
+from pytest_rvads.satellites.campaigns.town_tally import CauseTally, Tally
 
 Chrome = Any  # of selenium.webdriver, which not everybody has
 HARM = "<img src=x onerror=alert(1)></script>"
 ROAD = TownPicture((0.0, 0.0, 400.0, 400.0), ((3.5, "M10 10l380 0l0 380"), (2.0, "M10 10l0 380")))
 
 
-def tally(*outcomes: Outcome) -> JunctionTally:
-    found = JunctionTally(runs=len(outcomes))
+def tally(*outcomes: Outcome) -> Tally:
+    found = Tally(runs=len(outcomes))
     for outcome in outcomes:
         found.table["no_collision", "A", outcome] += 1
     return found

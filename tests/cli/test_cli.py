@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -56,6 +57,8 @@ def test_pictures_are_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]
     "arguments",
     [
         ["classes", "9"],
+        ["classes", "x"],
+        ["rules", "no_such_rule"],
         ["map", "nowhere.xodr"],
         ["map", __file__],
         ["check", "nowhere.json"],
@@ -73,7 +76,7 @@ def test_bad_input_is_one_line_and_status_2(arguments: list[str], capsys: pytest
     assert err.count("\n") == 1
 
 
-@pytest.mark.parametrize("arguments", [[], ["nonsense"], ["classes"], ["classes", "x"], ["monitor"]])
+@pytest.mark.parametrize("arguments", [[], ["nonsense"], ["classes"], ["monitor"]])
 def test_wrong_usage_is_argparse_s(arguments: list[str]) -> None:
     with pytest.raises(SystemExit) as stop:
         main(arguments)
@@ -221,18 +224,29 @@ def test_the_braking_table_is_the_plant_s(capsys: pytest.CaptureFixture[str]) ->
             assert 0.5 * ideal < speed <= ideal
 
 
+def test_a_rule_is_shown_by_its_name(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "own.rules"
+    file.write_text("[calm]\ntext = forall a. G !stopped(a)\n", "utf-8")
+    assert main(["rules", "full_stop", "calm", "--rules", str(file)]) == 0
+    shown = capsys.readouterr().out
+    assert re.findall(r"^  (\w+)", shown, re.MULTILINE) == ["full_stop", "calm"]
+    assert "!a@j W stopped(a)" in shown
+
+
 def test_classes_of_a_junction_by_name(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["classes", "--junction", "stop4"]) == 0
     named = capsys.readouterr().out
+    assert main(["classes", "stop4"]) == 0
+    assert capsys.readouterr().out == named
     assert main(["classes", "4"]) == 0
     assert capsys.readouterr().out == named
     assert main(["classes", "4", "--map", "town.xodr"]) == 2
-    assert "--map is where --junction is looked for" in capsys.readouterr().err
+    assert "--map is the file of the junction that --junction names" in capsys.readouterr().err
 
 
 @pytest.mark.extended
 def test_an_autopilot_s_table_has_a_row_per_movement(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("pytest_rvads.cli.braking_command._DISTANCES", (0.3, 500.0))
+    monkeypatch.setattr("pytest_rvads.cli.braking_commands._DISTANCES", (0.3, 500.0))
     assert main(["braking", "--autopilot", "reference", "--junction", "light3", "--json"]) == 0
     rows = json.loads(capsys.readouterr().out)
     assert [(row["entrance"], row["exit"]) for row in rows] == [(0, 1), (0, 2), (1, 0), (1, 2), (2, 0), (2, 1)]

@@ -1,4 +1,4 @@
-"""The options that say on what a command works."""
+"""The options that choose the executor of a command."""
 
 import argparse
 from importlib import util
@@ -6,19 +6,20 @@ from typing import Any
 
 import pytest
 
-from pytest_rvads.cli import executor_options, main
+from pytest_rvads.cli import main, shared_options
+from pytest_rvads.cli.shared_options import declare_executor, opened_executor
 from pytest_rvads.support.errors import RvadsError
 
 
 def parsed(*arguments: str) -> argparse.Namespace:
     parser = argparse.ArgumentParser()
-    executor_options.declare(parser)
+    declare_executor(parser)
     return parser.parse_args(arguments)
 
 
 @pytest.mark.parametrize(("arguments", "executor"), [((), None), (("-j", "3"), 3), (("--workers", "1"), 1)])
 def test_processes_are_counted(arguments: tuple[str, ...], executor: int | None) -> None:
-    with executor_options.opened(parsed(*arguments)) as opened:
+    with opened_executor(parsed(*arguments)) as opened:
         assert opened == executor
 
 
@@ -33,10 +34,10 @@ def test_a_command_takes_processes_or_a_scheduler(capsys: pytest.CaptureFixture[
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:1", "nowhere at all"])
 def test_where_no_scheduler_answers_it_is_said(address: str, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("distributed")
-    monkeypatch.setattr(executor_options, "_PATIENCE", 0.5)
+    monkeypatch.setattr(shared_options, "_PATIENCE", 0.5)
     with (
         pytest.raises(RvadsError, match=f"no Dask scheduler answers at '{address}' .*expected an address"),
-        executor_options.opened(parsed("--dask", address)),
+        opened_executor(parsed("--dask", address)),
     ):
         pass
 
@@ -45,7 +46,7 @@ def test_a_missing_library_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     def find(name: str, *rest: Any) -> Any:
         return None
 
-    monkeypatch.setattr(executor_options, "find_spec", find)
+    monkeypatch.setattr(shared_options, "find_spec", find)
     assert util.find_spec is not find
-    with pytest.raises(RvadsError, match=r"pip install 'pytest-rvads\[dask\]'"), executor_options.opened(parsed("--dask", "x")):
+    with pytest.raises(RvadsError, match=r"pip install 'pytest-rvads\[dask\]'"), opened_executor(parsed("--dask", "x")):
         pass

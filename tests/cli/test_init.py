@@ -29,15 +29,16 @@ def refused(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
 
 
 @pytest.mark.extended
-def test_the_first_session_fails_by_two_rules_the_first_of_which_is_mended_in_the_file(
+def test_first_session_fails_by_four_rules_the_first_of_which_is_mended_in_the_file(
     pytester: pytest.Pytester, capsys: pytest.CaptureFixture[str]
 ) -> None:
     lines = told(capsys)
     assert lines[:3] == ["wrote conftest.py", "wrote test_rules.py", "next: pytest"]
     result = pytester.runpytest()
-    assert result.parseoutcomes() == {"passed": 20, "failed": 4, "skipped": 6}
+    assert result.parseoutcomes() == {"passed": 52, "failed": 6, "skipped": 15}
     result.stdout.fnmatch_lines(["E *full_stop at t=* s: a0 entered the junction before it had stopped at the line"])
-    result.stdout.fnmatch_lines(["E *first_come at t=* s: a0 entered the junction before *"])
+    for rule in ("first_come", "right_first", "yield_sign"):
+        result.stdout.fnmatch_lines([f"E *{rule} at t=* s: a0 *"])
     result.stdout.fnmatch_lines(["driven by conftest.MyController*"])
 
     conftest = pytester.path / "conftest.py"
@@ -55,7 +56,7 @@ def test_the_first_session_fails_by_two_rules_the_first_of_which_is_mended_in_th
     )
     conftest.write_text(better, "utf-8")
     result = pytester.runpytest("-k", "full_stop")
-    assert result.parseoutcomes() == {"passed": 3, "deselected": 27}
+    assert result.parseoutcomes() == {"passed": 5, "deselected": 68}
 
 
 def test_files_go_into_a_folder_that_is_made(pytester: pytest.Pytester, capsys: pytest.CaptureFixture[str]) -> None:
@@ -77,6 +78,7 @@ def test_a_link_that_leads_nowhere_exists_too(pytester: pytest.Pytester, capsys:
     assert [path.name for path in pytester.path.iterdir()] == ["conftest.py"]
 
 
+@pytest.mark.extended
 def test_a_stack_drives_from_the_folder_of_the_tests(pytester: pytest.Pytester, capsys: pytest.CaptureFixture[str]) -> None:
     Path("rules").mkdir()
     for name in ("example.py", "rvads_client.py"):
@@ -84,8 +86,7 @@ def test_a_stack_drives_from_the_folder_of_the_tests(pytester: pytest.Pytester, 
     lines = told(capsys, "rules", "--sut", f"{sys.executable} example.py --fast")
     assert not any("There is no program" in line for line in lines)
     result = pytester.runpytest("rules")  # from another folder than that of the program
-    # The example obeys the rules at stop signs; seven verdicts are about vehicles that it does not meet.
-    assert result.parseoutcomes() == {"passed": 23, "skipped": 7}
+    assert result.parseoutcomes() == {"passed": 59, "skipped": 14}
     result.stdout.fnmatch_lines(["driven by stack *example.py --fast*"])
 
 
@@ -123,6 +124,19 @@ def test_a_junction_of_a_map_may_be_named(pytester: pytest.Pytester, capsys: pyt
     told(capsys, "--map", "mine.xodr", "--junction", "1")
     assert "@rvads.scenario('1', " in Path("test_rules.py").read_text("utf-8")
     assert "has no junction '7'" in refused(capsys, "other", "--map", "mine.xodr", "--junction", "7")
+
+
+@pytest.mark.parametrize(
+    ("name", "fault"), [("stop3", "stop sign"), ("light3", "red light"), ("right4", "let pass"), ("yield4", "let pass")]
+)
+def test_the_controller_says_what_it_does_wrong_at_this_junction(
+    pytester: pytest.Pytester, capsys: pytest.CaptureFixture[str], name: str, fault: str
+) -> None:
+    shutil.copy(path_of(name), "mine.xodr")
+    told(capsys, "--map", "mine.xodr")
+    text = Path("conftest.py").read_text("utf-8")
+    assert [words for words in ("stop sign", "red light", "let pass") if words in text] == [fault]
+    assert "$" not in text
 
 
 @pytest.mark.extended

@@ -124,7 +124,7 @@ def test_without_arguments_it_lists_what_failed(session: Path, said: Said) -> No
         PLAIN: ["FAIL", "no rule was violated"],
         PLAIN.replace("07-as1133", "01-as1111"): ["FAIL", "no rule was violated"],
     }
-    assert hint.startswith('rvads replay --session 1 "ID" draws one of them')
+    assert hint.startswith('rvads replay --session 1 "ID" draws a failure by its id')
 
 
 @pytest.mark.parametrize("what", [(UNDRAWN,), ("class07", "--rules", "full_stop"), ("07-as1133-cfgd03.00v00.00-full",)])
@@ -161,7 +161,7 @@ def test_the_page_of_the_session_leads_to_it_then(session: Path, said: Said) -> 
 def test_all_are_drawn_once(session: Path, said: Said) -> None:
     before = page_of(session, DRAWN).stat().st_mtime_ns
     status, out, _ = said("--all", "--rules", "full_stop")
-    assert (status, out) == (0, [".rvads/1: 1 page drawn, 1 were there"])
+    assert (status, out) == (0, [".rvads/1: 1 page drawn, 1 drawn before"])
     assert page_of(session, UNDRAWN).exists()
     assert not page_of(session, OWN).exists()
     assert page_of(session, DRAWN).stat().st_mtime_ns == before
@@ -170,7 +170,7 @@ def test_all_are_drawn_once(session: Path, said: Said) -> None:
 def test_what_all_can_t_draw_costs_nothing_else(session: Path, said: Said) -> None:
     status, out, err = said("--all")
     assert status == 1
-    assert out == [".rvads/1: 2 pages drawn, 2 were there"]
+    assert out == [".rvads/1: 2 pages drawn, 2 drawn before"]
     told = [line for line in err if line.startswith("rvads: ")]
     assert len(told) == 2
     assert all("no rule was violated, so there is no replay of it; run it again: pytest " in line for line in told)
@@ -204,7 +204,10 @@ def test_a_rule_that_says_something_else_now_is_told(session: Path, said: Said, 
     Path("own.rules").write_text(RULES.replace("!a@j", "true"), encoding="utf-8")
     status, _, (doubt,) = said(OWN, "--rules", "own.rules")
     assert status == 0
-    assert doubt == "rvads: the session said FAIL by stays_out, and this version says PASS: shown is what the session said"
+    assert (
+        doubt
+        == "rvads: the session said FAIL by stays_out, and this version says PASS: the page shows the verdict of the session"
+    )
     ((_, verdict, rule, *_),) = shown
     assert (verdict.status, rule) == ("FAIL", "")
 
@@ -271,19 +274,22 @@ def make_slower(session: Path) -> Callable[[], Run]:
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        (("class07",), f".rvads/1 has 3 failures with 'class07' in the id: say more of one, or --all: {UNDRAWN}, {OWN}, {PLAIN}"),
+        (
+            ("class07",),
+            f".rvads/1 has 3 failures with 'class07' in the id: name a longer part of an id, or --all: {UNDRAWN}, {OWN}, {PLAIN}",
+        ),
         (
             ("nothing like it",),
-            ".rvads/1 has no failure with 'nothing like it' in the id: `rvads replay --session 1` lists those",
+            ".rvads/1 has no failure with 'nothing like it' in the id: `rvads replay --session 1` lists its failures",
         ),
         (("class07", "--rules", "p9"), ".rvads/1 has no failure with 'class07' in the id and 'p9' as its rule: "),
         (
             ("--rules", "stays_out"),
-            ".rvads/1 has 2 failures with 'stays_out' as its rule: say more of one, or --all: test_it.py::",
+            ".rvads/1 has 2 failures with 'stays_out' as its rule: name a longer part of an id, or --all: test_it.py::",
         ),
         (
             (PASSED,),
-            f"{PASSED} did not fail in .rvads/1, it is PASS, and only runs of failures are kept: --rvads-keep=DIR keeps all",
+            f"{PASSED} did not fail in .rvads/1, it is PASS, and only runs of failures are kept: --rvads-keep=DIR keeps all runs",
         ),
         ((PLAIN,), f'{PLAIN}: no rule was violated, so there is no replay of it; run it again: pytest "{PLAIN}"'),
         (("--session", "7"), "there is no session 7 in .rvads, there are 1"),
@@ -297,7 +303,10 @@ def make_slower(session: Path) -> Callable[[], Run]:
         ((UNDRAWN, "--rules", "none.rules"), "none.rules: can't be read: No such file or directory"),
         ((UNDRAWN, "--baseline", "none.json"), "none.json can't be read as a report of --rvads-report: "),
         (("none.npz",), "none.npz: can't be read: No such file or directory"),
-        (("test_it.py",), f".rvads/1 has 6 failures with 'test_it.py' in the id: say more of one, or --all: {DRAWN}, "),
+        (
+            ("test_it.py",),
+            f".rvads/1 has 6 failures with 'test_it.py' in the id: name a longer part of an id, or --all: {DRAWN}, ",
+        ),
         (("run.npz", "--session", "1"), "run.npz is the file of a run, which belongs to no session: leave --session"),
         (("run.npz", "--all"), "run.npz is the file of a run, which belongs to no session: leave --session"),
     ],
@@ -322,7 +331,7 @@ def test_without_a_session_it_says_what_to_do(tmp_path: Path, monkeypatch: pytes
 def test_of_a_session_that_died_it_says_so(session: Path, said: Said) -> None:
     claimed(Path(".rvads"), "died", 9)
     says = "rvads: the session of .rvads/2 has not ended, or died, so it has left no report.json"
-    assert said() == (2, [], [f"{says}; the last one that has is that of --session .rvads/1"])
+    assert said() == (2, [], [f"{says}; the last session with a report is --session .rvads/1"])
     (session / "report.json").unlink()
     assert said() == (2, [], [says])
 
@@ -381,7 +390,7 @@ def test_what_is_no_hash_makes_no_path(session: Path, said: Said, digest: str) -
     assert "its record is damaged, the hash of a run consists of the digits 0-9 a-f, got '" in line
     assert "\x1b" not in line
     assert any(f"{UNDRAWN}  its record is damaged" in line for line in said()[1])
-    assert said("--all", "--rules", "full_stop")[:2] == (1, [".rvads/1: 0 pages drawn, 1 were there"])
+    assert said("--all", "--rules", "full_stop")[:2] == (1, [".rvads/1: 0 pages drawn, 1 drawn before"])
     assert not page_of(session, UNDRAWN).exists()
 
 
@@ -415,7 +424,7 @@ def test_without_a_rule_it_is_shown_as_it_is(session: Path, said: Said, shown: l
 
 @pytest.mark.parametrize(
     ("rule", "says"),
-    [("p9", "unknown rule 'p9'"), ("paper", "a page is about one rule, got 'paper', which are 6: name one of them")],
+    [("p9", "unknown rule 'p9'"), ("paper", "a page shows one rule, got 'paper' with 6 rules: name one of these rules")],
 )
 def test_a_file_is_judged_by_one_rule_that_there_is(session: Path, said: Said, rule: str, says: str) -> None:
     (kept, *_) = (session / "runs").iterdir()

@@ -25,6 +25,7 @@ class Entry:
 
 DRIVING = "driving"
 CONFLICTS = "conflicts and crashes"
+PEDESTRIANS = "pedestrians"
 STACKS = "controllers that attack the tool"
 TESTS = "tests"
 SESSIONS = "sessions"
@@ -299,6 +300,36 @@ CHEATS = (
         "`progress` FAIL by all four, `right_first` OPEN",
     ),
     Entry(
+        "run_down_who_crosses_a_crosswalk",
+        PEDESTRIANS,
+        "drives over a crosswalk without a look at who walks there",
+        "`crosswalk`, `no_conflict`, `no_collision` FAIL, and it is to blame",
+    ),
+    Entry(
+        "turn_over_a_crosswalk_without_looking",
+        PEDESTRIANS,
+        "turns right at green into who crosses the road on WALK",
+        "`crosswalk_turning`, `no_conflict`, `no_collision` FAIL, and it is to blame",
+    ),
+    Entry(
+        "run_down_who_crosses_against_the_light",
+        PEDESTRIANS,
+        "drives on at green into who crosses against the pedestrian light, in plain sight",
+        "`no_conflict`, `no_collision` FAIL: it could have stopped, and shares the blame",
+    ),
+    Entry(
+        "stop_on_a_crosswalk",
+        PEDESTRIANS,
+        "stops with its body over a crosswalk for two seconds without a reason",
+        "`crosswalk_clear` FAIL",
+    ),
+    Entry(
+        "wait_for_ever_for_who_stands_at_the_kerb",
+        PEDESTRIANS,
+        "waits at a crosswalk for somebody who stands at the kerb and never goes",
+        "`progress` FAIL; `crosswalk` NA",
+    ),
+    Entry(
         "four_racers",
         CONFLICTS,
         "four copies race into an all-way stop in the same step",
@@ -499,6 +530,12 @@ CHEATS = (
     ),
     Entry("skip_everything", SESSIONS, "skips all its tests", "NOT RUN; exit status 5, nothing was judged"),
     Entry("no_time_for_anything", SESSIONS, "sets a time budget of 0 s", "NOT RUN; exit status 5, nothing was judged"),
+    Entry(
+        "everybody_arrives_at_once",
+        SESSIONS,
+        "lets all vehicles arrive at the same time, so that it never has to look who comes a second later",
+        "the last line says that no gap between arrivals was tried; exit status 1 if gaps are asked for",
+    ),
     # Sessions in which nothing of the user's drives, or something is left out.
     Entry(
         "nobody_drives",
@@ -882,6 +919,30 @@ INNOCENTS = (
         CONFLICTS,
         "keeps the rules among others with the deficiencies of the paper's autopilot",
         "no FAIL, no OPEN, no ERROR",
+    ),
+    Entry(
+        "hit_who_darts_onto_the_crosswalk",
+        PEDESTRIANS,
+        "drives over a crosswalk when somebody runs out too near to stop for",
+        "`crosswalk`, `no_conflict`, `no_collision` PROVOKED",
+    ),
+    Entry(
+        "hit_who_steps_out_against_the_light",
+        PEDESTRIANS,
+        "drives on at green when somebody steps out against the pedestrian light, too near to stop for",
+        "`no_conflict`, `no_collision` PROVOKED",
+    ),
+    Entry(
+        "wait_on_the_edge_for_who_stops_half_way",
+        PEDESTRIANS,
+        "stops with its front on a crosswalk as somebody comes, who stands still half way",
+        "`crosswalk` PASS, `crosswalk_clear` PASS",
+    ),
+    Entry(
+        "wait_for_who_stands_on_the_crosswalk",
+        PEDESTRIANS,
+        "waits for ten seconds for somebody who crosses slowly and stands still half way",
+        "`crosswalk` PASS, `progress` PASS",
     ),
     # Recorded runs.
     Entry("hit_from_behind_at_the_line", RECORDINGS, "waits at the stop sign and is hit from behind", "`no_collision` PROVOKED"),

@@ -5,7 +5,7 @@ import pytest
 import pytest_rvads as rvads
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.search.metamorphic import equivalent
-from pytest_rvads.simulators.planar import usual
+from pytest_rvads.simulators.loop import usual
 
 from .attempts import CHECKED, STOPPED, Session
 from .shown import shows

@@ -6,6 +6,7 @@ import pytest
 
 from pytest_rvads.cli import main
 from pytest_rvads.geometry.opendrive.writer import Layout, opendrive
+from pytest_rvads.report.arrivals import SIMULTANEOUS
 
 from .attempts import CHECKED, FAILED, NOTHING, Session
 from .shown import shows, shows_each
@@ -44,6 +45,19 @@ def test_without_a_driver_nothing_of_the_user_was_tested(session: Session) -> No
     result.assert_outcomes(passed=1)
     assert result.ret == FAILED
     result.stdout.fnmatch_lines(["rvads: nothing says what drives in 1 item, *"])
+
+
+@shows("everybody_arrives_at_once")
+def test_a_session_without_a_gap_between_arrivals_says_so(session: Session) -> None:
+    """In configuration D all vehicles start 20 m before their lines."""
+    tests = rules(grid="D", duration=10)
+    result = session(tests, driver="reference")
+    assert result.ret == pytest.ExitCode.OK
+    result.stdout.fnmatch_lines([f"rvads: {SIMULTANEOUS}"])
+    result = session(tests, "--rvads-cov-arrivals=5", driver="reference")
+    result.assert_outcomes(passed=1)
+    assert result.ret == FAILED
+    result.stdout.fnmatch_lines(["rvads: the largest untested gap is above 5 s: *largest untested gap 6 s (-6 to 0 s)*"])
 
 
 @shows("misspelt_fixture")

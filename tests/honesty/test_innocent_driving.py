@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest_rvads as rvads
-from pytest_rvads.drivers.policies import LateYielder
+from pytest_rvads.drivers.traffic import LateYielder
 from pytest_rvads.geometry.opendrive.writer import Layout, opendrive
 from pytest_rvads.search.remap import mirrored
 

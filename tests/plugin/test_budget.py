@@ -5,7 +5,7 @@ import json
 import pytest
 
 from pytest_rvads.report.record import Record, SimulatedItem, planned_record
-from pytest_rvads.session.time_budget import priority
+from pytest_rvads.session.interrupts import priority
 
 
 def starts(classes: int, configurations: str) -> list[Record]:

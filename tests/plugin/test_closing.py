@@ -1,4 +1,4 @@
-"""The end of a session in the terminal: pytest's lines of failures folded per cause, then the causes."""
+"""The end of a session in the terminal: pytest's blocks and lines of failures folded per cause, then the causes."""
 
 import importlib.util
 import re
@@ -63,9 +63,16 @@ def test_failures_are_folded_per_cause_and_causes_come_last(pytester: pytest.Pyt
     first = next(line for line in result.outlines if "first: pytest " in line).partition("::")[2].rstrip('"')
     assert sorted(named(result)) == sorted([first, "test_of_something_else"])
     assert named(result, "ERROR") == ["test_with_a_broken_fixture"]
-    left_out = counts["failed"] - 2
-    told = f"{left_out} failures left out above, *"
-    result.stdout.fnmatch_lines([told])
+    (note,) = [line for line in result.outlines if "per cause; -vv lists all" in line]
+    blocks = [line.strip("_ ") for line in result.outlines if re.fullmatch(r"_+ test_.* _+", line)]
+    if "--tb=no" in options:
+        assert (note.split(" per ")[0], blocks) == ("one line", [])
+    else:
+        assert (note.split(" per ")[0], sorted(blocks)) == ("one block and one line", sorted([first, "test_of_something_else"]))
+    assert f" all {counts['failed']} failures" in note
+    assert result.outlines.index(note) < result.outlines.index(next(line for line in result.outlines if "rvads causes" in line))
+    explained = [line for line in result.outlines if "entrance +1: " in line]
+    assert len(explained) == 1, "causes name entrances by numbers with a plus"
     assert result.outlines.index(next(line for line in result.outlines if line.startswith("XFAIL"))) > 0
     assert result.ret == pytest.ExitCode.TESTS_FAILED
 
@@ -84,7 +91,7 @@ def test_causes_that_are_not_listed_keep_the_line_of_their_first_item(pytester: 
     )
     result = pytester.runpytest("--tb=no")
     assert result.parseoutcomes() == {"failed": 24}
-    result.stdout.fnmatch_lines(["  ... and 2 more: *", "12 failures left out above, *"])
+    result.stdout.fnmatch_lines(["one line per cause; -vv lists all 24 failures", "  ... and 2 more: *"])
     told = [found[1] for name in named(result) if (found := re.search(r"-([a-l])\]$", name))]
     assert sorted(told) == list("abcdefghijkl"), "also those of the two causes that are not listed"
 
@@ -107,11 +114,13 @@ def test_a_session_started_from_python_with_paths_is_summed_up(pytester: pytest.
 
 
 @pytest.mark.parametrize("options", [("-vv",), ("--rvads-summary=full",)])
-def test_verbose_options_show_every_failure_line(pytester: pytest.Pytester, options: tuple[str, ...]) -> None:
+def test_verbose_options_show_every_failure(pytester: pytest.Pytester, options: tuple[str, ...]) -> None:
     pytester.makepyfile(RUDE)
-    result = pytester.runpytest("--tb=no", *options)
-    assert len(named(result)) == result.parseoutcomes()["failed"]
-    result.stdout.no_fnmatch_line("*left out above*")
+    result = pytester.runpytest("--tb=short", *options)
+    failed = result.parseoutcomes()["failed"]
+    assert len(named(result)) == failed
+    assert sum(bool(re.fullmatch(r"_+ test_.* _+", line)) for line in result.outlines) == failed, "and its block"
+    result.stdout.no_fnmatch_line("*per cause; -vv*")
     assert sections(result)[-2] == "rvads causes"
 
 
@@ -120,7 +129,7 @@ def test_note_on_left_out_failures_requires_a_short_summary(pytester: pytest.Pyt
     pytester.makepyfile(RUDE)
     for options in (("-rN",), ("--no-summary",), ("-q", "-rx")):
         result = pytester.runpytest("--tb=no", *options)
-        result.stdout.no_fnmatch_line("*left out above*")
+        result.stdout.no_fnmatch_line("*per cause; -vv*")
         result.stdout.fnmatch_lines(["*= rvads causes =*", "causes of failures", "*first: pytest *"])
 
 

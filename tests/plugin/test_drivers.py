@@ -65,7 +65,7 @@ def test_every_result_says_what_drove(tests: pytest.Pytester) -> None:
     [
         ("stack:Makers.racer", "stack.Racer"),
         ("reference", "pytest_rvads.drivers.reference.Reference"),
-        ("late_yielder", "pytest_rvads.drivers.policies.LateYielder"),
+        ("late_yielder", "pytest_rvads.drivers.traffic.LateYielder"),
     ],
 )
 def test_an_option_names_what_drives(tests: pytest.Pytester, name: str, driver: str) -> None:

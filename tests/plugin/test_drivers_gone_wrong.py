@@ -77,7 +77,7 @@ def test_pytests_own_timer_is_left_alone(pytester: pytest.Pytester) -> None:
     pytester.makepyfile("""
         import faulthandler
         import pytest_rvads as rvads
-        from pytest_rvads.simulators.choice import choice
+        from pytest_rvads.simulators.patience import choice
 
         def test_it():
             assert choice().limits == (15.0, 7.0, None)

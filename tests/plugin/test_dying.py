@@ -80,7 +80,10 @@ def test_dying_process_leaves_incomplete_reports(
         assert "INCOMPLETE" in Path(f"out.{ending}").read_text(encoding="utf-8")
     capsys.readouterr()
     assert main(["report", "check", "out.json"]) == 2
-    assert "2 of 4 items have a verdict, the first without: test_it.py::test_rules[stop4-class03" in capsys.readouterr().err
+    assert (
+        "2 of 4 items have a verdict, the first items without a verdict: test_it.py::test_rules[stop4-class03"
+        in capsys.readouterr().err
+    )
     assert main(["report", "merge", "out.json", "-o", "all.json"]) == 2
     assert "stop4: 2/24 classes, 2/81 scenarios, 2 runs, 4 verdicts: 2 pass, 2 not run" in capsys.readouterr().out
     assert main(["report", "check", "all.json"]) == 2

@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 from pytest_rvads.cli import main
+from pytest_rvads.report.arrivals import SIMULTANEOUS
 from pytest_rvads.report.files import load
 from pytest_rvads.report.outline import outline
 
@@ -53,8 +54,50 @@ def test_the_gate_needs_something_to_judge(pytester: pytest.Pytester) -> None:
     result = pytester.runpytest("--rvads-cov-fail-under=1")
     assert result.ret == pytest.ExitCode.TESTS_FAILED
     result.stdout.fnmatch_lines(["rvads: coverage is below 1 %: 0/0 cells exercised*"])
+    result = pytester.runpytest("--rvads-cov-arrivals=6")
+    assert result.ret == pytest.ExitCode.TESTS_FAILED
+    result.stdout.fnmatch_lines(
+        ["rvads: the largest untested gap is above 6 s: arrivals: 0 of 0 pairs of conflicting movements met"]
+    )
     pytester.makeini("[pytest]\nrvads_cov_fail_under = 2\n")
     assert pytester.runpytest("--collect-only").ret == 0, "nothing is claimed where nothing should run"
+
+
+@pytest.mark.extended
+@pytest.mark.parametrize("workers", [(), ("-n", "1")])
+def test_the_gate_of_arrivals_asks_for_the_largest_untested_gap(tests: pytest.Pytester, workers: tuple[str, ...]) -> None:
+    """Of class 2, 1112, only the right turn from arm 0 meets a movement: straight on from arm 3, into the same exit.
+
+    In C they arrive together, in E the vehicle of arm 3 arrives 5 s later. So nobody from the left arrived before the right turn.
+    """
+    assert tests.runpytest("--rvads-cov-arrivals=6", *workers).ret == 0
+    result = tests.runpytest("--rvads-cov-arrivals=5.9", *workers)
+    assert result.ret == pytest.ExitCode.TESTS_FAILED
+    said = (
+        "rvads: the largest untested gap is above 5.9 s: arrivals: 2 of 14 pairs of conflicting movements met, the other vehicle"
+    )
+    result.stdout.fnmatch_lines(
+        [f"{said} 1 times first, 2 together, 1 later; largest untested gap 6 s (-6 to 0 s), stop4: 0.0 to *"]
+    )
+
+
+@pytest.mark.extended
+def test_a_session_without_a_gap_between_arrivals_says_so_last(tests: pytest.Pytester) -> None:
+    """In D all vehicles start 20 m before their lines."""
+    tests.makepyfile(test_gate=TESTS.replace('"CE"', '"D"'))
+    result = tests.runpytest("--rvads-artefacts=none", "--rvads-report=out.json")
+    assert result.ret == 0
+    assert result.outlines[-2] == f"rvads: {SIMULTANEOUS}", "before pytest's own last line"
+    assert sum(SIMULTANEOUS in line for line in result.outlines) == 1
+    assert SIMULTANEOUS in outline(load(tests.path / "out.json"))[-1].plain()
+
+
+@pytest.mark.parametrize("value", ["12.1", "-1", "most", "nan"])
+def test_a_gate_of_arrivals_out_of_range_is_refused(pytester: pytest.Pytester, value: str) -> None:
+    pytester.makeini(f"[pytest]\nrvads_cov_arrivals = {value}\n")
+    result = pytester.runpytest()
+    assert result.ret == pytest.ExitCode.USAGE_ERROR
+    result.stderr.fnmatch_lines([f"*rvads_cov_arrivals must be a number from 0 to 12, got '{value}'*"])
 
 
 @pytest.mark.parametrize("value", ["101", "-1", "most", "nan"])
@@ -98,6 +141,10 @@ def test_shards_merge_into_one_table(tests: pytest.Pytester, capsys: pytest.Capt
     capsys.readouterr()
     assert main(["report", "merge", *names[:2], "--cov-fail-under", "75"]) == 1
     assert "rvads: coverage is below 75 %: 4/8" in capsys.readouterr().err
+    assert main(["report", "merge", *names, "--cov-arrivals", "6"]) == 0
+    capsys.readouterr()
+    assert main(["report", "merge", *names, "--cov-arrivals", "5.9"]) == 1
+    assert "rvads: the largest untested gap is above 5.9 s: arrivals: 2 of 14 pairs" in capsys.readouterr().err
 
 
 def test_merge_refuses_files_without_a_report(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -202,7 +202,7 @@ def test_undrawn_runs_and_refused_junctions_are_reported(pytester: pytest.Pytest
     told = [
         "1 junction left out: scenario '1133' names 4 entrances, the junction has 3: town.7",
         "1 junction left out: scenario '1133' names 4 entrances, the junction has 5: town.5",
-        "1 of 4 runs drawn, seed 4: test_undrawn_runs_and_refused_junctions_are_reported.py::test_rules",
+        "1 of 4 runs drawn by --rvads-sample, seed 4: test_undrawn_runs_and_refused_junctions_are_reported.py::test_rules",
     ]
     result.stdout.fnmatch_lines(["1 junction left out: it is of type*town.v3", *told])
     report = json.loads((pytester.path / "r.json").read_text())
@@ -253,7 +253,7 @@ def test_rerun_line_of_a_sampled_failure_reproduces_the_failure(pytester: pytest
     alone = 'scenarios=("1000", "2000", "3000"), subject=0, distances=20, speeds=8, rules="full_stop"'
     pytester.makepyfile(TEST.format(arguments=f'["20", "3"], map="town.xodr", {alone}'))
     options = ("--rvads-autopilot=rolling_stop", "--rvads-sample=2", "--rvads-seed=5")
-    result = pytester.runpytest(*options)
+    result = pytester.runpytest("-vv", *options)
     result.assert_outcomes(failed=2)
     lines = [line.partition("pytest ")[2] for line in result.outlines if line.startswith("rerun ")]
     assert len(lines) == 2

@@ -75,6 +75,7 @@ def test_without_artefacts_there_is_no_page(pytester: pytest.Pytester) -> None:
     assert not (pytester.path / ".rvads").exists()
 
 
+@pytest.mark.extended
 def test_pytest_html_gets_the_picture(pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("pytest_html")
     monkeypatch.delenv("PYTEST_ADDOPTS")  # by which tests/conftest.py puts it away
@@ -118,7 +119,7 @@ def looks(result: pytest.RunResult) -> list[str]:
 
 
 def test_every_session_has_a_folder_and_keeps_each_run_once(pytester: pytest.Pytester, racing: Path) -> None:
-    result = pytester.runpytest()
+    result = pytester.runpytest("-vv")
     result.assert_outcomes(failed=4)
     first = racing / "1"
     assert all((pytester.path / look.partition("#")[0]).parent == first for look in looks(result))
@@ -135,7 +136,7 @@ def test_every_session_has_a_folder_and_keeps_each_run_once(pytester: pytest.Pyt
 
 @pytest.mark.extended
 def test_workers_write_to_the_folder_of_their_session(pytester: pytest.Pytester, racing: Path) -> None:
-    result = pytester.runpytest("-n2")
+    result = pytester.runpytest("-n2", "-vv")
     result.assert_outcomes(failed=4)
     assert [path.name for path in racing.iterdir() if path.is_dir() and not path.is_symlink()] == ["1"]
     assert len(list((racing / "1" / "runs").iterdir())) == 2
@@ -157,7 +158,7 @@ def test_a_process_draws_the_first_failures_and_of_every_rule_one(
     pytester: pytest.Pytester, racing: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(artefacts, "_MOST_PAGES", 1)
-    result = pytester.runpytest()
+    result = pytester.runpytest("-vv")
     *drawn, third, fourth = looks(result)
     assert [look.partition("#")[0].endswith(".html") for look in drawn] == [True, True]
     rest = "test_it.py::test_rules[stop4-class07-as1133-cfgd03.00v00.00"
@@ -172,7 +173,7 @@ def test_a_folder_elsewhere_is_named_by_the_command(
     pytester: pytest.Pytester, racing: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(artefacts, "_MOST_PAGES", 1)
-    result = pytester.runpytest("--rvads-artefacts=out/of the way")
+    result = pytester.runpytest("-vv", "--rvads-artefacts=out/of the way")
     assert looks(result)[-1].startswith('rvads replay --session "out/of the way/1" "test_it.py::')
     result.stdout.fnmatch_lines(["look: out/of the way/1/index.html"])
     assert not racing.exists()
@@ -181,7 +182,7 @@ def test_a_folder_elsewhere_is_named_by_the_command(
 def test_runs_beyond_the_room_are_not_kept(pytester: pytest.Pytester, racing: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(artefacts, "_MOST_PAGES", 1)
     monkeypatch.setattr(artefacts, "_MOST_BYTES", 1)
-    result = pytester.runpytest()
+    result = pytester.runpytest("-vv")
     assert looks(result)[2].startswith("not drawn, and its run is not kept, those of this session take ")
     assert len(list((racing / "1" / "runs").iterdir())) == 1
 
@@ -193,6 +194,7 @@ def test_a_run_that_can_t_be_kept_is_drawn(pytester: pytest.Pytester, racing: Pa
     assert (pytester.path / look.partition("#")[0]).exists()
 
 
+@pytest.mark.extended
 def test_killed_session_leaves_pages_and_runs(
     pytester: pytest.Pytester, racing: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -263,7 +265,7 @@ def test_hostile_ids_become_plain_file_names_and_quoted_words(
     content = RACING.replace("@rvads.scenario", f"@pytest.mark.parametrize('odd', {names!r})\n@rvads.scenario")
     pytester.makepyfile(test_it=content.replace("def test_rules(", "def test_rules(odd, ").replace("(1, 7)", "1"))
     monkeypatch.setattr(artefacts, "_MOST_PAGES", 0)
-    result = pytester.runpytest("-k", "full_stop")
+    result = pytester.runpytest("-k", "full_stop", "-vv")
     result.assert_outcomes(failed=len(names))
     (drawn,) = (racing / "1").glob("test_it*.html")
     assert "<script>alert" not in drawn.read_text(encoding="utf-8")

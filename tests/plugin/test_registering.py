@@ -1,5 +1,7 @@
 """What a conftest or helper registers is for all test files, what a test file registers for that file, whatever the order."""
 
+import re
+
 import pytest
 
 pytestmark = pytest.mark.usefixtures("reference")
@@ -67,6 +69,13 @@ def test_one_name_for_two_things_is_told_with_both_places(pytester: pytest.Pytes
     result = pytester.runpytest("--collect-only", "-q", "--continue-on-collection-errors")
     result.assert_outcomes(errors=1)
     result.stdout.fnmatch_lines(["*'mine' is registered at *test_a.py:* and says something else at *test_b.py:*"])
+
+
+def test_a_wrong_formula_is_told_at_the_line_that_registers_it(pytester: pytest.Pytester) -> None:
+    write(pytester, test_a="rvads.rule('mine', 'forall a. G(')\n")
+    shown = pytester.runpytest("--collect-only", "-q").stdout.str()
+    places = re.findall(r"^(\S+\.py):\d+: in ", shown, re.MULTILINE)
+    assert places == ["test_a.py"]
 
 
 @pytest.mark.extended

@@ -105,7 +105,7 @@ def test_the_failure_of_a_deliberate_probe_says_so(pytester: pytest.Pytester) ->
             monitor.check(rule)
         """
     )
-    result = pytester.runpytest()
+    result = pytester.runpytest("-vv")
     result.assert_outcomes(failed=2)
     (shown,) = (line for line in result.outlines if line.startswith("probe     "))
     assert shown.startswith("probe     a deliberate probe: at 11 m/s nobody stops within 5 m, v(d)max is ")

@@ -3,17 +3,17 @@
 import json
 import os
 import re
-import shutil
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
-import pytest_rvads
 from pytest_rvads.runs.states import Kind
+from pytest_rvads.satellites.tracks.samples import kind_of
 
-ROOT = Path(__file__).parents[2]
+from .changes import CHANGES, ROOT, copied, edit
+
 TRIAL = """
 import json
 import struct
@@ -53,27 +53,27 @@ print(json.dumps(found))
 
 @pytest.mark.extended
 def test_a_member_is_kept_told_and_drawn(tmp_path: Path) -> None:
-    copy = tmp_path / "pytest_rvads"
-    shutil.copytree(Path(pytest_rvads.__file__).parent, copy, ignore=shutil.ignore_patterns("__pycache__"))
-    states = copy / "runs" / "states.py"
-    last = f'    {list(Kind)[-1].name} = "{list(Kind)[-1].value}"\n'
-    text = states.read_text(encoding="utf-8")
-    assert last in text
-    states.write_text(text.replace(last, f'{last}    SCOOTER = "scooter"\n'), encoding="utf-8")
+    copied(tmp_path)
+    edit(tmp_path, CHANGES["a kind of agent"].code)
     command = [sys.executable, "-c", TRIAL]
     environment = {**os.environ, "PYTHONPATH": str(tmp_path)}
     done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout)
-    assert list(found) == [*(kind.value for kind in Kind), "scooter"]
+    assert list(found) == [*(kind.value for kind in Kind), "tram"]
     assert len({one.pop("hash") for one in found.values()}) == len(found)
     for number, (kind, one) in enumerate(found.items()):
         assert one == {"kept": True, "json": kind, "frame": number, "drawn": True}
 
 
-def test_c_and_the_page_on_stacks_name_the_kinds_there_are() -> None:
+def test_the_enumeration_of_c_has_the_order_of_the_kinds() -> None:
+    """A frame of the protocol holds the number of a kind."""
     header = (ROOT / "clients" / "c" / "rvads.h").read_text(encoding="utf-8")
     (names,) = re.findall(r"enum \{ ([\w, ]+) \}; +/\* kind \*/", header)
     assert [name.removeprefix("RVADS_").lower() for name in names.split(", ")] == [kind.value for kind in Kind]
-    page = (ROOT / "docs" / "attach-your-stack.md").read_text(encoding="utf-8")
-    assert f"`kind` ({', '.join(Kind)})" in page
+
+
+@pytest.mark.parametrize(("kind", "word"), [(kind, word) for kind in Kind for word in kind.words])
+def test_every_word_of_a_kind_names_that_kind(kind: Kind, word: str) -> None:
+    """A word that contains a word of an earlier kind, as "motorbike" contains "bike", would name the earlier kind."""
+    assert kind_of(word.title()) is kind

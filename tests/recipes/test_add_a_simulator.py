@@ -13,14 +13,13 @@ import pytest
 
 import pytest_rvads as rvads
 from pytest_rvads.conformance.bench import Bench
-from pytest_rvads.conformance.checks import CHECKS, faults
-from pytest_rvads.physics.mujoco_world import MujocoWorld
-from pytest_rvads.physics.world import Motion
+from pytest_rvads.conformance.test_conformance import CHECKS, faults
+from pytest_rvads.physics.body import Motion
+from pytest_rvads.physics.engines import MujocoWorld
 from pytest_rvads.runs.run import DT
-from pytest_rvads.simulators.loop import Loop
-from pytest_rvads.simulators.planar import usual
+from pytest_rvads.simulators.loop import Loop, usual
 from pytest_rvads.simulators.simulator import named, simulators
-from pytest_rvads.support.versions import versions
+from pytest_rvads.support.installed import versions
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "bring-a-simulator.md").read_text(encoding="utf-8")
@@ -122,7 +121,7 @@ def test_the_page_shows_what_is_printed(tmp_path: Path) -> None:
     printed = done.stdout.splitlines()
     lines = shown.splitlines()[:-1]  # the last line stands for what follows
     assert printed[: len(lines)] == lines
-    assert "1 failed, 24 passed" in printed[-1]
+    assert "1 failed, 25 passed" in printed[-1]
 
 
 def test_page_names_all_checks_that_no_simulator_can_do_without() -> None:

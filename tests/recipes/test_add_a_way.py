@@ -14,11 +14,11 @@ import pytest
 import pytest_rvads as rvads
 from pytest_rvads.drivers.crossing import Meetings
 from pytest_rvads.drivers.stacks.messages import _map
-from pytest_rvads.geometry.conflicts import Key, Way
+from pytest_rvads.geometry.conflicts import Key, Reason, Way
 from pytest_rvads.geometry.finder import find
 from pytest_rvads.geometry.junction import Entrance, Exit, Further, Junction
-from pytest_rvads.geometry.segment import Segment, Turn
-from pytest_rvads.geometry.yielding import Reason
+from pytest_rvads.geometry.segment import Segment
+from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.logic.conduct.validate import validate
 from pytest_rvads.logic.ltl.ltl3 import Truth
 from pytest_rvads.logic.rules.book import rules_for
@@ -225,8 +225,8 @@ def test_live_monitors_find_the_same_violation(drive: Make) -> None:
 
 def test_pictures_show_the_crossing_and_the_walker(drive: Make) -> None:
     run = scene(drive, -13.0, HALF + 0.5)
-    style = "fill:none;stroke:#fff;stroke-dasharray:.5;stroke-width:0.6"
-    stripes = f'<polyline class="further" style="{style}" points="5.25,13.00 -5.25,13.00"/>'
+    style = 'fill="none" stroke="#fff" stroke-dasharray=".5" stroke-width="0.6"'
+    stripes = f'<polyline class="further" {style} points="5.25,13.00 -5.25,13.00"/>'
     for document in (picture(run, 100, "title"), replay(run, "title"), animated(run)):
         assert document.count(stripes) == 1
         assert document.count('data-agent="p0"') == 1
@@ -243,5 +243,5 @@ def test_further_way_has_the_number_after_the_lanes() -> None:
 
 
 def test_run_files_refuse_a_way_that_they_do_not_hold(drive: Make, tmp_path: Any) -> None:
-    with pytest.raises(RunError, match="has ways of the kind crossing, and files hold movements only"):
+    with pytest.raises(RunError, match="has ways of the kind crossing that do not follow from its crosswalks"):
         rvads.save_run(scene(drive, -13.0, HALF), tmp_path / "one.npz")

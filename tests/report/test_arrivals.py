@@ -23,7 +23,7 @@ def told(*records: Record) -> list[str]:
     places = AtJunctions({})
     for one in records:
         places.add(one)
-    (place,) = places.found
+    (place,) = places.junctions
     return place.lines()[1:]
 
 

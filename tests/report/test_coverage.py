@@ -8,11 +8,11 @@ from typing import Any
 import pytest
 from msgspec import structs
 
+from pytest_rvads.cli.report_commands import merge
 from pytest_rvads.logic.judging.verdicts import Status, Verdict
 from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.report.at_junctions import AtJunctions
 from pytest_rvads.report.coverage import dropped, measure, shortfall
-from pytest_rvads.report.merge import merge
 from pytest_rvads.report.record import AgentRecord, Record, conclude, planned_record
 from pytest_rvads.report.session_report import Extent, Report
 from pytest_rvads.support.errors import RvadsError
@@ -24,7 +24,7 @@ def at_junctions(
     places = AtJunctions(totals, extents)
     for one in records:
         places.add(one)
-    return [place.line() for place in places.found]
+    return [place.line() for place in places.junctions]
 
 
 def record(cls: int, rule: str, status: str, *, row: int = 0, hash: str = "aa") -> Record:

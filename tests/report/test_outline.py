@@ -17,11 +17,14 @@ import pytest_rvads as rvads
 from pytest_rvads.logic.conduct.kpis import kpis
 from pytest_rvads.logic.judging.verdicts import InstanceVerdict, Status, Verdict
 from pytest_rvads.logic.outcome import Outcome
+from pytest_rvads.report.arrivals import SIMULTANEOUS
 from pytest_rvads.report.faults import hanging as hanging_on
 from pytest_rvads.report.files import FORMATS, load, save
-from pytest_rvads.report.outline import Block, Causes, Changes, Head, RollUp, Verdicts, outline
+from pytest_rvads.report.outline import Block, Causes, Changes, Figures, Head, RollUp, Verdicts, outline
 from pytest_rvads.report.record import (
+    AgentRecord,
     Computing,
+    Excess,
     Record,
     RecordedItem,
     SimulatedItem,
@@ -32,13 +35,16 @@ from pytest_rvads.report.record import (
 )
 from pytest_rvads.report.session_report import Change, Comparison, Report, cell_of
 from pytest_rvads.report.terminal import summary
-from pytest_rvads.runs.measured import Kpis
+from pytest_rvads.runs.measured import ArrivalDifferences, Kpis
 
 STACK = Computing(stack="stack ./mine", decisions=60, compute=0.3, longest=0.02)
+EXCESS = Excess(requests=3, largest=-33.2)
 INDICATORS = {
     "vehicles": [{"agent": "a0", "waiting": 7.0, "delay": 3.0, "deceleration": 4.5, "jerk": 1.0}],
     "pairs": [{"agents": ["a0", "a1"], "ttc": 0.4, "pet": 1.3}],
 }
+AGENTS = tuple(AgentRecord(name=f"a{arm}", kind="car", entrance=(arm, 0), exit=(arm + 2, 0)) for arm in (0, 1))
+ARRIVALS = ArrivalDifferences(1, 14, ((0, 1, 0.25),))
 TELLING: dict[str, dict[str, Any]] = {
     "FAIL": {"violated": "both <in> | it", "roles": "a left from +0", "time": 2.0},
     "OPEN": {"violated": "waits for ever", "time": 9.0},
@@ -68,7 +74,8 @@ def record(number: int, outcome: Outcome, known: str | None = None) -> Record:
     status = telling.pop("status", outcome.value)
     verdicts = [Verdict("", Status(status), "", **telling)] if outcome.value in (*TELLING, "PASS", "NA") else []
     kpis = msgspec.convert(INDICATORS, Kpis)
-    ran = structs.replace(start, run=f"run{number}", hash=f"h{number}", kpis=kpis, timing={"a1": STACK})
+    ran = structs.replace(start, run=f"run{number}", hash=f"h{number}", kpis=kpis, timing={"a1": STACK}, excess={"a1": EXCESS})
+    ran = structs.replace(ran, agents=AGENTS, arrivals=ARRIVALS)
     result = "skipped" if known or outcome.meaning == "idle" else "failed" if outcome.bad else "passed"
     over = conclude(ran, verdicts, "call", result, known=known, text=f"{outcome} in run {number}")
     return structs.replace(over, status=outcome)
@@ -78,7 +85,7 @@ def recorded(one: Record) -> Record:
     """The record of a run that nobody simulated."""
     keys = {"junction": one.junction, "control": one.control, "recording": "drive17-t0312.4", "rule": one.rule}
     start = planned_record("t.py::test[drive17-t0312.4-p1]", one.line, one.test, keys, one.ways, one.requirements)
-    shared = ("status", "verdicts", "outcome", "message", "run", "hash", "kpis", "variant")
+    shared = ("status", "verdicts", "outcome", "message", "run", "hash", "kpis", "arrivals", "agents", "variant")
     return structs.replace(start, **{name: getattr(one, name) for name in shared})
 
 
@@ -129,6 +136,10 @@ def facts(block: Block) -> Iterator[str]:
         case RollUp(sums):
             yield block.title
             yield from (text for table in sums for row in (table.columns, *map(table.cells, table.rows)) for text in row)
+        case Figures(lines, arrivals=table):
+            assert table is not None
+            yield from lines
+            yield from (text for row in table.rows for text, _ in row[:-1])  # bars are for eyes, lines have numbers
         case _:
             yield from block.lines
 
@@ -186,12 +197,13 @@ def test_no_form_leaves_out_what_another_says(form: str) -> None:
         "stop4: ",
         "stop4 as recorded: 1 run, 1 verdict: ",
         "stack ./mine",
+        "beyond the limits of the vehicle: ",
         "slowest",
         "requirement REQ-1",
         "requirement REQ-2",
         "versions",
     ]
-    begins += ["coverage", "2 points beyond"]
+    begins += ["coverage", "arrivals: ", "2 points beyond", SIMULTANEOUS, "junction stop4, ", "junction stop4 as recorded, "]
     assert [next(b for b in begins if line.startswith(b)) for line in figures] == begins
     if form == "terminal":
         blocks = blocks[1:]  # Who asks for the summary prints the notes: tests/plugin/test_interrupted.py, test_gate.py.
@@ -237,6 +249,7 @@ SUMMED_UP = {
     "scenario": "rows are classes",
     "rotation": "rows are classes",
     "seat": "rows are classes",
+    "pedestrians": "rows are classes",
     "orbit": "rows are classes",
     "verdicts": "as causes, by what was violated",
     "formula": "told where it is not that of the baseline",
@@ -248,7 +261,9 @@ SUMMED_UP = {
     "place": "programs compare it",
     "duration": "the slowest, by the clock on the wall",
     "kpis": "the extremes",
+    "arrivals": "per pair of movements, or per junction",
     "timing": "per stack",
+    "excess": "one sum for all",
     "unkept": "one note for all",
     "flaky": "as a cause",
     "look": "the page links them",

@@ -13,7 +13,6 @@ from markdown_it import MarkdownIt
 from msgspec.structs import replace
 
 from pytest_rvads.logic.judging.verdicts import Status, Verdict
-from pytest_rvads.report.annotations import annotate
 from pytest_rvads.report.folders import claimed
 from pytest_rvads.report.markdown import markdown
 from pytest_rvads.report.outline import Changes, outline
@@ -21,6 +20,7 @@ from pytest_rvads.report.page import page
 from pytest_rvads.report.record import Record, conclude, planned_record
 from pytest_rvads.report.session_report import Change, Comparison, Report
 from pytest_rvads.report.terminal import summary
+from pytest_rvads.session.outputs import annotate
 
 LONG = "d10.00,12.50v05.00,08.33"
 
@@ -96,7 +96,7 @@ def test_a_page_begins_with_what_the_session_was() -> None:
         ("driven by", "mine.Pilot (pilots.py 3fa29c01): 2 runs"),
         ("simulated by", "bullet: 2 runs"),
         ("command", "pytest -q"),
-        ("found", "3 verdicts on 2 runs: 1 pass, 1 fail, 1 NA"),
+        ("result", "3 verdicts on 2 runs: 1 pass, 1 fail, 1 NA"),
         ("exit status", "1"),
     ]
     places = [text.index(part) for part in ("<dl class=head>", "id=causes", 'id="failures"', 'id="folded"') if part in text]
@@ -227,3 +227,11 @@ def test_nothing_breaks_the_tables_or_the_folds_of_markdown(text: str) -> None:
     assert counts[0]["html_inline"] == 0
     assert counts[0]["html_block"] == counts[1]["html_block"]
     assert "\n- began " in rendered
+
+
+def test_page_links_to_an_atlas_in_the_folder_of_artefacts(tmp_path: Path) -> None:
+    folder = tmp_path / ".rvads" / "3"
+    folder.mkdir(parents=True)
+    assert "atlas of starts" not in page(ONE, folder)
+    (tmp_path / ".rvads" / "atlas.html").touch()
+    assert '<a href="../atlas.html">atlas of starts</a>' in page(ONE, folder)

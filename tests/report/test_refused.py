@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
+from pytest_rvads.cli.report_commands import merge
 from pytest_rvads.report.files import FORMATS, load, save
-from pytest_rvads.report.merge import merge
 from pytest_rvads.report.outline import outline, refused
 from pytest_rvads.report.record import planned_record
 from pytest_rvads.report.session_report import Drawn, Report
@@ -21,8 +21,8 @@ def test_junctions_are_counted_by_reason_and_the_first_named() -> None:
         "12 junctions left out: it has 2 arms: town.0, town.1, town.2, town.3, town.4 and 7 more",
         "2 junctions left out: it has no lanes: town.90, town.91",
         "1 junction left out: it is odd: x.1",
-        "400 of 12,960 runs drawn, seed 1: t.py::test_it",
-        "20 of 300 junctions drawn, seed 1: t.py::test_it",
+        "400 of 12,960 runs drawn by --rvads-sample, seed 1: t.py::test_it",
+        "20 of 300 junctions drawn by limit= of the mark, seed 1: t.py::test_it",
     ]
     assert refused(Report(())) == []
 

@@ -13,6 +13,7 @@ import pytest
 from markdown_it import MarkdownIt
 from msgspec.structs import replace
 
+from pytest_rvads.cli.report_commands import merge
 from pytest_rvads.logic.judging.verdicts import InstanceVerdict, Status, Verdict
 from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.logic.rules.book import rulebook
@@ -22,7 +23,6 @@ from pytest_rvads.report.figures import Extremes
 from pytest_rvads.report.files import load, save, table
 from pytest_rvads.report.markdown import markdown
 from pytest_rvads.report.matrix import Matrices, Matrix
-from pytest_rvads.report.merge import merge
 from pytest_rvads.report.page import page
 from pytest_rvads.report.record import Record, conclude, planned_record, properties
 from pytest_rvads.report.session_report import Comparison, Report, cell_of, exit_status, steady
@@ -51,7 +51,7 @@ def causes(records: Iterable[Record]) -> list[Cause]:
 
 
 def at_junctions(records: Iterable[Record], totals: dict[int, tuple[int, int]]) -> list[str]:
-    return [place.line() for place in filled(AtJunctions(totals), records).found]
+    return [place.line() for place in filled(AtJunctions(totals), records).junctions]
 
 
 def extremes(records: Iterable[Record]) -> list[str]:
@@ -362,6 +362,20 @@ def measured(cls: int, **vehicle: float | None) -> Record:
     return replace(made, run=f"run{cls}", kpis=msgspec.convert({"vehicles": vehicles, "pairs": [pair]}, Kpis))
 
 
+@pytest.mark.parametrize(
+    ("rule", "status", "told"),
+    [
+        ("no_collision", "PASS", "discs around the bodies touch, the bodies do not"),
+        ("no_collision", "FAIL", "no_collision is FAIL"),
+        ("p1", "PASS", "discs around the bodies touch"),
+    ],
+)
+def test_time_to_collision_of_zero_says_whether_bodies_touched(rule: str, status: str, told: str) -> None:
+    kpis = msgspec.convert({"vehicles": [], "pairs": [{"agents": ["a0", "a1"], "ttc": 0.0, "pet": None}]}, Kpis)
+    one = replace(record(1, "C", rule, status), run="run1", kpis=kpis)
+    assert extremes([one]) == [f"nearest: time to collision 0.00 s (a0 and a1 in test[run1]: {told})"]
+
+
 def test_extremes_name_value_vehicle_and_run() -> None:
     runs = [measured(1, waiting=7.0), measured(2, deceleration=4.0, waiting=7.0)]
     assert extremes(runs) == [
@@ -462,7 +476,7 @@ def test_every_status_has_a_word() -> None:
 def test_the_exit_status_is_that_of_an_unfinished_then_a_failed_then_an_idle_session(
     outcomes: set[Outcome], whole: bool, status: int
 ) -> None:
-    assert exit_status(outcomes, whole=whole) == status
+    assert exit_status(outcomes, complete=whole) == status
 
 
 def test_slow_runs_are_told_where_they_matter() -> None:

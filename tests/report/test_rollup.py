@@ -175,7 +175,7 @@ def test_failed_run_of_several_rules_counts_once() -> None:
     ]
     blocks = outline(Report((*town(5), *broken)), short=True)
     (row,) = (row for block in blocks if isinstance(block, RollUp) for row in block.sums[2].rows if row.name == "J9")
-    assert row.told == ("4-way stop", "1", "1")
+    assert row.texts == ("4-way stop", "1", "1")
     assert [(cause.count, cause.runs) for block in blocks if isinstance(block, Causes) for cause in block.causes] == [(2, 1)]
 
 

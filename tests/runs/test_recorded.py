@@ -13,8 +13,8 @@ from pytest_rvads.geometry.control import JunctionControl, Sign
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.conduct.kpis import kpis
 from pytest_rvads.logic.conduct.validate import validate
-from pytest_rvads.runs.recorded import read_recorded
-from pytest_rvads.runs.states import Colour, Zone
+from pytest_rvads.runs.readers import read_recorded
+from pytest_rvads.runs.states import Colour, Kind, Zone
 from pytest_rvads.support.errors import RunError
 
 
@@ -76,7 +76,7 @@ def test_kind_and_size_of_a_vehicle_are_read(tmp_path: Path) -> None:
     (run,) = read_recorded(write(tmp_path, told))
     assert [(a.kind, a.size) for a in run.agents] == [("car", None), ("cyclist", (1.8, 0.6)), ("car", None)]
     for wrong, says in (
-        ({"kind": "tank"}, r"kind' must be 'car' or 'cyclist' or 'pedestrian' or 'truck', got 'tank'"),
+        ({"kind": "tank"}, f"kind' must be {' or '.join(map(repr, sorted(map(str, Kind))))}, got 'tank'"),
         ({"size": [1.8, -0.6]}, r"size\[1\]' must be a number > 0"),
     ):
         told["runs"][0]["vehicles"]["c1"] |= {"kind": "cyclist", "size": [1.8, 0.6]} | wrong

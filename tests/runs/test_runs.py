@@ -12,7 +12,7 @@ import pytest
 from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.geometry.finder import find
 from pytest_rvads.geometry.junction import Junction, Movement
-from pytest_rvads.geometry.segment import Turn
+from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.conduct.bodies import contacts
 from pytest_rvads.logic.conduct.kpis import describe, kpis
@@ -140,7 +140,7 @@ def rewrite(path: Path, change: Callable[[dict[str, Any], dict[str, Any]], None]
         (lambda h, a: h.pop("facts"), "the field 'facts' is missing"),
         (lambda h, a: h["agents"][0].pop("kind"), r"the field 'agents\[0\].kind' is missing"),
         (lambda h, a: h["agents"][0].update(kind="tank"), r"the field 'agents\[0\].kind' must be 'car' or .*, got 'tank'"),
-        (lambda h, a: h["agents"][0].update(route=[0, 0]), "a0 goes from entrance 0 to exit 0, where no movement leads"),
+        (lambda h, a: h["agents"][0].update(route=[0, 0]), "a0 goes from entrance 0 to exit 0, where no way leads"),
         (
             lambda h, a: h["agents"][0]["route"].__setitem__(1, "0"),
             r"the field 'agents\[0\].route\[1\]' must be a whole number, got '0'",
@@ -176,7 +176,7 @@ def rewrite(path: Path, change: Callable[[dict[str, Any], dict[str, Any]], None]
         (lambda h, a: a.update(line_0=np.ones((100_001, 2))), "its centre lines have more than 100,000 points"),
         (
             lambda h, a: a.update({name: a[name] * 1e3 for name in a if name.startswith("line")}),
-            "damaged: its movements are .* m long together, expected at most 10,000 m",
+            "damaged: its movements and crosswalks are .* m long together, expected at most 10,000 m",
         ),
         (
             lambda h, a: a.update(zone=np.zeros((10**7, 3), np.int8)),

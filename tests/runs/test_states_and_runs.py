@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 from pytest_rvads.geometry.finder import find
 from pytest_rvads.runs.itineraries import Itinerary
 from pytest_rvads.runs.run import DT, Run
-from pytest_rvads.runs.states import STEADY, Agent, Colour, SignalPlan, Zone
-from pytest_rvads.runs.vehicle import Vehicle
+from pytest_rvads.runs.states import STEADY, Agent, Colour, SignalPlan, Vehicle, Zone
 from pytest_rvads.support.errors import MapError, ScenarioError
 
 
@@ -106,6 +105,18 @@ def test_never_two_groups_move(count: int, time: float) -> None:
     assert sum(c is not Colour.RED for c in plan.colours(time, count)) <= 1
     assert plan.colours(time, count + 1)[count] is Colour.NONE, "an entrance in no group has no light"
     assert plan.colours(round(time, 2), count) == plan.colours(round(time, 2) + 20.0 * count, count)
+
+
+@pytest.mark.parametrize(("length", "walk"), [(7.0, 8.0), (7.5, 7.0), (12.0, 4.0), (40.0, 4.0)])
+def test_pedestrian_light_leaves_time_to_finish(length: float, walk: float) -> None:
+    """WALK ends as long before the end of green as the crossing takes at 1.07 m/s: 6.5 s for 7 m. It lasts at least 4 s."""
+    plan = SignalPlan((frozenset({0, 2}), frozenset({1, 3})), walks=((4, 1, length), (5, 0, length)))
+    for time in np.arange(0.0, 80.0, 0.25).tolist():
+        lights, within = plan.colours(time, 6), (time - 20.0) % 40.0
+        green = Colour.GREEN if within < walk else Colour.YELLOW if within < 15.0 else Colour.RED
+        assert lights[4] is green
+        assert plan.colours(time, 6)[5] is plan.colours(time + 20.0, 6)[4]
+        assert plan.colours(time, 4) == lights[:4] == SignalPlan(plan.groups).colours(time, 4)
 
 
 @pytest.mark.parametrize("count", [1, 2, 3])

@@ -5,8 +5,10 @@ from itertools import combinations, islice, product
 import pytest
 
 import pytest_rvads as rvads
-from pytest_rvads.simulators.planar import usual
+from pytest_rvads.search.starts import Begin
+from pytest_rvads.simulators.loop import usual
 from studies import detection, power
+from studies.critical_power import found_by
 from studies.detection import Power, detects, interval, measure
 from studies.killing import Killing
 from studies.methods import METHODS
@@ -65,6 +67,15 @@ def test_the_race_counts_up_to_the_first_that_detects(monkeypatch: pytest.Monkey
     for seed, count in enumerate(covering.simulations):
         first = [s.configuration for s in islice(METHODS["class-covering"]("paper_stop4", seed), 10)]
         assert count == (first.index("E") + 1 if "E" in first else 11)
+
+
+@pytest.mark.extended
+def test_critical_starts_from_rest_find_i1() -> None:
+    """A vehicle with I1 that waits at its line sets off, so it shows at starts whose subject stands at its line."""
+    find = found_by("I1")
+    assert {"p4", "p5", "p6"} & set(find.safety_rules)
+    assert find.line is not None
+    assert find.line.begin is Begin.REST
 
 
 def test_the_bootstrap_interval_holds_the_median() -> None:

@@ -13,10 +13,10 @@ import pytest
 
 from pytest_rvads.physics.engines import BULLET, MUJOCO
 from pytest_rvads.runs.run import Run
-from pytest_rvads.runs.vehicle import Vehicle
+from pytest_rvads.runs.states import Vehicle
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.simulators import simulator
-from pytest_rvads.simulators.planar import bullet
+from pytest_rvads.simulators.loop import bullet
 from pytest_rvads.support.errors import ScenarioError
 from studies import agreement, simulators
 from studies.agreement import Agreement, Mutant, Trial, agree, differences, same_order, text_agreements

@@ -1,1 +1,1 @@
-"""Pictures as SVG."""
+"""Pictures of runs, junctions and curves as SVG, and replay pages of runs."""

@@ -1,4 +1,4 @@
-"""A run as an animated SVG without a script, which also moves on pages that allow only images."""
+"""Draws a run as an animated SVG without a script, which also moves on pages that allow only images."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from pytest_rvads.report.draw.scene import Scene, body, inks, size
 from pytest_rvads.report.draw.svg import wrap
 from pytest_rvads.runs.run import Run
+from pytest_rvads.runs.states import Zone
 from pytest_rvads.support.errors import RunError
 from pytest_rvads.support.wording import markup
 
@@ -21,13 +22,16 @@ __all__ = ["Film", "animated", "filmed", "framed"]
 _RATE = 10
 """Keyframes per second; browsers interpolate between keyframes in straight lines."""
 _HOLD, _REST = 2.0, 1.0
-"""Time that the picture stands still at the shown instant, and at its end [s of viewing time]."""
+"""Viewing time for which the picture stands still at the shown instant, and at the end of the film [s]."""
 _LONGEST = 60.0
 """Longest shown part of a run [s], so that a picture stays below a megabyte."""
 _NEAR, _SPAN = 11.0, 16.0
-"""Distance from the junction, and from its position at the instant, within which a responsible vehicle is in view [m]."""
-_BESIDE, _AROUND = 26.0, 3.5
-"""Distance from a responsible vehicle within which other vehicles are in view, and margin of the view [m]."""
+"""Vehicles are in view within the first distance of the junction; a responsible vehicle only within the second distance of its
+position at the shown instant [m]."""
+_AROUND = 3.5
+"""Margin of the view [m]."""
+_APPROACH = 1.0
+"""The film begins this long before a responsible vehicle comes to its line [s]."""
 _SHAPE = 0.62
 """Least height of the view as a share of its width."""
 _SEAM = 0.2
@@ -53,9 +57,9 @@ def animated(  # noqa: PLR0913 - a run and its shown part
     after: float = 2.5,
     width: int = 640,
 ) -> str:
-    """Return an SVG document in which the vehicles of a run move, again and again.
+    """Return an SVG document in which the vehicles of a run move in an endless loop.
 
-    Viewers without animation, and viewers who ask for reduced motion, show the instant `around`.
+    Programs that do not animate SVG, and browsers with reduced motion, show the instant `around`.
 
     Args:
         run: a run with positions.
@@ -115,14 +119,14 @@ def animated(  # noqa: PLR0913 - a run and its shown part
 
 @dataclass(frozen=True, slots=True)
 class Film:
-    """The shown states of a run, and the times at which the states are shown."""
+    """The states of a run that an animation shows, and the viewing times of these states."""
 
     ticks: Sequence[int]
     """Shown ticks of the run, in order."""
     times: Sequence[float]
     """Viewing time of each tick [s]."""
     still: int
-    """Tick of the shown instant, which viewers without animation show."""
+    """Tick of the shown instant, which programs that do not animate SVG show."""
     pause: float
     """Viewing time of the shown instant [s]."""
     length: float
@@ -134,7 +138,9 @@ class Film:
 
 
 def filmed(run: Run, scene: Scene, responsible: Collection[str], around: float | None, before: float, after: float) -> Film:
-    """Return the shown states; before the instant only the time in which a responsible vehicle is near.
+    """Return the states that an animation shows.
+
+    With `around`, the film begins when a responsible vehicle comes into view, at most 1 s before the vehicle comes to its line.
 
     Args:
         run: a run with positions.
@@ -149,11 +155,11 @@ def filmed(run: Run, scene: Scene, responsible: Collection[str], around: float |
     begin = 0
     if around is not None:
         begin = max(still - round(min(before, _LONGEST) / run.dt), 0)
-        near = [
-            _near(run, scene, column, still)[begin:still] for column, agent in enumerate(run.agents) if agent.name in responsible
-        ]
-        visible = np.any(near, axis=0)
-        begin += int(visible.argmax()) if near and len(visible) else 0  # also 0 if no vehicle came near
+        about = [column for column, agent in enumerate(run.agents) if agent.name in responsible]
+        visible = np.any([_in_view(run, scene, column, still)[begin:still] for column in about], axis=0)
+        begin += int(visible.argmax()) if about and len(visible) else 0  # argmax is 0 if no vehicle came into view
+        arrived = (run.zone[: still + 1, about] >= Zone.ENTRANCE).any(axis=1)
+        begin = max(begin, int(arrived.argmax()) - round(_APPROACH / run.dt))  # likewise if no vehicle came to its line
     end = min(last, round(_LONGEST / run.dt)) if around is None else min(still + round(min(after, _LONGEST) / run.dt), last)
     still = min(still, end)
     every = max(round(1 / _RATE / run.dt), 1)
@@ -169,23 +175,17 @@ def filmed(run: Run, scene: Scene, responsible: Collection[str], around: float |
 
 
 def framed(run: Run, scene: Scene, film: Film, responsible: Collection[str]) -> tuple[float, float, float, float]:
-    """Return left, top, width and height of the visible part, in SVG coordinates [m].
+    """Return left, top, width and height of the visible part of the road, in SVG coordinates [m].
 
-    The visible part holds the responsible vehicles and the vehicles near them. Without a responsible vehicle it is
-    the whole junction.
+    The visible part holds the junction, the vehicles near the junction at the shown instant, and the way of the responsible
+    vehicles near the junction.
     """
-    pose, ticks = run.need("pose"), list(film.ticks)
-    about = [column for column, agent in enumerate(run.agents) if agent.name in responsible and run.here[ticks, column].any()]
-    points = [] if about else list(scene.core)
-    for column in about:
-        points += list(pose[ticks, column, :2][_near(run, scene, column, film.still)[ticks]])
-    centres = [pose[film.still, column, :2] for column in about if run.here[film.still, column]]
+    points = list(scene.core)
     for column, agent in enumerate(run.agents):
-        if agent.name not in responsible and run.here[film.still, column]:
-            place = pose[film.still, column]
-            rear = place[:2] - size(run, column)[0] * np.array([np.cos(place[2]), np.sin(place[2])])
-            points += [place[:2], rear] if any(np.hypot(*(place[:2] - centre)) < _BESIDE for centre in centres) else []
-    points = points or list(scene.core)
+        ticks = list(film.ticks) if agent.name in responsible else [film.still]
+        x, y, heading = run.need("pose")[ticks, column][_in_view(run, scene, column, film.still)[ticks]].T
+        length = size(run, column)[0]
+        points += [*np.stack([x, y], axis=1), *np.stack([x - length * np.cos(heading), y - length * np.sin(heading)], axis=1)]
     (x0, y0), (x1, y1) = np.min(points, axis=0) - _AROUND, np.max(points, axis=0) + _AROUND
     wide, tall = float(x1 - x0), float(y1 - y0)
     wide = max(wide, tall / 0.85)
@@ -193,10 +193,10 @@ def framed(run: Run, scene: Scene, film: Film, responsible: Collection[str]) -> 
     return float(x0 + x1 - wide) / 2, -float(y0 + y1 + tall) / 2, wide, tall
 
 
-def _near(run: Run, scene: Scene, column: int, still: int) -> NDArray[np.bool_]:
-    """Return whether a responsible vehicle is in view, per state, shape ``(steps,)``.
+def _in_view(run: Run, scene: Scene, column: int, still: int) -> NDArray[np.bool_]:
+    """Return whether a vehicle is in view, per state, shape ``(steps,)``.
 
-    The vehicle is in view near the junction, and near its position at the shown instant.
+    The vehicle is in view if it is within `_NEAR` of the junction and within `_SPAN` of its position at the shown instant.
     """
     low, high = scene.core
     way = run.need("pose")[:, column, :2]
@@ -246,7 +246,7 @@ def _moving(run: Run, film: Film, column: int, drawn: str, rules: list[str]) -> 
 
 
 def _ring(extent: tuple[float, float]) -> str:
-    """Return the ring around a responsible vehicle at the shown instant."""
+    """Return the SVG element of a ring around a responsible vehicle at the shown instant."""
     length, width = extent
     return (
         f'<g class="told"><rect class="ring" x="{-length - 0.7:g}" y="{-width / 2 - 0.7:g}" width="{length + 1.4:g}" '
@@ -255,7 +255,7 @@ def _ring(extent: tuple[float, float]) -> str:
 
 
 def _lamps(run: Run, scene: Scene, film: Film, rules: list[str]) -> Iterable[str]:
-    """Return the lamps for every shown state of the lights, and add styles to `rules` that show the lamps in this state."""
+    """Return SVG elements of the lamps in every state of the lights, and add styles to `rules` that show the current state."""
     shown = [tuple(map(int, run.lights[tick])) for tick in film.ticks]
     changes = [k for k in range(len(shown)) if k == 0 or shown[k] != shown[k - 1]]
     if len(changes) == 1:
@@ -277,9 +277,9 @@ def _clock(run: Run, film: Film, width: int, rules: list[str]) -> str:
     """Return a progress bar and the time on the clock of the run, and add the styles of both to `rules`."""
     room = width - 96.0
     begin, end = film.ticks[0], film.ticks[-1]
-    whole = max(end - begin, 1)
+    span = max(end - begin, 1)
     shown = list(zip(film.ticks, film.times, strict=True))
-    fills = [(film.share(time), f"transform:scaleX({(tick - begin) / whole:.4f})") for tick, time in shown]
+    fills = [(film.share(time), f"transform:scaleX({(tick - begin) / span:.4f})") for tick, time in shown]
     rules.append(f"@keyframes bar{{{_frames([*fills, ('100%', fills[-1][1])])}}}")
     rules.append(f".bar{{animation:bar {film.length:g}s linear infinite}}")
     lines: list[str] = []
@@ -292,7 +292,7 @@ def _clock(run: Run, film: Film, width: int, rules: list[str]) -> str:
     rules.append(_steps("clock", film, turns))
     rules.append(f".clock{{animation:clock {film.length:g}s step-end infinite}}")
     row = sorted(set(film.ticks)).index(film.still)
-    share = (film.still - begin) / whole
+    share = (film.still - begin) / span
     mark = f'<path d="M{12 + room * share:.1f} 5v14" stroke="#b3151b" stroke-width="3"/>' if film.times[-1] > film.pause else ""
     fill = f'<g class="bar" transform="scale({share:.4f} 1)"><rect width="{room:g}" height="6" rx="3" fill="#5c6470"/></g>'
     return (
@@ -303,7 +303,7 @@ def _clock(run: Run, film: Film, width: int, rules: list[str]) -> str:
 
 
 def _steps(name: str, film: Film, edges: Iterable[tuple[float, str]]) -> str:
-    """Return keyframes of a property that changes in steps."""
+    """Return CSS keyframes of a property that changes in steps."""
     return f"@keyframes {name}{{{_frames([(film.share(time), style) for time, style in edges])}}}"
 
 

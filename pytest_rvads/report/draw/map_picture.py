@@ -1,4 +1,4 @@
-"""Pictures of the junctions of a map: lanes with arrows and marks, signs, lights, stopping lines, right of way."""
+"""Draws the junctions of a map: lanes with arrows and marks, signs, lights, stopping lines, right of way."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.geometry.analysis import JunctionReport
-from pytest_rvads.geometry.conflicts import Key
+from pytest_rvads.geometry.conflicts import Key, Reason
 from pytest_rvads.geometry.control import JunctionControl, Sign
+from pytest_rvads.geometry.crosswalks import Crosswalk
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.geometry.network import Edge
 from pytest_rvads.geometry.paths import walk
 from pytest_rvads.geometry.road_map import RoadMap
-from pytest_rvads.geometry.turn_words import UTURN, turn_word
-from pytest_rvads.geometry.yielding import Reason
+from pytest_rvads.geometry.turns import UTURN, turn_word
 from pytest_rvads.report.draw.svg import arrow, document, marks, polyline, sign, text, wrap
 
 __all__ = ["draw_map"]
@@ -30,6 +30,8 @@ _GAP = 6.0
 _MARGIN = 18.0
 """Drawn length of the roads around a junction [m]."""
 _SMALLEST = 20.0
+_STRIPE = 0.5
+"""Width of the stripes of a crosswalk and of the gaps between them [m] (StVO, sign 293)."""
 _ARROWS = 12.0
 _TURNS: dict[str, str] = {"left": "#d55e00", "straight": "#0072b2", "right": "#009e73", UTURN: "#cc79a7"}
 """Okabe and Ito's palette, distinguishable by colour-blind people."""
@@ -108,16 +110,16 @@ def _legend(x: float, y: float, words: Iterable[str]) -> str:
 
 
 def _caption(road_map: RoadMap, report: JunctionReport, junction: Junction | None) -> list[str]:
-    """Return the lines above a panel; the first line is the heading."""
+    """Return the lines of text above the panel of a junction; the first line is the heading."""
     state = "usable" if report.usable else "not usable"
-    side = ", traffic keeps left" if report.left_hand else ""
-    lines = [f"junction {report.id}: {report.ways}-way, {report.control.value}, {state}{side}"]
+    lines = [f"junction {report.id}: {report.ways}-way, {report.control.value}, {state}"]
+    lines += ["traffic keeps left"] if report.left_hand else []
     if report.reason is not None:
         lines += wrap(report.reason, _LETTERS)
     elif junction is not None:
-        shown = [f"{length:.0f} m" for length in report.approach]
-        each = ", ".join(f"{_label(report, k)} {length}" for k, length in enumerate(shown))
-        lines += wrap(f"approach: {each if len(set(shown)) > 1 else shown[0]}", _LETTERS)
+        approaches = [f"{length:.0f} m" for length in report.approach]
+        lengths = ", ".join(f"{_entrance_label(report, k)} {length}" for k, length in enumerate(approaches))
+        lines += wrap(f"approach: {lengths if len(set(approaches)) > 1 else approaches[0]}", _LETTERS)
         lines += [line for sentence in _giving_way(report, junction) for line in wrap(sentence, _LETTERS)]
         doubts = (warning.message for warning in (*road_map.warnings, *road_map.bends) if warning.junction == report.id)
         lines += [line for doubt in doubts for line in wrap(doubt, _LETTERS)]
@@ -125,7 +127,7 @@ def _caption(road_map: RoadMap, report: JunctionReport, junction: Junction | Non
 
 
 def _giving_way(report: JunctionReport, junction: Junction) -> Iterator[str]:
-    """Yield per reason a sentence with the entrances that give way to other entrances."""
+    """Yield, per reason of giving way, a sentence with the entrances that give way to other entrances."""
     sides = ("left", "right") if report.left_hand else ("right", "left")
     table: dict[Reason, dict[int, set[int]]] = {}
     for (way, prior), reason in _yields(junction).items():
@@ -133,25 +135,28 @@ def _giving_way(report: JunctionReport, junction: Junction) -> Iterator[str]:
     when = {JunctionControl.STOP: " in a tie", JunctionControl.LIGHTS: " on the same green"}.get(report.control, "")
     for reason in Reason:
         if reason in table:
-            pairs = (f"{_label(report, k)} to {_labels(report, priors)}" for k, priors in sorted(table[reason].items()))
+            pairs = (
+                f"{_entrance_label(report, k)} to {_entrance_labels(report, priors)}"
+                for k, priors in sorted(table[reason].items())
+            )
             yield f"gives way{when}, {_REASONS[reason].format(*sides)}: {', '.join(pairs)}"
 
 
 def _yields(junction: Junction) -> dict[tuple[Key, Key], Reason]:
-    """Return the yields between movements, without movements whose lights are never green together."""
+    """Return pairs of movements with the reason why the first gives way; pairs that never have green together are left out."""
     phases = [start.phase for start in junction.starts]
     pairs = (junction.yields or {}).items()
     return {(a, b): reason for (a, b), reason in pairs if len({phases[a[0]], phases[b[0]]} - {None}) < 2}
 
 
-def _label(report: JunctionReport, entrance: int) -> str:
+def _entrance_label(report: JunctionReport, entrance: int) -> str:
     """Return the number of the arm of an entrance, with the number of its lane if the arm has several lanes."""
     end = report.entrances[entrance]
     return f"{end.arm}.{end.lane}" if len(report.arms[end.arm].entrances) > 1 else f"{end.arm}"
 
 
-def _labels(report: JunctionReport, entrances: Iterable[int]) -> str:
-    return " ".join(_label(report, entrance) for entrance in sorted(entrances))
+def _entrance_labels(report: JunctionReport, entrances: Iterable[int]) -> str:
+    return " ".join(_entrance_label(report, entrance) for entrance in sorted(entrances))
 
 
 def _panel(road_map: RoadMap, report: JunctionReport, junction: Junction | None) -> str:
@@ -174,9 +179,11 @@ def _panel(road_map: RoadMap, report: JunctionReport, junction: Junction | None)
         for edge in (*inside, *roads):
             width = max((max(edge.width, 1.0) + extra) * scale, 1.0)
             parts.append(
-                polyline((place(*p) for p in _near(edge.points, x, y, reach)), stroke=colour, stroke_width=f"{width:.1f}")
+                polyline((place(*p) for p in _points_near(edge.points, x, y, reach)), stroke=colour, stroke_width=f"{width:.1f}")
             )
     parts += _painted(road_map, report, place, reach)
+    for crosswalk in road_map.crossings.get(report.id, ()):
+        parts += _striped(crosswalk, place, scale)
     for edge in roads:
         parts += _directions(edge, place, x, y, reach)
     yields = _yields(junction).items() if junction else ()
@@ -195,7 +202,7 @@ def _panel(road_map: RoadMap, report: JunctionReport, junction: Junction | None)
 
 
 def _roads(road_map: RoadMap, report: JunctionReport, reach: float) -> list[Edge]:
-    """Return the lanes outside the junction that the panel may show."""
+    """Return the lanes outside the junction that can be visible in its panel."""
     lanes: dict[str, Edge] = {}
     for upstream, starts in (
         (True, [e for arm in report.arms for e in arm.entrances]),
@@ -211,7 +218,7 @@ def _roads(road_map: RoadMap, report: JunctionReport, reach: float) -> list[Edge
     return list(lanes.values())
 
 
-def _near(points: NDArray[np.float64], x: float, y: float, reach: float) -> Iterable[tuple[float, float]]:
+def _points_near(points: NDArray[np.float64], x: float, y: float, reach: float) -> Iterable[tuple[float, float]]:
     """Return the points of a line near the panel; the frame of the panel clips the line."""
     distance = np.maximum(np.abs(points[:, 0] - x), np.abs(points[:, 1] - y))
     close = distance <= 1.5 * reach
@@ -222,27 +229,27 @@ def _near(points: NDArray[np.float64], x: float, y: float, reach: float) -> Iter
 
 
 def _directions(edge: Edge, place: Project, x: float, y: float, reach: float) -> list[str]:
-    """Return arrows along a lane of a road, within the panel."""
+    """Return SVG arrows along a lane of a road, within the panel."""
     parts = []
     apart, size = max(_ARROWS, reach / 4), max(1.0, reach / 40)
-    done = 0.0
+    covered = 0.0
     for (ax, ay), (bx, by) in pairwise(edge.points.tolist()):
         step = math.hypot(bx - ax, by - ay)
         ux, uy = (bx - ax) / step, (by - ay) / step
         nearest = (x - ax) * ux + (y - ay) * uy
         low, high = max(0.0, nearest - 1.5 * reach), min(step, nearest + 1.5 * reach)
-        for k in range(math.ceil((done + low) / apart), math.floor((done + high) / apart) + 1):
-            along = apart * k - done
+        for k in range(math.ceil((covered + low) / apart), math.floor((covered + high) / apart) + 1):
+            along = apart * k - covered
             px, py = ax + along * ux, ay + along * uy
             if along < step and max(abs(px - x), abs(py - y)) <= reach:
                 line = [place(px, py), place(px + size * ux, py + size * uy)]
                 parts.append(polyline(line, stroke=_NO_TURN, stroke_width=1.2, marker_end="url(#way)"))
-        done += step
+        covered += step
     return parts
 
 
 def _painted(road_map: RoadMap, report: JunctionReport, place: Project, reach: float) -> list[str]:
-    """Return the marks between the lanes of the arms."""
+    """Return SVG elements of the marks between the lanes of the arms."""
     parts, edges = [], road_map.graph.edges
     for arm in report.arms:
         for upstream, ids in ((True, arm.entrances), (False, arm.exits)):
@@ -251,14 +258,28 @@ def _painted(road_map: RoadMap, report: JunctionReport, place: Project, reach: f
             for line, broken in marks(
                 [lane.points for lane in lanes], width, left_hand=report.left_hand, centre=upstream or not arm.entrances
             ):
-                near = [place(*p) for p in _near(line, arm.x, arm.y, 2 * reach)]
+                near = [place(*p) for p in _points_near(line, arm.x, arm.y, 2 * reach)]
                 dashed: dict[str, str | float] = {"stroke_dasharray": "8 8"} if broken else {}
                 parts.append(polyline(near, stroke="#fff", stroke_width=1.2, **dashed))
     return parts
 
 
+def _striped(crosswalk: Crosswalk, place: Project, scale: float) -> list[str]:
+    """Return SVG elements of the stripes of a crosswalk, along the lanes, and of the border of its painted area."""
+    corners = [place(*corner) for corner in (*crosswalk.area.tolist(), crosswalk.area[0].tolist())]
+    path = crosswalk.path
+    across = np.array([-1.0, 1.0]) * (path.points[1] - path.points[0])[::-1] / path.length
+    width = float(np.ptp(crosswalk.area @ across)) * scale
+    style: dict[str, str | float] = {"stroke_width": f"{width:.1f}", "stroke_dasharray": f"{_STRIPE * scale:.1f}"}
+    ends = [place(*point) for point in path.points.tolist()]
+    return [
+        polyline(corners, stroke="#fff", stroke_width=1),
+        polyline(ends, **{"class": "crosswalk"}, stroke="#fff", **style),
+    ]
+
+
 def _posted(road_map: RoadMap, report: JunctionReport, entrance: int, place: Project, scale: float) -> list[str]:
-    """Return the stopping line, number, arrow and light of an entrance, and the sign of its arm for the lane at the kerb."""
+    """Return SVG elements of an entrance: stopping line, number, arrow and light; at the kerb also the sign of the arm."""
     end = report.entrances[entrance]
     edge, many = road_map.graph.edges[end.edge], len(report.arms[end.arm].entrances) > 1
     (ex, ey), heading = edge.points[-1].tolist(), edge.end_heading
@@ -266,7 +287,7 @@ def _posted(road_map: RoadMap, report: JunctionReport, entrance: int, place: Pro
     half, back = max(edge.width, 2.0) / 2, report.setbacks[entrance]
     bar = [place(ex - back * ux + side * half * uy, ey - back * uy - side * half * ux) for side in (-1, 1)]
     parts = [polyline(bar, stroke="#c00", stroke_width=3)]
-    parts.append(_number(*place(ex - (back + 16 / scale) * ux, ey - (back + 16 / scale) * uy), _label(report, entrance)))
+    parts.append(_number(*place(ex - (back + 16 / scale) * ux, ey - (back + 16 / scale) * uy), _entrance_label(report, entrance)))
     turns = {way.turn for way in report.movements if way.entrance == entrance}
     if many or len({way.exit for way in report.movements if way.entrance == entrance}) < report.ways - 1:
         behind = back + 44 / scale

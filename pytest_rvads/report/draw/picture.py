@@ -1,4 +1,4 @@
-"""Pictures that stand still: an instant of a run, and the ways through a junction."""
+"""Draws still pictures: a state of a run, and the ways through a junction."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.geometry.junction import Junction
-from pytest_rvads.geometry.turn_words import UTURN, turn_word
+from pytest_rvads.geometry.turns import UTURN, turn_word
 from pytest_rvads.report.draw.scene import PALETTE, Scene, body, inks, path, size
 from pytest_rvads.runs.run import Run
 from pytest_rvads.support.errors import RunError
@@ -32,7 +32,7 @@ rect.broken{stroke:#d11f1f;stroke-width:.5;stroke-dasharray:.9 .45}.title{font-s
 
 
 def picture(run: Run, tick: int, title: str, broken: Collection[str] = ()) -> str:
-    """Return an SVG document of the state at `tick`.
+    """Return an SVG document of a state of a run.
 
     Args:
         run: a run with positions.
@@ -52,7 +52,7 @@ def picture(run: Run, tick: int, title: str, broken: Collection[str] = ()) -> st
     colours = inks(run.agents)
     for column, colour in enumerate(colours):
         driven = run.pose[: tick + 1 : 5, column, :2]
-        recorded = driven[np.isfinite(driven).all(axis=1)]  # an absent vehicle may have no position
+        recorded = driven[np.isfinite(driven).all(axis=1)]  # the position of an absent vehicle can be NaN
         parts.append(f'<polyline class="trail" stroke="{colour}" points="{path(recorded)}"/>')
     for column, agent in enumerate(run.agents):
         if run.here[tick, column]:
@@ -79,7 +79,7 @@ def draw_ways(junction: Junction) -> str:
 
 
 def course(points: NDArray[np.float64], ink: str) -> str:
-    """Return a line with an arrow at its end.
+    """Return an SVG line with an arrow at its end.
 
     Args:
         points: points of the line, x and y in the first two columns [m].
@@ -96,7 +96,7 @@ def course(points: NDArray[np.float64], ink: str) -> str:
 def still(
     scene: Scene, parts: Iterable[str], corners: Sequence[Sequence[float]] = (), legend: Sequence[tuple[str, str]] = ()
 ) -> str:
-    """Return a road with elements on the road as an SVG document.
+    """Return an SVG document of a road with elements on the road.
 
     Args:
         scene: the road.

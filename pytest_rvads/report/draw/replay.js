@@ -1,17 +1,19 @@
 const run = JSON.parse(document.getElementById("data").textContent);
 const last = run.steps - 1, ink = ["#888", "#1fa34a", "#e0a800", "#d11f1f"], letters = "NGYR";
 const places = {"-1": "absent", 0: "approach", 1: "entrance", 2: "junction", 3: "exit", 4: "gone"}, colours = ["none", "green", "yellow", "red"];
-const marks = {PASS: ["good", "\u2713"], FAIL: ["bad", "\u2717"], ERROR: ["bad", "!"], NA: ["none", "\u2013"]}; // others are in doubt
+const onFoot = {"-1": "absent", 0: "sidewalk", 1: "kerb", 2: "crosswalk", 3: "sidewalk", 4: "gone"};
+const words = run.kinds.map(kind => kind === "pedestrian" ? onFoot : places);
+const marks = {PASS: ["good", "\u2713"], FAIL: ["bad", "\u2717"], ERROR: ["bad", "!"], NA: ["none", "\u2013"]}; // all other statuses are doubtful
 const stage = get("stage"), scene = stage.querySelector("svg");
 const bodies = document.querySelectorAll(".vehicle"), trails = document.querySelectorAll(".trail"), ghosts = document.querySelectorAll(".ghost");
-// Bodies that touch by what was measured of them may not have.
+// Bodies that overlap by their recorded places and sizes may not have touched.
 const impacts = run.watched ? run.impacts : [];
 const struck = run.agents.map((name, i) => impacts.find(([, who]) => who.includes(i))?.[0] ?? Infinity);
-const driven = run.agents.map((name, i) => [name, run.zones[i].map(([tick, zone]) => [tick, places[zone]]), struck[i]]);
-const over = run.trail || !impacts.length ? Infinity : impacts[0][0]; // of traffic, others drive on
+const driven = run.agents.map((name, i) => [name, run.zones[i].map(([tick, zone]) => [tick, words[i][zone]]), struck[i]]);
+const over = run.trail || !impacts.length ? Infinity : impacts[0][0]; // recorded traffic drives on after an impact
 const lamps = run.lights.map((changes, e) => ["light " + run.entrances[e], changes.map(([tick, colour]) => [tick, colours[colour]])])
-  .filter(([, changes]) => changes.some(([, word]) => word !== "none"));
-// Among dozens of vehicles, those that it is about come first.
+  .filter(([, changes], e) => run.entrances[e] && changes.some(([, word]) => word !== "none"));
+// Among dozens of recorded vehicles, the responsible vehicles come first.
 const about = run.trail ? driven.filter(([name]) => run.responsible.includes(name)) : [];
 const rows = run.trail ? [...about, ...run.tracks, ...lamps, ...driven.filter(row => !about.includes(row))]
   : [...driven, ...lamps, ...run.tracks];
@@ -22,7 +24,7 @@ function clock(tick) { return run.start + tick * run.dt; }
 function motion(stored, exact, i) {
   const k = Math.min(Math.floor(exact), stored.length - 1), share = exact - k;
   const one = stored[k][i], two = (stored[k + 1] || stored[k])[i];
-  if (!one || !two) return one || two; // absent on one side, or on both
+  if (!one || !two) return one || two; // absent at one of the two stored states, or at both
   return one.map((value, j) => value + share * (two[j] - value));
 }
 function pose(x, y, heading) { return `translate(${x} ${-y}) rotate(${-heading * 180 / Math.PI})`; }
@@ -44,7 +46,7 @@ function show(index) {
     const turned = !along ? heading * 180 / Math.PI : Math.cos(heading) < 0 ? 180 : 0;
     written.setAttribute("transform", `translate(${-run.lengths[i] * (along ? 0.58 : 0.5)} 0) rotate(${turned})`);
     const cells = line.cells;
-    cells[1].textContent = places[zone];
+    cells[1].textContent = words[i][zone];
     cells[2].textContent = `${station < 0 ? "" : "+"}${station.toFixed(2)} m`;
     cells[3].textContent = `${speed.toFixed(2)} m/s`;
     cells[3].className = now > struck[i] ? "after" : "";
@@ -55,7 +57,7 @@ function show(index) {
     const place = exact > stored.length - 1 + 1e-6 || exact < 0 ? null : motion(stored, exact, i);
     const twin = place && twins[i] >= 0 && at(run.zones[twins[i]], now) >= 0 ? motion(run.motion, now / run.every, twins[i]) : null;
     const apart = place && !(twin && Math.hypot(twin[0] - place[0], twin[1] - place[1]) < 0.05);
-    body.style.display = apart ? "" : "none"; // where both are the same, one is enough
+    body.style.display = apart ? "" : "none"; // a ghost at the place of its vehicle is not shown
     if (apart) body.setAttribute("transform", pose(...place));
   });
   document.querySelectorAll(".lamp").forEach(lamp => {
@@ -124,8 +126,8 @@ function timed(parent, time, text, kind) {
   button.onclick = () => { history.replaceState(null, "", "#t=" + time.toFixed(2)); go(time); };
 }
 
-// The camera: what is in the middle, and metres per pixel.
-let middle = [0, 0], grain = 1;
+// The camera: the point in the middle of the view [m], the scale [m per pixel], and the part of the road that the view fits [m].
+let middle = [0, 0], grain = 1, fitted = run.home;
 function room() { return [scene.clientWidth || 1, scene.clientHeight || 1]; }
 function place() {
   const [wide, high] = room();
@@ -133,17 +135,27 @@ function place() {
 }
 function look(x, y) { middle = [x, y]; stage.classList.add("moved"); place(); }
 function home() {
-  const [left, top, right, bottom] = run.home, [wide, high] = room();
+  const [left, top, right, bottom] = fitted, [wide, high] = room();
   middle = [(left + right) / 2, (top + bottom) / 2];
   grain = Math.max((right - left) / wide, (bottom - top) / high);
   stage.classList.remove("moved");
   place();
 }
+function fit() { // the part of the road that the page shows at first, and all vehicles that are there now
+  if (followed >= 0) follow(followed);
+  fitted = [...run.home];
+  bodies.forEach((body, i) => {
+    if (body.style.display === "none") return;
+    const [x, y] = motion(run.motion, now / run.every, i), away = run.lengths[i] + 1;
+    fitted = [Math.min(fitted[0], x - away), Math.min(fitted[1], -y - away), Math.max(fitted[2], x + away), Math.max(fitted[3], -y + away)];
+  });
+  home();
+}
 function world(x, y) {
   const box = scene.getBoundingClientRect();
   return [middle[0] + (x - box.left - box.width / 2) * grain, middle[1] + (y - box.top - box.height / 2) * grain];
 }
-function zoom(factor, x, y) { // what is at (x, y) on the screen stays there; what is followed stays in the middle
+function zoom(factor, x, y) { // the point at (x, y) on the screen stays there; a followed vehicle stays in the middle
   const box = scene.getBoundingClientRect(), fixed = followed < 0 && x !== undefined ? [x, y] : [box.left + box.width / 2, box.top + box.height / 2];
   const [u, v] = world(...fixed), [wide] = room(), before = grain;
   grain = Math.max(5 / wide, Math.min(2 * run.reach / wide, grain / factor));
@@ -159,7 +171,7 @@ function follow(i) {
   show(now);
 }
 const order = run.agents.map((name, i) => i).sort((a, b) => run.responsible.includes(run.agents[b]) - run.responsible.includes(run.agents[a]));
-function next() { // those that it is about, then the others, then none
+function next() { // the responsible vehicles, then the other vehicles, then no vehicle
   const there = order.filter(i => bodies[i].style.display !== "none"), k = there.indexOf(followed) + 1;
   if (k < there.length) follow(there[k]); else if (followed >= 0) follow(followed);
 }
@@ -201,14 +213,14 @@ for (const kind of ["pointerup", "pointercancel"]) scene.addEventListener(kind, 
   if (!fingers.size) stage.classList.remove("held");
 });
 scene.addEventListener("wheel", event => {
-  if (parent !== window && !event.ctrlKey) return; // within another page, the wheel is for that
+  if (parent !== window && !event.ctrlKey) return; // within another page, the wheel scrolls that page
   event.preventDefault();
   zoom(Math.exp(-Math.max(-100, Math.min(100, event.deltaY)) * 0.003), event.clientX, event.clientY);
 }, {passive: false});
 new ResizeObserver(() => stage.classList.contains("moved") ? place() : home()).observe(scene);
 get("closer").onclick = () => zoom(1.4);
 get("farther").onclick = () => zoom(1 / 1.4);
-get("home").onclick = () => { if (followed >= 0) follow(followed); home(); };
+get("home").onclick = fit;
 get("follow").onclick = next;
 get("ghost").onclick = haunt;
 
@@ -236,7 +248,7 @@ run.facts.forEach(([word, text]) => {
     range.selectNodeContents(line);
     getSelection().removeAllRanges();
     getSelection().addRange(range);
-    button.textContent = document.execCommand("copy") ? "copied" : "selected"; // the clipboard of scripts is not for files
+    button.textContent = document.execCommand("copy") ? "copied" : "selected"; // pages from files have no access to navigator.clipboard
   };
 });
 get("about").hidden = !run.facts.length;
@@ -261,10 +273,10 @@ if (run.ghost) {
   get("parted").textContent = run.ghost.said + " ";
   for (const [time, text] of run.ghost.times) timed(get("parted"), time, text, "");
 }
-document.querySelector("h1").title = document.title; // where there is no room for all of it
+document.querySelector("h1").title = document.title; // a narrow page cuts the heading off
 if (run.back) {
   get("back").href = run.back;
-  get("back").hidden = get("back").protocol !== location.protocol; // no script, nothing from elsewhere
+  get("back").hidden = get("back").protocol !== location.protocol; // neither a script nor a page with another protocol
 }
 if (matchMedia("(max-width:60rem)").matches) document.querySelectorAll("aside details").forEach(one => { one.open = one.contains(get("events")); });
 get("scrub").max = last;

@@ -1,17 +1,19 @@
-"""A run as a self-contained page: play, scrub, zoom, follow, keyboard, links to a time; events and further texts.
+"""Makes the replay page of a run: a self-contained HTML page to play, scrub and zoom, follow a vehicle, and jump to events.
 
-An earlier run of the same scenario may be drawn faintly below the run, with the first difference between the two.
+The page can show an earlier run of the same scenario, drawn faintly below the run, and the first difference of the two runs.
 """
 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pytest_rvads.geometry.crosswalks import Crossing, Parking, Side
 from pytest_rvads.logic.conduct.blocks import tick_of
 from pytest_rvads.logic.conduct.bodies import contacts
 from pytest_rvads.report.draw.picture import STYLE
@@ -23,23 +25,25 @@ from pytest_rvads.runs.states import Colour, Zone
 from pytest_rvads.support.errors import RunError
 from pytest_rvads.support.wording import markup
 
-__all__ = ["Beside", "Track", "events", "ghost_data", "motion", "outlines", "replay"]
+__all__ = ["Beside", "Track", "events", "ghost_data", "motion", "opening", "outlines", "replay"]
 
 _SEEN = 0.1
-"""Least distance between the positions of a vehicle in two runs that a picture shows [m]."""
+"""Two runs differ visibly if the positions of a vehicle in the two runs are this far apart [m]."""
 _EVERY = 5
 """Number of states per stored position; the page interpolates positions in straight lines, and zones and lights are exact."""
 _TRAIL = 3.0
 """Length of the trails of recorded traffic [s]; longer trails of many vehicles hide the events."""
 _LEAD = 1.5
-"""Time before the opening in which the first view shows the way of responsible vehicles [s]."""
+"""The first view shows the way of responsible vehicles during this time before the instant of the view [s]."""
+_BEFORE = 1.0
+"""A page without a violation opens this long before the first vehicle enters the junction [s]."""
 _NEAR, _AROUND = 10.0, 3.0
 """Distance from the junction within which vehicles are in the first view, and margin of the first view [m]."""
 
 
 @dataclass(frozen=True, slots=True)
 class Beside:
-    """Texts and pictures of a page beside its run."""
+    """Texts and pictures that a replay page shows beside the run."""
 
     facts: tuple[tuple[str, str], ...] = ()
     """Word and text of each line of the head: scenario, driver, rule, command for a repetition."""
@@ -55,7 +59,7 @@ class Beside:
 
 @dataclass(frozen=True, slots=True)
 class Track:
-    """A value that changes over time, such as the state of a monitor."""
+    """A value that changes over time, such as the state of a rule's monitor."""
 
     label: str
     changes: tuple[tuple[int, str], ...]
@@ -81,8 +85,9 @@ def replay(  # noqa: PLR0913 - a run, and the texts and pictures beside the run
         marked: highlighted further events (time [s], text), such as a violation.
         tracks: further rows over time, such as the monitors of a rule.
         responsible: names of the vehicles to highlight.
-        opened: time at which the page opens [s]; the rows are marked at the further event of this time. By default the page opens
-            at the beginning, and the rows are marked at all further events.
+        opened: time at which the page opens [s]; all rows over time have a mark at the event of `marked` with this time. By
+            default the page opens at the first event of `marked`, or at `opening` if nothing is marked, and the rows have a mark
+            at every event of `marked`.
         beside: further texts and pictures of the page.
 
     Times are on the clock of the recording of which the run is an excerpt. Ticks count from the start of the run.
@@ -104,11 +109,13 @@ def replay(  # noqa: PLR0913 - a run, and the texts and pictures beside the run
         for i, agent in enumerate(run.agents)
     )
     highlights, beside = sorted(marked), beside or Beside()
-    about = next((time for time, _ in highlights if opened in (None, time)), run.start)
+    times = [time for time, _ in highlights if opened in (None, time)]
+    if opened is None:
+        opened = times[0] if times else opening(run)
     data = {
         "dt": run.dt,
         "start": run.start,
-        "opened": run.start if opened is None else opened,
+        "opened": opened,
         "steps": run.steps,
         "every": _EVERY,
         "trail": None if run.excerpt is None else max(round(_TRAIL / run.dt / _EVERY), 1),
@@ -118,15 +125,15 @@ def replay(  # noqa: PLR0913 - a run, and the texts and pictures beside the run
         "inks": colours,
         "motion": motion(run, _EVERY, run.zone != Zone.ABSENT, "pose", "station", "speed"),
         "zones": [_changes(run.zone[:, i]) for i in range(len(run.agents))],
-        "entrances": [label(run.junction, e) for e in range(run.lights.shape[1])],
+        "entrances": _light_names(run),
         "lights": [_changes(run.lights[:, e]) for e in range(run.lights.shape[1])],
         "tracks": [(track.label, track.changes) for track in tracks],
         "responsible": [a.name for a in run.agents if a.name in responsible],
-        "marked": [time for time, _ in highlights if opened in (None, time)],
+        "marked": times,
         "events": sorted([*((*event, False) for event in events(run)), *((*event, True) for event in highlights)]),
         "impacts": _impacts(run),
         "watched": run.collisions is not None,
-        "home": _home(run, scene, about, responsible),
+        "home": _home(run, scene, opened, responsible),
         "reach": max(wide, high),
         "facts": beside.facts,
         "others": beside.others,
@@ -145,10 +152,18 @@ def replay(  # noqa: PLR0913 - a run, and the texts and pictures beside the run
     )
 
 
-def _home(run: Run, scene: Scene, about: float, responsible: Collection[str]) -> list[float]:
-    """Return left, top, right and bottom of the part that the page shows at first, in SVG coordinates [m].
+def opening(run: Run) -> float:
+    """Return the time 1 s before the first vehicle enters the junction; the start of the run if no vehicle enters [s]."""
+    driven = [agent.way.key in run.junction.movements for agent in run.agents]
+    entered = (run.zone[:, driven] == Zone.JUNCTION).any(axis=1)
+    return round(run.start + max(int(entered.argmax()) * run.dt - _BEFORE, 0.0), 9)
 
-    The part holds the junction, the vehicles near the junction at the time `about`, and the starts of the responsible vehicles.
+
+def _home(run: Run, scene: Scene, about: float, responsible: Collection[str]) -> list[float]:
+    """Return left, top, right and bottom of the part of the road that the page shows at first, in SVG coordinates [m].
+
+    The part holds the junction, the vehicles near the junction at the time `about`, and the last metres that the responsible
+    vehicles drove before.
     """
     tick = min(max(round((about - run.start) / run.dt), 0), run.steps - 1)
     low, high = scene.core
@@ -172,21 +187,28 @@ def events(run: Run) -> list[tuple[float, str]]:
     junction = run.junction
     out = [f"{lane.arm}.{lane.lane}" if len(junction.arms[lane.arm].exits) > 1 else f"{lane.arm}" for lane in junction.ends]
     for column, agent in enumerate(run.agents):
+        if isinstance(agent.way, Parking):
+            continue
         words = {Zone.ENTRANCE: "at entrance {0}", Zone.JUNCTION: "enters the junction", Zone.EXIT: "leaves by exit {1}"}
         if agent.way.key not in junction.movements:
             words = {Zone.ENTRANCE: "comes to the {2}", Zone.JUNCTION: "enters the {2}", Zone.EXIT: "leaves the {2}"}
+        what, zones, back = agent.way.kind, _changes(run.zone[:, column]), list[tuple[int, int]]()
+        if isinstance(agent.way, Crossing):
+            back = [row for before, row in pairwise(zones) if row[1] == Zone.ENTRANCE and before[1] == Zone.JUNCTION]
+            rows += [(round(first + tick * run.dt, 6), f"{agent.name} goes back to the sidewalk") for tick, _ in back]
+            words[Zone.JUNCTION], what = "steps onto the {2}", f"crosswalk of arm {junction.crossings[agent.way.crosswalk].arm}"
         rows += [
             (
                 round(first + tick * run.dt, 6),
-                f"{agent.name} {words[Zone(zone)].format(label(junction, agent.entrance), out[agent.exit], agent.way.kind)}",
+                f"{agent.name} {words[Zone(zone)].format(label(junction, agent.entrance), out[agent.exit], what)}",
             )
-            for tick, zone in _changes(run.zone[:, column])
-            if zone in words and not (run.excerpt and _begins_in_zone(run, tick, column))
+            for tick, zone in zones
+            if zone in words and (tick, zone) not in back and not (run.excerpt and _begins_in_zone(run, tick, column))
         ]
-    for entrance in range(run.lights.shape[1]):
+    for entrance, name in enumerate(_light_names(run)):
+        changes = _changes(run.lights[:, entrance])[1:] if name else []
         rows += [
-            (round(first + tick * run.dt, 6), f"light {label(junction, entrance)} turns {Colour(colour).name.lower()}")
-            for tick, colour in _changes(run.lights[:, entrance])[1:]
+            (round(first + tick * run.dt, 6), f"light {name} turns {Colour(colour).name.lower()}") for tick, colour in changes
         ]
     touch = "touch, by their places and sizes," if run.collisions is None else "collide"
     rows += [(first + c.time, f"{c.agents[0]} and {c.agents[1]} {touch} at {c.speed:.1f} m/s") for c in _collisions(run)]
@@ -195,13 +217,21 @@ def events(run: Run) -> list[tuple[float, str]]:
     return sorted(rows)
 
 
+def _light_names(run: Run) -> list[str]:
+    """Return the names of the lights; empty for the second light of a crosswalk, which shows what the first shows."""
+    names = [label(run.junction, entrance) for entrance in range(len(run.junction.entrances))]
+    for way, start, _ in run.junction.further:
+        names.append(f"for pedestrians {start.arm}" if isinstance(way, Crossing) and way.side is Side.NEAR else "")
+    return names
+
+
 def _begins_in_zone(run: Run, tick: int, column: int) -> bool:
-    """Return whether the recording of a vehicle begins in its zone, so that no border crossing was recorded."""
+    """Return whether the recording of a vehicle begins inside a zone, so that the entry into the zone was not recorded."""
     return tick == 0 or bool(run.zone[tick - 1, column] == Zone.ABSENT)
 
 
 def _impacts(run: Run) -> list[tuple[int, list[int]]]:
-    """Return tick and columns of every collision, by time."""
+    """Return the tick (number of the state) and the two columns of every collision of a run, by time."""
     columns = {agent.name: column for column, agent in enumerate(run.agents)}
     return sorted((tick_of(run, c), [columns[name] for name in c.agents if name in columns]) for c in _collisions(run))
 
@@ -215,13 +245,13 @@ def _collisions(run: Run) -> tuple[Collision, ...]:
 
 
 def _changes(values: NDArray[np.int8]) -> list[tuple[int, int]]:
-    """Return tick and value of the first state of a series, and of every state with a new value."""
+    """Return tick and value of the first element of a series, and of every element that differs from the element before."""
     ticks = np.concatenate(([0], np.flatnonzero(np.diff(values)) + 1))
     return [(int(tick), int(values[tick])) for tick in ticks]
 
 
 def motion(run: Run, every: int, there: NDArray[np.bool_], *names: str) -> list[list[list[float] | None]]:
-    """Return every `every`-th state of every vehicle, with unwrapped headings; None for an absent vehicle.
+    """Return every `every`-th state of every vehicle, with headings without jumps by 2 pi; None for an absent vehicle.
 
     Args:
         run: the run.
@@ -233,7 +263,7 @@ def motion(run: Run, every: int, there: NDArray[np.bool_], *names: str) -> list[
     together = np.concatenate([values if values.ndim == 3 else values[..., None] for values in series], axis=2)
     for column, (begin, end) in enumerate(run.spans.tolist()):
         together[begin:end, column, 2] = np.unwrap(together[begin:end, column, 2])
-    # A vehicle that is gone may have no position.
+    # The position of a vehicle that is gone can be NaN.
     stored: list[list[list[float] | None]] = np.nan_to_num(together[::every].round(3)).tolist()
     for row, column in np.argwhere(~there[::every]).tolist():
         stored[row][column] = None
@@ -241,7 +271,7 @@ def motion(run: Run, every: int, there: NDArray[np.bool_], *names: str) -> list[
 
 
 def outlines(ghost: Run | None) -> str:
-    """Return the outlines of the vehicles of an earlier run; an empty text if the run has no positions."""
+    """Return SVG outlines of the vehicles of an earlier run; an empty text if the run has no positions."""
     if ghost is None or not _has_positions(ghost):
         return ""
     parts = []
@@ -256,7 +286,7 @@ def outlines(ghost: Run | None) -> str:
 
 
 def ghost_data(run: Run, ghost: Run | None, name: str, every: int) -> dict[str, Any] | None:
-    """Return the data of an earlier run for the page; None without an earlier run.
+    """Return the data of an earlier run for the replay page; None without an earlier run.
 
     Args:
         run: the run of the page.
@@ -291,7 +321,7 @@ def _first_pose(ghost: Run, column: int) -> NDArray[np.float64]:
 
 
 def _difference(run: Run, ghost: Run, name: str) -> tuple[str, list[tuple[float, str]]]:
-    """Return the first difference between two runs in a sentence, and times [s] with texts to go to."""
+    """Return a sentence on the first difference between two runs, and times [s] with texts for links to the differences."""
     divergence = diverge(run, ghost)
     if divergence is None:
         return f"This run and {name} are the same, state for state.", []
@@ -309,7 +339,7 @@ def _difference(run: Run, ghost: Run, name: str) -> tuple[str, list[tuple[float,
 
 
 def _short(value: str, ghost_value: str) -> tuple[str, str]:
-    """Return two numbers as text, with as few digits as distinguish the two; return words unchanged."""
+    """Return two numbers as texts with the fewest digits by which the texts differ; return words unchanged."""
     try:
         pair = float(value), float(ghost_value)
     except ValueError:

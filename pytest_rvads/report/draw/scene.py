@@ -1,4 +1,4 @@
-"""A junction and the vehicles of a run at the junction, as pieces of SVG in metres."""
+"""Draws a junction and the vehicles of a run as SVG elements in metres."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.geometry.conflicts import Way
+from pytest_rvads.geometry.crosswalks import Crossing, Crosswalk, Parking, Side
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.report.draw.svg import arrow, marks, sign
 from pytest_rvads.runs.run import Run
-from pytest_rvads.runs.states import Agent, Colour, Kind
-from pytest_rvads.runs.vehicle import Vehicle
+from pytest_rvads.runs.states import Agent, Colour, Kind, Vehicle
 from pytest_rvads.support.errors import MapError
 from pytest_rvads.support.wording import markup
 
@@ -24,17 +24,22 @@ __all__ = ["Scene", "body", "inks", "label", "path", "placed", "size"]
 PALETTE = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#7f7f00", "#555555")
 """Okabe and Ito's palette, distinguishable by colour-blind people."""
 _DARKER = 0.62
-"""Brightness of a colour of the palette that is used again."""
+"""Factor on the brightness of a colour of the palette, if the palette is used for a second round of agents."""
 
 _LIGHTS = {Colour.GREEN: "#1fa34a", Colour.YELLOW: "#e0a800", Colour.RED: "#d11f1f", Colour.NONE: "#888"}
+_PARKED = "#8a9099"
+_BAY = 2.0
+"""Width of the parking place between the road and what stands beside the road [m]."""
 _CORNERS = {Kind.CAR: 0.4, Kind.TRUCK: 0.0}
 """Radius of the corners of a body [m]; bodies of riders and pedestrians are round at both ends."""
 _MARGIN = 28.0
 """Margin of a picture around the junction [m]."""
 _ARROW = 9.0
-"""Distance of the tail of the arrow on a lane before the stopping line [m]."""
+"""The arrow on a lane begins this far before the stopping line [m]."""
 _LAMP = 1.8
-"""Distance beyond the stopping line of a light that hangs over its lane, on arms with several lanes [m]."""
+"""On arms with several lanes, a light hangs over its lane this far beyond the stopping line [m]."""
+_SMALL, _EDGE = 1.3, ' stroke="#222" stroke-width=".12"'
+"""Height of the name of a pedestrian [m], and the edge of the circle, which shows a person on stripes."""
 _NAME, _ROOM = 1.8, 3
 """Height of a name [m], and most letters of a name across a vehicle; a longer name is written along the vehicle."""
 
@@ -68,7 +73,7 @@ class Scene:
         return points.min(axis=0), points.max(axis=0)
 
     def road(self) -> str:
-        """Return lanes with their marks and arrows, movements, further ways, stopping lines, numbers of arms and signs."""
+        """Return SVG elements of lanes with marks and arrows, movements, other ways, stopping lines, arm numbers and signs."""
         junction, width = self.junction, self.junction.lane_width
         ways = [junction.way_through(*key) for key in junction.movements]
         lanes = [*map(junction.way_in, range(len(junction.entrances))), *map(junction.way_out, range(len(junction.exits))), *ways]
@@ -79,12 +84,13 @@ class Scene:
                 for line, broken in marks(side, width, left_hand=junction.left_hand, centre=centre):
                     parts.append(f'<polyline class="{"mark broken" if broken else "mark"}" points="{path(line)}"/>')
         parts += [f'<polyline class="way" points="{path(s.points)}"/>' for s in ways]
-        parts += (_stripes(way) for way, _, _ in junction.further)
+        parts += map(_zebra, junction.crossings if junction.further else ())
+        parts += (_stripes(way) for way, _, _ in junction.further if not isinstance(way, Crossing | Parking))
         parts += map(self._entrance, range(len(junction.entrances)))
         return "".join(parts)
 
     def _entrance(self, entrance: int) -> str:
-        """Return the stopping line and the arrow of a lane; for a lane at the kerb also the number and the sign of its arm."""
+        """Return SVG elements of an entrance: stopping line and arrow; at the kerb also the number and the sign of its arm."""
         junction, lane = self.junction, self.junction.entrances[entrance]
         x, y, heading = junction.way_in(entrance).pose(junction.approach(entrance))
         ax, ay = -sin(heading) * junction.lane_width / 2, cos(heading) * junction.lane_width / 2
@@ -103,17 +109,22 @@ class Scene:
     def _kerb(self, entrance: int) -> tuple[float, float]:
         """Return a point beside the road at a stopping line."""
         x, y, heading = self.junction.way_in(entrance).pose(self.junction.approach(entrance))
-        aside = self.junction.lane_width * (1 if self.junction.left_hand else -1)
+        beyond = _BAY if self.junction.further and self.junction.crossings else 0.0
+        aside = (self.junction.lane_width + beyond) * (1 if self.junction.left_hand else -1)
         return x - sin(heading) * aside, y + cos(heading) * aside
 
     def lights(self, colours: Iterable[int]) -> str:
-        """Return a lamp per entrance with a light; a letter in the lamp names the colour for colour-blind readers.
+        """Return an SVG lamp per entrance with a light; a letter in the lamp names the colour for colour-blind readers.
 
-        The lamp stands at the kerb, or hangs over the lane if the arm has several lanes.
+        The lamp stands at the kerb, or hangs over the lane if the arm has several lanes. The lamp of a pedestrian light is
+        smaller, and stands beside the crosswalk.
         """
         parts = []
         for entrance, colour in enumerate(map(Colour, colours)):
             if colour is Colour.NONE:
+                continue
+            if entrance >= len(self.junction.entrances):
+                parts.append(_lamp(entrance, colour, *self._beside(entrance), " scale(.6)"))
                 continue
             x, y, heading = self.junction.way_in(entrance).pose(self.junction.approach(entrance))
             if len(self.junction.arms[self.junction.entrances[entrance].arm].entrances) > 1:
@@ -121,17 +132,46 @@ class Scene:
             else:
                 px, py = self._kerb(entrance)
                 qx, qy = px - 3.2 * cos(heading), py - 3.2 * sin(heading)
-            parts.append(
-                f'<g class="lamp" data-entrance="{entrance}" transform="translate({qx:.2f} {-qy:.2f})">'
-                f'<circle r="1.3" fill="{_LIGHTS[colour]}"/><text class="letter" y="0.65">{colour.name[0]}</text></g>'
-            )
+            parts.append(_lamp(entrance, colour, qx, qy))
         return "".join(parts)
+
+    def _beside(self, start: int) -> tuple[float, float]:
+        """Return a point on the sidewalk beside the crosswalk at the start of a crossing."""
+        walk, way = self.junction.way_in(start), self.junction.further[start - len(self.junction.entrances)].way
+        x, y, heading = walk.pose(walk.length - 0.9)
+        if not isinstance(way, Crossing):
+            return x, y
+        aside = _width(self.junction.crossings[way.crosswalk]) / 2 + 0.9
+        aside *= -1 if (way.side is Side.NEAR) != self.junction.left_hand else 1  # on the side of the junction
+        return x - aside * sin(heading), y + aside * cos(heading)
+
+
+def _lamp(start: int, colour: Colour, x: float, y: float, scale: str = "") -> str:
+    return (
+        f'<g class="lamp" data-entrance="{start}" transform="translate({x:.2f} {-y:.2f}){scale}">'
+        f'<circle r="1.3" fill="{_LIGHTS[colour]}"/><text class="letter" y="0.65">{colour.name[0]}</text></g>'
+    )
+
+
+def _width(crosswalk: Crosswalk) -> float:
+    """Return the mean width of a crosswalk: its area by its length [m]."""
+    (x, y), (u, v) = crosswalk.area.T, np.roll(crosswalk.area, -1, axis=0).T
+    return float(abs(np.dot(x, v) - np.dot(y, u)) / 2.0 / crosswalk.path.length)
+
+
+def _zebra(crosswalk: Crosswalk) -> str:
+    """Return SVG elements of a crosswalk: its area, with stripes of 0.5 m that lie in the direction of the vehicles."""
+    stripes = f'stroke="#fff" stroke-dasharray=".5" stroke-width="{_width(crosswalk):.2f}"'
+    return (
+        f'<polygon class="crosswalk" fill="#fff" opacity=".3" points="{path(crosswalk.area)}"/>'
+        f'<polyline class="crosswalk" fill="none" {stripes} points="{path(crosswalk.path.points)}"/>'
+    )
 
 
 def _stripes(way: Way) -> str:
-    """Return a way that is no movement as stripes across it, as wide as the way; nothing if its centre line is not known."""
-    style = f"fill:none;stroke:#fff;stroke-dasharray:.5;stroke-width:{way.width:g}"
-    return "" if way.path is None else f'<polyline class="further" style="{style}" points="{path(way.path.points)}"/>'
+    """Return SVG stripes for a way other than a movement, such as a crosswalk; empty without a known centre line."""
+    style = f'fill="none" stroke="#fff" stroke-dasharray=".5" stroke-width="{way.width:g}"'
+    return "" if way.path is None else f'<polyline class="further" {style} points="{path(way.path.points)}"/>'
 
 
 def label(junction: Junction, entrance: int) -> str:
@@ -140,10 +180,10 @@ def label(junction: Junction, entrance: int) -> str:
 
 
 def inks(agents: Sequence[Agent]) -> list[str]:
-    """Return the colours of agents: a colour per start of a way, or a colour per agent if several agents share a start."""
+    """Return the colours of agents: a colour per entrance, or a colour per agent if several agents share an entrance."""
     several = max(Counter(agent.entrance for agent in agents).values(), default=0) > 1
     numbers = range(len(agents)) if several else [agent.entrance for agent in agents]
-    return [_shade(number) for number in numbers]
+    return [_PARKED if isinstance(agent.way, Parking) else _shade(k) for agent, k in zip(agents, numbers, strict=True)]
 
 
 def _shade(number: int) -> str:
@@ -162,7 +202,9 @@ def body(  # noqa: PLR0913 - a vehicle and its look
     style: str = "vehicle",
     more: str = "",
 ) -> str:
-    """Return a vehicle to scale.
+    """Return the SVG element of an agent, drawn to scale.
+
+    The name of a pedestrian stands above its circle. Of a group, only the first pedestrian has its name there.
 
     Args:
         pose: pose of the centre of the front bumper: x [m], y [m], heading [rad].
@@ -181,6 +223,15 @@ def body(  # noqa: PLR0913 - a vehicle and its look
     # The width of a bold letter is about 0.6 of its height; the arrow at the front takes a part of the room.
     middle = length * (0.58 if along else 0.5)
     high = min(_NAME, 0.75 * length / (0.6 * len(agent.name))) if along else _NAME
+    if agent.kind is Kind.PEDESTRIAN:
+        turned, middle, short = degrees(heading), length / 2, "" if "+" in name else name
+        return (
+            f'<g class="{style}" data-agent="{name}" transform="{placed(pose)}">{kind}'
+            f'<rect{outline} x="{-length:g}" y="{-width / 2:g}" width="{length:g}" height="{width:g}" '
+            f'rx="{width / 2:g}" fill="{colour}"{_EDGE}/><text font-size="{_SMALL:g}" text-anchor="middle" font-weight="bold" '
+            f'fill="{colour}" transform="translate({-middle:g} 0) rotate({turned:.2f})" y="{-width / 2 - 0.2:.2f}">{short}</text>'
+            f"{more}</g>"
+        )
     return (
         f'<g class="{style}" data-agent="{name}" transform="{placed(pose)}">{kind}'
         f'<rect{outline} x="{-length:g}" y="{-width / 2:g}" width="{length:g}" height="{width:g}" '
@@ -192,16 +243,16 @@ def body(  # noqa: PLR0913 - a vehicle and its look
 
 
 def placed(pose: NDArray[np.float64]) -> str:
-    """Return the SVG transform from a body around the centre of its front bumper to a pose."""
+    """Return the SVG transform that moves a body to a pose; the body has the centre of its front bumper at the origin."""
     x, y, heading = map(float, pose)
     return f"translate({x:.3f} {-y:.3f}) rotate({-degrees(heading):.2f})"
 
 
 def size(run: Run, agent: int) -> tuple[float, float]:
-    """Return length and width of a body [m]; those of the default vehicle if the run has no size."""
+    """Return length and width of an agent's body [m]; the size of the default vehicle if the run holds no size."""
     return run.agents[agent].size or (Vehicle().length, Vehicle().width)
 
 
 def path(points: NDArray[np.float64]) -> str:
-    """Return points of shape ``(k, 2)`` [m] as SVG coordinates, y down."""
+    """Return points of shape ``(k, 2)`` [m] as the text of an SVG attribute ``points``, with y down."""
     return " ".join(f"{x:.2f},{-y:.2f}" for x, y in points)

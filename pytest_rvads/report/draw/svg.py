@@ -1,4 +1,4 @@
-"""Pieces of SVG: documents, lines, text, traffic signs, and the arrows and marks on lanes."""
+"""Makes elements of SVG: documents, lines, text, traffic signs, and the arrows and marks on lanes."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.geometry.control import Sign
-from pytest_rvads.geometry.segment import Turn
+from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.support.wording import markup
 
 __all__ = ["arrow", "beside", "document", "marks", "polyline", "sign", "text", "wrap"]
@@ -40,18 +40,18 @@ def document(width: float, height: float, body: Iterable[str], defs: str = "") -
 
 
 def polyline(points: Iterable[Sequence[float]], **style: str | float) -> str:
-    """Return an open line through `points`; underscores in the names of style attributes become hyphens."""
+    """Return an SVG line through `points`; underscores in the names of style attributes become hyphens."""
     path = "L".join(f"{x:.1f} {y:.1f}" for x, y in points)
     return f'<path d="M{path}" fill="none"{_attributes(style)}/>'
 
 
 def text(x: float, y: float, content: str, **style: str | float) -> str:
-    """Return a line of text at a point, escaped."""
+    """Return an SVG text element at a point, with the text escaped."""
     return f'<text x="{x:.1f}" y="{y:.1f}"{_attributes(style)}>{markup(content)}</text>'
 
 
 def wrap(content: str, width: int) -> list[str]:
-    """Return text in lines of at most `width` characters; longer words are broken, too."""
+    """Return text in lines of at most `width` characters; a word longer than a line is broken."""
     lines = [""]
     for word in content.split():
         for part in (word[i : i + width] for i in range(0, len(word), width)):
@@ -67,7 +67,7 @@ def _attributes(style: dict[str, str | float]) -> str:
 
 
 def sign(kind: Sign, x: float, y: float, radius: float) -> str:
-    """Return a stop sign (octagon), a yield sign (triangle) or a priority sign (diamond) at a point; an empty text for others."""
+    """Return the SVG element of a stop, yield or priority sign at a point; an empty text for other controls."""
     border = f'stroke-width="{radius / 5:.2f}"'
     match kind:
         case Sign.STOP:
@@ -86,12 +86,12 @@ def sign(kind: Sign, x: float, y: float, radius: float) -> str:
 
 
 def arrow(turns: Collection[Turn]) -> str:
-    """Return the path of the arrow on a lane with these turns, in metres, x in the direction of travel and y to its right."""
+    """Return the SVG path of the arrow on a lane with these turns [m], x in the direction of travel and y to the right."""
     return "".join(_ARROWS[turn] for turn in Turn if turn in turns)
 
 
 def beside(points: Points, left: float) -> Points:
-    """Return a line parallel to a line.
+    """Return a line parallel to another line.
 
     Args:
         points: points of the line, shape ``(k, 2)`` [m].
@@ -103,13 +103,13 @@ def beside(points: Points, left: float) -> Points:
 
 
 def marks(lanes: Sequence[Points], width: float, *, left_hand: bool, centre: bool) -> Iterator[tuple[Points, bool]]:
-    """Yield the marks along lanes of a direction, and whether each mark is broken; marks between two lanes are broken.
+    """Yield the marks along the lanes of an arm in one direction, each with whether it is a broken (dashed) line.
 
     Args:
         lanes: centre lines, from the kerb.
         width: width of a lane [m].
         left_hand: whether traffic keeps left.
-        centre: whether the last lane has a mark on its inner side.
+        centre: whether the last lane has a mark on its side towards the centre of the road.
     """
     inward = -width / 2 if left_hand else width / 2
     for number, lane in enumerate(lanes):

@@ -1,1 +1,1 @@
-"""What tests ask for by ``@rvads.scenario`` and ``@rvads.recorded``, and its expansion into items at collection."""
+"""The marks ``@rvads.scenario`` and ``@rvads.recorded``, and their expansion into test items when pytest collects the tests."""

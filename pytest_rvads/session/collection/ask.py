@@ -1,6 +1,6 @@
 """The arguments of ``@rvads.scenario``: checked when the mark is evaluated, resolved when its test is collected.
 
-An `Ask` has the file and line of its mark. So an error that only a junction or the session can show names this line, too.
+An `Ask` holds the file and line of its mark, so that errors which are found only at collection name this line, too.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from typing import Any
 from pytest_rvads.drivers.traffic import DEFAULT, Policy
 from pytest_rvads.geometry.builtin import LAYOUTS
 from pytest_rvads.geometry.choosing import EVERY, choose_among, some
+from pytest_rvads.geometry.finder import Kinds
 from pytest_rvads.geometry.junction import Junction
-from pytest_rvads.geometry.kinds import Kinds
 from pytest_rvads.logic.rules.book import claim, rules_for
 from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.scenarios.classes import parse
@@ -25,16 +25,17 @@ from pytest_rvads.scenarios.orbits import OCCUPANCIES
 from pytest_rvads.scenarios.scenario import check_followers, check_numbers
 from pytest_rvads.scenarios.selection import CHOOSING, COVERS, Selection
 from pytest_rvads.scenarios.senses import IDEAL, Senses
+from pytest_rvads.scenarios.walks import Walk, walks_of
+from pytest_rvads.session.collection.cells import NoRoom, Resolved, Selected
 from pytest_rvads.session.collection.extensions import Extensions
 from pytest_rvads.session.collection.misuse import several
-from pytest_rvads.session.collection.resolved import NoRoom, Resolved, Selected
 from pytest_rvads.session.options import Options
 from pytest_rvads.support.errors import ScenarioError, suggest
 
 __all__ = ["Ask", "judged_at"]
 
 _Values = tuple[float | tuple[float, ...], ...]
-"""Values to run in succession, each for all entrances or per entrance."""
+"""Distances or speeds to run in succession; each is a number for all entrances, or a tuple with a number per entrance."""
 _SEVERAL: dict[str, tuple[Any, str]] = {
     "junction": (str, "names, ids or types of junctions"),
     "classes": (Integral, "class numbers"),
@@ -45,28 +46,28 @@ _SEVERAL: dict[str, tuple[Any, str]] = {
     "senses": (Senses, "rvads.Senses(...) or a dict of their fields"),
     "requirement": (str, "identifiers of requirements"),
 }
-"""The arguments that take one value or several values, to the type of a value and its name in messages."""
+"""Per argument that takes one value or several values: the type of a value, and its name in messages."""
 _SINGLE: dict[str, tuple[Callable[[Any], bool], str]] = {
     "limit": (lambda most: most is None or (type(most) is int and most > 0), "a whole number of junctions, 1 or more"),
-    "map": (lambda file: file is None or isinstance(file, str | os.PathLike), "the path of an OpenDRIVE file"),
+    "map": (lambda file: file is None or isinstance(file, str | os.PathLike), "the path of a map file"),
     "cover": (lambda cover: cover in (None, *COVERS), f"one of {', '.join(COVERS)}"),
     "occupancy": (lambda occupancy: occupancy in OCCUPANCIES, f"one of {', '.join(OCCUPANCIES)}"),
     "probe": (lambda probe: isinstance(probe, bool), "True or False"),
     "subject": (lambda subject: subject in (None, "all") or type(subject) is int, "an entrance, counted from 0, or 'all'"),
 }
-"""The arguments that take one value, to a test of the value and the expected value in words."""
+"""Per argument that takes one value: a test of the value, and the expected value in words."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Ask:
-    """The arguments of ``@rvads.scenario``, see `pytest_rvads.scenario`; None stands for the default of the session."""
+    """The arguments of a mark ``@rvads.scenario``, see `pytest_rvads.scenario`; None stands for the default of the session."""
 
     place: str
     """File and line of the mark."""
     junction: tuple[str, ...]
     """Names, ids, types or places of junctions."""
     kinds: Kinds | None
-    """Kinds to which the junctions are restricted; None for all kinds."""
+    """Kinds (control, number of arms, approach) to which the junctions are restricted; None for all kinds."""
     limit: int | None
     map: str | os.PathLike[str] | None
     classes: tuple[int, ...] | None
@@ -81,7 +82,8 @@ class Ask:
     rules: tuple[str | Rule, ...] | None
     subject: int | str | None
     traffic: tuple[Policy | None, ...]
-    """Policies of the traffic; only None without a subject."""
+    """Policies of the traffic; without a subject, the only policy is None."""
+    pedestrians: tuple[Walk, ...]
     senses: tuple[Senses, ...]
     duration: float | None
     aggression: int
@@ -114,6 +116,7 @@ class Ask:
             "kinds": None if kinds is None else Kinds.of(kinds),
             "distances": _values_of("distances", arguments["distances"]),
             "speeds": _values_of("speeds", arguments["speeds"]),
+            "pedestrians": walks_of(arguments["pedestrians"]),
             "traffic": (None,) if arguments["subject"] is None else _policies_of(arguments["traffic"]),
             "senses": Senses.grid(arguments["senses"])
             if isinstance(arguments["senses"], Mapping)
@@ -133,13 +136,13 @@ class Ask:
         watch: Callable[..., Iterable[Configuration]],
         takes_rule: bool,
     ) -> Selected:
-        """Return what the mark selects at each junction.
+        """Return the runs and rules that the mark selects at each junction.
 
         Args:
             folder: folder of the test file.
             options: options of the session.
             added: junctions and grids that users add by hooks.
-            watch: yields configurations and shows the progress.
+            watch: yields the configurations that it is given, and shows the progress.
             takes_rule: whether the test runs over rules.
 
         Raises:
@@ -176,11 +179,12 @@ class Ask:
         watch: Callable[..., Iterable[Configuration]],
         takes_rule: bool,
     ) -> Resolved:
-        """Return what the mark selects at a junction.
+        """Return the runs and rules that the mark selects at a junction.
 
         Raises:
             ScenarioError: the junction does not fit the mark, or no scenario has room for its vehicles.
         """
+        place = place.walked if self.pedestrians else place
         configurations, left_out = self._configurations(place, options, grids, watch)
         entrances, codes = len(place.entrances), []
         for text in self.scenarios or ():
@@ -188,7 +192,7 @@ class Ask:
             if len(code) != entrances:
                 raise ScenarioError(f"scenario {text!r} names {len(code)} entrances, junction {place.name!r} has {entrances}")
         cover = self.cover or options.cover
-        if cover in CHOOSING and (self.classes or self.scenarios):  # such covers of the session are for other tests
+        if cover in CHOOSING and (self.classes or self.scenarios):  # the cover of the session is for tests that name no scenarios
             cover = "class"
         selection = Selection(
             place,
@@ -204,7 +208,7 @@ class Ask:
         return resolved
 
     def judged_by(self, place: Junction) -> tuple[Rule, ...]:
-        """Return the rules for runs at a junction.
+        """Return the rules that judge the runs at a junction.
 
         Raises:
             RvadsError: see `judged_at`.
@@ -212,7 +216,7 @@ class Ask:
         return judged_at(self.rules or ("paper" if self.subject is None else "road",), place)
 
     def _source(self, junction: str, folder: Path, default: str | None, added: Extensions) -> tuple[str, str | None]:
-        """Return the name of a junction and the path of its map file, as `find` takes the two."""
+        """Return the name of a junction and the path of its map file, the arguments of `find`."""
         if self.map is not None:
             file = folder / self.map
             return junction, str((file if file.exists() else Path(self.map)).resolve())
@@ -228,7 +232,7 @@ class Ask:
         grids: Mapping[str, tuple[Any, Any]],
         watch: Callable[..., Iterable[Configuration]],
     ) -> tuple[tuple[Configuration, ...], int]:
-        """Return the configurations to run, and the number of configurations beyond the braking envelope."""
+        """Return the configurations (distances and speeds) to run, and how many are left out beyond the braking envelope."""
         ways, names = len(place.entrances), self.grid or (options.grid or ("paper" if self.subject is None else ARRIVALS),)
         axes = [grids[name] for name in names if name in grids]
         letters = [name for name in names if name not in grids]
@@ -248,24 +252,24 @@ class Ask:
     def _stopping(
         self, points: Sequence[Configuration], place: Junction, watch: Callable[..., Iterable[Configuration]]
     ) -> list[Configuration]:
-        """Return the points from which vehicles can stop, by the braking envelope of the session's simulator."""
+        """Return the distances and speeds from which vehicles can stop, by the braking envelope of the session's simulator."""
         from pytest_rvads.simulators.simulator import vmax  # most tests need no physics before they run
 
         return [point for point in watch(points) if not outside(point, lambda d: vmax(d, self.aggression, limit=place.top_limit))]
 
 
 def _reason(error: ScenarioError, place: Junction) -> str:
-    """Return the reason why a junction is left out, without its name, so that equal reasons are counted together."""
+    """Return the reason why a junction is left out, without the name of the junction, so that equal reasons count together."""
     if isinstance(error, NoRoom):
         return "no scenario has room for its vehicles where they would start"
     return str(error).replace(f"junction {place.name!r}", "the junction").replace(f" like {place.name!r}", "")
 
 
 def judged_at(names: Sequence[str | Rule], place: Junction) -> tuple[Rule, ...]:
-    """Return the rules among `names` (rules and rulebooks) that are about the control of a junction.
+    """Return the rules among `names` (rules and rulebooks) that apply to the control of a junction, i.e. to its signs or lights.
 
     Raises:
-        RvadsError: a rule is unknown, no rule is about the control of the junction, or a rule has the name of another rule.
+        RvadsError: a rule is unknown, no rule applies to the control of the junction, or a rule has the name of another rule.
     """
     rules = rules_for(names, place)
     if not rules:
@@ -278,7 +282,7 @@ def judged_at(names: Sequence[str | Rule], place: Junction) -> tuple[Rule, ...]:
     return rules
 
 
-_UNCHANGED = ("occupancy", "classes", "subject", "followers", "senses", "duration", "aggression", "wait")
+_UNCHANGED = ("occupancy", "classes", "subject", "followers", "senses", "pedestrians", "duration", "aggression", "wait")
 """Arguments of the mark that are passed to `Selection` unchanged."""
 
 

@@ -1,15 +1,20 @@
-"""Cells: a cell is the run and the rule of one item of pytest, with the keys by which ``-m`` and known deficiencies select it."""
+"""Cells: a cell is the run and the rule of one test item, with the keys by which ``-m`` and ``@rvads.known`` select the item.
+
+The marks of a test select cells: junctions, the runs at each junction, and a sample of the runs.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from hashlib import sha256
 from numbers import Integral
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-from pytest_rvads.session.collection.misuse import several
+from pytest_rvads.session.collection.misuse import several, told_at
 from pytest_rvads.support.errors import ScenarioError, suggest
+from pytest_rvads.support.stratified import draw
 
 if TYPE_CHECKING:
     from pytest_rvads.drivers.traffic import Policy
@@ -17,9 +22,23 @@ if TYPE_CHECKING:
     from pytest_rvads.scenarios.scenario import Scenario
     from pytest_rvads.scenarios.selection import Selection
 
-__all__ = ["KEYS", "Cell", "Known", "RecordedCell", "Unfit", "cells_of", "run_name", "runs_of"]
+__all__ = [
+    "KEYS",
+    "Cell",
+    "Known",
+    "NoRoom",
+    "PlannedRun",
+    "RecordedCell",
+    "Resolved",
+    "Runs",
+    "Selected",
+    "Unfit",
+    "cells_of",
+    "run_name",
+    "runs_of",
+]
 
-KEYS = ("junction", "cls", "scenario", "cfg", "rotation", "seat", "traffic", "recording", "rule")
+KEYS = ("junction", "cls", "scenario", "cfg", "rotation", "seat", "pedestrians", "traffic", "recording", "rule")
 """Keywords that select cells, in ``-m "rvads(cls=7)"`` and in ``@rvads.known(cls=7)``."""
 
 Traced = tuple[str, ...]
@@ -27,7 +46,7 @@ Traced = tuple[str, ...]
 
 
 def run_name(nodeid: str, cell: Cell | RecordedCell) -> str:
-    """Return the id of an item without the rule, the name that all items of one run of a test share.
+    """Return the id of a test item without the rule; all items of a test that judge one run share this name.
 
     Args:
         nodeid: pytest's id of the item.
@@ -37,27 +56,27 @@ def run_name(nodeid: str, cell: Cell | RecordedCell) -> str:
 
 
 def _digest(rule: Rule | None) -> str:
-    """Return a digest of the formula of a rule, its tie window and the agents that it binds; empty without a rule."""
+    """Return a digest of a rule: its formula, its tie window, and the agents to which the rule applies; empty without a rule."""
     return sha256(repr((rule.text, rule.tie, rule.bound)).encode()).hexdigest()[:8] if rule else ""
 
 
 @dataclass(frozen=True, slots=True)
 class Cell:
-    """The run and the rule of one item with a simulated run."""
+    """The run and the rule of one test item that simulates a run."""
 
     scenario: Scenario
     rule: Rule | None
-    """None if the test does not run over rules."""
+    """The rule of the test item; None if the test does not run over rules."""
     traffic: Policy | None
-    """Policy of the traffic in a scenario with a subject, else None."""
+    """Policy (driver) of the traffic in a scenario with a subject; None in a scenario without a subject."""
     id: str = field(compare=False)
-    """The part in brackets of the item's id."""
+    """The part in brackets of the test item's id."""
     run: str = field(compare=False)
-    """The id without the rule, which all cells of a run share."""
+    """Name of the run: the id without the rule, which all cells of a run share."""
     keys: dict[str, str | int] = field(compare=False)
-    """Keys and values that select the cell."""
+    """By key of `KEYS`, the value with which ``-m`` and ``@rvads.known`` select the cell."""
     requirements: tuple[str, ...] = field(compare=False)
-    """Identifiers of the requirements that scenario and rule trace to."""
+    """Identifiers of the requirements to which the scenario and the rule trace."""
 
     @property
     def ways(self) -> int:
@@ -66,20 +85,20 @@ class Cell:
 
     @property
     def start(self) -> dict[str, str | int]:
-        """The first fields of the record of the item."""
+        """The fields of the test item's record that are known before the item runs, by name."""
         place = self.scenario.place
         return {**self.keys, "orbit": self.scenario.orbit, "control": place.control.value, "formula": _digest(self.rule)}
 
 
 @dataclass(frozen=True, slots=True)
 class RecordedCell:
-    """The run and the rule of one item with a recorded run."""
+    """The run and the rule of one test item that judges a recorded run."""
 
     path: str
     index: int
     """Index of the run in its file."""
     rule: Rule | None
-    """None if the test does not run over rules."""
+    """The rule of the test item; None if the test does not run over rules."""
     trouble: str = field(compare=False)
     """Reason why the file can't be read; empty for a readable file."""
     ways: int = field(compare=False)
@@ -87,40 +106,48 @@ class RecordedCell:
     control: str = field(compare=False)
     """Control of the junction; empty if the file can't be read."""
     id: str = field(compare=False)
-    """The part in brackets of the item's id."""
+    """The part in brackets of the test item's id."""
     run: str = field(compare=False)
-    """The id without the rule, which all cells of a run share."""
+    """Name of the run: the id without the rule, which all cells of a run share."""
     keys: dict[str, str | int] = field(compare=False)
-    """Keys and values that select the cell."""
+    """By key of `KEYS`, the value with which ``-m`` and ``@rvads.known`` select the cell."""
     requirements: tuple[str, ...] = field(compare=False)
-    """Identifiers of the requirements that mark and rule trace to."""
+    """Identifiers of the requirements to which the mark of the test and the rule trace."""
 
     @property
     def start(self) -> dict[str, str | int]:
-        """The first fields of the record of the item."""
+        """The fields of the test item's record that are known before the item runs, by name."""
         return {**self.keys, "control": self.control, "formula": _digest(self.rule)}
 
 
 @dataclass(slots=True)
 class Unfit:
-    """Counts the scenarios that are left out because a vehicle has no room at its start."""
+    """Counts the scenarios that are left out."""
 
     count: int = 0
+    """Number of scenarios in which a vehicle has no room at its start."""
+    crossed: int = 0
+    """Number of scenarios in which a pedestrian would have crossed before the run begins."""
     first: ScenarioError | None = None
     """Reason for the first scenario that was left out."""
 
     def add(self, error: ScenarioError) -> None:
-        """Count a scenario."""
-        self.count += 1
+        """Count a scenario that is left out, with the reason."""
+        from pytest_rvads.scenarios.pedestrians import Crossed
+
+        if isinstance(error, Crossed):
+            self.crossed += 1
+        else:
+            self.count += 1
         self.first = self.first or error
 
 
 def runs_of(selection: Selection, policies: Sequence[Policy | None], unfit: Unfit) -> Iterator[tuple[Scenario, Policy | None]]:
-    """Yield the runs of a selection: each scenario with each policy of the traffic.
+    """Yield the runs of a selection: each scenario with each traffic policy (driver of the other vehicles).
 
     Args:
         selection: the scenarios.
-        policies: policies of the traffic; only None without traffic.
+        policies: policies of the traffic; without traffic, the only policy is None.
         unfit: counts the scenarios that are left out.
     """
     for scenario in selection.fitting(unfit.add):
@@ -128,7 +155,7 @@ def runs_of(selection: Selection, policies: Sequence[Policy | None], unfit: Unfi
 
 
 def cells_of(scenario: Scenario, policy: Policy | None, axis: Sequence[tuple[Rule | None, Traced]]) -> Iterator[Cell]:
-    """Yield the cells of a run: one cell per rule of the axis, with the requirements that the rule traces to."""
+    """Yield the cells of a run, one cell per rule, with the requirements that the rule traces to."""
     from pytest_rvads.scenarios.ids import run_id
 
     run = run_id(scenario, None if policy is None else policy.name)
@@ -141,6 +168,8 @@ def cells_of(scenario: Scenario, policy: Policy | None, axis: Sequence[tuple[Rul
     }
     if scenario.subject is not None:
         keys["seat"] = scenario.subject
+    if scenario.pedestrians:
+        keys["pedestrians"] = scenario.walking
     if policy:
         keys["traffic"] = policy.name
     for rule, traced in axis:
@@ -152,14 +181,14 @@ def cells_of(scenario: Scenario, policy: Policy | None, axis: Sequence[tuple[Rul
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Known:
-    """The arguments of ``@rvads.known``: the cells of a known deficiency."""
+    """The arguments of ``@rvads.known``: a known deficiency of the driver, and the test items that fail because of it."""
 
     place: str
     """File and line of the mark."""
     name: str
     reason: str
     where: Mapping[str, tuple[str | int, ...]]
-    """Key of cells to the values that match."""
+    """By key of `KEYS`, the values of the test items that the deficiency makes fail."""
 
     @classmethod
     def of(cls, place: str, name: str, reason: str, where: Mapping[str, Any]) -> Known:
@@ -182,5 +211,144 @@ class Known:
         return f"@rvads.known({self.name!r}{''.join(f', {key}={values!r}' for key, values in self.where.items())})"
 
     def matches(self, cell: Cell | RecordedCell) -> bool:
-        """Return whether a cell has the deficiency."""
+        """Return whether the known deficiency makes the test item of a cell fail."""
         return all(cell.keys.get(key) in values for key, values in self.where.items())
+
+
+class NoRoom(ScenarioError):
+    """No scenario of a junction has room for its vehicles.
+
+    Cause: approaches that are shorter than the distances asked for.
+    Remedy: smaller distances, fewer followers, or other junctions.
+    """
+
+
+@dataclass(frozen=True)
+class Resolved:
+    """The scenarios, traffic policies and rules that one mark selects at one junction."""
+
+    mark: str
+    """File and line of the mark."""
+    selection: Selection
+    traffic: tuple[Policy | None, ...]
+    """Policies of the traffic; without a subject, the only policy is None."""
+    rules: tuple[Rule | None, ...]
+    """Rules of the items; None is the only entry if the test does not run over rules."""
+    requirement: tuple[str, ...]
+
+    @cached_property
+    def axis(self) -> list[tuple[Rule | None, Traced]]:
+        """The rules of the test items, with the requirements that each rule traces to in this test."""
+        of_mark = self.requirement
+        return [(rule, (*of_mark, rule.requirement) if rule and rule.requirement else of_mark) for rule in self.rules]
+
+    @property
+    def runs(self) -> int:
+        """Number of selected runs, including runs whose vehicles have no room at the start; see `Selection.count`."""
+        return self.selection.count() * self.selection.points * len(self.traffic)
+
+    def check(self) -> None:
+        """Check that every named scenario exists, and that at least one scenario has room for its vehicles.
+
+        Raises:
+            ScenarioError: a named scenario does not exist, or no scenario has a vehicle that can meet a pedestrian.
+            NoRoom: no scenario has room.
+        """
+        if self.selection.scenarios is not None:
+            for _ in replace(self.selection, configurations=self.selection.configurations[:1]):
+                pass
+        unfit, walks = Unfit(), self.selection.pedestrians
+        if (walks or self.selection.count()) and next(runs_of(self.selection, self.traffic, unfit), None) is None:
+            if unfit.first:
+                raise unfit.first if unfit.crossed else NoRoom(str(unfit.first))
+            if walks:
+                raise ScenarioError(
+                    f"no vehicle{'' if self.selection.subject is None else ' under test'} drives over a crosswalk at which "
+                    f"pedestrians= lets pedestrians walk at junction {self.selection.place.name!r}: choose other crosswalks or "
+                    "other scenarios"
+                )
+
+
+@dataclass(frozen=True, slots=True)
+class Selected:
+    """The junctions that a mark selects, with the runs at each junction."""
+
+    resolved: tuple[Resolved, ...]
+    """The scenarios, traffic policies and rules that the mark selects, per junction that fits the mark."""
+    left_out: tuple[tuple[str, str], ...]
+    """Junctions that the mark names and that can't be used, with the reason for each junction."""
+    passed_over: int
+    """Number of junctions that fit the mark but were not drawn, because the mark limits the number of junctions."""
+
+
+class PlannedRun(NamedTuple):
+    """A planned run of a test, with its rules."""
+
+    resolved: Resolved
+    scenario: Scenario
+    policy: Policy | None
+
+    def cells(self) -> Iterator[Cell]:
+        """Yield the cells of the run, one cell per rule."""
+        return cells_of(self.scenario, self.policy, self.resolved.axis)
+
+    @property
+    def name(self) -> str:
+        """The id of the run within ids of items."""
+        from pytest_rvads.scenarios.ids import run_id
+
+        return run_id(self.scenario, None if self.policy is None else self.policy.name)
+
+    @property
+    def stratum(self) -> tuple[str, str, str]:
+        """Junction, class and configuration of the run; a sample is spread evenly over these."""
+        scenario = self.scenario
+        return scenario.place.name, scenario.orbit or str(scenario.number), scenario.point
+
+
+class Runs:
+    """The runs that the marks of a test select; all runs can be larger than memory, so each iteration makes the runs again.
+
+    Args:
+        resolved: what the marks select, in the order of the marks.
+        test: node id of the test.
+        watch: yields the runs that it is given, and shows the progress.
+    """
+
+    def __init__(
+        self, resolved: Sequence[Resolved], test: str, watch: Callable[[Iterator[PlannedRun]], Iterator[PlannedRun]] = iter
+    ) -> None:
+        self._resolved = resolved
+        self._test = test
+        self._watch = watch
+        self._repeats = len({at_junction.selection.place.name for at_junction in resolved}) < len(resolved)
+        """Whether several marks can select the same run."""
+        self.total = 0
+        """Number of runs at the last iteration."""
+        self.unfit = 0
+        """Number of scenarios without room for their vehicles at the last iteration."""
+        self.crossed = 0
+        """Number of scenarios whose pedestrian would have crossed before the run begins, at the last iteration."""
+
+    def __iter__(self) -> Iterator[PlannedRun]:
+        """Yield each run once per distinct mark that asks for the run."""
+        return self._watch(self._distinct())
+
+    def _distinct(self) -> Iterator[PlannedRun]:
+        self.total, self.unfit, self.crossed = 0, 0, 0
+        runs: dict[str, PlannedRun] = {}
+        for resolved in self._resolved:
+            unfit = Unfit()
+            with told_at(f"{resolved.mark}: {self._test}"):
+                for scenario, policy in runs_of(resolved.selection, resolved.traffic, unfit):
+                    run = PlannedRun(resolved, scenario, policy)
+                    if self._repeats and (first := runs.setdefault(run.name, run)) is not run and first[1:] == run[1:]:
+                        continue
+                    self.total += 1
+                    yield run
+            self.unfit += unfit.count
+            self.crossed += unfit.crossed
+
+    def drawn(self, size: int, seed: int) -> list[PlannedRun]:
+        """Return a sample of `size` runs, spread over junctions, classes and configurations."""
+        return draw(self, size, seed, lambda run: run.stratum, lambda run: run.name)

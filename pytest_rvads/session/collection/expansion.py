@@ -1,50 +1,58 @@
-"""The expansion of marks into test items at collection.
+"""Expands the marks of tests into test items when pytest collects the tests.
 
-An item is one verdict: abstract scenario x configuration x rule. The rule is the innermost axis, so that the items of one run
-follow each other.
+A test item gives one verdict on an abstract scenario, a configuration and a rule. Of all values, the rule changes fastest
+from item to item, so that the items of one run follow each other.
 
 A parameter of an item is a `Cell`; the run is simulated when the item runs. A map is read once per process. The map must be known
-at collection, so it comes from ``map=``, ``--rvads-map``, RVADS_MAP or the ini setting ``rvads_map``, in this order. The fixture
-``rvads_map`` returns only the path.
+at collection, so the path of the map comes from ``map=``, ``--rvads-map``, RVADS_MAP or the ini setting ``rvads_map``, in this
+order. The fixture ``rvads_map`` returns only the path.
+
+If a mark selects several junctions, junctions without a fitting scenario are left out, and every output counts the left-out
+junctions, with the reason. A mark without a scenario at any junction is refused.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence, Sized
+from contextlib import nullcontext
+from functools import partial
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import pytest
 
-from pytest_rvads.session.collection.cells import Cell, Known, RecordedCell
+from pytest_rvads.session.collection.cells import Cell, Known, PlannedRun, RecordedCell, Resolved, Runs
 from pytest_rvads.session.collection.extensions import extensions
 from pytest_rvads.session.collection.misuse import told_at
-from pytest_rvads.session.collection.planned import DRAWN, planned_runs, resolve, watched
+from pytest_rvads.session.plan import DRAWN, EXTENTS, LEFT_OUT, REFUSED, UNFIT
 from pytest_rvads.support.errors import OpenObligation, RuleViolation, ScenarioError
 
 if TYPE_CHECKING:
+    from pytest_rvads.report.session_report import Extent
     from pytest_rvads.session.collection.ask import Ask
+    from pytest_rvads.session.collection.extensions import Extensions
     from pytest_rvads.session.collection.recordings import OpenFiles, Recordings
-    from pytest_rvads.session.collection.resolved import Resolved
     from pytest_rvads.session.options import Options
 
 __all__ = ["FILES", "expand", "expand_recorded", "idle", "is_recorded", "unused"]
 
 T = TypeVar("T")
 C = TypeVar("C", Cell, RecordedCell)
-_CELLS, _FILES = 5000, 100
-"""Least numbers of cells and of files for which a terminal shows the progress of the collection."""
+_POINTS, _RUNS, _CELLS, _FILES = 10, 5000, 5000, 100
+"""Least numbers of things for which a terminal shows the progress: points of a grid, runs to draw from, cells, files."""
 FILES: pytest.StashKey[OpenFiles] = pytest.StashKey()
 """The files of recorded runs that were read last, for the whole session."""
 _DRIVING = ("rvads_sut", "rvads_autopilot", "rvads_vehicle", "rvads_simulator")
-"""Fixtures of simulated runs; in items of recorded runs they are None."""
+"""Fixtures that only simulated runs need; in test items of recorded runs these fixtures are None."""
+_CROSSED = "with scenarios left out in which a pedestrian would have crossed before the run begins"
+"""The message on tests for which `Runs.crossed` is not 0."""
 _KNOWN: pytest.StashKey[dict[Known, tuple[str, bool]]] = pytest.StashKey()
-"""Known deficiency to the id of the node with its mark, and to whether the deficiency matches a cell."""
+"""By known deficiency, the id of the node with its mark, and whether the deficiency matches a test item."""
 
 
 def expand(metafunc: pytest.Metafunc, options: Options) -> None:
-    """Parametrize a test over the cells of its marks.
+    """Expand a test into an item per run and rule that its marks ``@rvads.scenario`` select.
 
-    Only the nearest marks count: the marks of the function, else of the class, else of the module.
+    Only the nearest marks count: the marks of the function; without these, of the class; without both, of the module.
 
     Raises:
         Misuse: a mark can't be expanded.
@@ -58,19 +66,19 @@ def expand(metafunc: pytest.Metafunc, options: Options) -> None:
     resolved: list[Resolved] = []
     for ask in asks:
         with told_at(f"{ask.place}: {test.nodeid}"):
-            resolved += resolve(ask, test, options, added, _takes_rule(metafunc, ask.rules))
+            resolved += _resolve(ask, test, options, added, _takes_rule(metafunc, ask.rules))
     cells: dict[str, Cell] = {}
-    for run in planned_runs(resolved, test, options):
+    for run in _planned_runs(resolved, test, options):
         with told_at(f"{run.resolved.mark}: {test.nodeid}"):
             for cell in run.cells():
                 _add(cell, cells)
     _note_known(known, metafunc, cells.values())
-    items = watched(metafunc.config, f"items of {metafunc.function.__name__}", list(cells.values()), _CELLS)
+    items = _watched(metafunc.config, f"items of {metafunc.function.__name__}", list(cells.values()), _CELLS)
     metafunc.parametrize("rvads_cell", list(_params(items, [k for _, k in known])), indirect=True)
 
 
 def expand_recorded(metafunc: pytest.Metafunc, options: Options) -> None:
-    """Parametrize a test over the recorded runs of its marks; the fixtures of driver and simulator are not set up.
+    """Expand a test into an item per recorded run and rule of its marks; the fixtures of driver and simulator are not set up.
 
     Raises:
         Misuse: a mark can't be expanded.
@@ -84,7 +92,7 @@ def expand_recorded(metafunc: pytest.Metafunc, options: Options) -> None:
         raise pytest.Collector.CollectError(f"{asks[0].place}: {test.nodeid} {why}")
     _check_takes_run(metafunc, asks[0].place, "recorded")
     with told_at(test.nodeid):
-        extensions(metafunc.config, options.rules)  # the rules of users must be known by name
+        extensions(metafunc.config, options.rules)  # registers the rules of users, so that the marks can name them
     opened = metafunc.config.stash.setdefault(FILES, OpenFiles(options.speed_limit))
     cells: dict[str, RecordedCell] = {}
     for ask in asks:
@@ -98,12 +106,12 @@ def expand_recorded(metafunc: pytest.Metafunc, options: Options) -> None:
 
 
 def is_recorded(item: pytest.Item) -> bool:
-    """Return whether an item judges a recorded run."""
+    """Return whether a test item judges a recorded run."""
     return item.get_closest_marker("rvads_recorded") is not None
 
 
 def idle(item: pytest.Item) -> None:
-    """Note the known deficiencies of a test without cells, which therefore match no cell."""
+    """Note the marks ``@rvads.known`` of a test that has no items from marks, so that these marks are reported as unused."""
     noted = item.config.stash.setdefault(_KNOWN, {})
     for node, mark in item.iter_markers_with_node("rvads_known"):
         for deficiency in mark.args:
@@ -112,7 +120,7 @@ def idle(item: pytest.Item) -> None:
 
 
 def unused(config: pytest.Config) -> list[str]:
-    """Return a sentence for every mark `known` that matches no item of the marked tests."""
+    """Return a sentence for every mark ``@rvads.known`` that matches no item of the marked tests."""
     noted = config.stash.get(_KNOWN, {}).items()
     return [f"{k.place}: {node}: {k} matches no cell of any of its tests" for k, (node, used) in noted if not used]
 
@@ -148,7 +156,7 @@ def _checked_id(metafunc: pytest.Metafunc, asks: Sequence[Ask]) -> str:
 
 
 def _check_takes_run(metafunc: pytest.Metafunc, place: str, mark: str) -> None:
-    """Raise a `CollectError` for a test that has a mark and does not get its run by the mark."""
+    """Raise a `CollectError` for a test that has a mark and does not use the run of the mark."""
     test = metafunc.definition
     if "rvads_run" not in metafunc.fixturenames:
         why = "takes neither run nor monitor: add an argument"
@@ -174,10 +182,10 @@ def _line(test: pytest.Function) -> str:
 
 
 def _recorded_cells(ask: Recordings, metafunc: pytest.Metafunc, options: Options, opened: OpenFiles) -> Iterator[RecordedCell]:
-    """Yield the cells of one mark ``@rvads.recorded``."""
+    """Yield the cells (run and rule of an item) of one mark ``@rvads.recorded``."""
     takes_rule = _takes_rule(metafunc, ask.rules)
     files = ask.files(metafunc.definition.path.parent)
-    watch = watched(metafunc.config, f"files of {metafunc.function.__name__}", list(files.items()), _FILES)
+    watch = _watched(metafunc.config, f"files of {metafunc.function.__name__}", list(files.items()), _FILES)
     for count, cell in enumerate(ask.cells(watch, opened, takes_rule)):
         if count >= options.max_items:
             raise ScenarioError(
@@ -196,7 +204,7 @@ def _takes_rule(metafunc: pytest.Metafunc, rules: object) -> bool:
 
 
 def _add(cell: C, cells: dict[str, C]) -> None:
-    """Add a cell unless it is there; raise a `ScenarioError` if a different cell has the same id."""
+    """Add a cell to the cells of a test unless the cell was added before; raise a `ScenarioError` if another cell has its id."""
     first = cells.setdefault(cell.id, cell)
     if first is cell or first == cell:
         return
@@ -213,9 +221,9 @@ def _add(cell: C, cells: dict[str, C]) -> None:
 def _note_known(
     known: Sequence[tuple[Any, Known]], metafunc: pytest.Metafunc, cells: Collection[Cell] | Collection[RecordedCell]
 ) -> None:
-    """Note the known deficiencies of a test, and refuse a deficiency of the test itself that matches none of its cells.
+    """Note the known deficiencies of a test, and refuse a deficiency on the test function that matches none of its items.
 
-    If only a sample of the cells runs, no deficiency is refused, because the sample may leave its cells out.
+    If only a sample of the items runs, no deficiency is refused, because the sample can lack the failing items.
     """
     noted = metafunc.config.stash.setdefault(_KNOWN, {})
     sampled = any(drawn.test == metafunc.definition.nodeid for drawn in metafunc.config.stash.get(DRAWN, {}))
@@ -228,7 +236,7 @@ def _note_known(
 
 
 def _params(cells: Iterable[Cell | RecordedCell], known: Sequence[Known], more: Sequence[None] = ()) -> Iterator[Any]:
-    """Yield a parameter per cell, with a mark to select the cell and an xfail for every known deficiency of the cell.
+    """Yield a pytest parameter per cell, with a mark for selection by ``-m`` and an xfail for every known deficiency of the cell.
 
     Args:
         cells: cells of a test.
@@ -243,3 +251,120 @@ def _params(cells: Iterable[Cell | RecordedCell], known: Sequence[Known], more: 
                 reason = ": ".join(filter(None, (deficiency.name, deficiency.reason)))
                 marks.append(pytest.mark.xfail(strict=True, raises=(RuleViolation, OpenObligation), reason=reason))
         yield pytest.param(cell, *more, id=cell.id, marks=marks)
+
+
+def _resolve(ask: Ask, test: pytest.Function, options: Options, added: Extensions, takes_rule: bool) -> tuple[Resolved, ...]:
+    """Return the runs and rules that one mark of a test selects at each junction, and note left-out junctions and starts.
+
+    Args:
+        ask: the arguments of the mark.
+        test: the test function.
+        options: options of the session.
+        added: junctions and grids that users add by hooks.
+        takes_rule: whether the test runs over rules.
+
+    Raises:
+        RvadsError: a junction does not exist, no junction fits the mark, or the test would have too many items.
+    """
+    stash = test.config.stash
+    watch = partial(_watched, test.config, "v(d)max of point", least=_POINTS)
+    selected = ask.resolve(test.path.parent, options, added, watch, takes_rule)
+    if options.sample is None:
+        _refuse_many(selected.resolved, options)
+    from pytest_rvads.scenarios.selection import TOO_SHORT, TOO_TIGHT, extended
+
+    extents_by_junction: dict[str, Extent] = stash.setdefault(EXTENTS, {})
+    for resolved in selected.resolved:
+        _note_left_out(stash, LEFT_OUT, test.nodeid, resolved.selection.left_out)
+        extents_by_junction = extended(extents_by_junction, resolved.selection)
+    stash[EXTENTS] = extents_by_junction
+    bends = [(name, TOO_TIGHT) for resolved in selected.resolved for name in resolved.selection.too_tight]
+    too_short = [(resolved.selection.place.name, TOO_SHORT) for resolved in selected.resolved if resolved.selection.too_short]
+    for name, reason in (*selected.left_out, *bends, *too_short):
+        stash.setdefault(REFUSED, {}).setdefault(reason, {})[name] = None
+    if selected.passed_over:
+        count = len(selected.resolved)
+        _note_sample(stash, test.nodeid, "junctions", count, count + selected.passed_over, options.seed)
+    return selected.resolved
+
+
+def _planned_runs(resolved: Sequence[Resolved], test: pytest.Function, options: Options) -> Iterator[PlannedRun]:
+    """Yield the runs of a test, or a sample of these runs, and note how many runs and scenarios are left out.
+
+    Raises:
+        Misuse: the test would have too many items.
+    """
+    stash = test.config.stash
+    most = sum(at_junction.runs for at_junction in resolved) if options.sample else 0
+    watch = partial(_watched, test.config, f"runs of {test.originalname} to draw from", least=_RUNS, most=most)
+    runs = Runs(resolved, test.nodeid, watch)
+    if options.sample is None:
+        yield from runs
+    else:
+        drawn = runs.drawn(options.sample, options.seed)
+        items = sum(len(run.resolved.rules) for run in drawn)
+        if items > options.max_items:
+            with told_at(f"{resolved[0].mark}: {test.nodeid}"):
+                raise ScenarioError(
+                    f"would expand to {items:,} items ({len(drawn):,} runs drawn): lower --rvads-sample, ask for fewer rules, or "
+                    "raise --rvads-max-items"
+                )
+        if len(drawn) < runs.total:
+            _note_sample(stash, test.nodeid, "runs", len(drawn), runs.total, options.seed)
+        yield from drawn
+    _note_left_out(stash, UNFIT, test.nodeid, runs.unfit)
+    if runs.crossed:
+        stash.setdefault(REFUSED, {}).setdefault(_CROSSED, {})[f"{runs.crossed} of {test.nodeid}"] = None
+
+
+def _refuse_many(marks: Sequence[Resolved], options: Options) -> None:
+    """Raise a `ScenarioError` for a mark that would give more items than `Options.max_items`."""
+    total = sum(resolved.runs * len(resolved.rules) for resolved in marks)
+    if total <= options.max_items:
+        return
+    first = marks[0]
+    rows, points = first.selection.count(), first.selection.points
+    among = f" × {len(first.traffic)} kinds of traffic" if len(first.traffic) > 1 else ""
+    walks = first.selection.walks
+    walking = f" × {walks} pedestrians" if first.selection.pedestrians else ""
+    factors = f"({rows // max(walks, 1):,} scenarios{walking} × {points} points{among} × {len(first.rules)} rules)"
+    most = f"up to {total:,}" if walking else f"{total:,}"
+    raise ScenarioError(
+        f"would expand to {most} items {factors if len(marks) == 1 else f'at {len(marks):,} junctions'}: "
+        "narrow the grid, use --rvads-cover=class, run some of them by --rvads-sample, or raise --rvads-max-items"
+    )
+
+
+def _note_left_out(stash: pytest.Stash, key: pytest.StashKey[dict[str, int]], test: str, count: int) -> None:
+    """Increase the number of starts or scenarios that a test leaves out, by `count`."""
+    if count:
+        dropped = stash.setdefault(key, {})
+        dropped[test] = dropped.get(test, 0) + count
+
+
+def _note_sample(stash: pytest.Stash, test: str, what: str, taken: int, total: int, seed: int) -> None:
+    """Note that a test runs a sample: `taken` of `total` junctions or runs."""
+    from pytest_rvads.report.session_report import Drawn
+
+    stash.setdefault(DRAWN, {})[Drawn(test, what, taken, total, seed)] = None
+
+
+def _watched(config: pytest.Config, what: str, things: Iterable[T], least: int, most: int = 0) -> Iterator[T]:
+    """Yield the given things one by one; on a terminal, show the number of yielded things in a line that is overwritten.
+
+    Args:
+        config: configuration of the session; workers, pipes and ``-q`` show nothing.
+        what: name of the things, for the line.
+        things: the things to yield.
+        least: least number of things for which the line is shown.
+        most: number of things, if `things` has no length.
+    """
+    reporter: Any = config.pluginmanager.get_plugin("terminalreporter")
+    capture: Any = config.pluginmanager.get_plugin("capturemanager")
+    shown = reporter is not None and reporter.isatty and reporter.verbosity >= 0 and not hasattr(config, "workerinput")
+    total = len(things) if isinstance(things, Sized) else most
+    for done, thing in enumerate(things):
+        if shown and total >= least and done % max(1, total // 100) == 0:
+            with capture.global_and_fixture_disabled() if capture else nullcontext():
+                reporter.rewrite(f"rvads: {what} {done:,}/{total:,}", erase=True)
+        yield thing

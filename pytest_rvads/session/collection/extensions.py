@@ -1,17 +1,28 @@
-"""Junctions, rules and grids that users add by hooks."""
+"""Additions of users to a session: junctions, rules and grids by hooks, and rules of a test file, which only this file knows.
+
+A desk is a place for registered rules. The session has a desk until its end, each test file has a desk while pytest collects or
+runs the file, and each test has a desk while the test runs.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from pytest_rvads.logic.rules.current import PROCESS, Desk, desk, own_desk
 from pytest_rvads.support.errors import ScenarioError
 
-__all__ = ["Extensions", "extensions"]
+__all__ = ["Extensions", "extensions", "open_book", "open_session", "outliving"]
+
+_SESSION: pytest.StashKey[Desk] = pytest.StashKey()
+"""The desk (place for registered rules and predicates) of the session, whose rules all test files know."""
+_FILES: pytest.StashKey[dict[str, Any]] = pytest.StashKey()
+"""By test file, its rules at the end of its last use; Python imports a file, which registers the rules, only once."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,16 +30,16 @@ class Extensions:
     """Junctions and grids that users added by name."""
 
     junctions: Mapping[str, tuple[str, str]]
-    """Name to the map file and the junction in the map."""
+    """By name, the map file and the junction in the map."""
     grids: Mapping[str, tuple[Any, Any]]
-    """Name to distances [m] and speeds [m/s]."""
+    """By name, distances [m] and speeds [m/s]."""
 
 
 _EXTENSIONS: pytest.StashKey[Extensions] = pytest.StashKey()
 
 
 def extensions(config: pytest.Config, rules: Path | None) -> Extensions:
-    """Return the junctions and grids of the hooks, and register the rules of the hooks; the hooks are called once per process.
+    """Call the hooks of users once per process, register the returned rules, and return the junctions and grids.
 
     Args:
         config: configuration of the session.
@@ -66,9 +77,8 @@ def _grids(config: pytest.Config) -> dict[str, tuple[Any, Any]]:
 
 
 def _register_rules(config: pytest.Config, file: Path | None) -> None:
-    from pytest_rvads.logic.rules.book import current_book
+    from pytest_rvads.logic.rules.book import current_book, load_rules
     from pytest_rvads.logic.rules.rule import Rule
-    from pytest_rvads.logic.rules.rulefile import load_rules
 
     if file is not None:
         load_rules(file)
@@ -83,7 +93,7 @@ def _register_rules(config: pytest.Config, file: Path | None) -> None:
 
 
 def _merged(hook: str, results: Sequence[Any], taken: Sequence[str]) -> dict[str, Any]:
-    """Return the names and values of all implementations of a hook as one dictionary.
+    """Merge the dictionaries that the implementations of a hook return into one dictionary.
 
     Args:
         hook: name of the hook, for messages.
@@ -103,3 +113,55 @@ def _merged(hook: str, results: Sequence[Any], taken: Sequence[str]) -> dict[str
 
 def _is_pair(value: Any) -> bool:
     return isinstance(value, Sequence) and not isinstance(value, str) and len(value) == 2
+
+
+@contextmanager
+def open_session(config: pytest.Config) -> Iterator[None]:
+    """Open a place for the rules that are registered during a session; the rules are forgotten at the end of the session.
+
+    At its beginning the session knows the rules that were registered outside of any session. A test can start an inner session of
+    pytest in the same process; the inner session does not know the rules of the test.
+    """
+    with own_desk(Desk(PROCESS.book, index=Desk(PROCESS.book))) as config.stash[_SESSION]:
+        yield
+
+
+@contextmanager
+def open_book(node: pytest.Item | pytest.Collector) -> Iterator[None]:
+    """Make the rules of the test file of a node available beside the session's rules; for a test item, also its own rules."""
+    outer = node.config.stash.get(_SESSION, desk())  # the desk of the process, if a conftest.py loads the plugin
+    with ExitStack() as opened:
+        files, file = node.config.stash.setdefault(_FILES, {}), _test_file(node)
+        if file:
+            book = files.get(file) or outer.book
+            if book is not outer.book and outer.book is not None:
+                from pytest_rvads.logic.rules.book import joined  # imported only if a file registers rules
+
+                book = joined(outer.book, book)
+            outer = opened.enter_context(own_desk(Desk(book, file, outer.index or Desk(book))))
+        if isinstance(node, pytest.Item):
+            opened.enter_context(own_desk(Desk(outer.book, str(node.path), outer.index, test=True)))
+        yield
+        if file:
+            files[file] = outer.book
+
+
+@contextmanager
+def outliving(fixture: pytest.FixtureDef[Any]) -> Iterator[None]:
+    """Keep the rules that a fixture registers during its setup until the scope of the fixture ends."""
+    opened = desk()
+    before, opened.outlived = opened.outlived, opened.test and fixture.scope != "function"
+    try:
+        yield
+    finally:
+        opened.outlived = before
+
+
+def _test_file(node: pytest.Item | pytest.Collector) -> str:
+    """Return the path of the test file of a node; empty for a module collected only for its doctests."""
+    module = node.getparent(pytest.Module)
+    if module is None:
+        return ""
+    patterns: list[str] = node.config.getini("python_files")
+    is_test_file = type(module) is pytest.Module or any(map(module.path.match, patterns))
+    return str(module.path) if is_test_file else ""

@@ -32,7 +32,7 @@ def caller() -> str:
 
 @contextmanager
 def told_at(place: str) -> Iterator[None]:
-    """Put `place` in front of the message of every `RvadsError` that the context raises.
+    """Turn every `RvadsError` that is raised inside the context into a `Misuse`, with `place` in front of the message.
 
     Raises:
         Misuse: in place of the `RvadsError`.
@@ -44,7 +44,7 @@ def told_at(place: str) -> Iterator[None]:
 
 
 def several(name: str, value: Any, kind: type | tuple[type, ...], what: str) -> tuple[Any, ...] | None:
-    """Return the values of an argument as a tuple, or None for None; whole numbers of numpy become numbers of Python.
+    """Return the value or values of an argument as a tuple, or None for None; numpy integers become Python integers.
 
     Raises:
         ScenarioError: a value has another type, or there are no values.

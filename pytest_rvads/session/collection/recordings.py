@@ -1,8 +1,8 @@
 """The arguments of ``@rvads.recorded``: files of recorded runs, which are opened at collection.
 
-A recorded run has no driver and no simulator: the arguments of these names get values at collection, so that their fixtures are
-not set up. The record of such an item has the name of the recording in place of class, scenario and configuration. Collection
-reads of a file only the parts that ids and rules need.
+A recorded run has no driver and no simulator. Collection gives the arguments for driver, vehicle and simulator the value None, so
+that pytest does not set up the fixtures of these names. The record of an item that judges a recorded run names the recording in
+place of class, scenario and configuration. Collection reads only the parts of a file that ids and rules need.
 """
 
 from __future__ import annotations
@@ -34,14 +34,14 @@ if TYPE_CHECKING:
 __all__ = ["OpenFiles", "Recordings"]
 
 _UNKNOWN = "unknown"
-"""The junction of a file that can't be read."""
+"""The name that stands for the junction of a file that can't be read."""
 
 
 class OpenFiles:
-    """The runs of the two files that were read last; the items of one file are collected and judged in succession.
+    """Cache of the runs of the two files that were read last; test items of one file are collected and run in succession.
 
     Args:
-        limit: speed limit in place of the speed limits in the files [m/s]; None to keep these.
+        limit: speed limit that replaces the speed limits in the files [m/s]; None to keep the limits of the files.
     """
 
     def __init__(self, limit: float | None = None) -> None:
@@ -49,7 +49,7 @@ class OpenFiles:
         self._read = lru_cache(2)(lambda path: self._limited(read_runs(path)))
 
     def runs(self, path: str) -> Sequence[Run]:
-        """Return the runs of a file; the sequence may make a run when the run is accessed.
+        """Return the runs of a file as a sequence; a sequence of recorded traffic makes a run only when the run is accessed.
 
         Raises:
             RvadsError: the file can't be read.
@@ -68,7 +68,7 @@ class OpenFiles:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Recordings:
-    """The arguments of ``@rvads.recorded``, see `pytest_rvads.recorded`."""
+    """The arguments of a mark ``@rvads.recorded``, see `pytest_rvads.recorded`."""
 
     place: str
     """File and line of the mark."""
@@ -110,7 +110,7 @@ class Recordings:
         )
 
     def files(self, folder: Path) -> dict[Path, str]:
-        """Return the files of a test in `folder`, each with its name in ids.
+        """Return the recorded files that the mark selects for a test in `folder`, each with its name in ids.
 
         Raises:
             ScenarioError: a pattern matches nothing.
@@ -128,7 +128,7 @@ class Recordings:
         return names
 
     def cells(self, files: Iterable[tuple[Path, str]], opened: OpenFiles, takes_rule: bool) -> Iterator[RecordedCell]:
-        """Yield the cells of files, with the rule as the innermost axis; an unreadable file has one cell, whose item is an error.
+        """Yield a cell (run and rule of a test item) per recorded run and rule; an unreadable file gives one cell with an error.
 
         Raises:
             RvadsError: a rule is unknown, or no rule is about the control of the junction of a file.
@@ -170,13 +170,13 @@ def _junction_and_labels(path: Path, opened: OpenFiles) -> tuple[Junction, Seque
         raise RvadsError(f"{path}: holds no run, so there is nothing to judge: nobody came near the junction")
     if len(runs) == 1:
         return (runs.junction if isinstance(runs, Recording) else runs[0].junction), ("",)
-    if isinstance(runs, Recording):  # its runs are not made here
+    if isinstance(runs, Recording):  # the runs of a recording are not made here
         return runs.junction, _distinct(f"t{period.busy:06.1f}" for period in runs.periods)
     return runs[0].junction, _distinct(_id_text(run.label) for run in runs)
 
 
 def _distinct(names: Iterable[str]) -> list[str]:
-    """Return the names; a repeated name gets the first suffix ``.2``, ``.3``, ... that makes it distinct."""
+    """Return names made distinct: a repeated name gets the first free suffix of ``.2``, ``.3``, ...."""
     distinct: dict[str, None] = {}
     for name in names:
         numbered = (f"{name}.{number}" for number in count(2))

@@ -1,32 +1,51 @@
-"""``@rvads.falsify``: a test that searches for a failing scenario; its arguments are checked when the test is defined."""
+"""``@rvads.falsify`` and ``@rvads.critical``: tests that search. Their arguments are checked when the test is defined."""
 
 from __future__ import annotations
 
 import functools
 import inspect
-from collections.abc import Callable
-from dataclasses import replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from os import PathLike
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
-from pytest_rvads.drivers.abilities import check_factory
+import pytest
+from msgspec import structs
+
+from pytest_rvads.drivers.identity import source
+from pytest_rvads.drivers.interface import check_factory
+from pytest_rvads.drivers.traffic import Policy
+from pytest_rvads.geometry.finder import find
+from pytest_rvads.geometry.junction import Junction
+from pytest_rvads.logic.conduct.kpis import arrival_differences, kpis
 from pytest_rvads.logic.rules.book import claim, rules_for
 from pytest_rvads.logic.rules.rule import Rule
+from pytest_rvads.report.run_record import of_run
 from pytest_rvads.scenarios.case import Fleet
+from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.search.counterexample import violation
+from pytest_rvads.search.critical import critical_starts, failing, failure
 from pytest_rvads.search.falsify import Search
+from pytest_rvads.search.starts import Begin, lines_at
+from pytest_rvads.search.trials import Setting
+from pytest_rvads.session.collection.cells import cells_of
 from pytest_rvads.session.collection.misuse import caller, told_at
+from pytest_rvads.session.items import CELL, RECORD, RUN, SIMULATOR, VERDICTS, checked_name
 from pytest_rvads.session.options import OPTIONS
-from pytest_rvads.simulators.simulator import usable
+from pytest_rvads.simulators.simulator import made_by, usable
 from pytest_rvads.support.errors import RvadsError, ScenarioError
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
 
     from pytest_rvads.drivers.interface import Factory
-    from pytest_rvads.geometry.junction import Junction
+    from pytest_rvads.search.critical import CriticalStart
     from pytest_rvads.search.space import Space
+    from pytest_rvads.search.starts import Line
+    from pytest_rvads.session.collection.cells import Cell
 
-__all__ = ["falsify"]
+__all__ = ["critical", "falsify"]
 
 
 def falsify(  # noqa: PLR0913 - keywords; a search has many settings
@@ -43,17 +62,19 @@ def falsify(  # noqa: PLR0913 - keywords; a search has many settings
 ) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Make a test that searches for a scenario in which a rule is violated, and that fails with the simplest such scenario.
 
-    The body of the test runs after the search, and only if the search found no violation; its arguments are fixtures. Hypothesis
-    stores the scenario in its example database and tries it first in the next session. If no run of the search required an action
-    by the rule, the test is an error.
+    The body of the test runs after the search, and only if the search found no violation; the arguments of the body are fixtures.
+    Hypothesis stores the scenario in its example database and tries the scenario first in the next session. If no run of the
+    search required an action by the rule, the test is an error.
 
     Args:
         junction: a junction, a built-in name, or the id of a junction in ``map``.
         rule: the rule to violate.
-        autopilot: the system under test; by default the driver of an option, else of the fixture ``rvads_autopilot``.
+        autopilot: the system under test; by default the driver that an option names, or, without such an option, the driver of
+            the fixture ``rvads_autopilot``.
         traffic: with ``subject``, the driver of the other vehicles: a policy by name, or an autopilot of yours; the reference by
             default.
-        budget: greatest number of simulations before a counterexample, and again for its simplification.
+        budget: greatest number of simulations until a counterexample is found, and greatest number of further simulations that
+            simplify the counterexample. A search with a larger budget begins with the simulations of a smaller budget.
         seed: seed of the search.
         searches: number of parallel searches, with the seeds from `seed` on and equal parts of the budget; the test reports the
             counterexample of the search with the lowest seed.
@@ -70,45 +91,190 @@ def falsify(  # noqa: PLR0913 - keywords; a search has many settings
     """
     place = caller()
     with told_at(place):
+        if space.get("map") is not None:
+            space = {**space, "map": _map_file(place, space["map"])}
         search = Search.of(junction, rule, traffic, budget, seed, space)
         search.parts(searches)
-        if isinstance(rule, Rule):  # a name is looked up when the test runs, and registered rules are noted
+        if isinstance(rule, Rule):  # a rule that is given by name is looked up when the test runs
             claim(*rules_for(rule))
         if autopilot is not None:
             check_factory(autopilot)
 
-    def decorate(test: Callable[..., None]) -> Callable[..., None]:
-        with told_at(place):
+    def begin(driver: Factory, fixtures: Mapping[str, Any], name: str) -> Exception | None:
+        limit = fixtures["pytestconfig"].stash[OPTIONS].speed_limit
+        limited = replace(search, place=search.place.limited(limit)) if limit else search
+        simulator, fleet = usable(fixtures["rvads_simulator"]), Fleet(fixtures["rvads_vehicle"])
+        counterexample = limited.begin(driver, fleet, simulator, name, searches, executor)
+        return None if counterexample is None else violation(counterexample)
+
+    return _Searching("@rvads.falsify", place, autopilot, begin)
+
+
+def critical(  # noqa: PLR0913 - keywords; a search has many settings
+    junction: str | Junction,
+    *,
+    map: str | PathLike[str] | None = None,
+    rules: str | Rule | Sequence[str | Rule] = "road",
+    seats: Sequence[int] | None = None,
+    pedestrians: str | Sequence[str] = (),
+    autopilot: Factory | None = None,
+    traffic: str | Factory = "reference",
+    executor: Executor | int | None = 1,
+) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Make a test that judges the critical starts of a junction, with a test item for every two conflicting ways.
+
+    On the starts of two vehicles, from the other vehicle well ahead to the subject well ahead, an item finds the start at which
+    the subject turns from waiting to going, to 0.01 s. The item fails if the run from this start, or from a less critical start,
+    breaks a rule. If the subject may have to wait at its line, a second item searches the starts at which the subject stands at
+    its line. Pairs of ways that are equal up to a rotation of the junction share an item. The body of the test runs after the
+    search, and only if the search found no violation. The arguments of the body are fixtures.
+
+    Args:
+        junction: a junction, a built-in name, or the id of a junction in `map`.
+        map: map file of a junction that is given by id. The path is relative to the folder of the test file or, if that
+            folder has no such file, to the working directory.
+        rules: a rulebook, rules, or both.
+        seats: entrances of the vehicle under test; all by default.
+        pedestrians: behaviours such as ``"steady"``. With behaviours, a pedestrian takes the place of the other vehicle: an item
+            is made for every way that leads over a crosswalk, and for each side of the crosswalk.
+        autopilot: the system under test; by default the driver that an option names, or, without such an option, the driver of
+            the fixture ``rvads_autopilot``.
+        traffic: driver of the other vehicle: a policy by name, or an autopilot of yours.
+        executor: executor or number of processes of an item, as for `campaign`.
+
+    Raises:
+        RvadsError: an argument is wrong, or a class is decorated; pytest shows the message with the line and without a traceback.
+
+    Example:
+        >>> @critical("stop4")
+        ... def test_gaps_at_the_stop_signs(): ...
+    """
+    place = caller()
+    with told_at(place):
+        at = junction if isinstance(junction, Junction) else find(junction, map and _map_file(place, map))
+        lines = lines_at(at, seats, (pedestrians,) if isinstance(pedestrians, str) else tuple(pedestrians))
+        judged = rules_for(rules)
+        for rule in judged:
+            claim(rule)
+        policy = Policy.of(traffic)
+        if autopilot is not None:
+            check_factory(autopilot)
+
+    def begin(driver: Factory, fixtures: Mapping[str, Any], _name: str) -> Exception | None:
+        simulator, fleet = usable(fixtures["rvads_simulator"]), Fleet(fixtures["rvads_vehicle"])
+        limit, group = fixtures["pytestconfig"].stash[OPTIONS].speed_limit, fixtures["rvads_lines"]
+        if limit:
+            group = tuple(replace(line, place=line.place.limited(limit)) for line in group)
+        setting = Setting.of(driver, judged, traffic, fleet, simulator)
+        sides = list(critical_starts([group], setting, executor))
+        wrong = failure(sides, setting)
+        _record(fixtures["request"].node, sides, setting)
+        return wrong
+
+    decorate = _Searching("@rvads.critical", place, autopilot, begin, ("rvads_lines", "rvads_cell", "request"))
+    items = [pytest.param(group, _cell(group[0], policy), id=group[0].id) for group in lines]
+    return lambda test: pytest.mark.parametrize(("rvads_lines", "rvads_cell"), items)(decorate(test))
+
+
+def _cell(line: Line, policy: Policy) -> Cell:
+    """Return the cell of a test item about a line of starts; the `Begin` of the line is its configuration.
+
+    The cell names a pedestrian without a difference of arrivals, because the search chooses the difference.
+    """
+    configuration = "critical" if line.begin is Begin.MOVING else str(line.begin)
+    walkers = [line.walker] if line.walker else []
+    scenario = Scenario(line.place, line.directions, subject=line.seat, configuration=configuration, pedestrians=walkers)
+    (cell,) = cells_of(scenario, policy, [(None, ())])
+    keys = cell.keys | ({"pedestrians": line.named()[1]} if line.walker else {})
+    return replace(cell, id=line.id, run=line.id, keys=keys)
+
+
+def _record(item: pytest.Item, sides: Sequence[CriticalStart], setting: Setting) -> None:
+    """Complete the record of an item: run and verdicts of its worst start, and the arrivals of all starts."""
+    side = (failing(sides) or [side for side in sides if side.start])[0]
+    start = side.failed or side.start
+    assert start is not None
+    scenario = side.line.scenario(start.lead)
+    run, verdicts = setting.judged(scenario)
+    verdicts.sort(key=lambda verdict: (verdict.rule == side.rule, -verdict.outcome.severity))  # reports show the last verdict
+    measured = arrival_differences(run)
+    if measured is not None:
+        own = [agent.entrance for agent in run.agents].index(side.line.seat)
+        starts = [start for side in sides for start in (*side.tried, *side.shrunk)]
+        tried = [(own, 1 - own, start.difference) for start in starts if start.difference is not None]
+        measured = structs.replace(measured, tried=tuple(tried))
+    stash = item.stash
+    stash[RUN], stash[SIMULATOR], stash[VERDICTS] = run, setting.simulator, verdicts
+    stash[CELL] = replace(item.callspec.params["rvads_cell"], scenario=scenario)  # type: ignore[attr-defined]
+    stash[RECORD] = structs.replace(
+        stash[RECORD],
+        driver=checked_name(setting.driver),
+        source=source(setting.driver, item.config.invocation_params.dir),
+        simulator=made_by(setting.simulator, run),
+        run=setting.id(scenario),
+        kpis=kpis(run),
+        arrivals=measured,
+        **of_run(run),
+    )
+
+
+def _map_file(place: str, map: Any) -> Any:
+    """Return the path of a map that is given relative to the test file; `map` itself if there is no such file.
+
+    Args:
+        place: file and line of the decorator.
+        map: the value of the argument ``map``.
+    """
+    if not isinstance(map, str | PathLike):
+        return map
+    beside = Path(place.rpartition(":")[0]).parent / map
+    return str(beside) if beside.is_file() else map
+
+
+@dataclass(frozen=True)
+class _Searching:
+    """A decorator that makes a test: the search runs first, then the body of the test."""
+
+    mark: str
+    """The decorator, for messages."""
+    place: str
+    """File and line of the decorator, for messages."""
+    autopilot: Factory | None
+    """The driver under test; None to take the driver of the session."""
+    begin: Callable[[Factory, Mapping[str, Any], str], Exception | None]
+    """Runs the search, given a driver, the values of fixtures and the name of the test; returns the exception of a failure."""
+    parameters: tuple[str, ...] = ()
+    """Further parameters of the test."""
+
+    def __call__(self, test: Callable[..., None]) -> Callable[..., None]:
+        """Return the test that searches before it runs the body of `test`."""
+        with told_at(self.place):
             if not inspect.isfunction(test):
-                raise ScenarioError(f"@rvads.falsify makes a test of a function or method, got {test!r}: write it there")
+                raise ScenarioError(f"{self.mark} makes a test of a function or method, got {test!r}: write it there")
             if inspect.iscoroutinefunction(test) or inspect.isasyncgenfunction(test) or inspect.isgeneratorfunction(test):
                 raise ScenarioError(
-                    f"@rvads.falsify calls the body of a test, got {test.__qualname__}, whose body a call would not run: write "
+                    f"{self.mark} calls the body of a test, got {test.__qualname__}, whose body a call would not run: write "
                     "it as a plain def without yield"
                 )
         signature = inspect.signature(test)
-        needed = ["pytestconfig", "rvads_vehicle", "rvads_simulator"]
-        if autopilot is None:
+        needed = ["pytestconfig", "rvads_vehicle", "rvads_simulator", *self.parameters]
+        if self.autopilot is None:
             needed += ["rvads_sut", "rvads_autopilot"]
 
         @functools.wraps(test)
         def wrapper(*instance: Any, **fixtures: Any) -> None:
             __tracebackhide__ = True
-            tested = (autopilot, fixtures.get("rvads_sut"), fixtures.get("rvads_autopilot"))
+            tested = (self.autopilot, fixtures.get("rvads_sut"), fixtures.get("rvads_autopilot"))
             driver: Any = next((driver for driver in tested if driver is not None), None)
-            name = f"{test.__module__}.{test.__qualname__}"
             try:
                 check_factory(driver)
-                simulator = usable(fixtures["rvads_simulator"])
-                limit = fixtures["pytestconfig"].stash[OPTIONS].speed_limit
-                limited = replace(search, place=search.place.limited(limit)) if limit else search
-                counterexample = limited.begin(driver, Fleet(fixtures["rvads_vehicle"]), simulator, name, searches, executor)
+                wrong = self.begin(driver, fixtures, f"{test.__module__}.{test.__qualname__}")
             except RvadsError as error:
-                # An error class of a user may have another constructor, so the error itself gets the place in its message.
-                error.args = (f"{place}: {error}",)
+                # An error class of a user can have another constructor, so the error itself gets the place in its message.
+                error.args = (f"{self.place}: {error}",)
                 raise error.with_traceback(None) from None
-            if counterexample is not None:
-                raise violation(counterexample)
+            if wrong is not None:
+                raise wrong
             test(*instance, **{key: value for key, value in fixtures.items() if key in signature.parameters})
 
         keyword = inspect.Parameter.KEYWORD_ONLY
@@ -116,5 +282,3 @@ def falsify(  # noqa: PLR0913 - keywords; a search has many settings
         parameters += [inspect.Parameter(name, keyword) for name in needed if name not in signature.parameters]
         wrapper.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
         return wrapper
-
-    return decorate

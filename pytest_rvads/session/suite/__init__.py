@@ -1,1 +1,1 @@
-"""The tests that come with the plugin."""
+"""The tests of a driver that come with the plugin."""

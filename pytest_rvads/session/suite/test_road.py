@@ -1,4 +1,4 @@
-"""The rulebook road at the built-in junctions: the subject at every seat in turn, among reference traffic.
+"""Tests by the rulebook road at the built-in junctions: the vehicle under test starts at every entrance in turn, among traffic.
 
 Every class runs in one order of arrival, and the orders change from class to class.
 """
@@ -16,7 +16,7 @@ import pytest_rvads as rvads
 @rvads.scenario("stop4", subject="all", classes=range(2, 25, 5), grid="S21")
 @rvads.scenario("stop4", subject="all", classes=range(1, 25, 5), grid="C")
 def test_all_way_stop(rule: Any, monitor: Any) -> None:
-    """All vehicles arrive together, or all others, or one of them, arrive before or after the subject."""
+    """All vehicles arrive together, or some or all other vehicles arrive before or after the subject (vehicle under test)."""
     monitor.check(rule)
 
 
@@ -26,7 +26,14 @@ def test_all_way_stop(rule: Any, monitor: Any) -> None:
 @rvads.scenario("light4", subject="all", classes=range(2, 25, 3), grid="S53")
 @rvads.scenario("light4", subject="all", classes=range(1, 25, 3), grid="H")
 def test_lights(rule: Any, monitor: Any) -> None:
-    """All vehicles arrive together, or the others 3 or 4 s after the subject; the light of entrance 0 is green at first."""
+    """All vehicles arrive together, or the traffic arrives 3 or 4 s after the vehicle under test; entrance 0 has green first."""
+    monitor.check(rule)
+
+
+@rvads.scenario("yield4", subject="all", scenarios="2222", grid=("S31", "S42"))
+@rvads.scenario("right4", subject="all", scenarios="2222", grid="S31")
+def test_yielding(rule: Any, monitor: Any) -> None:
+    """Others arrive 1 or 3 s after the subject at yield signs, and 1 s after the subject at a junction without signs."""
     monitor.check(rule)
 
 
@@ -35,5 +42,5 @@ def test_lights(rule: Any, monitor: Any) -> None:
 @rvads.scenario("light3", subject="all", scenarios=("100", "200", "010", "020"), grid="H")
 @rvads.scenario("light4", subject="all", scenarios=("1000", "2000", "3000", "0100", "0200", "0300"), grid="H")
 def test_alone(rule: Any, monitor: Any) -> None:
-    """The subject is alone: on every movement, at lights from an entrance with green and from an entrance with red."""
+    """The vehicle under test is alone on every movement; at lights its entrance has green or red."""
     monitor.check(rule)

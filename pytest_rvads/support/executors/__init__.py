@@ -1,7 +1,7 @@
 """Runs jobs on any `concurrent.futures.Executor`. A job travels with its inputs, so that every process gives the same result.
 
-A worker process may die because of a job, or for another reason. So the jobs of a dead process run again. A job whose process
-died twice runs alone in a process: only a job that kills this process is lost.
+A worker process can die because of a job, or for another reason. So the jobs of a dead process run again. A job whose process
+died twice runs alone in a new process. Only a job that kills this process as well is lost.
 """
 
 from __future__ import annotations
@@ -37,7 +37,8 @@ def spread(
     Args:
         work: the function that runs a job; a function of a module, because other processes import the function by name.
         jobs: the jobs, as values that can be pickled.
-        executor: number of processes, by default the number of processors; 1 is this process. Or any executor.
+        executor: an executor, or the number of worker processes, by default the number of processors. With 1, the calling process
+            runs the jobs.
         progress: called after every job.
         batch: number of jobs that a process gets at a time.
 
@@ -64,12 +65,12 @@ def gathered(
 ) -> Generator[tuple[int, _Result | Failed], None, None]:
     """Yield the number and the result of every job in the order of completion; closing the generator ends the work.
 
-    A job is part_jobs from `jobs` when a worker is free, and is not kept after its result.
+    A job is taken from `jobs` when a worker is free, and is not kept in memory after its result was yielded.
 
     Args:
         work: the function that runs a job, see `spread`.
-        jobs: the jobs, as values that can be pickled. An exhausted iterator is asked again after every result, so a result may
-            lead to further jobs.
+        jobs: the jobs, as values that can be pickled. An exhausted iterator is asked again after every result, so that it can
+            yield further jobs that depend on results.
         executor: number of processes or an executor, see `spread`.
         batch: number of jobs that a process gets at a time.
 
@@ -93,7 +94,7 @@ def gathered(
 
 
 class _Parts(Iterator[Part]):
-    """Groups jobs into parts; unlike a generator, the iterator continues if an exhausted `jobs` yields further jobs."""
+    """An iterator that groups jobs into parts; unlike a generator, it continues if an exhausted `jobs` yields further jobs."""
 
     def __init__(self, jobs: Iterable[Any], size: int) -> None:
         self._begin, self._jobs, self._size = 0, iter(jobs), size
@@ -107,7 +108,7 @@ class _Parts(Iterator[Part]):
 
 
 def _completed(team: Team, parts: Iterator[Part]) -> Iterator[tuple[Part, list[Any]]]:
-    """Yield parts with their answers in the order of completion; the parts of dead processes are submitted again."""
+    """Yield parts (groups of jobs) with their answers in the order of completion; parts of dead processes are submitted again."""
     flying: dict[Future[Any], Part] = {}
     done: SimpleQueue[Future[Any]] = SimpleQueue()
     numbers = count(1)

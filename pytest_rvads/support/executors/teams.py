@@ -1,4 +1,4 @@
-"""The two kinds of workers: processes of this package, or the executor of a user."""
+"""The two kinds of workers that do jobs: processes that the package starts, or the executor of a user."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ from pytest_rvads.support.wording import one_line
 __all__ = ["AHEAD", "Crew", "ExecutorGone", "Failed", "Foreign", "Own", "Part", "Team", "tried"]
 
 AHEAD = 4
-"""Jobs per process that are submitted before the oldest is done; more jobs would pile up behind a slow job."""
+"""Parts (groups of jobs) per worker that are submitted before the oldest part is done; more would wait for a slow job."""
 _Job = TypeVar("_Job")
 _Result = TypeVar("_Result")
 
 
 _UNKNOWN = 512
-"""Parts submitted ahead to an executor that does not state its number of workers."""
+"""Number of parts that are submitted and not done at the same time, if an executor does not state its number of workers."""
 _TRIES = 3
 """How often a part that a user's executor has lost is submitted again."""
 _ANSWER = 60.0
-"""Longest time for an executor that has lost a part to do another job [s]; Dask looks for its scheduler meanwhile."""
+"""Longest time for an executor that has lost a part to do another job [s]; during this time, Dask looks for its scheduler."""
 
 
 class ExecutorGone(RvadsError):
@@ -46,7 +46,7 @@ class Failed(NamedTuple):
 
 
 class Part(NamedTuple):
-    """Jobs that are sent together."""
+    """Jobs that are sent to a worker together."""
 
     begin: int
     """Number of the first job."""
@@ -66,7 +66,7 @@ class Done(NamedTuple):
 
 
 class Own:
-    """Worker processes of this package."""
+    """Workers that are processes of this computer, started by the package."""
 
     def __init__(self, work: Callable[[Any], Any], processes: int) -> None:
         self.ahead = AHEAD * processes
@@ -78,7 +78,7 @@ class Own:
         return self._crew.submit(_packed(part.jobs))
 
     def submits_again(self, part: Part, error: BaseException) -> bool:
-        """Return whether a part lost by `error` is submitted again; otherwise each of its jobs is done alone.
+        """Return whether a part lost by `error` is submitted again; if not, each of its jobs is done alone in a process.
 
         Raises:
             RvadsError: `error` is no death of a process, so a job or its result can't be sent between processes.
@@ -88,7 +88,7 @@ class Own:
         return part.losses < 2
 
     def answers(self, _: Part, future: Future[list[Any]]) -> list[Any]:
-        """Return the answers to the jobs of a part."""
+        """Return the answers to the jobs of a part (a group of jobs)."""
         return future.result()
 
     def alone(self, job: Any) -> Any:
@@ -100,14 +100,14 @@ class Own:
 
 
 class Foreign:
-    """The executor of a user, who shuts it down."""
+    """Workers in the executor of a user; the user shuts the executor down."""
 
     def __init__(self, work: Callable[[Any], Any], executor: Executor) -> None:
         workers = getattr(executor, "_max_workers", None)  # set by executors of the standard library
         self.ahead = AHEAD * workers if isinstance(workers, int) else _UNKNOWN
         self._work, self._executor = work, executor
         self._sent = self._sound = 0
-        """Number of the last submission, and its value when the executor last did a job after a loss."""
+        """Number of the last submission, now and when the executor last passed `_probe`."""
 
     def submit(self, part: Part) -> Future[Any]:
         """Submit a part.
@@ -139,7 +139,7 @@ class Foreign:
         return result.answers
 
     def submits_again(self, part: Part, error: BaseException) -> bool:
-        """Return whether a part lost by `error` is submitted again; otherwise each of its jobs is done alone.
+        """Return whether a part lost by `error` is submitted again; if not, each of its jobs is submitted alone.
 
         Raises:
             RvadsError: the executor can't do the jobs.
@@ -173,7 +173,7 @@ class Foreign:
         return _dead()
 
     def _probe(self, error: BaseException) -> None:
-        """Check that the executor still does jobs; a job that waits for a missing scheduler may wait for ever."""
+        """Raise `ExecutorGone` if the executor does no job within `_ANSWER`, because it could wait for its scheduler for ever."""
         try:
             self._executor.submit(_done, self._work, (), self._sent).result(_ANSWER)
         except (Exception, CancelledError):
@@ -194,11 +194,11 @@ class Foreign:
 
 
 Team: TypeAlias = Own | Foreign
-"""Both have `ahead`, the number of parts that may be in flight."""
+"""Either kind of workers; the attribute `ahead` of both is the largest number of parts that are submitted and not done."""
 
 
 class Crew(Generic[_Job, _Result]):
-    """Worker processes, which end with this process however it ends, and which leave interrupts to this process.
+    """Worker processes of the calling process. They end when the calling process ends, even if it is killed, and ignore Ctrl-C.
 
     Args:
         begin: called in each worker process; returns the function that does the jobs.
@@ -267,7 +267,7 @@ def _do(job: Any) -> Any:
 
 
 def _opener(work: bytes) -> Callable[[bytes], list[Any]]:
-    """Return the function that unpacks jobs and does the jobs."""
+    """Return the function that unpacks pickled jobs and does the jobs."""
     function = pickle.loads(work)
     return lambda packed: _answers(function, pickle.loads(packed))
 
@@ -281,7 +281,7 @@ def _done(work: Callable[[Any], Any], jobs: Sequence[Any], sent: int) -> Done:
 
 
 def _picklable(answer: Any) -> Any:
-    """Return an answer that can be pickled: some exceptions can't be made again from their pickled state."""
+    """Return an answer that can be sent to another process; an exception that can't be unpickled is replaced by its text."""
     if isinstance(answer, Failed):
         try:
             pickle.loads(pickle.dumps(answer))

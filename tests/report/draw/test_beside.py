@@ -17,9 +17,10 @@ from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.report.draw.replay import Beside, replay
 from pytest_rvads.report.failure_page import failure_pages, other_verdicts
 from pytest_rvads.runs.run import Collision, Excerpt, Facts, Run
+from pytest_rvads.runs.states import Zone
 from pytest_rvads.scenarios.scenario import Scenario
 
-from ..run_builders import gliding
+from ...run_builders import gliding
 
 Make = Callable[..., Run]
 
@@ -146,6 +147,20 @@ def test_replay_of_recorded_traffic_has_facts_and_no_ghost() -> None:
     assert held["ghost"] is None
     assert (held["facts"][-1], held["others"], held["back"]) == (["map", "town"], [["p1", "PASS", "p1"]], "index.html")
     assert held["start"] == 100.0
+
+
+def test_a_page_opens_at_the_violation_or_before_the_first_vehicle_enters() -> None:
+    run = driven()
+    first = min(np.flatnonzero(run.zone[:, column] == Zone.JUNCTION)[0] for column in range(2)) * run.dt
+    assert first > 1.0
+    assert data(replay(run, ""))["opened"] == pytest.approx(first - 1.0)
+    assert data(replay(run, "", marked=[(2.5, "here"), (1.5, "first")]))["opened"] == 1.5
+    assert data(replay(run, "", marked=[(2.5, "here")], opened=0.5))["opened"] == 0.5
+    assert data(replay(replace(run, zone=np.zeros_like(run.zone)), ""))["opened"] == 0.0, "nobody enters"
+    passed = Verdict("p1", Status.PASS, "kept")
+    (shown,) = failure_pages(run, passed, "p1", "")
+    assert shown.time == pytest.approx(first - 1.0)
+    assert data(shown.html)["marked"] == []
 
 
 def test_an_impact_is_on_the_page_recorded_or_not() -> None:

@@ -14,7 +14,7 @@ from pytest_rvads.runs.states import Zone
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.support.errors import RunError
 
-from ..run_builders import gliding
+from ...run_builders import gliding
 
 SVG = "{http://www.w3.org/2000/svg}"
 SECONDS = 20.0
@@ -52,9 +52,23 @@ def test_vehicles_are_where_the_run_says(run: Run) -> None:
 
 
 def test_animation_begins_when_vehicles_are_near(run: Run) -> None:
+    """At 5 m/s, a0 comes to within 1 m of its line, 10 m from its start, after 1.8 s, so the film begins at 0.8 s."""
     far = replace(run, pose=run.need("pose") + np.where(run.times < 2.0, 500.0, 0.0)[:, None, None] * [1.0, 0.0, 0.0])
-    assert length(animated(run, responsible={"a0"}, around=3.0, before=3.0, after=1.0)) == pytest.approx(7.0)
+    assert length(animated(run, responsible={"a0"}, around=3.0, before=3.0, after=1.0)) == pytest.approx(
+        3.0 - 0.8 + 2.0 + 1.0 + 1.0
+    )
     assert length(animated(far, responsible={"a0"}, around=3.0, before=3.0, after=1.0)) == pytest.approx(5.0)
+
+
+def test_the_still_picture_shows_the_junction_and_all_vehicles_near_it(run: Run) -> None:
+    document = animated(run, responsible={"a0"}, around=3.0)
+    left, top, wide, high = map(float, re.findall(r'viewBox="([^"]*)"', document)[1].split())
+    for column in range(4):
+        length, (x, y, heading) = 4.6, run.need("pose")[300, column]
+        for px, py in ((x, y), (x - length * np.cos(heading), y - length * np.sin(heading))):
+            assert left < px < left + wide
+            assert top < -py < top + high
+    assert wide < 60.0, "no more than that"
 
 
 def test_departed_vehicle_is_hidden(run: Run) -> None:

@@ -12,8 +12,8 @@ from hashlib import sha256
 import numpy as np
 import pytest
 
+from pytest_rvads.cli.map_commands import draw_classes
 from pytest_rvads.geometry.finder import find
-from pytest_rvads.report.draw.class_table import draw_classes
 from pytest_rvads.report.draw.picture import picture
 from pytest_rvads.report.draw.replay import events, replay
 from pytest_rvads.report.draw.scene import Scene
@@ -24,7 +24,7 @@ from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.support.errors import RunError
 from pytest_rvads.support.wording import printable
 
-from ..run_builders import gliding
+from ...run_builders import gliding
 
 SVG = "{http://www.w3.org/2000/svg}"
 

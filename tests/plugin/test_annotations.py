@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from pytest_rvads.logic.judging.verdicts import Status, Verdict
-from pytest_rvads.report.annotations import annotate
 from pytest_rvads.report.record import Record, conclude, planned_record
 from pytest_rvads.report.session_report import Report
+from pytest_rvads.session.outputs import annotate
 
 ROOT = Path("/work/repo/sub")
 HOSTILE = st.one_of(

@@ -1,0 +1,304 @@
+"""The command ``rvads atlas``: finds all starts of two vehicles at which a verdict changes, and writes a page and JSON.
+
+The page shows strips, drawn as SVG: rows of coloured bands over a common axis. The axis is the lead of the subject (the vehicle
+under test): how much earlier than the other vehicle the subject would arrive at its line [s].
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
+from itertools import groupby
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from pytest_rvads.cli.common import Subparsers, progress, say, terminable
+from pytest_rvads.cli.shared_options import again, declare_starts, opened_driver, opened_executor, places, setting_of, start_of
+from pytest_rvads.logic.outcome import Mark, Outcome
+from pytest_rvads.report.folders import ATLAS, ROOT
+from pytest_rvads.support.errors import ScenarioError
+from pytest_rvads.support.storage import write_file
+from pytest_rvads.support.wording import markup, plural
+
+if TYPE_CHECKING:
+    from pytest_rvads.report.outline import Block, Section
+    from pytest_rvads.search.atlas import Atlas, Strip
+    from pytest_rvads.search.starts import Line
+    from pytest_rvads.search.trials import Setting
+
+__all__ = ["Band", "StripRow", "declare", "draw_strips"]
+
+_ATLAS = """\
+For every two conflicting ways of a junction, find all changes of a verdict over leads of -6 to 6 s, to 0.01 s. Writes a page
+with a strip per pair of ways, and a certificate: which starts were simulated, which verdicts were inferred between them, and how
+random starts compare. Exit status: 0, also for a driver that fails; 1 when a random start differs from the certificate, or a run
+has no verdict; 2 when an argument is wrong."""
+_HELP = (
+    "A strip holds all starts of two vehicles. At a lead of +1 s, the subject would reach its line 1 s before the other vehicle "
+    "if both kept their speeds; where the two have green at different times, 1 s before its light turns yellow. From rest, the "
+    "subject stands at its line at the start.",
+    "Full colour: the subject enters first. Faint colour: the subject waits. Each tick below a strip is a simulated start. The "
+    "verdicts between two ticks with equal verdicts are inferred.",
+)
+_WALKING = "With a pedestrian, the lead is the arrival of the pedestrian minus that of the subject where their ways meet."
+_NARROW = 0.05
+"""Pieces of strips (leads with equal verdicts) up to this width are ignored when the page merges equal strips into a row [s]."""
+_LEFT, _WIDE, _ROW, _BAR, _TOP = 280.0, 720.0, 44.0, 20.0, 30.0
+"""Width of the labels, width of the strips, height of a row, height of a strip, height of the axis [px]."""
+_CHARACTER = 7.0
+"""Width of a character, by which a text fits into its band or is left out [px]."""
+_Scale = Callable[[float], float]
+"""Maps seconds to pixels."""
+
+
+def declare(commands: Subparsers) -> None:
+    """Add the command ``rvads atlas`` to the parser."""
+    atlas = commands.add_parser("atlas", help="find all changes of a verdict for two vehicles", description=_ATLAS)
+    declare_starts(atlas)
+    atlas.add_argument("--probes", type=int, default=250, metavar="N", help="random starts to compare (default: 250)")
+    atlas.add_argument("--seed", type=int, default=0, metavar="S", help="of the random starts (default: 0)")
+    page = f"{ROOT}/{ATLAS}"
+    atlas.add_argument("-o", "--output", metavar="FILE", default=page, help=f"page to write (default: {page})")
+    atlas.add_argument("--json", metavar="FILE", help="also write the certificate into this file")
+    atlas.set_defaults(command=_atlas)
+
+
+def _atlas(options: argparse.Namespace) -> int:
+    from pytest_rvads.search.atlas import draw_atlas
+
+    if options.probes < 0:
+        raise ScenarioError(f"--probes must be a number of random starts, 0 or more, got {options.probes}")
+    with opened_driver(options) as driver, terminable(), opened_executor(options) as executor:
+        setting, shown = setting_of(options, driver), partial(progress, what="groups")
+        atlases = []
+        for place in places(options):
+            atlas = draw_atlas(
+                place,
+                setting,
+                probes=options.probes,
+                behaviours=options.pedestrians,
+                seed=options.seed,
+                executor=executor,
+                progress=shown,
+            )
+            say(_summary(atlas))
+            for line, error in _errors(atlas):
+                say(f"{line}: ERROR: {error}")
+            atlases.append(atlas)
+    certificates = [_certificate(atlas, setting, options) for atlas in atlases]
+    Path(options.output).parent.mkdir(parents=True, exist_ok=True)
+    write_file(Path(options.output), _page(certificates).encode())
+    say(f"wrote {options.output}")
+    if options.json:
+        write_file(Path(options.json), json.dumps({"version": 1, "atlases": certificates}).encode())
+        say(f"wrote {options.json}")
+    return 1 if any(atlas.differing or any(_errors(atlas)) for atlas in atlases) else 0
+
+
+def _errors(atlas: Atlas) -> Iterator[tuple[Line, str]]:
+    """Yield every line of starts (starts of two vehicles whose ways conflict) with a run that has no verdict, and the reason."""
+    yield from ((strip.line, strip.error) for strip in atlas.strips if strip.error)
+    yield from ((probe.line, probe.error) for probe in atlas.differing if probe.error)
+
+
+def _summary(atlas: Atlas) -> str:
+    simulated = sum(len(strip.simulated) for strip in atlas.strips)
+    drawn = [strip for strip in atlas.strips if strip.pieces]
+    inferred = sum(strip.pieces[-1].last - strip.pieces[0].first + 1 - len(strip.simulated) for strip in drawn)
+    return (
+        f"{atlas.place.name}: {plural(len(atlas.strips), 'line')} of starts, {simulated:,} starts simulated, {inferred:,} "
+        f"inferred; {len(atlas.differing)} of {atlas.probes:,} random starts differ"
+    )
+
+
+def _certificate(atlas: Atlas, setting: Setting, options: argparse.Namespace) -> dict[str, Any]:
+    """Return the atlas of a junction (verdicts of all starts of two vehicles) as a JSON object; leads are in seconds."""
+    return {
+        "junction": atlas.place.name,
+        "digest": atlas.place.digest,
+        "driver": options.autopilot or options.sut,
+        "simulator": setting.simulator.name,
+        **({"pedestrians": options.pedestrians} if options.pedestrians else {}),
+        "rules": [rule.name for rule in setting.rules if rule.concerns(atlas.place)],
+        "summary": _summary(atlas),
+        "groups": [[_strip(strip, setting, options) for strip in group] for group in atlas.groups],
+        "probes": atlas.probes,
+        "seed": options.seed,
+        "differing": [
+            {"line": str(probe.line), "error": probe.error, **start_of(probe.line, probe.lead, setting)}
+            for probe in atlas.differing
+        ],
+    }
+
+
+def _strip(strip: Strip, setting: Setting, options: argparse.Namespace) -> dict[str, Any]:
+    from pytest_rvads.search.starts import STEP, Begin
+
+    line = strip.line
+    pieces = []
+    for piece in strip.pieces:
+        worst = next(iter(piece.start.failed()), None)
+        failed = worst and again(options, line.place, setting.id(line.scenario(piece.start.lead)))
+        pieces.append(
+            {
+                "from": round(piece.first * STEP, 2),
+                "to": round(piece.last * STEP, 2),
+                "order": "goes" if piece.start.goes else "waits",
+                "status": str(worst[1]) if worst else "PASS",
+                "rule": worst[0] if worst else "",
+                "verdicts": dict(piece.start.outcomes),
+                "rerun": failed or "",
+            }
+        )
+    return {
+        "ways": list(line.named()),
+        "from_rest": line.begin is Begin.REST,
+        "title": " meets ".join(line.labels),
+        "decided_by": line.vista,
+        "pieces": pieces,
+        "simulated": [round(lead * STEP, 2) for lead in strip.simulated],
+        "unfit": strip.unfit,
+        "error": strip.error,
+    }
+
+
+def _page(certificates: Sequence[Mapping[str, Any]]) -> str:
+    """Return the HTML page of the atlases of junctions, with a strip per group of movement pairs with equal verdicts."""
+    from pytest_rvads.report.outline import Head, Section
+    from pytest_rvads.report.page import rendered
+    from pytest_rvads.search.atlas import LONGEST
+
+    first = certificates[0]
+    head = (f"driven by {first['driver']}", f"simulated by {first['simulator']}")
+    rules = f"Judged by {', '.join(first['rules'])}."
+    read = (*_HELP, *([_WALKING] if "pedestrians" in first else []), rules)
+    blocks: list[Block | Section] = [Head(head), Section("how to read the strips", read)]
+    parts = []
+    for certificate in certificates:
+        rows = [row for group in certificate["groups"] for row in _rows(group)]
+        parts.append(f"<h2>{markup(certificate['junction'])}</h2><p>{markup(certificate['summary'])}</p>")
+        strips = draw_strips(rows, -LONGEST, LONGEST, "lead of the subject")
+        parts.append(f"<div class=scroll>{strips}</div>{_failures(certificate)}")
+    return rendered("atlas of starts", blocks, None, ("pytest_rvads.report", "atlas"), strips="".join(parts))
+
+
+def _rows(group: Sequence[Mapping[str, Any]]) -> Iterator[StripRow]:
+    """Yield a row of the page per strip (all starts of two vehicles); strips with changes at most 0.05 s apart share a row."""
+    shown: dict[tuple[object, ...], list[Mapping[str, Any]]] = {}
+    for strip in group:
+        pieces = [
+            (round(p["from"], 1), p["order"], p["status"], p["rule"]) for p in strip["pieces"] if p["to"] - p["from"] > _NARROW
+        ]
+        shown.setdefault((*pieces, bool(strip["unfit"]), bool(strip["error"])), []).append(strip)
+    for strips in shown.values():
+        strip = strips[0]
+        more = f", {len(strips) - 1} more equal" if len(strips) > 1 else ""
+        note = "no room where a vehicle starts" if strip["unfit"] else f"{strip['decided_by']}{more}"
+        note = f"ERROR{more}" if strip["error"] else note
+        yield StripRow(strip["title"], note, list(_bands(strip)), strip["simulated"])
+
+
+def _bands(strip: Mapping[str, Any]) -> Iterator[Band]:
+    """Yield a coloured band per range of starts with the same order of the vehicles and the same worst verdict."""
+    from pytest_rvads.search.starts import STEP
+
+    for pieces in _alike(strip):
+        order, status, rule = pieces[0]["order"], pieces[0]["status"], pieces[0]["rule"]
+        first, last = pieces[0]["from"], pieces[-1]["to"]
+        label = f"{rule} {status}" if rule else order
+        hint = f"{first:+.2f} to {last:+.2f} s: the subject {order}" + (f", {label}" if rule else "")
+        yield Band(first - STEP / 2, last + STEP / 2, Outcome(status).mark, order == "waits", label, hint)
+
+
+def _alike(strip: Mapping[str, Any]) -> Iterator[list[Mapping[str, Any]]]:
+    """Yield lists of neighbouring pieces of a strip with the same order of the vehicles and the same worst verdict."""
+    for _, pieces in groupby(strip["pieces"], key=lambda piece: (piece["order"], piece["status"], piece["rule"])):
+        yield list(pieces)
+
+
+def _failures(certificate: Mapping[str, Any]) -> str:
+    """Return an HTML list of the errors and of the ranges of failing starts at a junction; each range has a rerun command."""
+    strips = [strip for group in certificate["groups"] for strip in group if strip["error"]]
+    lines = ["<li>" + markup(f"{strip['title']}: ERROR: {strip['error']}") for strip in strips]
+    for strip in (group[0] for group in certificate["groups"]):
+        for pieces in _alike(strip):
+            first, last = pieces[0], pieces[-1]
+            if first["rule"]:
+                span = f"{first['rule']} {first['status']} from {first['from']:+.2f} to {last['to']:+.2f} s"
+                text = markup(f"{strip['title']}: {span}")
+                lines.append(f"<li>{text}<code class=line>{markup(first['rerun'])}</code>")
+    return f"<ul>{''.join(lines)}</ul>" if lines else ""
+
+
+class Band(NamedTuple):
+    """A coloured part of a strip, from one time to another."""
+
+    first: float
+    """Where the band begins [s]."""
+    last: float
+    """Where the band ends [s]."""
+    mark: Mark
+    """The mark that gives the band its colour."""
+    faint: bool
+    """Whether the colour is faint."""
+    label: str
+    """Text inside the band, if there is room."""
+    hint: str
+    """Text that appears under the pointer."""
+
+
+class StripRow(NamedTuple):
+    """A strip (row of bands) with its label."""
+
+    label: str
+    note: str
+    """Text below the label."""
+    bands: Sequence[Band]
+    ticks: Sequence[float]
+    """Places of small marks below the strip [s]."""
+
+
+def draw_strips(rows: Sequence[StripRow], least: float, greatest: float, axis: str) -> str:
+    """Return strips as an SVG element; the style sheet of the page gives the colours.
+
+    Args:
+        rows: the strips, from top to bottom.
+        least: left end of the axis [s].
+        greatest: right end of the axis [s].
+        axis: text of the axis.
+    """
+    height = _TOP + _ROW * len(rows) + 10
+    width = _LEFT + _WIDE + 20
+
+    def x(seconds: float) -> float:
+        return _LEFT + _WIDE * (seconds - least) / (greatest - least)
+
+    body = [f'<text x="{_LEFT - 20:g}" y="14" class="right">{markup(axis)}</text>']
+    for second in range(round(least), round(greatest) + 1):
+        body.append(f'<path class="grid" d="M{x(second):.1f} {_TOP - 8:g}V{height:g}"/>')
+        body.append(f'<text x="{x(second):.1f}" y="14" class="middle">{second:+d} s</text>')
+    for number, row in enumerate(rows):
+        body += _drawn_row(row, _TOP + _ROW * number, x)
+    return f'<svg class="strips" viewBox="0 0 {width:g} {height:g}" role="img" aria-label="{markup(axis)}">{"".join(body)}</svg>'
+
+
+def _drawn_row(row: StripRow, top: float, x: _Scale) -> Iterator[str]:
+    yield f'<text x="{_LEFT - 12:g}" y="{top + 14:g}" class="right">{markup(row.label)}</text>'
+    yield f'<text x="{_LEFT - 12:g}" y="{top + 29:g}" class="right note">{markup(row.note)}</text>'
+    for band in row.bands:
+        yield from _drawn_band(band, top, x)
+    ticks = "".join(f"M{x(tick):.1f} {top + _BAR + 2:g}v4" for tick in row.ticks)
+    yield f'<path class="ticks" d="{ticks}"/>'
+
+
+def _drawn_band(band: Band, top: float, x: _Scale) -> Iterator[str]:
+    left, wide = x(band.first), max(x(band.last) - x(band.first), 1.0)
+    faint = " faint" if band.faint else ""
+    yield (
+        f'<rect class="band {band.mark}{faint}" x="{left:.1f}" y="{top:g}" width="{wide:.1f}" height="{_BAR:g}">'
+        f"<title>{markup(band.hint)}</title></rect>"
+    )
+    if len(band.label) * _CHARACTER < wide:
+        yield f'<text x="{left + wide / 2:.1f}" y="{top + 14:g}" class="middle{faint or " on"}">{markup(band.label)}</text>'

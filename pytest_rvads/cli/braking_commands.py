@@ -1,0 +1,197 @@
+"""The commands ``rvads braking`` and ``rvads dynamics``, which measure how vehicles and their drivers brake and accelerate.
+
+``rvads braking`` shows the braking envelope v(d)max of a simulator, and the part of the envelope that an autopilot reaches.
+``rvads dynamics`` measures how a driver brakes and accelerates. It also shows the settings at junctions that follow: the starts
+that are only just safe, after Li and others (arXiv 2405.16914).
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from pytest_rvads.cli.common import MAP_FORMATS, Subparsers, progress_for, say
+from pytest_rvads.cli.shared_options import declare_driver, opened_driver
+from pytest_rvads.support.errors import ScenarioError
+from pytest_rvads.support.storage import write_file
+
+if TYPE_CHECKING:
+    from pytest_rvads.simulators.driver_dynamics import DriverDynamics
+
+__all__ = ["declare"]
+
+_DISTANCES = (0.01, 0.3, 1.0, 3.0, 5.0, 10.0, 15.0, 20.0)
+"""Distances of the braking table: the distances of the configurations, and further distances between them [m]."""
+_CURVE = (0.01, 0.1, 0.2, 0.3, *(0.5 * k for k in range(1, 41)))
+"""Distances of the curves in the picture of v(d)max [m]."""
+_SPEEDS = (0.0, 2.0, 4.0, 6.0, 8.0, 10.0)
+"""Speeds at the start of the dynamics of a driver [m/s], below the speed limit of 11.18 m/s."""
+_WAYS = (5.0, 10.0, 24.0, 40.0, 60.0)
+"""Distances for the speed AV and the time AT after acceleration [m]; 24 m is the length of the junction of Li et al."""
+
+
+def declare(commands: Subparsers) -> None:
+    """Add the commands ``braking`` and ``dynamics`` to the parser."""
+    braking = commands.add_parser("braking", help="show v(d)max, the greatest safe speed by distance to the stopping line")
+    braking.add_argument("--json", action="store_true", help="print one JSON object: aggression, distance, speed")
+    braking.add_argument(
+        "--autopilot", metavar="NAME", help="show the v(d)max that an autopilot reaches, such as reference or lgsvl"
+    )
+    braking.add_argument(
+        "--junction", metavar="NAME", help="show the v(d)max of --autopilot per movement and lane of a junction, at aggression 1"
+    )
+    braking.add_argument("--map", metavar="FILE", help=f"map file ({MAP_FORMATS}) of the junction, if --junction is an id")
+    braking.add_argument("--simulator", metavar="NAME", help="show the v(d)max of this simulator, a name or module:name")
+    braking.add_argument("--svg", metavar="OUT", help="also draw the curves into this file")
+    braking.set_defaults(command=_braking)
+
+    dynamics = commands.add_parser(
+        "dynamics",
+        help="measure how a driver brakes and accelerates",
+        description="B(v): distance to stop from v. AV(v, x), AT(v, x): speed after and time for x metres from a start at v. "
+        "Measured with a lone vehicle before a red and a green light, after arXiv 2405.16914.",
+    )
+    declare_driver(dynamics)
+    dynamics.add_argument("--simulator", metavar="NAME", help="what makes the runs, a name or module:name")
+    dynamics.add_argument("--json", action="store_true", help="print one JSON object")
+    dynamics.add_argument("--svg", metavar="OUT", help="also draw B and AT into this file")
+    dynamics.set_defaults(command=_dynamics)
+
+
+def _braking(options: argparse.Namespace) -> int:
+    from pytest_rvads.physics.braking import envelope
+    from pytest_rvads.report.draw.curves import draw_braking
+    from pytest_rvads.simulators.simulator import named, vmax
+
+    if options.junction or options.map:
+        return _print_by_movement(options)
+    limit = partial(vmax, simulator=named(options.simulator, Path.cwd()))
+    curves = envelope(_DISTANCES, limit=limit)
+    title = "v(d)max of the plant, full service brake"
+    if options.autopilot is not None:
+        from pytest_rvads.simulators.closed_loop import closed_envelope
+
+        curves = closed_envelope(options.autopilot, _DISTANCES, simulator=options.simulator, progress=progress_for(options))
+        title = f"v(d)max that the autopilot {options.autopilot} reaches, red light ahead"
+    if options.json:
+        print(json.dumps({str(a): dict(zip(map(str, _DISTANCES), speeds, strict=True)) for a, speeds in curves.items()}))
+    else:
+        print(f"{title} [m/s]\n d [m]" + "".join(f"  aggression {a}" for a in curves))
+        for row, distance in enumerate(_DISTANCES):
+            cells = (speeds[row] for speeds in curves.values())
+            print(f"{distance:6.2f}" + "".join(f"{'none' if v is None else f'{v:.2f}':>14}" for v in cells))
+    if options.svg:
+        fine = envelope(_CURVE, limit=limit)
+        curve_points = {level: list(zip(_CURVE, speeds, strict=True)) for level, speeds in fine.items()}
+        table_points = {level: list(zip(_DISTANCES, speeds, strict=True)) for level, speeds in curves.items()}
+        picture = draw_braking(table_points, title, curve_points) if options.autopilot else draw_braking(curve_points, title)
+        write_file(Path(options.svg), picture.encode())
+    return 0
+
+
+def _print_by_movement(options: argparse.Namespace) -> int:
+    """Print the speeds v(d)max from which an autopilot stops before the line, a row per movement."""
+    from pytest_rvads.geometry.finder import find
+    from pytest_rvads.simulators.closed_loop import closed_by_movement
+
+    if not (options.junction and options.autopilot) or options.svg:
+        raise ScenarioError(
+            "--junction goes with --autopilot and without --svg: v(d)max of the plant is the same on every lane, and a junction "
+            "of --map has to be named"
+        )
+    place = find(options.junction, options.map)
+    speeds_of = closed_by_movement(
+        options.autopilot, _DISTANCES, place, simulator=options.simulator, progress=progress_for(options)
+    )
+    rows = []
+    for key, speeds in speeds_of.items():
+        entrance, exit, turn = place.entrances[key[0]], place.exits[key[1]], str(place.movements[key].turn)
+        lanes = {"entrance": entrance.arm, "lane": entrance.lane, "exit": exit.arm, "exit_lane": exit.lane}
+        rows.append({**lanes, "turn": turn, "vmax": {str(d): v for d, v in speeds.items()}})
+    if options.json:
+        print(json.dumps(rows))
+        return 0
+    say(f"v(d)max that the autopilot {options.autopilot} reaches at {place.name}, to stop before the line, aggression 1 [m/s]")
+    say(f"{'from':>5}{'to':>6}  {'turn':9} d [m]" + "".join(f"{d:>7.2f}" for d in _DISTANCES))
+    for row, speeds in zip(rows, speeds_of.values(), strict=True):
+        ends = f"{row['entrance']}.{row['lane']:<3}{row['exit']:>4}.{row['exit_lane']}"
+        cells = ("-" if d not in speeds else "none" if (v := speeds[d]) is None else f"{v:.2f}" for d in _DISTANCES)
+        say(f"{ends:>11}  {row['turn']:9}      " + "".join(f"{cell:>7}" for cell in cells))
+    return 0
+
+
+def _dynamics(options: argparse.Namespace) -> int:
+    from pytest_rvads.report.draw.curves import draw_dynamics
+    from pytest_rvads.simulators.driver_dynamics import Measured
+    from pytest_rvads.simulators.simulator import meant, named
+
+    simulator = named(options.simulator, Path.cwd()) if options.simulator else meant()
+    with opened_driver(options) as driver:
+        bundled = options.autopilot if options.autopilot and ":" not in options.autopilot else ""
+        measured = Measured(driver, simulator, bundled)
+        braking = [measured.braking(speed) for speed in _SPEEDS]
+        driving = [[measured.driving(speed, way) for way in _WAYS] for speed in _SPEEDS]
+        result = {
+            "version": 1,
+            "speeds": _SPEEDS,
+            "distances": _WAYS,
+            "B": [_finite(b) for b in braking],
+            "AV": [[_finite(av) for av, _ in row] for row in driving],
+            "AT": [[_finite(at) for _, at in row] for row in driving],
+            "settings": _settings(measured),
+        }
+    if options.json:
+        print(json.dumps(result))
+    else:
+        for line in _table(result):
+            say(line)
+    if options.svg:
+        times = {
+            speed: [(way, time) for way, (_, time) in zip(_WAYS, row, strict=True)]
+            for speed, row in zip(_SPEEDS, driving, strict=True)
+        }
+        title = f"dynamics of {options.autopilot or options.sut}"
+        write_file(Path(options.svg), draw_dynamics(list(zip(_SPEEDS, braking, strict=True)), times, title).encode())
+    return 0
+
+
+def _finite(value: float) -> float | None:
+    return None if math.isinf(value) else round(value, 3)
+
+
+def _settings(measured: DriverDynamics) -> dict[str, Any]:
+    """Return a JSON object: a driver's settings (only just safe starts) at `SPEED_LIMIT`, and published settings of others."""
+    from pytest_rvads.geometry.segment import SPEED_LIMIT
+    from pytest_rvads.simulators.driver_dynamics import LENGTH, LIMIT, PUBLISHED, settings
+
+    rows = []
+    for speed in _SPEEDS:
+        for vista, *metres in settings(measured, speed, SPEED_LIMIT, LENGTH):
+            numbers = {name: None if m is None else _finite(m) for name, m in zip(("xe", "xf", "xa"), metres, strict=True)}
+            rows.append({"speed": speed, "vista": vista, **numbers})
+    return {"limit": SPEED_LIMIT, "length": LENGTH, "rows": rows, "published": {"limit": LIMIT, "xa": PUBLISHED}}
+
+
+def _table(result: dict[str, Any]) -> Sequence[str]:
+    def cell(value: float | None) -> str:
+        return f"{'never' if value is None else f'{value:.2f}':>8}"
+
+    heads = "".join(f"{f'{way:g} m':>8}" for way in result["distances"])
+    lines = [f"{'v [m/s]':>8}{'B [m]':>9}   AV [m/s] after{heads}   AT [s] for{heads}"]
+    for row, speed in enumerate(result["speeds"]):
+        after, time = ("".join(map(cell, result[name][row])) for name in ("AV", "AT"))
+        lines.append(f"{speed:8g} {cell(result['B'][row])}{'':17}{after}{'':13}{time}")
+    told = result["settings"]
+    lines += ["", f"settings with a speed limit of {told['limit']:.2f} m/s and a junction of {told['length']:g} m"]
+    lines.append(f"{'ve [m/s]':>9}  {'vista':27}{'xe [m]':>8}{'xf [m]':>8}{'xa [m]':>8}")
+    for entry in told["rows"]:
+        cells = [cell(entry["xe"]), cell(entry["xf"]), f"{'–':>8}" if "lights" in entry["vista"] else cell(entry["xa"])]
+        lines.append(f"{entry['speed']:9g}  {entry['vista']:27}{''.join(cells)}")
+    published = ", ".join(f"{name} {distance:g} m" for name, distance in told["published"]["xa"].items())
+    lines.append(f"published xa at a crossing with yield signs from ve = 0, with a limit of 22.22 m/s: {published}")
+    return lines

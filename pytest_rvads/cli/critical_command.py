@@ -1,0 +1,180 @@
+"""The command ``rvads critical``: finds the starts at which a driver turns from waiting to going, and judges their runs."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Iterator, Sequence
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from pytest_rvads.cli.common import Subparsers, progress, say, terminable, warn
+from pytest_rvads.cli.shared_options import again, declare_starts, opened_driver, opened_executor, places, setting_of, start_of
+from pytest_rvads.logic.outcome import Outcome
+from pytest_rvads.report.session_report import NOTHING_JUDGED, exit_status
+from pytest_rvads.support.errors import ScenarioError
+from pytest_rvads.support.storage import write_file
+from pytest_rvads.support.wording import plural
+
+if TYPE_CHECKING:
+    from pytest_rvads.geometry.junction import Junction
+    from pytest_rvads.search.critical import CriticalStart
+    from pytest_rvads.search.trials import Setting
+
+__all__ = ["declare"]
+
+_CRITICAL = """\
+For every two conflicting ways of a junction, find the start at which the vehicle under test turns from waiting to going, to
+0.01 s of its lead over the other vehicle, or over a pedestrian, and judge the runs there and at less critical starts. Exit
+status: 0 when all of them passed, 1 when one failed, 2 when an argument is wrong, 5 when no start could be simulated."""
+
+
+def declare(commands: Subparsers) -> None:
+    """Add the command ``rvads critical`` to the parser."""
+    critical = commands.add_parser(
+        "critical", help="find the starts at which a driver turns from waiting to going", description=_CRITICAL
+    )
+    declare_starts(critical)
+    critical.add_argument("--start", metavar="ID", help="simulate this start alone, and say why it fails")
+    critical.add_argument("-o", "--output", metavar="FILE", help="with --start: replay page to write")
+    critical.add_argument("--json", action="store_true", help="print one JSON object: two entries per line of starts")
+    critical.set_defaults(command=_critical)
+
+
+def _critical(options: argparse.Namespace) -> int:
+    from pytest_rvads.search.critical import critical_starts
+    from pytest_rvads.search.starts import lines_at
+
+    if options.output and not options.start:
+        raise ScenarioError("-o writes the replay of one start: name the start by --start")
+    with opened_driver(options) as driver, terminable(), opened_executor(options) as executor:
+        setting = setting_of(options, driver)
+        if options.start:
+            return _one_start(options, setting)
+        entries: list[dict[str, Any]] = []
+        for place in places(options):
+            shown = None if options.json else partial(progress, what="groups")
+            sides = list(critical_starts(lines_at(place, behaviours=options.pedestrians), setting, executor, shown))
+            entries += [_entry(side, setting, options) for side in sides]
+            if not options.json:
+                for line in _table(place, sides, setting, options):
+                    say(line)
+    if options.json:
+        print(json.dumps({"version": 1, "rules": [rule.name for rule in setting.rules], "lines": entries}))
+    if not any(entry["critical_start"] or entry["error"] for entry in entries):
+        warn("rvads: no start could be simulated: " + next((e["unfit"] for e in entries if e["unfit"]), "no vehicle has room"))
+        return NOTHING_JUDGED
+    return exit_status({entry["status"] for entry in entries})
+
+
+def _entry(side: CriticalStart, setting: Setting, options: argparse.Namespace) -> dict[str, Any]:
+    """Return a JSON object: the critical start for two conflicting ways and an order of the vehicles (subject goes or waits)."""
+    from pytest_rvads.search.starts import Begin
+
+    line = side.line
+    shown = side.failed or side.start
+    id = setting.id(line.scenario(shown.lead)) if shown else ""
+    return {
+        "junction": line.place.name,
+        "ways": list(line.named()),
+        "from_rest": line.begin is Begin.REST,
+        "seat": line.seat,
+        "decided_by": line.vista,
+        "order": side.order,
+        "critical_start": start_of(line, side.start.lead, setting) if side.start else None,
+        "status": side.status,
+        "fault": side.fault,
+        "rule": side.rule,
+        "failed_start": start_of(line, side.failed.lead, setting) if side.failed else None,
+        "starts": len(side.tried),
+        "rerun": again(options, line.place, id) if side.failed else "",
+        "unfit": side.unfit,
+        "error": side.error,
+    }
+
+
+def _table(place: Junction, sides: Sequence[CriticalStart], setting: Setting, options: argparse.Namespace) -> Iterator[str]:
+    """Yield a table line per way of the subject, way of the other vehicle and order of the two, then lines on each failure.
+
+    Rows that are equal up to a rotation of the junction are one row.
+    """
+    from pytest_rvads.search.starts import STEP
+
+    yield f"{place.name}: {plural(len(sides) // 2, 'line')} of starts, {sum(len(side.tried) for side in sides)} runs"
+    wide = 9 + 8 * any(side.line.walker is not None for side in sides)
+    yield f"{'subject':18}{'other':{wide}}{'decided by':26}{'order':7}{'critical start':>16}  status"
+    rows: dict[tuple[object, ...], list[CriticalStart]] = {}
+    for side in sides:
+        line = side.line
+        turns = tuple(line.place.every_way[way].turn for way in line.ways)
+        apart: object = (line.ways[1][0] - line.seat) % len(place.entrances)
+        if line.walker:
+            arms = place.crossings[line.walker.crossing].arm - place.entrances[line.seat].arm
+            apart = arms % place.ways, line.walker.side, line.walker.behaviour
+        tenths = None if side.start is None else round(side.start.lead * STEP, 1)
+        key = (
+            turns,
+            apart,
+            line.begin,
+            line.vista,
+            side.order,
+            tenths,
+            side.status,
+            side.rule,
+            side.fault,
+            bool(side.unfit),
+            bool(side.error),
+        )
+        rows.setdefault(key, []).append(side)
+    for row in rows.values():
+        first = row[0]
+        subject, other = first.line.labels
+        lead = "never" if first.start is None else f"{first.start.lead * STEP:+.2f} s"
+        told = f"{first.status} {first.rule}, {first.fault}" if first.fault else str(first.status)
+        told = "no room where a vehicle starts" if first.unfit else told
+        more = f" and {len(row) - 1} more of this kind" if len(row) > 1 else ""
+        yield f"{subject:18}{other:{wide}}{first.line.vista:26}{first.order:7}{lead:>16}  {told}{more}"
+    for side in (row[0] for row in rows.values()):
+        if side.error and side.order == "goes":  # the entries of both orders of a line have the same error
+            yield from ("", f"{side.line}: ERROR: {side.error}")
+        elif side.failed is not None:
+            id = setting.id(side.line.scenario(side.failed.lead))
+            yield from ("", f"{side.line}, {side.fault}: {side.rule} {side.status}, lead {side.failed.lead * STEP:+.2f} s")
+            yield from side.explanation.splitlines()
+            yield f"rerun     {again(options, side.line.place, id)}"
+
+
+def _one_start(options: argparse.Namespace, setting: Setting) -> int:
+    """Simulate the start that an option names, print the verdicts on its run, and write its replay page.
+
+    An error of a rule costs no other rule its verdict. If a fault ended the run, the violations before the fault are printed.
+    """
+    from pytest_rvads.report.draw.replay import replay
+    from pytest_rvads.report.run_record import verdict_by
+    from pytest_rvads.scenarios.ids import from_id
+
+    scenario = from_id(options.start, options.place if options.junction or Path(options.place).exists() else None)
+    say(scenario.describe())
+    run = setting.simulated(scenario)
+    verdicts = [verdict_by(run, rule) for rule in setting.rules if rule.concerns(scenario.place)]
+    if not verdicts:
+        warn(f"rvads: none of the rules is about junction {scenario.place.name!r}: choose others by --rules")
+        return NOTHING_JUDGED
+    verdicts.sort(key=lambda verdict: verdict.outcome.severity)
+    if run.fault is not None:
+        say(f"ERROR: {run.fault.reason}")
+    for verdict in verdicts:
+        if verdict.outcome is Outcome.ERROR:
+            if run.fault is None:
+                say(verdict.message)
+        else:
+            say(verdict.explanation if verdict.outcome.bad else verdict.message)
+    if options.output:
+        worst = verdicts[0]
+        opened = worst.time if worst.outcome.bad else None
+        marked = [] if opened is None else [(opened, worst.message)]
+        page = replay(run, worst.message, worst.explanation, marked, responsible=worst.responsible, opened=opened)
+        write_file(Path(options.output), page.encode())
+        say(f"wrote {options.output}")
+    return exit_status({verdict.outcome for verdict in verdicts})

@@ -1,0 +1,205 @@
+"""The options that several commands share, and the things that the options name: driver, executor, starts of two vehicles.
+
+The library distributed (Dask) is imported only for ``--dask``. Callers of `rvads.campaign` in Python pass an executor instead.
+"""
+
+from __future__ import annotations
+
+import argparse
+import shlex
+from collections.abc import Iterator
+from concurrent.futures import Executor
+from contextlib import contextmanager
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from pytest_rvads.cli.common import MAP_FORMATS, named_rules, warn
+from pytest_rvads.support.errors import AutopilotError, MapError, RvadsError, ScenarioError, needs
+
+if TYPE_CHECKING:
+    from pytest_rvads.geometry.junction import Junction
+    from pytest_rvads.search.starts import Line
+    from pytest_rvads.search.trials import Setting
+
+__all__ = [
+    "again",
+    "declare_driver",
+    "declare_executor",
+    "declare_starts",
+    "opened_driver",
+    "opened_executor",
+    "places",
+    "setting_of",
+    "start_of",
+]
+
+_PATIENCE = 20
+"""Longest time for a scheduler to answer, at the beginning and after a lost connection [s]."""
+
+
+def declare_driver(parser: argparse.ArgumentParser) -> None:
+    """Add the options ``--autopilot`` and ``--sut``, which name the driver of the vehicle under test, to a command."""
+    drives = parser.add_mutually_exclusive_group()
+    drives.add_argument("--autopilot", metavar="NAME", help="what drives: module:name, reference, or a traffic policy")
+    drives.add_argument("--sut", metavar="COMMAND", help="what drives: a program that speaks the protocol of stacks")
+
+
+@contextmanager
+def opened_driver(options: argparse.Namespace) -> Iterator[Any]:
+    """Yield the driver that the options name; a program that drives is ended when the context ends.
+
+    Raises:
+        AutopilotError: the options name no driver, or the named object is no driver.
+    """
+    from pytest_rvads.drivers.naming import chosen
+
+    if options.sut is not None:
+        from pytest_rvads.drivers.stacks.process import Process
+
+        with Process(options.sut) as stack:
+            yield stack
+    elif options.autopilot is not None:
+        yield chosen(options.autopilot, Path.cwd(), "--autopilot")
+    else:
+        raise AutopilotError(
+            "no driver is named: name the driver by --autopilot module:name or --sut COMMAND (--autopilot reference for the "
+            "reference driver)"
+        )
+
+
+def declare_executor(parser: argparse.ArgumentParser) -> None:
+    """Add the options ``-j`` and ``--dask``, which choose the executor of the simulations, to a command."""
+    where = parser.add_mutually_exclusive_group()
+    where.add_argument("-j", "--workers", type=int, metavar="N", help="processes (default: one per processor)")
+    where.add_argument(
+        "--dask", metavar="ADDRESS", help="use the workers of this Dask scheduler instead, such as tcp://10.0.0.1:8786"
+    )
+
+
+@contextmanager
+def opened_executor(options: argparse.Namespace) -> Iterator[Executor | int | None]:
+    """Yield the executor that the options name, for `spread` and `campaign`; a connection to a scheduler is closed at the end.
+
+    Raises:
+        ScenarioError: the number of processes is less than 1.
+        RvadsError: Dask is not installed, or no scheduler answers at the address.
+    """
+    if options.workers is not None and options.workers < 1:
+        raise ScenarioError(f"--workers must be at least 1, got {options.workers}")
+    if options.dask is None:
+        yield options.workers
+        return
+    if not find_spec("distributed"):
+        raise RvadsError(needs("--dask", "distributed", "dask"))
+    from distributed import Client
+
+    try:
+        client = Client(options.dask, timeout=_PATIENCE, set_as_default=False)
+    except (OSError, ValueError) as error:
+        raise RvadsError(
+            f"no Dask scheduler answers at {options.dask!r} ({type(error).__name__}: {error}): expected an address such as "
+            "tcp://10.0.0.1:8786, as `dask scheduler` prints it"
+        ) from error
+    try:
+        yield client.get_executor(pure=False)
+    finally:
+        client.close(timeout=_PATIENCE)
+
+
+def declare_starts(parser: argparse.ArgumentParser) -> None:
+    """Add the options for junctions, driver, traffic, simulator, rules and executor to a command about starts of two vehicles."""
+    parser.add_argument("place", metavar="JUNCTION|MAP", help=f"built-in junction, or map file ({MAP_FORMATS})")
+    parser.add_argument("--junction", metavar="ID", help="of the map (default: all in which ways conflict)")
+    declare_driver(parser)
+    parser.add_argument("--traffic", metavar="POLICY", default="reference", help="what drives the other vehicle")
+    parser.add_argument(
+        "--pedestrians",
+        nargs="+",
+        default=[],
+        metavar="BEHAVIOUR",
+        help="meet a pedestrian on a crosswalk instead of another vehicle: steady, darts, ...",
+    )
+    parser.add_argument("--simulator", metavar="NAME", help="what makes the runs, a name or module:name")
+    parser.add_argument(
+        "--rules", nargs="+", default=["road"], metavar="RULE", help="rules, rulebooks or files of rules (default: road)"
+    )
+    declare_executor(parser)
+
+
+def setting_of(options: argparse.Namespace, driver: Any) -> Setting:
+    """Return the settings that all runs of a command share: driver, rules, traffic and simulator.
+
+    Raises:
+        RvadsError: a rule, the policy of the traffic or the simulator is unknown.
+    """
+    from pytest_rvads.search.trials import Setting
+    from pytest_rvads.simulators.simulator import named
+
+    simulator = named(options.simulator, Path.cwd()) if options.simulator else None
+    return Setting.of(driver, named_rules(options.rules), options.traffic, simulator=simulator)
+
+
+def places(options: argparse.Namespace) -> Iterator[Junction]:
+    """Yield the junctions that the options name; of a whole map, junctions without a line of starts are left out with a warning.
+
+    Raises:
+        MapError: no junction has the name, or the map has no junction in which ways conflict.
+    """
+    from pytest_rvads.geometry.conflicts import JunctionKind
+    from pytest_rvads.geometry.finder import find, names
+    from pytest_rvads.geometry.road_map import describe, read_map
+    from pytest_rvads.search.starts import lines_at
+
+    if options.place in names():
+        if options.junction:
+            raise MapError(f"--junction names a junction of a map, and {options.place!r} is a built-in junction: leave it out")
+        yield find(options.place)
+        return
+    if not Path(options.place).exists():
+        raise MapError(f"{options.place!r} is no built-in junction ({', '.join(names())}) and no file: name one of these")
+    if options.junction:
+        yield find(options.junction, options.place)
+        return
+    described = describe(read_map(options.place))["junctions"]
+    ids = [one["id"] for one in described if one["kind"] not in (None, JunctionKind.CONFLICT_FREE)]
+    if not ids:
+        raise MapError(
+            f"{options.place} has no junction in which ways conflict: `rvads map {shlex.quote(options.place)}` says why"
+        )
+    for place in (find(id, options.place) for id in ids):
+        try:
+            lines_at(place, behaviours=options.pedestrians)
+        except ScenarioError as error:
+            warn(f"rvads: {error}")
+        else:
+            yield place
+
+
+def again(options: argparse.Namespace, place: Junction, id: str) -> str:
+    """Return the command that simulates the start with the id `id` once more."""
+    words = ["rvads", "critical", options.place, *(["--junction", place.id] if place.map else []), *_driver_words(options)]
+    words += ["--traffic", options.traffic] if options.traffic != "reference" else []
+    words += ["--simulator", options.simulator] if options.simulator else []
+    words += ["--rules", *options.rules] if options.rules != ["road"] else []
+    words += ["--hand", options.hand] if getattr(options, "hand", None) else []
+    return shlex.join([*words, "--start", id])
+
+
+def _driver_words(options: argparse.Namespace) -> list[str]:
+    """Return the options for the driver as arguments of a command line."""
+    return [word for name in ("autopilot", "sut") if (value := getattr(options, name)) for word in (f"--{name}", value)]
+
+
+def start_of(line: Line, lead: int, setting: Setting) -> dict[str, Any]:
+    """Return a start of a line as a JSON object: lead [s], id, distance [m] and speed [m/s] per vehicle."""
+    from pytest_rvads.search.starts import STEP
+
+    scenario = line.scenario(lead)
+    entrances = [start for start, _ in line.ways if start < len(line.place.entrances)]
+    return {
+        "lead": round(lead * STEP, 2),
+        "id": setting.id(scenario),
+        "distances": [scenario.start(entrance)[0] for entrance in entrances],
+        "speeds": [scenario.start(entrance)[1] for entrance in entrances],
+    }

@@ -1,0 +1,83 @@
+"""What is installed: objects that packages add by entry points ``rvads.GROUP``, and versions of software.
+
+Verdicts depend on the software whose versions are listed.
+"""
+
+from __future__ import annotations
+
+import platform
+from collections.abc import Mapping
+from functools import cache, lru_cache
+from hashlib import sha256
+from importlib.metadata import EntryPoint, PackageNotFoundError, entry_points, version
+from pathlib import Path
+from typing import Any
+
+from pytest_rvads import __version__
+from pytest_rvads.support.errors import RvadsError
+from pytest_rvads.support.wording import one_line
+
+__all__ = ["ENGINES", "code", "entries", "load", "versions"]
+
+ENGINES = ("pybullet", "mujoco", "libsumo")
+"""Packages of the engines of simulators, of which some are not installed everywhere."""
+
+
+@cache
+def entries(group: str) -> Mapping[str, EntryPoint]:
+    """Return the entry points of a group by name, in alphabetical order.
+
+    Args:
+        group: name of the group without its prefix, such as ``simulators``.
+    """
+    return {entry.name: entry for entry in sorted(entry_points(group=f"rvads.{group}"), key=lambda entry: entry.name)}
+
+
+def load(group: str, name: str) -> Any:
+    """Return the object that an entry point names.
+
+    Args:
+        group: name of the group without its prefix.
+        name: name of an entry point of the group.
+
+    Raises:
+        RvadsError: the object can't be imported; the message names the entry point and the package that declares it.
+    """
+    entry = entries(group)[name]
+    try:
+        return entry.load()
+    except Exception as error:  # the module of another package may raise any exception
+        package = f" of {entry.dist.name}" if entry.dist else ""
+        raise RvadsError(
+            f"the entry point {name} = {entry.value} in the group rvads.{group}{package} can't be loaded: {one_line(str(error))}"
+        ) from error
+
+
+def versions(*libraries: str) -> dict[str, str]:
+    """Return the versions of this package, of numpy, of Python and of further libraries, by name.
+
+    Args:
+        libraries: names of packages; packages that are not installed are left out.
+    """
+    by_name = {"pytest-rvads": __version__}
+    for library in libraries:
+        try:
+            by_name[library] = _version(library)
+        except PackageNotFoundError:
+            continue
+    return by_name | {"numpy": _version("numpy"), "python": platform.python_version()}
+
+
+@lru_cache(maxsize=1)
+def code() -> str:
+    """Return a checksum of all modules of this package."""
+    digest = sha256()
+    root = Path(__file__).parents[1]
+    for path in sorted(root.rglob("*.py")):
+        digest.update(f"{path.relative_to(root).as_posix()}\0".encode() + path.read_bytes())
+    return digest.hexdigest()
+
+
+@lru_cache(maxsize=64)  # every run needs the versions, and a search for a version reads a large file
+def _version(library: str) -> str:
+    return version(library)

@@ -1,0 +1,26 @@
+"""Drivers who could not stop for pedestrians, and who wait for them with good reason."""
+
+from .cases import Case
+from .drivers import paced, stops_at
+from .shown import shows_each
+from .test_cheats_crosswalks import LIT, PLAIN, walk
+
+HIT = {"no_collision": "PROVOKED p0", "no_conflict": "PROVOKED p0", "end": "collision"}
+CASES = {
+    "hit_who_darts_onto_the_crosswalk": Case(
+        walk(PLAIN, "2000", 0, "near", "darts", -0.2), paced(lambda _: 8.0), {"crosswalk": "PROVOKED p0", **HIT}
+    ),
+    "hit_who_steps_out_against_the_light": Case(walk(LIT, "2000", 0, "near", "against", -0.2), paced(lambda _: 8.0), HIT),
+    # Stands 0.1 m over the edge.
+    "wait_on_the_edge_for_who_stops_half_way": Case(
+        walk(PLAIN, "2000", 0, "far", "stops", 6.0), stops_at(1.4, go=16.0), {"crosswalk": "PASS", "crosswalk_clear": "PASS"}
+    ),
+    "wait_for_who_stands_on_the_crosswalk": Case(
+        walk(PLAIN, "2000", 0, "far", "stops", 0.0), stops_at(-0.3, go=13.0), {"crosswalk": "PASS", "progress": "PASS"}
+    ),
+}
+
+
+@shows_each(CASES)
+def test_who_meets_pedestrians_without_a_fault_is_not_blamed(case: Case) -> None:
+    assert case.told() == case.tells
