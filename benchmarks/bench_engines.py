@@ -11,12 +11,12 @@ import pytest
 
 from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.geometry.finder import find
+from pytest_rvads.physics.body import Motion
 from pytest_rvads.physics.engines import BULLET, MUJOCO, Engine
-from pytest_rvads.physics.world import Motion
-from pytest_rvads.runs.vehicle import Vehicle
+from pytest_rvads.runs.states import Vehicle
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario
-from pytest_rvads.simulators.planar import bullet, mujoco
+from pytest_rvads.simulators.loop import bullet, mujoco
 from pytest_rvads.simulators.simulator import Simulator, simulate
 
 ENGINES = (BULLET, MUJOCO)

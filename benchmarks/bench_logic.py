@@ -10,8 +10,7 @@ from pytest_rvads.geometry.finder import find
 from pytest_rvads.logic.check import check, extract
 from pytest_rvads.logic.judging.ground import ground
 from pytest_rvads.logic.judging.prepare import forget
-from pytest_rvads.logic.ltl.ltl3 import synthesize
-from pytest_rvads.logic.ltl.monitor import Monitor, encode, run_machine
+from pytest_rvads.logic.ltl.ltl3 import Monitor, encode, run_machine, synthesize
 from pytest_rvads.logic.ltl.parser import parse_ltl
 from pytest_rvads.logic.rules.book import rulebook
 from pytest_rvads.runs.run import Run

@@ -19,7 +19,7 @@ from pytest_rvads.physics.engines import BULLET, MUJOCO, Engine
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.configurations import grid
 from pytest_rvads.scenarios.selection import Selection
-from pytest_rvads.simulators.planar import Planar
+from pytest_rvads.simulators.loop import Planar
 from pytest_rvads.simulators.simulator import simulate
 
 JUNCTIONS = ("light3", "stop4", "right4", "light4")

@@ -10,11 +10,11 @@ from collections.abc import Callable, Sequence
 from typing import Any, Protocol
 
 import pytest_rvads as rvads
+from pytest_rvads.physics.body import Motion
 from pytest_rvads.physics.braking import FASTEST, STANDING, greatest_safe
-from pytest_rvads.physics.world import Motion
 from pytest_rvads.runs.run import DT
 from pytest_rvads.simulators.loop import Loop
-from pytest_rvads.support.versions import versions
+from pytest_rvads.support.installed import versions
 
 SAME_SIZE = 0.1
 """How much longer or wider than the vehicle of a case a blueprint may be [m]."""
@@ -80,10 +80,10 @@ class Brakes:
 
 
 class CarlaWorld:
-    """The vehicles of one run, which move by CARLA's own dynamics; a `pytest_rvads.physics.world.World` that takes controls."""
+    """The vehicles of one run, which move by CARLA's own dynamics; a `pytest_rvads.physics.body.World` that takes controls."""
 
     def __init__(self, client: Client, case: rvads.Case, starts: Sequence[Motion], steering: float) -> None:
-        scenario, vehicles = case.scenario, [case.fleet.of(agent.name) for agent in case.agents()]
+        scenario, vehicles = case.scenario, [case.fleet.of(agent.name) for agent in case.vehicles()]
         self.client, self.scenario, self.plan, self.ticks = client, scenario, scenario.signals(), 0
         self.brakes = [vehicle.brake[scenario.aggression - 1] / vehicle.brake[-1] for vehicle in vehicles]  # full pedal: hardest
         self.steering, self.now, self.ahead = steering, list(starts), [self.fit(vehicle) for vehicle in vehicles]

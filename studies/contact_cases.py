@@ -10,8 +10,7 @@ from typing import Any
 from pytest_rvads.drivers.follower import Follower
 from pytest_rvads.drivers.interface import Observation
 from pytest_rvads.geometry.finder import find
-from pytest_rvads.runs.states import Kind
-from pytest_rvads.runs.vehicle import Vehicle
+from pytest_rvads.runs.states import Kind, Vehicle
 from pytest_rvads.scenarios.case import Case, Fleet
 from pytest_rvads.scenarios.scenario import Scenario
 

@@ -10,8 +10,8 @@ from msgspec import Struct
 
 from pytest_rvads.drivers.traffic import traffic
 from pytest_rvads.geometry.control import JunctionControl
-from pytest_rvads.geometry.segment import Turn
-from pytest_rvads.runs.recorded import Edge
+from pytest_rvads.geometry.turns import Turn
+from pytest_rvads.runs.readers import Edge
 from pytest_rvads.runs.run import Run
 from pytest_rvads.satellites.paper.experiment import outcome
 from pytest_rvads.scenarios.case import Case

@@ -8,8 +8,9 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
-from pytest_rvads.cli import answer, executor_options
+from pytest_rvads.cli import answer
 from pytest_rvads.cli.common import progress, say
+from pytest_rvads.cli.shared_options import declare_executor, opened_executor
 from pytest_rvads.simulators.simulator import named
 from pytest_rvads.support.errors import ScenarioError, suggest
 from studies.agreement import agree, text_agreements
@@ -34,7 +35,7 @@ def main(words: Sequence[str] | None = None) -> int:
     )
     compare.add_argument("--recorded", metavar="FILE", nargs="+", default=[], help="also the runs of recorded files, predicted")
     compare.add_argument("--strict", action="store_true", help="exit 1 when an outcome differs")
-    executor_options.declare(compare)
+    declare_executor(compare)
     compare.set_defaults(command=_compare)
     return answer(compare, words)
 
@@ -48,7 +49,7 @@ def _compare(options: argparse.Namespace) -> int:
     for name in (one, two):
         named(name, Path.cwd())  # an unknown one is refused before anything runs
     trials = {name: list(SETS[name]()) for name in wanted} | {file: list(recorded_trials(file)) for file in options.recorded}
-    with executor_options.opened(options) as executor:
+    with opened_executor(options) as executor:
         found = {
             name: list(agree((one, two), cases, executor=executor, progress=partial(progress, what=f"cases of {name}")))
             for name, cases in trials.items()

@@ -1,7 +1,6 @@
 """Write the built-in maps anew: ``python tools/make_maps.py``."""
 
-from pytest_rvads.geometry.builtin import LAYOUTS, path_of
-from pytest_rvads.geometry.opendrive.roundabout import Roundabout, roundabout
+from pytest_rvads.geometry.builtin import LAYOUTS, Roundabout, path_of, roundabout
 from pytest_rvads.geometry.opendrive.writer import opendrive
 
 

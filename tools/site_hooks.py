@@ -11,11 +11,11 @@ import sys
 import tempfile
 from contextlib import redirect_stdout, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 from unittest.mock import patch
 
 from pytest_rvads.cli import main
-from pytest_rvads.session.options import declare
+from pytest_rvads.session.options import all_options
 
 if TYPE_CHECKING:
     from mkdocs.structure.files import Files
@@ -115,44 +115,35 @@ def gallery() -> dict[str, str]:
         return {f"gallery/{path.name}": path.read_text(encoding="utf-8") for path in sorted(Path(folder).glob("*.html"))}
 
 
-class _Declared:
-    """Stands for pytest's parser and keeps what is declared."""
-
-    def __init__(self) -> None:
-        self.sections: list[str] = []
-
-    def getgroup(self, *_: str) -> _Declared:
-        """Return the group, which is all that there is."""
-        return self
-
-    def addini(self, *_: object, **__: object) -> None:
-        """Leave the ini twin out: the flag's own help names it."""
-
-    def addoption(self, flag: str, *, dest: str, help: str, **more: Any) -> None:
-        """Keep a flag as a section."""
-        text, _, ending = help.replace("%%", "%").rpartition(" (ini: ")
-        _, _, default = ending.removesuffix(")").partition(", default ")
-        value = "|".join(more["choices"]) if "choices" in more else more["metavar"]
-        held = f"default `{default}`" if default else "no default"
-        told = re.sub(r"\bdocs/([\w-]+\.md)", r"[\1](\1)", f"{text[0].upper()}{text[1:]}.")
-        self.sections.append(f"## {flag}\n\n`{flag}={value}`, in the ini file `{dest}`, {held}\n\n{told}")
-
-
 def options() -> str:
     """Return the page of all options."""
-    declared = _Declared()
-    declare(cast(Any, declared))
-    return "\n\n".join([_OPTIONS, *declared.sections]) + "\n"
+    sections = []
+    for action in all_options()._actions:
+        text, _, ending = str(action.help).replace("%%", "%").rpartition(" (ini: ")
+        _, _, default = ending.removesuffix(")").partition(", default ")
+        value = "|".join(action.choices) if action.choices else action.metavar
+        held = f"default `{default}`" if default else "no default"
+        told = re.sub(r"\bdocs/([\w-]+\.md)", r"[\1](\1)", f"{text[0].upper()}{text[1:]}.")
+        flag = action.option_strings[0]
+        sections.append(f"## {flag}\n\n`{flag}={value}`, in the ini file `{action.dest}`, {held}\n\n{told}")
+    return "\n\n".join([_OPTIONS, *sections]) + "\n"
 
 
 def commands() -> str:
     """Return the page of all commands: what each prints with ``--help``."""
     parts = ["# Commands", "What `rvads --help` prints, and below it the help of each command.", f"```text\n{_help()}```"]
-    for name in _below(_help()):
+    for name in _named(_help()):
         parts += [f"## rvads {name}", f"```text\n{_help(name)}```"]
         for inner in _below(_help(name)):
             parts += [f"### rvads {name} {inner}", f"```text\n{_help(name, inner)}```"]
     return "\n\n".join(parts) + "\n"
+
+
+def _named(told: str) -> list[str]:
+    """Return the commands that the help of ``rvads`` explains, and those that it names as further ones."""
+    explained = re.findall(r"^  ([a-z][\w-]*) ", told, re.MULTILINE)
+    further = re.search(r"^further commands: ([^(]+)", told, re.MULTILINE)
+    return [*explained, *(re.findall(r"[\w-]+", further[1]) if further else [])]
 
 
 def _below(told: str) -> list[str]:

@@ -10,9 +10,9 @@ from collections.abc import Mapping
 from types import MappingProxyType
 
 from pytest_rvads.drivers.reference import Reference
-from studies.mutants import action, decision, sight
+from studies.mutants import action, crosswalks, decision, sight
 
-__all__ = ["MUTANTS"]
+__all__ = ["AT_CROSSWALKS", "MUTANTS"]
 
 MUTANTS: Mapping[str, type[Reference]] = MappingProxyType(
     {
@@ -50,3 +50,16 @@ MUTANTS: Mapping[str, type[Reference]] = MappingProxyType(
     }
 )
 """By name, in alphabetical order."""
+AT_CROSSWALKS: Mapping[str, type[Reference]] = MappingProxyType(
+    {
+        "blind turning right": crosswalks.BlindTurningRight,
+        "brakes late at crosswalks": crosswalks.BrakesLate,
+        "ignores occlusion": crosswalks.IgnoresOcclusion,
+        "ignores the far side": crosswalks.IgnoresFarSide,
+        "passes tightly": crosswalks.PassesTightly,
+        "stops on crosswalks": crosswalks.StopsOnCrosswalk,
+        "waits for ever": crosswalks.WaitsForEver,
+        "yields in front only": crosswalks.FrontOnly,
+    }
+)
+"""The mutants whose fault shows where pedestrians walk, by name, in alphabetical order."""

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from pytest_rvads.drivers.at_light import Light
 from pytest_rvads.drivers.crossing import in_the_way
 from pytest_rvads.drivers.interface import Observation
-from pytest_rvads.drivers.order import Queue
 from pytest_rvads.drivers.reference import Gate, Reference, by_zones
-from pytest_rvads.drivers.stop_sign import HOLD, PATIENCE, StopSign
+from pytest_rvads.drivers.signs_and_lights import HOLD, PATIENCE, Light, Queue, StopSign
 from pytest_rvads.geometry.control import JunctionControl
-from pytest_rvads.geometry.segment import Turn
+from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.runs.states import Colour, VehicleState, Zone
 
 __all__ = [

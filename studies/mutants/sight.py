@@ -15,6 +15,7 @@ __all__ = [
     "BlindLeft",
     "BlindRight",
     "LateSight",
+    "Misled",
     "NoSpeeds",
     "RunsRed",
     "ShortSighted",
@@ -28,7 +29,7 @@ _LATE = 0.6
 """By how much the late one is behind [s]."""
 
 
-class _Misled(Reference):
+class Misled(Reference):
     """Drives by what `perceive` makes of the observation."""
 
     def perceive(self, seen: Observation) -> Observation:
@@ -44,35 +45,35 @@ class _Misled(Reference):
         return super().control(self.perceive(seen))
 
 
-class BlindLeft(_Misled):
+class BlindLeft(Misled):
     """Does not see who comes from the left, until out of the junction."""
 
     def notices(self, seen: Observation, other: VehicleState) -> bool:
         return other.zone >= Zone.EXIT or (seen.me.entrance, other.entrance) not in seen.junction.right_of
 
 
-class BlindRight(_Misled):
+class BlindRight(Misled):
     """Does not see who comes from the right, until out of the junction."""
 
     def notices(self, seen: Observation, other: VehicleState) -> bool:
         return other.zone >= Zone.EXIT or (other.entrance, seen.me.entrance) not in seen.junction.right_of
 
 
-class BlindAhead(_Misled):
+class BlindAhead(Misled):
     """Does not see who comes from the opposite entrance, until out of the junction."""
 
     def notices(self, seen: Observation, other: VehicleState) -> bool:
         return other.zone >= Zone.EXIT or (seen.me.entrance, other.entrance) not in seen.junction.opposite
 
 
-class BlindInside(_Misled):
+class BlindInside(Misled):
     """Does not see who is in the junction."""
 
     def notices(self, seen: Observation, other: VehicleState) -> bool:
         return other.zone is not Zone.JUNCTION
 
 
-class ShortSighted(_Misled):
+class ShortSighted(Misled):
     """Sees 12 m far."""
 
     def notices(self, seen: Observation, other: VehicleState) -> bool:
@@ -80,14 +81,14 @@ class ShortSighted(_Misled):
         return dx * dx + dy * dy < _REACH * _REACH
 
 
-class NoSpeeds(_Misled):
+class NoSpeeds(Misled):
     """Takes every other vehicle for standing."""
 
     def perceive(self, seen: Observation) -> Observation:
         return seen._replace(others=tuple([other._replace(speed=0.0, acceleration=0.0) for other in seen.others]))
 
 
-class LateSight(_Misled):
+class LateSight(Misled):
     """Sees the others as they were 0.6 s ago."""
 
     def __init__(self) -> None:
@@ -99,7 +100,7 @@ class LateSight(_Misled):
         return seen._replace(others=self._past[0])
 
 
-class _Coloured(_Misled):
+class _Coloured(Misled):
     """Takes some colours for others."""
 
     taken: dict[Colour, Colour] = {}
