@@ -5,7 +5,7 @@ The public names stand in ``__init__.pyi`` and are loaded when first used, so th
 
 from importlib import import_module
 
-__version__ = "0.2.0.dev0"
+__version__ = "0.3.0"
 
 
 def _homes() -> dict[str, str]:
