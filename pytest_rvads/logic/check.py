@@ -30,9 +30,8 @@ from pytest_rvads.logic.judging.ground import ground, simplify, unfold
 from pytest_rvads.logic.judging.judge import asked, judge, nearest_miss
 from pytest_rvads.logic.judging.judgement import Judgement, Near, Template
 from pytest_rvads.logic.judging.prepare import prepare
-from pytest_rvads.logic.judging.readings import doubted
+from pytest_rvads.logic.judging.readings import doubted, tolerance
 from pytest_rvads.logic.judging.responsibility import Cycle, by_walkers, find_cycle, is_about, unavoidable, waits
-from pytest_rvads.logic.judging.tolerance import tolerance
 from pytest_rvads.logic.judging.verdicts import Status, Verdict
 from pytest_rvads.logic.outcome import Outcome, counted
 from pytest_rvads.logic.rules.book import RuleBook, current_book, get_rule, is_rulebook, rules_for
