@@ -28,7 +28,6 @@ from numpy.typing import NDArray
 from pytest_rvads.geometry.conflicts import Shared
 from pytest_rvads.geometry.control import JunctionControl, Sign
 from pytest_rvads.geometry.crosswalks import Crossing
-from pytest_rvads.logic.conduct.at_crosswalks import waits_to_cross
 from pytest_rvads.logic.conduct.blocks import tick_of
 from pytest_rvads.logic.conduct.cast import Cast, Cause, may_owe
 from pytest_rvads.logic.conduct.lane import off_lane
@@ -38,6 +37,7 @@ from pytest_rvads.logic.conduct.progress import idles, may_go
 from pytest_rvads.logic.conduct.rights import comes_first
 from pytest_rvads.logic.conduct.standing import STANDSTILL, stopped
 from pytest_rvads.logic.conduct.stretches import contested, shared
+from pytest_rvads.logic.conduct.waiting import waits_to_cross
 from pytest_rvads.runs.run import Collision, Run
 from pytest_rvads.runs.states import Colour, Zone
 from pytest_rvads.support.errors import RunError

@@ -17,10 +17,11 @@ from pytest_rvads.geometry.crosswalks import Crossing, Side, half
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.logic.conduct.blocks import Block, signal, sized
 from pytest_rvads.logic.conduct.cast import Cast, Pairs, pairs
-from pytest_rvads.logic.conduct.standing import STANDSTILL, latched, stands
+from pytest_rvads.logic.conduct.standing import STANDSTILL, entered, facing, latched, stands
 from pytest_rvads.logic.conduct.stretches import shared
+from pytest_rvads.runs.states import Colour
 
-__all__ = ["DUE_ON_FOOT", "Places", "Walk", "claims", "places_of", "takes_crosswalk", "walk", "walkers"]
+__all__ = ["DUE_ON_FOOT", "Places", "Walk", "claims", "places_of", "stepped_on_walk", "takes_crosswalk", "walk", "walkers"]
 
 DUE_ON_FOOT = 3.0
 """Time to the lane of a vehicle below which a pedestrian on the other half of the roadway is due [s]: a lane of 3.5 m at 1.2 m/s,
@@ -122,3 +123,10 @@ def takes_crosswalk(
     came_first = latched(goes & steps.claims, goes & ~steps.claims, came)
     meets = steps.within & (front >= at.near) & (front - both.first(cast.length) <= at.far)
     return both.first(block.here) & (goes | (meets & came_first)), known, still, came_first
+
+
+@signal(steady=True)
+def stepped_on_walk(block: Block) -> NDArray[np.bool_]:
+    """Return whether the light of each pedestrian showed green (WALK) when the pedestrian stepped onto the crosswalk."""
+    on_walk: NDArray[np.bool_] = (entered(block) <= block.ticks) & (facing(block) == Colour.GREEN)
+    return on_walk

@@ -1,4 +1,4 @@
-"""Finds vehicles that could go and do not go, and vehicles that stand in the junction without a reason.
+"""Finds vehicles that could go and do not go, and vehicles that stand in the junction or on a crosswalk without a reason.
 
 These are reasons to wait: a body ahead in the lane, a vehicle on the stretch that both movements share, a vehicle with the better
 right that comes soon or is first at its line, and a light that is not green. A vehicle that waits in a circle of vehicles, each
@@ -9,20 +9,33 @@ loses time while it is slower than walking pace.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.logic.conduct.blocks import ENTRANCE, Block, signal, sized
 from pytest_rvads.logic.conduct.cast import Cast
-from pytest_rvads.logic.conduct.rights import GREEN, PACE, RED, YELLOW
-from pytest_rvads.logic.conduct.standing import advance, facing, inside
+from pytest_rvads.logic.conduct.rights import GREEN, PACE, RED, YELLOW, close_behind
+from pytest_rvads.logic.conduct.standing import advance, facing, inside, lasting, latched
 from pytest_rvads.logic.conduct.stretches import ahead_by, first_stretch, neighbours
-from pytest_rvads.logic.conduct.waiting import QUEUE_GAP, circles, lines
+from pytest_rvads.logic.conduct.waiting import QUEUE_GAP, SPARE, circles, lets_pass, lines, partners
 from pytest_rvads.runs.itineraries import LEAVE
 
-__all__ = ["BLOCKING_TIME", "CRAWL", "PASSED", "PATIENCE", "STUCK_TIME", "Lost", "blocks", "idles", "losses", "may_go"]
+__all__ = [
+    "BLOCKING_TIME",
+    "CRAWL",
+    "PASSED",
+    "PATIENCE",
+    "STUCK_TIME",
+    "Lost",
+    "blocks",
+    "idles",
+    "losses",
+    "may_go",
+    "on_crosswalk",
+    "stands_on_crosswalk",
+]
 
 PATIENCE = 10.0
 """Lost time beyond which a vehicle that could go impedes traffic [s]; laws give no number (StVO 3(2), CVC 22400(a))."""
@@ -201,3 +214,48 @@ def blocks(block: Block) -> NDArray[np.bool_]:
     """
     lost: Lost = losses(block)
     return (lost.blocked > BLOCKING_TIME) | (lost.stuck > STUCK_TIME)
+
+
+def _areas(cast: Cast) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return where the painted areas of crosswalks begin and end on the way of each vehicle, shape ``(crosswalks, agents)`` [m].
+
+    A vehicle that does not drive over a crosswalk has NaN there.
+    """
+    numbers, covers = range(len(cast.junction.crossings)), cast.junction.covers
+    areas = [[covers.get((number, agent.way.key), (np.nan, np.nan)) for agent in cast.agents] for number in numbers]
+    begin, end = np.array(areas, dtype=np.float64).reshape(len(numbers), len(cast), 2).transpose(2, 0, 1)
+    return begin, end
+
+
+@signal(needs=sized)
+def on_crosswalk(block: Block) -> NDArray[np.bool_]:
+    """Return whether a part of the body of each vehicle is over the painted area of a crosswalk."""
+    begin, end = block.cast.static(_areas)
+    front = block.need("station")[:, None]
+    over: NDArray[np.bool_] = ((front > begin) & (front - block.cast.length < end)).any(axis=1)
+    return over & block.here
+
+
+@signal(start=(np.nan, False, 0), needs=_need_everything)
+def stands_on_crosswalk(
+    block: Block, before: NDArray[np.float64], full: NDArray[np.bool_], count: NDArray[np.int64]
+) -> tuple[NDArray[Any], ...]:
+    """Return whether each vehicle has stood or crept on a crosswalk for longer than `STUCK_TIME` without a break or an excuse.
+
+    Excuses are a road user to whom the vehicle gives way, and a vehicle close ahead that left room for this vehicle behind the
+    crosswalk when this vehicle drove onto it: its length and `SPARE`.
+    """
+    cast, near, (begin, end) = block.cast, block.cast.static(neighbours), block.cast.static(_areas)
+    front = block.need("station")
+    last = np.concatenate((before[None], front[:-1]))[:, None]
+    comes = (last < begin) & (front[:, None] >= begin)
+    room = near.first(front) + ahead_by(block)
+    tight = comes.copy()
+    for number, stop in enumerate(end):
+        tight[:, number] &= near.any(room < near.first(stop + cast.length + SPARE), len(cast))
+    full_ahead = latched(np.any(tight, axis=1), np.any(comes & ~tight, axis=1), full)
+    queued = near.any(close_behind(block), len(cast))
+    gives_way = cast.static(partners).any(lets_pass(block), len(cast))
+    stays = on_crosswalk(block) & (np.abs(block.need("speed")) <= CRAWL) & ~gives_way & (full_ahead | ~queued)
+    lasts = lasting(stays, count)
+    return lasts > round(STUCK_TIME / block.dt), front, full_ahead, lasts

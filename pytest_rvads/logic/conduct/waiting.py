@@ -1,10 +1,10 @@
-"""Finds which vehicles wait for each other, and circles of vehicles that all wait for each other."""
+"""Finds which road users wait for each other, and circles of vehicles that all wait for each other."""
 
 from __future__ import annotations
 
 import math
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,13 +12,14 @@ from numpy.typing import NDArray
 from pytest_rvads.geometry.conflicts import Key
 from pytest_rvads.geometry.control import JunctionControl, Sign
 from pytest_rvads.geometry.junction import Junction
-from pytest_rvads.logic.conduct.blocks import ENTRANCE, JUNCTION, Block, signal
+from pytest_rvads.logic.conduct.blocks import ENTRANCE, JUNCTION, Block, signal, sized
 from pytest_rvads.logic.conduct.cast import Cast, Pairs, everybody, ground_of, pairs
 from pytest_rvads.logic.conduct.on_foot import places_of, walk, walkers
 from pytest_rvads.logic.conduct.rights import (
     DUE,
     PACE,
     RED,
+    WAIVER,
     came_first,
     close_behind,
     coming,
@@ -30,10 +31,10 @@ from pytest_rvads.logic.conduct.rights import (
     waives,
     yields,
 )
-from pytest_rvads.logic.conduct.standing import entered, facing
+from pytest_rvads.logic.conduct.standing import entered, facing, lasting, latched, stands
 from pytest_rvads.logic.conduct.stretches import Places, ahead_by, neighbours, passed, places, roads, shared
 
-__all__ = ["QUEUE_GAP", "Circles", "circles", "due", "lets_pass", "lines"]
+__all__ = ["QUEUE_GAP", "Circles", "circles", "due", "lets_pass", "lines", "waits_to_cross"]
 
 AT_LINE = 5.0
 """Distance to the stopping line below which a vehicle is at its line and may wait for its turn [m]."""
@@ -320,3 +321,16 @@ def _courtesies(cast: Cast) -> NDArray[np.bool_]:
     if cast.junction.control is JunctionControl.STOP:
         apart[both.agents, both.others] = np.isnan(cast.static(_places).begin)
     return apart
+
+
+@signal(pairs=walkers, start=(0, False), needs=sized)
+def waits_to_cross(block: Block, before: NDArray[np.int64], waived: NDArray[np.bool_]) -> tuple[NDArray[Any], ...]:
+    """Return whether each pair's pedestrian waits in the last metre before the kerb, and the vehicle is near the crosswalk.
+
+    A pedestrian who does not step onto the roadway while the vehicle stands there for `WAIVER` lets the vehicle go first.
+    """
+    both, near = block.cast.static(walkers), near_crosswalk(block)
+    waits = both.second(block.zone == ENTRANCE)
+    count = lasting(waits & near & both.first(stands(block)), before)
+    gone_by = latched(waits & (count > round(WAIVER / block.dt)), ~waits, waived)
+    return waits & near & ~gone_by, count, gone_by

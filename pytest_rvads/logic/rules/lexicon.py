@@ -15,19 +15,19 @@ from numpy.typing import NDArray
 
 from pytest_rvads.geometry.crosswalks import Crossing
 from pytest_rvads.logic.conduct import predicates
-from pytest_rvads.logic.conduct.at_crosswalks import on_crosswalk, stands_on_crosswalk, stepped_on_walk, waits_to_cross
 from pytest_rvads.logic.conduct.blame import blame, cause_of, disregard, disregard_at_kerb
 from pytest_rvads.logic.conduct.blocks import Signal
 from pytest_rvads.logic.conduct.bodies import collide, contacts
 from pytest_rvads.logic.conduct.cast import Cause, Ground
 from pytest_rvads.logic.conduct.lane import beyond_steering, lane_allows, off_lane, off_route
-from pytest_rvads.logic.conduct.on_foot import takes_crosswalk
+from pytest_rvads.logic.conduct.on_foot import stepped_on_walk, takes_crosswalk
 from pytest_rvads.logic.conduct.predicates import Static
 from pytest_rvads.logic.conduct.priority import obstructs, owes
-from pytest_rvads.logic.conduct.progress import blocks, idles, may_go
+from pytest_rvads.logic.conduct.progress import blocks, idles, may_go, on_crosswalk, stands_on_crosswalk
 from pytest_rvads.logic.conduct.rights import gives_up, owes_crossing
 from pytest_rvads.logic.conduct.standing import arrived, inside, speeding, standing_time, stopped, waited, wt
 from pytest_rvads.logic.conduct.stretches import meet
+from pytest_rvads.logic.conduct.waiting import waits_to_cross
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.rules.current import PACKAGE
 from pytest_rvads.logic.rules.vocabulary import Attribute, FromZones, Measured, Sort, Vocabulary, Word
