@@ -150,8 +150,8 @@ def _one_start(options: argparse.Namespace, setting: Setting) -> int:
 
     An error of a rule costs no other rule its verdict. If a fault ended the run, the violations before the fault are printed.
     """
+    from pytest_rvads.logic.check import verdict_by
     from pytest_rvads.report.draw.replay import replay
-    from pytest_rvads.report.run_record import verdict_by
     from pytest_rvads.scenarios.ids import from_id
 
     scenario = from_id(options.start, options.place if options.junction or Path(options.place).exists() else None)

@@ -19,6 +19,7 @@ from shlex import quote
 from msgspec.structs import replace
 
 from pytest_rvads.cli.common import named_rules
+from pytest_rvads.logic.check import sentence, verdict_by
 from pytest_rvads.logic.conduct.kpis import arrival_differences, kpis
 from pytest_rvads.logic.conduct.validate import damage, validate
 from pytest_rvads.logic.judging.verdicts import Status, Verdict
@@ -26,7 +27,7 @@ from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.report.draw.replay import Beside
 from pytest_rvads.report.failure_page import failure_pages
 from pytest_rvads.report.record import Record, planned_record
-from pytest_rvads.report.run_record import by_rule, of_run, sentence, summed, verdict_by
+from pytest_rvads.report.run_record import by_rule, of_run, summed
 from pytest_rvads.runs.measured import Kpis
 from pytest_rvads.runs.readers import READERS, files_of, matching, read_runs
 from pytest_rvads.runs.run import Run

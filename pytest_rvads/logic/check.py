@@ -40,9 +40,22 @@ from pytest_rvads.logic.rules.rule import LONGEST_TIE, Rule
 from pytest_rvads.logic.telling.explain import tell
 from pytest_rvads.logic.telling.story import Story
 from pytest_rvads.runs.run import Run, once
-from pytest_rvads.support.errors import RunError, require
+from pytest_rvads.support.errors import RunError, RvadsError, require
+from pytest_rvads.support.wording import one_line
 
-__all__ = ["Attribution", "attribute", "check", "companions", "extract", "ground", "simplify", "unfold"]
+__all__ = [
+    "Attribution",
+    "attribute",
+    "check",
+    "companions",
+    "extract",
+    "ground",
+    "sentence",
+    "simplify",
+    "unfold",
+    "unjudged",
+    "verdict_by",
+]
 
 
 NOT_RECORDED = "not recorded"
@@ -133,6 +146,25 @@ def check(
         story.notes.append(f"later, at {run.fault.time:.2f} s, the run ended by a fault: {run.fault.reason}")
         return tell(story)
     return tell(Story(rule, run, Status.ERROR, reason=run.fault.reason))
+
+
+def verdict_by(run: Run, rule: str | Rule) -> Verdict:
+    """Return the verdict of a rule on a run; the verdict is ERROR with a reason if the rule can't judge the run."""
+    try:
+        return check(run, rule)
+    except Exception as error:  # a predicate that a user wrote can raise any exception
+        return unjudged(rule, sentence(error))
+
+
+def unjudged(rule: str | Rule, reason: str) -> Verdict:
+    """Return the verdict ERROR of a rule that could not judge a run."""
+    name, requirement = (rule, None) if isinstance(rule, str) else (rule.name, rule.requirement)
+    return Verdict(name, Status.ERROR, f"{name} ERROR: {reason}", reason=reason, requirement=requirement)
+
+
+def sentence(error: Exception) -> str:
+    """Return the message of an error in a line; errors other than RvadsError and OSError get the name of their type in front."""
+    return one_line(str(error) if isinstance(error, RvadsError | OSError) else f"{type(error).__name__}: {error}")
 
 
 def _worst(rulebook: str, verdicts: Sequence[Verdict]) -> Verdict:

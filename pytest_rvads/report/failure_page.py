@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
+from pytest_rvads.logic.check import verdict_by
 from pytest_rvads.logic.conduct.predicates import extract
 from pytest_rvads.logic.conduct.presence import without_jumps
 from pytest_rvads.logic.judging.evaluate import Values
@@ -28,7 +29,7 @@ from pytest_rvads.report.draw.picture import picture
 from pytest_rvads.report.draw.replay import Beside, Track, opening, replay
 from pytest_rvads.report.folders import run_file
 from pytest_rvads.report.record import Record, SimulatedItem
-from pytest_rvads.report.run_record import summed, verdict_by
+from pytest_rvads.report.run_record import summed
 from pytest_rvads.report.session_report import Report
 from pytest_rvads.runs.run import ARRAYS, Run
 from pytest_rvads.runs.runfile import load_run

@@ -8,37 +8,14 @@ from typing import Any
 
 import msgspec
 
-from pytest_rvads.logic.check import check
-from pytest_rvads.logic.judging.verdicts import Status, Verdict
+from pytest_rvads.logic.judging.verdicts import Verdict
 from pytest_rvads.logic.outcome import Outcome
-from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.report.record import AgentRecord, Computing, Excess, Record, RecordedItem, SimulatedItem, conclude
 from pytest_rvads.runs.run import Run
-from pytest_rvads.support.errors import RvadsError
-from pytest_rvads.support.wording import one_line
 
-__all__ = ["by_rule", "measured", "of_run", "sentence", "summed", "took_part", "unjudged", "verdict_by"]
+__all__ = ["by_rule", "measured", "of_run", "summed", "took_part"]
 
 _SKIPPED = (Outcome.NA, Outcome.UNSURE, Outcome.NOT_RUN)
-
-
-def verdict_by(run: Run, rule: str | Rule) -> Verdict:
-    """Return the verdict of a rule on a run; the verdict is ERROR with a reason if the rule can't judge the run."""
-    try:
-        return check(run, rule)
-    except Exception as error:  # a predicate that a user wrote can raise any exception
-        return unjudged(rule, sentence(error))
-
-
-def unjudged(rule: str | Rule, reason: str) -> Verdict:
-    """Return the verdict ERROR of a rule that could not judge a run."""
-    name, requirement = (rule, None) if isinstance(rule, str) else (rule.name, rule.requirement)
-    return Verdict(name, Status.ERROR, f"{name} ERROR: {reason}", reason=reason, requirement=requirement)
-
-
-def sentence(error: Exception) -> str:
-    """Return the message of an error in a line; errors other than RvadsError and OSError get the name of their type in front."""
-    return one_line(str(error) if isinstance(error, RvadsError | OSError) else f"{type(error).__name__}: {error}")
 
 
 def summed(verdicts: Iterable[Verdict]) -> tuple[tuple[str, str, str], ...]:

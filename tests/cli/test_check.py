@@ -23,7 +23,6 @@ from pytest_rvads.logic.check import check
 from pytest_rvads.logic.judging.verdicts import InstanceVerdict, Status, Verdict
 from pytest_rvads.logic.rules.book import rulebook
 from pytest_rvads.logic.rules.rule import Rule
-from pytest_rvads.report import run_record
 from pytest_rvads.report.files import FORMATS, load
 from pytest_rvads.runs.itineraries import Itinerary
 from pytest_rvads.runs.readers import read_runs
@@ -237,7 +236,7 @@ def test_a_rule_that_can_not_judge_costs_no_other_verdict(folder: Path, capsys: 
             raise ZeroDivisionError("a fault of ours")
         return check(run, rule)
 
-    monkeypatch.setattr(run_record, "check", fails)
+    monkeypatch.setattr("pytest_rvads.logic.check.check", fails)
     assert main(["check", str(folder / "d3.npz"), str(folder / "d1.npz"), "--rules", "paper", "--jsonl"]) == 2
     out, err = capsys.readouterr()
     one, two = lines(out)
@@ -324,7 +323,7 @@ def test_a_process_that_dies_costs_one_file(folder: Path, capsys: Read, monkeypa
             os._exit(9)
         return check(run, rule)
 
-    monkeypatch.setattr(run_record, "check", dies)
+    monkeypatch.setattr("pytest_rvads.logic.check.check", dies)
     assert main(["check", str(folder), "-j", "2", "--rules", "p1", "--jsonl"]) == 2
     out, err = capsys.readouterr()
     assert [line["run"] for line in lines(out) if "run" in line] == ["d1", "d4", "d5"]
@@ -344,7 +343,7 @@ def unsure(run: Run, rule: Rule) -> Verdict:
 def test_what_is_unsure_is_listed_and_neither_passes_nor_fails(
     folder: Path, capsys: Read, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(run_record, "check", unsure)
+    monkeypatch.setattr("pytest_rvads.logic.check.check", unsure)
     files = [str(folder / "d1.npz"), str(folder / "d3.npz")]
     assert main(["check", *files, "--rules", "p1"]) == 5
     out, err = capsys.readouterr()
@@ -361,7 +360,7 @@ def test_what_is_unsure_is_listed_and_neither_passes_nor_fails(
         "unsure": [{"a": "a0", "a'": "a1", "time": 0.5, "margin": None, **hangs}],
     }
     # Something else that is definite makes it a success.
-    monkeypatch.setattr(run_record, "check", lambda run, rule: (unsure if rule.name == "p3" else check)(run, rule))
+    monkeypatch.setattr("pytest_rvads.logic.check.check", lambda run, rule: (unsure if rule.name == "p3" else check)(run, rule))
     assert main(["check", files[0], "--rules", "p1", "--rules", "p3"]) == 0
 
 

@@ -15,7 +15,6 @@ from pytest_rvads.cli import main
 from pytest_rvads.geometry.finder import find
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.judging.verdicts import InstanceVerdict, Status, Verdict
-from pytest_rvads.report import run_record
 from pytest_rvads.report.draw.picture import picture
 from pytest_rvads.report.draw.replay import events
 from pytest_rvads.report.failure_page import failure_pages, failure_picture, moment
@@ -212,7 +211,7 @@ def test_an_index_is_written_whatever_ends_it(
             raise KeyboardInterrupt
         return check(run, rule)
 
-    monkeypatch.setattr(run_record, "check", interrupted)
+    monkeypatch.setattr("pytest_rvads.logic.check.check", interrupted)
     assert main(["check", str(tmp_path), "--rules", "p1", "--html", str(tmp_path / "pages")]) == 130
     assert "1 verdict on 1 run: 1 fail" in (tmp_path / "pages" / "index.html").read_text(encoding="utf-8")
     assert "INCOMPLETE" in (tmp_path / "pages" / "index.html").read_text(encoding="utf-8")

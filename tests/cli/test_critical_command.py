@@ -13,8 +13,8 @@ import pytest
 
 import pytest_rvads as rvads
 from pytest_rvads.cli import main
+from pytest_rvads.logic.check import check
 from pytest_rvads.logic.judging.verdicts import Status
-from pytest_rvads.report import run_record
 from pytest_rvads.runs.run import Run
 from pytest_rvads.scenarios.ids import from_id
 from pytest_rvads.search import atlas, starts
@@ -231,9 +231,9 @@ def test_one_start_with_an_error_of_a_rule_tells_the_other_verdicts(capsys: Read
     def unknown_light(run: Run, rule: rvads.Rule) -> rvads.Verdict:
         if rule.name == "full_stop":
             raise rvads.RunError("the run records no signs")
-        return rvads.check(run, rule)
+        return check(run, rule)
 
-    monkeypatch.setattr(run_record, "check", unknown_light)
+    monkeypatch.setattr("pytest_rvads.logic.check.check", unknown_light)
     line = ("critical", "stop3", "--autopilot", "reference", "--rules", "full_stop", "no_collision", "-j", "1")
     assert main([*line, "--start", GROUP[0].scenario(-50).name]) == 1
     _, error, passed = capsys.readouterr().out.splitlines()

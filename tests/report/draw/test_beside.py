@@ -92,14 +92,12 @@ def test_rule_that_cannot_judge_the_run_is_an_error_beside_the_other_verdicts() 
 
 
 def test_provoked_and_unavoidable_verdicts_are_no_failures(monkeypatch: pytest.MonkeyPatch) -> None:
-    from pytest_rvads.report import run_record
-
     verdicts = {
         "a": Verdict("a", Status.FAIL, "a", provoked=True),
         "b": Verdict("b", Status.FAIL, "b", unavoidable=True),
         "c": Verdict("c", Status.OPEN, "c"),
     }
-    monkeypatch.setattr(run_record, "check", lambda _, rule: verdicts[rule])
+    monkeypatch.setattr("pytest_rvads.logic.check.check", lambda _, rule: verdicts[rule])
     assert [status for _, status, _ in other_verdicts(driven(), "abc")] == ["OPEN", "UNAVOIDABLE", "PROVOKED"]
 
 
