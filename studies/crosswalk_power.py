@@ -2,8 +2,7 @@
 
 The runs are drawn from the default covers of `zebra4` and `walk4` in turn, with pedestrians of every behaviour. The mutant drives
 the vehicle under test among traffic of the reference autopilot. A rule finds the mutant in a run in which the mutant breaks the
-rule and the reference autopilot keeps it. Only rules about others count, and `progress`. A mutant that breaks no rule is still
-told from the reference autopilot by a collision that a pedestrian provokes, and that the reference autopilot avoids.
+rule and the reference autopilot keeps it. Only rules about others count, and `progress`.
 """
 
 from __future__ import annotations
@@ -37,8 +36,6 @@ from studies.mutants import AT_CROSSWALKS
 __all__ = ["Found", "cover", "find_all", "found_by", "shown", "table"]
 
 JUNCTIONS = ("zebra4", "walk4")
-PROVOKED = "a collision that a pedestrian provokes"
-"""What tells a mutant from the reference autopilot without a broken rule."""
 BUDGET = 300
 """Runs after which a mutant survives."""
 
@@ -82,18 +79,14 @@ def find_all(executor: Executor | int | None = None, progress: Progress | None =
 
 def found_by(name: str, budget: int = BUDGET) -> Found:
     """Return what finds the mutant with a name."""
-    survivor = Found(name, budget, (), "")
     for number, scenario in enumerate(islice(cover(), budget), 1):
-        rules = shown(AT_CROSSWALKS[name], scenario)
-        if rules and PROVOKED not in rules:
+        if rules := shown(AT_CROSSWALKS[name], scenario):
             return Found(name, number, rules, scenario.name)
-        if rules and not survivor.rules:
-            survivor = Found(name, number, rules, scenario.name)
-    return survivor
+    return Found(name, budget, (), "")
 
 
 def shown(mutant: Factory, scenario: Scenario) -> tuple[str, ...]:
-    """Return the rules that a mutant breaks in a scenario and the reference autopilot keeps there; else perhaps `PROVOKED`."""
+    """Return the rules that a mutant breaks in a scenario and the reference autopilot keeps there."""
     broken = _broken(mutant, scenario)
     return tuple(rule for rule in broken if rule not in _broken(partial(Reference, tie=TIE), scenario)) if broken else ()
 
@@ -101,8 +94,7 @@ def shown(mutant: Factory, scenario: Scenario) -> tuple[str, ...]:
 def _broken(driver: Factory, scenario: Scenario) -> list[str]:
     run = simulate(Case(scenario, driver))
     rules = (rule for rule in rules_for("road", run.junction) if fault_of(rule.name) is not Fault.MANNERS)
-    broken = [rule.name for rule in rules if check(run, rule).outcome.bad]
-    return broken or ([PROVOKED] if run.collisions else [])
+    return [rule.name for rule in rules if check(run, rule).outcome.bad]
 
 
 def table(found: Sequence[Found]) -> str:

@@ -11,13 +11,13 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from pytest_rvads.drivers.interface import Observation
-from pytest_rvads.drivers.line_of_sight import crosses
 from pytest_rvads.drivers.signs_and_lights import DRIVE, SET_OFF, WAIVER
 from pytest_rvads.drivers.spacing import CREEP, FIRM, FOLLOW, GAP, NEAR, STAND_OFF, stop_before, time_to
 from pytest_rvads.drivers.walking import WALKING
 from pytest_rvads.drivers.way_ahead import Track
 from pytest_rvads.geometry.conflicts import Stretch
-from pytest_rvads.geometry.crosswalks import PERSON, SIDEWALK, Crossing, Side, half
+from pytest_rvads.geometry.crosswalks import MODERATE, PERSON, SIDEWALK, Crossing, Side, half
+from pytest_rvads.geometry.line_of_sight import crosses
 from pytest_rvads.runs.itineraries import itinerary
 from pytest_rvads.runs.states import EXIT, JUNCTION, Colour, Kind, VehicleState
 
@@ -42,12 +42,6 @@ BRIEFLY = 1.0
 """In the junction, the driver waits for this time for a pedestrian who stands [s], so that the junction stays clear."""
 CALM = 2.5
 """Deceleration with which the driver can stop for a pedestrian who comes out from behind a standing vehicle [m/s^2]."""
-MODERATE = 7.0
-"""Speed near a crosswalk while a pedestrian stands on the sidewalk before it [m/s].
-
-At up to 7.5 m/s, a driver who brakes with 4 m/s^2 can stop before the crosswalk, or has passed, when a pedestrian arrives who
-sets out 3 m before the kerb. German courts take about 25 km/h for the moderate speed of StVO 26(1).
-"""
 PEEK = 1.0
 """Speed at which the driver comes onto a crosswalk whose kerb is hidden, so that the vehicle does not wait for ever [m/s]."""
 SWING = 0.25
@@ -298,4 +292,8 @@ def _hidden(seen: Observation, crosswalk: _Crosswalk) -> bool:
     """Return whether a standing vehicle hides a sidewalk from which pedestrians come."""
     me = seen.me
     standing = [o for o in seen.others if o.speed < CREEP and o.kind is not Kind.PEDESTRIAN and o.entrance != me.entrance]
-    return any(crosses((me.x, me.y), side.sidewalk, other) for other in standing for side in crosswalk.sides.values())
+    return any(
+        crosses((me.x, me.y), side.sidewalk, (o.x, o.y, o.heading), (o.length, o.width))
+        for o in standing
+        for side in crosswalk.sides.values()
+    )

@@ -23,10 +23,17 @@ from pytest_rvads.geometry.segment import Segment, fixed
 from pytest_rvads.geometry.sweep import CAR
 from pytest_rvads.geometry.turns import Turn
 
-__all__ = ["PERSON", "SIDEWALK", "Crossing", "Crosswalk", "Parking", "Side", "bay", "covered", "half", "hull"]
+__all__ = ["MODERATE", "PERSON", "SIDEWALK", "Crossing", "Crosswalk", "Parking", "Side", "bay", "covered", "half", "hull"]
 
 PERSON = 0.6
 """Diameter of a pedestrian [m]: a circle of radius 0.3 m, the larger end of the usual 0.25 to 0.3 m."""
+MODERATE = 7.0
+"""Moderate speed of a vehicle that comes to a crosswalk where a pedestrian stands near it or may be hidden [m/s].
+
+At up to 7.5 m/s, a driver who brakes with 4 m/s^2 can stop before the crosswalk, or has passed, when a pedestrian arrives who
+sets out 3 m before the kerb. German courts take about 25 km/h for the moderate speed of StVO, section 26(1); California Vehicle
+Code 21950(c) asks a driver to reduce the speed as the safety of pedestrians needs.
+"""
 SIDEWALK = 3.0
 """Length of the way of a pedestrian before and behind a crosswalk [m]."""
 _BAY, _OFF = 8.0, 1.2

@@ -9,12 +9,12 @@ import pytest
 
 import pytest_rvads as rvads
 from pytest_rvads.drivers.interface import Observation
-from pytest_rvads.drivers.let_cross import BEFORE, BRIEFLY, MODERATE
+from pytest_rvads.drivers.let_cross import BEFORE, BRIEFLY
 from pytest_rvads.drivers.signs_and_lights import WAIVER
 from pytest_rvads.drivers.spacing import STAND_OFF
 from pytest_rvads.drivers.traffic import EVERYWHERE, traffic
 from pytest_rvads.drivers.walking import BEHAVIOURS
-from pytest_rvads.geometry.crosswalks import Side
+from pytest_rvads.geometry.crosswalks import MODERATE, Side
 from pytest_rvads.geometry.finder import find
 from pytest_rvads.logic.rules.book import rules_for
 

@@ -318,6 +318,12 @@ CHEATS = (
         "`no_conflict`, `no_collision` FAIL: it could have stopped, and shares the blame",
     ),
     Entry(
+        "hurry_past_a_parked_vehicle_that_hides_the_kerb",
+        PEDESTRIANS,
+        "hurries past a parked vehicle at 29 km/h, and hits somebody who comes out behind it",
+        "`crosswalk`, `no_conflict`, `no_collision` FAIL: it was faster than 25 km/h",
+    ),
+    Entry(
         "stop_on_a_crosswalk",
         PEDESTRIANS,
         "stops with its body over a crosswalk for two seconds without a reason",
@@ -924,6 +930,12 @@ INNOCENTS = (
         "hit_who_darts_onto_the_crosswalk",
         PEDESTRIANS,
         "drives over a crosswalk when somebody runs out too near to stop for",
+        "`crosswalk`, `no_conflict`, `no_collision` PROVOKED",
+    ),
+    Entry(
+        "hit_who_comes_out_behind_a_parked_vehicle_at_a_moderate_speed",
+        PEDESTRIANS,
+        "comes past a parked vehicle at 23 km/h when somebody comes out behind it, too near to stop for",
         "`crosswalk`, `no_conflict`, `no_collision` PROVOKED",
     ),
     Entry(

@@ -29,6 +29,9 @@ CASES = {
         paced(lambda _: 8.0),
         {"no_collision": "FAIL a0 p0", "no_conflict": "FAIL a0 p0", "end": "collision"},
     ),
+    "hurry_past_a_parked_vehicle_that_hides_the_kerb": Case(
+        walk(PLAIN, "2000", 0, "near", "hidden", 0.0), paced(lambda _: 8.0), {"crosswalk": "FAIL a0", **CRASH}
+    ),
     "stop_on_a_crosswalk": Case(
         walk(PLAIN, "2000", 0, "near", "waits", 0.0), stops_at(2.5, go=8.0), {"crosswalk_clear": "FAIL a0"}
     ),

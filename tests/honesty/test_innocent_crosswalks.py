@@ -10,6 +10,9 @@ CASES = {
     "hit_who_darts_onto_the_crosswalk": Case(
         walk(PLAIN, "2000", 0, "near", "darts", -0.2), paced(lambda _: 8.0), {"crosswalk": "PROVOKED p0", **HIT}
     ),
+    "hit_who_comes_out_behind_a_parked_vehicle_at_a_moderate_speed": Case(
+        walk(PLAIN, "2000", 0, "near", "hidden", 0.0), paced(lambda _: 6.5), {"crosswalk": "PROVOKED p0", **HIT}
+    ),
     "hit_who_steps_out_against_the_light": Case(walk(LIT, "2000", 0, "near", "against", -0.2), paced(lambda _: 8.0), HIT),
     # Stands 0.1 m over the edge.
     "wait_on_the_edge_for_who_stops_half_way": Case(

@@ -6,13 +6,13 @@ import pytest
 
 import pytest_rvads as rvads
 from studies import power
-from studies.crosswalk_power import PROVOKED, Found, cover, shown, table
+from studies.crosswalk_power import Found, cover, shown, table
 from studies.mutants import AT_CROSSWALKS, MUTANTS
 
 SHOWS = [
     ("blind turning right", "0100", 2, ("near", "steady", 0.0), "crosswalk"),
     ("brakes late at crosswalks", "0200", 1, ("far", "steady", -2.0), "crosswalk"),
-    ("ignores occlusion", "0200", 1, ("near", "hidden", -1.0), PROVOKED),
+    ("ignores occlusion", "0200", 1, ("near", "hidden", -1.0), "no_collision"),
     ("ignores the far side", "0200", 1, ("far", "steady", -2.0), "no_collision"),
     ("passes tightly", "0100", 2, ("near", "steady", 1.0), "crosswalk"),
     ("stops on crosswalks", "0200", 1, ("far", "steady", 0.5), "crosswalk"),

@@ -12,8 +12,9 @@ vehicle cut in. The vehicle entered the junction last (California Vehicle Code 2
 reason shares the blame with the vehicle that ran into it (StVO, section 4(1)). Insurers apply the same order.
 
 A vehicle that meets a pedestrian on a crosswalk is to blame if it entered on red, or drove over the crosswalk without a stop at
-its stop sign, or could have stopped since the pedestrian came. In all other cases the pedestrian is to blame: it suddenly left
-the kerb (California Vehicle Code 21950(b)), or walked into a standing vehicle. A pedestrian who stepped onto the crosswalk
+its stop sign, or could have stopped since the pedestrian came, or came faster than a moderate speed to a kerb that a standing
+vehicle hid (StVO, section 26(1); California Vehicle Code 21950(c)). In all other cases the pedestrian is to blame: it suddenly
+left the kerb (California Vehicle Code 21950(b)), or walked into a standing vehicle. A pedestrian who stepped onto the crosswalk
 against its light is to blame in any case.
 """
 
@@ -27,7 +28,8 @@ from numpy.typing import NDArray
 
 from pytest_rvads.geometry.conflicts import Shared
 from pytest_rvads.geometry.control import JunctionControl, Sign
-from pytest_rvads.geometry.crosswalks import Crossing
+from pytest_rvads.geometry.crosswalks import MODERATE, Crossing
+from pytest_rvads.geometry.line_of_sight import crosses
 from pytest_rvads.logic.conduct.blocks import tick_of
 from pytest_rvads.logic.conduct.cast import Cast, Cause, may_owe
 from pytest_rvads.logic.conduct.lane import off_lane
@@ -127,6 +129,8 @@ def _of_walker(run: Run, vehicle: int, walker: int, tick: int, place: float, com
     fault = next((reason for asks, reason in faults if asks(run, vehicle, walker, tick)), "")
     if not fault and _passed_up(run, vehicle, place, tick, _since(run, walker, comes, tick)):
         fault = f"drove on though it could have stopped for {person}"
+    if not fault and (hiding := _hurried_past(run, vehicle, walker, place, tick)):
+        fault = f"drove faster than {MODERATE:g} m/s past {hiding}, which hid {person}"
     if run.facing[tick, walker] in (Colour.YELLOW, Colour.RED):  # an unrecorded light is no reason
         against = "had stepped onto the crosswalk against its light"
         share = f"share the blame: {person} {against}, and {driver} {fault}"
@@ -156,6 +160,35 @@ def _passed_up(run: Run, vehicle: int, place: float, tick: int, since: int) -> b
         return True
     noticed = max(since + round(REACTION / run.dt), int(run.spans[vehicle, 0]))  # before, a recorded vehicle can be absent
     return noticed < tick and bool(place - station[noticed] > max(speed[noticed], 0.0) ** 2 / (2 * BRAKING))
+
+
+def _hurried_past(run: Run, vehicle: int, walker: int, place: float, tick: int) -> str:
+    """Return the name of the standing vehicle past which a vehicle hurried to a meeting at `tick` with a hidden pedestrian.
+
+    When the pedestrian came into view, the vehicle could no longer stop before the station `place`, from `REACTION` on with
+    `BRAKING`, and was faster than `MODERATE`. The result is empty if this is not so.
+    """
+    if run.pose is None:
+        return ""
+    station, speed = run.need("station")[:, vehicle], run.need("speed")[:, vehicle]
+    for now in range(tick, int(run.spans[vehicle, 0]) - 1, -1):
+        if place - station[now] > speed[now] * (REACTION + speed[now] / (2 * BRAKING)):
+            return ""
+        if station[now] < place and (hiding := _hides(run, vehicle, walker, now)):
+            return hiding if speed[now] > MODERATE else ""
+    return ""
+
+
+def _hides(run: Run, vehicle: int, walker: int, tick: int) -> str:
+    """Return the name of a standing vehicle between the front of a vehicle and a pedestrian at `tick`; empty if none is there."""
+    poses = run.need("pose")[tick]
+    eye, target = tuple(poses[vehicle, :2]), tuple(poses[walker, :2])
+    for column, agent in enumerate(run.agents):
+        if column in (vehicle, walker) or agent.size is None or isinstance(agent.way, Crossing):
+            continue
+        if run.here[tick, column] and _stood(run, column, tick, 0.0) and crosses(eye, target, tuple(poses[column]), agent.size):
+            return agent.name
+    return ""
 
 
 def surprised(run: Run, agent: int, other: int, tick: int) -> bool:
