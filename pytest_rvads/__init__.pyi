@@ -33,7 +33,8 @@ from pytest_rvads.logic.rules.book import load_rules as load_rules
 from pytest_rvads.logic.rules.vocabulary import Word as Word
 from pytest_rvads.logic.judging.verdicts import Status as Status, Verdict as Verdict
 from pytest_rvads.geometry.finder import find as find
-from pytest_rvads.geometry.junction import Entrance as Entrance, Exit as Exit, Junction as Junction, Movement as Movement
+from pytest_rvads.geometry.ways import Entrance as Entrance, Exit as Exit, Movement as Movement
+from pytest_rvads.geometry.junction import Junction as Junction
 from pytest_rvads.geometry.control import Sign as Sign
 from pytest_rvads.geometry.turns import Turn as Turn
 from pytest_rvads.simulators.patience import limits as limits

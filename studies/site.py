@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 
 from pytest_rvads.geometry.analysis import opposite_pairs, right_of_pairs
 from pytest_rvads.geometry.control import JunctionControl, Sign, phase_groups
-from pytest_rvads.geometry.junction import Junction, Movement, cross
+from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.geometry.segment import Segment
 from pytest_rvads.geometry.turns import Turn
+from pytest_rvads.geometry.ways import Movement, cross
 from pytest_rvads.support.errors import MapError
 
 __all__ = ["TOLERANCE", "Lengths", "build_junction", "fit_shape"]

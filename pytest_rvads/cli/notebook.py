@@ -15,9 +15,9 @@ from math import isinf
 
 import numpy as np
 
-from pytest_rvads.geometry.conflicts import Reason
 from pytest_rvads.geometry.control import JunctionControl
 from pytest_rvads.geometry.junction import Junction
+from pytest_rvads.geometry.precedence import Reason
 from pytest_rvads.geometry.turns import turn_word
 from pytest_rvads.logic.judging.verdicts import InstanceVerdict, Verdict
 from pytest_rvads.logic.outcome import Outcome

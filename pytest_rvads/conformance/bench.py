@@ -12,8 +12,9 @@ from typing import Any
 import numpy as np
 
 from pytest_rvads.drivers.interface import Command, Control, Drives, Factory, Observation, TargetSpeed
-from pytest_rvads.geometry.junction import Junction, Movement
+from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.geometry.turns import Turn
+from pytest_rvads.geometry.ways import Movement
 from pytest_rvads.logic.conduct.validate import damage
 from pytest_rvads.runs.itineraries import itinerary
 from pytest_rvads.runs.run import DT, Run

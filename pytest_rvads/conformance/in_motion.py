@@ -13,7 +13,7 @@ from pytest_rvads.drivers.interface import Observation
 from pytest_rvads.logic.conduct.validate import validate
 from pytest_rvads.runs.itineraries import Itinerary
 from pytest_rvads.runs.run import DT, Run
-from pytest_rvads.runs.states import CLEARANCE, GREEN, YELLOW, Colour, Kind, Vehicle, Zone
+from pytest_rvads.runs.states import SLOT, Colour, Kind, Vehicle, Zone
 from pytest_rvads.scenarios.case import Case, Fleet
 
 __all__ = [
@@ -237,7 +237,7 @@ def lights(bench: Bench) -> Iterator[str]:
     Drivers are shown the same colours. The check runs a whole cycle at every junction, and half a cycle of the rotated junction.
     """
     for place in bench.junctions:
-        cycle = len(place.phase_groups) * (GREEN + YELLOW + CLEARANCE)
+        cycle = len(place.phase_groups) * SLOT
         yield from _colours(bench, crowd(place, Brakes, most=1, duration=cycle + 0.1))
         yield from _colours(bench, crowd(place, Brakes, most=1, rotation=own_row(place), duration=cycle / 2 + 0.1))
 

@@ -13,9 +13,11 @@ from typing import NamedTuple
 
 from pytest_rvads.drivers.interface import Observation
 from pytest_rvads.drivers.way_ahead import track
-from pytest_rvads.geometry.conflicts import Key, Reason, Shared
+from pytest_rvads.geometry.conflicts import Shared
 from pytest_rvads.geometry.junction import Junction
+from pytest_rvads.geometry.precedence import Reason
 from pytest_rvads.geometry.turns import Turn
+from pytest_rvads.geometry.ways import Key
 from pytest_rvads.runs.itineraries import Itinerary, itinerary
 from pytest_rvads.runs.states import APPROACH, ENTRANCE, EXIT, JUNCTION, VehicleState
 

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from itertools import permutations
 
 from pytest_rvads.geometry.arms import MOST, RoadArm, arms_of, sort_arms, turns_in_order, unusable, widest_gap
-from pytest_rvads.geometry.conflicts import Key
 from pytest_rvads.geometry.control import (
     JunctionControl,
     MapObject,
@@ -26,6 +25,7 @@ from pytest_rvads.geometry.network import Doubt, MapWarning, Network
 from pytest_rvads.geometry.paths import Path, Route, paths_of, walk
 from pytest_rvads.geometry.segment import GAP_LIMIT
 from pytest_rvads.geometry.turns import Turn
+from pytest_rvads.geometry.ways import Key
 from pytest_rvads.support.wording import plural
 
 __all__ = ["Cut", "JunctionReport", "LaneEnd", "analyse", "cut", "joints_of", "lifted", "opposite_pairs", "right_of_pairs"]

@@ -9,21 +9,22 @@ covers is the part of a movement inside the painted area.
 
 from __future__ import annotations
 
-import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
-from itertools import pairwise
-from typing import Any
+from types import MappingProxyType
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.geometry.conflicts import Key, Line, Stretch
+from pytest_rvads.geometry.conflicts import Line, Stretch
 from pytest_rvads.geometry.segment import Segment, fixed
 from pytest_rvads.geometry.sweep import CAR
 from pytest_rvads.geometry.turns import Turn
+from pytest_rvads.geometry.ways import Key
 
-__all__ = ["MODERATE", "PERSON", "SIDEWALK", "Crossing", "Crosswalk", "Parking", "Side", "bay", "covered", "half", "hull"]
+__all__ = ["MODERATE", "PERSON", "SIDEWALK", "Crossing", "Crosswalk", "Parking", "Side", "covered", "covers", "half", "hull"]
 
 PERSON = 0.6
 """Diameter of a pedestrian [m]: a circle of radius 0.3 m, the larger end of the usual 0.25 to 0.3 m."""
@@ -36,8 +37,6 @@ Code 21950(c) asks a driver to reduce the speed as the safety of pedestrians nee
 """
 SIDEWALK = 3.0
 """Length of the way of a pedestrian before and behind a crosswalk [m]."""
-_BAY, _OFF = 8.0, 1.2
-"""Length of a parking place before a crosswalk, and the distance from the kerb to the middle of the place [m]."""
 _SPACING, _FINER = 0.1, 101
 """Distance between the points of a line that are compared with an area [m]; number of points that are then compared within this
 distance of the first and the last point inside, so that stretches are exact to 1 mm."""
@@ -79,32 +78,26 @@ class Crosswalk:
         return Crosswalk, parts  # the arrays that numpy unpickles are writable
 
 
+@dataclass(frozen=True, slots=True)
 class _Straight:
     """A way that does not turn: the properties that crossings and parking places have in common."""
 
-    __slots__ = ()
     entrance: int
+    """Number of the start of the way, see `Junction.starts`."""
     exit: int
+    """Number of the end of the way, see `Junction.ends`."""
+    turn: ClassVar[Turn] = Turn.STRAIGHT
 
     @property
     def key(self) -> Key:
         """Numbers of the start and the end of the way."""
         return self.entrance, self.exit
 
-    @property
-    def turn(self) -> Turn:
-        """Pedestrians on a crosswalk go straight on, and parked vehicles stand."""
-        return Turn.STRAIGHT
-
 
 @dataclass(frozen=True, slots=True)
 class Crossing(_Straight):
     """The way of pedestrians over a crosswalk in one direction."""
 
-    entrance: int
-    """Number of the start of the way, see `Junction.starts`."""
-    exit: int
-    """Number of the end of the way, see `Junction.ends`."""
     crosswalk: int
     """Number of the crosswalk in `Junction.crossings`."""
     side: Side
@@ -113,40 +106,20 @@ class Crossing(_Straight):
     """Length from kerb to kerb [m]."""
     path: Segment | None = field(default=None, compare=False, repr=False)
     """The line from kerb to kerb; None if a recording does not hold the line."""
-
-    @property
-    def kind(self) -> str:
-        """The noun for this way in messages."""
-        return "crossing"
-
-    @property
-    def width(self) -> float:
-        """Width that a pedestrian takes up [m]."""
-        return PERSON
+    kind: ClassVar[str] = "crossing"
+    width: ClassVar[float] = PERSON
 
 
 @dataclass(frozen=True, slots=True)
 class Parking(_Straight):
     """A place beside the entrances of an arm, directly before a crosswalk, where a parked vehicle hides pedestrians."""
 
-    entrance: int
-    """Number of the start of the way, see `Junction.starts`."""
-    exit: int
-    """Number of the end of the way, see `Junction.ends`."""
     length: float
     """Length of the way behind the parking place, along the crosswalk [m]."""
     path: Segment | None = field(default=None, compare=False, repr=False)
     """The line of the way; None if a recording does not hold the line."""
-
-    @property
-    def kind(self) -> str:
-        """The noun for this way in messages."""
-        return "parking place"
-
-    @property
-    def width(self) -> float:
-        """Width that a parked car takes up [m]."""
-        return CAR.width
+    kind: ClassVar[str] = "parking place"
+    width: ClassVar[float] = CAR.width
 
 
 def half(crosswalk: Crosswalk, way: Crossing, *, first: bool) -> Stretch:
@@ -156,27 +129,19 @@ def half(crosswalk: Crosswalk, way: Crossing, *, first: bool) -> Stretch:
     return Stretch(0.0, middle - edge) if first else Stretch(middle + edge, way.length)
 
 
-def bay(crosswalk: Crosswalk, left_hand: bool) -> tuple[Segment, Segment, Segment]:
-    """Return the parking place before a crosswalk, the line along the crosswalk, and the line behind the crosswalk.
-
-    The lines lie beside the kerb of the near side, in the direction of vehicles that come to the junction.
+def covers(crosswalks: Sequence[Crosswalk], courses: Mapping[Key, Line]) -> Mapping[tuple[int, Key], Stretch]:
+    """Return, per crosswalk and movement over its painted area, the stretch of the movement inside this area [m].
 
     Args:
-        crosswalk: the crosswalk.
-        left_hand: True where traffic keeps left.
+        crosswalks: the crosswalks of a junction.
+        courses: per movement, the line from its approach to its exit road.
     """
-    x, y, across = crosswalk.path.pose(0.0)
-    heading = across + (math.pi / 2 if left_hand else -math.pi / 2)
-    ahead = np.array([math.cos(heading), math.sin(heading)])
-    kerb = np.array([x - _OFF * math.cos(across), y - _OFF * math.sin(across)])
-    along = (crosswalk.area - kerb) @ ahead
-    before, after = float(along.min()), float(along.max())
-    points = [kerb + at * ahead for at in (before - _BAY, before, after, after + _BAY)]
-    names = ("bay", "beside", "behind")
-    place, beside, behind = (
-        Segment(f"{crosswalk.id}.{name}", np.array(ends)) for name, ends in zip(names, pairwise(points), strict=True)
-    )
-    return place, beside, behind
+    stretches = {
+        (number, key): covered(crosswalk.area, line)
+        for number, crosswalk in enumerate(crosswalks)
+        for key, line in courses.items()
+    }
+    return MappingProxyType({pair: stretch for pair, stretch in stretches.items() if stretch})
 
 
 def covered(area: NDArray[np.float64], line: Line) -> Stretch | None:

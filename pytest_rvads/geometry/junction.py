@@ -1,55 +1,35 @@
 """Junctions as rules and scenarios use them: arms with their lanes, the ways through a junction, and centre lines to drive on.
 
-Arms are numbered counter-clockwise. Entrances and exits are lanes, numbered arm by arm and on each arm from the kerb. So in a
-junction with one lane per arm, entrances and exits have the number of their arm. Direction ``d_j`` leads from arm ``i`` to arm
-``(i + j) mod n`` (paper, section 5.2).
-
-Arms, lanes and agents are different things. A pair of entrance and exit need not have a movement, and several agents can come to
-one entrance. So no code takes the number of an arm, a lane or an agent for the number of another thing.
-
-Every way begins at a numbered start: the entrances have the first numbers, then come the starts of ways that are no movements.
-Every way ends at a numbered end: the exits have the first numbers, then come the ends of ways that are no movements.
+Direction ``d_j`` leads from arm ``i`` to arm ``(i + j) mod n`` (paper, section 5.2).
 """
 
 from __future__ import annotations
 
 import copyreg
-import hashlib
-import json
-import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property, lru_cache
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, NamedTuple
-
-import numpy as np
+from typing import Any
 
 from pytest_rvads.geometry.builtin import LAYOUTS, path_of
-from pytest_rvads.geometry.conflicts import (
-    CONFLICT_WIDTH,
-    JunctionKind,
-    Key,
-    Line,
-    Precedence,
-    Reason,
-    Shared,
-    Stretch,
-    Way,
-    stretches,
-)
+from pytest_rvads.geometry.conflicts import JunctionKind, Line, Shared, Stretch, conflicts_of
 from pytest_rvads.geometry.control import JunctionControl, Sign, control_of
-from pytest_rvads.geometry.crosswalks import SIDEWALK, Crossing, Crosswalk, Parking, Side, bay, covered
-from pytest_rvads.geometry.opendrive.junction_writer import Inbound, Outbound, written
+from pytest_rvads.geometry.crosswalks import Crossing, Crosswalk, covers
+from pytest_rvads.geometry.junction_digest import digest_of
+from pytest_rvads.geometry.opendrive.junction_writer import written
 from pytest_rvads.geometry.opendrive.xmlfile import text_of
-from pytest_rvads.geometry.segment import SPEED_LIMIT, Limits, Pose, Segment
-from pytest_rvads.geometry.sweep import BEFORE, CAR, Course, no_way, through
+from pytest_rvads.geometry.precedence import Precedence, Reason
+from pytest_rvads.geometry.segment import SPEED_LIMIT, Limits, Segment
+from pytest_rvads.geometry.sweep import CAR, Course, course_of, no_way
 from pytest_rvads.geometry.turns import Turn
+from pytest_rvads.geometry.walking_ways import walking_ways
+from pytest_rvads.geometry.ways import CONFLICT_WIDTH, Arm, Entrance, Exit, Further, Key, Movement, Way, centre_lines
 from pytest_rvads.support.errors import MapError, ScenarioError
 from pytest_rvads.support.wording import shown
 
-__all__ = ["Arm", "Entrance", "Exit", "Further", "Junction", "Movement", "cross"]
+__all__ = ["Junction"]
 
 
 # Autopilots receive the tables of a junction, so the tables are read-only. A run must be picklable nevertheless.
@@ -58,90 +38,6 @@ def _table(items: dict[Any, Any]) -> MappingProxyType[Any, Any]:
 
 
 copyreg.pickle(MappingProxyType, lambda table: (_table, (dict(table),)))
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Entrance:
-    """A lane that leads into a junction."""
-
-    arm: int
-    lane: int = 0
-    """Number of the lane on its arm, counted from the kerb."""
-    sign: Sign = Sign.NONE
-    phase: int | None = None
-    """Number of the entrance's phase group; None without a light."""
-    setback: float = 0.0
-    """Distance of the stopping line before the entrance vertex [m]; 0 if no line is marked."""
-    approach: Segment | None = None
-    """Centre line of the lane from the previous junction, or the end of the road, down to the entrance vertex."""
-    sign_setback: float | None = None
-    """Distance of the stop sign before the vertex [m]; None without a stop sign away from the stopping line."""
-    light: tuple[float, float] | None = None
-    """Place of the first light of the entrance in its map file [m]; None without a light, and for a junction of a run file."""
-
-    @property
-    def stop_line(self) -> Pose | None:
-        """The middle of the lane at the stopping line, in the direction of travel; None if the lane is not known."""
-        return self.approach.pose(self.approach.length - self.setback) if self.approach else None
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Exit:
-    """A lane that leads out of a junction."""
-
-    arm: int
-    lane: int = 0
-    """Number of the lane on its arm, counted from the kerb."""
-    road: Segment | None = None
-    """Centre line of the lane from the exit vertex down to the next junction, or the end of the road."""
-
-
-class Arm(NamedTuple):
-    """The lanes of an arm: the numbers of its entrances and of its exits, from the kerb on."""
-
-    entrances: tuple[int, ...]
-    exits: tuple[int, ...]
-
-
-@dataclass(frozen=True, slots=True)
-class Movement:
-    """The way of vehicles from a lane to a lane: an edge of the metric graph, or several consecutive edges."""
-
-    entrance: int
-    """Number of the entrance."""
-    exit: int
-    """Number of the exit."""
-    turn: Turn
-    length: float
-    """Length from the entrance vertex to the exit vertex along the centre line [m]."""
-    segment: str
-    """Id of the segment that labels the edge."""
-    path: Segment | None = field(default=None, compare=False, repr=False)
-    """The centre line; None if a recording does not hold the centre line."""
-
-    @property
-    def key(self) -> Key:
-        """Numbers of the entrance and the exit of the movement."""
-        return self.entrance, self.exit
-
-    @property
-    def kind(self) -> str:
-        """The noun for this way in messages."""
-        return "movement"
-
-    @property
-    def width(self) -> float:
-        """Width that vehicles on the movement take up [m]."""
-        return CONFLICT_WIDTH
-
-
-class Further(NamedTuple):
-    """A way that is no movement of vehicles, with the places where the way starts and ends, such as kerbs of an arm."""
-
-    way: Way
-    start: Entrance
-    """The place where the way starts, with its arm, and with its sign or light, if any."""
-    end: Exit
 
 
 @dataclass(frozen=True, eq=False)
@@ -247,16 +143,8 @@ class Junction:
         """
         if self.further or not self.crossings:
             return self
-        sides = [(number, crosswalk, side) for number, crosswalk in enumerate(self.crossings) for side in Side]
-        further = tuple(
-            _crossing(len(self.entrances) + k, len(self.exits) + k, number, crosswalk, side)
-            for k, (number, crosswalk, side) in enumerate(sides)
-        )
-        bays = tuple(
-            _bay(len(self.entrances) + k, len(self.exits) + k, crosswalk, self.left_hand)
-            for k, crosswalk in enumerate(self.crossings, start=len(further))
-        )
-        walked = replace(self, further=further + bays)
+        further = walking_ways(self.crossings, len(self.entrances), len(self.exits), left_hand=self.left_hand)
+        walked = replace(self, further=further)
         walked.__dict__["unwalked"] = self  # what the two junctions have computed is not computed again
         return walked
 
@@ -271,15 +159,7 @@ class Junction:
 
         Stations are measured from the entrance vertex, so they are negative for an area on the approach.
         """
-        courses = {
-            key: Line(course.path, CONFLICT_WIDTH, course.origin) for key in self.movements if (course := self._course(key))
-        }
-        stretches = {
-            (number, key): covered(crosswalk.area, line)
-            for number, crosswalk in enumerate(self.crossings)
-            for key, line in courses.items()
-        }
-        return MappingProxyType({pair: stretch for pair, stretch in stretches.items() if stretch})
+        return covers(self.crossings, self._course_lines)
 
     @cached_property
     def starts(self) -> tuple[Entrance, ...]:
@@ -320,25 +200,27 @@ class Junction:
     @cached_property
     def drivable(self) -> bool:
         """Whether the centre lines of all lanes are known, so that vehicles can drive here."""
-        lines = [e.approach for e in self.entrances] + [e.road for e in self.exits] + [m.path for m in self.movements.values()]
-        return None not in lines
+        return None not in self._centre_lines
 
     @cached_property
-    def _lines(self) -> tuple[Segment, ...]:
-        """The known centre lines of the junction: approaches, movements in the order of their keys, exit roads."""
-        paths = (self.movements[key].path for key in sorted(self.movements))
-        return tuple(line for line in (*(e.approach for e in self.entrances), *paths, *(e.road for e in self.exits)) if line)
+    def _centre_lines(self) -> tuple[Segment | None, ...]:
+        return centre_lines(self.entrances, self.exits, self.movements)
+
+    @cached_property
+    def _limits(self) -> tuple[Limits, ...]:
+        """The speed limits along each known centre line."""
+        return tuple(line.limits for line in self._centre_lines if line)
 
     @cached_property
     def top_limit(self) -> float:
         """Highest speed limit of the lanes [m/s]; `SPEED_LIMIT` for lanes without a limit in the map."""
         return max(
-            (limit or SPEED_LIMIT for line in self._lines for _, limit in line.limits or ((0.0, None),)), default=SPEED_LIMIT
+            (limit or SPEED_LIMIT for limits in self._limits for _, limit in limits or ((0.0, None),)), default=SPEED_LIMIT
         )
 
     def limited(self, limit: float | None) -> Junction:
         """Return the junction with one speed limit [m/s] on all its lanes; with None, without the limits of its map."""
-        return _limited(self, limit) if limit or any(line.limits for line in self._lines) else self
+        return _limited(self, limit) if limit or any(self._limits) else self
 
     @cached_property
     def stretches(self) -> Mapping[tuple[Key, Key], Shared] | None:
@@ -347,18 +229,7 @@ class Junction:
         The stretch that a movement shares with a way that is no movement, such as a crossing of pedestrians, can also lie on the
         approach of the movement, where stations are negative, or on its exit road. Two ways that are no movements share nothing.
         """
-        ways = {key: Line(way.path, way.width) for key, way in self.every_way.items() if way.path is not None}
-        if len(ways) < len(self.every_way):
-            return None
-        if not self.further:
-            return MappingProxyType(stretches(ways))
-        courses = {
-            key: Line(course.path, CONFLICT_WIDTH, course.origin) for key in self.movements if (course := self._course(key))
-        }
-        between = stretches({key: ways[key] for key in self.movements})
-        return MappingProxyType(
-            between | {pair: s for pair, s in stretches(ways | courses).items() if len(self.movements.keys() & {*pair}) == 1}
-        )
+        return conflicts_of(self.every_way, self.movements, self._course_lines if self.further else {})
 
     @cached_property
     def conflicts(self) -> frozenset[tuple[Key, Key]] | None:
@@ -370,25 +241,24 @@ class Junction:
         """Whether movements of the junction cross, only merge, or never meet; None without centre lines."""
         if self.stretches is None:
             return None
-        meetings = [shared for pair, shared in self.stretches.items() if self.movements.keys() >= {*pair}]
-        if not meetings:
-            return JunctionKind.CONFLICT_FREE
-        return JunctionKind.MERGING if all(shared.merges for shared in meetings) else JunctionKind.CROSSING
+        return JunctionKind.of(shared for pair, shared in self.stretches.items() if self.movements.keys() >= {*pair})
 
     @cached_property
     def tight(self) -> Mapping[Key, float]:
         """Per movement on which no path of the rear axle keeps a usual car in its lane, the least radius of the movement [m]."""
-        bends = {key: no_way(course, CAR) for key in self.movements if (course := self._course(key)) is not None}
+        bends = {key: no_way(course, CAR) for key, course in self._courses.items()}
         return MappingProxyType({key: narrow.radius for key, narrow in bends.items() if narrow is not None})
 
-    def _course(self, key: Key) -> Course | None:
-        """Return the centre line from the approach to the exit road of a movement; None if the centre line is not known."""
-        entrance, path, road = self.entrances[key[0]], self.movements[key].path, self.exits[key[1]].road
-        if entrance.approach is None or path is None or road is None:
-            return None
-        whole = through(entrance.approach, path, road)
-        start = max(-entrance.approach.length, -entrance.setback - BEFORE)
-        return Course(whole, entrance.approach.length, path.length, start, self.lane_width) if whole else None
+    @cached_property
+    def _courses(self) -> Mapping[Key, Course]:
+        """Per movement, the centre line from the approach to the exit road, if the line is known."""
+        ends = ((m, self.entrances[m.entrance], self.exits[m.exit]) for m in self.movements.values())
+        courses = {m.key: course_of(e.approach, m.path, x.road, e.setback, self.lane_width) for m, e, x in ends}
+        return {key: course for key, course in courses.items() if course is not None}
+
+    @cached_property
+    def _course_lines(self) -> Mapping[Key, Line]:
+        return {key: Line(course.path, CONFLICT_WIDTH, course.origin) for key, course in self._courses.items()}
 
     @cached_property
     def yields(self) -> Mapping[tuple[Key, Key], Reason] | None:
@@ -396,7 +266,7 @@ class Junction:
 
         Two ways with lights that never have green together are no pair, because the light decides. If it can't be decided which
         of two movements gives way, both orders of the two are pairs, with the reason ``undecided``. A junction without centre
-        lines has None instead of pairs. See `pytest_rvads.geometry.conflicts`.
+        lines has None instead of pairs. See `pytest_rvads.geometry.precedence`.
         """
         if self.conflicts is None:
             return None
@@ -413,13 +283,7 @@ class Junction:
             frozenset(way.entrance for way, _, _ in self.further if isinstance(way, Crossing)),
         )
         phases = [start.phase if start.sign is Sign.LIGHTS else None for start in self.starts]
-        at_once = (
-            (way, other_way)
-            for way, other_way in sorted(self.conflicts)
-            if None in (phases[way[0]], phases[other_way[0]]) or phases[way[0]] == phases[other_way[0]]
-        )
-        reasons = ((pair, precedence.why(*pair)) for pair in at_once)
-        return MappingProxyType({pair: reason for pair, reason in reasons if reason is not None})
+        return precedence.yields(self.conflicts, phases)
 
     @cached_property
     def by_direction(self) -> Mapping[tuple[int, int], Movement]:
@@ -451,34 +315,8 @@ class Junction:
     @cached_property
     def digest(self) -> str:
         """SHA-256 of everything that a run or a verdict can depend on, including signs and centre lines, without names."""
-        sha = hashlib.sha256()
-        entrances = [(e.arm, e.lane, e.sign, e.phase, e.setback) for e in self.entrances]
-        exits = [(e.arm, e.lane) for e in self.exits]
-        ways = sorted((m.entrance, m.exit, m.turn, m.length) for m in self.movements.values())
-        relations = sorted(self.right_of), sorted(self.opposite)
-        # A rare property enters the digest only if the junction has the property. So a new property changes no digest of a
-        # junction without the property.
-        signs = [e.sign_setback for e in self.entrances] if any(e.sign_setback is not None for e in self.entrances) else None
-        joining = self.joining and {"joining": sorted(self.joining)}
-        limits = [line.limits for line in self._lines]
-        further = self.further and {
-            "further": [
-                (way.kind, way.turn, way.width, way.length, start.arm, start.sign, start.phase, start.setback, end.arm)
-                for way, start, end in self.further
-            ]
-        }
-        rare = [item for item in (signs, sorted(self.stated), joining, limits if any(limits) else None, further) if item]
-        sha.update(json.dumps([entrances, exits, ways, relations, self.left_hand, self.drivable, *rare]).encode())
-        if self.drivable:
-            sha.update(json.dumps([self.lane_width, [len(line.points) for line in self._lines]]).encode())
-            for line in self._lines:
-                sha.update(line.points.tobytes())
-            for way, start, end in self.further:
-                for beside in (start.approach, way.path, end.road):
-                    sha.update(b"-" if beside is None else beside.points.tobytes())
-            for crosswalk in self.crossings if self.further else ():
-                sha.update(json.dumps([crosswalk.arm, crosswalk.middle, crosswalk.island]).encode() + crosswalk.area.tobytes())
-        return sha.hexdigest()
+        names = ("name", "id", "map")
+        return digest_of(**{item.name: getattr(self, item.name) for item in fields(self) if item.name not in names})
 
     def leads(self, entrance: int, direction: int) -> Movement:
         """Return the movement from `entrance` into symbolic direction `direction`, see `by_direction`.
@@ -605,11 +443,8 @@ class Junction:
             return text
         return written(
             self.id,
-            [
-                Inbound(lane.arm, self.way_in(k), lane.sign, lane.phase, lane.setback, lane.sign_setback)
-                for k, lane in enumerate(self.entrances)
-            ],
-            [Outbound(lane.arm, self.way_out(k)) for k, lane in enumerate(self.exits)],
+            [(lane, self.way_in(k)) for k, lane in enumerate(self.entrances)],
+            [(lane, self.way_out(k)) for k, lane in enumerate(self.exits)],
             {key: self.way_through(*key) for key in self.movements},
             self.stated,
             self.crossings,
@@ -643,61 +478,7 @@ def _limited(junction: Junction, limit: float | None) -> Junction:
     )
 
 
-def _crossing(entrance: int, exit: int, number: int, crosswalk: Crosswalk, side: Side) -> Further:
-    """Return a crossing of a crosswalk with a stretch of sidewalk before and behind the roadway."""
-    points = crosswalk.path.points if side is Side.NEAR else crosswalk.path.points[::-1]
-    path = Segment(f"{crosswalk.id}.{side}", points)
-    (x, y, heading), (u, v, direction) = path.pose(0.0), path.pose(path.length)
-    back = np.array([SIDEWALK * math.cos(heading), SIDEWALK * math.sin(heading)])
-    on = np.array([SIDEWALK * math.cos(direction), SIDEWALK * math.sin(direction)])
-    sign = Sign.NONE if crosswalk.phase is None else Sign.LIGHTS
-    return Further(
-        Crossing(entrance, exit, number, side, path.length, path),
-        Entrance(
-            crosswalk.arm,
-            sign=sign,
-            phase=crosswalk.phase,
-            approach=Segment(f"{path.id}.from", np.array([np.array([x, y]) - back, (x, y)])),
-        ),
-        Exit(crosswalk.arm, road=Segment(f"{path.id}.to", np.array([(u, v), np.array([u, v]) + on]))),
-    )
-
-
-def _bay(entrance: int, exit: int, crosswalk: Crosswalk, left_hand: bool) -> Further:
-    """Return the parking place before a crosswalk as a way; a parked vehicle stands on the approach of this way."""
-    place, beside, behind = bay(crosswalk, left_hand)
-    way = Parking(entrance, exit, beside.length, beside)
-    return Further(way, Entrance(crosswalk.arm, approach=place), Exit(crosswalk.arm, road=behind))
-
-
 def _image(lanes: Sequence[Entrance | Exit], arms: int, ways: int) -> tuple[int, ...] | None:
     numbers = {(lane.arm, lane.lane): number for number, lane in enumerate(lanes)}
     places = [((lane.arm + arms) % ways, lane.lane) for lane in lanes]
     return tuple(numbers[place] for place in places) if numbers.keys() == set(places) else None
-
-
-def cross(
-    signs: Sequence[Sign],
-    *,
-    phase_groups: Sequence[frozenset[int]] = (),
-    setbacks: Sequence[float] = (),
-    approaches: Sequence[Segment] = (),
-    roads: Sequence[Segment] = (),
-) -> tuple[tuple[Entrance, ...], tuple[Exit, ...]]:
-    """Return the entrances and exits of a junction with one lane per arm.
-
-    Args:
-        signs: the sign of every arm.
-        phase_groups: the entrances of every phase group.
-        setbacks: per arm, distance of the stopping line before the entrance vertex [m]; 0 by default.
-        approaches: per arm, the lane that leads in, if known.
-        roads: per arm, the lane that leads out, if known.
-    """
-    phases = {entrance: number for number, group in enumerate(phase_groups) for entrance in group}
-    return (
-        tuple(
-            Entrance(k, 0, sign, phases.get(k), setbacks[k] if setbacks else 0.0, approaches[k] if approaches else None)
-            for k, sign in enumerate(signs)
-        ),
-        tuple(Exit(k, 0, roads[k] if roads else None) for k in range(len(signs))),
-    )

@@ -18,17 +18,19 @@ import numpy as np
 
 from pytest_rvads.geometry.analysis import JunctionReport, analyse, cut, joints_of, lifted
 from pytest_rvads.geometry.arms import FEWEST, MOST, RoadArm
-from pytest_rvads.geometry.conflicts import Key, Reason, Stretch
+from pytest_rvads.geometry.conflicts import Stretch
 from pytest_rvads.geometry.control import MapObject, ObjectKind, sign_of_arm
 from pytest_rvads.geometry.crosswalk_arms import lay
 from pytest_rvads.geometry.crosswalks import Crosswalk
 from pytest_rvads.geometry.graph import MetricGraph
-from pytest_rvads.geometry.junction import Entrance, Exit, Junction, Movement
+from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.geometry.network import DeclaredJunction, Doubt, Edge, MapWarning, Network
 from pytest_rvads.geometry.opendrive.builder import read_network
 from pytest_rvads.geometry.paths import Locator, Track, walk
+from pytest_rvads.geometry.precedence import Reason
 from pytest_rvads.geometry.segment import Segment, join
 from pytest_rvads.geometry.turns import turn_word
+from pytest_rvads.geometry.ways import Entrance, Exit, Key, Movement
 from pytest_rvads.support.errors import MapError, suggest
 from pytest_rvads.support.installed import entries, load
 from pytest_rvads.support.wording import plural

@@ -28,6 +28,7 @@ __all__ = [
     "Body",
     "Course",
     "Sweep",
+    "course_of",
     "no_way",
     "plan",
     "through",
@@ -118,6 +119,23 @@ CAR = Body(4.6, 1.86, 3.65, LEAST_RADIUS)
 def through(approach: Segment, movement: Segment, road: Segment) -> Segment | None:
     """Return the centre line of a vehicle's way, joined once; None if the segments do not meet."""
     return join((approach, movement, road if road.length <= EXIT_LENGTH else road.head(EXIT_LENGTH)))
+
+
+def course_of(
+    approach: Segment | None, movement: Segment | None, road: Segment | None, setback: float, lane_width: float
+) -> Course | None:
+    """Return the course of a movement; None if one of its centre lines is not known, or if the lines do not meet.
+
+    Args:
+        approach: centre line of the lane to the entrance vertex.
+        movement: centre line of the movement.
+        road: centre line of the lane from the exit vertex on.
+        setback: distance of the stopping line before the entrance vertex [m].
+        lane_width: width of the lane [m].
+    """
+    if approach is None or movement is None or road is None or (path := through(approach, movement, road)) is None:
+        return None
+    return Course(path, approach.length, movement.length, max(-approach.length, -setback - BEFORE), lane_width)
 
 
 class Sweep:

@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 
 from pytest_rvads.geometry.control import Sign
 from pytest_rvads.geometry.crosswalks import Crosswalk
-from pytest_rvads.geometry.junction import Entrance, Exit, Junction, Movement
+from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.geometry.segment import NO_LIMIT, Segment
 from pytest_rvads.geometry.turns import Turn
+from pytest_rvads.geometry.ways import Entrance, Exit, Movement
 from pytest_rvads.runs.archive import FARTHEST, MOST_LANES, Name, Size
 from pytest_rvads.support.errors import RunError
 

@@ -23,8 +23,9 @@ from msgspec import Meta, Struct
 from numpy.typing import NDArray
 
 from pytest_rvads.geometry.control import Sign, phase_groups
-from pytest_rvads.geometry.junction import Junction, Movement, cross
+from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.geometry.turns import Turn
+from pytest_rvads.geometry.ways import Movement, cross
 from pytest_rvads.runs.archive import MOST_LANES, Name, Size, Step, check_size, peek
 from pytest_rvads.runs.recordingfile import FORMAT, load_recording
 from pytest_rvads.runs.run import Run

@@ -18,9 +18,9 @@ from functools import lru_cache
 from itertools import pairwise
 from typing import NamedTuple
 
-from pytest_rvads.geometry.conflicts import Way
 from pytest_rvads.geometry.sweep import CAR, Body
 from pytest_rvads.geometry.turns import Turn
+from pytest_rvads.geometry.ways import Way
 from pytest_rvads.support.errors import ScenarioError, require
 from pytest_rvads.support.wording import plural
 
@@ -175,7 +175,8 @@ CLEARING, WALK = 1.07, 4
 """Pedestrian lights (MUTCD 4E.06): walking speed that flashing DON'T WALK allows for [m/s], least duration of WALK [s]."""
 STEADY = 1.0
 """Colours of lights change at whole multiples of this time and at no other time [s]."""
-_SLOT = GREEN + YELLOW + CLEARANCE
+SLOT = GREEN + YELLOW + CLEARANCE
+"""Time from the green of a group to the green of the next group [s]."""
 _NONE, *_PHASES = Colour  # green, yellow, red
 
 
@@ -209,7 +210,7 @@ class SignalPlan:
         if not self.groups:
             return (_NONE,) * entrances
         # Times are sums of steps of 0.01 s; rounding keeps a phase change on its tick.
-        turn, within = divmod(round(time + self.elapsed, 6), _SLOT)
+        turn, within = divmod(round(time + self.elapsed, 6), SLOT)
         phase = 0 if within < GREEN else 1 if within < GREEN + YELLOW else 2
         active = (int(turn) + self.first) % len(self.groups)
         colours = _colours_of_phases(self.groups, entrances)[active][phase]
@@ -226,8 +227,8 @@ class SignalPlan:
 
     def phases(self) -> list[tuple[float, float]]:
         """Return begin and duration [s] of every phase in the first cycle of a run; a phase that runs at t = 0 is cut in two."""
-        ends = [turn * _SLOT + end for turn in range(len(self.groups)) for end in (GREEN, GREEN + YELLOW, _SLOT)]
-        cycle = len(self.groups) * _SLOT
+        ends = [turn * SLOT + end for turn in range(len(self.groups)) for end in (GREEN, GREEN + YELLOW, SLOT)]
+        cycle = len(self.groups) * SLOT
         changes = sorted({0.0, *((end - self.elapsed) % cycle for end in ends)})
         return [(begin, end - begin) for begin, end in pairwise([*changes, cycle])] if self.groups else []
 

@@ -19,8 +19,8 @@ from collections.abc import Collection, Iterable, Iterator, Sequence
 from itertools import accumulate, combinations, combinations_with_replacement, product
 from operator import index
 
-from pytest_rvads.geometry.conflicts import Key
 from pytest_rvads.geometry.junction import Junction
+from pytest_rvads.geometry.ways import Key
 from pytest_rvads.scenarios.orbits import WAYS, Directions, Orbits, rotate
 from pytest_rvads.support.errors import ScenarioError
 

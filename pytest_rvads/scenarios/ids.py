@@ -55,7 +55,8 @@ from pytest_rvads.scenarios.classes import parse
 from pytest_rvads.scenarios.configurations import configuration
 from pytest_rvads.scenarios.orbits import rotate
 from pytest_rvads.scenarios.pedestrians import Pedestrian
-from pytest_rvads.scenarios.scenario import Scenario, started
+from pytest_rvads.scenarios.placing import started
+from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.scenarios.senses import Senses
 from pytest_rvads.support.decoding import typed
 from pytest_rvads.support.errors import ScenarioError, suggest

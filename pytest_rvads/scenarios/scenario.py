@@ -2,66 +2,37 @@
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, fields
 from functools import lru_cache
-from itertools import combinations, pairwise
-from typing import Any, NamedTuple
+from typing import Any
 
-import numpy as np
-
-from pytest_rvads.drivers.way_ahead import fastest
 from pytest_rvads.geometry.junction import Junction
-from pytest_rvads.geometry.segment import SPEED_LIMIT
-from pytest_rvads.logic.conduct.bodies import touch
 from pytest_rvads.runs.itineraries import Itinerary, itinerary
-from pytest_rvads.runs.states import CLEARANCE, GREEN, YELLOW, Agent, SignalPlan, Vehicle
+from pytest_rvads.runs.states import Agent, SignalPlan, Vehicle
+from pytest_rvads.scenarios.arguments import (
+    check_directions,
+    check_followers,
+    check_numbers,
+    check_rotation,
+    checked_order,
+    checked_pedestrians,
+    within,
+)
 from pytest_rvads.scenarios.classes import label, parse
-from pytest_rvads.scenarios.configurations import Configuration, explicit_label, per_entrance
-from pytest_rvads.scenarios.forks import forks, near
+from pytest_rvads.scenarios.configurations import explicit_label, per_entrance
 from pytest_rvads.scenarios.orbits import OCCUPANCIES, Directions, Orbits, rotate
 from pytest_rvads.scenarios.pedestrians import Pedestrian, Setting, cast_of, settings
+from pytest_rvads.scenarios.placing import placed
 from pytest_rvads.scenarios.senses import IDEAL, Senses
+from pytest_rvads.scenarios.signal_cycle import cycle, first_green, usual_duration
 from pytest_rvads.support.errors import ScenarioError, require
 from pytest_rvads.support.wording import shown
 
-__all__ = [
-    "MOST_FOLLOWERS",
-    "QUEUE_GAP",
-    "QUEUE_TIME",
-    "SPEED_LIMIT",
-    "Scenario",
-    "check_followers",
-    "check_numbers",
-    "fastest_start",
-    "first_green",
-    "started",
-    "usual_duration",
-]
+__all__ = ["Scenario"]
 
-MOST_FOLLOWERS = 9
-"""Greatest number of vehicles that queue behind each vehicle."""
-QUEUE_GAP = 2.0
-"""Gap between two vehicles of a standing queue [m]."""
-QUEUE_TIME = 1.0
-"""Time gap of followers at the start, in addition to `QUEUE_GAP` [s]."""
-_ROUNDING = 1e-9
-"""Greatest rounding error of a distance [m]."""
 _IN_IDS = re.compile(r"[A-Za-z0-9_.-]+")
-
-
-class _Start(NamedTuple):
-    """The start of a vehicle: its distance and its speed."""
-
-    name: str
-    entrance: int
-    body: Vehicle
-    distance: float
-    """Distance from the reference point to the stopping line [m]."""
-    speed: float
-    """Speed at the start [m/s]."""
 
 
 @dataclass(frozen=True, slots=True, init=False)
@@ -132,7 +103,7 @@ class Scenario:
                 or `place` is no junction.
         """
         require(place, Junction, "a scenario needs a junction, such as rvads.find('stop4')", ScenarioError)
-        walkers = _checked(pedestrians)
+        walkers = checked_pedestrians(pedestrians)
         place = place.walked if walkers else place.unwalked
         cast_of(place, walkers)
         code = parse(directions)
@@ -142,22 +113,22 @@ class Scenario:
                 f"directions {label(code)!r} describe {count} entrances, junction {place.name!r} has {len(place.entrances)}"
             )
         check_followers(followers)
-        cycle = len(place.phase_groups) * round(GREEN + YELLOW + CLEARANCE)
-        if not _within(elapsed, max(cycle, 1)):
+        seconds = round(cycle(place))
+        if not within(elapsed, max(seconds, 1)):
             raise ScenarioError(
-                f"elapsed must be a whole number of seconds below the cycle of the lights, {cycle} s, got {elapsed!r}"
+                f"elapsed must be a whole number of seconds below the cycle of the lights, {seconds} s, got {elapsed!r}"
             )
         distances = per_entrance("distance", distance, count)
         speeds = per_entrance("speed", speed, count)
-        _check_rotation(place, rotation)
-        _check_directions(place, rotate(code, rotation))
+        check_rotation(place, rotation)
+        check_directions(place, rotate(code, rotation))
         duration = usual_duration(place) if duration is None else duration
         check_numbers(duration, aggression, wait)
-        if subject is not None and not (_within(subject, count) and code[subject - rotation]):
+        if subject is not None and not (within(subject, count) and code[subject - rotation]):
             raise ScenarioError(
                 f"subject must be an occupied entrance of {label(rotate(code, rotation), place.lanes)}, got {subject!r}"
             )
-        creation = tuple(range(count)) if order is None else _order(order, count)
+        creation = tuple(range(count)) if order is None else checked_order(order, count)
         if configuration is None:
             configuration = explicit_label(distances, speeds)
         elif not (isinstance(configuration, str) and _IN_IDS.fullmatch(configuration)):
@@ -266,61 +237,9 @@ class Scenario:
             ScenarioError: a vehicle would start before the beginning of its approach, two vehicles in one lane would start too
                 close to each other, or two vehicles would start inside each other.
         """
-        starts: list[tuple[float, float]] = []
-        before: Agent | None = None
         agents = self.agents()
-        bodies = {agent.name: body(agent.name) if body else Vehicle() for agent in agents}
-        for agent in agents:
-            if before is None or before.entrance != agent.entrance:
-                distance, speed = self.start(agent.entrance)
-            else:
-                distance += bodies[before.name].length + QUEUE_GAP + QUEUE_TIME * speed
-            room = self.place.approach(agent.entrance)
-            if distance > room:
-                cure = "a smaller distance, fewer followers" if self.followers else "a smaller distance"
-                raise ScenarioError(
-                    f"distance {distance:g} m does not fit on entrance {agent.entrance} of junction {self.place.name!r}, where "
-                    f"{agent.name} starts: its approach is {room:.1f} m long, choose {cure} or another junction"
-                )
-            starts.append((distance, speed))
-            before = agent
-        if near(self.place):
-            vehicles = [_Start(a.name, a.entrance, bodies[a.name], *start) for a, start in zip(agents, starts, strict=True)]
-            self._check_forks(vehicles)
-            self._check_bodies(vehicles)
-        return tuple(starts)
-
-    def _check_bodies(self, starts: Sequence[_Start]) -> None:
-        """Check that vehicles on converging approaches do not touch."""
-        bodies = [
-            (np.array([way.placed(way.start(s.distance), s.body.rear_axle_offset)]), (s.body.length, s.body.width))
-            for way, s in zip(self.itineraries(), starts, strict=True)
-        ]
-        for (first, body), (second, other_body) in combinations(zip(starts, bodies, strict=True), 2):
-            if (first.entrance, second.entrance) in near(self.place) and touch([body, other_body]):
-                raise ScenarioError(
-                    f"{first.name} and {second.name} would start inside each other, where the approaches of entrances "
-                    f"{first.entrance} and {second.entrance} of junction {self.place.name!r} converge: choose other distances, "
-                    "or fewer vehicles"
-                )
-
-    def _check_forks(self, starts: Sequence[_Start]) -> None:
-        """Check that vehicles from entrances with a common lane start behind each other on that lane."""
-        for (first, second), (parting, second_parting) in forks(self.place):
-            # Distances upstream of the place where the lanes part; a vehicle beyond this place is not in the common lane.
-            lane = [(s.distance - parting, s) for s in starts if s.entrance == first] + [
-                (s.distance - second_parting, s) for s in starts if s.entrance == second
-            ]
-            queue = sorted((distance, s) for distance, s in lane if distance + s.body.length > 0.0)
-            for (front, ahead), (distance, behind) in pairwise(queue):
-                gap, needed = distance - front - ahead.body.length, QUEUE_GAP + QUEUE_TIME * behind.speed
-                if ahead.entrance != behind.entrance and gap < needed - _ROUNDING:
-                    raise ScenarioError(
-                        f"{behind.name} would start {max(gap, 0.0):.1f} m behind {ahead.name}, where {needed:.1f} m are needed: "
-                        f"entrances {first} and {second} of junction {self.place.name!r} are one lane from "
-                        f"{max(parting, 0.0):.1f} and {max(second_parting, 0.0):.1f} m before their lines on, choose smaller or "
-                        "different distances, or fewer vehicles"
-                    )
+        bodies = [body(agent.name) if body else Vehicle() for agent in agents]
+        return placed(self.place, agents, bodies, [self.start(agent.entrance) for agent in agents])
 
     def walkers(self, body: Callable[[str], Vehicle] | None = None) -> tuple[Setting, ...]:
         """Return where and when the pedestrians, and the vehicles parked for them, start.
@@ -384,82 +303,6 @@ class Scenario:
         return {"junction": self.place.name, "map": self.place.map, **values, "senses": self.senses.record()}
 
 
-def started(point: Configuration, place: Junction, rotation: int, subject: int | None, followers: int) -> dict[str, Any]:
-    """Return the arguments of `Scenario` that say how the vehicles start in a configuration: distances, speeds and its label.
-
-    Args:
-        point: the configuration.
-        place: the junction.
-        rotation: number of entrances by which the scenario is moved on.
-        subject: entrance of the vehicle under test, as in `Scenario.subject`.
-        followers: number of vehicles that queue behind each vehicle, and that need room on the approach as well.
-
-    Raises:
-        ScenarioError: the configuration is staggered around a subject, and there is no subject.
-    """
-    queue = followers * (Vehicle().length + QUEUE_GAP + QUEUE_TIME * max(point.speeds))
-    if point.staggered:
-        if subject is None:
-            raise ScenarioError(
-                f"configuration {point.label} is staggered around a subject, and there is none: say subject=0 or 'all', or "
-                "choose another configuration"
-            )
-        rooms = [place.approach(entrance) - queue for entrance in range(len(place.entrances))]
-        point = point.around((subject - rotation) % len(rooms), rotate(tuple(rooms), -rotation))
-    speeds = point.speeds
-    if not point.label.startswith("d"):  # speeds that a user asks for are kept
-        starts = zip(rotate(tuple(range(len(speeds))), -rotation), point.distances, speeds, strict=True)
-        speeds = tuple(min(speed, fastest_start(place, entrance, distance, queue)) for entrance, distance, speed in starts)
-    return {"distance": point.distances, "speed": speeds, "configuration": point.label}
-
-
-def fastest_start(place: Junction, entrance: int, distance: float, queue: float = 0.0) -> float:
-    """Return the highest speed at which vehicles are started on the approach of an entrance [m/s].
-
-    All speed limits between the start of the last vehicle and the entrance count, and so do all bends of this stretch.
-
-    Args:
-        place: the junction.
-        entrance: number of the entrance.
-        distance: distance of the first vehicle from the stopping line [m].
-        queue: distance of the last vehicle of the queue from the first vehicle [m].
-    """
-    approach, start = place.entrances[entrance].approach, place.approach(entrance) - distance
-    if approach is None or start <= 0.0:
-        return SPEED_LIMIT
-    first = max(start - queue, 0.0)
-    limits = approach.tail(approach.length - first).limits
-    limit = min((limit or SPEED_LIMIT for _, limit in limits), default=SPEED_LIMIT)
-    return min(limit, fastest(approach, first, start, Vehicle(), place.lane_width))
-
-
-def _within(value: object, count: int) -> bool:
-    """Return whether `value` is a whole number of 0 or more below `count`."""
-    return isinstance(value, int) and not isinstance(value, bool) and 0 <= value < count
-
-
-def _check_rotation(place: Junction, rotation: int) -> None:
-    """Check that a rotation keeps lanes, movements and signs of the junction."""
-    count, rows = len(place.entrances), Orbits.at(place).rows
-    if not _within(rotation, count):
-        raise ScenarioError(f"rotation must be one of 0..{count - 1} for {count} entrances, got {rotation!r}")
-    if rotation not in rows:
-        raise ScenarioError(
-            f"rotation must be one of {', '.join(map(str, rows))}, by so many entrances junction {place.name!r} keeps its lanes, "
-            f"movements and signs, got {rotation}: give the directions as they stand on the map"
-        )
-
-
-def _check_directions(place: Junction, placed: Directions) -> None:
-    """Check that every vehicle has a movement."""
-    for entrance, direction in enumerate(placed):
-        if direction and (entrance, direction) not in place.by_direction:
-            try:
-                place.leads(entrance, direction)
-            except ScenarioError as refused:
-                raise ScenarioError(f"{refused}, and 0 is nobody, got {label(placed, place.lanes)!r}") from None
-
-
 @lru_cache(maxsize=4096)
 def _orbit(place: Junction, code: Directions) -> tuple[Orbits, int]:
     """Return the scenarios of a junction that include `code`, and the number of its class; 0 if arms or lanes are empty."""
@@ -467,58 +310,3 @@ def _orbit(place: Junction, code: Directions) -> tuple[Orbits, int]:
         if number := orbits.number(code):
             return orbits, number
     return Orbits.at(place, partial=True), 0
-
-
-def first_green(place: Junction, rotation: int) -> int:
-    """Return the number of the phase group with green at t = 0: the group of the entrance to which the rotation moves entrance 0.
-
-    With one lane per arm, a rotation by an odd number of arms swaps the two groups, as in the paper, even if the map
-    has other groups.
-    """
-    groups, count = place.phase_groups, len(place.entrances)
-    if place.one_lane_each:
-        return rotation % 2 if len(groups) > 1 else 0
-    moved = [frozenset((entrance + rotation) % count for entrance in group) for group in groups[:1]]
-    return next((groups.index(group) for group in moved if group in groups), 0)
-
-
-def usual_duration(place: Junction) -> float:
-    """Return the default duration of runs at a junction [s].
-
-    The duration is 60 s, or, with more than two phase groups, a cycle of the lights and 30 s. So every vehicle has green once,
-    and half a minute to leave after that.
-    """
-    groups = len(place.phase_groups)
-    return 60.0 if groups <= 2 else groups * (GREEN + YELLOW + CLEARANCE) + 30.0
-
-
-def _checked(pedestrians: object) -> tuple[Pedestrian, ...]:
-    if isinstance(pedestrians, Sequence) and all(isinstance(walker, Pedestrian) for walker in pedestrians):
-        return tuple(pedestrians)
-    raise ScenarioError(f"pedestrians must be a list of rvads.Pedestrian(crossing, side, ...), got {pedestrians!r:.100}")
-
-
-def _order(order: object, count: int) -> tuple[int, ...]:
-    if isinstance(order, Sequence) and all(_within(e, count) for e in order) and len({*order}) == len(order) == count:
-        return tuple(order)
-    raise ScenarioError(f"order must name each of the entrances 0..{count - 1} once, got {order!r}")
-
-
-def check_followers(followers: int) -> None:
-    """Raise a `ScenarioError` for a number of followers that is not 0 to `MOST_FOLLOWERS`."""
-    if not _within(followers, MOST_FOLLOWERS + 1):
-        raise ScenarioError(f"followers must be a whole number from 0 to {MOST_FOLLOWERS}, got {followers!r}")
-
-
-def check_numbers(duration: float | None, aggression: int, wait: float) -> None:
-    """Raise a `ScenarioError` for a duration [s], an aggression or a wait [s] out of range; a duration of None is the default."""
-    duration = 60.0 if duration is None else duration
-    if not (_within(aggression, 4) and aggression):
-        raise ScenarioError(f"aggression must be 1, 2 or 3, got {aggression!r}")
-    for name, seconds in (("duration", duration), ("wait", wait)):
-        if isinstance(seconds, bool) or not isinstance(seconds, int | float):
-            raise ScenarioError(f"{name} must be a number of seconds, got {seconds!r}")
-    if not (math.isfinite(duration) and 0 < duration <= 3600):
-        raise ScenarioError(f"duration must lie above 0 and up to 3600 s, got {duration!r}")
-    if not (math.isfinite(wait) and wait >= 0):
-        raise ScenarioError(f"wait must be 0 s or more, got {wait!r}")

@@ -23,7 +23,8 @@ from pytest_rvads.scenarios.configurations import Configuration
 from pytest_rvads.scenarios.forks import near
 from pytest_rvads.scenarios.orbits import WAYS, Directions, Orbits, rotate
 from pytest_rvads.scenarios.pedestrians import Pedestrian, cast_of
-from pytest_rvads.scenarios.scenario import Scenario, started
+from pytest_rvads.scenarios.placing import started
+from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.scenarios.senses import IDEAL, Senses
 from pytest_rvads.scenarios.walks import Walk, choices, least, turns
 from pytest_rvads.support.errors import ScenarioError

@@ -14,9 +14,9 @@ from itertools import product
 from typing import Any, NamedTuple
 
 from pytest_rvads.drivers.walking import behaviour
-from pytest_rvads.geometry.conflicts import Key
 from pytest_rvads.geometry.crosswalks import Side
 from pytest_rvads.geometry.junction import Junction
+from pytest_rvads.geometry.ways import Key
 from pytest_rvads.scenarios.configurations import plain
 from pytest_rvads.scenarios.orbits import Directions, Orbits, rotate
 from pytest_rvads.scenarios.pedestrians import Pedestrian

@@ -22,7 +22,7 @@ from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.rules.lexicon import ATTRIBUTES, word_of
 from pytest_rvads.logic.rules.vocabulary import FromZones
 from pytest_rvads.runs.run import DT, Run
-from pytest_rvads.runs.states import CLEARANCE, GREEN, YELLOW, Agent, SignalPlan, Zone
+from pytest_rvads.runs.states import GREEN, SLOT, YELLOW, Agent, SignalPlan, Zone
 
 __all__ = ["Model", "weak_orders"]
 
@@ -173,7 +173,7 @@ def _advances(places: int, agents: int) -> list[int]:
 def _all_configurations(agents: int, junction: Junction) -> tuple[NDArray[np.int8], NDArray[np.int8]]:
     """Return zones, shape ``(size, agents)``, and colours, shape ``(size, entrances)``, of all configurations, twice."""
     plan = SignalPlan(junction.phase_groups)
-    slots = [g * (GREEN + YELLOW + CLEARANCE) + t for g in range(len(plan.groups)) for t in (0.0, GREEN, GREEN + YELLOW)]
+    slots = [g * SLOT + t for g in range(len(plan.groups)) for t in (0.0, GREEN, GREEN + YELLOW)]
     colours = np.array([plan.colours(time, len(junction.entrances)) for time in slots or [0.0]], dtype=np.int8)
     places = np.arange(_PLACES**agents)
     zones = np.stack([places // _PLACES**i % _PLACES for i in range(agents)], axis=1).astype(np.int8)

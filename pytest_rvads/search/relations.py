@@ -23,7 +23,7 @@ from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.runs.states import Agent
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.orbits import Orbits, rotate
-from pytest_rvads.scenarios.scenario import first_green
+from pytest_rvads.scenarios.signal_cycle import first_green
 from pytest_rvads.search.remap import broken_by, mirrored, moved, rotations_of
 
 __all__ = ["RELATIONS", "Incomparable", "Variant", "renamed"]

@@ -25,16 +25,17 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 
 from pytest_rvads.drivers.walking import behaviour
-from pytest_rvads.geometry.conflicts import Key
 from pytest_rvads.geometry.control import Sign
 from pytest_rvads.geometry.crosswalks import Crossing, Side
 from pytest_rvads.geometry.junction import Junction
+from pytest_rvads.geometry.ways import Key
 from pytest_rvads.runs.itineraries import itinerary
 from pytest_rvads.runs.states import CLEARANCE, GREEN, YELLOW
 from pytest_rvads.scenarios.classes import pairs_at
 from pytest_rvads.scenarios.orbits import Directions, Orbits, rotate
 from pytest_rvads.scenarios.pedestrians import Pedestrian, arrival, cast_of
-from pytest_rvads.scenarios.scenario import Scenario, fastest_start
+from pytest_rvads.scenarios.placing import fastest_start
+from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.scenarios.walks import least
 from pytest_rvads.support.errors import ScenarioError
 

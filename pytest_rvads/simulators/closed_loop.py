@@ -13,10 +13,10 @@ from dataclasses import asdict, replace
 
 from pytest_rvads.drivers.interface import Factory
 from pytest_rvads.drivers.traffic import traffic
-from pytest_rvads.geometry.conflicts import Key
 from pytest_rvads.geometry.control import Sign
 from pytest_rvads.geometry.finder import find
 from pytest_rvads.geometry.junction import Junction
+from pytest_rvads.geometry.ways import Key
 from pytest_rvads.physics.braking import STANDING, cached, greatest_safe
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Vehicle, Zone

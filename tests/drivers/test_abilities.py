@@ -13,7 +13,7 @@ import pytest
 import pytest_rvads as rvads
 from pytest_rvads.drivers.interface import OF_AUTOPILOTS, OF_SYSTEMS
 from pytest_rvads.drivers.naming import called, name_of
-from pytest_rvads.geometry.junction import Movement
+from pytest_rvads.geometry.ways import Movement
 from pytest_rvads.runs.states import Agent
 from pytest_rvads.search.relations import renamed
 from pytest_rvads.simulators.seat import crew

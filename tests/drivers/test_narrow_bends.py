@@ -27,7 +27,8 @@ from pytest_rvads.runs.states import Vehicle, Zone
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.configurations import configuration
 from pytest_rvads.scenarios.ids import from_id
-from pytest_rvads.scenarios.scenario import Scenario, started
+from pytest_rvads.scenarios.placing import started
+from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.simulators.simulator import simulate
 
 

@@ -7,9 +7,10 @@ import pytest
 
 from pytest_rvads.geometry.control import Sign
 from pytest_rvads.geometry.finder import find
-from pytest_rvads.geometry.junction import Entrance, Exit, Junction, Movement
+from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.geometry.segment import Segment
 from pytest_rvads.geometry.turns import Turn
+from pytest_rvads.geometry.ways import Entrance, Exit, Movement
 from pytest_rvads.support.errors import MapError, ScenarioError
 
 

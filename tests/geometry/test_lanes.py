@@ -8,8 +8,9 @@ from hypothesis import HealthCheck, given, settings
 
 import pytest_rvads as rvads
 from pytest_rvads.geometry.control import Sign
-from pytest_rvads.geometry.junction import Entrance, Exit, Junction, Movement
+from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.geometry.turns import Turn
+from pytest_rvads.geometry.ways import Entrance, Exit, Movement
 from pytest_rvads.logic.conduct.predicates import extract
 from pytest_rvads.logic.judging.ground import ground
 from pytest_rvads.logic.rules.rule import parse

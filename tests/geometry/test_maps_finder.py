@@ -16,10 +16,10 @@ from pytest_rvads.drivers.follower import Follower
 from pytest_rvads.drivers.interface import Observation
 from pytest_rvads.geometry.builtin import path_of
 from pytest_rvads.geometry.choosing import choose
-from pytest_rvads.geometry.conflicts import Reason
 from pytest_rvads.geometry.control import JunctionControl
 from pytest_rvads.geometry.finder import find, load, names, nearest
 from pytest_rvads.geometry.opendrive.writer import Layout, opendrive
+from pytest_rvads.geometry.precedence import Reason
 from pytest_rvads.geometry.road_map import describe, read_map
 from pytest_rvads.logic.check import check
 from pytest_rvads.report.draw.map_picture import draw_map

@@ -16,9 +16,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pytest_rvads.geometry.conflicts import Key
 from pytest_rvads.geometry.crosswalks import Crossing, Side
 from pytest_rvads.geometry.junction import Junction
+from pytest_rvads.geometry.ways import Key
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.judging.verdicts import InstanceVerdict
 from pytest_rvads.runs.itineraries import itinerary

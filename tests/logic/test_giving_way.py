@@ -13,9 +13,10 @@ import pytest
 
 import pytest_rvads as rvads
 from pytest_rvads.geometry.control import Sign
-from pytest_rvads.geometry.junction import Entrance, Junction, Movement
+from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.geometry.segment import Segment
 from pytest_rvads.geometry.turns import Turn
+from pytest_rvads.geometry.ways import Entrance, Movement
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.conduct.cast import Ground, ground_of
 from pytest_rvads.logic.conduct.lane import wrong_lanes

@@ -12,9 +12,9 @@ from pathlib import Path
 import pytest
 
 import pytest_rvads as rvads
-from pytest_rvads.geometry.conflicts import Precedence, Reason
 from pytest_rvads.geometry.control import Sign
 from pytest_rvads.geometry.junction import Junction
+from pytest_rvads.geometry.precedence import Precedence, Reason
 from pytest_rvads.geometry.segment import Pose
 from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.logic.check import check

@@ -6,11 +6,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from pytest_rvads.geometry.segment import SPEED_LIMIT
 from pytest_rvads.physics.braking import envelope, greatest_safe, stopping_distance, vmax
 from pytest_rvads.runs.run import DT
 from pytest_rvads.runs.states import GRAVITY, Vehicle
 from pytest_rvads.scenarios.configurations import PAPER, configuration, outside
-from pytest_rvads.scenarios.scenario import SPEED_LIMIT
 from pytest_rvads.support.errors import RunError, ScenarioError
 
 CAR = Vehicle()

@@ -14,11 +14,12 @@ import pytest
 import pytest_rvads as rvads
 from pytest_rvads.drivers.crossing import Meetings
 from pytest_rvads.drivers.stacks.messages import _map
-from pytest_rvads.geometry.conflicts import Key, Reason, Way
 from pytest_rvads.geometry.finder import find
-from pytest_rvads.geometry.junction import Entrance, Exit, Further, Junction
+from pytest_rvads.geometry.junction import Junction
+from pytest_rvads.geometry.precedence import Reason
 from pytest_rvads.geometry.segment import Segment
 from pytest_rvads.geometry.turns import Turn
+from pytest_rvads.geometry.ways import Entrance, Exit, Further, Key, Way
 from pytest_rvads.logic.conduct.validate import validate
 from pytest_rvads.logic.ltl.ltl3 import Truth
 from pytest_rvads.logic.rules.book import rules_for

@@ -11,8 +11,9 @@ import pytest
 
 from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.geometry.finder import find
-from pytest_rvads.geometry.junction import Junction, Movement
+from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.geometry.turns import Turn
+from pytest_rvads.geometry.ways import Movement
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.conduct.bodies import contacts
 from pytest_rvads.logic.conduct.kpis import describe, kpis

@@ -10,7 +10,7 @@ from pytest_rvads.geometry.finder import find, names
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.geometry.segment import Segment
 from pytest_rvads.scenarios.configurations import configuration
-from pytest_rvads.scenarios.scenario import started
+from pytest_rvads.scenarios.placing import started
 
 LATERAL, BRAKING = 2.5, 2.0
 """What the reference takes bends with, and brakes with before them [m/s^2]."""

@@ -9,16 +9,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pytest_rvads.geometry.conflicts import Key
 from pytest_rvads.geometry.control import Sign
 from pytest_rvads.geometry.finder import find
-from pytest_rvads.geometry.junction import Entrance, Exit, Junction, Movement
+from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.geometry.turns import Turn
+from pytest_rvads.geometry.ways import Entrance, Exit, Key, Movement
 from pytest_rvads.scenarios.classes import covering, pairs_at, pairs_in
 from pytest_rvads.scenarios.configurations import grid
 from pytest_rvads.scenarios.orbits import OCCUPANCIES, Directions, Orbits, rotate
-from pytest_rvads.scenarios.scenario import Scenario, usual_duration
+from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.scenarios.selection import COVERS, Selection
+from pytest_rvads.scenarios.signal_cycle import usual_duration
 from pytest_rvads.support.errors import ScenarioError
 
 

@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Mapping, Sequence
 from itertools import pairwise
-from typing import NamedTuple
 from xml.etree.ElementTree import Element
 
 import numpy as np
@@ -32,11 +31,11 @@ from pytest_rvads.geometry.opendrive.elements import (
 )
 from pytest_rvads.geometry.opendrive.xmlfile import ARM
 from pytest_rvads.geometry.segment import NO_LIMIT, Segment
+from pytest_rvads.geometry.ways import Entrance, Exit, Key
 
-__all__ = ["Inbound", "Outbound", "written"]
+__all__ = ["written"]
 
 Array = NDArray[np.float64]
-Key = tuple[int, int]
 _BESIDE = 0.8
 """Distance from the border of a lane to its sign or light [m]."""
 _BEND = 1e-6
@@ -44,28 +43,10 @@ _BEND = 1e-6
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(5)
 
 
-class Inbound(NamedTuple):
-    """A lane that leads into a junction; the fields are those of `pytest_rvads.geometry.junction.Entrance`."""
-
-    arm: int
-    line: Segment
-    sign: Sign
-    phase: int | None
-    setback: float
-    sign_setback: float | None
-
-
-class Outbound(NamedTuple):
-    """A lane that leads out of a junction."""
-
-    arm: int
-    line: Segment
-
-
 def written(  # noqa: PLR0913 - the lanes, the movements and two properties of a junction
     id: str,
-    entrances: Sequence[Inbound],
-    exits: Sequence[Outbound],
+    entrances: Sequence[tuple[Entrance, Segment]],
+    exits: Sequence[tuple[Exit, Segment]],
     movements: Mapping[Key, Segment],
     stated: Collection[tuple[Key, Key]],
     crossings: Collection[Crosswalk],
@@ -79,24 +60,25 @@ def written(  # noqa: PLR0913 - the lanes, the movements and two properties of a
 
     Args:
         id: id of the junction.
-        entrances: the lanes into the junction.
-        exits: the lanes out of the junction.
+        entrances: the lanes into the junction with their centre lines.
+        exits: the lanes out of the junction with their centre lines.
         movements: centre lines of the movements by number of the entrance and of the exit.
         stated: pairs of movements of which, according to the map, the first gives way to the second.
         crossings: the crosswalks over the arms.
         width: width of all lanes [m].
         left_hand: whether traffic keeps left.
     """
-    lanes: list[Inbound | Outbound] = [*entrances, *exits]
-    writer = _Writer(document(id, max(float(np.abs(lane.line.points).max()) for lane in lanes)), width, left_hand)
-    arms = [lane.arm for lane in lanes]
-    for number, lane in enumerate(lanes):
-        road = writer.road(number, lane.line, against=number < len(entrances))
+    lanes: list[tuple[Entrance | Exit, Segment]] = [*entrances, *exits]
+    writer = _Writer(document(id, max(float(np.abs(line.points).max()) for _, line in lanes)), width, left_hand)
+    arms = [lane.arm for lane, _ in lanes]
+    for number, (lane, line) in enumerate(lanes):
+        inbound = isinstance(lane, Entrance)
+        road = writer.road(number, line, against=inbound)
         add(road[0], "predecessor", elementType="junction", elementId=id)
-        if isinstance(lane, Inbound):
+        if isinstance(lane, Entrance):
             writer.regulate(road, number, lane)
-        start = lane.line.pose(lane.line.length if isinstance(lane, Inbound) else 0.0)
-        heading = start.heading + (math.pi if isinstance(lane, Inbound) else 0.0)
+        start = line.pose(line.length if inbound else 0.0)
+        heading = start.heading + (math.pi if inbound else 0.0)
         turn = np.array([(math.cos(heading), -math.sin(heading)), (math.sin(heading), math.cos(heading))])
         for crosswalk in crossings if number == arms.index(lane.arm) else ():
             if crosswalk.arm == lane.arm:
@@ -105,7 +87,7 @@ def written(  # noqa: PLR0913 - the lanes, the movements and two properties of a
     junction = Element("junction", {"id": id, "name": id})
     numbers = {key: len(lanes) + k for k, key in enumerate(movements)}
     for key, line in movements.items():
-        ends, before, after = (key[0], len(entrances) + key[1]), entrances[key[0]].line, exits[key[1]].line
+        ends, before, after = (key[0], len(entrances) + key[1]), entrances[key[0]][1], exits[key[1]][1]
         road = writer.road(numbers[key], line, headings=(before.pose(before.length).heading, after.pose(0.0).heading))
         road.set("junction", id)
         for tag, end in zip(("predecessor", "successor"), ends, strict=True):
@@ -116,9 +98,9 @@ def written(  # noqa: PLR0913 - the lanes, the movements and two properties of a
         add(row, "laneLink", **{"from": -writer.along}, to=writer.along)
     for yielding, prior in sorted(stated):
         add(junction, "priority", high=numbers[prior], low=numbers[yielding])
-    for phase in sorted({lane.phase for lane in entrances if lane.phase is not None}):
+    for phase in sorted({lane.phase for lane, _ in entrances if lane.phase is not None}):
         controller = add(writer.root, "controller", id=phase, name=f"phase {phase}", sequence=phase)
-        for number in (k for k, lane in enumerate(entrances) if lane.phase == phase):
+        for number in (k for k, (lane, _) in enumerate(entrances) if lane.phase == phase):
             add(controller, "control", signalId=number, type="vehicle")
         add(junction, "controller", id=phase, type="vehicle", sequence=phase)
     writer.root.append(junction)
@@ -159,7 +141,7 @@ class _Writer:
             add(element, "speed", sOffset=start, max=most, unit="m/s")
         return road
 
-    def regulate(self, road: Element, id: int, lane: Inbound) -> None:
+    def regulate(self, road: Element, id: int, lane: Entrance) -> None:
         """Add the sign or light of a lane into the junction, and its stopping line, to the road of the lane."""
         lanes = -self.along, -self.along
         beside = math.copysign(self.width / 2 + _BESIDE, -self.along)

@@ -15,10 +15,11 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.geometry.conflicts import Key, Reason
 from pytest_rvads.geometry.control import JunctionControl, Sign
 from pytest_rvads.geometry.crosswalks import Crossing, Parking
 from pytest_rvads.geometry.junction import Junction
+from pytest_rvads.geometry.precedence import Reason
+from pytest_rvads.geometry.ways import Key
 from pytest_rvads.runs.run import Facts, Run
 from pytest_rvads.runs.states import Agent, Kind
 from pytest_rvads.support.errors import RunError

@@ -15,8 +15,8 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.geometry.conflicts import Key
 from pytest_rvads.geometry.junction import Junction
+from pytest_rvads.geometry.ways import Key
 from pytest_rvads.logic.conduct.blocks import tick_of
 from pytest_rvads.logic.conduct.bodies import contacts, velocity
 from pytest_rvads.logic.conduct.predicates import ticks

@@ -12,9 +12,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.geometry.conflicts import Key, Shared
+from pytest_rvads.geometry.conflicts import Shared
 from pytest_rvads.geometry.crosswalks import Crossing, Side, half
 from pytest_rvads.geometry.junction import Junction
+from pytest_rvads.geometry.ways import Key
 from pytest_rvads.logic.conduct.blocks import Block, signal, sized
 from pytest_rvads.logic.conduct.cast import Cast, Pairs, pairs
 from pytest_rvads.logic.conduct.standing import STANDSTILL, entered, facing, latched, stands

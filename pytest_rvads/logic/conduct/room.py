@@ -10,11 +10,11 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.geometry.conflicts import Key
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.geometry.network import Doubt, MapWarning
 from pytest_rvads.geometry.road_map import RoadMap
 from pytest_rvads.geometry.sweep import BEHIND, CAR, STEP, plan
+from pytest_rvads.geometry.ways import Key
 from pytest_rvads.logic.conduct.bodies import touch
 from pytest_rvads.logic.conduct.standing import STOP_PLACE
 from pytest_rvads.runs.itineraries import itinerary

@@ -17,8 +17,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.geometry.conflicts import Key
 from pytest_rvads.geometry.junction import Junction
+from pytest_rvads.geometry.ways import Key
 from pytest_rvads.logic.conduct.blocks import APPROACH, ENTRANCE, JUNCTION, Block, signal, sized
 from pytest_rvads.logic.conduct.cast import Cast, Pairs, pairs
 from pytest_rvads.runs.itineraries import itinerary

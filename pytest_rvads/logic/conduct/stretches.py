@@ -10,8 +10,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.geometry.conflicts import CONFLICT_WIDTH, Key, Shared, Stretch
+from pytest_rvads.geometry.conflicts import Shared, Stretch
 from pytest_rvads.geometry.junction import Junction
+from pytest_rvads.geometry.ways import CONFLICT_WIDTH, Key
 from pytest_rvads.logic.conduct.blocks import ENTRANCE, Block, signal, sized
 from pytest_rvads.logic.conduct.cast import Cast, Pairs, pairs
 from pytest_rvads.runs.itineraries import LEAVE

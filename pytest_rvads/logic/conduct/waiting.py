@@ -9,9 +9,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.geometry.conflicts import Key
 from pytest_rvads.geometry.control import JunctionControl, Sign
 from pytest_rvads.geometry.junction import Junction
+from pytest_rvads.geometry.ways import Key
 from pytest_rvads.logic.conduct.blocks import ENTRANCE, JUNCTION, Block, signal, sized
 from pytest_rvads.logic.conduct.cast import Cast, Pairs, everybody, ground_of, pairs
 from pytest_rvads.logic.conduct.on_foot import places_of, walk, walkers

@@ -15,8 +15,8 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from pytest_rvads.geometry.conflicts import Key
 from pytest_rvads.geometry.junction import Junction
+from pytest_rvads.geometry.ways import Key
 from pytest_rvads.logic.conduct.blocks import Block, Signal
 from pytest_rvads.logic.conduct.cast import Cast
 from pytest_rvads.logic.conduct.predicates import Static, extract

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from math import ceil, log10
 
-from pytest_rvads.geometry.conflicts import Way
 from pytest_rvads.geometry.control import JunctionControl, Sign
 from pytest_rvads.geometry.crosswalks import Crossing
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.geometry.turns import UTURN, turn_word
+from pytest_rvads.geometry.ways import Way
 from pytest_rvads.logic.conduct.cast import Ground, ground_of
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.rules.lexicon import ATTRIBUTES, word_of

@@ -10,14 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.geometry.analysis import JunctionReport
-from pytest_rvads.geometry.conflicts import Key, Reason
 from pytest_rvads.geometry.control import JunctionControl, Sign
 from pytest_rvads.geometry.crosswalks import Crosswalk
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.geometry.network import Edge
 from pytest_rvads.geometry.paths import walk
+from pytest_rvads.geometry.precedence import Reason
 from pytest_rvads.geometry.road_map import RoadMap
 from pytest_rvads.geometry.turns import UTURN, turn_word
+from pytest_rvads.geometry.ways import Key
 from pytest_rvads.report.draw.svg import arrow, document, marks, polyline, sign, text, wrap
 
 __all__ = ["draw_map"]

@@ -10,9 +10,9 @@ from math import cos, degrees, sin
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.geometry.conflicts import Way
 from pytest_rvads.geometry.crosswalks import Crossing, Crosswalk, Parking, Side
 from pytest_rvads.geometry.junction import Junction
+from pytest_rvads.geometry.ways import Way
 from pytest_rvads.report.draw.svg import arrow, marks, sign
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Agent, Colour, Kind, Vehicle

@@ -22,8 +22,9 @@ from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.geometry.segment import Segment
 from pytest_rvads.runs.states import SignalPlan
 from pytest_rvads.scenarios.orbits import Orbits, rotate
-from pytest_rvads.scenarios.scenario import Scenario, first_green
+from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.scenarios.senses import IDEAL
+from pytest_rvads.scenarios.signal_cycle import first_green
 from pytest_rvads.support.errors import ScenarioError, require
 
 __all__ = ["REACH", "TOLERANCE", "Member", "Shape", "shapes", "twin"]

@@ -138,8 +138,8 @@ def _order(options: argparse.Namespace, driver: Any) -> Order:
     from pytest_rvads.satellites.campaigns.town import Town
     from pytest_rvads.satellites.campaigns.town_output import Order
     from pytest_rvads.satellites.campaigns.town_plan import Request
+    from pytest_rvads.scenarios.arguments import check_followers
     from pytest_rvads.scenarios.configurations import grid
-    from pytest_rvads.scenarios.scenario import check_followers
     from pytest_rvads.simulators.simulator import meant, named
 
     reports = tuple(map(fitting, options.report))

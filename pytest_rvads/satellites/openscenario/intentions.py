@@ -6,8 +6,8 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
-from pytest_rvads.geometry.conflicts import Key
 from pytest_rvads.geometry.junction import Junction
+from pytest_rvads.geometry.ways import Key
 from pytest_rvads.runs.itineraries import itinerary
 from pytest_rvads.satellites.openscenario.xosc import Entity, entities_of
 from pytest_rvads.satellites.openscenario.xosctree import Node

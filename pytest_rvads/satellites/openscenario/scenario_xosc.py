@@ -33,7 +33,9 @@ from pytest_rvads.satellites.tracks.lightlog import lights_at
 from pytest_rvads.scenarios.case import Fleet
 from pytest_rvads.scenarios.ids import recalled
 from pytest_rvads.scenarios.orbits import Orbits, rotate
-from pytest_rvads.scenarios.scenario import QUEUE_GAP, QUEUE_TIME, Scenario, usual_duration
+from pytest_rvads.scenarios.placing import QUEUE_GAP, QUEUE_TIME
+from pytest_rvads.scenarios.scenario import Scenario
+from pytest_rvads.scenarios.signal_cycle import usual_duration
 from pytest_rvads.support.decoding import decode, encode
 from pytest_rvads.support.errors import RunError, ScenarioError, require
 from pytest_rvads.support.wording import one_line

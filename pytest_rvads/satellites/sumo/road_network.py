@@ -27,11 +27,12 @@ from xml.etree.ElementTree import Element, ElementTree, ParseError, SubElement, 
 
 from numpy.typing import NDArray
 
-from pytest_rvads.geometry.conflicts import Key, Reason
 from pytest_rvads.geometry.control import Sign
-from pytest_rvads.geometry.junction import Arm, Junction
+from pytest_rvads.geometry.junction import Junction
+from pytest_rvads.geometry.precedence import Reason
 from pytest_rvads.geometry.segment import SPEED_LIMIT, Segment, join
 from pytest_rvads.geometry.sweep import EXIT_LENGTH
+from pytest_rvads.geometry.ways import Arm, Key
 from pytest_rvads.physics.braking import FASTEST
 from pytest_rvads.runs.states import Colour, SignalPlan
 from pytest_rvads.support.errors import RunError, ScenarioError, needs
@@ -42,7 +43,7 @@ __all__ = ["Network", "lane_in", "lane_limit", "lane_out", "netconvert", "networ
 _LETTERS = {Colour.YELLOW: "y", Colour.RED: "r"}
 """By colour other than green, the letter for the colour in SUMO's signal programs."""
 _RANK = {Sign.STOP: 1, Sign.YIELD: 1, Sign.NONE: 2, Sign.LIGHTS: 2, Sign.PRIORITY: 3}
-"""Rank of a sign, as in `pytest_rvads.geometry.conflicts`; a movement gives way to a movement whose sign has a higher rank."""
+"""Rank of a sign, as in `pytest_rvads.geometry.precedence`; a movement gives way to a movement whose sign has a higher rank."""
 _LENGTH_TOLERANCE = 1e-6
 """Largest difference at which two lengths count as equal [m]."""
 _LONGEST_CALL = 60.0

@@ -19,10 +19,10 @@ from pytest_rvads.geometry.finder import Kinds
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.logic.rules.book import claim, rules_for
 from pytest_rvads.logic.rules.rule import Rule
+from pytest_rvads.scenarios.arguments import check_followers, check_numbers
 from pytest_rvads.scenarios.classes import parse
 from pytest_rvads.scenarios.configurations import ARRIVALS, Configuration, explicit, grid, outside, per_entrance, plain
 from pytest_rvads.scenarios.orbits import OCCUPANCIES
-from pytest_rvads.scenarios.scenario import check_followers, check_numbers
 from pytest_rvads.scenarios.selection import CHOOSING, COVERS, Selection
 from pytest_rvads.scenarios.senses import IDEAL, Senses
 from pytest_rvads.scenarios.walks import Walk, walks_of

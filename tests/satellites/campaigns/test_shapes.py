@@ -13,9 +13,10 @@ from pytest_rvads.drivers.lgsvl import LgsvlLike
 from pytest_rvads.geometry.builtin import LAYOUTS, path_of
 from pytest_rvads.geometry.control import Sign
 from pytest_rvads.geometry.finder import find, load
-from pytest_rvads.geometry.junction import Junction, cross
+from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.geometry.segment import Segment
 from pytest_rvads.geometry.turns import Turn
+from pytest_rvads.geometry.ways import cross
 from pytest_rvads.logic.check import check
 from pytest_rvads.report.arrivals import ArrivalCoverage
 from pytest_rvads.report.run_record import by_rule

@@ -1,0 +1,161 @@
+"""Where vehicles start: the speeds of configurations, the gaps of queues, and no two vehicles in one place."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import combinations, pairwise
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from pytest_rvads.drivers.way_ahead import fastest
+from pytest_rvads.geometry.junction import Junction
+from pytest_rvads.geometry.segment import SPEED_LIMIT
+from pytest_rvads.geometry.ways import Key
+from pytest_rvads.logic.conduct.bodies import touch
+from pytest_rvads.runs.itineraries import itinerary
+from pytest_rvads.runs.states import Agent, Vehicle
+from pytest_rvads.scenarios.configurations import Configuration
+from pytest_rvads.scenarios.forks import forks, near
+from pytest_rvads.scenarios.orbits import rotate
+from pytest_rvads.support.errors import ScenarioError
+
+__all__ = ["QUEUE_GAP", "QUEUE_TIME", "fastest_start", "placed", "started"]
+
+QUEUE_GAP = 2.0
+"""Gap between two vehicles of a standing queue [m]."""
+QUEUE_TIME = 1.0
+"""Time gap of followers at the start, in addition to `QUEUE_GAP` [s]."""
+_ROUNDING = 1e-9
+"""Greatest rounding error of a distance [m]."""
+
+
+class _Start(NamedTuple):
+    """The start of a vehicle."""
+
+    name: str
+    way: Key
+    body: Vehicle
+    distance: float
+    """Distance from the reference point to the stopping line [m]."""
+    speed: float
+    """Speed at the start [m/s]."""
+
+    @property
+    def entrance(self) -> int:
+        """Number of the entrance."""
+        return self.way[0]
+
+
+def placed(
+    place: Junction, agents: Sequence[Agent], bodies: Sequence[Vehicle], starts: Sequence[tuple[float, float]]
+) -> tuple[tuple[float, float], ...]:
+    """Return the starts of vehicles with their followers, see `Scenario.starts` for gaps and errors.
+
+    Args:
+        place: the junction.
+        agents: the vehicles, at each entrance the first vehicle before its followers.
+        bodies: per vehicle, its parameters.
+        starts: per vehicle, distance [m] and speed [m/s] of the first vehicle at its entrance.
+    """
+    rows: list[_Start] = []
+    for agent, body, (distance, speed) in zip(agents, bodies, starts, strict=True):
+        if rows and rows[-1].entrance == agent.entrance:
+            distance = rows[-1].distance + rows[-1].body.length + QUEUE_GAP + QUEUE_TIME * speed
+        room = place.approach(agent.entrance)
+        if distance > room:
+            followed = len({other.entrance for other in agents}) < len(agents)
+            cure = "a smaller distance, fewer followers" if followed else "a smaller distance"
+            raise ScenarioError(
+                f"distance {distance:g} m does not fit on entrance {agent.entrance} of junction {place.name!r}, where "
+                f"{agent.name} starts: its approach is {room:.1f} m long, choose {cure} or another junction"
+            )
+        rows.append(_Start(agent.name, agent.way.key, body, distance, speed))
+    if near(place):
+        _check_forks(place, rows)
+        _check_bodies(place, rows)
+    return tuple((row.distance, row.speed) for row in rows)
+
+
+def _check_forks(place: Junction, starts: Sequence[_Start]) -> None:
+    """Check that vehicles from entrances with a common lane start behind each other on that lane."""
+    for (first, second), (parting, second_parting) in forks(place):
+        # Distances upstream of the place where the lanes part; a vehicle beyond this place is not in the common lane.
+        lane = [(s.distance - parting, s) for s in starts if s.entrance == first] + [
+            (s.distance - second_parting, s) for s in starts if s.entrance == second
+        ]
+        queue = sorted((distance, s) for distance, s in lane if distance + s.body.length > 0.0)
+        for (front, ahead), (distance, behind) in pairwise(queue):
+            gap, needed = distance - front - ahead.body.length, QUEUE_GAP + QUEUE_TIME * behind.speed
+            if ahead.entrance != behind.entrance and gap < needed - _ROUNDING:
+                raise ScenarioError(
+                    f"{behind.name} would start {max(gap, 0.0):.1f} m behind {ahead.name}, where {needed:.1f} m are needed: "
+                    f"entrances {first} and {second} of junction {place.name!r} are one lane from {max(parting, 0.0):.1f} and "
+                    f"{max(second_parting, 0.0):.1f} m before their lines on, choose smaller or different distances, or fewer "
+                    "vehicles"
+                )
+
+
+def _check_bodies(place: Junction, starts: Sequence[_Start]) -> None:
+    """Check that vehicles on converging approaches do not touch."""
+    ways = [itinerary(place, *start.way) for start in starts]
+    bodies = [
+        (np.array([way.placed(way.start(s.distance), s.body.rear_axle_offset)]), (s.body.length, s.body.width))
+        for way, s in zip(ways, starts, strict=True)
+    ]
+    for (first, body), (second, other_body) in combinations(zip(starts, bodies, strict=True), 2):
+        if (first.entrance, second.entrance) in near(place) and touch([body, other_body]):
+            raise ScenarioError(
+                f"{first.name} and {second.name} would start inside each other, where the approaches of entrances "
+                f"{first.entrance} and {second.entrance} of junction {place.name!r} converge: choose other distances, or fewer "
+                "vehicles"
+            )
+
+
+def started(point: Configuration, place: Junction, rotation: int, subject: int | None, followers: int) -> dict[str, Any]:
+    """Return the arguments of `Scenario` that say how the vehicles start in a configuration: distances, speeds and its label.
+
+    Args:
+        point: the configuration.
+        place: the junction.
+        rotation: number of entrances by which the scenario is moved on.
+        subject: entrance of the vehicle under test, as in `Scenario.subject`.
+        followers: number of vehicles that queue behind each vehicle, and that need room on the approach as well.
+
+    Raises:
+        ScenarioError: the configuration is staggered around a subject, and there is no subject.
+    """
+    queue = followers * (Vehicle().length + QUEUE_GAP + QUEUE_TIME * max(point.speeds))
+    if point.staggered:
+        if subject is None:
+            raise ScenarioError(
+                f"configuration {point.label} is staggered around a subject, and there is none: say subject=0 or 'all', or "
+                "choose another configuration"
+            )
+        rooms = [place.approach(entrance) - queue for entrance in range(len(place.entrances))]
+        point = point.around((subject - rotation) % len(rooms), rotate(tuple(rooms), -rotation))
+    speeds = point.speeds
+    if not point.label.startswith("d"):  # speeds that a user asks for are kept
+        starts = zip(rotate(tuple(range(len(speeds))), -rotation), point.distances, speeds, strict=True)
+        speeds = tuple(min(speed, fastest_start(place, entrance, distance, queue)) for entrance, distance, speed in starts)
+    return {"distance": point.distances, "speed": speeds, "configuration": point.label}
+
+
+def fastest_start(place: Junction, entrance: int, distance: float, queue: float = 0.0) -> float:
+    """Return the highest speed at which vehicles are started on the approach of an entrance [m/s].
+
+    All speed limits between the start of the last vehicle and the entrance count, and so do all bends of this stretch.
+
+    Args:
+        place: the junction.
+        entrance: number of the entrance.
+        distance: distance of the first vehicle from the stopping line [m].
+        queue: distance of the last vehicle of the queue from the first vehicle [m].
+    """
+    approach, start = place.entrances[entrance].approach, place.approach(entrance) - distance
+    if approach is None or start <= 0.0:
+        return SPEED_LIMIT
+    first = max(start - queue, 0.0)
+    limits = approach.tail(approach.length - first).limits
+    limit = min((limit or SPEED_LIMIT for _, limit in limits), default=SPEED_LIMIT)
+    return min(limit, fastest(approach, first, start, Vehicle(), place.lane_width))
