@@ -75,14 +75,16 @@ class Behaviour(NamedTuple):
     parked: bool = False
     """Whether a parked vehicle hides the pedestrian from vehicles that come to the junction."""
 
+    def obeys(self, light: Colour) -> bool:
+        """Return whether the pedestrian does not start to cross while the pedestrian light has a colour."""
+        return self.lawful and light in (Colour.YELLOW, Colour.RED)
+
     def pace(self) -> Pace:
         """Return the pace of a new pedestrian, who waits at the kerb for WALK if the behaviour is lawful."""
         walk = self.make()
 
         def obey(sight: Sight) -> float:
-            if self.lawful and sight.light in (Colour.YELLOW, Colour.RED) and _at_kerb(sight):
-                return 0.0
-            return walk(sight)
+            return 0.0 if self.obeys(sight.light) and _at_kerb(sight) else walk(sight)
 
         return obey
 

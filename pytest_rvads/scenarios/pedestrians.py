@@ -101,6 +101,11 @@ class Setting(NamedTuple):
     """Name of the behaviour; ``parked`` for a parked vehicle."""
     behind: float = 0.0
     """Distance to the first pedestrian of the group [m]; 0 for the first pedestrian."""
+    crossed: float = -math.inf
+    """Greatest difference of arrivals with which the pedestrian has crossed when the run begins [s].
+
+    The difference is -inf for a parked vehicle, and for a pedestrian who starts before the kerb even if the pedestrian is early.
+    """
 
 
 def cast_of(place: Junction, pedestrians: Sequence[Pedestrian]) -> tuple[Agent, ...]:
@@ -169,19 +174,18 @@ def settings(
     rows = []
     for number, walker in enumerate(pedestrians):
         agents, manner = tuple(_agents(place, pedestrians, number)), behaviour(walker.behaviour)
-        speed = manner.speed
         meeting = _meeting(place, agents[0], vehicles)
         if meeting is None:
             raise ScenarioError(
                 f"no vehicle of the scenario drives over crosswalk {walker.crossing} of junction {place.name!r}, so nobody can "
                 "meet a pedestrian there: choose another crosswalk or other directions"
             )
-        shared, reached = meeting
+        (shared, reached), speed, length = meeting, manner.speed, agents[0].way.length
         station = shared.yours.start - speed * (reached + walker.difference)
-        forbidden = lights and lights[agents[0].entrance] in (Colour.YELLOW, Colour.RED)
-        if manner.kerb or (manner.lawful and forbidden):
-            station = min(station, -KERB)
-        if station >= agents[0].way.length:
+        crossed = (shared.yours.start - length) / speed - reached
+        if manner.kerb or (lights and manner.obeys(lights[agents[0].entrance])):
+            station, crossed = min(station, -KERB), -math.inf
+        if station >= length:
             raise Crossed(
                 f"p{number} would have crossed before the run begins, {-walker.difference:g} s before the vehicle: choose a "
                 "greater difference"
@@ -194,7 +198,7 @@ def settings(
             if isinstance(agent.way, Parking):
                 rows.append(Setting(agent, _PARKED, 0.0, math.inf, "parked"))
             else:
-                rows.append(Setting(agent, begin - k * _APART, pace, delay, walker.behaviour, k * _APART))
+                rows.append(Setting(agent, begin - k * _APART, pace, delay, walker.behaviour, k * _APART, crossed))
     return tuple(rows)
 
 

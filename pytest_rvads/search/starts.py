@@ -29,11 +29,10 @@ from pytest_rvads.geometry.control import Sign
 from pytest_rvads.geometry.crosswalks import Crossing, Side
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.geometry.ways import Key
-from pytest_rvads.runs.itineraries import itinerary
-from pytest_rvads.runs.states import CLEARANCE, GREEN, YELLOW
+from pytest_rvads.runs.states import CLEARANCE, GREEN, SLOT, YELLOW
 from pytest_rvads.scenarios.classes import pairs_at
 from pytest_rvads.scenarios.orbits import Directions, Orbits, rotate
-from pytest_rvads.scenarios.pedestrians import Pedestrian, arrival, cast_of
+from pytest_rvads.scenarios.pedestrians import Pedestrian, cast_of
 from pytest_rvads.scenarios.placing import fastest_start
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.scenarios.walks import least
@@ -130,11 +129,12 @@ class Line:
     def reach(self, longest: float = LONGEST) -> tuple[int, int]:
         """Return the least and the greatest lead, up to `longest` [s], for which both vehicles have room [steps of `STEP`].
 
-        A pedestrian has room who has not crossed when the run begins.
+        A pedestrian has room if the pedestrian has not crossed when the run begins (`Setting.crossed`).
         """
         if self.walker:
             most = math.floor(longest / STEP)
-            return max(math.floor(self._before / STEP + 1e-6) + 1, -most), most
+            crossed = max(self._walked(LONGEST).walkers()[0].crossed, -longest - STEP)
+            return max(math.floor(crossed / STEP + 1e-6) + 1, -most), most
         subject, other = (way[0] for way in self.ways)
         room, other_room = (self._farthest(entrance) for entrance in (subject, other))
         if self.begin is Begin.REST:
@@ -195,24 +195,13 @@ class Line:
             pedestrians=[replace(self.walker, difference=seconds)],
         )
 
-    @property
-    def _before(self) -> float:
-        """The greatest lead with which the pedestrian has crossed when the run begins [s]."""
-        assert self.walker
-        subject, other = self.ways
-        shared = (self.place.stretches or {})[subject, other]
-        distance, speed = self._walked(0.0).start(self.seat)
-        reached = arrival(shared.mine.start - itinerary(self.place, *subject).start(distance), speed)
-        behind = self.place.every_way[other].length - shared.yours.start
-        return -reached - behind / behaviour(self.walker.behaviour).speed
-
     def _elapsed(self) -> int:
         """Return the time of the lights' cycle at which the scenario starts [s]; the vehicle that moves first has green."""
         mover = self.seat if self.begin is Begin.MOVING or self.walker else self.ways[1][0]
         for turn, group in enumerate(self.place.phase_groups):
             if mover in group:
                 passed = GREEN - _BEFORE_YELLOW if self.by_light else 0.0
-                return round(turn * (GREEN + YELLOW + CLEARANCE) + passed)
+                return round(turn * SLOT + passed)
         return 0
 
     def _speed(self, entrance: int) -> float:

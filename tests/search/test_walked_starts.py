@@ -3,6 +3,7 @@
 import pytest
 
 import pytest_rvads as rvads
+from pytest_rvads.drivers.walking import KERB
 from pytest_rvads.geometry.crosswalks import Side
 from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.logic.rules.book import rules_for
@@ -88,6 +89,13 @@ def test_the_reach_ends_where_the_pedestrian_has_crossed(side: str, begin: str) 
     starts = {(scenario.start(0), scenario.elapsed) for scenario in (first, last)}
     assert starts == {((0.01, 0.0) if begin else (20.0, 8.0), 0)}
     assert from_id(first.name) == first
+
+
+@pytest.mark.parametrize("behaviour", ["yields", "waits"])
+def test_pedestrian_who_looks_at_the_kerb_has_never_crossed_when_the_run_begins(behaviour: str) -> None:
+    walked = line(f"zebra4-s0-0to2-meets-0n.{behaviour}", (behaviour,))
+    assert walked.reach() == (-1200, 1200)
+    assert walked.scenario(-1200).walkers()[0].station <= -KERB
 
 
 def test_subject_that_holds_its_speed_goes_if_it_arrives_first() -> None:
