@@ -13,9 +13,9 @@ ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs" / "what-a-green-means.md"
 SOURCE = ROOT / "tests" / "honesty" / "catalogue.py"
 SECTIONS = {
-    "CHEATS": ("What was tried to get a green that is not deserved", "it", "it is told"),
-    "INNOCENTS": ("What must not be blamed", "a driver that", "is told"),
-    "UNWATCHED": ("What no rule looks at", "a driver that", "is told"),
+    "CHEATS": ("What was tried to get a green that is not deserved", "attempt", "result"),
+    "INNOCENTS": ("What must not be blamed", "a driver that", "result"),
+    "UNWATCHED": ("What no rule looks at", "a driver that", "result"),
 }
 
 
