@@ -15,8 +15,7 @@ import networkx as nx
 import numpy as np
 
 from pytest_rvads.geometry.network import Doubt, MapWarning
-from pytest_rvads.satellites.lanelet2.lanelet_conflicts import Conflicts, free_ends
-from pytest_rvads.satellites.lanelet2.lanelets import Bound, Lanelet
+from pytest_rvads.satellites.lanelet2.lanelets import Bound, Conflicts, Lanelet, free_ends
 from pytest_rvads.support.wording import first
 
 __all__ = ["Ground", "areas_of", "cut_off", "listed"]

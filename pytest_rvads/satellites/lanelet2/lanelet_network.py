@@ -17,8 +17,7 @@ from pytest_rvads.geometry.control import MapObject, ObjectKind
 from pytest_rvads.geometry.network import HAND, DeclaredJunction, Doubt, Edge, MapWarning, Network, PaintedCrosswalk, facing
 from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.satellites.lanelet2.lanelet_areas import Ground, areas_of, cut_off, listed
-from pytest_rvads.satellites.lanelet2.lanelet_conflicts import conflicts_of, intersections
-from pytest_rvads.satellites.lanelet2.lanelets import Lanelet, hand_votes, stations_of
+from pytest_rvads.satellites.lanelet2.lanelets import Lanelet, conflicts_of, hand_votes, intersections, stations_of
 from pytest_rvads.support.errors import MapError
 from pytest_rvads.support.wording import plural
 
