@@ -8,8 +8,7 @@ import pytest
 
 from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.report.outline import Notes
-from pytest_rvads.satellites.campaigns.town_page import town_page
-from pytest_rvads.satellites.campaigns.town_picture import Site, Spot, TownMap, TownPicture
+from pytest_rvads.satellites.campaigns.town_page import Site, Spot, TownMap, TownPicture, town_page
 from pytest_rvads.satellites.campaigns.town_tally import CauseTally, Tally
 
 Chrome = Any  # of selenium.webdriver, which not everybody has

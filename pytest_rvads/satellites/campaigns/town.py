@@ -23,7 +23,7 @@ from pytest_rvads.report.session_report import Anew, Drawn
 from pytest_rvads.runs.measured import Divergence
 from pytest_rvads.satellites.campaigns.resultsfile import Judged
 from pytest_rvads.satellites.campaigns.shapes import REACH, Member, Shape, shapes, twin
-from pytest_rvads.satellites.campaigns.town_picture import Site, TownMap, spot, town_picture
+from pytest_rvads.satellites.campaigns.town_page import Site, TownMap, spot, town_picture
 from pytest_rvads.satellites.campaigns.town_plan import Plan, Planned, Request
 from pytest_rvads.satellites.campaigns.town_tally import Tally
 from pytest_rvads.scenarios.case import Case
