@@ -18,9 +18,8 @@ from pytest_rvads.cli.run_answers import NOTABLE, Batch, RunAnswer
 from pytest_rvads.logic.conduct.kpis import describe
 from pytest_rvads.logic.judging.verdicts import InstanceVerdict, Status, Verdict
 from pytest_rvads.logic.outcome import Outcome
-from pytest_rvads.report.at_junctions import AtJunctions
 from pytest_rvads.report.failure_page import when
-from pytest_rvads.report.rollup import sums
+from pytest_rvads.report.rollup import AtJunctions, sums
 from pytest_rvads.report.session_report import NOTHING_JUDGED, UNFINISHED, Report, Spool, exit_status
 from pytest_rvads.support.wording import plural
 

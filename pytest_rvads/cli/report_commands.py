@@ -130,9 +130,8 @@ _percent.__name__, _seconds.__name__ = "percentage", "number of seconds"  # argp
 
 
 def _print_merged(options: argparse.Namespace) -> int:
-    from pytest_rvads.report.arrivals import untested
     from pytest_rvads.report.baseline import compare, with_baseline
-    from pytest_rvads.report.coverage import shortfall
+    from pytest_rvads.report.coverage import shortfall, untested
     from pytest_rvads.report.files import load, save
     from pytest_rvads.report.journal import recovered
 

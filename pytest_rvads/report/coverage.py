@@ -1,4 +1,4 @@
-"""Coverage: the share of the planned cells that a session exercised.
+"""Coverage of a session: the share of the planned cells that it exercised, and the arrivals of vehicles that it tried.
 
 A cell is (junction, class, configuration, rule). If the scenario has a subject (vehicle under test), the cell also names the
 entrance of the subject and the traffic around the subject. If somebody walks, the cell also names the pedestrians. A cell of a
@@ -6,20 +6,44 @@ recording is (junction, recording, rule). A cell is
 exercised if a rule required something of the system under test in the cell, and the verdict is PASS, FAIL or OPEN, expected or
 not. A rule that required something only of the traffic exercises no cell. NA, UNSURE, errors and items that did not run exercise
 no cell either. A cell counts once, even if several tests or several variants of a test contain the cell.
+
+The coverage of arrivals tells how long before or after the vehicle under test vehicles with conflicting movements arrived. A pair
+is the movement of a vehicle under test and a conflicting movement of another vehicle. Pairs that a rotation of the junction maps
+onto each other count as one pair, if the rotation keeps lanes, movements and signs. The difference of two arrivals is the arrival
+of the other vehicle at its line minus the arrival of the vehicle under test at its line. A difference is tried if a rule required
+something of the system under test in the run. A difference is counted once per run, however many rules judged the run.
+
+The largest untested gap of a pair is the longest stretch between -6 s and 6 s without a tried difference. A pair without any
+tried difference has no gap and is counted as not met.
 """
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from itertools import pairwise
 
 from pytest_rvads.logic.outcome import Outcome, Tallied, counted
-from pytest_rvads.report.record import Record
-from pytest_rvads.report.session_report import Cell, Report, cell_of
-from pytest_rvads.support.wording import first
+from pytest_rvads.report.record import Record, RecordedItem
+from pytest_rvads.report.session_report import Cell, Move, Report, cell_of
+from pytest_rvads.runs.measured import APART
+from pytest_rvads.support.wording import first, plural
 
-__all__ = ["Cells", "Coverage", "Requirements", "dropped", "measure", "shortfall"]
+__all__ = [
+    "BIN",
+    "SIMULTANEOUS",
+    "TOGETHER",
+    "ArrivalCoverage",
+    "Cells",
+    "Coverage",
+    "Requirements",
+    "Tried",
+    "dropped",
+    "measure",
+    "shortfall",
+    "untested",
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,3 +164,179 @@ class Requirements:
     def lines(self) -> list[str]:
         """Return a line per requirement with its verdicts by status."""
         return [f"requirement {name}: {counted(self._counts[name])}" for name in sorted(self._counts)]
+
+
+BIN = 0.5
+"""Width of a bin of a histogram [s]."""
+TOGETHER = 0.5
+"""Longest time between the arrivals of two vehicles that arrive together [s]: the tie window `TIE` of the rulebook ``road``."""
+SIMULTANEOUS = (
+    f"every two vehicles arrived within {TOGETHER:g} s of each other: no gap between arrivals was tried; use grid='arrivals' or "
+    "@rvads.critical"
+)
+"""The line that a report shows if at least one difference was tried and no tried difference is above `TOGETHER`."""
+_TICKS = 100
+"""Ticks per second: differences are counted in ticks of 0.01 s."""
+_LAST, _WIDTH = round(APART * _TICKS), round(BIN * _TICKS)
+"""The longest difference that a histogram contains, and the width of a bin [ticks]."""
+_BARS = "·▁▂▃▄▅▆▇█"
+"""The bars of a histogram in text, from an empty bin to the fullest bin."""
+
+
+@dataclass(frozen=True, slots=True)
+class Tried:
+    """The differences between arrivals that runs have tried, for a pair of conflicting movements or for several pairs."""
+
+    counts: Counter[int] = field(default_factory=Counter)
+    """How often each difference was tried, by the difference in ticks."""
+
+    @property
+    def orders(self) -> tuple[int, int, int]:
+        """Numbers of runs in which the other vehicle arrived before, together with, and after the vehicle under test."""
+        tie = round(TOGETHER * _TICKS)
+        first = sum(count for tick, count in self.counts.items() if tick < -tie)
+        later = sum(count for tick, count in self.counts.items() if tick > tie)
+        return first, self.counts.total() - first - later, later
+
+    @property
+    def histogram(self) -> tuple[int, ...]:
+        """Number of tried differences per bin, from -6 s to 6 s; a bin contains its lower end, and the last bin also 6 s."""
+        bins = [0] * (2 * _LAST // _WIDTH)
+        for tick, count in self.counts.items():
+            bins[min((tick + _LAST) // _WIDTH, len(bins) - 1)] += count
+        return tuple(bins)
+
+    @property
+    def gap(self) -> tuple[float, float]:
+        """Begin and end of the longest stretch from -6 s to 6 s without a tried difference [s]; of equal stretches the first."""
+        begin, end = max(pairwise(sorted({-_LAST, *self.counts, _LAST})), key=lambda stretch: stretch[1] - stretch[0])
+        return begin / _TICKS, end / _TICKS
+
+    @property
+    def length(self) -> float:
+        """Length of the longest stretch without a tried difference [s]."""
+        begin, end = self.gap
+        return round(end - begin, 2)
+
+    def bars(self) -> str:
+        """Return the histogram of tried differences as a text with a character per bin."""
+        most = max(self.histogram)
+        return "".join(_BARS[-(-count * (len(_BARS) - 1) // most)] for count in self.histogram)
+
+    def bins(self) -> str:
+        """Return the number of tried differences in every bin that is not empty, in words: ``3 from 0 to 0.5 s``."""
+        starts = (number * BIN - APART for number in range(2 * _LAST // _WIDTH))
+        filled = [(start, count) for start, count in zip(starts, self.histogram, strict=True) if count]
+        return ", ".join(f"{count} from {start:g} to {start + BIN:g} s" for start, count in filled)
+
+    def __str__(self) -> str:
+        """Return the largest untested gap in words."""
+        begin, end = self.gap
+        return f"{self.length:g} s ({begin:g} to {end:g} s)"
+
+
+class _AtJunction:
+    """The pairs of conflicting movements at a junction, and the differences between arrivals that runs have tried."""
+
+    def __init__(self) -> None:
+        self.pairs = 0
+        """Number of pairs of conflicting movements."""
+        self.runs: set[str] = set()
+        self.met: dict[tuple[Move, Move], Tried] = {}
+
+
+class ArrivalCoverage:
+    """Collects the tried differences between arrivals from records, which are added one by one."""
+
+    def __init__(self) -> None:
+        self._junctions: dict[str, _AtJunction] = {}
+
+    def add(self, record: Record) -> None:
+        """Add the differences of a record."""
+        arrivals = record.arrivals
+        if arrivals is None:
+            return
+        name = f"{record.junction} as recorded" if isinstance(record, RecordedItem) else record.junction
+        junction = self._junctions.get(name) or self._junctions.setdefault(name, _AtJunction())
+        junction.pairs = arrivals.pairs
+        if not record.asked or record.ran_as in junction.runs:
+            return
+        junction.runs.add(record.ran_as)
+        rotations = range(0, record.ways, arrivals.symmetry)
+        moves = [(agent.entrance, agent.exit) for agent in record.agents]
+        for own, other, difference in arrivals.tried:
+            pair = min((_turned(moves[own], arms, record.ways), _turned(moves[other], arms, record.ways)) for arms in rotations)
+            tried = junction.met.get(pair) or junction.met.setdefault(pair, Tried())
+            tried.counts[round(difference * _TICKS)] += 1
+
+    def rows(self) -> Iterator[tuple[str, str, str, Tried]]:
+        """Yield every tried pair: junction, movement of the vehicle under test, movement of the other vehicle, differences."""
+        for name, junction in self._junctions.items():
+            for (own, other), tried in sorted(junction.met.items()):
+                yield name, _named(own), _named(other), tried
+
+    def at_junctions(self) -> Iterator[tuple[str, int, int, Tried, Tried]]:
+        """Yield every junction with a tried pair of movements.
+
+        Yields:
+            The name of the junction, the number of tried pairs, the number of all pairs, the differences of all pairs, and the
+            differences of the pair with the largest gap.
+        """
+        for name, junction in self._junctions.items():
+            if junction.met:
+                every = Tried(sum((tried.counts for tried in junction.met.values()), Counter()))
+                worst = max(junction.met.values(), key=lambda tried: tried.length)
+                yield name, len(junction.met), junction.pairs, every, worst
+
+    @property
+    def pairs(self) -> int:
+        """Number of pairs of conflicting movements at all junctions."""
+        return sum(junction.pairs for junction in self._junctions.values())
+
+    @property
+    def length(self) -> float:
+        """Length of the largest untested gap of all tried pairs [s]; the whole range if no pair was tried."""
+        return max((tried.length for *_, tried in self.rows()), default=2 * APART)
+
+    @property
+    def simultaneous(self) -> bool:
+        """Whether a difference between arrivals was tried, and the two vehicles of every tried difference arrived together."""
+        orders = [tried.orders for *_, tried in self.rows()]
+        return bool(orders) and not any(first or later for first, _, later in orders)
+
+    def line(self) -> str:
+        """Return a line with the number of tried pairs, the orders of arrival, and the largest untested gap."""
+        rows = list(self.rows())
+        head = f"arrivals: {len(rows)} of {plural(self.pairs, 'pair')} of conflicting movements met"
+        if not rows:
+            return head
+        first, together, later = (sum(tried.orders[order] for *_, tried in rows) for order in range(3))
+        name, own, other, worst = max(rows, key=lambda row: row[3].length)
+        return (
+            f"{head}, the other vehicle {first} times first, {together} together, {later} later; largest untested gap {worst}, "
+            f"{name}: {own} under test, other vehicle {other}"
+        )
+
+
+def _turned(move: Move, arms: int, ways: int) -> Move:
+    """Return the movement onto which a rotation by `arms` arms maps a movement, at a junction with `ways` arms."""
+    (start, start_lane), (end, end_lane) = move
+    return ((start + arms) % ways, start_lane), ((end + arms) % ways, end_lane)
+
+
+def _named(move: Move) -> str:
+    """Return a movement as arm and lane of its entrance and exit: ``0.0 to 2.0``."""
+    return "{}.{} to {}.{}".format(*move[0], *move[1])
+
+
+def untested(report: Report, most: float) -> str:
+    """Return a sentence if the largest untested gap between arrivals is longer than `most`; an empty text if it is not.
+
+    Args:
+        report: the report of a session, or of several sessions merged.
+        most: greatest length of a gap that is allowed [s].
+    """
+    coverage = ArrivalCoverage()
+    for record in report.records:
+        coverage.add(record)
+    return f"the largest untested gap is above {most:g} s: {coverage.line()}" if coverage.length > most else ""

@@ -11,13 +11,11 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from pytest_rvads.logic.outcome import Tallied, counted
-from pytest_rvads.report.arrivals import SIMULTANEOUS, ArrivalCoverage, Tried
-from pytest_rvads.report.at_junctions import FEW, AtJunction, AtJunctions
-from pytest_rvads.report.coverage import Cells, Requirements, dropped
+from pytest_rvads.report.coverage import SIMULTANEOUS, ArrivalCoverage, Cells, Requirements, Tried, dropped
 from pytest_rvads.report.figures import Excesses, Extremes, Makers, Timing, Titles, slowest
 from pytest_rvads.report.matrix import Matrices, Matrix
 from pytest_rvads.report.record import Record
-from pytest_rvads.report.rollup import Sums, ranked, sums
+from pytest_rvads.report.rollup import FEW, AtJunction, AtJunctions, Sums, ranked, sums
 from pytest_rvads.report.session_report import Comparison, Report
 from pytest_rvads.report.triage import ByText, Cause, causes, idle, known, provoked, unavoidable, unsure
 from pytest_rvads.support.wording import first, plural, quoted

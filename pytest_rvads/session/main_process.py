@@ -200,8 +200,7 @@ class Session:
             exitstatus: exit status so far.
             cut: whether items are missing, so that the comparison excuses no failure.
         """
-        from pytest_rvads.report.arrivals import untested
-        from pytest_rvads.report.coverage import shortfall
+        from pytest_rvads.report.coverage import shortfall, untested
         from pytest_rvads.report.session_report import Report, in_order
         from pytest_rvads.support.installed import ENGINES, versions
 

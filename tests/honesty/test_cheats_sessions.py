@@ -6,7 +6,7 @@ import pytest
 
 from pytest_rvads.cli import main
 from pytest_rvads.geometry.opendrive.writer import Layout, opendrive
-from pytest_rvads.report.arrivals import SIMULTANEOUS
+from pytest_rvads.report.coverage import SIMULTANEOUS
 
 from .attempts import CHECKED, FAILED, NOTHING, Session
 from .shown import shows, shows_each

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from pytest_rvads.cli import main
-from pytest_rvads.report.arrivals import SIMULTANEOUS
+from pytest_rvads.report.coverage import SIMULTANEOUS
 from pytest_rvads.report.files import load
 from pytest_rvads.report.outline import outline
 

@@ -17,7 +17,7 @@ from pytest_rvads.geometry.finder import find
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.logic.conduct.kpis import arrival_differences, kpis
 from pytest_rvads.logic.judging.verdicts import Status, Verdict
-from pytest_rvads.report.arrivals import SIMULTANEOUS, ArrivalCoverage, Tried, untested
+from pytest_rvads.report.coverage import SIMULTANEOUS, ArrivalCoverage, Tried, untested
 from pytest_rvads.report.outline import Figures, outline
 from pytest_rvads.report.record import Record, conclude, planned_record
 from pytest_rvads.report.run_record import of_run

@@ -4,8 +4,8 @@ import pytest
 from msgspec import structs
 
 from pytest_rvads.logic.judging.verdicts import Status, Verdict
-from pytest_rvads.report.at_junctions import AtJunctions
 from pytest_rvads.report.record import Record, conclude, planned_record
+from pytest_rvads.report.rollup import AtJunctions
 from pytest_rvads.runs.measured import Kpis, VehicleKpis
 
 

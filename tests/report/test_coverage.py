@@ -11,9 +11,9 @@ from msgspec import structs
 from pytest_rvads.cli.report_commands import merge
 from pytest_rvads.logic.judging.verdicts import Status, Verdict
 from pytest_rvads.logic.outcome import Outcome
-from pytest_rvads.report.at_junctions import AtJunctions
 from pytest_rvads.report.coverage import dropped, measure, shortfall
 from pytest_rvads.report.record import AgentRecord, Record, conclude, planned_record
+from pytest_rvads.report.rollup import AtJunctions
 from pytest_rvads.report.session_report import Extent, Report
 from pytest_rvads.support.errors import RvadsError
 

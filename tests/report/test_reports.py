@@ -18,13 +18,13 @@ from pytest_rvads.logic.judging.verdicts import InstanceVerdict, Status, Verdict
 from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.logic.rules.book import rulebook
 from pytest_rvads.report import triage
-from pytest_rvads.report.at_junctions import AtJunctions
 from pytest_rvads.report.figures import Extremes
 from pytest_rvads.report.files import load, save, table
 from pytest_rvads.report.markdown import markdown
 from pytest_rvads.report.matrix import Matrices, Matrix
 from pytest_rvads.report.page import page
 from pytest_rvads.report.record import Record, conclude, planned_record, properties
+from pytest_rvads.report.rollup import AtJunctions
 from pytest_rvads.report.session_report import Comparison, Report, cell_of, exit_status, steady
 from pytest_rvads.report.terminal import summary
 from pytest_rvads.report.triage import Cause

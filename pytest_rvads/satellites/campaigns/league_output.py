@@ -18,7 +18,7 @@ from pytest_rvads.drivers.identity import identity
 from pytest_rvads.drivers.interface import Factory
 from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.logic.rules.book import rules_for
-from pytest_rvads.report.arrivals import ArrivalCoverage
+from pytest_rvads.report.coverage import ArrivalCoverage
 from pytest_rvads.report.run_record import by_rule
 from pytest_rvads.report.session_report import exit_status
 from pytest_rvads.satellites.campaigns.campaign import Keys, campaign

@@ -18,7 +18,7 @@ from pytest_rvads.geometry.segment import Segment
 from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.geometry.ways import cross
 from pytest_rvads.logic.check import check
-from pytest_rvads.report.arrivals import ArrivalCoverage
+from pytest_rvads.report.coverage import ArrivalCoverage
 from pytest_rvads.report.run_record import by_rule
 from pytest_rvads.satellites.campaigns.campaign import campaign
 from pytest_rvads.satellites.campaigns.resultsfile import Judged
