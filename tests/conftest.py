@@ -38,7 +38,7 @@ for _name in pytest_rvads.__all__:
 for _name in (
     "hypothesis",
     "numpy.fft",
-    "pytest_rvads.report.draw.picture",
+    "pytest_rvads.report.draw.scene",
     "pytest_rvads.report.failure_page",
     "pytest_rvads.report.terminal",
 ):

@@ -14,8 +14,8 @@ from msgspec import structs
 from pytest_rvads.drivers.lgsvl import LgsvlLike
 from pytest_rvads.geometry.finder import find
 from pytest_rvads.logic.judging.verdicts import Status, Verdict
-from pytest_rvads.report.draw.picture import picture
 from pytest_rvads.report.draw.replay import Track, replay
+from pytest_rvads.report.draw.scene import picture
 from pytest_rvads.report.page import page
 from pytest_rvads.report.record import Record, conclude, planned_record
 from pytest_rvads.report.session_report import Change, Comparison, Report, in_order

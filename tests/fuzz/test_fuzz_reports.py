@@ -27,8 +27,8 @@ from pytest_rvads.geometry.road_map import read_map
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.conduct.kpis import kpis
 from pytest_rvads.report.draw.map_picture import draw_map
-from pytest_rvads.report.draw.picture import picture
 from pytest_rvads.report.draw.replay import Track, replay
+from pytest_rvads.report.draw.scene import picture
 from pytest_rvads.report.files import FORMATS, load
 from pytest_rvads.report.record import Computing, conclude, planned_record
 from pytest_rvads.report.session_report import Change, Comparison, Report, cell_of

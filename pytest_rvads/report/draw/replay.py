@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 from pytest_rvads.geometry.crosswalks import Crossing, Parking, Side
 from pytest_rvads.logic.conduct.blocks import tick_of
 from pytest_rvads.logic.conduct.bodies import contacts
-from pytest_rvads.report.draw.picture import STYLE
-from pytest_rvads.report.draw.scene import Scene, body, inks, label, placed, size
+from pytest_rvads.report.draw.scene import STYLE, Scene, body, inks, label, placed, size
 from pytest_rvads.report.webpage import webpage
 from pytest_rvads.runs.divergence import diverge
 from pytest_rvads.runs.run import Collision, Run
