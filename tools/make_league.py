@@ -15,7 +15,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from pytest_rvads.report.markdown import section
-from pytest_rvads.satellites.campaigns.league_page import sections
+from pytest_rvads.satellites.campaigns.league_output import sections
 
 ROOT = Path(__file__).parents[1]
 PAGE, RESULTS, PICTURES = (ROOT / "docs" / name for name in ("league.md", "league.json", "league"))

@@ -17,7 +17,7 @@ from pytest_rvads.runs.run import Run
 from pytest_rvads.satellites.campaigns import answering, league_output
 from pytest_rvads.satellites.campaigns.campaign import campaign
 from pytest_rvads.satellites.campaigns.league import Config, League
-from pytest_rvads.satellites.campaigns.league_page import league_page
+from pytest_rvads.satellites.campaigns.league_output import league_page
 from pytest_rvads.satellites.campaigns.resultsfile import Results
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.search.trials import Fault
