@@ -13,7 +13,7 @@ from pytest_rvads.cli.shared_options import declare_driver, opened_driver
 from pytest_rvads.support.storage import write_file
 
 if TYPE_CHECKING:
-    from pytest_rvads.simulators.pedals import Pedal
+    from pytest_rvads.simulators.driver_dynamics import Pedal
 
 __all__ = ["declare"]
 
@@ -38,7 +38,7 @@ def declare(commands: Subparsers) -> None:
 
 def _calibrate(options: argparse.Namespace) -> int:
     from pytest_rvads.report.draw.curves import draw_pedals
-    from pytest_rvads.simulators.pedals import calibrated
+    from pytest_rvads.simulators.driver_dynamics import calibrated
     from pytest_rvads.simulators.simulator import meant, named
 
     simulator = named(options.simulator, Path.cwd()) if options.simulator else meant()

@@ -8,7 +8,7 @@ import pytest
 
 import pytest_rvads as rvads
 from pytest_rvads.cli import main
-from pytest_rvads.simulators.pedals import calibrated
+from pytest_rvads.simulators.driver_dynamics import calibrated
 
 FULL_DRIVE, FULL_BRAKE = 3.0, (4.0, 6.0, 8.0)
 """Acceleration at full throttle and deceleration at full brake by aggression of a usual car, as `Vehicle` documents [m/s^2]."""
