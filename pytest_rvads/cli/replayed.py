@@ -9,13 +9,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pytest_rvads.cli.common import named_rules
-from pytest_rvads.logic.check import check
+from pytest_rvads.logic.check import check, other_verdicts
 from pytest_rvads.logic.judging.verdicts import Verdict
 from pytest_rvads.logic.rules.book import get_rule
 from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.report.draw.animated import animated
 from pytest_rvads.report.draw.replay import Beside, replay
-from pytest_rvads.report.failure_page import earlier_run, facts, failure_pages, moment, other_verdicts, usual_rules
+from pytest_rvads.report.failure_page import earlier_run, facts, failure_pages, moment, usual_rules
 from pytest_rvads.report.folders import INDEX, run_file
 from pytest_rvads.report.record import Record, RecordedItem
 from pytest_rvads.report.run_record import summed
@@ -88,7 +88,7 @@ def failed_run(folder: Path, report: Report, record: Record, page: Path, earlier
     ghost = None
     if earlier and run.excerpt is None:
         ghost = earlier_run(earlier[1], earlier[0].parent, Path(), record.nodeid, run)
-    others = _recorded_verdicts(report, record) or other_verdicts(run, usual_rules(run), verdict.rule)
+    others = _recorded_verdicts(report, record) or summed(other_verdicts(run, usual_rules(run), verdict.rule))
     back = os.path.relpath(folder / INDEX, page.parent).replace(os.sep, "/") if (folder / INDEX).exists() else ""
     beside = Beside(facts(record, start, again), others, back, ghost, earlier[0].name if earlier and ghost else "")
     return Replayed(run, verdict, rule, notes, beside, doubt)
@@ -116,7 +116,7 @@ def run_of_file(file: Path, rule_name: str | None) -> Replayed:
     again = f"rvads replay {quoted(str(file))}{f' --rules {rule_name}' if rule_name else ''}"
     rows = [("recorded", str(file)), *([("rule", f"{rules[0].name}: {rules[0].title}")] if rules else []), ("rerun", again)]
     notes = "\n".join((*([] if verdict is None else [verdict.explanation]), f"recorded  {file}", f"rerun     {again}"))
-    others = other_verdicts(run, usual_rules(run), rules[0].name if rules else "")
+    others = summed(other_verdicts(run, usual_rules(run), rules[0].name if rules else ""))
     return Replayed(run, verdict, rules[0] if rules else None, notes, Beside(tuple(rows), others))
 
 

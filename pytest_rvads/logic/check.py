@@ -11,7 +11,7 @@ body of the vehicle in its lane in a bend.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from msgspec import structs
@@ -50,6 +50,7 @@ __all__ = [
     "companions",
     "extract",
     "ground",
+    "other_verdicts",
     "sentence",
     "simplify",
     "unfold",
@@ -154,6 +155,12 @@ def verdict_by(run: Run, rule: str | Rule) -> Verdict:
         return check(run, rule)
     except Exception as error:  # a predicate that a user wrote can raise any exception
         return unjudged(rule, sentence(error))
+
+
+def other_verdicts(run: Run, rules: Iterable[str | Rule], but: str = "") -> Iterator[Verdict]:
+    """Yield the verdicts of rules on a run as `verdict_by` gives them, each rule once, without the rule named `but`."""
+    names = {rule if isinstance(rule, str) else rule.name: rule for rule in rules}
+    return (verdict_by(run, rule) for name, rule in names.items() if name != but)
 
 
 def unjudged(rule: str | Rule, reason: str) -> Verdict:

@@ -7,14 +7,13 @@ test item in an earlier session.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from pytest_rvads.logic.check import verdict_by
 from pytest_rvads.logic.conduct.predicates import extract
 from pytest_rvads.logic.conduct.presence import without_jumps
 from pytest_rvads.logic.judging.evaluate import Values
@@ -29,7 +28,6 @@ from pytest_rvads.report.draw.replay import Beside, Track, opening, replay
 from pytest_rvads.report.draw.scene import picture
 from pytest_rvads.report.folders import run_file
 from pytest_rvads.report.record import Record, SimulatedItem
-from pytest_rvads.report.run_record import summed
 from pytest_rvads.report.session_report import Report
 from pytest_rvads.runs.run import ARRAYS, Run
 from pytest_rvads.runs.runfile import load_run
@@ -44,7 +42,6 @@ __all__ = [
     "failure_pages",
     "failure_picture",
     "moment",
-    "other_verdicts",
     "timelines",
     "usual_rules",
     "when",
@@ -217,21 +214,6 @@ def _completed(run: Run, rule: str | Rule, notes: str, beside: Beside) -> Beside
 def usual_rules(run: Run) -> tuple[Rule, ...]:
     """Return the default rules for a run: ``road`` for a run with a subject or of recorded traffic, otherwise ``paper``."""
     return rules_for("paper" if run.subject is None and run.excerpt is None else "road", run.junction)
-
-
-def other_verdicts(run: Run, rules: Iterable[str | Rule], but: str = "") -> tuple[tuple[str, str, str], ...]:
-    """Return the verdicts of a run as (rule, status, message), which `Beside.others` holds; the worst verdict comes first.
-
-    The status of a provoked or unavoidable violation is PROVOKED or UNAVOIDABLE. If a rule can't judge the run, the status is
-    ERROR, and the message is the reason.
-
-    Args:
-        run: the run.
-        rules: the rules of the verdicts.
-        but: name of the rule of the page, which is left out.
-    """
-    names = {rule if isinstance(rule, str) else rule.name: rule for rule in rules}
-    return summed(verdict_by(run, rule) for name, rule in names.items() if name != but)
 
 
 def _troubled_instances(verdict: Verdict) -> list[tuple[float, InstanceVerdict]]:

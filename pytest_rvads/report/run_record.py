@@ -19,7 +19,10 @@ _SKIPPED = (Outcome.NA, Outcome.UNSURE, Outcome.NOT_RUN)
 
 
 def summed(verdicts: Iterable[Verdict]) -> tuple[tuple[str, str, str], ...]:
-    """Return rule, outcome and message of each verdict, the worst verdict first, as `Beside.others` holds them."""
+    """Return rule, outcome and message of each verdict, the worst verdict first, as `Beside.others` holds them.
+
+    The outcome of a provoked or unavoidable violation is PROVOKED or UNAVOIDABLE.
+    """
     ordered = sorted(verdicts, key=lambda verdict: verdict.outcome.severity)
     return tuple((verdict.rule, verdict.outcome.value, verdict.message) for verdict in ordered)
 

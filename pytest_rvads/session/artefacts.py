@@ -152,11 +152,13 @@ def beside(item: pytest.Item, options: Options, record: Record, run: Run, start:
         start: the start of the run, or the file that the run was recorded in.
         rerun: the command that runs the item once more.
     """
+    from pytest_rvads.logic.check import other_verdicts
     from pytest_rvads.report.draw.replay import Beside
-    from pytest_rvads.report.failure_page import facts, other_verdicts
+    from pytest_rvads.report.failure_page import facts
     from pytest_rvads.report.folders import INDEX
+    from pytest_rvads.report.run_record import summed
 
-    verdicts = other_verdicts(run, _rules(item, run), record.verdicts[-1].rule)
+    verdicts = summed(other_verdicts(run, _rules(item, run), record.verdicts[-1].rule))
     ghost = _ghost(item, options, run)
     name = options.baseline.name if ghost is not None and options.baseline else ""
     return Beside(facts(record, start, rerun), verdicts, INDEX, ghost, name)

@@ -10,12 +10,13 @@ import numpy as np
 import pytest
 
 from pytest_rvads.geometry.finder import find
-from pytest_rvads.logic.check import check
+from pytest_rvads.logic.check import check, other_verdicts
 from pytest_rvads.logic.judging.verdicts import Status, Verdict
 from pytest_rvads.logic.rules.book import get_rule
 from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.report.draw.replay import Beside, replay
-from pytest_rvads.report.failure_page import failure_pages, other_verdicts
+from pytest_rvads.report.failure_page import failure_pages
+from pytest_rvads.report.run_record import summed
 from pytest_rvads.runs.run import Collision, Excerpt, Facts, Run
 from pytest_rvads.runs.states import Zone
 from pytest_rvads.scenarios.scenario import Scenario
@@ -70,7 +71,7 @@ def test_given_facts_replace_the_facts_of_the_run() -> None:
 
 def test_other_verdicts_come_worst_first() -> None:
     run = driven(facts=Facts(speed_limit=11.176))
-    found = other_verdicts(run, ["no_collision", "full_stop", "red", get_rule("speed_limit"), "progress"], "progress")
+    found = summed(other_verdicts(run, ["no_collision", "full_stop", "red", get_rule("speed_limit"), "progress"], "progress"))
     assert [(rule, status) for rule, status, _ in found] == [
         ("full_stop", "FAIL"),
         ("no_collision", "PASS"),
@@ -81,13 +82,13 @@ def test_other_verdicts_come_worst_first() -> None:
 
 
 def test_rule_that_cannot_judge_the_run_is_an_error_beside_the_other_verdicts() -> None:
-    found = other_verdicts(driven(), ["no_collision", "unheard_of"])
+    found = summed(other_verdicts(driven(), ["no_collision", "unheard_of"]))
     assert [(rule, status) for rule, status, _ in found] == [("unheard_of", "ERROR"), ("no_collision", "PASS")]
     assert "unheard_of" in found[0][2]
     assert "\n" not in found[0][2]
     speeds = driven().need("speed").copy()
     speeds[7, 0] = np.nan
-    broken = other_verdicts(replace(driven(), speed=speeds), ["no_collision"])
+    broken = summed(other_verdicts(replace(driven(), speed=speeds), ["no_collision"]))
     assert [status for _, status, _ in broken] == ["ERROR"]
 
 
@@ -98,7 +99,7 @@ def test_provoked_and_unavoidable_verdicts_are_no_failures(monkeypatch: pytest.M
         "c": Verdict("c", Status.OPEN, "c"),
     }
     monkeypatch.setattr("pytest_rvads.logic.check.check", lambda _, rule: verdicts[rule])
-    assert [status for _, status, _ in other_verdicts(driven(), "abc")] == ["OPEN", "UNAVOIDABLE", "PROVOKED"]
+    assert [status for _, status, _ in summed(other_verdicts(driven(), "abc"))] == ["OPEN", "UNAVOIDABLE", "PROVOKED"]
 
 
 def ghost(run: Run, earlier: Run) -> dict[str, Any]:
