@@ -55,7 +55,7 @@ class LateBrake(Reference):
 
 
 class StopsFar(Reference):
-    """Stops 2.5 m too early, so that it never is at its entrance."""
+    """Stops 2.5 m too early, so that it never reaches its entrance zone."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -63,7 +63,7 @@ class StopsFar(Reference):
 
 
 class WeakBrake(Reference):
-    """Has half the braking force that it reckons with."""
+    """Has half of the braking force that the driver assumes."""
 
     def drive(self, seen: Observation, acceleration: float) -> Control:
         control = super().drive(seen, acceleration)
@@ -71,7 +71,7 @@ class WeakBrake(Reference):
 
 
 class HitsLeader(Reference):
-    """Past the line, it does not look at who drives or stands ahead."""
+    """Past the line, does not look at vehicles ahead."""
 
     def control(self, seen: Observation) -> Control:
         return super().control(seen._replace(others=()) if seen.me.station > 0.0 else seen)

@@ -42,7 +42,7 @@ def _way(seen: Observation, other: VehicleState) -> Crossing | None:
 
 
 class IgnoresFarSide(Misled):
-    """Does not see who comes from the other side of the roadway."""
+    """Does not see pedestrians who come from the other side of the roadway."""
 
     def notices(self, seen: Observation, other: VehicleState) -> bool:
         way = _way(seen, other)
@@ -53,7 +53,7 @@ class IgnoresFarSide(Misled):
 
 
 class FrontOnly(Misled):
-    """Yields only to who is in front of its body."""
+    """Yields only to pedestrians in front of its body."""
 
     def notices(self, seen: Observation, other: VehicleState) -> bool:
         me = seen.me
@@ -120,7 +120,7 @@ class _Trusting(AtCrosswalks):
 
 
 class IgnoresOcclusion(_Otherwise):
-    """Passes a parked vehicle at full speed, whoever it may hide."""
+    """Passes a parked vehicle at full speed, although it may hide a pedestrian."""
 
     manner = _Trusting
 

@@ -63,7 +63,7 @@ class _Open:
 
 
 class IgnoresStop(_Gated):
-    """Does not stop at a stop sign, unless somebody in the junction is in its way."""
+    """Does not stop at a stop sign, unless a vehicle in the junction is in its way."""
 
     sign = _Open
 
@@ -76,7 +76,7 @@ class _Short(StopSign):
 
 
 class ShortStop(_Gated):
-    """Slows down to 1.5 m/s at a stop sign and calls that a stop."""
+    """Slows down to 1.5 m/s at a stop sign instead of stopping."""
 
     sign = _Short
 
@@ -91,7 +91,7 @@ class _ByNumber(Queue):
 
 
 class NumberFirst(_Gated):
-    """At a stop sign, whoever waits at the entrance with the lowest number goes first."""
+    """At a stop sign, lets the vehicle at the entrance with the lowest number go first."""
 
     queue = _ByNumber
 
@@ -102,7 +102,7 @@ class _LastFirst(Queue):
 
 
 class Backwards(_Gated):
-    """At a stop sign, the last to come goes first."""
+    """At a stop sign, lets the vehicle that came last go first."""
 
     queue = _LastFirst
 
@@ -118,7 +118,7 @@ class _LeftQueue(Queue):
 
 
 class LeftFirst(_Gated):
-    """Of two that arrive together at a stop sign, lets the one on the left go first."""
+    """At a stop sign, lets the vehicle on its left go first if both arrive together."""
 
     queue = _LeftQueue
 
@@ -130,7 +130,7 @@ class _Polite(StopSign):
 
 
 class Deadlocks(_Gated):
-    """Waits for ever where everybody has somebody to the right."""
+    """Waits for ever if every vehicle has a vehicle on its right."""
 
     sign = _Polite
 
@@ -143,7 +143,7 @@ class _Equal(StopSign):
 
 
 class EqualPatience(_Gated):
-    """Waits as long as everybody else where everybody has somebody to the right."""
+    """Waits as long as all other vehicles if every vehicle has a vehicle on its right."""
 
     sign = _Equal
 
@@ -155,7 +155,7 @@ class _EarlySign(StopSign):
 
 
 class Tailgates(_Gated):
-    """At a stop sign, enters as soon as who is in the junction is out of its own way."""
+    """At a stop sign, enters as soon as the vehicle in the junction is out of its way."""
 
     sign = _EarlySign
 
@@ -166,7 +166,7 @@ class _Deaf(Queue):
 
 
 class Jostles(_Gated):
-    """At a stop sign, does not notice that another one has set off already."""
+    """At a stop sign, does not notice that another vehicle has set off already."""
 
     queue = _Deaf
 
@@ -213,7 +213,7 @@ class _HalfYield(Light):
 
 
 class HalfYield(_Gated):
-    """Turning left, yields to who comes straight on and not to who turns right."""
+    """Turning left, yields to oncoming vehicles that go straight on, but not to those that turn right."""
 
     light = _HalfYield
 

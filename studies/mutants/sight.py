@@ -46,35 +46,35 @@ class Misled(Reference):
 
 
 class BlindLeft(Misled):
-    """Does not see who comes from the left, until out of the junction."""
+    """Does not see vehicles from the left until it has left the junction."""
 
     def notices(self, seen: Observation, other: VehicleState) -> bool:
         return other.zone >= Zone.EXIT or (seen.me.entrance, other.entrance) not in seen.junction.right_of
 
 
 class BlindRight(Misled):
-    """Does not see who comes from the right, until out of the junction."""
+    """Does not see vehicles from the right until it has left the junction."""
 
     def notices(self, seen: Observation, other: VehicleState) -> bool:
         return other.zone >= Zone.EXIT or (other.entrance, seen.me.entrance) not in seen.junction.right_of
 
 
 class BlindAhead(Misled):
-    """Does not see who comes from the opposite entrance, until out of the junction."""
+    """Does not see vehicles from the opposite entrance until it has left the junction."""
 
     def notices(self, seen: Observation, other: VehicleState) -> bool:
         return other.zone >= Zone.EXIT or (seen.me.entrance, other.entrance) not in seen.junction.opposite
 
 
 class BlindInside(Misled):
-    """Does not see who is in the junction."""
+    """Does not see vehicles in the junction."""
 
     def notices(self, seen: Observation, other: VehicleState) -> bool:
         return other.zone is not Zone.JUNCTION
 
 
 class ShortSighted(Misled):
-    """Sees 12 m far."""
+    """Sees vehicles within 12 m only."""
 
     def notices(self, seen: Observation, other: VehicleState) -> bool:
         dx, dy = other.x - seen.me.x, other.y - seen.me.y
@@ -82,14 +82,14 @@ class ShortSighted(Misled):
 
 
 class NoSpeeds(Misled):
-    """Takes every other vehicle for standing."""
+    """Assumes that all other vehicles stand."""
 
     def perceive(self, seen: Observation) -> Observation:
         return seen._replace(others=tuple([other._replace(speed=0.0, acceleration=0.0) for other in seen.others]))
 
 
 class LateSight(Misled):
-    """Sees the others as they were 0.6 s ago."""
+    """Sees the other vehicles as they were 0.6 s ago."""
 
     def __init__(self) -> None:
         super().__init__()
