@@ -59,7 +59,7 @@ class Carla:
     def vmax(self, distance: float, aggression: int = 1, vehicle: rvads.Vehicle | None = None) -> float | None:
         """Brake fully from one speed after another, `distance` before the line, and see where the vehicle stops."""
         if not (math.isfinite(distance) and distance >= 0.0):
-            raise rvads.ScenarioError(f"the distance to the stopping line must be 0 m or more, got {distance!r}")
+            raise rvads.errors.ScenarioError(f"the distance to the stopping line must be 0 m or more, got {distance!r}")
         key = distance, aggression, vehicle or rvads.Vehicle()
         code = [self.place.directions(0)[0], *[0] * (len(self.place.entrances) - 1)]
 
@@ -95,7 +95,7 @@ class CarlaWorld:
                 self.actors[column] = client.spawn(vehicle.kind, x, -y, -math.degrees(yaw))
         except RuntimeError as error:
             self.close()
-            raise rvads.ScenarioError(f"no room for vehicle {column} of {scenario.name} in CARLA: {error}") from error
+            raise rvads.errors.ScenarioError(f"no room for vehicle {column} of {scenario.name} in CARLA: {error}") from error
         self.tick()  # an actor has a place from its first tick on; nobody moves in that one
         for column, actor in self.actors.items():
             client.push(actor, starts[column].vx, -starts[column].vy)
@@ -105,7 +105,7 @@ class CarlaWorld:
         centre, half, side = self.client.box(vehicle.kind)
         if max(abs(2 * half - vehicle.length), abs(2 * side - vehicle.width)) > SAME_SIZE:
             wanted = f"{vehicle.length:g} x {vehicle.width:g} m"
-            raise rvads.ScenarioError(
+            raise rvads.errors.ScenarioError(
                 f"CARLA's {vehicle.kind} is {2 * half:.2f} x {2 * side:.2f} m, not {wanted}: change the fleet"
             )
         return centre + half - vehicle.gravity_offset

@@ -1,9 +1,9 @@
 """Recorded runs: the regression suite of somebody who only has logs.
 
 `drives/` holds two vehicles that face each other at an all-way stop, once driven well and once by somebody who rolls over the
-line. They were kept by `rvads.save_run`; other logs are read likewise. Nothing drives here: each run is judged by every rule of
-the road that is about its junction. The mark makes what is known to be wrong a strict xfail; without it the failure comes with a
-replay.
+line. They were kept by `rvads.files.save_run`; other logs are read likewise. Nothing drives here: each run is judged by every
+rule of the road that is about its junction. The mark makes what is known to be wrong a strict xfail; without it the failure comes
+with a replay.
 
     pytest test_11_recorded_runs.py -k stops          # one file
 """

@@ -1,15 +1,17 @@
 """pytest-rvads: validate autonomous-driving controllers against traffic rules, in pytest.
 
 The public names stand in ``__init__.pyi`` and are loaded when first used, so that importing the package costs nothing.
+The modules ``errors``, ``files`` and ``values`` hold the public names that few tests write.
 """
 
+import warnings
 from importlib import import_module
 
 __version__ = "0.3.0"
 
 
 def _homes() -> dict[str, str]:
-    """Return, by public name, the module from which the stub ``__init__.pyi`` imports the name."""
+    """Return, by name, the module from which the stub ``__init__.pyi`` imports the name."""
     import ast
     from pkgutil import get_data
 
@@ -19,11 +21,15 @@ def _homes() -> dict[str, str]:
 
 def __getattr__(name: str) -> object:
     homes = globals().get("_known") or globals().setdefault("_known", _homes())
+    public_modules = {f"{__name__}.{module}" for module, home in homes.items() if home == __name__}
     if name == "__all__":
-        return sorted(homes)
+        return sorted(name for name, home in homes.items() if home not in public_modules)
     if name not in homes:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     home = homes[name]
+    if home in public_modules:
+        told = f"{__name__}.{name} is called {home}.{name}; version 0.4 removes the former name"
+        warnings.warn(told, DeprecationWarning, stacklevel=2)
     value = globals()[name] = import_module(f"{home}.{name}") if home == __name__ else getattr(import_module(home), name)
     return value
 

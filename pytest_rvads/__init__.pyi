@@ -2,6 +2,7 @@
 
 __all__: list[str]
 
+from pytest_rvads import errors as errors, files as files, values as values
 from pytest_rvads.drivers.follower import Follower as Follower
 from pytest_rvads.drivers.reference import Reference as Reference
 from pytest_rvads.drivers.traffic import RollingStop as RollingStop, SumoDriver as SumoDriver
@@ -13,19 +14,9 @@ from pytest_rvads.satellites.campaigns.resultsfile import Results as Results
 from pytest_rvads.session.collection.marks import known as known, recorded as recorded, scenario as scenario
 from pytest_rvads.session.collection.searching import critical as critical
 from pytest_rvads.session.collection.searching import falsify as falsify
-from pytest_rvads.support.errors import (
-    AutopilotError as AutopilotError,
-    FormulaError as FormulaError,
-    MapError as MapError,
-    MetamorphicViolation as MetamorphicViolation,
-    OpenObligation as OpenObligation,
-    RuleViolation as RuleViolation,
-    RunError as RunError,
-    RvadsError as RvadsError,
-    ScenarioError as ScenarioError,
-)
+from pytest_rvads.support.errors import RuleViolation as RuleViolation, RvadsError as RvadsError
 from pytest_rvads.logic.check import check as check
-from pytest_rvads.logic.live.instant import Decided as Decided, Seen as Seen
+from pytest_rvads.logic.live.instant import Seen as Seen
 from pytest_rvads.logic.live.rule_monitor import RuleMonitor as RuleMonitor
 from pytest_rvads.logic.rules.book import RuleBook as RuleBook, predicate as predicate, rule as rule
 from pytest_rvads.logic.rules.rule import Rule as Rule
@@ -33,7 +24,6 @@ from pytest_rvads.logic.rules.book import load_rules as load_rules
 from pytest_rvads.logic.rules.vocabulary import Word as Word
 from pytest_rvads.logic.judging.verdicts import Status as Status, Verdict as Verdict
 from pytest_rvads.geometry.finder import find as find
-from pytest_rvads.geometry.ways import Entrance as Entrance, Exit as Exit, Movement as Movement
 from pytest_rvads.geometry.junction import Junction as Junction
 from pytest_rvads.geometry.control import Sign as Sign
 from pytest_rvads.geometry.turns import Turn as Turn
@@ -45,22 +35,14 @@ from pytest_rvads.scenarios.case import Case as Case, Fleet as Fleet
 from pytest_rvads.scenarios.pedestrians import Pedestrian as Pedestrian
 from pytest_rvads.scenarios.scenario import Scenario as Scenario
 from pytest_rvads.scenarios.senses import Senses as Senses
-from pytest_rvads.satellites.openscenario.run_export import export_run as export_run
-from pytest_rvads.satellites.openscenario.scenario_xosc import save_scenario as save_scenario
-from pytest_rvads.satellites.openscenario.scenario_xosc import load_scenario as load_scenario
 from pytest_rvads.search import strategies as strategies
 from pytest_rvads.search.chance import sweep as sweep
 from pytest_rvads.search.metamorphic import equivalent as equivalent
 from pytest_rvads.search.metamorphic import determinate as determinate, rational as rational
 from pytest_rvads.runs.itineraries import Itinerary as Itinerary
 from pytest_rvads.logic.conduct.kpis import kpis as kpis
-from pytest_rvads.runs.readers import read_recorded as read_recorded, read_runs as read_runs
-from pytest_rvads.runs.measured import Kpis as Kpis
 from pytest_rvads.runs.recording import Recording as Recording
-from pytest_rvads.runs.recordingfile import load_recording as load_recording, save_recording as save_recording
-from pytest_rvads.runs.run import Collision as Collision, Facts as Facts, Fault as Fault, Run as Run
-from pytest_rvads.runs.runfile import load_run as load_run, save_run as save_run
-from pytest_rvads.satellites.tracks.importing import read_tracks as read_tracks
+from pytest_rvads.runs.run import Run as Run
 from pytest_rvads.runs.states import Agent as Agent, Colour as Colour, Kind as Kind, VehicleState as VehicleState, Zone as Zone
 from pytest_rvads.drivers.interface import (
     Acceleration as Acceleration,
@@ -73,8 +55,42 @@ from pytest_rvads.drivers.interface import (
     Trajectory as Trajectory,
     Waypoint as Waypoint,
 )
-from pytest_rvads.logic.conduct.validate import Finding as Finding, validate as validate
+from pytest_rvads.logic.conduct.validate import validate as validate
 from pytest_rvads.runs.states import Vehicle as Vehicle
 from pytest_rvads.drivers.stacks.process import Process as Process
+
+# Former names, which version 0.4 removes: `__init__.py` warns of a name from a module that is a public name itself.
+from pytest_rvads.errors import (
+    AutopilotError as AutopilotError,
+    FormulaError as FormulaError,
+    MapError as MapError,
+    MetamorphicViolation as MetamorphicViolation,
+    OpenObligation as OpenObligation,
+    RunError as RunError,
+    ScenarioError as ScenarioError,
+)
+from pytest_rvads.files import (
+    export_run as export_run,
+    load_recording as load_recording,
+    load_run as load_run,
+    load_scenario as load_scenario,
+    read_recorded as read_recorded,
+    read_runs as read_runs,
+    read_tracks as read_tracks,
+    save_recording as save_recording,
+    save_run as save_run,
+    save_scenario as save_scenario,
+)
+from pytest_rvads.values import (
+    Collision as Collision,
+    Decided as Decided,
+    Entrance as Entrance,
+    Exit as Exit,
+    Facts as Facts,
+    Fault as Fault,
+    Finding as Finding,
+    Kpis as Kpis,
+    Movement as Movement,
+)
 
 __version__: str

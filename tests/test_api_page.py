@@ -1,6 +1,7 @@
 """The reference of public names is what the docstrings say."""
 
 import importlib.util
+import re
 from pathlib import Path
 
 import pytest
@@ -29,3 +30,11 @@ def test_every_public_name_is_explained(written: str) -> None:
     for name in pytest_rvads.__all__:
         _, _, section = written.partition(f"\n## {name}\n")
         assert len(section.partition("\n## ")[0].strip()) > 20, name
+    for module in (pytest_rvads.errors, pytest_rvads.files, pytest_rvads.values):
+        for name in module.__all__:
+            place = f"{module.__name__.removeprefix('pytest_rvads.')}.{name}"
+            assert len(re.findall(rf"^\*\*`{re.escape(place)}[(`].*\*\*$", written, re.MULTILINE)) == 1, place
+
+
+def test_the_page_of_public_names_stays_short_enough_to_read() -> None:
+    assert len(pytest_rvads.__all__) <= 75

@@ -114,7 +114,7 @@ def unsure() -> str:
                 row = (agent.name, tick * run.dt, x, y, heading, run.need("speed")[tick, column], length, width)
                 for values, value in zip(table.values(), row, strict=True):
                     values.append(value)
-    (recorded,) = rvads.read_tracks(table, "stop4", position_accuracy=0.1)
+    (recorded,) = rvads.files.read_tracks(table, "stop4", position_accuracy=0.1)
     return _judged(recorded, "p3")
 
 

@@ -79,7 +79,7 @@ def verdicts(name: str, run: rvads.Run) -> Entries:
 def recorded() -> Entries:
     """Judge the recorded runs of the paper's authors."""
     for file in sorted((SHARED / "runs").glob("*.json")):
-        for number, run in enumerate(rvads.read_recorded(file)):
+        for number, run in enumerate(rvads.files.read_recorded(file)):
             yield from verdicts(f"{file.stem}#{number} {run.label}", run)
 
 

@@ -85,7 +85,7 @@ def save_recording(recording: Recording, path: str | Path) -> None:
     Raises:
         RunError: the file can't be written, or the recording is larger than `load_recording` allows.
     """
-    require(recording, Recording, "save_recording takes a recording, such as rvads.read_tracks returns", RunError)
+    require(recording, Recording, "save_recording takes a recording, such as rvads.files.read_tracks returns", RunError)
     path, tracks = Path(path), recording.tracks
     lines: list[Segment] = []
     header = _Header(

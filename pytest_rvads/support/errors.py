@@ -80,8 +80,8 @@ class MetamorphicViolation(RuleViolation):
     """Two runs with a metamorphic relation got different verdicts; the note of the exception shows the runs side by side."""
 
 
-for _public in (RuleViolation, OpenObligation, MetamorphicViolation):
-    _public.__module__ = "pytest_rvads"  # the module from which users import them
+RuleViolation.__module__ = "pytest_rvads"  # the module from which users import the class, which pytest prints
+OpenObligation.__module__ = MetamorphicViolation.__module__ = "pytest_rvads.errors"
 
 
 def require(value: object, kind: type | UnionType, expectation: str, error: type[RvadsError]) -> None:

@@ -230,7 +230,7 @@ def test_one_start_with_a_fault_of_the_driver_tells_the_fault_once(capsys: Read)
 def test_one_start_with_an_error_of_a_rule_tells_the_other_verdicts(capsys: Read, monkeypatch: pytest.MonkeyPatch) -> None:
     def unknown_light(run: Run, rule: rvads.Rule) -> rvads.Verdict:
         if rule.name == "full_stop":
-            raise rvads.RunError("the run records no signs")
+            raise rvads.errors.RunError("the run records no signs")
         return check(run, rule)
 
     monkeypatch.setattr("pytest_rvads.logic.check.check", unknown_light)
@@ -257,7 +257,7 @@ def test_atlas_with_an_error_on_a_line_draws_the_other_lines(
 
         def divides_by_zero(self: Setting, scenario: rvads.Scenario) -> object:
             if scenario.subject == 0:
-                raise rvads.RunError("the driver divides by zero")
+                raise rvads.errors.RunError("the driver divides by zero")
             return judged(self, scenario)
 
         patch.setattr(Setting, "judged", divides_by_zero)

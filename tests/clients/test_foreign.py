@@ -66,7 +66,7 @@ def test_shim_is_short(file: Path) -> None:
 @pytest.mark.parametrize(("module", "variable"), [("carla_agents", "RVADS_CARLA"), ("python_robotics", "RVADS_PYTHONROBOTICS")])
 def test_missing_folder_is_one_error(module: str, variable: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv(variable, raising=False)
-    with pytest.raises(rvads.AutopilotError, match=f"{variable} is not set, expected the folder"):
+    with pytest.raises(rvads.errors.AutopilotError, match=f"{variable} is not set, expected the folder"):
         chosen(f"{module}:Basic", FOREIGN)
 
 

@@ -59,7 +59,7 @@ def test_a_misspelt_ability_is_refused(name: str, value: object, ability: str) -
     run = rvads.simulate(rvads.Case(rvads.Scenario(rvads.find("stop4"), "2000", duration=0.05), driving(**{name: value})))
     assert run.fault is not None
     assert says in run.fault.reason
-    with pytest.raises(rvads.AutopilotError, match="^class Mine " + says.replace("?", r"\?")):
+    with pytest.raises(rvads.errors.AutopilotError, match="^class Mine " + says.replace("?", r"\?")):
         type("Mine", (rvads.Follower,), {name: value})
 
 
@@ -74,9 +74,9 @@ def test_misspelt_ability_is_refused_on_objects_and_on_traffic_systems() -> None
     for driver, says in ((Late, "misspelt for 'period'"), (type("No", (), {"controls": print}), "misspelt for 'control'")):
         run = rvads.simulate(rvads.Case(rvads.Scenario(rvads.find("stop4"), "2000", duration=0.05), driver))
         assert says in run.fault.reason
-    with pytest.raises(rvads.AutopilotError, match="has 'controls': is it misspelt for 'control'"):
+    with pytest.raises(rvads.errors.AutopilotError, match="has 'controls': is it misspelt for 'control'"):
         type("Mine", (rvads.Follower,), {"controls": lambda self, seen: CONTROL})
-    with pytest.raises(rvads.AutopilotError, match="has 'autopilot': is it misspelt for 'autopilots'"):
+    with pytest.raises(rvads.errors.AutopilotError, match="has 'autopilot': is it misspelt for 'autopilots'"):
         type("Mine", (rvads.TrafficSystem,), {"autopilot": lambda self, agents: []})
 
 

@@ -53,7 +53,7 @@ def test_reference_endangers_no_pedestrian_at_any_crosswalk() -> None:
                 try:
                     scenario = rvads.Scenario(place, code, distance=distance, speed=speed, subject=key[0], pedestrians=[walker])
                     scenario.walkers()
-                except rvads.ScenarioError:  # the pedestrian would have crossed before the run begins
+                except rvads.errors.ScenarioError:  # the pedestrian would have crossed before the run begins
                     counts["left out"] += 1
                     continue
                 run = rvads.simulate(rvads.Case(scenario, REFERENCE))

@@ -21,8 +21,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     pytest.importorskip("scenariogeneration")
     found = tmp_path_factory.mktemp("exported")
     scenario = rvads.Scenario(rvads.find("light4"), "2010", distance=1.0, duration=0.5)
-    rvads.save_scenario(scenario, found / "scenario.xosc")
-    rvads.export_run(rvads.simulate(rvads.Case(scenario, rvads.Reference)), found / "run.xosc")
+    rvads.files.save_scenario(scenario, found / "scenario.xosc")
+    rvads.files.export_run(rvads.simulate(rvads.Case(scenario, rvads.Reference)), found / "run.xosc")
     return found
 
 
@@ -34,7 +34,7 @@ def told(error: Exception) -> None:
 def read(path: Path, content: bytes) -> None:
     path.write_bytes(content)
     try:
-        runs = rvads.read_runs(path)
+        runs = rvads.files.read_runs(path)
     except (RunError, MapError) as error:
         told(error)
     else:
@@ -42,7 +42,7 @@ def read(path: Path, content: bytes) -> None:
             str(rvads.check(run, "p4"))
             str(rvads.check(run, "no_collision"))
     try:
-        rvads.load_scenario(path).starts()
+        rvads.files.load_scenario(path).starts()
     except (ScenarioError, MapError) as error:
         told(error)
 

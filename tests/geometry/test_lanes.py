@@ -74,7 +74,7 @@ def test_a_rotated_scenario_has_every_vehicle_on_its_lane() -> None:
 def test_survey_uses_existing_movements_only() -> None:
     found = survey(wide_x(), (), arrivals=[0.0] * 6)
     assert found.scenarios == (2 + 1) * 3 * (2 + 1) * 3, "one vehicle on each arm, on either of its lanes"
-    with pytest.raises(rvads.ScenarioError, match="one time per entrance"):
+    with pytest.raises(rvads.errors.ScenarioError, match="one time per entrance"):
         survey(wide_x(), (), arrivals=[0.0] * 4)
 
 
@@ -112,5 +112,5 @@ def test_a_scenario_counts_the_arms_of_its_junction_and_one_direction_per_entran
 
 def test_a_rotation_takes_arms_to_arms() -> None:
     assert [a.name for a in rvads.Scenario(wide_x(), "130000", rotation=3).agents()] == ["a2.0", "a2.1"]
-    with pytest.raises(rvads.ScenarioError, match="must be one of 0, 3, by so many entrances junction 'wide' keeps"):
+    with pytest.raises(rvads.errors.ScenarioError, match="must be one of 0, 3, by so many entrances junction 'wide' keeps"):
         rvads.Scenario(wide_x(), "130000", rotation=1)

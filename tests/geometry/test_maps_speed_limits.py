@@ -157,8 +157,8 @@ def test_maps_tell_their_limits(stop: Element, read: Read, tmp_path: Path, capsy
 def test_files_of_runs_keep_limits(tmp_path: Path) -> None:
     place = find("stop4").limited(8.0)
     run = rvads.simulate(rvads.Case(rvads.Scenario(place, "2000", duration=0.1), rvads.Reference))
-    rvads.save_run(run, tmp_path / "run.npz")
-    again = rvads.load_run(tmp_path / "run.npz")
+    rvads.files.save_run(run, tmp_path / "run.npz")
+    again = rvads.files.load_run(tmp_path / "run.npz")
     assert again == run
     assert again.junction.top_limit == 8.0
 

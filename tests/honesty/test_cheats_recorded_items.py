@@ -20,7 +20,7 @@ def test_drives(monitor, rule):
 @pytest.fixture
 def kept(pytester: pytest.Pytester, drive: Make) -> None:
     """A recording of a vehicle that stands at the stop sign for 3 s and goes."""
-    rvads.save_run(drive("stop4", {0: (2, -0.5, [(0, 0.0), (300, 8.0)])}, 900), pytester.path / "drives" / "mon.npz")
+    rvads.files.save_run(drive("stop4", {0: (2, -0.5, [(0, 0.0), (300, 8.0)])}, 900), pytester.path / "drives" / "mon.npz")
 
 
 @shows("nothing_but_unsure")

@@ -150,7 +150,7 @@ def test_standing_still_at_eight_metres_per_second_is_doubted(
     run = drive("stop4", {0: (2, -10.0, [(0, 8.0)])}, 500)
     still = replace(run, speed=np.zeros_like(run.need("speed")))
     assert {finding.kind for finding in rvads.validate(still)} == {"progress"}
-    rvads.save_run(still, tmp_path / "still.npz")
+    rvads.files.save_run(still, tmp_path / "still.npz")
     main(["check", str(tmp_path / "still.npz"), "--rules", "full_stop"])
     assert "warning: " in capsys.readouterr().err
 
@@ -162,7 +162,7 @@ def test_what_was_cut_out_is_missed(drive: Make, tmp_path: Path, capsys: pytest.
     keep = (run.need("station")[:, 0] < -2.0) | (run.need("station")[:, 0] > 36.0)
     cut = replace(run, **{name: getattr(run, name)[keep] for name in ("zone", "lights", "station", "speed", "pose")})
     assert "jump" in {finding.kind for finding in rvads.validate(cut)}
-    rvads.save_run(cut, tmp_path / "cut.npz")
+    rvads.files.save_run(cut, tmp_path / "cut.npz")
     assert main(["check", str(tmp_path / "cut.npz"), "--rules", "full_stop"]) != 0
     assert "a0 jumps on the graph" in capsys.readouterr().err
 
@@ -179,7 +179,7 @@ def test_a_light_out_of_order_is_found(drive: Make) -> None:
 def test_other_sizes_are_another_run(drive: Make, tmp_path: Path) -> None:
     """In the file of a kept run the vehicles are made so thin that nothing touches, which its hash betrays."""
     run = drive("stop4", {0: (2, -10.0, [(0, 8.0)]), 2: (2, -10.0, [(0, 8.0)])}, 300)
-    rvads.save_run(run, tmp_path / "run.npz")
+    rvads.files.save_run(run, tmp_path / "run.npz")
     with zipfile.ZipFile(tmp_path / "run.npz") as file:
         entries = {name: file.read(name) for name in file.namelist()}
     header = entries["header.npy"]
@@ -188,14 +188,14 @@ def test_other_sizes_are_another_run(drive: Make, tmp_path: Path) -> None:
     with zipfile.ZipFile(tmp_path / "thin.npz", "w") as file:
         for name, content in entries.items():
             file.writestr(name, content)
-    thin = rvads.load_run(tmp_path / "thin.npz")
+    thin = rvads.files.load_run(tmp_path / "thin.npz")
     assert [agent.size for agent in thin.agents] == [(4.6, 0.1)] * 2
-    assert rvads.load_run(tmp_path / "run.npz").hash == run.hash != thin.hash
+    assert rvads.files.load_run(tmp_path / "run.npz").hash == run.hash != thin.hash
 
 
 @shows("nothing_applies")
 def test_check_without_an_applicable_rule_is_no_success(drive: Make, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    rvads.save_run(drive("stop4", {0: (2, -10.0, [(0, 8.0)])}, 800), tmp_path / "run.npz")
+    rvads.files.save_run(drive("stop4", {0: (2, -10.0, [(0, 8.0)])}, 800), tmp_path / "run.npz")
     assert main(["check", str(tmp_path / "run.npz"), "--rules", "p4", "--rules", "red"]) == 5
     assert "nothing was judged" in capsys.readouterr().err
     assert json.loads((main(["check", str(tmp_path / "run.npz"), "--rules", "red", "--json"]), capsys.readouterr().out)[1]) == {

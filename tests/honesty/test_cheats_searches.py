@@ -20,7 +20,7 @@ def test_a_search_in_which_a_rule_never_applied_found_nothing_out(pytestconfig: 
     @rvads.falsify("stop4", rule="p4", autopilot=rvads.Reference, budget=2, duration=1.0)
     def nothing_found() -> None: ...
 
-    with pytest.raises(rvads.ScenarioError, match="p4 was not triggered in any of"):
+    with pytest.raises(rvads.errors.ScenarioError, match="p4 was not triggered in any of"):
         nothing_found(pytestconfig=pytestconfig, rvads_vehicle=rvads.Vehicle(), rvads_simulator=usual())
 
 
@@ -28,14 +28,14 @@ def test_a_search_in_which_a_rule_never_applied_found_nothing_out(pytestconfig: 
 def test_a_sweep_in_which_a_rule_never_applied_found_nothing_out() -> None:
     spread = rvads.sweep(rvads.Case(STOP, rvads.Reference), "p4", 0.0, 0.1)
     assert spread.status == "NA"
-    with pytest.raises(rvads.ScenarioError, match="p4 never applies"):
+    with pytest.raises(rvads.errors.ScenarioError, match="p4 never applies"):
         spread.check()
 
 
 @shows("compare_where_nothing_applies")
 def test_a_comparison_in_which_no_rule_applied_found_nothing_out() -> None:
     two = rvads.Scenario(rvads.find("stop4"), "1010", distance=0.3, duration=1)
-    with pytest.raises(rvads.ScenarioError, match="no rule applied"):
+    with pytest.raises(rvads.errors.ScenarioError, match="no rule applied"):
         equivalent(Case(two, rvads.Reference), rules="p4", relations="creation")
 
 

@@ -348,7 +348,7 @@ def test_lane_rule_does_not_apply_to_single_lanes(drive: Make, topology: Callabl
     assert "on_lane_allowed" not in [r.name for r in rules_for("road", rvads.find("stop4"))]
     bare = replace(drive(place, {1: (2, -10.0, [(0, 5.0)])}, 10), junction=topology(place))
     assert check(bare, "on_lane_allowed").reason == "not recorded: the run holds no geometry of its junction"
-    with pytest.raises(rvads.RunError, match=r"is about junctions with .* and several lanes on an arm, this one has"):
+    with pytest.raises(rvads.errors.RunError, match=r"is about junctions with .* and several lanes on an arm, this one has"):
         RuleMonitor("on_lane_allowed", rvads.find("stop4"), alone.agents[:0])
 
 

@@ -5,7 +5,8 @@ from dataclasses import replace
 
 import pytest
 
-from pytest_rvads import Run, RunError, Status, check
+from pytest_rvads import Run, Status, check
+from pytest_rvads.errors import RunError
 from pytest_rvads.runs.run import Facts
 
 from ..run_builders import coarse

@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pytest_rvads import Case, Reference, RollingStop, Run, Scenario, Status, check, find, read_tracks, simulate
+from pytest_rvads import Case, Reference, RollingStop, Run, Scenario, Status, check, find, simulate
+from pytest_rvads.files import read_tracks
 from pytest_rvads.runs.recording import Recording
 
 COLUMNS = ("time", "id", "x", "y", "heading", "vx", "vy", "length", "width")

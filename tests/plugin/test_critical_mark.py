@@ -144,12 +144,14 @@ def test_wrong_argument_is_shown_with_the_line_of_the_mark_and_without_a_traceba
     ],
 )
 def test_wrong_argument_is_refused_when_the_test_is_defined(arguments: dict[str, Any], message: str) -> None:
-    with pytest.raises(rvads.ScenarioError, match=message):
+    with pytest.raises(rvads.errors.ScenarioError, match=message):
         rvads.critical(**{"junction": "stop4", **arguments})
 
 
 def test_class_is_refused() -> None:
-    with pytest.raises(rvads.ScenarioError, match=r"@rvads\.critical makes a test of a function or method, got <class .*dict.*>"):
+    with pytest.raises(
+        rvads.errors.ScenarioError, match=r"@rvads\.critical makes a test of a function or method, got <class .*dict.*>"
+    ):
         rvads.critical("stop4")(dict)  # type: ignore[arg-type]
 
 
@@ -204,7 +206,7 @@ def test_item_with_an_error_of_the_driver_leaves_a_record_with_the_reason(
     pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch, reference: None
 ) -> None:
     def divides_by_zero(*_: object) -> None:
-        raise rvads.RunError("the driver divides by zero")
+        raise rvads.errors.RunError("the driver divides by zero")
 
     monkeypatch.setattr(Setting, "judged", divides_by_zero)
     pytester.makepyfile(TEST.format(arguments='"stop4", seats=[0]'))

@@ -48,8 +48,8 @@ def races(drive: Make) -> rvads.Run:
 @pytest.fixture
 def files(pytester: pytest.Pytester, stops: rvads.Run, races: rvads.Run) -> Path:
     """A folder of a run that is kept well and one that is not, beside a test of both."""
-    rvads.save_run(stops, pytester.path / "drives" / "mon.npz")
-    rvads.save_run(races, pytester.path / "drives" / "tue.npz")
+    rvads.files.save_run(stops, pytester.path / "drives" / "mon.npz")
+    rvads.files.save_run(races, pytester.path / "drives" / "tue.npz")
     pytester.makepyfile(test_it=TESTS.format(arguments=BY_RULE))
     return pytester.path / "drives"
 
@@ -140,20 +140,20 @@ def test_no_two_runs_of_a_file_are_called_the_same_and_ids_are_plain(labels: lis
 def test_a_folder_holds_the_runs_below_it(pytester: pytest.Pytester, stops: rvads.Run, brackets: Lines) -> None:
     """Neither what is hidden nor what has another ending is a recording; the folder may lie where pytest was started."""
     for name in ("a.npz", "b/a.npz", ".hidden/no.npz"):
-        rvads.save_run(stops, pytester.path / "drives" / name)
+        rvads.files.save_run(stops, pytester.path / "drives" / name)
     (pytester.path / "drives" / "notes.txt").touch()
     (pytester.path / "tests").mkdir()
     test = pytester.path / "tests" / "test_it.py"
     test.write_text(TESTS.format(arguments='"drives", rules="p1"'), encoding="utf-8")
     assert brackets(pytester.runpytest("--collect-only", "-q")) == ["a-p1", "b.a-p1"]
-    rvads.save_run(stops, pytester.path / "tests" / "drives" / "own.npz")
+    rvads.files.save_run(stops, pytester.path / "tests" / "drives" / "own.npz")
     assert brackets(pytester.runpytest("--collect-only", "-q")) == ["own-p1"], "beside the test file counts first"
 
 
 def test_recordings_collect_the_applicable_rules_of_a_rulebook(
     pytester: pytest.Pytester, files: Path, drive: Make, brackets: Lines
 ) -> None:
-    rvads.save_run(drive("light4", {0: (2, -10.0, [(0, 8.0)])}, 100), files / "wed.npz")
+    rvads.files.save_run(drive("light4", {0: (2, -10.0, [(0, 8.0)])}, 100), files / "wed.npz")
     pytester.makepyfile(test_it=TESTS.format(arguments='"drives/*.npz"'))
     found = {tuple(name.split("-")) for name in brackets(pytester.runpytest("--collect-only", "-q"))}
     road = {place: {rule.name for rule in rvads_rules(place)} for place in ("stop4", "light4")}
@@ -168,7 +168,7 @@ def rvads_rules(place: str) -> tuple[rvads.Rule, ...]:
 
 
 def test_items_are_selected_by_file_rule_and_junction(pytester: pytest.Pytester, files: Path, drive: Make, ids: Lines) -> None:
-    rvads.save_run(drive("light4", {0: (2, -10.0, [(0, 8.0)])}, 100), files / "wed.npz")
+    rvads.files.save_run(drive("light4", {0: (2, -10.0, [(0, 8.0)])}, 100), files / "wed.npz")
     for select, count in {
         "-k mon": 2,
         "-k red": 3,
@@ -189,7 +189,7 @@ from pytest_rvads.runs.readers import READERS
 read, alive = [], []
 
 def load(path):
-    run = rvads.load_run(path)
+    run = rvads.files.load_run(path)
     gc.collect()
     read.append(weakref.ref(run))
     alive.append(sum(known() is not None for known in read))
@@ -303,7 +303,7 @@ def test_the_run_is_a_fixture(pytester: pytest.Pytester, files: Path, stops: rva
     rules = ", rules='full_stop'" if "rule" in arguments else ""
     code = f"@rvads.recorded('drives/mon.npz'{rules})\ndef test_it({arguments}):\n    {body}\n"
     more = "@pytest.mark.parametrize('extra', [1])\n" if "extra" in arguments else ""
-    rvads.save_run(replace(stops, collisions=()), files / "mon.npz")
+    rvads.files.save_run(replace(stops, collisions=()), files / "mon.npz")
     pytester.makepyfile(test_it=f"import pytest\nimport pytest_rvads as rvads\n\n{more}{code}")
     pytester.runpytest().assert_outcomes(passed=1)
 
@@ -380,9 +380,9 @@ def test_subjects_and_faults_are_those_of_the_kept_run(pytester: pytest.Pytester
     """a1 races and is traffic; of another run a fault is the end, and what was kept until then does not count."""
     both = {0: (2, -0.5, [(0, 0.0), (600, 8.0)]), 1: (2, -10.0, [(0, 8.0)])}
     among = drive("stop4", both, 1200, subject="a0")
-    rvads.save_run(among, files / "mon.npz")
-    broken = replace(drive("stop4", {0: (2, -0.5, [(0, 0.0)])}, 300), fault=rvads.Fault(2.99, "a0", "the disk was full"))
-    rvads.save_run(broken, files / "tue.npz")
+    rvads.files.save_run(among, files / "mon.npz")
+    broken = replace(drive("stop4", {0: (2, -0.5, [(0, 0.0)])}, 300), fault=rvads.values.Fault(2.99, "a0", "the disk was full"))
+    rvads.files.save_run(broken, files / "tue.npz")
     result = pytester.runpytest("-k", "full_stop", "--rvads-report=out.json")
     assert [r["status"] for r in records(pytester) if r["rule"] == "full_stop"] == ["PROVOKED", "ERROR"]
     result.stdout.fnmatch_lines(["*ERROR: the disk was full*"])
@@ -394,7 +394,7 @@ def test_recorded_runs_can_be_kept_and_hooks_learn_of_them(pytester: pytest.Pyte
     )
     result = pytester.runpytest("-s", "--rvads-keep=kept")
     result.stdout.fnmatch_lines(["*HOOK tue full_stop FAIL*"])
-    assert rvads.load_run(pytester.path / "kept" / "test_it.test_drives-tue.npz") == races
+    assert rvads.files.load_run(pytester.path / "kept" / "test_it.test_drives-tue.npz") == races
 
 
 @pytest.mark.extended

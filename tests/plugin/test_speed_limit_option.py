@@ -36,7 +36,7 @@ def test_the_limit_of_the_session_holds_everywhere(
     pytester: pytest.Pytester, arguments: list[str], ini: str, limit: float, recorded: str
 ) -> None:
     scenario = rvads.Scenario(find("stop4").limited(8.0), "2000", distance=20, speed=7.0, duration=1)
-    rvads.save_run(rvads.simulate(rvads.Case(scenario, rvads.Reference)), pytester.path / "run.npz")
+    rvads.files.save_run(rvads.simulate(rvads.Case(scenario, rvads.Reference)), pytester.path / "run.npz")
     pytester.makepyfile(TEST.replace("{limit!r}", repr(limit)))
     pytester.makefile(".ini", pytest=ini or "[pytest]")
     pytester.runpytest(*arguments).assert_outcomes(passed=1 if recorded == "FAIL" else 2, failed=int(recorded == "FAIL"))

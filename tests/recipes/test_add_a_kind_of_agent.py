@@ -33,8 +33,8 @@ run = rvads.simulate(rvads.Case(rvads.Scenario(rvads.find("stop4"), "2000", dura
 found = {}
 for kind in Kind:
     one = replace(run, agents=(replace(run.agents[0], kind=kind, size=(1.25, 0.75)),))
-    rvads.save_run(one, "one.npz")
-    kept = rvads.load_run("one.npz")
+    rvads.files.save_run(one, "one.npz")
+    kept = rvads.files.load_run("one.npz")
     seen = Spy.seen._replace(me=Spy.seen.me._replace(kind=kind))
     told = []
     for talk in (messages.Json(), frames.Binary()):

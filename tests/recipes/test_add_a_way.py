@@ -245,4 +245,4 @@ def test_further_way_has_the_number_after_the_lanes() -> None:
 
 def test_run_files_refuse_a_way_that_they_do_not_hold(drive: Make, tmp_path: Any) -> None:
     with pytest.raises(RunError, match="has ways of the kind crossing that do not follow from its crosswalks"):
-        rvads.save_run(scene(drive, -13.0, HALF), tmp_path / "one.npz")
+        rvads.files.save_run(scene(drive, -13.0, HALF), tmp_path / "one.npz")

@@ -33,8 +33,8 @@ def header_of(path: Path) -> dict[str, Any]:
 
 def test_run_with_pedestrians_comes_back_bit_by_bit(walked: Run, tmp_path: Path) -> None:
     path = tmp_path / "run.npz"
-    rvads.save_run(walked, path)
-    back = rvads.load_run(path)
+    rvads.files.save_run(walked, path)
+    back = rvads.files.load_run(path)
     assert [agent.name for agent in back.agents] == ["a1", "p0", "parked0", "p1"]
     assert [agent.way.kind for agent in back.agents] == ["movement", "crossing", "parking place", "crossing"]
     assert back.hash == walked.hash
@@ -46,12 +46,12 @@ def test_run_with_pedestrians_comes_back_bit_by_bit(walked: Run, tmp_path: Path)
         (one.id, one.arm, one.middle, one.island, one.phase) for one in place.crossings
     ]
     first = path.read_bytes()
-    rvads.save_run(back, path)
+    rvads.files.save_run(back, path)
     assert path.read_bytes() == first
 
 
 def test_the_junction_of_a_file_is_known_without_its_lines(walked: Run, tmp_path: Path) -> None:
-    rvads.save_run(walked, tmp_path / "run.npz")
+    rvads.files.save_run(walked, tmp_path / "run.npz")
     place = glance(tmp_path / "run.npz")
     assert place is not None
     assert [way.kind for way, _, _ in place.further] == ["crossing"] * 8 + ["parking place"] * 4
@@ -60,7 +60,7 @@ def test_the_junction_of_a_file_is_known_without_its_lines(walked: Run, tmp_path
 def test_file_of_a_run_without_pedestrians_says_nothing_of_crosswalks(tmp_path: Path) -> None:
     for name, place in (("plain", find("stop4")), ("zebra", zebra("stop4"))):
         run = rvads.simulate(rvads.Case(rvads.Scenario(place, "0200", distance=5.0), rvads.Reference))
-        rvads.save_run(run, tmp_path / f"{name}.npz")
+        rvads.files.save_run(run, tmp_path / f"{name}.npz")
     assert (tmp_path / "plain.npz").read_bytes() == (tmp_path / "zebra.npz").read_bytes()
     assert "crosswalks" not in header_of(tmp_path / "plain.npz")["junction"]
 
@@ -82,7 +82,7 @@ def test_damaged_crosswalk_is_refused_in_one_sentence(
     walked: Run, tmp_path: Path, change: Callable[[dict[str, Any]], None], message: str
 ) -> None:
     path = tmp_path / "run.npz"
-    rvads.save_run(walked, path)
+    rvads.files.save_run(walked, path)
     with np.load(path) as archive:
         arrays = {name: archive[name] for name in archive.files}
     header = header_of(path)
@@ -90,13 +90,13 @@ def test_damaged_crosswalk_is_refused_in_one_sentence(
     arrays["header"] = np.frombuffer(json.dumps(header).encode(), dtype=np.uint8)
     np.savez(path, **arrays)
     with pytest.raises(RunError, match=message) as caught:
-        rvads.load_run(path)
+        rvads.files.load_run(path)
     assert "\n" not in str(caught.value)
 
 
 def test_pedestrian_without_crosswalks_in_the_file_is_refused(walked: Run, tmp_path: Path) -> None:
     path = tmp_path / "run.npz"
-    rvads.save_run(walked, path)
+    rvads.files.save_run(walked, path)
     with np.load(path) as archive:
         arrays = {name: archive[name] for name in archive.files}
     header = header_of(path)
@@ -104,14 +104,14 @@ def test_pedestrian_without_crosswalks_in_the_file_is_refused(walked: Run, tmp_p
     arrays["header"] = np.frombuffer(json.dumps(header).encode(), dtype=np.uint8)
     np.savez(path, **arrays)
     with pytest.raises(RunError, match=r"lights must be whole numbers in the shape \(\d+, 4\), got int8 in \(\d+, 16\)"):
-        rvads.load_run(path)
+        rvads.files.load_run(path)
 
 
 def test_ways_that_do_not_follow_from_the_crosswalks_are_refused(walked: Run, tmp_path: Path) -> None:
     place = walked.junction
     narrower = replace(place, further=place.further[:8])
     with pytest.raises(RunError, match="of the kind crossing that do not follow from its crosswalks"):
-        rvads.save_run(replace(walked, junction=narrower), tmp_path / "run.npz")
+        rvads.files.save_run(replace(walked, junction=narrower), tmp_path / "run.npz")
 
 
 def test_recording_with_pedestrians_comes_back(walked: Run, tmp_path: Path) -> None:
@@ -123,8 +123,8 @@ def test_recording_with_pedestrians_comes_back(walked: Run, tmp_path: Path) -> N
     lights = {start: Changes(np.array([0.0]), np.array([Colour.GREEN], dtype=np.int8)) for start in (1, 6, 7)}
     recording = Recording("street", walked.junction, tuple(tracks), lights)
     path = tmp_path / "street.npz"
-    rvads.save_recording(recording, path)
-    back = rvads.load_recording(path)
+    rvads.files.save_recording(recording, path)
+    back = rvads.files.load_recording(path)
     assert [run.hash for run in back] == [run.hash for run in recording]
     assert {agent.name for run in back for agent in run.agents} == {"a1", "p0", "p1"}
     assert back[0].lights[0, [1, 6, 7]].tolist() == [Colour.GREEN] * 3

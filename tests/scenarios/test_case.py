@@ -107,7 +107,7 @@ MISTAKES: dict[str, tuple[Callable[[Any], object], str]] = {
     "check": (lambda rvads: rvads.check(scenario(), "p1"), "check takes a run, such as"),
     "validate": (lambda rvads: rvads.validate(scenario()), "validate takes a run"),
     "kpis": (lambda rvads: rvads.kpis(scenario()), "kpis takes a run"),
-    "save": (lambda rvads: rvads.save_run(3, "run.npz"), "save_run takes a run"),
+    "save": (lambda rvads: rvads.files.save_run(3, "run.npz"), "save_run takes a run"),
     "v(d)max of a text": (lambda rvads: rvads.vmax("x"), "a distance to the stopping line in metres, got 'x'"),
     "v(d)max of no vehicle": (lambda rvads: rvads.vmax(5.0, vehicle=3), "takes a rvads.Vehicle, got 3"),
     "find a number": (lambda rvads: rvads.find(3), "such as 'stop4', got 3"),
@@ -124,5 +124,5 @@ def test_arguments_of_wrong_type_are_refused(mistake: str) -> None:
 
 def test_rule_argument_must_be_a_rule() -> None:
     run = simulate(Case(Scenario(find("stop4"), "1000", duration=0.1), Reference))
-    with pytest.raises(rvads.FormulaError, match="a rule is a Rule or the name of one, such as 'p1', got 3"):
+    with pytest.raises(rvads.errors.FormulaError, match="a rule is a Rule or the name of one, such as 'p1', got 3"):
         rvads.check(run, 3)  # type: ignore[arg-type]

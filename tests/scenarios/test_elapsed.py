@@ -97,6 +97,6 @@ def test_program_for_sumo_begins_at_the_elapsed_phase() -> None:
 
 def test_openscenario_begins_at_the_elapsed_phase(tmp_path: Path) -> None:
     pytest.importorskip("scenariogeneration")  # the extra openscenario, which `dev` brings
-    rvads.save_scenario(rvads.Scenario(LIGHT, "2200", elapsed=12), tmp_path / "s.xosc")
+    rvads.files.save_scenario(rvads.Scenario(LIGHT, "2200", elapsed=12), tmp_path / "s.xosc")
     text = (tmp_path / "s.xosc").read_text("utf-8")
     assert [float(duration) for duration in re.findall(r'<Phase name="[^"]*" duration="([\d.]+)"', text)] == TWELVE

@@ -141,7 +141,7 @@ def errors_at(failing: Callable[[int], bool], make: Make, probes: int) -> Atlas:
 
         def divides_by_zero(self: Setting, scenario: rvads.Scenario) -> object:
             if scenario.subject == 0 and failing(lead_of(scenario)):
-                raise rvads.RunError("the driver divides by zero")
+                raise rvads.errors.RunError("the driver divides by zero")
             return judged(self, scenario)
 
         patch.setattr(Setting, "judged", divides_by_zero)

@@ -281,14 +281,14 @@ def test_error_of_the_driver_on_a_line_leaves_the_other_lines_their_verdicts(mak
 
         def divides_by_zero(self: Setting, scenario: rvads.Scenario) -> object:
             if scenario.directions == failing.directions:
-                raise rvads.RunError("the driver divides by zero")
+                raise rvads.errors.RunError("the driver divides by zero")
             return judged(self, scenario)
 
         monkeypatch.setattr(Setting, "judged", divides_by_zero)
         sides = list(critical_starts([[failing], [other]], setting(), 1))
         assert [(side.status, side.error) for side in sides[:2]] == [("ERROR", "the driver divides by zero")] * 2
         assert [side.status for side in sides[2:]] == ["PASS", "PASS"]
-        with pytest.raises(rvads.RunError, match="divides by zero"):
+        with pytest.raises(rvads.errors.RunError, match="divides by zero"):
             failure(sides, setting())
 
 

@@ -70,7 +70,7 @@ def test_fault_is_reported_with_the_scenario() -> None:
         def control(self, seen: Observation) -> Control:
             raise ValueError("no")
 
-    with pytest.raises(rvads.RunError, match=r"(?s)Scenario.*can't be judged by p1: .*Broken driving"):
+    with pytest.raises(rvads.errors.RunError, match=r"(?s)Scenario.*can't be judged by p1: .*Broken driving"):
         look_for("stop4", Broken, "p1", budget=5)
 
 
@@ -92,7 +92,7 @@ class Parked(rvads.Autopilot):
 
 def test_driver_that_never_crosses_survives_no_search() -> None:
     """It waits at the red light for the whole run, with reason, so p4 applies and is never broken."""
-    with pytest.raises(rvads.ScenarioError, match=r"p4 was not triggered in any of .* with a crossing"):
+    with pytest.raises(rvads.errors.ScenarioError, match=r"p4 was not triggered in any of .* with a crossing"):
         look_for("light4", Parked, "p4", subject=0, duration=5, budget=15)
 
 
@@ -211,7 +211,7 @@ def test_error_of_a_simulator_is_printed_once_with_its_type_and_notes(pytester: 
         import pytest_rvads as rvads
         from pytest_rvads.simulators.loop import usual
 
-        class Lost(rvads.RunError):
+        class Lost(rvads.errors.RunError):
             def __init__(self, host, port):
                 super().__init__(f"{host}:{port} is gone")
 
@@ -264,18 +264,18 @@ def test_search_starts_no_vehicle_above_its_safe_speed() -> None:
             scenarios.append(case.scenario)
             return usual()(case)
 
-    with pytest.raises(rvads.ScenarioError, match="with a crossing"):  # no vehicle enters within a second
+    with pytest.raises(rvads.errors.ScenarioError, match="with a crossing"):  # no vehicle enters within a second
         look_for("stop4", rvads.Reference, "speed_limit", fleet=rvads.Fleet(bus), simulator=Watched(), budget=8, duration=1.0)
     assert 0 < max(max(scenario.speeds) for scenario in scenarios) <= 1.0
 
 
 def test_misuse() -> None:
-    with pytest.raises(rvads.FormulaError, match="unknown rule 'p9'"):
+    with pytest.raises(rvads.errors.FormulaError, match="unknown rule 'p9'"):
         look_for("stop4", rvads.Reference, "p9")
     namesake = rvads.Rule("p1", "forall a. F a@j & true")
-    with pytest.raises(rvads.FormulaError, match="'p1' is a shipped rule and "):
+    with pytest.raises(rvads.errors.FormulaError, match="'p1' is a shipped rule and "):
         look_for("stop4", rvads.Reference, namesake)
-    with pytest.raises(rvads.FormulaError, match="'p1' is a shipped rule and "):
+    with pytest.raises(rvads.errors.FormulaError, match="'p1' is a shipped rule and "):
         rvads.sweep(rvads.Case(rvads.Scenario(rvads.find("stop4"), "1000"), rvads.Reference), namesake, 0.0, 0.0)
 
 
@@ -305,7 +305,7 @@ def test_parallel_searches_give_the_answer_of_sequential_searches(pytestconfig: 
 
 @pytest.mark.parametrize("searches", [0, 11, 1.5])
 def test_searches_must_not_exceed_the_budget(searches: int) -> None:
-    with pytest.raises(rvads.ScenarioError, match="from 1 to the budget of 10 simulations"):
+    with pytest.raises(rvads.errors.ScenarioError, match="from 1 to the budget of 10 simulations"):
         look_for("stop4", Heedless, "no_collision", budget=10, searches=searches)
 
 

@@ -36,7 +36,7 @@ def test_t_junction_has_only_the_identity(name: str) -> None:
 
 
 def test_rotation_finds_the_hidden_zone() -> None:
-    with pytest.raises(rvads.MetamorphicViolation, match="turns p1 from PASS into FAIL") as caught:
+    with pytest.raises(rvads.errors.MetamorphicViolation, match="turns p1 from PASS into FAIL") as caught:
         equivalent(Case(rvads.Scenario(rvads.find("paper_stop4"), "1010"), lgsvl("i2")))
     (note,) = caught.value.__notes__
     assert "a0 0->1: arrives" in note
@@ -45,13 +45,13 @@ def test_rotation_finds_the_hidden_zone() -> None:
 
 
 def test_order_of_creation_finds_ignored_ties() -> None:
-    with pytest.raises(rvads.MetamorphicViolation, match=r"p2 from (PASS into FAIL|FAIL into PASS)"):
+    with pytest.raises(rvads.errors.MetamorphicViolation, match=r"p2 from (PASS into FAIL|FAIL into PASS)"):
         equivalent(Case(rvads.Scenario(rvads.find("paper_stop4"), "2200"), lgsvl("i3")), relations="creation")
     equivalent(Case(rvads.Scenario(rvads.find("paper_stop4"), "2200"), lgsvl()), relations="creation")
 
 
 def test_longer_approaches_find_the_launch() -> None:
-    with pytest.raises(rvads.MetamorphicViolation, match="approach longer by 20 m turns p1 from FAIL into PASS"):
+    with pytest.raises(rvads.errors.MetamorphicViolation, match="approach longer by 20 m turns p1 from FAIL into PASS"):
         equivalent(Case(rvads.Scenario(rvads.find("stop4"), "2020", distance=0.01), lgsvl("i1")), relations="approach")
     equivalent(Case(rvads.Scenario(rvads.find("stop4"), "2020", distance=0.01), lgsvl()), relations="approach")
 
@@ -132,16 +132,16 @@ def test_order_of_creation_is_a_permutation_in_the_name() -> None:
     scenario = rvads.Scenario(rvads.find("stop4"), "1230", order=(2, 0, 3, 1), rotation=1)
     assert scenario.creation == (3, 1, 2)
     assert scenario.name.endswith(".r1.o2031")
-    with pytest.raises(rvads.ScenarioError, match="order must name each of the entrances"):
+    with pytest.raises(rvads.errors.ScenarioError, match="order must name each of the entrances"):
         rvads.Scenario(rvads.find("stop4"), "1230", order=(0, 1, 1, 2))
 
 
 def test_misuse() -> None:
     scenario = rvads.Scenario(rvads.find("stop3"), "120")
-    with pytest.raises(rvads.ScenarioError, match=r"unknown relation 'rotations'.*did you mean 'rotation'"):
+    with pytest.raises(rvads.errors.ScenarioError, match=r"unknown relation 'rotations'.*did you mean 'rotation'"):
         equivalent(Case(scenario, rvads.Reference), relations="rotations")
     with pytest.raises(
-        rvads.ScenarioError, match=r"no scenario is equivalent to stop3-.*rotation by 1: stop3 has other right-of"
+        rvads.errors.ScenarioError, match=r"no scenario is equivalent to stop3-.*rotation by 1: stop3 has other right-of"
     ):
         equivalent(Case(scenario, rvads.Reference))
 
@@ -149,7 +149,7 @@ def test_misuse() -> None:
         def control(self, seen: Observation) -> Control:
             raise ValueError("no")
 
-    with pytest.raises(rvads.RunError, match="nothing can be compared"):
+    with pytest.raises(rvads.errors.RunError, match="nothing can be compared"):
         equivalent(Case(rvads.Scenario(rvads.find("stop4"), "1100"), Broken))
 
 

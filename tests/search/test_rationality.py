@@ -26,24 +26,24 @@ def test_reference_is_rational_and_determinate() -> None:
 
 
 def test_tiring_driver_is_not_rational() -> None:
-    with pytest.raises(rvads.MetamorphicViolation, match="20 m farther away: turns p1 from PASS into FAIL") as caught:
+    with pytest.raises(rvads.errors.MetamorphicViolation, match="20 m farther away: turns p1 from PASS into FAIL") as caught:
         rvads.rational(rvads.Case(rvads.Scenario(rvads.find("stop4"), "2020", distance=1), Tired), "p1", farther=(20,))
     assert "20 m farther away" in caught.value.__notes__[0]
 
 
 def test_driver_counting_from_the_start_is_not_determinate() -> None:
-    with pytest.raises(rvads.MetamorphicViolation, match="restarted at 4 s"):
+    with pytest.raises(rvads.errors.MetamorphicViolation, match="restarted at 4 s"):
         rvads.determinate(rvads.Case(rvads.Scenario(rvads.find("stop4"), "2020"), Tired), "p1", at=4.0)
 
 
 def test_case_that_can_not_be_restarted_is_refused() -> None:
-    with pytest.raises(rvads.ScenarioError, match="no rule passes in"):
+    with pytest.raises(rvads.errors.ScenarioError, match="no rule passes in"):
         rvads.rational(rvads.Case(rvads.Scenario(rvads.find("stop4"), "2000"), rvads.Reference))
-    with pytest.raises(rvads.ScenarioError, match="its lights would start anew"):
+    with pytest.raises(rvads.errors.ScenarioError, match="its lights would start anew"):
         rvads.determinate(rvads.Case(rvads.Scenario(rvads.find("light4"), "2200"), rvads.Reference))
-    with pytest.raises(rvads.ScenarioError, match="past the stopping line at 9 s"):
+    with pytest.raises(rvads.errors.ScenarioError, match="past the stopping line at 9 s"):
         rvads.determinate(rvads.Case(rvads.Scenario(rvads.find("stop4"), "2200"), rvads.Reference), at=9.0)
-    with pytest.raises(rvads.ScenarioError, match="can't be restarted at 1000"):
+    with pytest.raises(rvads.errors.ScenarioError, match="can't be restarted at 1000"):
         rvads.determinate(rvads.Case(rvads.Scenario(rvads.find("stop4"), "2200"), rvads.Reference), at=1000)
 
 
@@ -55,7 +55,7 @@ class Parked(rvads.Autopilot):
 
 
 def test_driver_that_never_crosses_is_not_determinate() -> None:
-    with pytest.raises(rvads.ScenarioError, match=r"the run of stop4-.* shows no crossing"):
+    with pytest.raises(rvads.errors.ScenarioError, match=r"the run of stop4-.* shows no crossing"):
         rvads.determinate(rvads.Case(rvads.Scenario(rvads.find("stop4"), "2200", distance=5, duration=5), Parked))
 
 
@@ -109,7 +109,7 @@ def test_parallel_sweep_gives_the_same_result() -> None:
 
 
 def test_empty_range_of_a_sweep_is_refused() -> None:
-    with pytest.raises(rvads.ScenarioError, match="range of a draw"):
+    with pytest.raises(rvads.errors.ScenarioError, match="range of a draw"):
         intervals(never, 2, 1)
-    with pytest.raises(rvads.ScenarioError, match="at least one tick"):
+    with pytest.raises(rvads.errors.ScenarioError, match="at least one tick"):
         intervals(never, 0, 1, step=0)

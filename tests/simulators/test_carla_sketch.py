@@ -115,7 +115,9 @@ def test_server_has_no_actors_after_a_run() -> None:
 
     for driver in (Left, Raises):
         rvads.simulate(rvads.Case(rvads.Scenario(rvads.find("stop4"), "1111", duration=0.1), driver), sketch(connect))
-    with pytest.raises(rvads.ScenarioError, match=r"no room for vehicle 1 of .* in CARLA: Spawn failed because of collision"):
+    with pytest.raises(
+        rvads.errors.ScenarioError, match=r"no room for vehicle 1 of .* in CARLA: Spawn failed because of collision"
+    ):
         rvads.simulate(
             rvads.Case(rvads.Scenario(rvads.find("stop4"), "2000", followers=1, distance=1.0), Left),
             sketch(lambda: crowded(connect())),

@@ -262,7 +262,7 @@ class Careless(Wrapped):
     def __call__(self, case: rvads.Case) -> rvads.Run:
         try:
             return super().__call__(case)
-        except rvads.ScenarioError as error:
+        except rvads.errors.ScenarioError as error:
             raise ValueError(str(error)) from error
 
 
@@ -608,7 +608,7 @@ def test_driver_whose_runs_end_by_faults_is_named() -> None:
 def test_unusable_attribute_unsupported_is_refused(reasons: Any, message: str) -> None:
     simulator = Wrapped()
     simulator.unsupported = reasons  # type: ignore[attr-defined]
-    with pytest.raises(rvads.ScenarioError, match=message):
+    with pytest.raises(rvads.errors.ScenarioError, match=message):
         unsupported(simulator)
 
 

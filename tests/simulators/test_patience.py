@@ -146,7 +146,10 @@ def test_limits_hold_in_their_context() -> None:
         assert choice().limits[:2] == (60.0, 300.0)
     assert choice().limits == before
     for wrong in (-1.0, float("nan"), float("inf"), "1"):
-        with pytest.raises(rvads.ScenarioError, match="takes a number of seconds, 0 for no limit"), rvads.limits(decision=wrong):  # type: ignore[arg-type]
+        with (
+            pytest.raises(rvads.errors.ScenarioError, match="takes a number of seconds, 0 for no limit"),
+            rvads.limits(decision=wrong),  # type: ignore[arg-type]
+        ):
             pass
 
 
@@ -161,7 +164,10 @@ def test_hanging_simulator_is_an_error() -> None:
         def vmax(self, distance: float, aggression: int = 1, vehicle: Any = None) -> float | None:
             return None
 
-    with rvads.limits(run=0.3), pytest.raises(rvads.RunError, match=r"'stuck' at stop4-.*: the run took longer than 0.3 s"):
+    with (
+        rvads.limits(run=0.3),
+        pytest.raises(rvads.errors.RunError, match=r"'stuck' at stop4-.*: the run took longer than 0.3 s"),
+    ):
         simulate(rvads.Case(SCENARIO, pilot()), Stuck())
 
 

@@ -62,4 +62,4 @@ def test_tracks_that_are_read(tmp_path: Path) -> None:
             x, y, _ = way.pose(-40.0 + 0.8 * tick)
             rows.append(f"{0.1 * tick},v{entrance},{x},{y},8")
     (tmp_path / "log.csv").write_text("\n".join(rows), encoding="utf-8")
-    assert len(rvads.read_tracks(tmp_path / "log.csv", place, size=(4.6, 1.8)).tracks) == 3
+    assert len(rvads.files.read_tracks(tmp_path / "log.csv", place, size=(4.6, 1.8)).tracks) == 3

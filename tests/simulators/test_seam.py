@@ -221,7 +221,7 @@ def test_invalid_vmax_names_the_simulator(speed: Any) -> None:
         lambda: closed_vmax(0.3, rvads.Reference, simulator=Wrong()),
         lambda: look_for("stop4", rvads.Reference, "p1", budget=20, near=0.3, far=0.5, simulator=Wrong()),
     ):
-        with pytest.raises(rvads.RunError, match=says):
+        with pytest.raises(rvads.errors.RunError, match=says):
             ask()
 
 
@@ -311,7 +311,7 @@ def test_run_of_another_case_is_refused(answer: Any, wrong: str) -> None:
         lambda: rvads.determinate(asked, simulator=Wrong()),
         lambda: rvads.sweep(asked, "p1", 0.0, 0.1, simulator=Wrong()),
     ):
-        with pytest.raises(rvads.RunError, match=wrong):
+        with pytest.raises(rvads.errors.RunError, match=wrong):
             ask()
 
 
@@ -359,14 +359,14 @@ def test_a_run_that_cannot_be_is_refused(change: Callable[[rvads.Run], rvads.Run
         def __call__(self, case: rvads.Case) -> rvads.Run:
             return change(usual()(case))
 
-    with pytest.raises(rvads.RunError, match=rf"^the simulator 'counting' gives a run that can't be, stop4-.*: {wrong}"):
+    with pytest.raises(rvads.errors.RunError, match=rf"^the simulator 'counting' gives a run that can't be, stop4-.*: {wrong}"):
         rvads.simulate(case("stop4", "2200"), Wrong())
 
 
 def test_a_cut_run_with_a_reason_is_judged() -> None:
     class Failing(Counting):
         def __call__(self, case: rvads.Case) -> rvads.Run:
-            return replace(part(usual()(case), slice(301)), fault=rvads.Fault(3.0, "a0", "the plant failed"))
+            return replace(part(usual()(case), slice(301)), fault=rvads.values.Fault(3.0, "a0", "the plant failed"))
 
     assert rvads.simulate(case("stop4", "2200"), Failing()).duration == 3.0
 

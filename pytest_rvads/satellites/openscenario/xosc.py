@@ -289,7 +289,9 @@ def _colour(state: Node) -> Colour:
 
 def no_trajectories(where: str) -> RunError:
     """Return the error for a file without trajectories."""
-    return RunError(f"{where}: no vehicle follows a trajectory, expected a run: rvads.load_scenario reads files of scenarios")
+    return RunError(
+        f"{where}: no vehicle follows a trajectory, expected a run: rvads.files.load_scenario reads files of scenarios"
+    )
 
 
 FORMAT = Format(read_xosc, (".xosc",), "rear_axle", with_map=True)

@@ -153,7 +153,7 @@ def test_notebooks_show_pedestrians(run: Run) -> None:
 
 def test_replay_draws_a_kept_run(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    rvads.save_run(run, "run.npz")
+    rvads.files.save_run(run, "run.npz")
     assert main(["replay", "run.npz", "--rules", "no_collision"]) == 0
     assert 'data-agent="p1+2"' in (tmp_path / "run-no_collision.html").read_text(encoding="utf-8")
 
@@ -169,8 +169,8 @@ def test_case_of_a_kept_run_gives_the_same_run(tmp_path: Path) -> None:
         pedestrians=[rvads.Pedestrian(1, "near", "hidden"), rvads.Pedestrian(3, "far", "yields", 0.5)],
     )
     first = rvads.simulate(rvads.Case(scenario, rvads.Reference, traffic=rvads.Reference))
-    rvads.save_run(first, tmp_path / "run.npz")
-    kept = rvads.load_run(tmp_path / "run.npz")
+    rvads.files.save_run(first, tmp_path / "run.npz")
+    kept = rvads.files.load_run(tmp_path / "run.npz")
     again = recalled(kept.provenance["scenario"], kept.junction, "scenario")
     assert again == scenario
     assert rvads.simulate(rvads.Case(again, rvads.Reference, traffic=rvads.Reference)).hash == first.hash

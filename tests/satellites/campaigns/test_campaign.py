@@ -251,7 +251,7 @@ def test_a_worker_with_other_code_answers_nothing(monkeypatch: pytest.MonkeyPatc
 
 @pytest.mark.parametrize("wrong", ["stop4", None, [1], [rvads.find("stop4")]])
 def test_what_is_no_case_is_refused(wrong: Any) -> None:
-    with pytest.raises(rvads.ScenarioError, match="a campaign takes cases"):
+    with pytest.raises(rvads.errors.ScenarioError, match="a campaign takes cases"):
         rvads.campaign(wrong, executor=1)
 
 

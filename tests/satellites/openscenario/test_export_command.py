@@ -17,7 +17,7 @@ def saved_run(maps: Path, tmp_path: Path) -> Path:
     """The file of a run at a junction of a map file, with a truck in it."""
     scenario = rvads.Scenario(rvads.find("1", maps / "left.xodr"), "2200", distance=1.0, duration=5.0)
     case = rvads.Case(scenario, rvads.LgsvlLike, fleet=rvads.Fleet(others={"a1": TRUCK}))
-    rvads.save_run(rvads.simulate(case), tmp_path / "kept.npz")
+    rvads.files.save_run(rvads.simulate(case), tmp_path / "kept.npz")
     return tmp_path / "kept.npz"
 
 
@@ -38,8 +38,8 @@ def test_exported_run_quotes_its_verdict(saved_run: Path, tmp_path: Path, capsys
 
 def test_scenario_of_a_run_is_exported_with_its_bodies(saved_run: Path, tmp_path: Path) -> None:
     assert main(["export", str(saved_run), "--scenario", "--xosc", str(tmp_path / "s.xosc")]) == 0
-    run = rvads.load_run(saved_run)
-    scenario = rvads.load_scenario(tmp_path / "s.xosc")
+    run = rvads.files.load_run(saved_run)
+    scenario = rvads.files.load_scenario(tmp_path / "s.xosc")
     assert (scenario.name, scenario.duration) == (run.label, 5.0)
     assert 'vehicleCategory="truck"' in (tmp_path / "s.xosc").read_text("utf-8")
 
@@ -47,7 +47,7 @@ def test_scenario_of_a_run_is_exported_with_its_bodies(saved_run: Path, tmp_path
 @pytest.mark.parametrize("id", ["stop4-class07-as1133-cfgD", "stop4-class07-as1133-cfgD.r1-p1", "light4-class00-as0200-s1-cfgJ"])
 def test_case_is_exported_as_its_scenario(id: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["export", id, "--xosc", str(tmp_path / "s.xosc")]) == 0
-    scenario = rvads.load_scenario(tmp_path / "s.xosc")
+    scenario = rvads.files.load_scenario(tmp_path / "s.xosc")
     assert f"{id}-".startswith(f"{scenario.name}-")
     assert scenario.name in capsys.readouterr().out
 
@@ -57,7 +57,7 @@ def test_case_at_a_junction_of_a_file_needs_its_map(maps: Path, tmp_path: Path, 
     assert main(["export", id, "--xosc", out]) == 2
     assert "unknown junction 'five.1'" in capsys.readouterr().err
     assert main(["export", id, "--xosc", out, "--map", str(maps / "five.xodr")]) == 0
-    assert rvads.load_scenario(out).place.name == "five.1"
+    assert rvads.files.load_scenario(out).place.name == "five.1"
 
 
 @pytest.mark.parametrize(
@@ -83,21 +83,21 @@ def test_misuse_of_export_is_one_line(
 
 
 def test_export_requires_a_single_simulated_run(maps: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    rvads.export_run(FAILURES[3].run(maps), tmp_path / "run.xosc")
+    rvads.files.export_run(FAILURES[3].run(maps), tmp_path / "run.xosc")
     out = str(tmp_path / "out.xosc")
     assert main(["export", str(tmp_path / "run.xosc"), "--scenario", "--xosc", out]) == 2
     assert "run.xosc: the run names no scenario" in capsys.readouterr().err
     assert main(["export", str(tmp_path / "run.xosc"), "--xosc", out]) == 0
-    (first,), (second,) = rvads.read_runs(tmp_path / "run.xosc"), rvads.read_runs(out)
+    (first,), (second,) = rvads.files.read_runs(tmp_path / "run.xosc"), rvads.files.read_runs(out)
     assert (second.label, second.agents, second.steps) == (first.label, first.agents, first.steps)
     assert rvads.check(second, "p1").message == rvads.check(first, "p1").message
-    recording = rvads.read_tracks(tmp_path / "run.xosc")
+    recording = rvads.files.read_tracks(tmp_path / "run.xosc")
     from dataclasses import replace
 
     later = tuple(
         replace(track, times=track.times + 100.0, agent=replace(track.agent, name=f"{track.agent.name} later"))
         for track in recording.tracks
     )
-    rvads.save_recording(replace(recording, tracks=recording.tracks + later), tmp_path / "several.npz")
+    rvads.files.save_recording(replace(recording, tracks=recording.tracks + later), tmp_path / "several.npz")
     assert main(["export", str(tmp_path / "several.npz"), "--xosc", out]) == 2
     assert "several.npz: the file has 2 runs" in capsys.readouterr().err

@@ -39,7 +39,7 @@ def test_every_failed_run_is_written_once_with_one_map(pytester: pytest.Pytester
     folder = pytester.path / "out"
     assert len([*folder.glob("*.xosc")]) == 2
     assert [path.name for path in folder.glob("*.xodr")] == ["light4.xodr"]
-    written = {run.label: run for path in folder.glob("*.xosc") for run in rvads.read_runs(path)}
+    written = {run.label: run for path in folder.glob("*.xosc") for run in rvads.files.read_runs(path)}
     for run, rule in failed:
         assert rvads.check(written[run], rule).status is Status.FAIL
     printed = re.findall(r"^export    (\S+)$", result.stdout.str(), re.MULTILINE)

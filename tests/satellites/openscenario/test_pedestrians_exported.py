@@ -41,8 +41,8 @@ def run(request: pytest.FixtureRequest) -> Run:
 
 def test_exported_pedestrians_come_back_with_the_same_verdicts(run: Run, tmp_path: Path) -> None:
     path = tmp_path / "run.xosc"
-    rvads.export_run(run, path)
-    (back,) = rvads.read_runs(path)
+    rvads.files.export_run(run, path)
+    (back,) = rvads.files.read_runs(path)
     assert back.agents == run.agents
     assert back.junction == run.junction
     assert np.array_equal(back.zone, run.zone)
@@ -56,7 +56,7 @@ def test_exported_pedestrians_come_back_with_the_same_verdicts(run: Run, tmp_pat
 
 
 def test_file_has_pedestrians_as_pedestrians(run: Run, tmp_path: Path) -> None:
-    rvads.export_run(run, tmp_path / "run.xosc")
+    rvads.files.export_run(run, tmp_path / "run.xosc")
     root = ElementTree.parse(tmp_path / "run.xosc").getroot()
     entities = {entity.get("name"): entity[0] for entity in root.iter("ScenarioObject")}
     kinds = {name: entity.tag for name, entity in entities.items()}
@@ -74,17 +74,17 @@ def test_file_has_pedestrians_as_pedestrians(run: Run, tmp_path: Path) -> None:
 def test_contact_with_a_pedestrian_carries_over(tmp_path: Path) -> None:
     run = rvads.simulate(rvads.Case(scenario("zebra4", 0.0), Drives))
     assert [hit.agents for hit in run.collisions or ()] == [("a1", "p0")]
-    rvads.export_run(run, tmp_path / "run.xosc", verdict=rvads.check(run, "no_collision"))
-    (back,) = rvads.read_runs(tmp_path / "run.xosc")
+    rvads.files.export_run(run, tmp_path / "run.xosc", verdict=rvads.check(run, "no_collision"))
+    (back,) = rvads.files.read_runs(tmp_path / "run.xosc")
     assert back.collisions == run.collisions
     assert rvads.check(back, "no_collision").status == "FAIL"
 
 
 def test_command_exports_a_kept_run_of_a_map_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    rvads.save_run(rvads.simulate(rvads.Case(scenario("file"), Drives)), tmp_path / "kept.npz")
+    rvads.files.save_run(rvads.simulate(rvads.Case(scenario("file"), Drives)), tmp_path / "kept.npz")
     assert main(["export", str(tmp_path / "kept.npz"), "--xosc", str(tmp_path / "out" / "run.xosc")]) == 0
     assert "2 vehicles, 5 pedestrians at zebra4.1, " in capsys.readouterr().out
-    (back,) = rvads.read_runs(tmp_path / "out" / "run.xosc")
+    (back,) = rvads.files.read_runs(tmp_path / "out" / "run.xosc")
     assert [agent.name for agent in back.agents if agent.kind is rvads.Kind.PEDESTRIAN] == ["p0", "p1", "p1+1", "p1+2", "p2"]
 
 
@@ -92,6 +92,6 @@ def test_scenario_with_pedestrians_is_refused(tmp_path: Path) -> None:
     with pytest.raises(
         ScenarioError, match="has pedestrians, and elements of OpenSCENARIO can't express how they behave"
     ) as caught:
-        rvads.save_scenario(scenario("zebra4"), tmp_path / "start.xosc")
+        rvads.files.save_scenario(scenario("zebra4"), tmp_path / "start.xosc")
     assert "\n" not in str(caught.value)
     assert not list(tmp_path.iterdir())

@@ -49,10 +49,10 @@ def test_runs_and_scenarios_pass_every_check(maps: Path, tmp_path: Path) -> None
     files = []
     for number, failure in enumerate(FAILURES):
         run = failure.run(maps)
-        rvads.export_run(run, tmp_path / f"{number}.xosc", verdict=rvads.check(run, failure.rule))
+        rvads.files.export_run(run, tmp_path / f"{number}.xosc", verdict=rvads.check(run, failure.rule))
         place = run.junction
         scenario = rvads.Scenario(place, failure.directions, **failure.more)
-        rvads.save_scenario(scenario, tmp_path / f"{number}s.xosc")
+        rvads.files.save_scenario(scenario, tmp_path / f"{number}s.xosc")
         files += [tmp_path / f"{number}.xosc", tmp_path / f"{number}s.xosc"]
     for path, result in check_results(files).items():
         assert result["issues"] == [], path
@@ -61,6 +61,6 @@ def test_runs_and_scenarios_pass_every_check(maps: Path, tmp_path: Path) -> None
 
 def test_quality_checker_reports_a_damaged_file(maps: Path, tmp_path: Path) -> None:
     path = tmp_path / "run.xosc"
-    rvads.export_run(FAILURES[3].run(maps), path)
+    rvads.files.export_run(FAILURES[3].run(maps), path)
     path.write_text(path.read_text("utf-8").replace("<LogicFile", "<LogicalFile"), encoding="utf-8")
     assert check_results([path])[str(path)]["issues"]

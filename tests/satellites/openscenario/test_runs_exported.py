@@ -33,8 +33,8 @@ def judged(run: rvads.Run) -> dict[str, Any]:
 
 
 def exported_and_read(run: rvads.Run, folder: Path) -> rvads.Run:
-    rvads.export_run(run, folder / "run.xosc")
-    (copy,) = rvads.read_runs(folder / "run.xosc")
+    rvads.files.export_run(run, folder / "run.xosc")
+    (copy,) = rvads.files.read_runs(folder / "run.xosc")
     return copy
 
 
@@ -61,9 +61,9 @@ def test_at_least_20_failures_at_8_junctions() -> None:
 
 def test_equal_runs_give_equal_files(maps: Path, tmp_path: Path) -> None:
     run = FAILURES[8].run(maps)
-    rvads.save_run(run, tmp_path / "kept.npz")
-    rvads.export_run(run, tmp_path / "one" / "run.xosc")
-    rvads.export_run(rvads.load_run(tmp_path / "kept.npz"), tmp_path / "two" / "run.xosc")
+    rvads.files.save_run(run, tmp_path / "kept.npz")
+    rvads.files.export_run(run, tmp_path / "one" / "run.xosc")
+    rvads.files.export_run(rvads.files.load_run(tmp_path / "kept.npz"), tmp_path / "two" / "run.xosc")
     for name in ("run.xosc", "light4.xodr"):
         assert (tmp_path / "one" / name).read_bytes() == (tmp_path / "two" / name).read_bytes()
 
@@ -71,7 +71,7 @@ def test_equal_runs_give_equal_files(maps: Path, tmp_path: Path) -> None:
 def test_file_quotes_the_verdict(maps: Path, tmp_path: Path) -> None:
     run = FAILURES[1].run(maps)
     verdict = rvads.check(run, "p2")
-    rvads.export_run(run, tmp_path / "run.xosc", verdict=verdict)
+    rvads.files.export_run(run, tmp_path / "run.xosc", verdict=verdict)
     head = (tmp_path / "run.xosc").read_text("utf-8")[:3000]
     assert f'description="{run.label}: {verdict.message}"' in head
     assert "&quot;rule&quot;:&quot;p2&quot;,&quot;status&quot;:&quot;FAIL&quot;" in head
@@ -104,7 +104,7 @@ def test_vehicle_beyond_its_exit_road_is_deleted(tmp_path: Path) -> None:
 def test_reference_point_is_the_rear_axle(maps: Path, tmp_path: Path) -> None:
     failure = next(failure for failure in FAILURES if failure.truck == "a1")
     run = failure.run(maps)
-    rvads.export_run(run, tmp_path / "run.xosc")
+    rvads.files.export_run(run, tmp_path / "run.xosc")
     text = (tmp_path / "run.xosc").read_text("utf-8")
     entity = text[text.index('<ScenarioObject name="a1"') :]
     x = float(re.search(r'<Center x="([\d.]+)"', entity)[1])
@@ -127,7 +127,7 @@ def test_axles_follow_from_the_size_without_provenance(maps: Path, tmp_path: Pat
 
 def test_lights_are_phases_of_the_signals_of_the_map(tmp_path: Path) -> None:
     run = rvads.simulate(rvads.Case(rvads.Scenario(rvads.find("light4"), "2222", distance=20, duration=17.0), traffic("stopped")))
-    rvads.export_run(run, tmp_path / "run.xosc")
+    rvads.files.export_run(run, tmp_path / "run.xosc")
     phases = re.findall(
         r'<Phase name="phase \d" duration="([\d.]+)">(.*?)</Phase>', (tmp_path / "run.xosc").read_text("utf-8"), re.DOTALL
     )
@@ -141,9 +141,9 @@ def test_lights_are_phases_of_the_signals_of_the_map(tmp_path: Path) -> None:
 
 def test_exports_at_a_junction_share_its_map(maps: Path, tmp_path: Path) -> None:
     first = FAILURES[17].run(maps)
-    rvads.export_run(first, tmp_path / "0.xosc")
+    rvads.files.export_run(first, tmp_path / "0.xosc")
     written = (tmp_path / "left.xodr").stat().st_ino  # writing a file anew would give it another inode
-    rvads.export_run(first, tmp_path / "1.xosc")
+    rvads.files.export_run(first, tmp_path / "1.xosc")
     assert (tmp_path / "left.xodr").stat().st_ino == written
     assert sorted(path.name for path in tmp_path.iterdir()) == ["0.xosc", "1.xosc", "left.xodr"]
 
@@ -158,32 +158,32 @@ def test_different_map_of_the_same_name_is_not_overwritten(maps: Path, tmp_path:
 
 
 def test_changed_map_of_an_export_is_refused(maps: Path, tmp_path: Path) -> None:
-    rvads.export_run(FAILURES[17].run(maps), tmp_path / "run.xosc")
+    rvads.files.export_run(FAILURES[17].run(maps), tmp_path / "run.xosc")
     (tmp_path / "left.xodr").write_bytes((maps / "five.xodr").read_bytes())
     with pytest.raises(RunError, match=r"run\.xosc: junction 'left\.1' of map file .* has changed since the export"):
-        rvads.read_runs(tmp_path / "run.xosc")
+        rvads.files.read_runs(tmp_path / "run.xosc")
     (tmp_path / "left.xodr").unlink()
     with pytest.raises(MapError, match=r"left\.xodr does not exist"):
-        rvads.read_runs(tmp_path / "run.xosc")
+        rvads.files.read_runs(tmp_path / "run.xosc")
 
 
 def test_map_of_a_kept_run_is_found_or_given(maps: Path, tmp_path: Path) -> None:
     run = FAILURES[17].run(maps)
-    rvads.save_run(run, tmp_path / "kept.npz")
-    saved = rvads.load_run(tmp_path / "kept.npz")
+    rvads.files.save_run(run, tmp_path / "kept.npz")
+    saved = rvads.files.load_run(tmp_path / "kept.npz")
     assert exported_and_read(saved, tmp_path / "a").junction == run.junction
     without_provenance = replace(saved, provenance={})
     with pytest.raises(MapError, match=r"the map file of junction 'left\.1' is not known.*--map"):
-        rvads.export_run(without_provenance, tmp_path / "x.xosc")
+        rvads.files.export_run(without_provenance, tmp_path / "x.xosc")
     with pytest.raises(MapError, match=r"junction 'left\.1' differs from the junction in map file .*five\.xodr"):
-        rvads.export_run(without_provenance, tmp_path / "x.xosc", map=maps / "five.xodr")
+        rvads.files.export_run(without_provenance, tmp_path / "x.xosc", map=maps / "five.xodr")
     assert not (tmp_path / "x.xosc").exists()
-    rvads.export_run(without_provenance, tmp_path / "x.xosc", map=maps / "left.xodr")
-    assert rvads.read_runs(tmp_path / "x.xosc")[0].junction == run.junction
+    rvads.files.export_run(without_provenance, tmp_path / "x.xosc", map=maps / "left.xodr")
+    assert rvads.files.read_runs(tmp_path / "x.xosc")[0].junction == run.junction
 
 
 def test_fault_survives_export(maps: Path, tmp_path: Path) -> None:
-    fault = rvads.Fault(1.0, "a0", "the autopilot of a0 raised")
+    fault = rvads.values.Fault(1.0, "a0", "the autopilot of a0 raised")
     copy = exported_and_read(replace(FAILURES[3].run(maps), fault=fault), tmp_path)
     assert copy.fault == fault
     assert rvads.check(copy, "p3").status is Status.ERROR
@@ -206,21 +206,21 @@ def rolling() -> rvads.Run:
 
 
 def test_excerpt_of_a_recording_is_read_as_recorded_traffic(rolling: rvads.Run, tmp_path: Path) -> None:
-    rvads.export_run(rolling, tmp_path / "run.xosc")
-    recorded = rvads.read_tracks(tmp_path / "run.xosc")[0]
+    rvads.files.export_run(rolling, tmp_path / "run.xosc")
+    recorded = rvads.files.read_tracks(tmp_path / "run.xosc")[0]
     assert recorded.excerpt is not None
-    rvads.export_run(recorded, tmp_path / "excerpt.xosc")
-    recording = rvads.read_runs(tmp_path / "excerpt.xosc")
+    rvads.files.export_run(recorded, tmp_path / "excerpt.xosc")
+    recording = rvads.files.read_runs(tmp_path / "excerpt.xosc")
     assert isinstance(recording, Recording)
     assert [rvads.check(run, "full_stop").status for run in recording] == [Status.FAIL]
 
 
 def test_exported_excerpt_has_recorded_sizes_only(rolling: rvads.Run, tmp_path: Path) -> None:
-    rvads.export_run(rolling, tmp_path / "run.xosc")
-    recorded = rvads.read_tracks(tmp_path / "run.xosc")[0]
+    rvads.files.export_run(rolling, tmp_path / "run.xosc")
+    recorded = rvads.files.read_tracks(tmp_path / "run.xosc")[0]
     first, second = recorded.agents
-    rvads.export_run(replace(recorded, agents=(replace(first, size=None), second)), tmp_path / "excerpt.xosc")
-    sizes = {track.agent.name: track.agent.size for track in rvads.read_tracks(tmp_path / "excerpt.xosc").tracks}
+    rvads.files.export_run(replace(recorded, agents=(replace(first, size=None), second)), tmp_path / "excerpt.xosc")
+    sizes = {track.agent.name: track.agent.size for track in rvads.files.read_tracks(tmp_path / "excerpt.xosc").tracks}
     assert sizes == {first.name: None, second.name: second.size}
 
 
@@ -230,12 +230,12 @@ def test_late_and_early_vehicles_are_added_and_deleted(rolling: rvads.Run, tmp_p
         parts["zone"][states, column] = Zone.ABSENT
         for numbers in ("station", "speed", "pose"):
             parts[numbers][states, column] = np.nan
-    rvads.export_run(replace(rolling, **parts), tmp_path / "run.xosc")
+    rvads.files.export_run(replace(rolling, **parts), tmp_path / "run.xosc")
     text = (tmp_path / "run.xosc").read_text("utf-8")
     assert text.count("<AddEntityAction>") == text.count("<DeleteEntityAction") == 1
     assert re.search(r'name="a0 appears".*?<SimulationTimeCondition value="1.0"', text, re.DOTALL)
     assert re.search(r'name="a2 leaves".*?<SimulationTimeCondition value="9.99"', text, re.DOTALL)
-    tracks = {track.agent.name: track for track in rvads.read_tracks(tmp_path / "run.xosc").tracks}
+    tracks = {track.agent.name: track for track in rvads.files.read_tracks(tmp_path / "run.xosc").tracks}
     assert tracks["a0"].times[0] == pytest.approx(1.0)
     assert tracks["a2"].times[-1] == pytest.approx(9.99)
 
@@ -243,7 +243,7 @@ def test_late_and_early_vehicles_are_added_and_deleted(rolling: rvads.Run, tmp_p
 def test_export_restores_the_version_of_the_library(maps: Path, tmp_path: Path) -> None:
     xosc = pytest.importorskip("scenariogeneration.xosc")
     before = xosc.VersionBase.version_minor
-    rvads.export_run(FAILURES[3].run(maps), tmp_path / "run.xosc")
+    rvads.files.export_run(FAILURES[3].run(maps), tmp_path / "run.xosc")
     assert xosc.VersionBase.version_minor == before
 
 
@@ -268,7 +268,7 @@ def test_unexportable_runs_are_refused(
     change: Callable[[rvads.Run], Any], error: type[RvadsError], message: str, maps: Path, tmp_path: Path
 ) -> None:
     with pytest.raises(error, match=message):
-        rvads.export_run(change(FAILURES[3].run(maps)), tmp_path / "run.xosc")
+        rvads.files.export_run(change(FAILURES[3].run(maps)), tmp_path / "run.xosc")
     assert not (tmp_path / "run.xosc").exists()
 
 
@@ -276,13 +276,13 @@ def test_file_with_the_name_of_its_map_is_refused(maps: Path, tmp_path: Path) ->
     run = FAILURES[17].run(maps)
     (tmp_path / "left.xodr").write_bytes((maps / "left.xodr").read_bytes())
     with pytest.raises(RvadsError, match=r"left\.xodr: the map has this name: .* such as .*left\.xosc"):
-        rvads.export_run(run, tmp_path / "left.xodr")
+        rvads.files.export_run(run, tmp_path / "left.xodr")
     assert (tmp_path / "left.xodr").read_bytes() == (maps / "left.xodr").read_bytes()
 
 
 def test_verdict_argument_must_be_a_verdict(maps: Path, tmp_path: Path) -> None:
     with pytest.raises(RunError, match=r"verdict= must be what rvads\.check\(run, rule\) returns, got 'p1'"):
-        rvads.export_run(FAILURES[3].run(maps), tmp_path / "run.xosc", verdict=cast(Any, "p1"))
+        rvads.files.export_run(FAILURES[3].run(maps), tmp_path / "run.xosc", verdict=cast(Any, "p1"))
 
 
 @pytest.mark.parametrize(
@@ -300,25 +300,25 @@ def test_verdict_argument_must_be_a_verdict(maps: Path, tmp_path: Path) -> None:
 )
 def test_file_with_values_beyond_bounds_is_refused(old: str, new: str, message: str, maps: Path, tmp_path: Path) -> None:
     path = tmp_path / "run.xosc"
-    rvads.export_run(FAILURES[3].run(maps), path)
+    rvads.files.export_run(FAILURES[3].run(maps), path)
     text, count = re.subn(old, new, path.read_text("utf-8"))
     assert count
     path.write_text(text, encoding="utf-8")
     with pytest.raises(RunError, match=rf"^run\.xosc: .*{message}"):
-        rvads.read_runs(path)
+        rvads.files.read_runs(path)
 
 
 def test_missing_library_names_the_package_to_install(maps: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(__import__("sys").modules, "scenariogeneration.xosc", None)
     with pytest.raises(RvadsError, match="pip install 'pytest-rvads\\[openscenario\\]'"):
-        rvads.export_run(FAILURES[3].run(maps), tmp_path / "new" / "run.xosc")
+        rvads.files.export_run(FAILURES[3].run(maps), tmp_path / "new" / "run.xosc")
     assert not (tmp_path / "new").exists()
 
 
 def test_unwritable_path_of_an_export_is_refused(maps: Path, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("", encoding="utf-8")
     with pytest.raises(RvadsError, match=r"can't be (copied|written)"):
-        rvads.export_run(FAILURES[3].run(maps), tmp_path / "file" / "run.xosc")
+        rvads.files.export_run(FAILURES[3].run(maps), tmp_path / "file" / "run.xosc")
 
 
 def test_each_colour_lights_a_single_lamp() -> None:

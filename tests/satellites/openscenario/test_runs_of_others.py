@@ -76,19 +76,19 @@ def rolls(tmp_path: Path) -> Path:
 
 
 def test_log_that_names_its_map_needs_no_junction(rolls: Path) -> None:
-    recording = rvads.read_tracks(rolls)
+    recording = rvads.files.read_tracks(rolls)
     assert recording.junction.digest == STOP.digest
     (track,) = recording.tracks
     assert (track.agent.name, track.agent.size, track.agent.way.key) == ("car 1", (LENGTH, 1.8), (0, 2))
     assert np.interp(0.0, track.station, track.times) == pytest.approx(5.0, abs=1e-3)  # 40 m at 8 m/s
     assert [rvads.check(run, "full_stop").status.value for run in recording] == ["FAIL"]
-    assert [run.hash for run in rvads.read_runs(rolls)] == [run.hash for run in recording]
+    assert [run.hash for run in rvads.files.read_runs(rolls)] == [run.hash for run in recording]
 
 
 def test_user_may_name_junction_and_map(rolls: Path) -> None:
-    assert rvads.read_tracks(rolls, "stop4").junction is STOP
-    assert rvads.read_tracks(rolls, "1").junction.digest == STOP.digest
-    assert rvads.read_tracks(rolls, "1", map=path_of("stop4")).junction.digest == STOP.digest
+    assert rvads.files.read_tracks(rolls, "stop4").junction is STOP
+    assert rvads.files.read_tracks(rolls, "1").junction.digest == STOP.digest
+    assert rvads.files.read_tracks(rolls, "1", map=path_of("stop4")).junction.digest == STOP.digest
 
 
 def test_check_and_import_read_the_file(rolls: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -105,7 +105,7 @@ def test_check_and_import_read_the_file(rolls: Path, tmp_path: Path, capsys: pyt
 
 def test_missing_headings_are_those_of_the_way(tmp_path: Path) -> None:
     path = put(tmp_path, document(vehicle("v"), follows("v", trajectory(STOP, (0, 2), heading=False))))
-    (track,) = rvads.read_tracks(path).tracks
+    (track,) = rvads.files.read_tracks(path).tracks
     assert np.interp(0.0, track.station, track.times) == pytest.approx(5.0, abs=0.01)
 
 
@@ -120,13 +120,13 @@ def test_times_of_trajectories_are_on_the_clock_of_the_simulation(
     timing: str, begins: float, crosses: float, tmp_path: Path
 ) -> None:
     path = put(tmp_path, document(vehicle("v"), follows("v", trajectory(STOP, (0, 2)), timing, begins)))
-    (track,) = rvads.read_tracks(path).tracks
+    (track,) = rvads.files.read_tracks(path).tracks
     assert np.interp(0.0, track.station, track.times) == pytest.approx(crosses, abs=1e-3)
 
 
 def test_parameters_are_replaced(tmp_path: Path) -> None:
     text = document(vehicle("v7"), follows("$who", trajectory(STOP, (0, 2))), parameters=declared(who="v7"))
-    assert [track.agent.name for track in rvads.read_tracks(put(tmp_path, text)).tracks] == ["v7"]
+    assert [track.agent.name for track in rvads.files.read_tracks(put(tmp_path, text)).tracks] == ["v7"]
 
 
 def declared(**values: str) -> str:
@@ -136,7 +136,7 @@ def declared(**values: str) -> str:
 
 def test_parameter_may_be_declared_with_a_dollar_sign(tmp_path: Path) -> None:
     text = document(vehicle("$ego"), follows("$ego", trajectory(STOP, (0, 2))), parameters=declared(**{"$ego": "v7"}))
-    assert [track.agent.name for track in rvads.read_tracks(put(tmp_path, text)).tracks] == ["v7"]
+    assert [track.agent.name for track in rvads.files.read_tracks(put(tmp_path, text)).tracks] == ["v7"]
 
 
 @pytest.mark.parametrize(
@@ -180,7 +180,7 @@ def test_kind_follows_from_the_category(tmp_path: Path) -> None:
     kinds = {"truck": Kind.TRUCK, "bicycle": Kind.CYCLIST, "bus": Kind.TRUCK, "van": Kind.CAR}
     entities = "".join(vehicle(name, name) for name in kinds)
     groups = "".join(follows(name, trajectory(STOP, (0, 2), 20.0 * k)) for k, name in enumerate(kinds))
-    recording = rvads.read_tracks(put(tmp_path, document(entities, groups)))
+    recording = rvads.files.read_tracks(put(tmp_path, document(entities, groups)))
     assert {track.agent.name: track.agent.kind for track in recording.tracks} == kinds
 
 
@@ -196,7 +196,7 @@ def controller(*phases: str) -> str:
 def test_phases_of_lights_repeat(tmp_path: Path) -> None:
     lights = controller(phase(2.0, {"0": "red", "1": "off;off;on"}), phase(1.0, {"0": "green", "1": "off;on;off"}))
     text = document(vehicle("v"), follows("v", trajectory(LIGHT, (0, 2))), map="light4.xodr", lights=lights)
-    lights_read = rvads.read_tracks(put(tmp_path, text, "light4")).lights
+    lights_read = rvads.files.read_tracks(put(tmp_path, text, "light4")).lights
     assert lights_read[0].times[:4].tolist() == [0.0, 2.0, 3.0, 5.0]
     assert lights_read[0].colours[:4].tolist() == [Colour.RED, Colour.GREEN] * 2
     assert lights_read[1].colours[:2].tolist() == [Colour.GREEN, Colour.YELLOW]
@@ -208,7 +208,7 @@ def test_vehicle_without_times_or_trajectory_is_left_out(tmp_path: Path) -> None
     timeless = re.sub(r' time="[^"]*"', "", trajectory(STOP, (1, 3)))
     curved = follows("curved", "").replace("<Polyline></Polyline>", '<Clothoid length="3"/>')
     groups = follows("v", trajectory(STOP, (0, 2))) + follows("timeless", timeless) + curved
-    recording = rvads.read_tracks(put(tmp_path, document(entities, groups)))
+    recording = rvads.files.read_tracks(put(tmp_path, document(entities, groups)))
     assert dict(recording.left_out) == {
         "timeless": "its trajectory has no times",
         "idle": "it follows no trajectory",
@@ -234,7 +234,7 @@ GOOD = document(vehicle("v"), follows("v", trajectory(STOP, (0, 2))))
         (GOOD.replace("<WorldPosition", "<LanePosition", 3), r"<LanePosition> .* expected a <WorldPosition>"),
         (re.sub(r'<Center x="[^"]*"', '<Center x="nan"', GOOD), r"<Center> has x='nan', expected a finite number"),
         (GOOD.replace('length="4.4"', ""), r"<Dimensions> has no attribute 'length'"),
-        (document(vehicle("v"), ""), r"drive\.xosc: no vehicle follows a trajectory.*rvads\.load_scenario"),
+        (document(vehicle("v"), ""), r"drive\.xosc: no vehicle follows a trajectory.*rvads\.files\.load_scenario"),
         (GOOD.replace('<LogicFile filepath="stop4.xodr"/>', ""), r"drive\.xosc: the log names no map: name the junction"),
         ("<OpenSCENARIO>" + "<a>" * 100, r"nested deeper than 60 levels"),
         (
@@ -251,7 +251,7 @@ GOOD = document(vehicle("v"), follows("v", trajectory(STOP, (0, 2))))
 def test_unreadable_file_is_refused_in_one_sentence(text: str, message: str, tmp_path: Path) -> None:
     path = put(tmp_path, text)
     with pytest.raises(RunError, match=message) as refused:
-        rvads.read_runs(path)
+        rvads.files.read_runs(path)
     assert "\n" not in str(refused.value)
 
 
@@ -262,7 +262,7 @@ def test_size_of_the_tree_is_bounded(tmp_path: Path) -> None:
     path = tmp_path / "drive.xosc"
     path.write_bytes(gzip.compress(b"<OpenSCENARIO>" + long * 65 + b"</OpenSCENARIO>", 0))
     with pytest.raises(RunError, match=r"more than 200,000 elements, or more than 67,108,864 characters"):
-        rvads.read_runs(path)
+        rvads.files.read_runs(path)
 
 
 @pytest.mark.parametrize("name", ["drive.xosc", "drive.xml"])
@@ -270,22 +270,22 @@ def test_endless_tag_is_refused(name: str, tmp_path: Path) -> None:
     path = tmp_path / name
     path.write_bytes(gzip.compress(b'<a b="' + b"x" * 2**24, 1))
     with pytest.raises(RunError, match=rf"^{name}: row 1: a tag or comment has more than 8 MB$"):
-        rvads.read_tracks(path, "stop4")
+        rvads.files.read_tracks(path, "stop4")
 
 
 def test_missing_map_of_a_run_is_refused(rolls: Path) -> None:
     rolls.with_name("stop4.xodr").unlink()
     with pytest.raises(MapError, match=r"stop4\.xodr does not exist"):
-        rvads.read_runs(rolls)
-    assert rvads.read_tracks(rolls, "1", map=path_of("stop4")).tracks
+        rvads.files.read_runs(rolls)
+    assert rvads.files.read_tracks(rolls, "1", map=path_of("stop4")).tracks
 
 
 def test_log_without_a_vehicle_at_the_junction_is_refused(tmp_path: Path) -> None:
     moved = re.sub(r'<WorldPosition x="([^"]*)"', lambda match: f'<WorldPosition x="{float(match[1]) + 500}"', GOOD)
     with pytest.raises(RunError, match=r"no vehicle in drive\.xosc passes junction 'stop4\.1'.*--offset"):
-        rvads.read_tracks(put(tmp_path, moved))
+        rvads.files.read_tracks(put(tmp_path, moved))
 
 
 def test_columns_option_is_refused(rolls: Path) -> None:
     with pytest.raises(RunError, match=r"drive\.xosc: .*leave --columns out"):
-        rvads.read_tracks(rolls, columns={"x": "x"})
+        rvads.files.read_tracks(rolls, columns={"x": "x"})

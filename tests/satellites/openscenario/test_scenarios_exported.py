@@ -61,8 +61,8 @@ def foreign(path: Path) -> Path:
 def test_scenario_survives_export(maps: Path, tmp_path: Path, data: st.DataObject) -> None:
     scenario = data.draw(scenarios(maps))
     path = tmp_path / "scenario.xosc"
-    rvads.save_scenario(scenario, path)
-    assert rvads.load_scenario(path) == scenario
+    rvads.files.save_scenario(scenario, path)
+    assert rvads.files.load_scenario(path) == scenario
 
 
 @given(data=st.data())
@@ -70,8 +70,8 @@ def test_scenario_survives_export(maps: Path, tmp_path: Path, data: st.DataObjec
 def test_scenario_comes_back_from_a_foreign_file(maps: Path, tmp_path: Path, data: st.DataObject) -> None:
     scenario = data.draw(scenarios(maps))
     path = tmp_path / "scenario.xosc"
-    rvads.save_scenario(scenario, path)
-    copy = rvads.load_scenario(foreign(path))
+    rvads.files.save_scenario(scenario, path)
+    copy = rvads.files.load_scenario(foreign(path))
     assert (copy.placed, copy.creation, copy.followers) == (scenario.placed, scenario.creation, scenario.followers)
     assert copy.duration == scenario.duration
     times = [0.5 * k for k in range(round(2 * scenario.duration))]
@@ -83,19 +83,19 @@ def test_scenario_comes_back_from_a_foreign_file(maps: Path, tmp_path: Path, dat
 
 def test_equal_scenarios_give_equal_files(tmp_path: Path) -> None:
     for name in "ab":
-        rvads.save_scenario(rvads.Scenario(rvads.find("light4"), "2323", speed=5), tmp_path / name / "s.xosc")
+        rvads.files.save_scenario(rvads.Scenario(rvads.find("light4"), "2323", speed=5), tmp_path / name / "s.xosc")
     assert (tmp_path / "a" / "s.xosc").read_bytes() == (tmp_path / "b" / "s.xosc").read_bytes()
 
 
 def test_imported_scenario_gives_the_same_run(tmp_path: Path) -> None:
     scenario = rvads.Scenario(rvads.find("stop4"), "2030", duration=5.0)
-    rvads.save_scenario(scenario, tmp_path / "x.xosc")
-    run = rvads.simulate(rvads.Case(rvads.load_scenario(tmp_path / "x.xosc"), rvads.Reference))
+    rvads.files.save_scenario(scenario, tmp_path / "x.xosc")
+    run = rvads.simulate(rvads.Case(rvads.files.load_scenario(tmp_path / "x.xosc"), rvads.Reference))
     assert run == rvads.simulate(rvads.Case(scenario, rvads.Reference))
 
 
 def test_vehicles_are_declared_in_the_order_of_their_creation(tmp_path: Path) -> None:
-    rvads.save_scenario(rvads.Scenario(rvads.find("stop4"), "2222", order=(2, 0, 3, 1), followers=1), tmp_path / "x.xosc")
+    rvads.files.save_scenario(rvads.Scenario(rvads.find("stop4"), "2222", order=(2, 0, 3, 1), followers=1), tmp_path / "x.xosc")
     declared = re.findall(r'<ScenarioObject name="([^"]*)"', (tmp_path / "x.xosc").read_text("utf-8"))
     assert declared == ["a2", "a2+1", "a0", "a0+1", "a3", "a3+1", "a1", "a1+1"]
 
@@ -103,8 +103,8 @@ def test_vehicles_are_declared_in_the_order_of_their_creation(tmp_path: Path) ->
 def test_exported_bodies_start_at_their_simulated_places(tmp_path: Path) -> None:
     scenario = rvads.Scenario(rvads.find("stop4"), "2000", duration=0.1)
     fleet = rvads.Fleet(others={"a0": TRUCK})
-    rvads.save_scenario(scenario, tmp_path / "s.xosc", fleet=fleet)
-    rvads.export_run(rvads.simulate(rvads.Case(scenario, rvads.Reference, fleet=fleet)), tmp_path / "r.xosc")
+    rvads.files.save_scenario(scenario, tmp_path / "s.xosc", fleet=fleet)
+    rvads.files.export_run(rvads.simulate(rvads.Case(scenario, rvads.Reference, fleet=fleet)), tmp_path / "r.xosc")
     starts = [re.search(r'<WorldPosition x="(\S+)" y="(\S+)"', (tmp_path / n).read_text("utf-8")) for n in ("s.xosc", "r.xosc")]
     exported, simulated = ([float(number) for number in match.groups()] for match in starts if match)
     assert exported == pytest.approx(simulated, abs=1e-9)
@@ -113,27 +113,27 @@ def test_exported_bodies_start_at_their_simulated_places(tmp_path: Path) -> None
 
 def test_position_to_acquire_replaces_a_route(tmp_path: Path) -> None:
     scenario = rvads.Scenario(rvads.find("stop4"), "1000", speed=3)
-    rvads.save_scenario(scenario, tmp_path / "s.xosc")
+    rvads.files.save_scenario(scenario, tmp_path / "s.xosc")
     path = foreign(tmp_path / "s.xosc")
     text = path.read_text("utf-8")
     goal = re.findall(r"<Position>\s*<WorldPosition [^>]*>\s*</Position>", text)[-1]
     acquire = f"<AcquirePositionAction>{goal}</AcquirePositionAction>"
     path.write_text(re.sub("<AssignRouteAction>.*</AssignRouteAction>", acquire, text, flags=re.DOTALL), encoding="utf-8")
-    assert rvads.load_scenario(path).placed == scenario.placed
+    assert rvads.files.load_scenario(path).placed == scenario.placed
 
 
 def test_missing_headings_are_those_of_lanes(tmp_path: Path) -> None:
     scenario = rvads.Scenario(rvads.find("stop4"), "1200", distance=(3, 4, 0, 0))
-    rvads.save_scenario(scenario, tmp_path / "s.xosc")
+    rvads.files.save_scenario(scenario, tmp_path / "s.xosc")
     path = foreign(tmp_path / "s.xosc")
     path.write_text(re.sub(r' h="[^"]*"', "", path.read_text("utf-8")), encoding="utf-8")
-    assert [start[0] for start in rvads.load_scenario(path).starts()] == pytest.approx([3.0, 4.0], abs=1e-5)
+    assert [start[0] for start in rvads.files.load_scenario(path).starts()] == pytest.approx([3.0, 4.0], abs=1e-5)
 
 
 def test_named_junction_ignores_the_note(tmp_path: Path) -> None:
     scenario = rvads.Scenario(rvads.find("stop4"), "1133", subject=1)
-    rvads.save_scenario(scenario, tmp_path / "s.xosc")
-    copy = rvads.load_scenario(tmp_path / "s.xosc", junction="stop4")
+    rvads.files.save_scenario(scenario, tmp_path / "s.xosc")
+    copy = rvads.files.load_scenario(tmp_path / "s.xosc", junction="stop4")
     assert copy.place is scenario.place
     assert copy.subject is None  # the note is ignored
 
@@ -183,10 +183,10 @@ def renamed(old: str, new: str, count: int = -1) -> Callable[[str], str]:
 )
 def test_unsupported_elements_are_refused_by_name(change: Callable[[str], str], message: str, tmp_path: Path) -> None:
     path = tmp_path / "s.xosc"
-    rvads.save_scenario(rvads.Scenario(rvads.find("stop4"), "2000"), path)
+    rvads.files.save_scenario(rvads.Scenario(rvads.find("stop4"), "2000"), path)
     path.write_text(change(foreign(path).read_text("utf-8")), encoding="utf-8")
     with pytest.raises(ScenarioError, match=message) as refused:
-        rvads.load_scenario(path)
+        rvads.files.load_scenario(path)
     assert "\n" not in str(refused.value)
 
 
@@ -213,35 +213,35 @@ def test_unsupported_elements_are_refused_by_name(change: Callable[[str], str], 
 )
 def test_file_that_contradicts_its_note_is_refused(change: Callable[[str], str], message: str, tmp_path: Path) -> None:
     path = tmp_path / "s.xosc"
-    rvads.save_scenario(rvads.Scenario(rvads.find("light4"), "2000", speed=3), path)
+    rvads.files.save_scenario(rvads.Scenario(rvads.find("light4"), "2000", speed=3), path)
     path.write_text(change(path.read_text("utf-8")), encoding="utf-8")
     with pytest.raises(ScenarioError, match=message):
-        rvads.load_scenario(path)
+        rvads.files.load_scenario(path)
 
 
 def test_queue_at_other_places_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "s.xosc"
-    rvads.save_scenario(rvads.Scenario(rvads.find("stop4"), "2000", followers=1), path)
+    rvads.files.save_scenario(rvads.Scenario(rvads.find("stop4"), "2000", followers=1), path)
     copy = foreign(path)
     text = copy.read_text("utf-8")
     y = re.findall(r'<WorldPosition x="\S+" y="(\S+)"', text[text.index('entityRef="a0+1"') :])[0]
     copy.write_text(text.replace(f'y="{y}"', f'y="{float(y) - 2.0}"'), encoding="utf-8")
     with pytest.raises(ScenarioError, match=r"'a0\+1' starts 28\.60 m before its line at 0 m/s, expected 26\.60 m at 0 m/s"):
-        rvads.load_scenario(copy)
+        rvads.files.load_scenario(copy)
 
 
 @pytest.mark.parametrize(
     ("make", "error", "message"),
     [
-        (lambda path: rvads.save_scenario(cast(Any, "stop4"), path), ScenarioError, "save_scenario takes a rvads.Scenario"),
+        (lambda path: rvads.files.save_scenario(cast(Any, "stop4"), path), ScenarioError, "save_scenario takes a rvads.Scenario"),
         (
-            lambda path: rvads.save_scenario(_scenario(), path, fleet=cast(Any, TRUCK)),
+            lambda path: rvads.files.save_scenario(_scenario(), path, fleet=cast(Any, TRUCK)),
             ScenarioError,
             "fleet= must be a rvads.Fleet",
         ),
-        (lambda path: rvads.save_scenario(_scenario(distance=900.0), path), ScenarioError, "does not fit on entrance 0"),
-        (lambda path: rvads.load_scenario(path), ScenarioError, "No such file"),
-        (lambda path: rvads.load_scenario(path.parent), ScenarioError, "can't be read"),
+        (lambda path: rvads.files.save_scenario(_scenario(distance=900.0), path), ScenarioError, "does not fit on entrance 0"),
+        (lambda path: rvads.files.load_scenario(path), ScenarioError, "No such file"),
+        (lambda path: rvads.files.load_scenario(path.parent), ScenarioError, "can't be read"),
     ],
 )
 def test_misuse_is_refused(make: Callable[[Any], Any], error: type[RvadsError], message: str, tmp_path: Path) -> None:
@@ -258,6 +258,6 @@ def test_junction_without_a_map_is_refused(maps: Path, tmp_path: Path) -> None:
 
     place = replace(rvads.find("1", maps / "five.xodr"), map=None)
     with pytest.raises(MapError, match=r"the map file of junction 'five\.1' is not known"):
-        rvads.save_scenario(rvads.Scenario(place, "10000"), tmp_path / "x.xosc")
-    rvads.save_scenario(rvads.Scenario(place, "10000"), tmp_path / "x.xosc", map=maps / "five.xodr")
-    assert rvads.load_scenario(tmp_path / "x.xosc").place == place
+        rvads.files.save_scenario(rvads.Scenario(place, "10000"), tmp_path / "x.xosc")
+    rvads.files.save_scenario(rvads.Scenario(place, "10000"), tmp_path / "x.xosc", map=maps / "five.xodr")
+    assert rvads.files.load_scenario(tmp_path / "x.xosc").place == place

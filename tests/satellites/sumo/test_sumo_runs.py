@@ -72,7 +72,7 @@ def test_first_state_is_the_start_of_the_case(place: str) -> None:
 
 def test_too_fast_start_of_a_sumo_driver_is_refused() -> None:
     with pytest.raises(
-        rvads.RunError, match=r"^SUMO lets a0 depart at \(1.75, -75.00\) with 11.18 m/s, expected .* with 15.00 m/s"
+        rvads.errors.RunError, match=r"^SUMO lets a0 depart at \(1.75, -75.00\) with 11.18 m/s, expected .* with 15.00 m/s"
     ):
         simulated("stop4", "2000", distance=60.0, speed=15.0)
     run = among("2020", rvads.Reference, rvads.SumoDriver, distance=60.0, speed=[15.0, 0.0, 5.0, 0.0])
@@ -297,7 +297,9 @@ def test_sumo_killed_between_runs_is_replaced(processes: list[SumoProcess]) -> N
 def test_sumo_with_a_removed_folder_is_replaced(processes: list[SumoProcess]) -> None:
     first = simulated("stop4", "2000").hash
     shutil.rmtree(processes[-1]._folder)
-    with pytest.raises(rvads.RunError, match=r"^SUMO \(libsumo\): its files can't be written to .*: No such file or directory$"):
+    with pytest.raises(
+        rvads.errors.RunError, match=r"^SUMO \(libsumo\): its files can't be written to .*: No such file or directory$"
+    ):
         simulated("stop4", "2000")
     assert simulated("stop4", "2000").hash == first
 
@@ -336,7 +338,7 @@ def test_every_seed_of_the_senses_gives_a_seed_of_sumo() -> None:
 
 
 def test_refusal_of_sumo_is_quoted() -> None:
-    with pytest.raises(rvads.RunError, match=r"^SUMO \(libsumo\): .*"):
+    with pytest.raises(rvads.errors.RunError, match=r"^SUMO \(libsumo\): .*"):
         simulated("stop4", "2000", rvads.Sumo(carFollowModel="none such"))
     assert not [process for process in sumo_process._FREE if not process.usable]
     assert simulated("stop4", "2000").fault is None
