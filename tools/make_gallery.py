@@ -72,7 +72,8 @@ def make(page: str, folder: Path) -> list[str]:
         options = [
             "--tb=short",
             "--rvads-artefacts=none",
-            "--rvads-repeat=never",
+            "-o",
+            "rvads_repeat=never",
             "-p",
             "no:cacheprovider",
             "-c",

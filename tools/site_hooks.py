@@ -28,7 +28,8 @@ _CODE = re.compile(r"(^```.*?^```|`[^`\n]*`)", re.MULTILINE | re.DOTALL)
 _OPTIONS = """\
 # Options
 
-Options of pytest that begin with `--rvads-`. Each has a twin in the ini file, for example in `pyproject.toml`:
+Options of pytest that begin with `--rvads-`, and settings without an option. Each option has a twin in the ini file, for example
+in `pyproject.toml`:
 
 ```toml
 [tool.pytest.ini_options]
@@ -36,7 +37,8 @@ rvads_map = "maps/town.xodr"
 rvads_cover = "scenario"
 ```
 
-The command line comes before an environment variable, and that before the ini file."""
+The command line comes before an environment variable, and that before the ini file. `pytest -o NAME=VALUE` gives a setting on the
+command line."""
 _REPLAY = re.compile(r"^<!-- replay: ([\w-]+) -->$", re.MULTILINE)
 
 
@@ -116,16 +118,20 @@ def gallery() -> dict[str, str]:
 
 
 def options() -> str:
-    """Return the page of all options."""
+    """Return the page of all options and settings."""
     sections = []
     for action in all_options()._actions:
-        text, _, ending = str(action.help).replace("%%", "%").rpartition(" (ini: ")
-        _, _, default = ending.removesuffix(")").partition(", default ")
+        found = re.fullmatch(r"(.*?)(?: \((?:ini: \w+)?(?:, )?(?:default ([^()]+))?\))?", str(action.help).replace("%%", "%"))
+        text, default = found.groups() if found else ("", None)
         value = "|".join(action.choices) if action.choices else action.metavar
         held = f"default `{default}`" if default else "no default"
         told = re.sub(r"\bdocs/([\w-]+\.md)", r"[\1](\1)", f"{text[0].upper()}{text[1:]}.")
-        flag = action.option_strings[0]
-        sections.append(f"## {flag}\n\n`{flag}={value}`, in the ini file `{action.dest}`, {held}\n\n{told}")
+        if action.option_strings:
+            flag = action.option_strings[0]
+            sections.append(f"## {flag}\n\n`{flag}={value}`, in the ini file `{action.dest}`, {held}\n\n{told}")
+        else:
+            setting = action.dest
+            sections.append(f"## {setting.partition('=')[0]}\n\n`-o {setting}`, {held}\n\n{told}")
     return "\n\n".join([_OPTIONS, *sections]) + "\n"
 
 

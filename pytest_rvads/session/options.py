@@ -1,7 +1,7 @@
-"""The options of the plugin, each a flag ``--rvads-*`` and an ini setting ``rvads_*``, read once into an `Options` object.
+"""The options of the plugin, each an ini setting ``rvads_*`` and mostly a flag ``--rvads-*``, read once into an `Options` object.
 
-A field of `Options` declares an option: its help, its default, and the function that makes the value of the field from the text
-of the flag, the ini setting or the default.
+A field of `Options` declares an option: its help, its default, the function that makes the value of the field from the text
+of the flag, the ini setting or the default, and whether the option is a setting only.
 """
 
 from __future__ import annotations
@@ -40,8 +40,10 @@ class _Option:
     default: str
     metavar: str
     choices: tuple[str, ...] | None
-    several: bool
+    several: bool = False
     """Whether the flag can be given several times; the ini setting of such an option has one value per line."""
+    setting_only: bool = False
+    """Whether the option is an ini setting only. Until version 0.4 its former flag works, with a warning."""
 
 
 def _option(
@@ -50,11 +52,13 @@ def _option(
     default: str = "",
     metavar: str = "",
     choices: tuple[str, ...] | None = None,
-    *,
-    several: bool = False,
+    **kinds: bool,
 ) -> Any:
-    """Return a dataclass field of `Options`; without `metavar`, the help shows the last word of the option's name."""
-    return field(metadata={"option": _Option(help, parse, default, metavar, choices, several)})
+    """Return a dataclass field of `Options`; without `metavar`, the help shows the last word of the option's name.
+
+    `kinds` are the fields `several` and `setting_only` of the declaration.
+    """
+    return field(metadata={"option": _Option(help, parse, default, metavar, choices, **kinds)})
 
 
 def _text(_config: pytest.Config, _name: str, text: str) -> str | None:
@@ -185,10 +189,18 @@ class Options:
     )
     sut_timeout: float = _option("longest real time for one decision of the stack", _seconds, "5", "SECONDS")
     sut_startup: float = _option(
-        "longest real time for the start of the stack, and for its preparation of a scenario", _seconds, "15", "SECONDS"
+        "longest real time for the start of the stack, and for its preparation of a scenario",
+        _seconds,
+        "15",
+        "SECONDS",
+        setting_only=True,
     )
     sut_grace: float = _option(
-        "longest real time until the stack exits after bye, and after SIGTERM", partial(_number, most=3600.0), "1", "SECONDS"
+        "longest real time until the stack exits after bye, and after SIGTERM",
+        partial(_number, most=3600.0),
+        "1",
+        "SECONDS",
+        setting_only=True,
     )
     decision_limit: float = _option(
         "longest real time for one call into a driver; 0 for no limit. A longer call makes the item an ERROR, and after three "
@@ -196,8 +208,11 @@ class Options:
         partial(_number, most=1e6),
         "15",
         "SECONDS",
+        setting_only=True,
     )
-    run_limit: float = _option("longest real time for a run; 0 for no limit", partial(_number, most=1e6), "300", "SECONDS")
+    run_limit: float = _option(
+        "longest real time for a run; 0 for no limit", partial(_number, most=1e6), "300", "SECONDS", setting_only=True
+    )
     speed_limit: float | None = _option(
         "speed limit everywhere, such as 30mph, 50km/h or 13.9 for m/s; by default the speed limits of the map, and 25 mph on "
         "roads without a speed limit",
@@ -289,6 +304,7 @@ class Options:
         _text,
         "failed",
         choices=("failed", "never"),
+        setting_only=True,
     )
     artefacts: str | None = _option(
         "folder with a subfolder per session, for its page, its report, its failed runs and their replay pages, see "
@@ -296,7 +312,9 @@ class Options:
         _folder,
         ".rvads",
     )
-    keep_sessions: int = _option("number of sessions whose subfolders of --rvads-artefacts are kept", _count, "5", "N")
+    keep_sessions: int = _option(
+        "number of sessions whose subfolders of --rvads-artefacts are kept", _count, "5", "N", setting_only=True
+    )
     unavoidable: str = _option(
         "effect of a violation that no vehicle could have avoided on its test", _text, "pass", choices=("pass", "fail")
     )
@@ -335,6 +353,7 @@ class Options:
         if texts["fail_on"] != "any" and not texts["baseline"]:
             raise RvadsError(f"rvads_fail_on={texts['fail_on']} needs something to compare with: add --rvads-baseline=FILE.json")
         values = {name: option.parse(config, _ini_name(name), texts.get(name, "")) for name, option in _DECLARED.items()}
+        _warn_of_former_flags(config)
         return cls(_again(config), **values)
 
 
@@ -359,7 +378,7 @@ _HELP = "--rvads-help"
 
 
 def declare(parser: pytest.Parser) -> None:
-    """Add the flag and the ini setting of every option to pytest's parser."""
+    """Add the ini setting and the flag of every option to pytest's parser, and the hidden former flags of settings."""
     group = parser.getgroup("rvads", f"traffic-rule validation (pytest-rvads; documentation: {page()})")
     for name, option in _DECLARED.items():
         ini, keywords = _ini_name(name), _keywords(name, option)
@@ -368,19 +387,32 @@ def declare(parser: pytest.Parser) -> None:
             parser.addini(ini, help=f"see {_HELP}", type="linelist", default=[])
         else:
             parser.addini(ini, help=f"see {_HELP}", type="string", default="")
-    group.addoption(
-        _HELP, dest="rvads_help", action="store_true", help=f"show all {len(_DECLARED)} options of this plugin, and exit"
-    )
+    settings = sum(option.setting_only for option in _DECLARED.values())
+    counted = f"{len(_DECLARED) - settings} options and {settings} further settings"
+    group.addoption(_HELP, dest="rvads_help", action="store_true", help=f"show all {counted} of this plugin, and exit")
 
 
 def all_options() -> argparse.ArgumentParser:
-    """Return a parser of the plugin's options alone, with their whole help texts."""
+    """Return a parser of the plugin's options alone, with their whole help texts.
+
+    A setting without a flag is a positional argument of the parser, because a parser shows no other kind of name.
+    """
     parser = argparse.ArgumentParser(prog="pytest", usage="pytest [--rvads-OPTION=VALUE ...]", add_help=False)
     group = parser.add_argument_group(
         "rvads", "Each option is also a setting of pytest's ini file, whose name stands in brackets."
     )
+    settings = parser.add_argument_group(
+        "settings without an option",
+        "Settings of pytest's ini file. On the command line, pytest's option -o sets them: -o NAME=VALUE.",
+    )
     for name, option in _DECLARED.items():
-        group.add_argument(_flag(name), **_keywords(name, option))
+        if option.setting_only:
+            value = f"{{{','.join(option.choices)}}}" if option.choices else option.metavar
+            settings.add_argument(
+                f"{_ini_name(name)}={value}", help=f"{option.help} (default {option.default})".replace("%", "%%")
+            )
+        else:
+            group.add_argument(_flag(name), **_keywords(name, option))
     return parser
 
 
@@ -411,6 +443,18 @@ def _read_text(config: pytest.Config, name: str, option: _Option) -> str:
     if option.choices and text and text not in option.choices:
         raise RvadsError(f"{_ini_name(name)} must be one of {', '.join(option.choices)}, got {text!r}")
     return text
+
+
+def _warn_of_former_flags(config: pytest.Config) -> None:
+    """Warn once per session of every flag on the command line whose option is a setting only."""
+    if hasattr(config, "workerinput"):  # the main process has warned
+        return
+    for name, option in _DECLARED.items():
+        value = config.getoption(_ini_name(name)) if option.setting_only else None
+        if value is not None:
+            setting = f"{_ini_name(name)}={value}"
+            told = f"{_flag(name)} is now the setting {_ini_name(name)}: write -o {setting}, or {setting} in the ini file; "
+            config.issue_config_time_warning(DeprecationWarning(f"{told}version 0.4 removes the option"), stacklevel=2)
 
 
 def _again(config: pytest.Config) -> str:

@@ -122,9 +122,9 @@ class Watch:
         decision = min(self.limits.decision, _GRACE) if self.late else self.limits.decision
         self._over, late = None, ""
         if decision and not got_on and now - self._since >= decision:
-            self._over, late = asked, f"no answer within {decision:g} s of real time (--rvads-decision-limit)"
+            self._over, late = asked, f"no answer within {decision:g} s of real time (setting rvads_decision_limit)"
         elif self.limits.run and now - self._began >= self.limits.run:
-            self._over, late = self, f"the run took longer than {self.limits.run:g} s of real time (--rvads-run-limit)"
+            self._over, late = self, f"the run took longer than {self.limits.run:g} s of real time (setting rvads_run_limit)"
             self._began += _GRACE
         if late and not self.late:
             stack = sys._current_frames().get(self.thread)

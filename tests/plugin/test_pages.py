@@ -218,9 +218,24 @@ def test_the_last_few_sessions_stay(pytester: pytest.Pytester, racing: Path) -> 
     assert {path.name for path in racing.iterdir()} == {"3", "4", "latest", "mine.html", ".gitignore"}
 
 
+@pytest.mark.parametrize("workers", [(), pytest.param(("-n1",), marks=pytest.mark.extended)])
+def test_a_setting_counts_on_the_command_line_and_its_former_option_says_so_once(
+    pytester: pytest.Pytester, racing: Path, workers: tuple[str, ...]
+) -> None:
+    told = "DeprecationWarning: --rvads-keep-sessions is now the setting rvads_keep_sessions: write -o rvads_keep_sessions=2, or "
+    for token in "abc":
+        (claimed(racing, token, 9) / "report.json").write_text("{}")
+    result = pytester.runpytest("-k", "class01 and full_stop", "--rvads-keep-sessions=2", *workers)
+    assert result.stdout.str().count(told) == 1
+    assert {path.name for path in racing.iterdir() if path.name.isdecimal()} == {"3", "4"}
+    result = pytester.runpytest("-k", "class01 and full_stop", "-o", "rvads_keep_sessions=1", *workers)
+    assert "keep-sessions" not in result.stdout.str()
+    assert {path.name for path in racing.iterdir() if path.name.isdecimal()} == {"5"}
+
+
 @pytest.mark.parametrize("count", ["0", "-1", "x", "1.5"])
 def test_how_many_stay_is_a_number_from_one(pytester: pytest.Pytester, count: str) -> None:
-    result = pytester.runpytest(f"--rvads-keep-sessions={count}")
+    result = pytester.runpytest("-o", f"rvads_keep_sessions={count}")
     result.stderr.fnmatch_lines([f"*rvads_keep_sessions must be a whole number from 1 to 999999999, got '{count}'"])
 
 

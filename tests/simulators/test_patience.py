@@ -82,7 +82,7 @@ def test_hanging_driver_is_a_fault_with_vehicle_time_and_line(wait: Any) -> None
     assert found.fault is not None
     assert (found.fault.agent, found.fault.time, found.provenance["end"]) == ("a1", pytest.approx(0.04), "late")
     assert found.fault.reason.startswith(
-        "hanging.<locals>.Hangs driving a1 at 0.04 s: no answer within 0.2 s of real time (--rvads-decision-limit), "
+        "hanging.<locals>.Hangs driving a1 at 0.04 s: no answer within 0.2 s of real time (setting rvads_decision_limit), "
         f"it was at {FILE}:"
     )
     assert found.steps == 5, "what was sampled is kept"
@@ -127,7 +127,7 @@ def test_hanging_abandon_does_not_delay_the_fault() -> None:
 def test_a_run_has_a_limit_too_however_quick_its_decisions_are() -> None:
     found = run(hanging(lambda: time.sleep(0.02), 0.0), 0.0, 0.3, SCENARIO.but(duration=60))
     assert found.fault is not None
-    assert "the run took longer than 0.3 s of real time (--rvads-run-limit), it was at " in found.fault.reason
+    assert "the run took longer than 0.3 s of real time (setting rvads_run_limit), it was at " in found.fault.reason
     assert found.provenance["end"] == "late"
 
 

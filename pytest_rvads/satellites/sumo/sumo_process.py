@@ -123,7 +123,7 @@ class SumoProcess:
             head = json.loads(self._child.line(limit))
             numbers = array("d", self._child.exactly(8 * head["numbers"], limit))
         except StackTimeout:
-            raise self._failed(f"no answer within {limit:g} s of real time (--rvads-decision-limit)") from None
+            raise self._failed(f"no answer within {limit:g} s of real time (setting rvads_decision_limit)") from None
         except StackError as error:
             raise self._failed(f"{error}") from None
         except BaseException:  # after an interrupt, the answer could arrive late and be taken for the answer to another request

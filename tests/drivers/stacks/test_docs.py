@@ -25,9 +25,15 @@ def test_script_of_the_page_prints_its_comments() -> None:
 def test_page_names_policies_senses_and_options() -> None:
     for name in [*POLICIES, *(item.name for item in fields(Senses))]:
         assert f"`{name}`" in TEXT or f'`"{name}"`' in TEXT, name
-    for name in ("sut", "sut_rate", "sut_timeout", "sut_startup", "sut_grace"):
+    for name, shown in {
+        "sut": "--rvads-sut ",
+        "sut_rate": "--rvads-sut-rate ",
+        "sut_timeout": "--rvads-sut-timeout ",
+        "sut_startup": "-o rvads_sut_startup=",
+        "sut_grace": "-o rvads_sut_grace=",
+    }.items():
         assert name in Options.__dataclass_fields__
-        assert f"--rvads-{name.replace('_', '-')}" in TEXT
+        assert f"| `{shown}" in TEXT
 
 
 def test_examples_have_the_lengths_on_the_page() -> None:

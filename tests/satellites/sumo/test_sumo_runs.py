@@ -279,7 +279,7 @@ def test_hanging_sumo_is_a_fault(processes: list[SumoProcess]) -> None:
     with rvads.limits(decision=0.5):
         run = among("2020", signalling(processes, signal.SIGSTOP), rvads.SumoDriver)
     assert "SUMO (libsumo): " in run.fault.reason
-    assert "no answer within 0.5 s of real time (--rvads-decision-limit)" in run.fault.reason
+    assert "no answer within 0.5 s of real time (setting rvads_decision_limit)" in run.fault.reason
     with pytest.raises(ProcessLookupError):
         os.kill(processes[-1].pid, 0)
 
