@@ -61,7 +61,7 @@ def test_calibration_is_a_table_json_and_a_drawing(
     assert result["throttle"] == {"full": None, "largest": 0.0, "used": []}
     assert result["brake"]["full"] == pytest.approx(-FULL_BRAKE[1], rel=0.01)
     words = [element.text for element in ElementTree.parse("pedals.svg").iter() if element.text]
-    assert {"pedals of mine:Brakes", "position of the throttle", "position of the brake"} <= set(words)
+    assert {"pedals of mine:Brakes", "position of the throttle, 1 = full", "position of the brake, 1 = full"} <= set(words)
     assert main(["calibrate", "--autopilot", "mine:Brakes"]) == 0
     *_, throttle, brake = capsys.readouterr().out.splitlines()
     assert throttle == "throttle: never pressed"

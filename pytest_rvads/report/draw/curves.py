@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from math import isfinite
+from math import floor, isfinite, log10
 
 from pytest_rvads.report.draw.svg import document, polyline, text
 
@@ -18,6 +18,10 @@ _LEFT, _TOP, _WIDE, _HIGH = 60.0, 44.0, 560.0, 340.0
 """Place and size of the diagram [px]."""
 _REACH, _FAST, _TICK = 20.0, 12.0, 2.0
 """Ends of the axes [m], [m/s], and the distance of their ticks."""
+_ENDS = (1.0, 1.2, 1.6, 2.0, 2.4, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)
+"""Ends of the axes of a diagram in units of a power of ten; a quarter of each has at most three digits."""
+_LETTER = 12.0
+"""Height of a line of labels at the ends of lines [px]."""
 
 
 def draw_braking(curves: Curves, title: str, beneath: Curves | None = None) -> str:
@@ -82,7 +86,8 @@ def draw_dynamics(
     curves = {v: [(0.0, 0.0), *((x, t) for x, t in line if isfinite(t))] for v, line in times.items()}
     body = [text(_LEFT, 24, title, font_weight="bold")]
     body += _panel(_LEFT, {"": stops}, "speed v [m/s]", "B(v): distance to stop [m]")
-    body += _panel(2 * _LEFT + _HIGH, {f"from {v:g} m/s": line for v, line in curves.items()}, "x [m]", "AT(v, x): time [s]")
+    labelled = {f"from {v:g} m/s": line for v, line in curves.items()}
+    body += _panel(2 * _LEFT + _HIGH, labelled, "distance x [m]", "AT(v, x): time [s]")
     return document(2 * _LEFT + 2 * _HIGH + 110, _TOP + _HIGH + 50, body)
 
 
@@ -96,33 +101,41 @@ def draw_pedals(points: Mapping[str, Sequence[tuple[float, float]]], title: str)
     body = [text(_LEFT, 24, title, font_weight="bold")]
     for number, (name, line) in enumerate(points.items()):
         left = _LEFT + number * (_LEFT + _HIGH)
-        up = "deceleration [m/s^2]" if name == "brake" else "acceleration [m/s^2]"
-        body += _panel(left, {"": [(0.0, 0.0), *line]}, f"position of the {name}", up)
+        up = "deceleration [m/s²]" if name == "brake" else "acceleration [m/s²]"
+        body += _panel(left, {"": [(0.0, 0.0), *line]}, f"position of the {name}, 1 = full", up)
     return document(len(points) * (_LEFT + _HIGH) + 110, _TOP + _HIGH + 50, body)
 
 
 def _panel(left: float, lines: Mapping[str, Sequence[tuple[float, float]]], along: str, up: str) -> list[str]:
-    """Return a square diagram of lines, each with a label at its end."""
+    """Return a square diagram of lines, each with a label at its end; labels of ends that are close stand below each other."""
     points = [point for line in lines.values() for point in line]
-    wide, high = (max((point[axis] for point in points), default=0.0) or 1.0 for axis in (0, 1))
+    wide, high = (_round_end(max((point[axis] for point in points), default=0.0)) for axis in (0, 1))
 
     def place(point: tuple[float, float]) -> tuple[float, float]:
         return left + _HIGH * point[0] / wide, _TOP + _HIGH * (1.0 - point[1] / high)
 
     bottom = _TOP + _HIGH
     body = [polyline([(left, _TOP), (left, bottom), (left + _HIGH, bottom)], stroke="#222")]
-    for part in (0.25, 0.5, 0.75, 1.0):
+    for part in (0.0, 0.25, 0.5, 0.75, 1.0):
         x, y = place((part * wide, part * high))
         body += [polyline([(x, _TOP), (x, bottom)], stroke="#eee"), polyline([(left, y), (left + _HIGH, y)], stroke="#eee")]
-        body.append(text(x, bottom + 18, f"{part * wide:.3g}", text_anchor="middle"))
-        body.append(text(left - 8, y + 4, f"{part * high:.3g}", text_anchor="end"))
-    for label, line in lines.items():
-        if not line:
-            continue
-        body.append(polyline(map(place, line), stroke="#0072b2", stroke_width=2))
-        if label:
-            x, y = place(line[-1])
-            body.append(text(x + 6, y + 4, label, font_size=11))
+        body.append(text(x, bottom + 18, f"{part * wide:g}", text_anchor="middle"))
+        body.append(text(left - 8, y + 4, f"{part * high:g}", text_anchor="end"))
+    body += [polyline(map(place, line), stroke="#0072b2", stroke_width=2) for line in lines.values() if line]
+    ends = sorted((*place(line[-1])[::-1], label) for label, line in lines.items() if line and label)
+    below = -_LETTER
+    for y, x, label in ends:
+        below = max(y, below + _LETTER)
+        body.append(text(x + 6, below + 4, label, font_size=11))
     body.append(text(left + _HIGH / 2, bottom + 38, along, text_anchor="middle"))
     body.append(text(left, _TOP - 6, up))
     return body
+
+
+def _round_end(greatest: float) -> float:
+    """Return the end of an axis that holds a value: a number whose quarters are short, such as 0.8, 1, 6 or 20."""
+    if greatest <= 0.0:
+        return 1.0
+    unit = 10.0 ** floor(log10(greatest))
+    ends = (part * unit for part in _ENDS)
+    return next(float(f"{end:.6g}") for end in ends if end >= greatest * (1.0 - 1e-9))
