@@ -41,12 +41,17 @@ _HELP = (
     "subject stands at its line at the start.",
     "Full colour: the subject enters first. Faint colour: the subject waits. Each tick below a strip is a simulated start. The "
     "verdicts between two ticks with equal verdicts are inferred.",
+    "Green: no rule is broken. Orange: the rule that the band names is broken, or a run has no verdict (ERROR). Yellow: the "
+    "broken rule is PROVOKED, UNAVOIDABLE, UNSURE or OPEN. The commands below the strips repeat one start of each such band.",
 )
 _WALKING = "With a pedestrian, the lead is the arrival of the pedestrian minus that of the subject where their ways meet."
 _NARROW = 0.05
 """Pieces of strips (leads with equal verdicts) up to this width are ignored when the page merges equal strips into a row [s]."""
-_LEFT, _WIDE, _ROW, _BAR, _TOP = 280.0, 720.0, 44.0, 20.0, 30.0
-"""Width of the labels, width of the strips, height of a row, height of a strip, height of the axis [px]."""
+_LEFT, _WIDE, _ROW, _LABEL, _BAR, _TOP = 34.0, 1000.0, 62.0, 26.0, 20.0, 66.0
+"""Margin and width of the strips, height of a row, of its label, of a strip and of the axis [px].
+
+Labels stand above the strips, and have room for the larger letters of narrow screens.
+"""
 _CHARACTER = 7.0
 """Width of a character, by which a text fits into its band or is left out [px]."""
 _Scale = Callable[[float], float]
@@ -178,7 +183,8 @@ def _page(certificates: Sequence[Mapping[str, Any]]) -> str:
     parts = []
     for certificate in certificates:
         rows = [row for group in certificate["groups"] for row in _rows(group)]
-        parts.append(f"<h2>{markup(certificate['junction'])}</h2><p>{markup(certificate['summary'])}</p>")
+        summary = certificate["summary"].removeprefix(f"{certificate['junction']}: ")
+        parts.append(f"<h2>{markup(certificate['junction'])}</h2><p>{markup(summary)}</p>")
         strips = draw_strips(rows, -LONGEST, LONGEST, "lead of the subject")
         parts.append(f"<div class=scroll>{strips}</div>{_failures(certificate)}")
     return rendered("atlas of starts", blocks, None, ("pytest_rvads.report", "atlas"), strips="".join(parts))
@@ -270,26 +276,26 @@ def draw_strips(rows: Sequence[StripRow], least: float, greatest: float, axis: s
         axis: text of the axis.
     """
     height = _TOP + _ROW * len(rows) + 10
-    width = _LEFT + _WIDE + 20
+    width = 2 * _LEFT + _WIDE
 
     def x(seconds: float) -> float:
         return _LEFT + _WIDE * (seconds - least) / (greatest - least)
 
-    body = [f'<text x="{_LEFT - 20:g}" y="14" class="right">{markup(axis)}</text>']
+    body = [f'<text x="{_LEFT:g}" y="22">{markup(axis)}</text>']
     for second in range(round(least), round(greatest) + 1):
         body.append(f'<path class="grid" d="M{x(second):.1f} {_TOP - 8:g}V{height:g}"/>')
-        body.append(f'<text x="{x(second):.1f}" y="14" class="middle">{second:+d} s</text>')
+        body.append(f'<text x="{x(second):.1f}" y="{_TOP - 14:g}" class="middle">{second:+d} s</text>')
     for number, row in enumerate(rows):
         body += _drawn_row(row, _TOP + _ROW * number, x)
     return f'<svg class="strips" viewBox="0 0 {width:g} {height:g}" role="img" aria-label="{markup(axis)}">{"".join(body)}</svg>'
 
 
 def _drawn_row(row: StripRow, top: float, x: _Scale) -> Iterator[str]:
-    yield f'<text x="{_LEFT - 12:g}" y="{top + 14:g}" class="right">{markup(row.label)}</text>'
-    yield f'<text x="{_LEFT - 12:g}" y="{top + 29:g}" class="right note">{markup(row.note)}</text>'
+    label = f'{markup(row.label)} <tspan class="aside">{markup(row.note)}</tspan>'
+    yield f'<text x="{_LEFT:g}" y="{top + _LABEL - 8:g}" class="label">{label}</text>'
     for band in row.bands:
-        yield from _drawn_band(band, top, x)
-    ticks = "".join(f"M{x(tick):.1f} {top + _BAR + 2:g}v4" for tick in row.ticks)
+        yield from _drawn_band(band, top + _LABEL, x)
+    ticks = "".join(f"M{x(tick):.1f} {top + _LABEL + _BAR + 2:g}v4" for tick in row.ticks)
     yield f'<path class="ticks" d="{ticks}"/>'
 
 
@@ -301,4 +307,5 @@ def _drawn_band(band: Band, top: float, x: _Scale) -> Iterator[str]:
         f"<title>{markup(band.hint)}</title></rect>"
     )
     if len(band.label) * _CHARACTER < wide:
-        yield f'<text x="{left + wide / 2:.1f}" y="{top + 14:g}" class="middle{faint or " on"}">{markup(band.label)}</text>'
+        kind = "inside middle faint" if band.faint else "inside middle on"
+        yield f'<text x="{left + wide / 2:.1f}" y="{top + 14:g}" class="{kind}">{markup(band.label)}</text>'

@@ -2,6 +2,7 @@
 
 import re
 from html import unescape
+from itertools import pairwise
 from xml.etree import ElementTree
 
 import pytest
@@ -41,6 +42,24 @@ def test_band_has_its_mark_its_hint_and_a_label_if_there_is_room() -> None:
     assert "too narrow" not in words
 
 
+def test_label_stands_above_its_strip_and_over_the_whole_width() -> None:
+    """Beside the strips, the labels would take two thirds of a phone."""
+    root = drawn(StripRow("0->1", "all-way stop", [band(-6.0, 6.0)], []), StripRow("0->2", "", [band(-6.0, 6.0)], []))
+    labels = [node for node in root.iter("text") if node.attrib.get("class") == "label"]
+    assert ["".join(node.itertext()) for node in labels] == ["0->1 all-way stop", "0->2 "]
+    bands = list(root.iter("rect"))
+    tops = [float(node.attrib["y"]) for pair in zip(labels, bands, strict=True) for node in pair]
+    assert tops == sorted(tops)
+    wide = float(root.attrib["viewBox"].split()[2])
+    assert float(bands[0].attrib["width"]) > 0.9 * wide
+
+
+def test_page_says_what_the_colours_mean() -> None:
+    names = dict.fromkeys(("junction", "driver", "simulator", "summary"), "x")
+    page = _page([{**names, "rules": ["p1"], "groups": []}])
+    assert all(f"{colour}: " in page for colour in ("Green", "Orange", "Yellow", "Full colour", "Faint colour"))
+
+
 def test_hostile_names_are_texts_on_the_page_of_an_atlas() -> None:
     def page(text: str) -> str:
         piece = {"from": -6.0, "to": 6.0, "order": text, "status": "FAIL", "rule": text, "rerun": text}
@@ -62,6 +81,19 @@ def test_ticks_lie_below_the_ends_of_a_band() -> None:
     left, right = (float(x) for x in re.findall(r"M([\d.]+) ", path))
     assert left == pytest.approx(float(rect.attrib["x"]))
     assert right == pytest.approx(float(rect.attrib["x"]) + float(rect.attrib["width"]), abs=0.11)
+
+
+def test_labels_of_curves_that_end_close_to_each_other_do_not_overlap_and_axes_have_round_ticks() -> None:
+    times = {v: [(60.0, 5.0 + 0.05 * v)] for v in (0.0, 2.0, 4.0, 6.0)}
+    root = ElementTree.fromstring(draw_dynamics([(10.0, 13.6)], times, "title"))
+    texts = [(node.text or "", float(node.attrib["x"]), float(node.attrib["y"])) for node in root.findall(".//{*}text")]
+    rows = sorted(y for text, _, y in texts if text.startswith("from "))
+    assert len(rows) == 4
+    assert min(below - above for above, below in pairwise(rows)) >= 11.0
+    ticks = [text for text, _, _ in texts if re.fullmatch(r"[\d.]+", text)]
+    assert ticks.count("0") == 4, "every axis begins at 0"
+    assert {"16", "12", "8", "4"} <= set(ticks), "the axis of 13.6 m ends at 16 m"
+    assert all(len(tick) <= 4 for tick in ticks)
 
 
 def test_dynamics_leave_out_what_never_happens() -> None:
