@@ -28,11 +28,15 @@ __all__ = ["declare", "draw_classes"]
 
 _SHOWN = 100
 _START = "vehicles start up to {:.0f} m before the line"
-_CELL, _LABEL, _RADIUS, _LANE = 110, 90, 42.0, 5.0
+_CELL, _LABEL, _RADIUS, _LANE, _HEAD = 124, 90, 42.0, 5.0, 66
+"""Sizes of the picture of classes [px]: a scenario, the room for the name of a class, an arm, half a lane, title and legend."""
 _AT = 0.05
 """Distance between a crosswalk and a stopping line below which the crosswalk is at the line [m]."""
-_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#7f7f00")
-"""Okabe and Ito's palette, distinguishable by colour-blind people; a colour per direction (arms from entrance to exit)."""
+_COLOURS = ("#009e73", "#0072b2", "#d55e00", "#cc79a7", "#e69f00", "#56b4e9", "#7f7f00")
+"""Okabe and Ito's palette, distinguishable by colour-blind people; a colour per direction (arms from entrance to exit).
+
+At four arms, right, straight and left have the colours that they have in the picture of a map.
+"""
 
 
 def declare(commands: Subparsers) -> None:
@@ -99,9 +103,14 @@ def draw_classes(ways: int, title: str, rows: Iterable[tuple[str, Sequence[tuple
         rows: per class, its label and the directions of its scenarios.
     """
     body = [text(10, 24, title, font_size=15, font_weight="bold")]
+    body.append(text(10, 42, "direction: number of arms from entrance to exit, counter-clockwise", font_size=10))
+    for d in range(1, ways):
+        left = 10 + (d - 1) * _LABEL
+        line = f'<path d="M{left} 56h24" stroke="{_COLOURS[d - 1]}" stroke-width="2" marker-end="url(#d{d})"/>'
+        body.append(line + text(left + 34, 60, str(d)))
     count = 0
     for label, members in rows:
-        top = 40 + count * _CELL
+        top = _HEAD + count * _CELL
         body.append(text(10, top + _CELL / 2 + 4, label))
         for column, member in enumerate(members):
             x, y = _LABEL + (column + 0.5) * _CELL, top + _CELL / 2
@@ -112,7 +121,7 @@ def draw_classes(ways: int, title: str, rows: Iterable[tuple[str, Sequence[tuple
         f'<path d="M0 0L6 3L0 6z" fill="{_COLOURS[d - 1]}"/></marker>'
         for d in range(1, ways)
     )
-    return document(_LABEL + ways * _CELL + 10, 50 + count * _CELL, body, markers)
+    return document(_LABEL + ways * _CELL + 10, _HEAD + 10 + count * _CELL, body, markers)
 
 
 def _diagram(ways: int, directions: Sequence[int]) -> str:

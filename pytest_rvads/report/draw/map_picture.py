@@ -119,7 +119,7 @@ def _caption(road_map: RoadMap, report: JunctionReport, junction: Junction | Non
         lines += wrap(report.reason, _LETTERS)
     elif junction is not None:
         approaches = [f"{length:.0f} m" for length in report.approach]
-        lengths = ", ".join(f"{_entrance_label(report, k)} {length}" for k, length in enumerate(approaches))
+        lengths = ", ".join(f"{length} to {_entrance_label(report, k)}" for k, length in enumerate(approaches))
         lines += wrap(f"approach: {lengths if len(set(approaches)) > 1 else approaches[0]}", _LETTERS)
         lines += [line for sentence in _giving_way(report, junction) for line in wrap(sentence, _LETTERS)]
         doubts = (warning.message for warning in (*road_map.warnings, *road_map.bends) if warning.junction == report.id)

@@ -217,4 +217,5 @@ def test_the_figure_of_classes_has_a_movement_per_vehicle(ways: int) -> None:
     rows = [(f"class{n}", members(code)) for n, code in zip(range(5), classes(ways), strict=False)]
     document = ET.fromstring(draw_classes(ways, "title", rows))
     drawn = [p for p in document.iter(f"{SVG}path") if "marker-end" in p.attrib]
-    assert len(drawn) == sum(len(code) for _, group in rows for code in group)
+    key = ways - 1
+    assert len(drawn) == key + sum(len(code) for _, group in rows for code in group), "a line per direction and per vehicle"
