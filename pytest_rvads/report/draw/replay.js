@@ -235,6 +235,7 @@ run.agents.forEach((name, i) => {
   button.onclick = () => follow(i);
   if (run.responsible.includes(name)) row.cells[0].append(" (responsible)");
 });
+if (run.kinds.includes("pedestrian")) get("states").tHead.rows[0].cells[0].textContent = "road user";
 run.events.forEach(([time, text, marked]) => timed(get("events"), time, `${time.toFixed(2)} s  ${text}`, marked ? "told" : ""));
 rows.forEach(strip);
 run.facts.forEach(([word, text]) => {

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import groupby, pairwise
 from typing import Any
 
 import numpy as np
@@ -147,8 +147,17 @@ def replay(  # noqa: PLR0913 - a run, and the texts and pictures beside the run
         heading=markup(title),
         scene=f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="{left:.2f} {top:.2f} {wide:.2f} {high:.2f}">'
         f"{scene.road()}{scene.lights(run.lights[0])}{outlines(beside.ghost)}{trails}{bodies}</svg>",
-        notes=markup(notes),
+        notes=_notes_html(notes),
     )
+
+
+def _notes_html(notes: str) -> str:
+    """Return notes as HTML; the lines of a table, which begin with a space, scroll together, so that columns stay columns."""
+    parts = []
+    for table, lines in groupby(notes.split("\n"), key=lambda line: line.startswith(" ")):
+        text = markup("\n".join(lines))
+        parts.append(f'<span class="table" tabindex="0">{text}</span>' if table else text)
+    return "\n".join(parts)
 
 
 def opening(run: Run) -> float:

@@ -39,8 +39,10 @@ _ARROW = 9.0
 """The arrow on a lane begins this far before the stopping line [m]."""
 _LAMP = 1.8
 """On arms with several lanes, a light hangs over its lane this far beyond the stopping line [m]."""
-_SMALL, _EDGE = 1.3, ' stroke="#222" stroke-width=".12"'
-"""Height of the name of a pedestrian [m], and the edge of the circle, which shows a person on stripes."""
+_SMALL, _EDGE = 1.3, ' stroke="#fff" stroke-width=".12"'
+"""Height of the name of a pedestrian [m], and the edge of the circle, which is seen on dark asphalt."""
+_HALO = ' stroke="#fff" stroke-width=".4" stroke-linejoin="round" paint-order="stroke"'
+"""The edge of the name of a pedestrian, so that the name is readable on asphalt, stripes and vehicles."""
 _NAME, _ROOM = 1.8, 3
 """Height of a name [m], and most letters of a name across a vehicle; a longer name is written along the vehicle."""
 
@@ -230,7 +232,8 @@ def body(  # noqa: PLR0913 - a vehicle and its look
             f'<g class="{style}" data-agent="{name}" transform="{placed(pose)}">{kind}'
             f'<rect{outline} x="{-length:g}" y="{-width / 2:g}" width="{length:g}" height="{width:g}" '
             f'rx="{width / 2:g}" fill="{colour}"{_EDGE}/><text font-size="{_SMALL:g}" text-anchor="middle" font-weight="bold" '
-            f'fill="{colour}" transform="translate({-middle:g} 0) rotate({turned:.2f})" y="{-width / 2 - 0.2:.2f}">{short}</text>'
+            f'fill="{colour}"{_HALO} transform="translate({-middle:g} 0) rotate({turned:.2f})" '
+            f'y="{-width / 2 - 0.2:.2f}">{short}</text>'
             f"{more}</g>"
         )
     return (

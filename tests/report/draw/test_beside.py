@@ -184,3 +184,9 @@ def test_first_view_shows_the_junction_and_near_vehicles() -> None:
     assert max(right - left, bottom - top) < 60.0, "so that a car of 4.6 m is no dot"
     away = run.need("pose") + np.array([300.0, 0.0, 0.0]) * np.array([[[0.0], [1.0]]])
     assert data(replay(replace(run, pose=away), ""))["home"][2] < 60.0, "who is far is not"
+
+
+def test_table_of_the_notes_scrolls_as_one_and_prose_wraps() -> None:
+    html = replay(driven(), "title", "rule p1 <b>\n t [s]  a0\n  1.00  x\nrerun pytest")
+    block = html[html.index("<pre>") : html.index("</pre>")]
+    assert block == '<pre>rule p1 &lt;b&gt;\n<span class="table" tabindex="0"> t [s]  a0\n  1.00  x</span>\nrerun pytest'

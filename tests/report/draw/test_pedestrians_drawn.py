@@ -175,3 +175,20 @@ def test_case_of_a_kept_run_gives_the_same_run(tmp_path: Path) -> None:
     assert again == scenario
     assert rvads.simulate(rvads.Case(again, rvads.Reference, traffic=rvads.Reference)).hash == first.hash
     assert rvads.simulate(rvads.Case(again, rvads.Reference, traffic=rvads.Replay(kept))).hash == first.hash
+
+
+def test_name_of_a_pedestrian_is_readable_on_asphalt_and_stripes(run: Run) -> None:
+    for document in (picture(run, 400, "title"), replay(run, "title")):
+        (group,) = re.findall(r'data-agent="p0".*?</g>', document)
+        (name,) = re.findall("<text[^>]*>", group)
+        assert 'stroke="#fff"' in name
+        assert 'paint-order="stroke"' in name, "the white edge lies below the letters"
+
+
+def test_hostile_name_of_a_recorded_pedestrian_is_text(run: Run) -> None:
+    hostile = "</text><script>alert(1)</script>&\"'\u202e" + "x" * 80
+    named = replace(run, agents=tuple(replace(a, name=hostile) if a.name == "p0" else a for a in run.agents))
+    for document in (picture(named, 400, "title"), replay(named, "title", "p0\n" + hostile), animated(named)):
+        assert "<script>alert" not in document
+        assert "\u202e" not in document
+        assert "&lt;script&gt;alert(1)" in document
