@@ -136,18 +136,29 @@ def _list_html(lines: Sequence[str]) -> str:
 
 
 def _table_html(columns: Sequence[str], rows: Sequence[Cells]) -> str:
+    """Return a table as HTML; on a narrow screen, rows with long texts become blocks, in which each cell has its heading."""
+    long = any(len(text) > _LONG for _, *cells in rows for text, _ in cells)
     head = "".join(f"<th>{markup(column)}" for column in columns)
-    body = "".join(f"<tr><th>{markup(label)}{''.join(map(_cell_html, cells))}" for (label, _), *cells in rows)
-    return f"<div class=scroll><table class=matrix><thead><tr>{head}</thead><tbody>{body}</tbody></table></div>"
+    headings = [f' data-column="{markup(column)}"' if long else "" for column in columns]
+    body = "".join(
+        f"<tr><th{headings[0]}>{markup(label)}{''.join(map(_cell_html, cells, headings[1:]))}" for (label, _), *cells in rows
+    )
+    kind = "matrix texts" if long else "matrix"
+    return f'<div class=scroll><table class="{kind}"><thead><tr>{head}</thead><tbody>{body}</tbody></table></div>'
 
 
-def _cell_html(cell: tuple[str, str]) -> str:
-    """Return a table cell as HTML: a link for the path of a replay page, a separate style if two sessions do not differ."""
+def _cell_html(cell: tuple[str, str], heading: str = "") -> str:
+    """Return a table cell as HTML: a link for the path of a replay page, a separate style if two sessions do not differ.
+
+    Args:
+        cell: text and mark of the cell.
+        heading: the attribute with the heading of the cell, if the cell needs one.
+    """
     text, mark = cell
     if mark == "look" and text:
-        return f'<td><a href="{markup(quote(text, safe="/#=."))}">replay</a>'
+        return f'<td{heading}><a href="{markup(quote(text, safe="/#=."))}">replay</a>'
     kind = "same" if text == SAME else " ".join([mark, *(["long"] if len(text) > _LONG else [])]).strip()
-    return f'<td class="{kind}">{markup(text)}'
+    return f'<td class="{kind}"{heading}>{markup(text)}'
 
 
 def _head_html(lines: Sequence[str]) -> str:

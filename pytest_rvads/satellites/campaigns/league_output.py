@@ -220,12 +220,34 @@ def summary(driver: Mapping[str, Any]) -> str:
 
 def sections(league: Mapping[str, Any]) -> Iterator[Section]:
     """Yield the tables of a league, given its JSON object; the tables of causes of drivers without failures are left out."""
-    verdicts = (((d["name"], ""), *(_verdict_cell(d, rule) for rule in league["rules"])) for d in league["drivers"])
-    yield Section("verdicts", (), ("driver", *league["rules"]), tuple(verdicts))
+    rules = [rule for rule in league["rules"] if _applied(league, rule)]
+    verdicts = (((d["name"], ""), *(_verdict_cell(d, rule) for rule in rules)) for d in league["drivers"])
+    yield Section("verdicts", (), ("driver", *rules), tuple(verdicts))
     yield Section("figures", (), _FIGURES, tuple(_plain(_figures(driver)) for driver in league["drivers"]))
     for driver in league["drivers"]:
         if causes := tuple(_cause_rows(driver)):
             yield Section(f"causes: {driver['name']}", (), _CAUSES, causes)
+
+
+def _applied(league: Mapping[str, Any], rule: str) -> bool:
+    """Return whether a rule applied to a run of a driver."""
+    return any(outcome is not Outcome.NA for driver in league["drivers"] for outcome in _counts(driver, rule))
+
+
+def _reading(league: Mapping[str, Any]) -> Iterator[str]:
+    """Yield sentences that say how to read the tables of a page."""
+    yield (
+        "A cell of the verdicts has the worst outcome of a rule: FAIL (4) if all 4 runs to which the rule applied failed, "
+        "2/4 fail if 2 of 4 failed, pass (4) if all 4 passed. A cell is empty if the rule applied to no run of the driver."
+    )
+    if idle := [rule for rule in league["rules"] if not _applied(league, rule)]:
+        yield f"The table leaves out rules that applied to no run: {', '.join(idle)}."
+    yield (
+        "The untested gap is the longest stretch of arrival differences that no run tried. At a critical start a driver turns "
+        "from waiting to going. A driver there is too bold if it breaks a rule about other vehicles, too timid if it breaks "
+        "progress, wrong by itself if it breaks a rule about the vehicle alone, and irrational if it passes there and fails at a "
+        "less critical start."
+    )
 
 
 def _counts(driver: Mapping[str, Any], rule: str) -> Counter[Any]:
@@ -269,5 +291,6 @@ def league_page(league: Mapping[str, Any], title: str) -> str:
     drawn = f"{plural(league['cells'], 'cell')} and {plural(league['lines'], 'line')} of starts for every driver"
     setup = f"{drawn}, at {', '.join(league['junctions'])}, among {' and '.join(league['config']['traffic'])} traffic"
     notes = tuple(f"{driver['name']}: {note}" for driver in league["drivers"] for note in driver["notes"])
-    blocks: list[Block | Section] = [Notes(notes), Section("cells", (setup,)), *sections(league)]
+    read = Section("how to read the tables", tuple(_reading(league)))
+    blocks: list[Block | Section] = [Notes(notes), Section("cells", (setup,)), read, *sections(league)]
     return rendered(title, blocks, {})

@@ -227,6 +227,28 @@ def test_hostile_texts_of_results_are_texts_on_the_page() -> None:
     assert not [href for href in re.findall('href="([^"]*)"', shown) if href.startswith("javascript:")]
 
 
+def test_page_says_how_to_read_its_cells_and_leaves_out_rules_that_never_applied() -> None:
+    numbers = {"runs": 4, "hours": 0.5, "met": 1, "pairs": 2, "gap": 0.5}
+    verdicts = {"p1": {"FAIL": 1, "PASS": 3}, "p2": {"NA": 4}}
+    driver = {"name": "mine", "verdicts": verdicts, "causes": [], "sides": [], "notes": [], **numbers}
+    names = {"junctions": ["stop4"], "rules": ["p1", "p2", "p3"], "config": {"traffic": ["reference"]}, "cells": 4, "lines": 0}
+    page = league_page({**names, "drivers": [driver]}, "league")
+    assert "<tr><th>driver<th>p1</thead>" in page
+    assert "The table leaves out rules that applied to no run: p2, p3." in page
+    assert "2/4 fail if 2 of 4 failed" in page
+    assert "The untested gap is " in page
+
+
+def test_rows_with_commands_have_the_heading_of_each_cell_for_narrow_screens() -> None:
+    numbers = {"runs": 1, "hours": 0.5, "met": 1, "pairs": 2, "gap": 0.5}
+    cause = {"title": "x", "text": "y", "count": 1, "rules": ["p1"], "rerun": "rvads critical " + "z" * 60, "look": ""}
+    driver = {"name": "mine", "verdicts": {"p1": {"FAIL": 1}}, "causes": [cause], "sides": [], "notes": [], **numbers}
+    names = {"junctions": ["stop4"], "rules": ["p1"], "config": {"traffic": ["reference"]}, "cells": 1, "lines": 0}
+    page = league_page({**names, "drivers": [driver]}, "league")
+    assert re.findall('data-column="([^"]*)"', page) == ["verdicts", "rules", "cause", "replay", "first again"]
+    assert page.count('<table class="matrix texts">') == 1, "short cells stay a table"
+
+
 DRIVER = '[drivers.a]\nautopilot = "reference"\n'
 
 
