@@ -103,6 +103,33 @@ def test_junctions_are_listed_worst_first_and_marked_by_more_than_colour(opened:
     )
 
 
+def test_the_page_opens_on_the_map_of_the_worst_junction(browser: Chrome, tmp_path: Path) -> None:
+    sites = [Site(f"{name}.1", "1", number, Spot(100, 100, 10), "4-way stop", 1) for number, name in enumerate(("good", "bad"))]
+    tallies = {"good.1": tally(Outcome.PASS), "bad.1": tally(Outcome.FAIL)}
+    page = town_page("towns", [], [TownMap("good", ROAD), TownMap("bad", ROAD)], sites, tallies, {}, "rvads town --only")
+    (tmp_path / "town.html").write_text(page, encoding="utf-8")
+    browser.get(f"file://{tmp_path / 'town.html'}")
+    assert [mark.get_attribute("data-name") for mark in all_of(browser, "#marks a")] == ["bad.1"]
+    assert browser.find_element("id", "map").get_property("value") == "1"
+
+
+def test_names_on_the_map_do_not_lie_on_marks(browser: Chrome, tmp_path: Path) -> None:
+    spots = {"above": Spot(200, 200, 10), "below": Spot(200, 210, 10), "far": Spot(300, 300, 10)}  # y points down
+    sites = [Site(name, name, 0, spot, "4-way stop", 1) for name, spot in spots.items()]
+    page = town_page("town", [], [TownMap("town", ROAD)], sites, {name: tally(Outcome.PASS) for name in spots}, {}, "rvads town")
+    (tmp_path / "town.html").write_text(page, encoding="utf-8")
+    browser.set_window_size(1280, 1000)
+    browser.get(f"file://{tmp_path / 'town.html'}")
+    marks = all_of(browser, "#marks a")
+    bodies = {mark.get_attribute("data-name"): mark.find_element("css selector", ".body").rect for mark in marks}
+    texts = {mark.get_attribute("data-name"): mark.find_element("css selector", "text") for mark in marks}
+    shown = {name: text.rect for name, text in texts.items() if text.is_displayed()}
+    assert {"below", "far"} == set(shown), "the mark below would lie under the name of the mark above"
+    below = texts["above"].get_attribute("style")
+    assert "none" in below
+    assert all(shown[name]["y"] >= bodies[name]["y"] + bodies[name]["height"] - 4 for name in shown), "names stand below marks"
+
+
 def test_names_on_the_map_are_short_and_do_not_cover_each_other(opened: Callable[..., Chrome]) -> None:
     browser = opened()
     names = {mark.get_attribute("data-name"): mark.find_element("css selector", "text") for mark in all_of(browser, "#marks a")}

@@ -36,12 +36,14 @@ function show() {
   get("marks").querySelectorAll("a").forEach(mark => {
     mark.setAttribute("transform", `translate(${mark.dataset.x} ${mark.dataset.y}) scale(${unit * many})`);
   });
-  // Shows names that do not cover each other: the name of the chosen junction first, then the names of the worst junctions, which come last.
-  const boxes = [], grain = unit * many;
-  [...get("marks").children].reverse().sort((a, b) => (b.dataset.name === chosen) - (a.dataset.name === chosen)).forEach(mark => {
+  // Shows names that cover no mark and no other name: the name of the chosen junction first, then the names of the worst junctions, which come last.
+  const boxes = [], grain = unit * many, marks = [...get("marks").children];
+  [...marks].reverse().sort((a, b) => (b.dataset.name === chosen) - (a.dataset.name === chosen)).forEach(mark => {
     const text = mark.querySelector("text"), half = 3.3 * grain * text.textContent.length, picked = mark.dataset.name === chosen;
     const free = boxes.every(([x, y, wide]) => Math.abs(x - mark.dataset.x) > half + wide || Math.abs(y - mark.dataset.y) > 13 * grain);
-    const named = picked || free && unit < 1.2 && !mark.classList.contains("none");
+    const clear = marks.every(other => other === mark || Math.abs(other.dataset.x - mark.dataset.x) > half + 9 * grain
+      || Math.abs(other.dataset.y - mark.dataset.y - 21 * grain) > 15 * grain);
+    const named = picked || free && clear && unit < 1.2 && !mark.classList.contains("none");
     text.style.display = named ? "" : "none";
     if (named) boxes.push([+mark.dataset.x, +mark.dataset.y, half]);
   });
@@ -197,5 +199,5 @@ town.legend.forEach(([state, text]) => { const line = make("li", get("legend"));
 addEventListener("hashchange", choose);
 addEventListener("resize", show);
 list();
-open(0);
+open(town.junctions[0]?.map ?? 0); // the map of the worst junction
 choose();
