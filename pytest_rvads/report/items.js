@@ -62,8 +62,8 @@ function list() {
   const all = !only && !status && !rule && !text;
   const matches = all ? failing : session.items.filter(item => (!only || only(item)) && (!status || item.status === status)
     && (!rule || item.rule === rule) && (!text || `${item.id} ${item.change} ${item.text}`.toLowerCase().includes(text)));
-  const leftOut = session.all - session.items.length, more = leftOut ? `, without ${leftOut} that this page leaves out` : "";
-  get("count").textContent = `${matches.length}${all ? " failing" : ""} of ${count(session.items.length, "item")}${more}`;
+  const leftOut = session.all - session.items.length, more = leftOut ? `, without ${leftOut.toLocaleString("en")} that this page leaves out` : "";
+  get("count").textContent = `${matches.length.toLocaleString("en")}${all ? " failing" : ""} of ${count(session.items.length, "item")}${more}`;
   get("failures").textContent = all ? "failures" : "items found";
   get("grouped").hidden = !all;
   get("found").hidden = get("clear").hidden = all;

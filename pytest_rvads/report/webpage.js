@@ -6,5 +6,6 @@ function make(tag, parent, text = "", kind = "") {
   parent.append(element);
   return element;
 }
-root.theme = matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light";
+const night = matchMedia("(prefers-color-scheme: dark)"); // of the page around, where the page stands in a frame
+(night.onchange = () => { root.theme = night.matches ? "dark" : "light"; })();
 get("theme").onclick = () => { root.theme = root.theme === "dark" ? "light" : "dark"; };
