@@ -1,9 +1,11 @@
 """Coverage of arrivals, from runs and records written by hand."""
 
+import re
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import replace
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,6 +21,7 @@ from pytest_rvads.logic.conduct.kpis import arrival_differences, kpis
 from pytest_rvads.logic.judging.verdicts import Status, Verdict
 from pytest_rvads.report.coverage import SIMULTANEOUS, ArrivalCoverage, Tried, untested
 from pytest_rvads.report.outline import Figures, outline
+from pytest_rvads.report.page import page
 from pytest_rvads.report.record import Record, conclude, planned_record
 from pytest_rvads.report.run_record import of_run
 from pytest_rvads.report.session_report import Report
@@ -226,6 +229,21 @@ def test_many_junctions_have_a_row_each() -> None:
     rows = [[text for text, _ in row] for row in block.arrivals.rows]
     assert [row[0] for row in rows] == ["J0", "J1", "J2", "J3", "J4"]
     assert rows[0][1:-1] == ["2 of 14", "1", "0", "1", "8 s (-2 to 6 s)"], "the gap is that of the worst pair"
+
+
+def test_hostile_names_of_junctions_are_texts_in_the_tables_of_the_page() -> None:
+    def shown(name: str, junctions: int) -> str:
+        whole = report(driven({STRAIGHT: 3.0, FROM_RIGHT: 4.5}))
+        (one,) = whole.records
+        named = (structs.replace(one, junction=f"{name}{k}", nodeid=str(k)) for k in range(junctions))
+        return page(replace(whole, records=tuple(named)), Path())
+
+    hostile = "</td></table><script>alert(1)</script>&\"'\u202e\x1b" + "x" * 80
+    for junctions in (1, 5):
+        harmed, tame = shown(hostile, junctions), shown("y" * 90, junctions)
+        assert re.findall("<[a-zA-Z/][^ >]*", harmed) == re.findall("<[a-zA-Z/][^ >]*", tame)
+        assert "&lt;script&gt;alert(1)" in harmed
+        assert not {"\u202e", "\x1b"} & set(harmed)
 
 
 def test_the_gate_compares_the_largest_gap() -> None:
