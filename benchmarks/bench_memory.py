@@ -11,21 +11,14 @@ from pathlib import Path
 
 import pytest
 
+from tests.inner_sessions import driven_by
+
 RUN, EVERY = 3000, 500
 MOST = 20.0
 """How much memory may grow after the first items [MB]."""
-TESTS = """
-import pytest
-import pytest_rvads as rvads
-
-class Racer(rvads.Follower):
-    def target_speed(self, seen):
-        return 8.0
-
-@pytest.fixture
-def rvads_autopilot(request):
-    return Racer if "class01" in request.node.name else rvads.Reference
-
+TESTS = driven_by(
+    'Racer if "class01" in request.node.name else rvads.Reference',
+    """
 @rvads.scenario(
     "stop4",
     cover="scenario",
@@ -36,7 +29,8 @@ def rvads_autopilot(request):
 )
 def test_rules(run, rule, monitor):
     monitor.check(rule)
-"""
+""",
+)
 CONFTEST = f"""
 import time
 from pathlib import Path

@@ -1,24 +1,19 @@
 """The reference of public names is what the docstrings say."""
 
-import importlib.util
 import re
 from pathlib import Path
 
 import pytest
 
 import pytest_rvads
+from tests.tool_modules import tool
 
 ROOT = Path(__file__).parents[1]
 
 
 @pytest.fixture(scope="module")
 def written() -> str:
-    spec = importlib.util.spec_from_file_location("make_api", ROOT / "tools" / "make_api.py")
-    assert spec
-    assert spec.loader
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return str(module.page())
+    return str(tool("make_api").page())
 
 
 @pytest.mark.extended

@@ -1,23 +1,18 @@
 """``tools/oracle.py`` says which verdicts differ between two dumps."""
 
-import importlib.util
 import json
-from pathlib import Path
 from types import ModuleType
 
 import pytest
+
+from tests.tool_modules import tool
 
 ENTRY = {"status": "PASS", "message": "p1 holds"}
 
 
 @pytest.fixture(scope="module")
 def oracle() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("oracle", Path(__file__).parents[1] / "tools" / "oracle.py")
-    assert spec
-    assert spec.loader
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return tool("oracle")
 
 
 def test_compare_names_the_section_the_field_and_the_first_difference(oracle: ModuleType) -> None:

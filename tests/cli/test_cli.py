@@ -22,6 +22,7 @@ from pytest_rvads.runs.runfile import load_run, save_run
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.simulators.simulator import simulate
+from tests.inner_sessions import records_of
 
 RVADS = str(Path(sys.executable).with_name("rvads"))
 
@@ -115,7 +116,7 @@ def test_a_kept_run_gets_the_verdict_it_had(pytester: pytest.Pytester, capsys: p
         """
     )
     pytester.runpytest("--rvads-keep=kept", "--rvads-report=out.json")
-    records = json.loads((pytester.path / "out.json").read_text(encoding="utf-8"))["records"]
+    records = records_of(pytester.path)
     files = sorted((pytester.path / "kept").glob("*.npz"))
     assert [f.name for f in files] == [f"test_keep.test_rules-stop3-class0{n}-as11{n}-cfgE.npz" for n in (1, 2)]
     for record in records:

@@ -19,21 +19,14 @@ from pytest_rvads.report.draw.replay import Beside
 from pytest_rvads.report.folders import claimed, run_file
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.runfile import load_run
+from tests.inner_sessions import driven_by
 
-TESTS = """
-import pytest
-import pytest_rvads as rvads
+TESTS = driven_by(
+    "Racer",
+    """
 from pytest_rvads.session import artefacts
 
 artefacts._MOST_PAGES = 1
-
-class Racer(rvads.Follower):
-    def target_speed(self, seen):
-        return 8.0
-
-@pytest.fixture
-def rvads_autopilot():
-    return Racer
 
 rvads.rule("stays_out", "forall a, j.en. G(!a@j)", title="nobody enters")
 start = dict(classes=(1, 7), distances=3, duration=2)
@@ -45,7 +38,8 @@ def test_rules(run, rule, monitor):
 @rvads.scenario("stop4", **start)
 def test_run(run):
     assert not run.agents
-"""
+""",
+)
 RULES = "[stays_out]\ntext = forall a, j.en. G(!a@j)\ntitle = nobody enters\n"
 POINT = "cfgd03.00v00.00"
 DRAWN = f"test_it.py::test_rules[stop4-class01-as1111-{POINT}-full_stop]"

@@ -13,19 +13,12 @@ from pytest_rvads.logic.judging.verdicts import Status, Verdict
 from pytest_rvads.report.files import save
 from pytest_rvads.report.record import conclude, planned_record
 from pytest_rvads.report.session_report import Report
+from tests.inner_sessions import driven_by
 
-CONFTEST = """
-    import pytest
-    import pytest_rvads as rvads
-
-    class Racer(rvads.Follower):
-        def target_speed(self, seen):
-            return 8.0
-
-    @pytest.fixture(params=["v1", "v2"])
-    def rvads_autopilot(request):
-        return Racer if request.param in {racing} else rvads.Reference
-"""
+CONFTEST = driven_by(
+    "Racer if request.param in {racing} else rvads.Reference",
+    params='["v1", "v2"]',
+)
 TESTS = """
     import pytest_rvads as rvads
 

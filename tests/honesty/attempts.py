@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from textwrap import dedent
 
 import pytest
+
+from tests.inner_sessions import records_of
 
 __all__ = ["CHECKED", "FAILED", "NOTHING", "STOPPED", "Attempt", "Session", "statuses"]
 
@@ -42,7 +43,7 @@ class Attempt:
 
 def statuses(pytester: pytest.Pytester) -> list[str]:
     """Return the statuses of the records that a session left, in order."""
-    return [r["status"] for r in json.loads((pytester.path / "out.json").read_text(encoding="utf-8"))["records"]]
+    return [r["status"] for r in records_of(pytester.path)]
 
 
 CHECKED = """

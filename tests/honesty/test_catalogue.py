@@ -2,12 +2,12 @@
 
 import re
 from importlib import import_module
-from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 
 import pytest
 
 from pytest_rvads.logic.rules.rulebooks import PAPER, ROAD
+from tests.tool_modules import tool
 
 from .catalogue import CHEATS, INNOCENTS, UNWATCHED
 from .shown import SHOWN
@@ -38,13 +38,9 @@ def test_catalogue_entries_match_the_modules_of_their_tests() -> None:
 
 @pytest.mark.extended
 def test_the_page_of_the_documentation_has_every_row() -> None:
-    spec = spec_from_file_location("make_catalogue", ROOT / "tools" / "make_catalogue.py")
-    assert spec is not None
-    assert spec.loader is not None
-    tool = module_from_spec(spec)
-    spec.loader.exec_module(tool)
-    assert tool.PAGE.read_text(encoding="utf-8") == tool.page(), "run: python tools/make_catalogue.py"
-    assert all(f"| {entry.tries} | {entry.told} |" in tool.page() for entry in EVERY)
+    catalogue = tool("make_catalogue")
+    assert catalogue.PAGE.read_text(encoding="utf-8") == catalogue.page(), "run: python tools/make_catalogue.py"
+    assert all(f"| {entry.tries} | {entry.told} |" in catalogue.page() for entry in EVERY)
 
 
 def test_catalogue_has_at_least_60_cheats_and_30_innocents() -> None:

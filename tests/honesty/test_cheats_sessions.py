@@ -1,12 +1,11 @@
 """Sessions in which nothing of the user's drives, something is left out, or an earlier report is compared with."""
 
-import json
-
 import pytest
 
 from pytest_rvads.cli import main
 from pytest_rvads.geometry.opendrive.writer import Layout, opendrive
 from pytest_rvads.report.coverage import SIMULTANEOUS
+from tests.inner_sessions import records_of
 
 from .attempts import CHECKED, FAILED, NOTHING, Session
 from .shown import shows, shows_each
@@ -31,12 +30,6 @@ def {name}():
 def rules(**more: object) -> str:
     """Return a file that checks rules in one scenario."""
     return RULES.format(more=", ".join(f"{key}={value!r}" for key, value in more.items()))
-
-
-def records(pytester: pytest.Pytester, name: str = "out.json") -> list[dict[str, object]]:
-    """Return the records that a session left."""
-    found: list[dict[str, object]] = json.loads((pytester.path / name).read_text(encoding="utf-8"))["records"]
-    return found
 
 
 @shows("nobody_drives")
@@ -81,7 +74,7 @@ def test_report_names_the_driver(session: Session, pytester: pytest.Pytester) ->
     """The fixture names the racer, and an option lets the reference autopilot drive in its place."""
     result = session(rules(duration=20), "--rvads-autopilot=reference")
     result.stdout.fnmatch_lines(["rvads: driven by --rvads-autopilot=reference (pytest-rvads *)"])
-    assert [str(record["driver"]).rpartition(".")[2] for record in records(pytester)] == ["Reference"]
+    assert [str(record["driver"]).rpartition(".")[2] for record in records_of(pytester.path)] == ["Reference"]
 
 
 @shows("drop_what_fails")
@@ -95,7 +88,7 @@ def test_items_that_vanish_are_missed(session: Session, pytester: pytest.Pyteste
     result.assert_outcomes(passed=1)
     assert result.ret == FAILED
     result.stdout.fnmatch_lines(["rvads: 1 item vanished: a plugin or conftest.py dropped them without deselecting them"])
-    assert sorted(str(record["status"]) for record in records(pytester)) == ["NOT RUN", "PASS"]
+    assert sorted(str(record["status"]) for record in records_of(pytester.path)) == ["NOT RUN", "PASS"]
 
 
 HOOKS = {
@@ -131,7 +124,7 @@ def test_a_hook_that_hides_failures_is_noticed(case: str, session: Session, pyte
     dropped = "modifyitems" in case
     says = "vanished: *" if dropped else "passed in spite of a failure: * *-p1]"
     result.stdout.fnmatch_lines([f"rvads: 1 item {says}"])
-    assert sorted(str(record["status"]) for record in records(pytester)) == ["NOT RUN" if dropped else "FAIL", "PASS"]
+    assert sorted(str(record["status"]) for record in records_of(pytester.path)) == ["NOT RUN" if dropped else "FAIL", "PASS"]
 
 
 @shows("deselect_what_fails")
@@ -146,7 +139,7 @@ def test_deselecting_does_not_raise_coverage(session: Session) -> None:
 def test_empty_time_budget_judges_nothing(session: Session, pytester: pytest.Pytester) -> None:
     result = session(rules(), "--rvads-time-budget=0")
     assert result.ret == NOTHING
-    assert [record["status"] for record in records(pytester)] == ["NOT RUN"]
+    assert [record["status"] for record in records_of(pytester.path)] == ["NOT RUN"]
 
 
 AGAINST = ("--rvads-baseline=old.json", "--rvads-fail-on=new")
@@ -254,4 +247,4 @@ def test_three_failures_on_one_run_are_all_reported(session: Session, pytester: 
     result.assert_outcomes(failed=3)
     assert result.ret == FAILED
     result.stdout.no_fnmatch_line("*INTERNALERROR*")
-    assert len({record["hash"] for record in records(pytester)}) == 1
+    assert len({record["hash"] for record in records_of(pytester.path)}) == 1

@@ -11,6 +11,7 @@ from pytest_rvads.logic.judging.verdicts import Status, Verdict
 from pytest_rvads.report.record import Record, conclude, planned_record
 from pytest_rvads.report.session_report import Report
 from pytest_rvads.session.outputs import annotate
+from tests.inner_sessions import FAILING
 
 ROOT = Path("/work/repo/sub")
 HOSTILE = st.one_of(
@@ -102,20 +103,6 @@ def test_no_text_ends_its_value_or_its_line(cause: str, rule: str, file: str) ->
 def test_they_are_long_but_bounded() -> None:
     (line,) = told(failed("one", "r" * 10_000, "x" * 1_000_000))
     assert len(line) < 5_000
-
-
-FAILING = """
-import pytest
-import pytest_rvads as rvads
-
-@pytest.fixture
-def rvads_autopilot():
-    return rvads.RollingStop
-
-@rvads.scenario("stop4", classes=7, distances=(10, 11, 12, 13), rules=("p1", "p3"))
-def test_rules(run, rule, monitor):
-    monitor.check(rule)
-"""
 
 
 @pytest.mark.parametrize("options", [(), ("-q", "--color=yes")])

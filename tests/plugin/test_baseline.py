@@ -12,19 +12,9 @@ from pytest_rvads.plugin import pytest_assertrepr_compare
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.simulators.simulator import simulate
+from tests.inner_sessions import driven_by, records_of
 
-CONFTEST = """
-    import pytest
-    import pytest_rvads as rvads
-
-    class Racer(rvads.Follower):
-        def target_speed(self, seen):
-            return 8.0
-
-    @pytest.fixture
-    def rvads_autopilot(request):
-        return Racer if {racing} else rvads.Reference
-"""
+CONFTEST = driven_by("Racer if {racing} else rvads.Reference")
 
 TESTS = """
     import pytest_rvads as rvads
@@ -68,7 +58,7 @@ def test_new_failures_fail_and_old_ones_need_not(tests: pytest.Pytester) -> None
             "  NEW     test_it.py::test_rules[[]stop4-class01-as1111-cfgB-p1[]]  p1 at t=*",
         ]
     )
-    records = json.loads((tests.path / "now.json").read_text(encoding="utf-8"))["records"]
+    records = records_of(tests.path, "now.json")
     assert [r["change"] for r in records] == ["NEW", "UNCHANGED", "UNCHANGED", "UNCHANGED"]
     better = session(tests, "False", *against)
     assert better.ret == 0
@@ -195,7 +185,7 @@ def test_a_run_that_can_t_be_repeated_is_flaky(pytester: pytest.Pytester, worker
             "*1 x run: not deterministic: the same start gave another run",
         ]
     )
-    records = json.loads((pytester.path / "out.json").read_text(encoding="utf-8"))["records"]
+    records = records_of(pytester.path)
     status = {r["nodeid"].partition("::")[2].partition("[")[0] + (r["rule"] or ""): r["status"] for r in records}
     assert status["test_moody"] == "FLAKY"
     assert status["test_racerp1"] == "FAIL", "a deterministic failure is just a failure"

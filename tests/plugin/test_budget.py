@@ -1,11 +1,10 @@
 """A time budget: what comes first, and that what comes too late is never green."""
 
-import json
-
 import pytest
 
 from pytest_rvads.report.record import Record, SimulatedItem, planned_record
 from pytest_rvads.session.interrupts import priority
+from tests.inner_sessions import driven_by, records_of
 
 
 def starts(classes: int, configurations: str) -> list[Record]:
@@ -49,24 +48,16 @@ def test_what_ran_least_comes_next() -> None:
     assert runs(priority(records, {}, history)) == ["1-C", "2-D", "1-D", "2-C"]
 
 
-TESTS = """
-    import pytest
-    import pytest_rvads as rvads
-
-    class Racer(rvads.Follower):
-        def target_speed(self, seen):
-            return 8.0
-
-    @pytest.fixture
-    def rvads_autopilot(request):
-        return Racer if "class03" in request.node.name else rvads.Reference
-
+TESTS = driven_by(
+    'Racer if "class03" in request.node.name else rvads.Reference',
+    """
     def test_plain(): ...
 
     @rvads.scenario("stop4", classes=(1, 2, 3), grid="B", rules="p1", duration=5)
     def test_rules(run, rule, monitor):
         monitor.check(rule)
-"""
+""",
+)
 
 
 @pytest.mark.extended
@@ -77,13 +68,13 @@ def test_what_comes_too_late_is_not_run(pytester: pytest.Pytester, workers: tupl
     assert result.ret == pytest.ExitCode.NO_TESTS_COLLECTED, "nothing was judged"
     assert result.parseoutcomes() == {"passed": 1, "not": 3}, "1 passed, 3 not run"
     result.stdout.fnmatch_lines(["rvads: the time budget of 0 s is used up: 3 items did not run"])
-    records = json.loads((pytester.path / "out.json").read_text(encoding="utf-8"))["records"]
+    records = records_of(pytester.path)
     assert [r["status"] for r in records] == ["NOT RUN"] * 3
 
 
 def test_user_skip_is_no_late_item(pytester: pytest.Pytester) -> None:
-    skipping = "    @pytest.mark.skip('NOT RUN: by hand')\n    @rvads.scenario"
-    pytester.makepyfile(test_it=TESTS.replace("    @rvads.scenario", skipping))
+    skipping = "@pytest.mark.skip('NOT RUN: by hand')\n@rvads.scenario"
+    pytester.makepyfile(test_it=TESTS.replace("@rvads.scenario", skipping))
     assert pytester.runpytest("--rvads-time-budget=600").parseoutcomes() == {"passed": 1, "skipped": 3}
 
 

@@ -7,18 +7,11 @@ from pathlib import Path
 
 import pytest
 
-RUDE = """
-    import pytest
-    import pytest_rvads as rvads
+from tests.inner_sessions import driven_by
 
-    class Racer(rvads.Follower):
-        def target_speed(self, seen):
-            return 8.0
-
-    @pytest.fixture
-    def rvads_autopilot():
-        return Racer
-
+RUDE = driven_by(
+    "Racer",
+    """
     @rvads.scenario("stop4", classes=(1, 2, 7), grid="E", rules=("p1", "p3", "full_stop"), duration=10)
     def test_rules(run, rule, monitor):
         monitor.check(rule)
@@ -34,7 +27,8 @@ RUDE = """
 
     @pytest.mark.xfail
     def test_known(): assert False
-"""
+""",
+)
 
 
 def named(result: pytest.RunResult, word: str = "FAILED") -> list[str]:

@@ -6,18 +6,11 @@ from pathlib import Path
 
 import pytest
 
-TESTS = """
-    import pytest
-    import pytest_rvads as rvads
+from tests.inner_sessions import driven_by
 
-    class Racer(rvads.Follower):
-        def target_speed(self, seen):
-            return 8.0
-
-    @pytest.fixture
-    def rvads_autopilot(request):
-        return Racer if "racer" in request.function.__name__ else rvads.Reference
-
+TESTS = driven_by(
+    'Racer if "racer" in request.function.__name__ else rvads.Reference',
+    """
     here = rvads.scenario("stop4", classes=(1, 7), grid="B", rules=("p1", "p4"), duration=4)
 
     @here
@@ -30,7 +23,8 @@ TESTS = """
         monitor.check(rule)
 
     def test_plain(): ...
-"""
+""",
+)
 WANTED = {"PASS": 2, "FAIL": 2, "NA": 4}
 OTHERS = {
     "sugar": ("pytest_sugar", ()),

@@ -1,13 +1,12 @@
 """Drivers that hang or do what no driver should: each costs its own items, as ERRORs that name it, and nobody else's."""
 
-import json
 import xml.etree.ElementTree as ET
-from pathlib import Path
 from typing import Any
 
 import pytest
 
 from pytest_rvads.session import items
+from tests.inner_sessions import driven_by, records_of
 
 SESSION = """
     import asyncio, collections, itertools, time
@@ -40,7 +39,7 @@ def session(pytester: pytest.Pytester, does: str, *options: str, classes: tuple[
     """Run a session and return its records, those of the odd driver first."""
     pytester.makepyfile(test_it=SESSION.format(does=does, classes=classes))
     pytester.runpytest("-p", "no:cacheprovider", "--rvads-report=out.json", *options)
-    records: list[dict[str, Any]] = json.loads(Path(pytester.path / "out.json").read_text(encoding="utf-8"))["records"]
+    records: list[dict[str, Any]] = records_of(pytester.path)
     return sorted(records, key=lambda record: "TestOdd" not in record["nodeid"])
 
 
@@ -139,7 +138,7 @@ def test_what_a_driver_calls_itself_and_measures_spoils_no_report(pytester: pyte
     result = pytester.runpytest("-p", "no:cacheprovider", "--junitxml=out.xml", *options)
     result.assert_outcomes(passed=3)
     assert result.ret == 0
-    records = json.loads((pytester.path / "out.json").read_text(encoding="utf-8"))["records"]
+    records = records_of(pytester.path)
     assert [told["a0"]["stack"] for r in records if (told := r.get("timing"))] == [r"\x1b[2J"]
     assert all(r["driver"].isprintable() and len(r["driver"]) < 5000 for r in records)
     ET.parse(pytester.path / "out.xml")
@@ -182,7 +181,7 @@ def test_what_comes_of_the_second_run_of_a_failed_item_costs_no_other_verdict(py
     options = ("-p", "no:cacheprovider", "--rvads-report=out.json", "-o", "rvads_decision_limit=0.4")
     result = pytester.runpytest(*options)
     result.assert_outcomes(failed=1, errors=1)
-    records = json.loads((pytester.path / "out.json").read_text(encoding="utf-8"))["records"]
+    records = records_of(pytester.path)
     assert [record["status"] for record in records] == ["FLAKY", "ERROR"]
 
 
@@ -192,22 +191,12 @@ def test_a_diagnosis_that_fails_costs_no_more_than_itself(pytester: pytest.Pytes
 
     monkeypatch.setattr(items, "_explanation", broken)
     monkeypatch.setattr(items, "_with_repetition", broken)
-    pytester.makepyfile("""
-        import pytest
-        import pytest_rvads as rvads
-
-        class Racer(rvads.Follower):
-            def target_speed(self, seen):
-                return 8.0
-
-        @pytest.fixture
-        def rvads_autopilot():
-            return Racer
-
+    tests = """
         @rvads.scenario("stop4", classes=(1, 7), grid="B", rules="p1", duration=4)
         def test_it(rule, monitor):
             monitor.check(rule)
-    """)
+    """
+    pytester.makepyfile(driven_by("Racer", tests))
     result = pytester.runpytest("-p", "no:cacheprovider")
     result.assert_outcomes(failed=2)
     result.stdout.fnmatch_lines(["*the explanation is incomplete, because of SystemExit: no diagnosis*"])
@@ -244,7 +233,7 @@ def test_failed_run_is_simulated_once_for_all_rules(pytester: pytest.Pytester) -
     """)
     options = ("-p", "no:cacheprovider", "--rvads-autopilot=reference", "--rvads-report=out.json")
     pytester.runpytest(*options).assert_outcomes(errors=6, passed=1)
-    records = json.loads((pytester.path / "out.json").read_text(encoding="utf-8"))["records"]
+    records = records_of(pytester.path)
     assert {record["message"] for record in records} == {"no licence", "simulating raised Skipped: not today"}
 
 
@@ -304,7 +293,7 @@ def test_raising_attribute_is_an_error_of_the_driver(pytester: pytest.Pytester, 
     """)
     result = pytester.runpytest("-p", "no:cacheprovider", "--rvads-report=out.json", "-o", "rvads_decision_limit=0.3")
     assert result.ret == pytest.ExitCode.TESTS_FAILED or (name in ("label", "__qualname__") and "sleep" not in does)
-    records = json.loads((pytester.path / "out.json").read_text(encoding="utf-8"))["records"]
+    records = records_of(pytester.path)
     assert {record["status"] for record in records} <= {"PASS", "ERROR", "NA"}, "nothing is skipped"
     assert [record["outcome"] for record in records if "TestSound" in record["nodeid"]] == ["passed"]
 

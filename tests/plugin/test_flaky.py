@@ -1,8 +1,8 @@
 """Verdicts that change within a session are FLAKY, and the session is not green."""
 
-import json
-
 import pytest
+
+from tests.inner_sessions import records_of
 
 AGAIN = """
     import pytest
@@ -51,7 +51,7 @@ BY_PROCESS = """
 
 
 def told(pytester: pytest.Pytester) -> set[str]:
-    return {record["status"] for record in json.loads((pytester.path / "out.json").read_text(encoding="utf-8"))["records"]}
+    return {record["status"] for record in records_of(pytester.path)}
 
 
 @pytest.mark.parametrize(("failing", "passed", "status", "code"), [(1, 1, "FLAKY", 1), (9, 1, "PASS", 0)])

@@ -1,6 +1,5 @@
 """Coverage as a gate, and how shards of a session add up."""
 
-import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,6 +10,7 @@ from pytest_rvads.cli import main
 from pytest_rvads.report.coverage import SIMULTANEOUS
 from pytest_rvads.report.files import load
 from pytest_rvads.report.outline import outline
+from tests.inner_sessions import records_of
 
 TESTS = """
     import pytest_rvads as rvads
@@ -180,5 +180,5 @@ def test_dying_worker_loses_one_item(pytester: pytest.Pytester) -> None:
     result.stdout.fnmatch_lines(["stop4: *3 verdicts: 2 pass, 1 error", "*1 x p1: the worker process crashed*"])
     stopped = pytester.runpytest("-n", "1", "--max-worker-restart=0", "--rvads-report=stopped.json")
     assert stopped.ret != 0
-    records = json.loads((pytester.path / "stopped.json").read_text(encoding="utf-8"))["records"]
+    records = records_of(pytester.path, "stopped.json")
     assert sorted(r["status"] for r in records) == ["ERROR", "NOT RUN", "PASS"]

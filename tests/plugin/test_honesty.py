@@ -5,6 +5,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.inner_sessions import driven_by, records_of
+
 PILOT = """
     import pytest
     import pytest_rvads as rvads
@@ -73,7 +75,7 @@ def test_an_assertion_after_a_pass_is_a_failure_in_every_report(pytester: pytest
     )
     result = pytester.runpytest("--rvads-report=out.json")
     result.stdout.fnmatch_lines(["*07*FAIL*", "*1 x p1: assert *"])
-    assert json.loads((pytester.path / "out.json").read_text(encoding="utf-8"))["records"][0]["status"] == "FAIL"
+    assert records_of(pytester.path)[0]["status"] == "FAIL"
 
 
 @pytest.mark.extended
@@ -137,19 +139,8 @@ def test_interrupted_session_keeps_its_records(pytester: pytest.Pytester) -> Non
 
 
 def test_a_picture_that_fails_costs_no_verdict(pytester: pytest.Pytester) -> None:
-    pytester.makepyfile(
-        """
-        import pytest
-        import pytest_rvads as rvads
+    tests = """
         import pytest_rvads.report.failure_page
-
-        class Racer(rvads.Follower):
-            def target_speed(self, seen):
-                return 8.0
-
-        @pytest.fixture
-        def rvads_autopilot():
-            return Racer
 
         @pytest.fixture(autouse=True)
         def broken(monkeypatch):
@@ -161,8 +152,8 @@ def test_a_picture_that_fails_costs_no_verdict(pytester: pytest.Pytester) -> Non
         @rvads.scenario("stop4", classes=7, grid="C", rules="p1")
         def test_rules(run, rule, monitor):
             monitor.check(rule)
-        """
-    )
+    """
+    pytester.makepyfile(driven_by("Racer", tests))
     result = pytester.runpytest()
     result.assert_outcomes(failed=1)
     result.stdout.fnmatch_lines(["look      not drawn: ValueError: no ink", 'rerun     pytest "*"'])

@@ -11,31 +11,25 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
+from textwrap import dedent
 
 import pytest
 
-TESTS = """
+from tests.inner_sessions import driven_by
+
+TESTS = driven_by(
+    "Racer",
+    """
     import os
     import time
     from pathlib import Path
-    import pytest
-    import pytest_rvads as rvads
-
-    class Racer(rvads.Follower):
-        def target_speed(self, seen):
-            return 8.0
-
-    @pytest.fixture
-    def rvads_autopilot():
-        return Racer
 
     @rvads.scenario("stop4", grid="B", rules="p1", duration=3)
     def test_rules(run, rule, monitor):
         monitor.check(rule)
-"""
-INTERRUPTED = (
-    TESTS
-    + """
+""",
+)
+INTERRUPTED = TESTS + dedent("""
     @pytest.fixture(autouse=True)
     def turns(request):
         # Two items get through; any other one waits for what is about to come.
@@ -47,8 +41,7 @@ INTERRUPTED = (
                 except KeyboardInterrupt:
                     if "STUBBORN" not in os.environ:
                         raise
-"""
-)
+""")
 CONFTEST = """
     from pathlib import Path
 

@@ -7,28 +7,20 @@ import sys
 import xml.etree.ElementTree as ET
 from collections import Counter
 from pathlib import Path
-from textwrap import dedent
 
 import pytest
 
 from pytest_rvads.report.files import load
+from tests.inner_sessions import driven_by, records_of
 
-TESTS = """
-    import pytest
-    import pytest_rvads as rvads
-
-    class Racer(rvads.Follower):
-        def target_speed(self, seen):
-            return 8.0
-
-    @pytest.fixture
-    def rvads_autopilot():
-        return Racer
-
+TESTS = driven_by(
+    "Racer",
+    """
     @rvads.scenario("stop4", classes=(1, 2), grid="CD", rules=("p1", "p2", "p4"))
     def test_rules(run, rule, monitor):
         monitor.check(rule)
-"""
+""",
+)
 
 
 ITEMS = 12
@@ -45,7 +37,7 @@ def session(folder: Path, *options: str) -> pytest.RunResult:
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("outputs")
-    (folder / "test_all.py").write_text(dedent(TESTS), encoding="utf-8")
+    (folder / "test_all.py").write_text(TESTS, encoding="utf-8")
     return folder
 
 
@@ -166,7 +158,7 @@ def test_no_encoding_of_the_terminal_changes_a_verdict(
         monkeypatch.setenv(name, value)
     result = pytester.runpytest_subprocess("--rvads-report=r.json", "--rvads-report=r.html", *options)
     result.assert_outcomes(passed=1, failed=1)
-    records = json.loads((pytester.path / "r.json").read_text(encoding="utf-8"))["records"]
+    records = records_of(pytester.path, "r.json")
     assert [(one["status"], one["driver"].rpartition(".")[2], one["requirements"]) for one in records] == [
         ("PASS", "Größer", ["§ 8"]),
         ("FAIL", "Größer", ["§ 8"]),

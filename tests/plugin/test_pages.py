@@ -18,20 +18,7 @@ from pytest_rvads.report.folders import claimed
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.runfile import load_run
 from pytest_rvads.session import artefacts
-
-FAILING = """
-import pytest_rvads as rvads
-import pytest
-
-@pytest.fixture
-def rvads_autopilot():
-    return rvads.RollingStop
-
-# Who came first does not matter to it.
-@rvads.scenario("stop4", classes=7, distances=(10, 11, 12, 13), rules=("p1", "p3"))
-def test_rules(run, rule, monitor):
-    monitor.check(rule)
-"""
+from tests.inner_sessions import FAILING, records_of
 
 
 def content(page: Path) -> dict[str, Any]:
@@ -123,7 +110,7 @@ def test_every_session_has_a_folder_and_keeps_each_run_once(pytester: pytest.Pyt
     result.assert_outcomes(failed=4)
     first = racing / "1"
     assert all((pytester.path / look.partition("#")[0]).parent == first for look in looks(result))
-    records = json.loads((first / "report.json").read_text(encoding="utf-8"))["records"]
+    records = records_of(first, "report.json")
     kept = {load_run(path).hash for path in (first / "runs").iterdir()}
     assert kept == {record["hash"] for record in records}
     assert len(kept) == len(list((first / "runs").iterdir())) == 2

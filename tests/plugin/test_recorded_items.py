@@ -1,11 +1,9 @@
 """Recorded runs as items: what is collected, how it is called, what becomes of verdicts, and what is not touched."""
 
-import json
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
@@ -19,6 +17,7 @@ from pytest_rvads.logic.rules.book import rules_for
 from pytest_rvads.runs import readers
 from pytest_rvads.runs.recording import Recording, Track
 from pytest_rvads.session.collection.recordings import OpenFiles, Recordings
+from tests.inner_sessions import records_of
 
 from .conftest import Lines
 
@@ -54,12 +53,6 @@ def files(pytester: pytest.Pytester, stops: rvads.Run, races: rvads.Run) -> Path
     return pytester.path / "drives"
 
 
-def records(pytester: pytest.Pytester, name: str = "out.json") -> list[dict[str, Any]]:
-    """Return the records that a session left."""
-    found: list[dict[str, Any]] = json.loads((pytester.path / name).read_text(encoding="utf-8"))["records"]
-    return found
-
-
 def jam(label: str, arrivals: Sequence[float]) -> Recording:
     """Vehicles that each come from 100 m before the first entrance of an all-way stop, 10 m/s fast, from a time on."""
     junction = rvads.find("stop4")
@@ -86,14 +79,14 @@ def test_every_run_and_rule_is_an_item(pytester: pytest.Pytester, files: Path) -
     assert 'rerun     pytest "test_it.py::test_drives[tue-full_stop]"' in text
     assert "driven by" not in text
     assert (pytester.path / ".rvads" / "1" / "test_it.test_drives-tue-full_stop.html").exists()
-    told = [(r["nodeid"], r["type"], r["recording"], r["status"]) for r in records(pytester)]
+    told = [(r["nodeid"], r["type"], r["recording"], r["status"]) for r in records_of(pytester.path)]
     assert told == [
         ("test_it.py::test_drives[mon-full_stop]", "recorded", "mon", "PASS"),
         ("test_it.py::test_drives[mon-red]", "recorded", "mon", "NA"),
         ("test_it.py::test_drives[tue-full_stop]", "recorded", "tue", "FAIL"),
         ("test_it.py::test_drives[tue-red]", "recorded", "tue", "NA"),
     ]
-    assert not {"cls", "scenario", "cfg", "driver", "simulator"}.intersection(*records(pytester))
+    assert not {"cls", "scenario", "cfg", "driver", "simulator"}.intersection(*records_of(pytester.path))
     case = next(iter(ElementTree.parse(pytester.path / "out.xml").iter("testcase")))
     properties = {one.get("name"): one.get("value") for one in case.iter("property")}
     assert properties == {"junction": "stop4", "recording": "mon", "rule": "full_stop", "verdict": "PASS"}
@@ -225,7 +218,7 @@ def test_a_file_that_can_t_be_read_is_an_error_of_its_own(pytester: pytest.Pytes
     assert brackets(pytester.runpytest("--collect-only", "-q"))[:3] == ["bad", "cut-full_stop", "cut-red"]
     result = pytester.runpytest("--rvads-report=out.json")
     result.assert_outcomes(passed=1, failed=1, skipped=2, errors=3)
-    told = {str(r["nodeid"]).partition("[")[2]: (r["status"], r["message"]) for r in records(pytester)}
+    told = {str(r["nodeid"]).partition("[")[2]: (r["status"], r["message"]) for r in records_of(pytester.path)}
     for name, file in (("bad]", "bad.npz"), ("cut-full_stop]", "cut.npz"), ("cut-red]", "cut.npz")):
         status, message = told[name]
         assert status == "ERROR"
@@ -258,7 +251,7 @@ def test_busy_periods_are_separate_runs(pytester: pytest.Pytester, monkeypatch: 
     result = pytester.runpytest("--rvads-report=out.json")
     result.assert_outcomes(failed=2, skipped=2)
     assert len(opened) == 1, "to cut it into periods and to judge them"
-    told = [r["verdicts"][0] for r in records(pytester) if r["status"] == "FAIL"]
+    told = [r["verdicts"][0] for r in records_of(pytester.path) if r["status"] == "FAIL"]
     assert [sorted(verdict["responsible"]) for verdict in told] == [["v0", "v1"], ["v2", "v3"]]
     assert all(303.0 < told[1]["time"] < 330.0 for _ in told), "on the clock of the log"
 
@@ -312,7 +305,7 @@ def test_the_run_is_a_fixture(pytester: pytest.Pytester, files: Path, stops: rva
 def test_unsure_skips_and_is_counted_and_listed(pytester: pytest.Pytester, files: Path) -> None:
     result = pytester.runpytest("-rs", "--rvads-report=out.json", "--rvads-report=out.md", "--junitxml=out.xml", "-v")
     result.assert_outcomes(failed=1, skipped=3)
-    assert [r["status"] for r in records(pytester)] == ["UNSURE", "NA", "FAIL", "NA"]
+    assert [r["status"] for r in records_of(pytester.path)] == ["UNSURE", "NA", "FAIL", "NA"]
     text = result.stdout.str()
     assert "UNSURE [1] test_it.py:3: UNSURE: a0 stood for 0.02 s, known to 0.05 s" in text
     assert "4 verdicts: 1 fail, 1 unsure, 2 NA" in text
@@ -329,7 +322,7 @@ def test_unsure_skips_and_is_counted_and_listed(pytester: pytest.Pytester, files
 def test_unsure_fails_where_that_is_asked_for(pytester: pytest.Pytester, files: Path) -> None:
     result = pytester.runpytest("-k", "mon", "--rvads-unsure=fail", "--rvads-report=out.json")
     result.assert_outcomes(failed=1, skipped=1, deselected=2)
-    assert records(pytester)[0]["status"] == "UNSURE"
+    assert records_of(pytester.path)[0]["status"] == "UNSURE"
     result.stdout.fnmatch_lines(["*full_stop UNSURE: a0 stood for 0.02 s, known to 0.05 s*", "causes of failures"])
     pytester.makeini("[pytest]\nrvads_unsure = maybe\n")
     refused = pytester.runpytest()
@@ -342,7 +335,7 @@ def test_an_unsure_verdict_that_a_test_passes_over_is_no_pass(pytester: pytest.P
     result = pytester.runpytest("--rvads-report=out.json")
     result.assert_outcomes(passed=1)
     assert result.ret == pytest.ExitCode.NO_TESTS_COLLECTED
-    assert [r["status"] for r in records(pytester)] == ["UNSURE"]
+    assert [r["status"] for r in records_of(pytester.path)] == ["UNSURE"]
     pytester.runpytest("--rvads-unsure=fail").assert_outcomes(failed=1)
 
 
@@ -384,7 +377,7 @@ def test_subjects_and_faults_are_those_of_the_kept_run(pytester: pytest.Pytester
     broken = replace(drive("stop4", {0: (2, -0.5, [(0, 0.0)])}, 300), fault=rvads.values.Fault(2.99, "a0", "the disk was full"))
     rvads.files.save_run(broken, files / "tue.npz")
     result = pytester.runpytest("-k", "full_stop", "--rvads-report=out.json")
-    assert [r["status"] for r in records(pytester) if r["rule"] == "full_stop"] == ["PROVOKED", "ERROR"]
+    assert [r["status"] for r in records_of(pytester.path) if r["rule"] == "full_stop"] == ["PROVOKED", "ERROR"]
     result.stdout.fnmatch_lines(["*ERROR: the disk was full*"])
 
 
@@ -401,7 +394,7 @@ def test_recorded_runs_can_be_kept_and_hooks_learn_of_them(pytester: pytest.Pyte
 def test_workers_share_the_items(pytester: pytest.Pytester, files: Path) -> None:
     result = pytester.runpytest("-n2", "--rvads-report=out.json")
     result.assert_outcomes(passed=1, failed=1, skipped=2)
-    assert [r["status"] for r in records(pytester)] == ["PASS", "NA", "FAIL", "NA"]
+    assert [r["status"] for r in records_of(pytester.path)] == ["PASS", "NA", "FAIL", "NA"]
 
 
 def test_a_time_budget_and_the_limit_of_items_count(pytester: pytest.Pytester, files: Path) -> None:

@@ -1,10 +1,9 @@
 """A subject among traffic, as a user of the plugin meets it."""
 
-import json
-
 import pytest
 
 from pytest_rvads.geometry.opendrive.writer import Layout, opendrive
+from tests.inner_sessions import driven_by, records_of
 
 from .conftest import Lines
 
@@ -97,19 +96,10 @@ def test_the_road_rulebook_is_the_default_with_a_subject(pytester: pytest.Pytest
     assert "p1" not in rules
 
 
-TRAFFIC = """
-    import pytest
-    import pytest_rvads as rvads
-
-    class Rude(rvads.Follower):
-        def target_speed(self, seen):
-            return 8.0
-
-    @pytest.fixture
-    def rvads_autopilot(request):
-        return Rude if "rude" in request.function.__name__ else rvads.Reference
-
-    @rvads.scenario("stop3", subject=0, scenarios="111", grid="C", rules="full_stop", traffic=Rude)
+TRAFFIC = driven_by(
+    'Racer if "rude" in request.function.__name__ else rvads.Reference',
+    """
+    @rvads.scenario("stop3", subject=0, scenarios="111", grid="C", rules="full_stop", traffic=Racer)
     def test_mine(run, rule, monitor):
         verdict = monitor.check(rule)
         assert verdict.provoked
@@ -118,7 +108,8 @@ TRAFFIC = """
     @rvads.scenario("stop3", subject=0, scenarios="111", grid="C", rules=("full_stop", "p3"))
     def test_rude(run, rule, monitor):
         monitor.check(rule)
-"""
+""",
+)
 
 
 @pytest.mark.parametrize("options", [(), pytest.param(("-n", "1"), marks=pytest.mark.slow)])
@@ -132,7 +123,7 @@ def test_violations_of_traffic_are_provoked_and_those_of_the_subject_fail(
     result.stdout.fnmatch_lines(
         [
             "*RuleViolation: full_stop at t=*: a0 entered the junction before it had stopped at the line",
-            "stop3 among Rude traffic *test_mine*",
+            "stop3 among Racer traffic *test_mine*",
             "*provoked*",
             "stop3 among reference traffic *test_rude*",
             "stop3: 1/4 classes, 1/8 classes with a subject, 1/8 scenarios, 2 runs, 3 verdicts: *1 provoked by traffic*",
@@ -140,14 +131,14 @@ def test_violations_of_traffic_are_provoked_and_those_of_the_subject_fail(
             "*1 x full_stop: *",
         ]
     )
-    records = json.loads((pytester.path / "out.json").read_text(encoding="utf-8"))["records"]
+    records = records_of(pytester.path)
     assert [(r["status"], r["outcome"], r["seat"], r["traffic"]) for r in records][:2] == [
-        ("PROVOKED", "passed", 0, "Rude"),
+        ("PROVOKED", "passed", 0, "Racer"),
         ("FAIL", "failed", 0, "reference"),
     ]
     assert "## Provoked by traffic" in (pytester.path / "out.md").read_text(encoding="utf-8")
     xml = (pytester.path / "out.xml").read_text(encoding="utf-8")
-    assert '<property name="traffic" value="Rude"' in xml
+    assert '<property name="traffic" value="Racer"' in xml
     assert '<property name="verdict" value="PROVOKED"' in xml
 
 

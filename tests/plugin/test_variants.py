@@ -1,7 +1,6 @@
 """Further parameters of a test, such as four versions of a controller, are an axis of its own in every output."""
 
 import csv
-import json
 import re
 import xml.etree.ElementTree as ET
 from pathlib import Path
@@ -15,19 +14,12 @@ from pytest_rvads.report.markdown import markdown
 from pytest_rvads.report.matrix import Matrices, Matrix
 from pytest_rvads.session.interrupts import priority
 from pytest_rvads.session.plan import _variant
+from tests.inner_sessions import driven_by, records_of
 
-CONFTEST = """
-    import pytest
-    import pytest_rvads as rvads
-
-    class Racer(rvads.Follower):
-        def target_speed(self, seen):
-            return 8.0
-
-    @pytest.fixture(params={params})
-    def rvads_autopilot(request):
-        return lambda *given: (Racer if {racing!r} in request.param else rvads.Reference)(*given)
-"""
+CONFTEST = driven_by(
+    "lambda *given: (Racer if {racing!r} in request.param else rvads.Reference)(*given)",
+    params="{params}",
+)
 
 TESTS = """
     import pytest_rvads as rvads
@@ -71,7 +63,7 @@ def test_each_version_of_a_controller_has_rows_of_its_own(pytester: pytest.Pytes
     said = [(label, [entry.text for entry in entries]) for label, entries in found.rows]
     assert said == [(f"{name}  01-02", ["FAIL" if name == "v3" else "pass", "NA"]) for name in VERSIONS]
 
-    records = json.loads((pytester.path / "out.json").read_text(encoding="utf-8"))["records"]
+    records = records_of(pytester.path)
     with (pytester.path / "out.csv").open(encoding="utf-8", newline="") as file:
         rows = [row for row in csv.DictReader(file) if row["item"]]
     cases = [

@@ -238,14 +238,19 @@ WRONG: list[tuple[dict[str, Any], str]] = [
 ]
 
 
+def refusal(tmp_path: Path, data: dict[str, Any]) -> str:
+    """Return the message with which a file is refused."""
+    with pytest.raises(RunError) as caught:
+        read_recorded(write(tmp_path, data))
+    return str(caught.value)
+
+
 @pytest.mark.parametrize(("data", "message"), WRONG, ids=[w[1] for w in WRONG])
 def test_a_wrong_file_is_refused_by_name(tmp_path: Path, data: dict[str, Any], message: str) -> None:
-    path = write(tmp_path, data)
-    with pytest.raises(RunError) as caught:
-        read_recorded(path)
-    assert message in str(caught.value)
-    assert str(caught.value).startswith("runs.json: ")
-    assert "\n" not in str(caught.value)
+    text = refusal(tmp_path, data)
+    assert message in text
+    assert text.startswith("runs.json: ")
+    assert "\n" not in text
 
 
 MANY = [{**document()["runs"][0], "name": f"r{k}", "ticks": 10_000_000} for k in range(60)]
@@ -279,11 +284,9 @@ HOSTILE: list[tuple[dict[str, Any], str]] = [
 
 @pytest.mark.parametrize(("data", "message"), HOSTILE, ids=[h[1] for h in HOSTILE])
 def test_what_would_take_too_much_or_has_no_proper_name_is_refused(tmp_path: Path, data: dict[str, Any], message: str) -> None:
-    path = write(tmp_path, data)
-    with pytest.raises(RunError) as caught:
-        read_recorded(path)
-    assert message in str(caught.value)
-    assert len(str(caught.value)) < 500
+    text = refusal(tmp_path, data)
+    assert message in text
+    assert len(text) < 500
 
 
 def test_long_series_take_no_longer_than_their_length(tmp_path: Path) -> None:

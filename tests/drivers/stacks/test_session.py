@@ -1,6 +1,5 @@
 """A stack under pytest: ``--rvads-sut``, errors and verdicts side by side, and no process that outlives the session."""
 
-import json
 import os
 import re
 import shutil
@@ -11,6 +10,8 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+
+from tests.inner_sessions import records_of
 
 from .conftest import Find, wait_for
 
@@ -85,7 +86,7 @@ def test_errors_stay_beside_verdicts(pytester: pytest.Pytester) -> None:
             "*last words of crash*",
         ]
     )
-    records = json.loads((pytester.path / "out.json").read_text(encoding="utf-8"))["records"]
+    records = records_of(pytester.path)
     assert sorted(r["status"] for r in records) == ["ERROR"] * 8 + ["NA"] * 8
 
 

@@ -1,6 +1,5 @@
 """The page on leagues: its configuration is one, its tables are those of its results, and what it quotes stands where it says."""
 
-import importlib.util
 import json
 import re
 from pathlib import Path
@@ -9,6 +8,7 @@ import msgspec
 
 from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.satellites.campaigns.league import Config
+from tests.tool_modules import tool
 
 ROOT = Path(__file__).parents[3]
 DOCS = ROOT / "docs"
@@ -18,12 +18,7 @@ QUOTE = re.compile(r"`([\w/]+\.py)`, line (\d+):\n\n```diff\n- ( *\S.*)\n\+", re
 
 
 def test_tables_are_made_of_the_results() -> None:
-    spec = importlib.util.spec_from_file_location("make_league", ROOT / "tools" / "make_league.py")
-    assert spec
-    assert spec.loader
-    tool = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(tool)
-    assert tool.page() == PAGE, "python tools/make_league.py writes the tables"
+    assert tool("make_league").page() == PAGE, "python tools/make_league.py writes the tables"
 
 
 def test_results_are_of_the_configuration_beside_them() -> None:

@@ -1,6 +1,5 @@
 """The tables and outputs in docs/sumo.md match SUMO and the commands."""
 
-import importlib.util
 import re
 from pathlib import Path
 from types import ModuleType
@@ -8,6 +7,7 @@ from types import ModuleType
 import pytest
 
 from pytest_rvads.cli import main
+from tests.tool_modules import tool
 
 from .with_sumo import needs_sumo
 
@@ -23,12 +23,7 @@ SHOWN = {
 
 @pytest.fixture(scope="module")
 def tables() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("make_sumo_tables", ROOT / "tools" / "make_sumo_tables.py")
-    assert spec
-    assert spec.loader
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return tool("make_sumo_tables")
 
 
 def holds(tables: ModuleType, place: str) -> None:

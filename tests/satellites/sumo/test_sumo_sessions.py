@@ -1,6 +1,5 @@
 """Sessions of pytest in which SUMO simulates."""
 
-import json
 from pathlib import Path
 
 import pytest
@@ -8,6 +7,7 @@ import pytest
 from pytest_rvads.satellites.sumo import sumo_simulator
 from pytest_rvads.simulators import simulator as choosing
 from pytest_rvads.simulators.loop import usual
+from tests.inner_sessions import records_of
 
 from .with_sumo import needs_sumo
 
@@ -56,7 +56,7 @@ def test_records_name_the_simulator(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(AMONG)
     result = pytester.runpytest(SUMO, "--rvads-autopilot=reference", "--rvads-report=report.json")
     result.stdout.fnmatch_lines([f"simulated by {usual().name} (*): 1 run", "simulated by sumo (libsumo *): 1 run"])
-    records = json.loads((pytester.path / "report.json").read_text(encoding="utf-8"))["records"]
+    records = records_of(pytester.path, "report.json")
     assert {(r["traffic"], r["simulator"]) for r in records} == {("reference", usual().name), ("sumo", "sumo")}
 
 
