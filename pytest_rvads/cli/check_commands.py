@@ -10,7 +10,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pytest_rvads.cli.common import Subparsers, lines, named_rules, progress, say
+from pytest_rvads.cli.common import Subparsers, lines, named_rules, number, progress, say
 from pytest_rvads.support.errors import RunError, ScenarioError
 from pytest_rvads.support.installed import load
 
@@ -172,20 +172,11 @@ def _declare_check(commands: Subparsers) -> None:
         "--report", action="append", default=[], metavar="FILE", help="write a report, in the format of its ending; repeatable"
     )
     check.add_argument("--kpis", action="store_true", help="also print the key performance indicators of every run")
-    check.add_argument("-j", "--jobs", type=_process_count, default=1, metavar="N", help="number of processes (default: 1)")
+    processes = number("number of processes", 1, 1000, int)
+    check.add_argument("-j", "--jobs", type=processes, default=1, metavar="N", help="number of processes (default: 1)")
     check.add_argument("-v", "--verbose", action="store_true", help="print all verdicts and warnings, also of many runs")
     load("streams", "follow").declare(check)
     check.set_defaults(command=_check_runs)
-
-
-def _process_count(text: str) -> int:
-    value = int(text)
-    if not 1 <= value <= 1000:
-        raise ValueError
-    return value
-
-
-_process_count.__name__ = "number of processes"  # argparse prints this name in its messages
 
 
 def _check_runs(options: argparse.Namespace) -> int:

@@ -10,7 +10,7 @@ import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from itertools import count
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from pytest_rvads.support.errors import RvadsError
 from pytest_rvads.support.wording import printable
@@ -27,6 +27,7 @@ __all__ = [
     "lines",
     "listed_rules",
     "named_rules",
+    "number",
     "progress",
     "progress_for",
     "say",
@@ -42,6 +43,19 @@ MAP_FORMATS = "OpenDRIVE, Lanelet2 or CommonRoad"
 """The formats of maps that are read, for the help of options."""
 Subparsers: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
 """The object of argparse to which a module adds its commands."""
+
+
+def number(name: str, least: float, most: float, kind: type = float) -> Callable[[str], Any]:
+    """Return the type of a number of an option; argparse prints `name` in its messages."""
+
+    def read(text: str) -> Any:
+        value = kind(text)
+        if not least <= value <= most:
+            raise ValueError
+        return value
+
+    read.__name__ = name
+    return read
 
 
 @contextmanager

@@ -11,7 +11,7 @@ from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
-from pytest_rvads.cli.common import Subparsers, say, show, warn
+from pytest_rvads.cli.common import Subparsers, number, say, show, warn
 from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.report.record import Record, SimulatedItem
 from pytest_rvads.report.session_report import (
@@ -34,6 +34,7 @@ _SHOWN = 10
 """Largest number of contradictions between merged reports that are listed; further contradictions are counted."""
 _COMMANDS = 3
 """Largest number of commands of merged sessions that are named; further commands are counted."""
+_PERCENT, _SECONDS = number("percentage", 0, 100), number("number of seconds", 0, 3600)
 
 
 def declare(commands: Subparsers) -> None:
@@ -49,12 +50,15 @@ def declare(commands: Subparsers) -> None:
     merge.add_argument("files", nargs="+", metavar="FILE.json", help="written by --rvads-report")
     merge.add_argument("-o", "--output", metavar="OUT", help="write the merged report, in the format of its ending")
     merge.add_argument(
-        "--cov-fail-under", type=_percent, metavar="N", help="as --rvads-cov-fail-under, for the merged report [%%]"
+        "--cov-fail-under",
+        type=_PERCENT,
+        metavar="N",
+        help="as --rvads-cov-fail-under, for the merged report [%%]",
     )
-    merge.add_argument("--cov-arrivals", type=_seconds, metavar="SECONDS", help="as --rvads-cov-arrivals, for the merged report")
+    merge.add_argument("--cov-arrivals", type=_SECONDS, metavar="SECONDS", help="as --rvads-cov-arrivals, for the merged report")
     merge.add_argument("--baseline", metavar="FILE.json", help="show the changes since an earlier report")
     merge.add_argument("--baseline-of", choices=("same", "any"), default="same", help="as --rvads-baseline-of (default same)")
-    merge.add_argument("--erosion", type=_seconds, default=0.5, metavar="SECONDS", help="as --rvads-erosion (default 0.5)")
+    merge.add_argument("--erosion", type=_SECONDS, default=0.5, metavar="SECONDS", help="as --rvads-erosion (default 0.5)")
     merge.set_defaults(command=_print_merged)
     check = actions.add_parser(
         "check",
@@ -82,7 +86,7 @@ def declare(commands: Subparsers) -> None:
         help="also write the comparison, as FILE.html, FILE.md or FILE.json; other formats of reports hold B with the changes "
         "since A; repeatable",
     )
-    compare.add_argument("--erosion", type=_seconds, default=0.5, metavar="SECONDS", help="as --rvads-erosion (default 0.5)")
+    compare.add_argument("--erosion", type=_SECONDS, default=0.5, metavar="SECONDS", help="as --rvads-erosion (default 0.5)")
     compare.add_argument(
         "--fail-on",
         metavar="KIND",
@@ -110,23 +114,6 @@ def declare(commands: Subparsers) -> None:
         help="write a report, in the format of its ending; repeatable",
     )
     make.set_defaults(command=_make)
-
-
-def _percent(text: str) -> float:
-    value = float(text)
-    if not 0 <= value <= 100:
-        raise ValueError
-    return value
-
-
-def _seconds(text: str) -> float:
-    value = float(text)
-    if not 0 <= value <= 3600:
-        raise ValueError
-    return value
-
-
-_percent.__name__, _seconds.__name__ = "percentage", "number of seconds"  # argparse prints these names in its messages
 
 
 def _print_merged(options: argparse.Namespace) -> int:

@@ -15,8 +15,8 @@ from typing import Any
 
 from pytest_rvads.geometry.builtin import LAYOUTS, path_of
 from pytest_rvads.geometry.conflicts import JunctionKind, Line, Shared, Stretch, conflicts_of
-from pytest_rvads.geometry.control import JunctionControl, Sign, control_of
-from pytest_rvads.geometry.crosswalks import Crossing, Crosswalk, covers
+from pytest_rvads.geometry.control import JunctionControl, control_of
+from pytest_rvads.geometry.crosswalks import Crosswalk, covers
 from pytest_rvads.geometry.junction_digest import digest_of
 from pytest_rvads.geometry.opendrive.junction_writer import written
 from pytest_rvads.geometry.opendrive.xmlfile import text_of
@@ -253,7 +253,7 @@ class Junction:
     def _courses(self) -> Mapping[Key, Course]:
         """Per movement, the centre line from the approach to the exit road, if the line is known."""
         ends = ((m, self.entrances[m.entrance], self.exits[m.exit]) for m in self.movements.values())
-        courses = {m.key: course_of(e.approach, m.path, x.road, e.setback, self.lane_width) for m, e, x in ends}
+        courses = {m.key: course_of(entrance, m, exit, self.lane_width) for m, entrance, exit in ends}
         return {key: course for key, course in courses.items() if course is not None}
 
     @cached_property
@@ -270,20 +270,9 @@ class Junction:
         """
         if self.conflicts is None:
             return None
-        precedence = Precedence(
-            [entrance.sign for entrance in self.entrances],
-            [entrance.arm for entrance in self.entrances],
-            {m.entrance: m.path.pose(0.0) for m in reversed([*self.movements.values()]) if m.path},
-            {key: movement.turn for key, movement in self.movements.items()},
-            self.right_of,
-            self.opposite,
-            self.stated,
-            self.joining,
-            self.left_hand,
-            frozenset(way.entrance for way, _, _ in self.further if isinstance(way, Crossing)),
-        )
-        phases = [start.phase if start.sign is Sign.LIGHTS else None for start in self.starts]
-        return precedence.yields(self.conflicts, phases)
+        relations = self.right_of, self.opposite, self.stated, self.joining
+        all_way_stop = self.control is JunctionControl.STOP
+        return Precedence(self.starts, self.every_way, *relations, self.left_hand, all_way_stop).yields(self.conflicts)
 
     @cached_property
     def by_direction(self) -> Mapping[tuple[int, int], Movement]:

@@ -23,12 +23,14 @@ import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import cached_property
 from types import MappingProxyType
 
 from pytest_rvads.geometry.control import Sign
+from pytest_rvads.geometry.crosswalks import Crossing
 from pytest_rvads.geometry.segment import Pose
 from pytest_rvads.geometry.turns import Turn
-from pytest_rvads.geometry.ways import Key
+from pytest_rvads.geometry.ways import Entrance, Key, Movement, Way
 
 __all__ = ["Precedence", "Reason"]
 
@@ -66,17 +68,14 @@ class Reason(StrEnum):
     """The movements come together at a flat angle, and the map does not show which movement joins the other movement."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Precedence:
     """The properties of a junction that decide which movement gives way."""
 
-    signs: Sequence[Sign]
-    """Sign of every entrance."""
-    arms: Sequence[int]
-    """The arm of every entrance."""
-    starts: Mapping[int, Pose]
-    """Pose at which the movements of an entrance begin."""
-    turns: Mapping[Key, Turn]
+    starts: Sequence[Entrance]
+    """The starts of all ways, the entrances first."""
+    ways: Mapping[Key, Way]
+    """All ways by their keys."""
     right_of: Collection[tuple[int, int]]
     opposite: Collection[tuple[int, int]]
     stated: Collection[tuple[Key, Key]]
@@ -84,17 +83,24 @@ class Precedence:
     joining: Collection[tuple[Key, Key]]
     """Pairs of movements of which, according to the map, the first joins the second."""
     left_hand: bool
-    crossings: Collection[int] = ()
-    """Numbers of the starts of crossings over crosswalks."""
+    all_way_stop: bool
+    """Whether all entrances have stop signs."""
 
-    def yields(self, conflicts: Iterable[tuple[Key, Key]], phases: Sequence[int | None]) -> Mapping[tuple[Key, Key], Reason]:
+    @cached_property
+    def _poses(self) -> Mapping[int, Pose]:
+        """Per entrance, the pose at which its movements begin."""
+        movements = reversed([way for way in self.ways.values() if isinstance(way, Movement)])
+        return {movement.entrance: movement.path.pose(0.0) for movement in movements if movement.path}
+
+    def yields(self, conflicts: Iterable[tuple[Key, Key]]) -> Mapping[tuple[Key, Key], Reason]:
         """Return the pairs of conflicting ways of which the first gives way to the second, with the reason.
+
+        Two ways with lights that never have green together are left out, because the light decides.
 
         Args:
             conflicts: pairs of ways that conflict, in both orders.
-            phases: per start of ways, the phase of its light; None without a light. Two ways with lights that never have green
-                together are left out, because the light decides.
         """
+        phases = [start.phase if start.sign is Sign.LIGHTS else None for start in self.starts]
         at_once = (
             (way, other_way)
             for way, other_way in sorted(conflicts)
@@ -112,16 +118,16 @@ class Precedence:
         """
         if (key, other_key) in self.stated:
             return Reason.STATED
-        if other_key[0] in self.crossings and key[0] not in self.crossings:
+        way, other_way = self.ways[key], self.ways[other_key]
+        if isinstance(other_way, Crossing) and not isinstance(way, Crossing):
             return Reason.CROSSWALK
-        entrance, other_entrance = key[0], other_key[0]
-        if (
-            (other_key, key) in self.stated
-            or max(entrance, other_entrance) >= len(self.arms)
-            or self.arms[entrance] == self.arms[other_entrance]
-        ):
+        if (other_key, key) in self.stated or not (isinstance(way, Movement) and isinstance(other_way, Movement)):
             return None
-        ranks = _RANK[self.signs[entrance]], _RANK[self.signs[other_entrance]]
+        entrance, other_entrance = key[0], other_key[0]
+        start, other_start = self.starts[entrance], self.starts[other_entrance]
+        if start.arm == other_start.arm:
+            return None
+        ranks = _RANK[start.sign], _RANK[other_start.sign]
         if ranks[0] != ranks[1]:
             return Reason.SIGN if ranks[0] < ranks[1] else None
         if (entrance, other_entrance) in self.opposite:
@@ -129,21 +135,21 @@ class Precedence:
                 return Reason.TURN if self._across(key) else None
             if self._across(key):
                 return None
-        elif self.signs[entrance] is self.signs[other_entrance] is Sign.LIGHTS:
+        elif start.sign is other_start.sign is Sign.LIGHTS:
             return None
         return self._among_equals(key, other_key)
 
     def _among_equals(self, key: Key, other_key: Key) -> Reason | None:
         entrance, other_entrance = key[0], other_key[0]
-        if set(self.signs) != {Sign.STOP}:  # at an all-way stop, lanes that come together take turns like other lanes
+        if not self.all_way_stop:  # at an all-way stop, lanes that come together take turns like other lanes
             if (key, other_key) in self.joining or (other_key, key) in self.joining:
                 return Reason.MERGE if (key, other_key) in self.joining else None
-            if abs(math.remainder(self.starts[other_entrance].heading - self.starts[entrance].heading, math.tau)) < _FLAT:
+            if abs(math.remainder(self._poses[other_entrance].heading - self._poses[entrance].heading, math.tau)) < _FLAT:
                 return Reason.UNDECIDED
         return Reason.RIGHT if self._from_right(entrance, other_entrance) else None
 
     def _across(self, key: Key) -> bool:
-        return self.turns[key] is (Turn.RIGHT if self.left_hand else Turn.LEFT)
+        return self.ways[key].turn is (Turn.RIGHT if self.left_hand else Turn.LEFT)
 
     def _from_right(self, entrance: int, other_entrance: int) -> bool:
         """Return whether `other_entrance` lies to the right of `entrance`, or, where traffic keeps left, to the left.
@@ -157,10 +163,10 @@ class Precedence:
             return right != self.left_hand
         if (other_entrance, entrance) in self.right_of or (entrance, other_entrance) in self.right_of:
             return (other_entrance, entrance) in self.right_of
-        turned = (self.starts[other_entrance].heading - self.starts[entrance].heading) % math.tau
+        turned = (self._poses[other_entrance].heading - self._poses[entrance].heading) % math.tau
         return (turned < math.pi - _AHEAD) != self.left_hand
 
     def _right_by_place(self, entrance: int, other_entrance: int) -> bool:
         """Return whether entrance `other_entrance` lies to the right of the line along which traffic enters at `entrance`."""
-        (x, y, heading), (u, v, _) = self.starts[entrance], self.starts[other_entrance]
+        (x, y, heading), (u, v, _) = self._poses[entrance], self._poses[other_entrance]
         return math.sin(heading) * (u - x) - math.cos(heading) * (v - y) > 0.0

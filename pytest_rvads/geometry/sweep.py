@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from pytest_rvads.geometry.least_squares import BAND, normal_bands, pull, solved
 from pytest_rvads.geometry.segment import LEAST_RADIUS, Segment, join, least_radius
+from pytest_rvads.geometry.ways import Entrance, Exit, Movement
 
 __all__ = [
     "CAR",
@@ -121,21 +122,12 @@ def through(approach: Segment, movement: Segment, road: Segment) -> Segment | No
     return join((approach, movement, road if road.length <= EXIT_LENGTH else road.head(EXIT_LENGTH)))
 
 
-def course_of(
-    approach: Segment | None, movement: Segment | None, road: Segment | None, setback: float, lane_width: float
-) -> Course | None:
-    """Return the course of a movement; None if one of its centre lines is not known, or if the lines do not meet.
-
-    Args:
-        approach: centre line of the lane to the entrance vertex.
-        movement: centre line of the movement.
-        road: centre line of the lane from the exit vertex on.
-        setback: distance of the stopping line before the entrance vertex [m].
-        lane_width: width of the lane [m].
-    """
-    if approach is None or movement is None or road is None or (path := through(approach, movement, road)) is None:
+def course_of(entrance: Entrance, movement: Movement, exit: Exit, lane_width: float) -> Course | None:
+    """Return the course of a movement; None if one of its centre lines is not known, or if the lines do not meet."""
+    approach, line, road = entrance.approach, movement.path, exit.road
+    if approach is None or line is None or road is None or (path := through(approach, line, road)) is None:
         return None
-    return Course(path, approach.length, movement.length, max(-approach.length, -setback - BEFORE), lane_width)
+    return Course(path, approach.length, line.length, max(-approach.length, -entrance.setback - BEFORE), lane_width)
 
 
 class Sweep:

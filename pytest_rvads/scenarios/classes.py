@@ -29,7 +29,6 @@ __all__ = [
     "WAYS",
     "Directions",
     "Pair",
-    "class_number",
     "classes",
     "count_classes",
     "count_scenarios",
@@ -37,7 +36,6 @@ __all__ = [
     "label",
     "members",
     "pairs_at",
-    "pairs_in",
     "parse",
     "representative",
     "rotate",
@@ -127,11 +125,6 @@ def classes(ways: int) -> Iterator[Directions]:
     return iter(Orbits.plain(ways))
 
 
-def class_number(code: Directions) -> int:
-    """Return the number of the class of `code`, counted from 1; 0 for a scenario with an empty entrance."""
-    return Orbits.plain(len(code)).number(code)
-
-
 def pairs_at(place: Junction, *, conflicting: bool = False) -> tuple[Pair, ...]:
     """Return the pairs of movements from different entrances, in order, or only the pairs that conflict.
 
@@ -142,12 +135,6 @@ def pairs_at(place: Junction, *, conflicting: bool = False) -> tuple[Pair, ...]:
         raise ScenarioError(f"the conflicts of junction {place.name!r} are not known, since it is not known where its lanes lie")
     pairs = combinations(sorted(place.movements), 2)
     return tuple(pair for pair in pairs if pair[0][0] != pair[1][0] and (not conflicting or pair in (place.conflicts or ())))
-
-
-def pairs_in(place: Junction, code: Directions) -> Iterator[Pair]:
-    """Yield the pairs of movements of an abstract scenario."""
-    keys = sorted(place.leads(entrance, direction).key for entrance, direction in enumerate(code) if direction)
-    yield from combinations(keys, 2)
 
 
 def covering(

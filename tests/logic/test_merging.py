@@ -9,14 +9,15 @@ from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import pytest_rvads as rvads
-from pytest_rvads.geometry.control import Sign
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.geometry.precedence import Precedence, Reason
-from pytest_rvads.geometry.segment import Pose
+from pytest_rvads.geometry.segment import Pose, Segment
 from pytest_rvads.geometry.turns import Turn
+from pytest_rvads.geometry.ways import Entrance, Movement
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.conduct.cast import Ground, ground_of
 from pytest_rvads.logic.conduct.priority import owes
@@ -142,9 +143,10 @@ def test_a_sign_counts_before_a_lane_that_joins(at: At) -> None:
 def test_side_of_a_merge_follows_from_the_position(turned: float, left_hand: bool) -> None:
     """Both drive north, the second 20 m to the left of the first, turned: its direction says nothing of where it is."""
     north = math.pi / 2
-    starts = {0: Pose(20.0, 0.0, north), 1: Pose(0.0, 0.0, north + math.radians(turned))}
-    turns = {(0, 0): Turn.STRAIGHT, (1, 0): Turn.STRAIGHT}
-    relation = Precedence([Sign.NONE] * 2, [0, 1], starts, turns, (), (), (), (), left_hand)
+    starts = [(20.0, north), (0.0, north + math.radians(turned))]
+    lines = [np.array([(x, 0.0), (x + math.cos(heading), math.sin(heading))]) for x, heading in starts]
+    ways = {(k, 0): Movement(k, 0, Turn.STRAIGHT, 1.0, "", Segment("", line)) for k, line in enumerate(lines)}
+    relation = Precedence([Entrance(0), Entrance(1)], ways, (), (), (), (), left_hand, all_way_stop=False)
     reasons = [relation.why((0, 0), (1, 0)), relation.why((1, 0), (0, 0))]
     assert reasons == ([Reason.RIGHT, None] if left_hand else [None, Reason.RIGHT])
 

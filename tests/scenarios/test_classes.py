@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 
 from pytest_rvads.geometry.finder import find
 from pytest_rvads.scenarios.classes import (
-    class_number,
     classes,
     count_classes,
     count_scenarios,
@@ -19,6 +18,7 @@ from pytest_rvads.scenarios.classes import (
     rotate,
     rotations,
 )
+from pytest_rvads.scenarios.orbits import Orbits
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.support.errors import ScenarioError
 
@@ -48,15 +48,16 @@ def test_listing_yields_as_many_classes_as_burnside_counts() -> None:
 def test_classes_of_the_paper_have_their_numbers() -> None:
     # Classes 1 to 4 of the paper begin with these rows; their numbers here follow the order in `scenarios/ids.py`.
     rows = ("2111", "3111", "1233", "2121")
-    assert [class_number(parse(row)) for row in rows] == [2, 3, 13, 8]
-    assert class_number(parse("1133")) == 7
-    assert class_number(parse("3333")) == 24
+    assert [Orbits.plain(4).number(parse(row)) for row in rows] == [2, 3, 13, 8]
+    assert Orbits.plain(4).number(parse("1133")) == 7
+    assert Orbits.plain(4).number(parse("3333")) == 24
 
 
 @given(codes, st.integers(-20, 20))
 @settings(derandomize=True, deadline=None)
 def test_every_rotation_is_in_the_same_class(code: tuple[int, ...], rows: int) -> None:
-    assert class_number(rotate(code, rows)) == class_number(code)
+    orbits = Orbits.plain(len(code))
+    assert orbits.number(rotate(code, rows)) == orbits.number(code)
     assert representative(rotate(code, rows)) == representative(code)
     assert rotate(code, rows) in members(code)
 
@@ -69,12 +70,12 @@ def test_rotation_moves_vehicles_and_keeps_their_directions(code: tuple[int, ...
 
 
 def test_numbers_follow_the_order_of_the_representatives() -> None:
-    assert [class_number(code) for code in classes(5)] == list(range(1, 209))
-    assert class_number((7,) * 8) == count_classes(8)
+    assert [Orbits.plain(5).number(code) for code in classes(5)] == list(range(1, 209))
+    assert Orbits.plain(8).number((7,) * 8) == count_classes(8)
 
 
 def test_partial_scenarios_have_class_0() -> None:
-    assert class_number(parse("1020")) == 0
+    assert Orbits.plain(4).number(parse("1020")) == 0
 
 
 @pytest.mark.parametrize(

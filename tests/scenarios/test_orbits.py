@@ -1,6 +1,7 @@
 """Classes of junctions with lanes, one-way arms and signs that differ, against orbits found by turning every scenario."""
 
 import time
+from collections.abc import Iterable
 from dataclasses import replace
 from itertools import combinations, product
 from typing import Any
@@ -14,7 +15,7 @@ from pytest_rvads.geometry.finder import find
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.geometry.ways import Entrance, Exit, Key, Movement
-from pytest_rvads.scenarios.classes import covering, pairs_at, pairs_in
+from pytest_rvads.scenarios.classes import covering, pairs_at
 from pytest_rvads.scenarios.configurations import grid
 from pytest_rvads.scenarios.orbits import OCCUPANCIES, Directions, Orbits, rotate
 from pytest_rvads.scenarios.scenario import Scenario
@@ -166,13 +167,19 @@ def test_count_equals_the_length_of_the_selection(name: str, subject: Any, cover
     assert {s.followers for s in listed} == {0, 2}
 
 
+def pairs_in(place: Junction, codes: Iterable[Directions]) -> set[tuple[tuple[int, int], ...]]:
+    """The pairs of movements that meet in scenarios."""
+    movements = [sorted(place.leads(e, d).key for e, d in enumerate(code) if d) for code in codes]
+    return {pair for keys in movements for pair in combinations(keys, 2)}
+
+
 @pytest.mark.parametrize("occupancy", OCCUPANCIES)
 @pytest.mark.parametrize("place", [TURN_LANES, ONE_WAY, find("light4")], ids=["turn lanes", "one-way", "light4"])
 def test_every_pair_of_movements_happens_that_can(place: Junction, occupancy: str) -> None:
     orbits = Orbits.at(place, occupancy)
     codes = covering(place, orbits)
-    possible = {pair for code in orbits.every() for pair in pairs_in(place, code)}
-    assert {pair for code in codes for pair in pairs_in(place, code)} == possible
+    possible = pairs_in(place, orbits.every())
+    assert pairs_in(place, codes) == possible
     assert all(code in orbits for code in codes)
     assert covering(place, orbits) == codes
     movements = len(place.movements)
@@ -185,7 +192,7 @@ def test_every_pair_of_movements_happens_that_can(place: Junction, occupancy: st
 def test_conflicts_need_fewer_scenarios_than_pairs_and_these_fewer_than_classes() -> None:
     place = find("stop4")
     pairs, conflicts = (covering(place, Orbits.at(place), conflicting=only) for only in (False, True))
-    made = {pair for code in conflicts for pair in pairs_in(place, code)}
+    made = pairs_in(place, conflicts)
     assert made >= {(a, b) for a, b in combinations(sorted(place.movements), 2) if (a, b) in (place.conflicts or ())}
     assert 9 <= len(pairs) <= 11, "9 is the least for two columns of three; an orthogonal array has 4 columns in 9 rows"
     assert len(conflicts) <= len(pairs)
@@ -194,7 +201,7 @@ def test_conflicts_need_fewer_scenarios_than_pairs_and_these_fewer_than_classes(
 def test_a_seat_is_taken_in_every_scenario_of_a_cover_of_pairs() -> None:
     codes = covering(TURN_LANES, Orbits.at(TURN_LANES), 1)
     assert {code[:2] for code in codes} == {(0, 3)}
-    others = {pair for code in codes for pair in pairs_in(TURN_LANES, code)}
+    others = pairs_in(TURN_LANES, codes)
     assert {pair for pair in pairs_at(TURN_LANES) if pair[0][0] == 1 and pair[1][0] > 1} <= others
 
 
