@@ -304,8 +304,7 @@ class Junction:
     @cached_property
     def digest(self) -> str:
         """SHA-256 of everything that a run or a verdict can depend on, including signs and centre lines, without names."""
-        names = ("name", "id", "map")
-        return digest_of(**{item.name: getattr(self, item.name) for item in fields(self) if item.name not in names})
+        return digest_of(**{f.name: getattr(self, f.name) for f in fields(self) if f.name not in ("name", "id", "map")})
 
     def leads(self, entrance: int, direction: int) -> Movement:
         """Return the movement from `entrance` into symbolic direction `direction`, see `by_direction`.

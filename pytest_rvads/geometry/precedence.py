@@ -32,9 +32,9 @@ from pytest_rvads.geometry.segment import Pose
 from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.geometry.ways import Entrance, Key, Movement, Way
 
-__all__ = ["Precedence", "Reason"]
+__all__ = ["RANK", "Precedence", "Reason"]
 
-_RANK = {Sign.STOP: 0, Sign.YIELD: 0, Sign.NONE: 1, Sign.LIGHTS: 1, Sign.PRIORITY: 2}
+RANK = {Sign.STOP: 0, Sign.YIELD: 0, Sign.NONE: 1, Sign.LIGHTS: 1, Sign.PRIORITY: 2}
 """Ranks of signs: a vehicle from an entrance gives way to vehicles from entrances with a sign of higher rank.
 
 The ranks follow the Vienna Convention on Road Signs and Signals 1968, signs B,1 to B,3. Stop and yield signs both oblige to give
@@ -127,7 +127,7 @@ class Precedence:
         start, other_start = self.starts[entrance], self.starts[other_entrance]
         if start.arm == other_start.arm:
             return None
-        ranks = _RANK[start.sign], _RANK[other_start.sign]
+        ranks = RANK[start.sign], RANK[other_start.sign]
         if ranks[0] != ranks[1]:
             return Reason.SIGN if ranks[0] < ranks[1] else None
         if (entrance, other_entrance) in self.opposite:

@@ -7,6 +7,7 @@ a file can declare no entity and refer to nothing outside.
 from __future__ import annotations
 
 import errno
+import math
 import os
 import re
 import stat
@@ -20,7 +21,7 @@ from xml.parsers import expat
 from pytest_rvads.support.errors import RvadsError
 from pytest_rvads.support.wording import one_line
 
-__all__ = ["DEEPEST", "LONGEST_TAG", "XmlError", "open_file", "read_file", "read_xml", "slug", "write_file"]
+__all__ = ["DEEPEST", "LONGEST_TAG", "XmlError", "number_in", "open_file", "read_file", "read_xml", "slug", "write_file"]
 
 _LONGEST = 190
 """Longest name of a file without its ending [bytes]; file systems take 255."""
@@ -114,6 +115,14 @@ def slug(text: str) -> str:
 
 class XmlError(RvadsError):
     """The error that a file is no XML, or exceeds a bound; the message names the row, and the caller adds the file's name."""
+
+
+def number_in(text: str) -> float:
+    """Return the number that a text, such as an attribute in XML, holds; NaN for any other text."""
+    try:
+        return float(text)
+    except ValueError:
+        return math.nan
 
 
 def read_xml(

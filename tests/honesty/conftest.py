@@ -4,14 +4,11 @@ from collections.abc import Callable
 
 import pytest
 
-CONFTEST = """
-    import pytest
-    import pytest_rvads as rvads
+from tests.inner_sessions import driven_by
 
-    class Racer(rvads.Follower):
-        def target_speed(self, seen):
-            return 8.0
-
+CONFTEST = driven_by(
+    'DRIVERS["{driver}"]',
+    """
     class Raises(Racer):
         def control(self, seen):
             if seen.time > 0.1:
@@ -19,11 +16,8 @@ CONFTEST = """
             return super().control(seen)
 
     DRIVERS = {{"racer": Racer, "raises": Raises, "reference": rvads.Reference}}
-
-    @pytest.fixture
-    def rvads_autopilot():
-        return DRIVERS["{driver}"]
-"""
+""",
+)
 HEAD = """
 import contextlib
 import pytest

@@ -139,10 +139,9 @@ def test_misuse(tests: pytest.Pytester, options: tuple[str, ...], says: str) -> 
     result.stderr.fnmatch_lines([says])
 
 
-FLAKY = """
-    import pytest
-    import pytest_rvads as rvads
-
+FLAKY = driven_by(
+    'Moody if "moody" in request.function.__name__ else Racer',
+    """
     class Moody(rvads.Reference):
         runs = 0
 
@@ -153,14 +152,6 @@ FLAKY = """
                 return rvads.Control(brake=1.0)
             return super().control(seen)
 
-    class Racer(rvads.Follower):
-        def target_speed(self, seen):
-            return 8.0
-
-    @pytest.fixture
-    def rvads_autopilot(request):
-        return Moody if "moody" in request.function.__name__ else Racer
-
     @rvads.scenario("stop4", classes=7, grid="C", duration=6)
     def test_moody(run):
         assert not run.steps
@@ -168,7 +159,8 @@ FLAKY = """
     @rvads.scenario("stop4", classes=7, grid="C", rules=("p1", "p2"), duration=6)
     def test_racer(run, rule, monitor):
         monitor.check(rule)
-"""
+""",
+)
 
 
 @pytest.mark.parametrize("workers", [(), pytest.param(("-n", "1"), marks=pytest.mark.slow)])

@@ -1,12 +1,11 @@
 """The same session beside other plugins: same verdicts, and no warning even where warnings are errors."""
 
-import json
 from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
 
-from tests.inner_sessions import driven_by
+from tests.inner_sessions import driven_by, records_of
 
 TESTS = driven_by(
     'Racer if "racer" in request.function.__name__ else rvads.Reference',
@@ -39,8 +38,7 @@ _PLAIN: dict[str, tuple[str, str, str]] = {}
 
 
 def verdicts(path: Path) -> dict[str, tuple[str, str, str]]:
-    records = json.loads(path.read_text(encoding="utf-8"))["records"]
-    return {r["nodeid"]: (r["status"], r["outcome"], r["hash"]) for r in records}
+    return {r["nodeid"]: (r["status"], r["outcome"], r["hash"]) for r in records_of(path.parent, path.name)}
 
 
 @pytest.fixture

@@ -18,7 +18,7 @@ from pytest_rvads.report.folders import claimed
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.runfile import load_run
 from pytest_rvads.session import artefacts
-from tests.inner_sessions import FAILING, records_of
+from tests.inner_sessions import FAILING, driven_by, records_of
 
 
 def content(page: Path) -> dict[str, Any]:
@@ -72,26 +72,16 @@ def test_pytest_html_gets_the_picture(pytester: pytest.Pytester, monkeypatch: py
     assert base64.b64encode(drawn.read_bytes()).decode() in (pytester.path / "report.html").read_text(encoding="utf-8")
 
 
-RACING = """
-import pytest
-import pytest_rvads as rvads
-
-class Racer(rvads.Follower):
-    speed = 8.0
-
-    def target_speed(self, seen):
-        return self.speed
-
-@pytest.fixture
-def rvads_autopilot():
-    return Racer
-
+RACING = driven_by(
+    "Racer",
+    """
 rvads.rule("stays_out", "forall a, j.en. G(!a@j)")
 
 @rvads.scenario("stop4", classes=(1, 7), distances=3, rules=("full_stop", "stays_out"), duration=2)
 def test_rules(run, rule, monitor):
     monitor.check(rule)
-"""
+""",
+)
 
 
 @pytest.fixture
@@ -313,7 +303,7 @@ def test_beside_a_replay_stand_facts_and_the_other_verdicts(pytester: pytest.Pyt
 
 def slower(folder: Path) -> None:
     file = folder / "test_it.py"
-    file.write_text(file.read_text(encoding="utf-8").replace("speed = 8.0", "speed = 2.50"), encoding="utf-8")
+    file.write_text(file.read_text(encoding="utf-8").replace("return 8.0", "return 2.50"), encoding="utf-8")
 
 
 @pytest.mark.parametrize("started", [".", "sub"])

@@ -12,23 +12,16 @@ import pytest
 from pytest_rvads.fixtures.monitoring import Monitor
 from pytest_rvads.runs.run import Run
 from pytest_rvads.support.errors import RuleViolation
+from tests.inner_sessions import driven_by
 
-CONFTEST = """
-    import pytest
-    import pytest_rvads as rvads
-
-    class Racer(rvads.Follower):
-        def target_speed(self, seen):
-            return 8.0
-
+CONFTEST = driven_by(
+    '{"racer": Racer, "parked": Parked}.get(request.function.__name__.split("_")[1], rvads.Reference)',
+    """
     class Parked(rvads.Follower):
         def target_speed(self, seen):
             return 0.0
-
-    @pytest.fixture
-    def rvads_autopilot(request):
-        return {"racer": Racer, "parked": Parked}.get(request.function.__name__.split("_")[1], rvads.Reference)
-"""
+""",
+)
 
 TESTS = """
     import pytest_rvads as rvads

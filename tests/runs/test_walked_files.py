@@ -65,6 +65,19 @@ def test_file_of_a_run_without_pedestrians_says_nothing_of_crosswalks(tmp_path: 
     assert "crosswalks" not in header_of(tmp_path / "plain.npz")["junction"]
 
 
+def damaged(walked: Run, folder: Path, change: Callable[[dict[str, Any]], object]) -> Path:
+    """Return the file of a run after a change of the record of its junction."""
+    path = folder / "run.npz"
+    rvads.files.save_run(walked, path)
+    with np.load(path) as archive:
+        arrays = {name: archive[name] for name in archive.files}
+    header = header_of(path)
+    change(header["junction"])
+    arrays["header"] = np.frombuffer(json.dumps(header).encode(), dtype=np.uint8)
+    np.savez(path, **arrays)
+    return path
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -81,28 +94,14 @@ def test_file_of_a_run_without_pedestrians_says_nothing_of_crosswalks(tmp_path: 
 def test_damaged_crosswalk_is_refused_in_one_sentence(
     walked: Run, tmp_path: Path, change: Callable[[dict[str, Any]], None], message: str
 ) -> None:
-    path = tmp_path / "run.npz"
-    rvads.files.save_run(walked, path)
-    with np.load(path) as archive:
-        arrays = {name: archive[name] for name in archive.files}
-    header = header_of(path)
-    change(header["junction"]["crosswalks"][0])
-    arrays["header"] = np.frombuffer(json.dumps(header).encode(), dtype=np.uint8)
-    np.savez(path, **arrays)
+    path = damaged(walked, tmp_path, lambda junction: change(junction["crosswalks"][0]))
     with pytest.raises(RunError, match=message) as caught:
         rvads.files.load_run(path)
     assert "\n" not in str(caught.value)
 
 
 def test_pedestrian_without_crosswalks_in_the_file_is_refused(walked: Run, tmp_path: Path) -> None:
-    path = tmp_path / "run.npz"
-    rvads.files.save_run(walked, path)
-    with np.load(path) as archive:
-        arrays = {name: archive[name] for name in archive.files}
-    header = header_of(path)
-    del header["junction"]["crosswalks"]
-    arrays["header"] = np.frombuffer(json.dumps(header).encode(), dtype=np.uint8)
-    np.savez(path, **arrays)
+    path = damaged(walked, tmp_path, lambda junction: junction.pop("crosswalks"))
     with pytest.raises(RunError, match=r"lights must be whole numbers in the shape \(\d+, 4\), got int8 in \(\d+, 16\)"):
         rvads.files.load_run(path)
 

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from pytest_rvads.satellites.tracks.source import Watch, opened
 from pytest_rvads.support.errors import RunError
-from pytest_rvads.support.storage import read_xml
+from pytest_rvads.support.storage import number_in, read_xml
 from pytest_rvads.support.wording import one_line
 
 __all__ = ["VERTEX", "Node", "evaluate", "read_tree"]
@@ -110,7 +110,7 @@ class Node:
         if default is not None and name not in self.attributes:
             return default
         text = self.text(name)
-        value = _number(text)
+        value = number_in(text)
         if not abs(value) <= 1e12:
             raise self.refused(f"has {name}={text!r:.60}, expected a finite number")
         return value
@@ -187,7 +187,7 @@ class _Builder:
     def _vertex(self, line: Node, node: Node, row: int) -> None:
         """Store a part of a vertex: the time in the element `Vertex`, or the position in the inner element `WorldPosition`."""
         if node.tag == "Vertex":
-            self._time = row, _number(node.attributes.get("time", "nan"))
+            self._time = row, number_in(node.attributes.get("time", "nan"))
         elif node.tag == "WorldPosition" and line.vertices is not None:
             place = node.number("x"), node.number("y")
             heading = node.number("h") if "h" in node.attributes else math.nan
@@ -198,13 +198,6 @@ class _Builder:
                 )
         elif node.tag != "Position":
             raise node.refused("is not read as a position of a trajectory, expected a <WorldPosition>")
-
-
-def _number(text: str) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        return math.nan
 
 
 def read_tree(path: Path, watch: Watch | None = None) -> Node:

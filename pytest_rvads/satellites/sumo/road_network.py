@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 
 from pytest_rvads.geometry.control import Sign
 from pytest_rvads.geometry.junction import Junction
-from pytest_rvads.geometry.precedence import Reason
+from pytest_rvads.geometry.precedence import RANK, Reason
 from pytest_rvads.geometry.segment import SPEED_LIMIT, Segment, join
 from pytest_rvads.geometry.sweep import EXIT_LENGTH
 from pytest_rvads.geometry.ways import Arm, Key
@@ -42,8 +42,6 @@ __all__ = ["Network", "lane_in", "lane_limit", "lane_out", "netconvert", "networ
 
 _LETTERS = {Colour.YELLOW: "y", Colour.RED: "r"}
 """By colour other than green, the letter for the colour in SUMO's signal programs."""
-_RANK = {Sign.STOP: 1, Sign.YIELD: 1, Sign.NONE: 2, Sign.LIGHTS: 2, Sign.PRIORITY: 3}
-"""Rank of a sign, as in `pytest_rvads.geometry.precedence`; a movement gives way to a movement whose sign has a higher rank."""
 _LENGTH_TOLERANCE = 1e-6
 """Largest difference at which two lengths count as equal [m]."""
 _LONGEST_CALL = 60.0
@@ -221,14 +219,14 @@ def node_type(junction: Junction) -> str:
         ScenarioError: SUMO can't represent the junction.
     """
     signs = {entrance.sign for entrance in junction.entrances}
-    lower = {sign for sign in signs if _RANK[sign] == min(_RANK[s] for s in signs)}
+    lower = {sign for sign in signs if RANK[sign] == min(RANK[s] for s in signs)}
     if Sign.LIGHTS in signs:
         if len(signs) > 1 or None in {entrance.phase for entrance in junction.entrances}:
             raise _unsupported(junction, "lights at some entrances only, and SUMO has lights at all entrances or at none")
         return "traffic_light"
     if signs == {Sign.STOP}:
         return "allway_stop"
-    if len({_RANK[sign] for sign in signs}) == 1 and Sign.STOP not in signs:
+    if len({RANK[sign] for sign in signs}) == 1 and Sign.STOP not in signs:
         return "right_before_left"
     if lower == {Sign.STOP, Sign.YIELD}:
         raise _unsupported(junction, "stop signs beside yield signs, and SUMO has the same sign at all minor roads")
@@ -237,7 +235,7 @@ def node_type(junction: Junction) -> str:
 
 def priority(sign: Sign) -> int:
     """Return the priority of an edge that ends at a sign; vehicles give way to vehicles on an edge with a higher priority."""
-    return _RANK[sign]
+    return RANK[sign] + 1  # SUMO's priorities begin at 1
 
 
 def check_yields(junction: Junction, node: Element, links: Sequence[Key]) -> None:

@@ -13,7 +13,7 @@ import numpy as np
 from pytest_rvads.satellites.tracks.samples import FIELDS, Gather, Log, kind_of
 from pytest_rvads.satellites.tracks.source import Watch, opened
 from pytest_rvads.support.errors import RunError
-from pytest_rvads.support.storage import read_xml
+from pytest_rvads.support.storage import number_in, read_xml
 from pytest_rvads.support.wording import one_line
 
 __all__ = ["is_commonroad", "read_commonroad_tracks"]
@@ -69,7 +69,7 @@ class _Reader:
         self._path.append(tag)
         self._text = ""
         if len(self._path) == 1:
-            self._step = _number(attributes.get("timeStepSize", ""))
+            self._step = number_in(attributes.get("timeStepSize", ""))
             if tag != "commonRoad" or not 0.0 < self._step < math.inf:
                 what = one_line(f"<{tag} timeStepSize={attributes.get('timeStepSize', '')!r:.20}>", 80)
                 raise RunError(f"{self.gather.where}: row {row}: got {what}, expected <commonRoad> with a positive timeStepSize")
@@ -88,7 +88,7 @@ class _Reader:
             if element in (*_NUMBERS, *_SHAPE, "type", "role"):
                 self._texts[element] = self._text.strip()
             elif tag in ("initialState", "state"):
-                self._states.extend((self._row, *(_number(self._texts.pop(name, "")) for name in _NUMBERS)))
+                self._states.extend((self._row, *(number_in(self._texts.pop(name, "")) for name in _NUMBERS)))
             elif not parents and self._texts.get("role") != "static":
                 self._add_vehicle()
         self._path.pop()
@@ -104,17 +104,9 @@ class _Reader:
         samples[:, 0] *= self._step
         if np.isnan(samples[:, 4]).any():  # only the initial state must have a velocity
             samples[:, 4] = np.nan
-        length, width, radius = (_number(self._texts.get(name, "")) for name in _SHAPE)
+        length, width, radius = (number_in(self._texts.get(name, "")) for name in _SHAPE)
         size = (length, width) if math.isnan(radius) else (2.0 * radius, 2.0 * radius)
         before, to_describe = self.gather.extend(self._name, rows, samples)
         for k in to_describe.tolist():
             kind = kind_of(self._texts.get("type", ""))
             self.gather.describe(self._name, None if math.isnan(sum(size)) else size, kind, at=before + k)
-
-
-def _number(text: str) -> float:
-    """Return a text as a number, NaN for any other text."""
-    try:
-        return float(text)
-    except ValueError:
-        return math.nan
