@@ -13,7 +13,7 @@ from pytest_rvads.geometry.crosswalks import SIDEWALK
 from pytest_rvads.runs.run import DT
 from pytest_rvads.runs.states import Colour
 from pytest_rvads.scenarios.ids import from_id, recalled
-from pytest_rvads.scenarios.pedestrians import CRUISE, PULL, arrival
+from pytest_rvads.scenarios.pedestrians import CRUISE, PULL, arrival, cast_of
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.simulators.walkers import Walker
 from pytest_rvads.support.errors import ScenarioError
@@ -70,11 +70,11 @@ def test_pedestrian_arrives_by_the_difference_after_the_vehicle(
 ) -> None:
     walker = rvads.Pedestrian(1, side, behaviour, difference)
     case = scenario(walker, distance=distance, speed=speed)
-    setting = case.walkers()[0]
-    shared = (case.place.stretches or {})[(1, 3), setting.agent.way.key]
+    shared = (case.place.stretches or {})[(1, 3), cast_of(case.place, [walker])[0].way.key]
     expected = driven(distance + shared.mine.start, speed) + walker.difference
     if expected < 0.0:
-        return  # the pedestrian is on the way of the vehicle at the start
+        return  # the pedestrian is on the way of the vehicle at the start, or has crossed
+    setting = case.walkers()[0]
     person, time = Walker(case.place, setting, ()), 0.0
     assert person.sample().station >= -SIDEWALK - 1e-9 or setting.speed == 0.0
     lights = (Colour.NONE,) * len(case.place.starts)
