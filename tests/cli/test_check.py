@@ -336,7 +336,7 @@ def unsure(run: Run, rule: Rule) -> Verdict:
     binding = (("a", "a0"), ("a'", "a1"))
     instance = InstanceVerdict(binding, Status.UNSURE, (), 30, 50, (), None, "a0 crossed its line within 0.02 s of a1")
     return Verdict(
-        rule.name, Status.UNSURE, f"{rule.name} UNSURE: it hangs on 1 of 1", instances=(instance,), counts={"unsure": 1}
+        rule.name, Status.UNSURE, f"{rule.name} UNSURE: it depends on 1 of 1", instances=(instance,), counts={"unsure": 1}
     )
 
 
@@ -348,7 +348,7 @@ def test_what_is_unsure_is_listed_and_neither_passes_nor_fails(
     assert main(["check", *files, "--rules", "p1"]) == 5
     out, err = capsys.readouterr()
     assert out.startswith(
-        "d1\n  UNSURE p1: it hangs on 1 of 1\n         UNSURE a0, a1: a0 crossed its line within 0.02 s of a1\nd3"
+        "d1\n  UNSURE p1: it depends on 1 of 1\n         UNSURE a0, a1: a0 crossed its line within 0.02 s of a1\nd3"
     )
     assert "every verdict that applies is UNSURE" in err
     main(["check", *files, "--rules", "p1", "--json"])

@@ -84,7 +84,7 @@ def test_texts_of_margins_and_rooms() -> None:
     margins[2, 3, "C"] = -7
     lines = text_margins(margins).splitlines()
     assert lines[-2].split() == ["2,", "4", "23", "23", "-7", "23", "23"]
-    assert lines[-1] == "The closest cell hangs on 7 ticks."
+    assert lines[-1] == "The closest cell depends on 7 ticks."
     shown = text_rooms({"halt [m]": Room(-0.35, 0.2, 0.35)}).splitlines()[1]
     assert shown.split("  ")[0] == "halt [m]"
     assert "-0.35 or more" in shown

@@ -86,7 +86,7 @@ LANGUAGE = Language(
 class Measured(StrEnum):
     """Kinds of measurement with limited accuracy on which the truth of a predicate depends.
 
-    The value of a kind is a phrase that reports show after the words "it hangs on".
+    The value of a kind is a phrase that reports show after the words "it depends on".
     """
 
     SIZES = "how near bodies came"

@@ -311,7 +311,7 @@ def hangs(run: Run, j: Judgement) -> str:
         return ""
     if hinge.reading:
         who = " and ".join(dict.fromkeys(name for _, name in _agents(j)))
-        return f"it hangs on {hinge.reading}" + (f" ({who})" if who else "")
+        return f"it depends on {hinge.reading}" + (f" ({who})" if who else "")
     events = ", ".join(_happened(run, happening) for happening in hinge.what)
     if math.isinf(hinge.known):
         return f"{events}; how long before is not known"

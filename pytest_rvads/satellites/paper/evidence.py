@@ -208,7 +208,7 @@ def rooms(
 def text_margins(margins: Margins) -> str:
     """Return the margins of rule p1 as a text table."""
     lines = [
-        "Ticks of 0.01 s that p1 hangs on: > 0 shortest gap between two vehicles in the junction, < 0 longest time together",
+        "Ticks of 0.01 s that p1 depends on: > 0 shortest gap between two vehicles in the junction, < 0 longest time together",
         "class, row" + "".join(f"{letter:>7}" for letter in STOP.configurations),
     ]
     for number in STOP.classes:
@@ -216,7 +216,7 @@ def text_margins(margins: Margins) -> str:
             cells = "".join(f"{margins[number, row, letter]:7}" for letter in STOP.configurations)
             lines.append(f"{number:5}, {row + 1:<3}{cells}")
     least = min(abs(ticks) for ticks in margins.values())
-    return "\n".join([*lines, f"The closest cell hangs on {least} ticks."])
+    return "\n".join([*lines, f"The closest cell depends on {least} ticks."])
 
 
 def text_rooms(rooms_by_name: Mapping[str, Room]) -> str:

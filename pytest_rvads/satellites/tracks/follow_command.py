@@ -181,7 +181,7 @@ def _print_text(answer: dict[str, Any]) -> None:
     binding = ", ".join(f"{name} = {vehicle}" for name, vehicle in answer["binding"].items())
     when = "" if answer["time"] is None else f" at {answer['time']:.2f} s"
     margin = "" if answer["margin"] is None else f", margin {answer['margin']:.2f} s"
-    hinge = f", hangs on {answer['hangs']}" if "hangs" in answer else ""
+    hinge = f", depends on {answer['hangs']}" if "hangs" in answer else ""
     say(f"{answer['status']:6} {answer['rule']}{when}: {binding}{margin}{hinge}")
 
 

@@ -60,7 +60,7 @@ def test_sessions_print_the_output_of_the_page(pytester: pytest.Pytester, monkey
 
 @pytest.mark.extended
 def test_braking_limits_of_sumo_equal_those_of_the_package(capsys: pytest.CaptureFixture[str]) -> None:
-    assert "`rvads braking --simulator sumo` prints what `rvads braking`" in " ".join(PAGE.split())
+    assert "`rvads braking --simulator sumo` and `--autopilot sumo` print the same as `rvads braking`." in " ".join(PAGE.split())
     printed = []
     for options in ([], ["--simulator", "sumo"]):
         assert main(["braking", *options]) == 0
