@@ -151,10 +151,14 @@ def test_play_runs_to_the_end_and_pauses(open_page: Open, replayed: str) -> None
     browser = open_page(replayed, "")
     before = browser.find_element("css selector", '[data-agent="a0"]').get_attribute("transform")
     browser.find_element("css selector", "#speed option[value='4']").click()
+    # A busy machine may need longer for a question than the replay takes: the page itself notes the labels of the button.
+    browser.execute_script(
+        "labels = []; new MutationObserver(() => labels.push(arguments[0].textContent)).observe(arguments[0], {childList: true})",
+        by_id(browser, "play"),
+    )
     by_id(browser, "play").click()
-    assert by_id(browser, "play").text == "pause"
     wait(browser, lambda: clock(browser) == f"{LAST:.2f} s")
-    assert by_id(browser, "play").text == "play"
+    assert browser.execute_script("return labels.filter((label, k) => label !== labels[k - 1])") == ["pause", "play"]
     assert browser.find_element("css selector", '[data-agent="a0"]').get_attribute("transform") != before
 
 
