@@ -32,9 +32,9 @@ __all__ = ["Band", "StripRow", "declare", "draw_strips"]
 
 _ATLAS = """\
 For every two conflicting ways of a junction, find all changes of a verdict over leads of -6 to 6 s, to 0.01 s. Writes a page
-with a strip per pair of ways, and a certificate: which starts were simulated, which verdicts were inferred between them, and how
-random starts compare. Exit status: 0, also for a driver that fails; 1 when a random start differs from the certificate, or a run
-has no verdict; 2 when an argument is wrong."""
+with a strip per pair of ways, and a certificate, which names the simulated starts, the verdicts inferred between these starts,
+and the random starts that were compared with the inferred verdicts. Exit status: 0, also for a driver that fails; 1 when a
+random start differs from the certificate, or a run has no verdict; 2 when an argument is wrong."""
 _HELP = (
     "A strip holds all starts of two vehicles. At a lead of +1 s, the subject would reach its line 1 s before the other vehicle "
     "if both kept their speeds; where the two have green at different times, 1 s before its light turns yellow. From rest, the "
@@ -63,7 +63,7 @@ def declare(commands: Subparsers) -> None:
     atlas = commands.add_parser("atlas", help="find all changes of a verdict for two vehicles", description=_ATLAS)
     declare_starts(atlas)
     atlas.add_argument("--probes", type=int, default=250, metavar="N", help="random starts to compare (default: 250)")
-    atlas.add_argument("--seed", type=int, default=0, metavar="S", help="of the random starts (default: 0)")
+    atlas.add_argument("--seed", type=int, default=0, metavar="S", help="seed of the random starts (default: 0)")
     page = f"{ROOT}/{ATLAS}"
     atlas.add_argument("-o", "--output", metavar="FILE", default=page, help=f"page to write (default: {page})")
     atlas.add_argument("--json", metavar="FILE", help="also write the certificate into this file")

@@ -37,7 +37,12 @@ _WAYS = (5.0, 10.0, 24.0, 40.0, 60.0)
 
 def declare(commands: Subparsers) -> None:
     """Add the commands ``braking`` and ``dynamics`` to the parser."""
-    braking = commands.add_parser("braking", help="show v(d)max, the greatest safe speed by distance to the stopping line")
+    braking = commands.add_parser(
+        "braking",
+        help="show v(d)max, the greatest safe speed by distance to the stopping line",
+        description="Shows v(d)max, the greatest speed from which a vehicle stops before its line at distance d, for each "
+        "aggression (braking level 1, 2 or 3 of the vehicle).",
+    )
     braking.add_argument("--json", action="store_true", help="print one JSON object: aggression, distance, speed")
     braking.add_argument(
         "--autopilot", metavar="NAME", help="show the v(d)max that an autopilot reaches, such as reference or lgsvl"
@@ -53,11 +58,12 @@ def declare(commands: Subparsers) -> None:
     dynamics = commands.add_parser(
         "dynamics",
         help="measure how a driver brakes and accelerates",
-        description="B(v): distance to stop from v. AV(v, x), AT(v, x): speed after and time for x metres from a start at v. "
-        "Measured with a lone vehicle before a red and a green light, after arXiv 2405.16914.",
+        description="Measures three functions of arXiv 2405.16914: B(v), the distance to stop from speed v; AV(v, x), the speed "
+        "x metres after a start with speed v; AT(v, x), the time for these x metres. A lone vehicle drives toward a red light "
+        "for B, and toward a green light for AV and AT.",
     )
     declare_driver(dynamics)
-    dynamics.add_argument("--simulator", metavar="NAME", help="what makes the runs, a name or module:name")
+    dynamics.add_argument("--simulator", metavar="NAME", help="simulator of the runs, a name or module:name")
     dynamics.add_argument("--json", action="store_true", help="print one JSON object")
     dynamics.add_argument("--svg", metavar="OUT", help="also draw B and AT into this file")
     dynamics.set_defaults(command=_dynamics)

@@ -23,11 +23,12 @@ def declare(commands: Subparsers) -> None:
     calibrate = commands.add_parser(
         "calibrate",
         help="measure what throttle and brake of a driver do",
-        description="The acceleration that follows from the pedals of a lone driver, by position and for a full pedal. "
-        "A shim multiplies a pedal of its driver by what the full pedal gives at the driver's home over what it gives here.",
+        description="Measures the acceleration of a lone vehicle by the position of its pedals, and at full pedal. A shim, "
+        "which seats a driver of another simulator, multiplies the driver's pedal by a ratio: the acceleration at full pedal in "
+        "the other simulator, divided by the acceleration at full pedal here.",
     )
     declare_driver(calibrate)
-    calibrate.add_argument("--simulator", metavar="NAME", help="what makes the runs, a name or module:name")
+    calibrate.add_argument("--simulator", metavar="NAME", help="simulator of the runs, a name or module:name")
     calibrate.add_argument(
         "--aggression", type=int, choices=(1, 2, 3), default=1, help="braking level of the vehicle (default: 1)"
     )

@@ -26,7 +26,7 @@ def declare(commands: Subparsers) -> None:
     """Add the commands ``check``, ``rules`` and ``monitor`` to the parser."""
     rules = commands.add_parser(
         "rules",
-        help="list the rules, or show the rule NAME: meaning, formula, source, who is responsible",
+        help="list the rules, or show the rule NAME: meaning, formula, source, responsible vehicle",
         usage="rvads rules [NAME ...] [--rules FILE] [--help]\n       rvads rules check [OPTION ...]",
     )
     rules.add_argument("--rules", action="append", metavar="FILE", help="also list the rules of a file; repeatable")
@@ -36,11 +36,11 @@ def declare(commands: Subparsers) -> None:
 
     monitor = commands.add_parser("monitor", help="show the LTL3 monitor of a formula, or monitor words")
     what = monitor.add_mutually_exclusive_group(required=True)
-    what.add_argument("formula", nargs="?", metavar="FORMULA")
+    what.add_argument("formula", nargs="?", metavar="FORMULA", help="formula whose monitor is shown, such as 'G(a -> F b)'")
     what.add_argument(
         "--jsonl",
         action="store_true",
-        help="read a JSON object with id, formula and words per line, answer each with a line",
+        help="read JSON objects with id, formula and words, one per line, and answer each object with a line",
     )
     monitor.set_defaults(command=_monitor)
 

@@ -25,18 +25,19 @@ if TYPE_CHECKING:
 __all__ = ["declare"]
 
 _CRITICAL = """\
-For every two conflicting ways of a junction, find the start at which the vehicle under test turns from waiting to going, to
-0.01 s of its lead over the other vehicle, or over a pedestrian, and judge the runs there and at less critical starts. Exit
-status: 0 when all of them passed, 1 when one failed, 2 when an argument is wrong, 5 when no start could be simulated."""
+For every two conflicting ways of a junction, find the start at which the vehicle under test changes from waiting to going, and
+judge the runs from this start and from less critical starts. A start is found to 0.01 s of the lead: the time by which the
+vehicle arrives before the other vehicle or the pedestrian. Exit status: 0 when all runs passed, 1 when a run failed, 2 when an
+argument is wrong, 5 when no start could be simulated."""
 
 
 def declare(commands: Subparsers) -> None:
     """Add the command ``rvads critical`` to the parser."""
     critical = commands.add_parser(
-        "critical", help="find the starts at which a driver turns from waiting to going", description=_CRITICAL
+        "critical", help="find the starts at which a driver changes from waiting to going", description=_CRITICAL
     )
     declare_starts(critical)
-    critical.add_argument("--start", metavar="ID", help="simulate this start alone, and say why it fails")
+    critical.add_argument("--start", metavar="ID", help="simulate this start alone, and say why the run fails")
     critical.add_argument("-o", "--output", metavar="FILE", help="with --start: replay page to write")
     critical.add_argument("--json", action="store_true", help="print one JSON object: two entries per line of starts")
     critical.set_defaults(command=_critical)

@@ -122,7 +122,7 @@ def _next(options: argparse.Namespace) -> list[str]:
     steps = [f"next: {pytest}" if options.folder == "." else f"next: cd {shlex.quote(options.folder)} && {pytest}"]
     if options.recordings:
         return [*steps, f"more: {page('bring-recorded-runs')}"]
-    failures = "The line `look` of a failure names a page that replays it, the line `rerun` runs it once more."
+    failures = "The line `look` of a failure names a page that replays the run; the command in the line `rerun` repeats the run."
     if options.sut:
         return [*_missing_program(options.sut, Path(options.folder)), *steps, failures, f"more: {page('attach-your-stack')}"]
     replacement = "Then put your controller in place of MyController in conftest.py."

@@ -29,14 +29,14 @@ def declare(commands: Subparsers) -> None:
     parser = commands.add_parser(
         "replay",
         help="draw the replay page of a failure from its kept run; without arguments list the failures of the latest session",
-        description="A session of pytest draws its first failures and keeps the runs of all of them in its folder, .rvads/N. "
+        description="A session of pytest keeps the runs of all failures in its folder, .rvads/N, and draws pages of the first. "
         "Exit status: 0; 1 if --all could not draw a page; 2 if there is no such session, failure or run.",
     )
     parser.add_argument(
         "what",
         nargs="?",
         metavar="ITEM|RUN",
-        help="id of a failed item, or a part that no other id has; or the file of a run, as --rvads-keep writes files",
+        help="id of a failed item, or a part of the id that no other id has; or the file of a run that --rvads-keep wrote",
     )
     parser.add_argument("--session", metavar="N|DIR", help="number or folder of the session (default: the latest in .rvads)")
     parser.add_argument(
@@ -47,7 +47,7 @@ def declare(commands: Subparsers) -> None:
         help="only failures of this rule; or the rule that judges the file of a run; or a file of your rules (.rules)",
     )
     parser.add_argument("--all", action="store_true", help="draw every failure that has no page yet")
-    parser.add_argument("--baseline", metavar="FILE.json", help="report of an earlier session, whose run is drawn faintly below")
+    parser.add_argument("--baseline", metavar="FILE.json", help="report of an earlier session; its run is drawn faintly below")
     parser.add_argument("-o", "--output", metavar="FILE", help="page to write (default: in the folder of the session)")
     parser.add_argument("--svg", metavar="FILE", help="write an animated picture of the seconds around the violation instead")
     parser.set_defaults(command=_replay)

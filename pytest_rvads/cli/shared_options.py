@@ -41,8 +41,8 @@ _PATIENCE = 20
 def declare_driver(parser: argparse.ArgumentParser) -> None:
     """Add the options ``--autopilot`` and ``--sut``, which name the driver of the vehicle under test, to a command."""
     drives = parser.add_mutually_exclusive_group()
-    drives.add_argument("--autopilot", metavar="NAME", help="what drives: module:name, reference, or a traffic policy")
-    drives.add_argument("--sut", metavar="COMMAND", help="what drives: a program that speaks the protocol of stacks")
+    drives.add_argument("--autopilot", metavar="NAME", help="driver: module:name, reference, or a traffic policy")
+    drives.add_argument("--sut", metavar="COMMAND", help="driver: a program that speaks the protocol of stacks")
 
 
 @contextmanager
@@ -110,17 +110,17 @@ def opened_executor(options: argparse.Namespace) -> Iterator[Executor | int | No
 def declare_starts(parser: argparse.ArgumentParser) -> None:
     """Add the options for junctions, driver, traffic, simulator, rules and executor to a command about starts of two vehicles."""
     parser.add_argument("place", metavar="JUNCTION|MAP", help=f"built-in junction, or map file ({MAP_FORMATS})")
-    parser.add_argument("--junction", metavar="ID", help="of the map (default: all in which ways conflict)")
+    parser.add_argument("--junction", metavar="ID", help="id of a junction of the map (default: all with conflicting ways)")
     declare_driver(parser)
-    parser.add_argument("--traffic", metavar="POLICY", default="reference", help="what drives the other vehicle")
+    parser.add_argument("--traffic", metavar="POLICY", default="reference", help="driver of the other vehicle")
     parser.add_argument(
         "--pedestrians",
         nargs="+",
         default=[],
         metavar="BEHAVIOUR",
-        help="meet a pedestrian on a crosswalk instead of another vehicle: steady, darts, ...",
+        help="instead of another vehicle, meet a pedestrian on a crosswalk; a behaviour such as steady or darts",
     )
-    parser.add_argument("--simulator", metavar="NAME", help="what makes the runs, a name or module:name")
+    parser.add_argument("--simulator", metavar="NAME", help="simulator of the runs, a name or module:name")
     parser.add_argument(
         "--rules", nargs="+", default=["road"], metavar="RULE", help="rules, rulebooks or files of rules (default: road)"
     )

@@ -196,7 +196,7 @@ class Options:
         setting_only=True,
     )
     sut_grace: float = _option(
-        "longest real time until the stack exits after bye, and after SIGTERM",
+        "longest real time until the stack exits after the message bye, and after SIGTERM",
         partial(_number, most=3600.0),
         "1",
         "SECONDS",
@@ -253,7 +253,7 @@ class Options:
         several=True,
     )
     summary: str = _option(
-        "length of the summary of the verdicts: at most a screen, or all",
+        "summary of the verdicts: 'compact', at most a screen, or 'full', all tables and lines",
         _text,
         "compact",
         choices=("compact", "full"),
@@ -282,7 +282,7 @@ class Options:
         choices=("same", "any"),
     )
     erosion: float = _option(
-        "with a baseline: a safety margin that fell by more than this is reported",
+        "with a baseline: report every safety margin that fell by more than SECONDS",
         partial(_number, most=3600.0),
         "0.5",
         "SECONDS",
@@ -294,8 +294,8 @@ class Options:
         choices=("any", "new", "eroded"),
     )
     time_budget: float | None = _option(
-        "items that have not started by then are NOT RUN; the last failures run first, then one run of every class, then the "
-        "items that ran least often",
+        "after SECONDS no item starts, and the items left are NOT RUN; the last failures run first, then one run of every class, "
+        "then the items that ran least often",
         partial(_number, most=1e6),
         metavar="SECONDS",
     )
@@ -316,10 +316,10 @@ class Options:
         "number of sessions whose subfolders of --rvads-artefacts are kept", _count, "5", "N", setting_only=True
     )
     unavoidable: str = _option(
-        "effect of a violation that no vehicle could have avoided on its test", _text, "pass", choices=("pass", "fail")
+        "effect on the test of a violation that no vehicle could have avoided", _text, "pass", choices=("pass", "fail")
     )
     unsure: str = _option(
-        "effect of UNSURE, a verdict that another reading within the accuracy of the recording would change, on its test",
+        "effect on the test of UNSURE: another reading within the accuracy of the recording would change the verdict",
         _text,
         "skip",
         choices=("skip", "fail"),
