@@ -7,6 +7,7 @@ import inspect
 import re
 import textwrap
 from enum import Enum
+from functools import cached_property
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
@@ -17,7 +18,8 @@ import pytest_rvads
 PAGE = Path(__file__).parents[1] / "docs" / "api.md"
 HEAD = """# Public names
 
-Written by `python tools/make_api.py` from the docstrings; all names are in `pytest_rvads`, which is imported as `rvads`."""
+Written by `python tools/make_api.py` from the docstrings. All names are in `pytest_rvads`, which is imported as `rvads`."""
+_PROPERTIES = property | cached_property
 
 
 def main() -> None:
@@ -43,8 +45,10 @@ def _entry(name: str, thing: Any) -> str:
         parts += [f"`{_shown(str(thing))}`", _prose(_below(name))]
     elif inspect.isclass(thing):
         parts += [_code(name, thing), _prose(inspect.getdoc(thing)), *_fields(thing), *_methods(name, thing)]
-    else:
+    elif inspect.isroutine(thing):
         parts += [_code(name, thing), _prose(inspect.getdoc(thing))]
+    else:  # a callable value has the docstring of its class, whose arguments have been given
+        parts += [_code(name, thing), _prose((inspect.getdoc(thing) or "").partition("\nArgs:\n")[0])]
     return "\n\n".join(part for part in parts if part)
 
 
@@ -59,7 +63,7 @@ def _of_module(name: str, value: Any) -> list[str]:
 def _methods(name: str, cls: type) -> list[str]:
     found = []
     for key, value in vars(cls).items():
-        if not key.startswith("_") and (inspect.isfunction(value) or isinstance(value, property | classmethod | staticmethod)):
+        if not key.startswith("_") and (inspect.isfunction(value) or isinstance(value, _PROPERTIES | classmethod | staticmethod)):
             found.append(_member(f"{name}.{key}", value))
     return [part for part in found if part]
 
@@ -68,8 +72,8 @@ def _member(name: str, value: Any) -> str:
     doc = inspect.getdoc(value)
     if not doc:
         return ""
-    inner = value.fget if isinstance(value, property) else getattr(value, "__func__", value)
-    shown = f"`{name}`" if isinstance(value, property) else f"`{name}{_signature(inner)}`"
+    inner = getattr(value, "__func__", value)
+    shown = f"`{name}`" if isinstance(value, _PROPERTIES) else f"`{name}{_signature(inner)}`"
     return f"**{shown}**\n\n{_prose(doc)}"
 
 

@@ -70,7 +70,7 @@ class Follower(Autopilot):
         return speed
 
     def stopping_speed(self, distance: float, deceleration: float = 2.0) -> float:
-        """Return the speed [m/s] from which braking at `deceleration` [m/s^2] needs `distance` [m]; 0 without a distance."""
+        """Return the speed [m/s] from which braking at `deceleration` [m/s^2] needs `distance` [m], sqrt(2 a d); 0 if d <= 0."""
         return math.sqrt(2.0 * deceleration * distance) if distance > 0.0 else 0.0
 
     def control(self, seen: Observation) -> Control:
@@ -122,7 +122,7 @@ class Follower(Autopilot):
         return Control(0.0, brake if brake < 1.0 else 1.0, self.steer(seen))
 
     def steer(self, seen: Observation) -> float:
-        """Return the angle of the front wheels [rad] that leads the rear axle to the itinerary, or to its planned path."""
+        """Return the angle of the front wheels [rad] that leads the rear axle to the itinerary, or to the planned path."""
         me = seen.me
         if self._wheels is None:
             self.track(seen)

@@ -151,6 +151,7 @@ class Observation(NamedTuple):
     time: float
     """Simulated time since the start of the run [s]."""
     me: VehicleState
+    """The state of the own vehicle."""
     others: tuple[VehicleState, ...]
     """The other vehicles that have not left the run, in the order in which they were created."""
     lights: tuple[Colour, ...]
@@ -291,7 +292,14 @@ class Autopilot(ABC):
 
     @abstractmethod
     def control(self, seen: Observation, /) -> Command:
-        """Return the command for the vehicle; the command holds until the next call."""
+        """Return the command for the vehicle; the command holds until the next call.
+
+        Args:
+            seen: the state of the own vehicle and the visible states of all others, with the lights and the junction.
+
+        Returns:
+            A `Control`, an `Acceleration`, a `TargetSpeed` or a `Trajectory`.
+        """
 
     def timing(self) -> Mapping[str, Any] | None:
         """Return measurements of the autopilot in this run, as finite numbers or texts by name, or None.
@@ -327,7 +335,10 @@ class TrafficSystem(ABC):
         refuse(cls, OF_SYSTEMS)
 
     def prepare(self, junction: Junction, /) -> None:  # noqa: B027 - not abstract, because most systems need no junction
-        """Take the junction of the run, to build what all vehicles share; called before `autopilots`, and does nothing here."""
+        """Prepare for the junction of the run, such as a plan that all vehicles share; by default, do nothing.
+
+        The simulation calls this method before `autopilots`.
+        """
 
     @abstractmethod
     def autopilots(self, agents: Sequence[Agent], /) -> Sequence[Drives]:

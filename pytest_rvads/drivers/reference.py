@@ -44,30 +44,33 @@ QUEUED = 2.0
 class Reference(Follower):
     """The reference autopilot, which drives as the paper's rules and the law demand.
 
-    At an all-way stop, the driver stops before the line, inside the entrance zone. The driver enters when no other vehicle is in
-    the junction and it is the driver's turn. Vehicles whose ways meet take turns in the order of their arrival. Of vehicles that
-    arrive together, a vehicle without a vehicle to its right goes first. If four vehicles arrive together, each of them has a
-    vehicle to its right; then each waits for a time that grows in the order of creation, so that a single vehicle sets off. A
-    vehicle that could go but stands for 3.5 s has waived its right, and the driver no longer waits for this vehicle.
+    At an all-way stop, the driver stops before the line, inside the entrance zone. The driver enters when no other vehicle is
+    in the junction and it is the driver's turn. Vehicles whose ways meet take turns in the order of their arrival. Of vehicles
+    that arrive together, a vehicle without a vehicle to its right goes first. If four vehicles arrive together, each of them
+    has a vehicle to its right. Then each of the four waits for a time that grows in the order of creation, so that a single
+    vehicle sets off. A vehicle that could go but stands for 3.5 s has waived its right, and the driver no longer waits for this
+    vehicle (3 s by the rule first_come).
 
     At a light, the driver stops on yellow if a stop is still possible, and always stops on red. On red, the driver turns right
     after a full stop, if no vehicle with green comes whose way meets the driver's way. On a left turn, the driver yields to
-    oncoming traffic, unless that traffic stands at green for 3.5 s. The driver never gets into the way of a vehicle that is still
-    in the junction.
+    oncoming traffic, unless the oncoming traffic stands at green for 3.5 s. The driver never gets into the way of a vehicle
+    that is still in the junction.
 
     At junctions with yield signs, mixed signs, no signs or several lanes per arm, the driver looks at the vehicles whose ways
     meet the driver's way. The driver gives way as `Junction.yields` says, stops at a stop sign, and waits for green at a light.
     At an all-way stop with several lanes, the driver gives way to the vehicles that arrived earlier. If a vehicle with priority
-    stands at its line, the driver waits until that vehicle has waived its right. If the driver has the right of way, it goes on
+    stands at its line, the driver waits until that vehicle has waived its right. With the right of way, the driver goes on
     unless a vehicle blocks the way. If all standing vehicles wait for each other, the vehicle that arrived first goes.
 
-    At every junction, the driver keeps a distance to the vehicle ahead, queues behind it, and stops before a vehicle in its way.
-    The driver enters only if the exit has room.
+    At every junction, the driver keeps a distance to the vehicle ahead, queues behind that vehicle, and stops before a vehicle
+    that stands in the driver's way. The driver enters only if the exit has room.
 
-    At a crosswalk, the driver lets pedestrians cross who are on its half of the roadway, will be there before the driver has
-    passed, or wait at the kerb. The driver stops before the painted area, and does not drive onto a crosswalk without room behind
-    it. The driver does not wait for pedestrians at a red light, and at most 3.5 s for pedestrians who stand, 1 s in the junction.
-    It comes at a moderate speed to pedestrians who stand near the crosswalk, and to a kerb that a parked vehicle hides.
+    At a crosswalk, the driver lets a pedestrian cross who is on the driver's half of the roadway, who will be on this half
+    before the driver has passed, or who waits at the kerb. The driver stops before the painted area, and does not drive onto a
+    crosswalk without room behind the crosswalk. The driver does not wait for a pedestrian who stands at a red pedestrian light.
+    For any other pedestrian who stands, the driver waits at most 3.5 s, and at most 1 s while the vehicle is in the junction.
+    If pedestrians stand near a crosswalk, or a parked vehicle hides the kerb, the driver approaches the crosswalk at a moderate
+    speed.
 
     Args:
         tie: arrivals within this time count as simultaneous at an all-way stop, and the vehicle on the right goes first [s]; at

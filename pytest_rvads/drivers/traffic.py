@@ -264,10 +264,11 @@ def policy_name(factory: Factory) -> str:
 
 
 def traffic(name: str, what: str = "traffic") -> Factory:
-    """Return the traffic policy called `name`, for ``simulate(..., traffic=...)``.
+    """Return the traffic policy called `name`, for the argument `traffic` of `Case`.
 
     Args:
-        name: one of `POLICIES`.
+        name: ``reference``, ``hesitant``, ``rolling_stop``, ``late_yielder``, ``red_light_runner``, ``stopped``, ``lgsvl`` or
+            ``sumo``.
         what: role of the policy in the error message, such as ``traffic``.
 
     Raises:

@@ -119,7 +119,7 @@ def find(junction: str, map: str | os.PathLike[str] | None = None) -> Junction:
     Args:
         junction: a built-in name; the id of a ``<junction>`` in `map`; a type such as "4-way all-way stop", "3-way lights",
             "4-way none" or "4-way lights with 40 m of approach", for the first junction of this type in file order; or a place
-            such as "nearest to 52, 149" [m], see `nearest`.
+            such as "nearest to 52, 149" [m], for the usable junction nearest to this point of the map.
         map: a map file (OpenDRIVE, Lanelet2 or CommonRoad), or None for the built-in maps.
 
     Raises:

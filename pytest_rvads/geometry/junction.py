@@ -57,7 +57,9 @@ class Junction:
     id: str
     """Id in its map file."""
     entrances: tuple[Entrance, ...]
+    """The lanes that lead into the junction, counter-clockwise; the number of an entrance is its index."""
     exits: tuple[Exit, ...]
+    """The lanes that lead out of the junction, counter-clockwise; the number of an exit is its index."""
     movements: Mapping[Key, Movement]
     """Movements by (entrance, exit); a pair without a key has no movement."""
     right_of: frozenset[tuple[int, int]]
@@ -213,7 +215,7 @@ class Junction:
 
     @cached_property
     def top_limit(self) -> float:
-        """Highest speed limit of the lanes [m/s]; `SPEED_LIMIT` for lanes without a limit in the map."""
+        """Highest speed limit of the lanes [m/s]; 25 mph (11.176 m/s) for lanes without a limit in the map."""
         return max(
             (limit or SPEED_LIMIT for limits in self._limits for _, limit in limits or ((0.0, None),)), default=SPEED_LIMIT
         )
@@ -386,7 +388,7 @@ class Junction:
         return lane.approach.length - lane.setback if lane.approach else 0.0
 
     def way_in(self, entrance: int) -> Segment:
-        """Return the lane that leads to `entrance`, or the path to the start of another way; see `Entrance.approach`.
+        """Return the lane that leads to `entrance`, or the path to the start of a further way; see `Entrance.approach`.
 
         Raises:
             MapError: the place of the lane is not known.

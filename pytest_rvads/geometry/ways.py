@@ -72,9 +72,11 @@ class Entrance:
     """A lane that leads into a junction."""
 
     arm: int
+    """Number of the arm, counted counter-clockwise from 0."""
     lane: int = 0
     """Number of the lane on its arm, counted from the kerb."""
     sign: Sign = Sign.NONE
+    """The sign or light that controls the entrance."""
     phase: int | None = None
     """Number of the entrance's phase group; None without a light."""
     setback: float = 0.0
@@ -97,6 +99,7 @@ class Exit:
     """A lane that leads out of a junction."""
 
     arm: int
+    """Number of the arm, counted counter-clockwise from 0."""
     lane: int = 0
     """Number of the lane on its arm, counted from the kerb."""
     road: Segment | None = None
@@ -119,6 +122,7 @@ class Movement:
     exit: int
     """Number of the exit."""
     turn: Turn
+    """Turn type of the movement."""
     length: float
     """Length from the entrance vertex to the exit vertex along the centre line [m]."""
     segment: str

@@ -33,8 +33,11 @@ class Itinerary:
     """The path of one vehicle: approach, movement through the junction and exit road, joined to one line."""
 
     entrance: int
+    """Number of the entrance, or of the start of the way, see `Junction.starts`."""
     exit: int
+    """Number of the exit, or of the end of the way, see `Junction.ends`."""
     turn: Turn
+    """Turn type of the way through the junction."""
     path: Segment
     """The whole centre line, from the farthest usable point of the approach."""
     origin: float
@@ -50,7 +53,7 @@ class Itinerary:
     borders: NDArray[np.float64] = field(init=False)
     """Stations at which the zones after `APPROACH` begin, shape ``(4,)`` [m]."""
     limits: Limits = field(init=False)
-    """The speed limits that the map states: the station where each begins [m], and the limit [m/s]; empty if it states none."""
+    """The speed limits of the map: the station where each begins [m], and the limit [m/s]; empty if the map states none."""
 
     def __post_init__(self) -> None:
         end = self.path.length - self.origin
@@ -92,7 +95,11 @@ class Itinerary:
         return Course(self.path, self.origin, self.length, max(start, begin) if start <= 0.0 else begin, lane_width)
 
     def limit_at(self, station: float) -> float:
-        """Return the speed limit to keep at `station` [m/s]: `SPEED_LIMIT` where the map states no limit, at most `ADVISED`."""
+        """Return the speed limit to keep at `station` [m], in m/s.
+
+        Where the map states no limit, the limit is 25 mph (11.176 m/s), the limit of the paper. A limit above 130 km/h counts as
+        130 km/h, the advised speed of the Autobahn-Richtgeschwindigkeits-Verordnung, section 1.
+        """
         return min(limit_in(self.limits, station) or SPEED_LIMIT, ADVISED) if self.limits else SPEED_LIMIT
 
     def placed(self, station: float, back: float) -> Pose:
@@ -105,7 +112,7 @@ class Itinerary:
         return self.path.centre(station + self.origin)
 
     def project(self, x: float, y: float, near: float) -> tuple[float, float]:
-        """Return station and lateral offset (left positive) of a point on this itinerary, searched around station `near` [m]."""
+        """Return station [m] and lateral offset (left positive) [m] of a point (x, y) [m], searched around station `near` [m]."""
         station, offset = self.path.project(x, y, near + self.origin)
         return station - self.origin, offset
 

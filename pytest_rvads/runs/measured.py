@@ -59,9 +59,11 @@ class Kpis(msgspec.Struct, frozen=True):
     """Indicators of a run."""
 
     vehicles: tuple[VehicleKpis, ...] = ()
+    """The indicators of single vehicles."""
     pairs: tuple[PairKpis, ...] = ()
+    """The indicators of pairs of vehicles."""
     unavailable: tuple[str, ...] = ()
-    """Names of the indicators that can't be computed from what the run records; every other None means: nothing to measure."""
+    """Names of the indicators that the run can't give; any other indicator that is None had nothing to measure."""
     ttc: float | None = None
     """The shortest time to collision of all pairs [s]."""
     pet: float | None = None

@@ -81,11 +81,13 @@ class Recording(Sequence[Run]):
     label: str
     """Beginning of the labels of the runs."""
     junction: Junction
+    """The junction that the recorded traffic passes."""
     tracks: tuple[Track, ...]
     """Tracks in the order of their first samples."""
     lights: Mapping[int, Changes] = field(default_factory=dict)
     """Lights by entrance, or by the start of another way, see `Junction.starts`."""
     facts: Facts = field(default_factory=Facts)
+    """The facts on which verdicts depend beside the states, such as the speed limit; the same for all runs."""
     position_accuracy: float = 0.0
     """Standard deviation of a measured coordinate [m]; 0 for exact coordinates. The coordinates of tracks are smoothed."""
     speed_accuracy: float = 0.0

@@ -49,6 +49,7 @@ class Collision:
     time: float
     """Time of the first touch since the start of the run [s]."""
     agents: tuple[str, str]
+    """Names of the two agents."""
     speed: float
     """Relative speed of the two bodies at impact [m/s]."""
 
@@ -140,6 +141,7 @@ class Run:
     label: str
     """Name of the scenario or the recording, as in the ids of tests."""
     junction: Junction
+    """The junction on which the agents move."""
     agents: tuple[Agent, ...]
     """The agents in the order of the columns of the arrays; simulated runs list the agents by entrance."""
     zone: NDArray[np.int8]
@@ -159,7 +161,9 @@ class Run:
     collisions: tuple[Collision, ...] | None = None
     """Collisions; None if collisions were not recorded, so that they are computed from poses and sizes."""
     fault: Fault | None = None
+    """The reason why the run ended early; None for a run without a fault."""
     facts: Facts = Facts()
+    """The facts on which verdicts depend beside the states, such as the vehicle under test."""
     excerpt: Excerpt | None = None
     """The part of a recording that this run is; None for a simulated run, and for a run that is a whole recording."""
     spread: NDArray[np.float64] | None = None

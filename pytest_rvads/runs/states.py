@@ -109,6 +109,7 @@ class Agent:
     way: Way
     """The way of the agent through the junction: for a vehicle a `Movement`."""
     kind: Kind = Kind.CAR
+    """The kind of road user, such as a car or a pedestrian."""
     size: tuple[float, float] | None = None
     """Length and width of the agent [m]; None if not recorded."""
 
@@ -145,11 +146,13 @@ class VehicleState(NamedTuple):
     """The state of a vehicle that other vehicles can see."""
 
     name: str
+    """Name of the vehicle, see `Agent`."""
     entrance: int
     """Number of the entrance from which the vehicle came or at which it stands."""
     turn: Turn
     """The indicator: the turn that the vehicle is about to make or makes."""
     zone: Zone
+    """The part of the vehicle's itinerary on which its reference point is."""
     station: float
     """Station of the reference point (centre of the front bumper), 0 at the entrance vertex and negative before it [m]."""
     x: float
@@ -167,6 +170,7 @@ class VehicleState(NamedTuple):
     width: float
     """Width of the body [m]."""
     kind: Kind = Kind.CAR
+    """The kind of road user."""
 
 
 GREEN, YELLOW, CLEARANCE = 15.0, 3.0, 2.0
@@ -245,7 +249,9 @@ def _colours_of_phases(groups: tuple[frozenset[int], ...], entrances: int) -> li
 
 @dataclass(frozen=True, slots=True)
 class Vehicle:
-    """A passenger car on a dry road; every default is measured or typical of the class.
+    """The parameters of a vehicle; by default a passenger car on a dry road, with values that are typical of the class.
+
+    The parameters are those of the dynamic single-track model (Rajamani, Vehicle Dynamics and Control, 2nd ed., section 2.3).
 
     Raises:
         ScenarioError: a parameter is not finite or not positive, the wheelbase is longer than the body, or `kind` is no `Kind`.
@@ -307,22 +313,22 @@ class Vehicle:
 
     @property
     def wheelbase(self) -> float:
-        """Front axle to rear axle [m]."""
+        """Distance from the front axle to the rear axle [m]."""
         return self.front_axle + self.rear_axle
 
     @property
     def turning_radius(self) -> float:
-        """Radius of the circle on which the rear axle drives with the wheels turned as far as they go [m]."""
+        """Radius of the circle on which the rear axle drives at the steering limit, wheelbase / tan(limit) [m]."""
         return self.wheelbase / math.tan(min(self.steering_limit, 1.5))  # at 1.57 rad, the vehicle would turn on the spot
 
     @property
     def rear_axle_offset(self) -> float:
-        """Reference point (front bumper) to rear axle [m]; the axles are centred in the body."""
+        """Distance from the reference point (front bumper) to the rear axle [m]; the axles are centred in the body."""
         return (self.length + self.wheelbase) / 2
 
     @property
     def gravity_offset(self) -> float:
-        """Reference point (front bumper) to centre of gravity [m]."""
+        """Distance from the reference point (front bumper) to the centre of gravity [m]."""
         return self.rear_axle_offset - self.rear_axle
 
     @property

@@ -55,6 +55,7 @@ class Case:
     """
 
     scenario: Scenario
+    """The scenario: where the vehicles start, how fast, and where they go."""
     driver: Factory
     """Makes the autopilots of all vehicles, or of the subject alone: a class or callable without arguments.
 
@@ -63,6 +64,7 @@ class Case:
     traffic: Factory | None = None
     """Makes the autopilots of all vehicles but the subject; the reference policy by default. Allowed only with a subject."""
     fleet: Fleet = field(default_factory=Fleet)
+    """The bodies of the agents; passenger cars by default."""
 
     def __post_init__(self) -> None:
         require(self.scenario, Scenario, "a case begins with a rvads.Scenario(rvads.find('stop4'), '1133')", ScenarioError)

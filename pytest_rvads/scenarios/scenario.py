@@ -56,6 +56,7 @@ class Scenario:
     speeds: tuple[float, ...]
     """Speeds at the start, per entrance before rotation [m/s]."""
     rotation: int
+    """Number of entrances, counter-clockwise, by which the scenario is rotated."""
     configuration: str
     """Label of the distances and speeds in the ids of tests."""
     duration: float
@@ -226,9 +227,9 @@ class Scenario:
     def starts(self, body: Callable[[str], Vehicle] | None = None) -> tuple[tuple[float, float], ...]:
         """Return per agent its distance to the stopping line [m] and its speed [m/s], in the order of `agents`.
 
-        A follower starts at the speed of the vehicle ahead. Its gap to that vehicle is `QUEUE_GAP` and the distance driven in
-        `QUEUE_TIME`. Two vehicles from different entrances in a common lane need at least the same gap. Vehicles on converging
-        approaches must not touch.
+        A follower starts at the speed of the vehicle ahead. The gap between the two is 2 m and the distance driven in 1 s. Two
+        vehicles from different entrances in a common lane need at least the same gap. Vehicles on converging approaches must
+        not touch.
 
         Args:
             body: returns the vehicle of an agent, given by name; passenger cars by default.
@@ -248,7 +249,8 @@ class Scenario:
             body: returns the vehicle of an agent, given by name; passenger cars by default.
 
         Raises:
-            ScenarioError: nobody can meet a pedestrian, or a pedestrian would start behind the crossing; or see `starts`.
+            ScenarioError: no vehicle crosses the way of a pedestrian, a pedestrian would start behind the crossing, or a vehicle
+                has no room at its start, see `starts`.
         """
         if not self.pedestrians:
             return ()

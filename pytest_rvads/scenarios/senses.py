@@ -28,7 +28,11 @@ class Senses:
     range: float = math.inf
     """Range of sight, from reference point to reference point [m]; vehicles farther away are not seen."""
     occlusion: bool = False
-    """Whether who is hidden by vehicles is not seen: no line from the observer's front to its front, centre or rear is free."""
+    """Whether vehicles hide road users. A hidden road user is not seen.
+
+    A road user is hidden if vehicles cut the lines from the observer's front to the front, the centre and the rear of the road
+    user.
+    """
     dropout: float = 0.0
     """Share of decisions in which a visible vehicle is not seen, 0..1; drawn for each vehicle and decision."""
     position_noise: float = 0.0
@@ -40,6 +44,7 @@ class Senses:
     jitter: float = 0.0
     """Largest addition to the latency, drawn for each decision [s]."""
     seed: int = 0
+    """Seed of all random draws."""
 
     def __post_init__(self) -> None:
         for item in fields(self):

@@ -111,6 +111,10 @@ def sweep(  # noqa: PLR0913 - the sweep by position, its settings by keyword
         simulator: the simulator of the runs, as for `simulate`.
         executor: executor or number of processes for the runs, as for `campaign`; this process by default.
 
+    Returns:
+        The `intervals` of draws with equal statuses, the share of the range that each status has (`shares`), and a method
+        `check`, which raises an error if the rule is violated for any draw.
+
     Raises:
         ScenarioError: the range is empty, or the step is below a tick.
         FormulaError: the rule is unknown, or has the name of a shipped rule.

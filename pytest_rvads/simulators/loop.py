@@ -332,7 +332,7 @@ class Recorder:
 
 
 class Planar:
-    """A simulator with planar vehicle dynamics in a physics engine: pybullet or MuJoCo.
+    """A simulator of vehicles on a flat road, whose bodies move and touch in a physics engine: pybullet or MuJoCo.
 
     Args:
         engine: the engine.

@@ -53,7 +53,7 @@ class FormulaError(RvadsError):
 
 
 class AutopilotError(RvadsError):
-    """The autopilot under test raised an exception, or its answer is no control.
+    """The autopilot under test raised an exception, or its answer is no command.
 
     Cause: an exception in ``control``, NaN, a wrong type, a value out of range.
     Remedy: fix the autopilot; the message names vehicle, class and simulated time.

@@ -36,7 +36,7 @@ RATE = 20.0
 
 
 class Process(TrafficSystem):
-    """A stack: an autopilot in another process, for whose answers simulated time waits.
+    """A stack: an autopilot in another process. Simulated time stands still until the process has answered.
 
     The object is a factory of autopilots, for the fixture ``rvads_autopilot`` or for `simulate`. A process drives in one scenario
     after another. If the stack drives several vehicles of a run, each vehicle has a process of its own. If a process fails, its
@@ -101,10 +101,10 @@ class Process(TrafficSystem):
         return self
 
     def settings(self) -> list[Any]:
-        """Return what decides how the stack drives, as builtins, for `identity`.
+        """Return the settings that decide how the stack drives, as builtins.
 
-        These are the command, the time between decisions, the working directory, the added variables, and the digests of files
-        that the command names.
+        The settings are the command, the time between decisions, the working directory, the added variables, and the digests of
+        files that the command names.
         """
         cwd, env, _ = self._place
         files = [Path(cwd or "", word) for word in self.command]

@@ -39,8 +39,15 @@ _DISCS = 3
 def kpis(run: Run) -> Kpis:
     """Compute the key performance indicators of a run; an indicator is listed as unavailable if the run lacks its inputs.
 
-    An excerpt (a part of a recording) has the indicators of the vehicles that are judged in the excerpt, and of the pairs of
-    which the vehicle that appeared last is judged in the excerpt. Therefore no indicator appears in two excerpts of a recording.
+    An excerpt (a part of a recording) has the indicators of the vehicles that are judged in the excerpt. The excerpt has the
+    indicators of a pair if the later of the two vehicles to appear is judged in the excerpt. Therefore no indicator appears in
+    two excerpts of a recording.
+
+    Args:
+        run: the run; a recorded run may lack positions, speeds or sizes.
+
+    Returns:
+        The indicators, times in s and lengths in m.
     """
     require(run, Run, "kpis takes a run, such as rvads.simulate(case) returns", RunError)
     missing = _unavailable(run)

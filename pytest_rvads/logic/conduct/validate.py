@@ -54,6 +54,9 @@ def validate(run: Run) -> tuple[Finding, ...]:
     """Return the impossible states of a run, sorted by time; empty for an intact run.
 
     A kind of finding is reported once per vehicle or light, or once per run. Values that the run does not record are not checked.
+
+    Args:
+        run: the run, simulated or recorded.
     """
     require(run, Run, "validate takes a run, such as rvads.simulate(case) returns", RunError)
     broken = once(run, damage)

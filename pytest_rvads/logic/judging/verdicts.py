@@ -77,7 +77,9 @@ class Verdict(msgspec.Struct, frozen=True, omit_defaults=True):
     """
 
     rule: str
+    """Name of the rule."""
     status: Status
+    """The status; `outcome` distinguishes further cases."""
     message: str
     """One line: the rule, the time, and the event."""
     reason: str = ""
@@ -93,6 +95,7 @@ class Verdict(msgspec.Struct, frozen=True, omit_defaults=True):
     instances: tuple[InstanceVerdict, ...] = ()
     """Verdicts of the instances, sorted by severity, then by time."""
     near: NearMiss | None = None
+    """Where a rule that was never triggered came closest to being triggered; None for other verdicts."""
     violated: str = ""
     """The violated obligation, in words that do not name vehicles, so that reports can group failures by these words."""
     roles: str = ""
@@ -103,10 +106,11 @@ class Verdict(msgspec.Struct, frozen=True, omit_defaults=True):
     unavoidable: bool = False
     """Whether no vehicle could have kept the violated rule; such verdicts are counted separately, and fail no test by default."""
     notes: tuple[str, ...] = ()
-    """Further remarks, such as that no run could pass, or that a tie window (arrivals that count as equal) decides."""
+    """Further remarks, such as that no vehicle may go first, or that a tie window (arrivals that count as equal) decides."""
     explanation: str = ""
     """Several lines of text: the rule, the instance, its states, the vehicles bound to act, the beginning of the obligation."""
     requirement: str | None = None
+    """Identifier of the requirement that the rule traces to."""
     dt: float = 0.01
     """Time between two states [s]."""
     start: float = 0.0

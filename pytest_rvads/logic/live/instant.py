@@ -52,6 +52,7 @@ class Decided:
     """The final verdict of an instance of a rule (the rule for certain vehicles and entrances)."""
 
     rule: str
+    """Name of the rule."""
     binding: Mapping[str, str]
     """Variables of the rule, with the names of the vehicles and entrances that the variables stand for."""
     verdict: Truth

@@ -174,6 +174,7 @@ class Rule:
     """
 
     name: str
+    """The name, as in test ids and in ``rules=``."""
     text: str
     """The formula as text."""
     title: str = ""

@@ -120,6 +120,7 @@ class Word:
     """
 
     name: str
+    """The name of the predicate in formulas."""
     sorts: tuple[str, ...]
     """Per argument, its sort or the sorts that it can have: ``"entrance or vertex"``."""
     holds: Callable[..., NDArray[np.bool_]] | None = None
@@ -136,8 +137,8 @@ class Word:
     """A function that makes a `Follower` from a run of the first state and the arguments; for live monitors of predicates that
     depend on earlier states."""
     decide: Callable[..., bool | None] | None = None
-    """A function that takes the static model and the arguments, and returns the truth of the predicate in all states, or None if
-    the static model does not decide the predicate."""
+    """A function that takes the static model (junction and agents, without states) and the arguments. The function returns the
+    truth of the predicate in all states, or None if the static model does not decide the predicate."""
     static: str = ""
     """Sorts of the first argument for which the predicate has the same value in every state."""
     means: Callable[..., f.Formula] | None = None

@@ -123,11 +123,12 @@ def critical(  # noqa: PLR0913 - keywords; a search has many settings
 ) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Make a test that judges the critical starts of a junction, with a test item for every two conflicting ways.
 
-    On the starts of two vehicles, from the other vehicle well ahead to the subject well ahead, an item finds the start at which
-    the subject turns from waiting to going, to 0.01 s. The item fails if the run from this start, or from a less critical start,
-    breaks a rule. If the subject may have to wait at its line, a second item searches the starts at which the subject stands at
-    its line. Pairs of ways that are equal up to a rotation of the junction share an item. The body of the test runs after the
-    search, and only if the search found no violation. The arguments of the body are fixtures.
+    The starts of two vehicles form a line. At one end of the line the other vehicle is well ahead, and at the other end the
+    vehicle under test (the subject). An item finds, to 0.01 s, the start on the line at which the subject changes from waiting
+    to going. The item fails if the run from this start, or from a less critical start, breaks a rule. If the subject may have
+    to wait at its line, a second item searches the starts at which the subject stands at its line. Pairs of ways that are equal
+    up to a rotation of the junction share an item. The body of the test runs after the search, and only if the search found no
+    violation. The arguments of the body are fixtures.
 
     Args:
         junction: a junction, a built-in name, or the id of a junction in `map`.
