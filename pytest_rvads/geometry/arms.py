@@ -187,12 +187,12 @@ def unusable(
         if edge.junction is not None:
             return f"road {edge.road!r}, which leads into or out of it, is itself part of junction {edge.junction!r}"
     if not FEWEST <= len(arms) <= MOST:
-        return f"it has {len(arms)} arms, and only junctions of {FEWEST} to {MOST} can be used"
+        return f"it has {len(arms)} arms, and only junctions of {FEWEST} to {MOST} arms can be used"
     if len({road in graph.network.left_hand for arm in arms for road, _ in arm.ends}) > 1:
         return "traffic keeps right on some of its roads and left on others"
     entering = sum(bool(arm.entrances) for arm in arms)
     if entering < 2:
-        return f"traffic enters it from {entering} of its {len(arms)} arms, and only junctions that two or more enter are usable"
+        return f"traffic enters it from {entering} of its {len(arms)} arms, and a usable junction has traffic from at least two"
     return _reason_of_gaps(graph, ways)
 
 

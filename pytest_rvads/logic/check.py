@@ -207,7 +207,7 @@ def _judged(rule: Rule, values: Values, book: RuleBook, sampled: Run, *, itinera
         story.cycle = _cycle(rule, values, templates, book)
     if attribution.status is Status.PASS and run.facts.strayed and run.subject in (None, *run.facts.strayed):
         story.status = Status.OPEN
-        story.reason = f"{' and '.join(run.facts.strayed)} left the route, which ended the run: what would have come is not known"
+        story.reason = f"{' and '.join(run.facts.strayed)} left the route, which ended the run: the rest of the way is not known"
     if values.tie > 0 and attribution.status is not Status.UNSURE:
         exact = values.untied()
         status = attribute(judge(templates, exact), rule, exact, book).status
@@ -221,20 +221,20 @@ def _elsewhere(rule: Rule, junction: Junction) -> str:
     kind = _KINDS[junction.control]
     if junction.control not in rule.kinds:
         if len(rule.kinds) == 1:
-            return f"{rule.name} is about junctions with {_KINDS[rule.kinds[0]]}, this one has {kind}"
-        return f"{rule.name} is not about junctions with {kind}, as this one"
+            return f"{rule.name} is about junctions with {_KINDS[rule.kinds[0]]}, and this junction has {kind}"
+        return f"{rule.name} is not about junctions with {kind}, such as this junction"
     if rule.crosswalks and not rule.concerns(junction):
         return f"{rule.name} is about {rule.crosswalks}, and none walk at this junction"
-    return f"{rule.name} is about junctions with several lanes on an arm, this one has one lane on each"
+    return f"{rule.name} is about junctions with several lanes on an arm, and this junction has one lane on each"
 
 
 def _idle(story: Story, templates: tuple[Template, ...], values: Values) -> tuple[str, Near | None]:
     """Return the reason of an NA verdict, and where a rule that was never triggered came closest to being triggered."""
     if any(j.status is not Status.NA for j in story.judgements):
         if story.subject is None:
-            return "nobody moved, so nobody kept the rule by what it did", None
+            return "no vehicle moved, so no vehicle kept the rule by an action", None
         return f"only traffic was asked: no instance that was triggered bound {story.subject}, the subject, to act", None
-    return "never triggered: the premise of no instance ever holds on the run", nearest_miss(templates, values)
+    return "never triggered: the premise of the rule never holds on the run", nearest_miss(templates, values)
 
 
 def _cycle(rule: Rule, values: Values, templates: tuple[Template, ...], book: RuleBook) -> Cycle | None:

@@ -313,8 +313,8 @@ class ArrivalCoverage:
         first, together, later = (sum(tried.orders[order] for *_, tried in rows) for order in range(3))
         name, own, other, worst = max(rows, key=lambda row: row[3].length)
         return (
-            f"{head}, the other vehicle {first} times first, {together} together, {later} later; largest untested gap {worst}, "
-            f"{name}: {own} under test, other vehicle {other}"
+            f"{head}, the other vehicle {first} times first, {together} together, {later} later; largest untested gap {worst} "
+            f"at {name}, vehicle under test from lane {own}, other vehicle from {other}"
         )
 
 

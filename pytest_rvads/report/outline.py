@@ -308,7 +308,7 @@ def _worst_lines(junctions: Sequence[AtJunction]) -> Iterator[str]:
     """Yield the lines on the few junctions with the most failures."""
     yield from (line for junction in ranked(junctions)[:FEW] for line in junction.lines())
     if len(junctions) > FEW:
-        yield f"... and {plural(len(junctions) - FEW, 'more junction')}, none worse"
+        yield f"... and {plural(len(junctions) - FEW, 'more junction')}, with no worse verdicts"
 
 
 def refused(report: Report, most: int | None = None) -> list[str]:

@@ -28,6 +28,8 @@ _IDLE = 10
 """Largest number of never applicable rules that a line names; further rules are counted."""
 _NEAR = 2.0
 """Two vehicles met if less than this time passed between their stays on a shared stretch [s]."""
+_TOGETHER, _AFTER, _BEFORE, _ALONE = "together with others", "after others", "before others", "alone"
+"""How the subject arrived, compared with the vehicle whose arrival was nearest in time."""
 
 
 class AtJunctions:
@@ -225,24 +227,24 @@ class Arrivals:
             return
         gaps = [time - times[subject] for agent, time in times.items() if agent != subject]
         gap = min(gaps, key=abs, default=0.0)
-        order = "others first" if gap < -TOGETHER else "subject first" if gap > TOGETHER else "simultaneous"
-        self._gaps[order if gaps else "alone"].append(abs(gap))
+        order = _AFTER if gap < -TOGETHER else _BEFORE if gap > TOGETHER else _TOGETHER
+        self._gaps[order if gaps else _ALONE].append(abs(gap))
         self._apart += bool(gaps) and (kpis.pet is None or kpis.pet >= _NEAR)
 
     def lines(self, junction: str) -> list[str]:
         """Return a line on the orders of arrival at a junction, with the gaps; no line if no run has a subject."""
         total = sum(map(len, self._gaps.values()))
         texts: list[str] = []
-        for order in ("simultaneous", "others first", "subject first", "alone"):
+        for order in (_TOGETHER, _AFTER, _BEFORE, _ALONE):
             if gaps := self._gaps.get(order):
                 least, most = f"{min(gaps):.1f}", f"{max(gaps):.1f}"
-                wide = f" (by {least if least == most else f'{least} to {most}'} s)" if order.endswith("first") else ""
-                texts.append(f"{len(gaps)} of {total} arrivals {order}{wide}" if not texts else f"{len(gaps)} {order}{wide}")
+                wide = f" (by {least if least == most else f'{least} to {most}'} s)" if order in (_AFTER, _BEFORE) else ""
+                of_all = "" if texts else f" of {plural(total, 'run')}"
+                texts.append(f"{order} in {len(gaps)}{of_all}{wide}")
+        line = f"{junction}: the subject arrived {', '.join(texts)}"
         if self._apart:
-            texts.append(
-                f"{plural(self._apart, 'run')} in which no two came within {_NEAR:g} s of each other on a shared stretch"
-            )
-        return [f"{junction}: {', '.join(texts)}"] if texts else []
+            line += f"; in {plural(self._apart, 'run')} no vehicles were within {_NEAR:g} s on a shared stretch"
+        return [line] if texts else []
 
 
 WORST = 20

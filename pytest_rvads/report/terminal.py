@@ -329,7 +329,7 @@ def legend(tables: Iterable[RollUp | Verdicts]) -> Iterator[str]:
                 kinds |= {kind for table in sums for kind in table.kinds if kind}
                 known = known or any(None in table.kinds for table in sums)
     if summed:
-        yield "wrong: runs with a failure that is not known, wrong at: junctions with one"
+        yield "wrong: runs with a failure that is not known, wrong at: junctions with such runs"
     if shares:
         yield "1/4: one of four items"
     yield from (f"{kind.small}: {meaning}" for kind, meaning in _MEANINGS.items() if kind in kinds)

@@ -107,7 +107,7 @@ def test_unusable_junctions_keep_ways_and_control(read: Read, tree: Tree) -> Non
     (junction,) = describe(read(root))["junctions"]
     assert (junction["ways"], junction["control"], junction["usable"]) == (4, "stop", False)
     assert junction["usable_from"] is None
-    assert junction["reason"] == ("Traffic enters it from 1 of its 4 arms, and only junctions that two or more enter are usable.")
+    assert junction["reason"] == ("Traffic enters it from 1 of its 4 arms, and a usable junction has traffic from at least two.")
     assert {(m["entrance"], m["exit"]) for m in junction["movements"]} == {(0, 1), (0, 2), (0, 3)}
 
 

@@ -174,7 +174,7 @@ def test_an_approach_goes_on_through_the_beginning_of_turn_lanes(read: Read) -> 
     kerb, inner = road_map.report("1").approach[:2]
     assert inner == pytest.approx(20 + 2 + 78, abs=0.01)
     assert 0 < kerb - (20 + math.hypot(2, WIDTH) + 78) < 1, "a little more than straight across"
-    assert road_map.report("2").reason == "it has 2 arms, and only junctions of 3 to 8 can be used"
+    assert road_map.report("2").reason == "it has 2 arms, and only junctions of 3 to 8 arms can be used"
 
 
 def test_a_gap_costs_the_movements_across_it(read: Read) -> None:

@@ -54,7 +54,7 @@ def test_who_caused_a_collision(drive: Make, name: str) -> None:
     assert (cause.agents, cause.reason) == (agents, reason)
     verdict = check(run, "no_collision")
     assert verdict.responsible == agents
-    assert f"who is to blame: {' and '.join(agents)} {reason}" in verdict.explanation
+    assert f"to blame: {' and '.join(agents)} {reason}" in verdict.explanation
 
 
 def test_collision_in_a_cycle_is_the_fault_of_the_second_vehicle(drive: Make) -> None:

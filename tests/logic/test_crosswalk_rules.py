@@ -130,7 +130,7 @@ def test_violation_is_the_moment_in_which_the_front_comes_onto_the_crosswalk(dri
     assert verdict.time == pytest.approx((25.0 + 1.2) / 5.0, abs=0.03)  # areas are sampled every 0.1 m
     assert verdict.responsible == ("a0",)
     assert verdict.message == f"crosswalk at t={verdict.time:.2f} s: a0 takes the crosswalk from p0"
-    assert "who is to blame: a0 drove on though it could have stopped for p0" in verdict.notes
+    assert "to blame: a0 drove on though it could have stopped for p0" in verdict.notes
 
 
 @pytest.mark.parametrize(
@@ -246,7 +246,7 @@ def test_vehicle_that_entered_on_red_is_to_blame_even_if_it_could_not_stop(drive
     run = scene(drive, LIT, {1: DRIVES_ON}, walk)
     verdict = check(run, "no_conflict")
     assert (verdict.outcome, verdict.responsible) == ("FAIL", ("a1",))
-    assert "who is to blame: a1 had entered on red" in verdict.notes
+    assert "to blame: a1 had entered on red" in verdict.notes
 
 
 @pytest.mark.parametrize(
@@ -262,7 +262,7 @@ def test_vehicle_that_ran_the_stop_sign_is_to_blame_on_the_crosswalk_behind_the_
 ) -> None:
     verdict = check(scene(drive, zebra("stop4").walked, car, walk), "no_conflict")
     assert verdict.outcome == outcome
-    assert f"who is to blame: {reason}" in verdict.notes
+    assert f"to blame: {reason}" in verdict.notes
 
 
 def test_pedestrian_who_walks_into_a_standing_vehicle_is_to_blame(drive: Make) -> None:
@@ -271,7 +271,7 @@ def test_pedestrian_who_walks_into_a_standing_vehicle_is_to_blame(drive: Make) -
     for rule in ("no_collision", "no_conflict"):
         verdict = check(run, rule)
         assert (verdict.outcome, verdict.responsible) == ("PROVOKED", ("p0",))
-        assert "who is to blame: p0 walked into a0, which stood" in verdict.notes
+        assert "to blame: p0 walked into a0, which stood" in verdict.notes
 
 
 def test_pedestrian_who_waits_for_ever_does_not_excuse_a_vehicle_that_waits_for_ever(drive: Make) -> None:

@@ -344,11 +344,11 @@ def test_lane_rule_does_not_apply_to_single_lanes(drive: Make, topology: Callabl
     alone = drive(place, {2: (2, -10.0, [(0, 5.0)])}, 400)
     assert check(alone, "on_lane_allowed").status == "NA", "its arm has one lane"
     one = check(drive("stop4", {0: wait(2, 100)}, 10), "on_lane_allowed")
-    assert one.reason == "on_lane_allowed is about junctions with several lanes on an arm, this one has one lane on each"
+    assert one.reason == "on_lane_allowed is about junctions with several lanes on an arm, and this junction has one lane on each"
     assert "on_lane_allowed" not in [r.name for r in rules_for("road", rvads.find("stop4"))]
     bare = replace(drive(place, {1: (2, -10.0, [(0, 5.0)])}, 10), junction=topology(place))
     assert check(bare, "on_lane_allowed").reason == "not recorded: the run holds no geometry of its junction"
-    with pytest.raises(rvads.errors.RunError, match=r"is about junctions with .* and several lanes on an arm, this one has"):
+    with pytest.raises(rvads.errors.RunError, match=r"is about junctions with .* and several lanes on an arm, and this"):
         RuleMonitor("on_lane_allowed", rvads.find("stop4"), alone.agents[:0])
 
 

@@ -136,7 +136,7 @@ def test_the_tie_window_is_the_rule_s(make: Make) -> None:
 
 def test_wrong_use_is_told(make: Make) -> None:
     run = make("stop4", {0: (2, 10, 50, 200), 1: (1, 10, 50, 200)}, 60)
-    with pytest.raises(RunError, match="p4 is about junctions with lights, this one has stop"):
+    with pytest.raises(RunError, match="p4 is about junctions with lights, and this junction has stop"):
         RuleMonitor("p4", run.junction, run.agents)
     monitor = RuleMonitor("full_stop", run.junction, run.agents)
     for zone in ([0], [0, float("nan")], [[0, 0]]):

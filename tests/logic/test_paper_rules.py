@@ -100,7 +100,7 @@ def test_explanation_of_p1_shows_entries_and_the_acting_vehicle(make: Make) -> N
         "instance  a=a0, a'=a1   (1 instance: 1 fail)",
         "vehicle   a0 from entrance 0, straight   entered 0.50 s",
         "vehicle   a1 from entrance 1, right   entered 1.20 s   <- acts",
-        "broken at 1.20 s: a0, a1 both in junction; 0.80 s in all",
+        "broken at 1.20 s: a0, a1 both in junction; broken for 0.80 s of the run",
         " t [s]  a0        a1          a0@j  a1@j",
         "  1.19  junction  entrance 1   x     .",
         "  1.20  junction  junction     x     x   <- violated, no continuation can repair it",
@@ -161,9 +161,9 @@ def test_four_at_once_cannot_pass_and_the_text_says_why(make: Make) -> None:
     for run, status, unavoidable in ((moved, Status.FAIL, True), (stuck, Status.OPEN, False)):
         verdict = check(run, "p2")
         assert (verdict.status, verdict.unavoidable) == (status, unavoidable)
-        assert "4 vehicles arrived together and each must wait for the one on its right" in verdict.message
+        assert "4 vehicles arrived together and each must wait for the vehicle on its right" in verdict.message
         assert "(a0 -> a1 -> a2 -> a3 -> a0)" in verdict.notes[0]
-        assert "each must wait for the one on its right" in verdict.explanation
+        assert "each must wait for the vehicle on its right" in verdict.explanation
     at_once = make("stop4", {e: (2, 10, 11 + 200 * (-e % 4), 200 + 200 * (-e % 4)) for e in range(4)}, 900)
     assert check(at_once, "p2").unavoidable, "one state in which all four stand is enough"
     three = make("stop4", {e: (2, 10, 50 + 200 * e, 200 + 200 * e) for e in range(3)}, 900)
@@ -240,15 +240,15 @@ def test_a_tie_window_can_be_unsatisfiable_in_a_triple(make: Make) -> None:
     run = make("stop4", {0: (2, 10, 500, 600), 1: (2, 50, 200, 300), 2: (3, 90, 350, 400)}, 800)
     verdict = check(run, "right_first")
     assert verdict.status is Status.FAIL
-    assert verdict.notes[0].startswith("3 vehicles must each wait for another of them (a0 -> a1 -> a2 -> a0)")
+    assert verdict.notes[0].startswith("3 vehicles must each wait for another of the 3 (a0 -> a1 -> a2 -> a0)")
 
 
 def test_reasons_of_na_are_constant_and_the_nearest_miss_is_told(make: Make) -> None:
     run = make("stop4", {0: (2, 10, 50, 200), 1: (2, 30, 250, 400)}, 800)
     other = check(run, "p4")
-    assert other.reason == "p4 is about junctions with lights at all entrances, this one has stop signs at all entrances"
+    assert other.reason == "p4 is about junctions with lights at all entrances, and this junction has stop signs at all entrances"
     never = check(run, "p2")
-    assert never.reason == "never triggered: the premise of no instance ever holds on the run"
+    assert never.reason == "never triggered: the premise of the rule never holds on the run"
     assert never.near
     assert (never.near.tick, never.near.missing, never.near.steps) == (30, ("a0 and a1 arrived at the same time",), 20)
     assert "nearest   at 0.30 s" in never.explanation

@@ -58,7 +58,7 @@ def test_the_record_of_what_never_applied(make: Make) -> None:
     lights = {e: [(0, Colour.GREEN if e % 2 else Colour.RED)] for e in range(4)}
     run = make("light4", {1: (3, 10, 50, 200), 3: (2, 10, 90, 300)}, 400, lights)
     bindings = [[["j.en", f"entrance {e}"], ["a", f"a{e}"], ["lt", f"light {e}"]] for e in (1, 3)]
-    reason = "never triggered: the premise of no instance ever holds on the run"
+    reason = "never triggered: the premise of the rule never holds on the run"
     verdict = check(run, "p4")
     assert verdict.record() == {
         "rule": "p4",
@@ -135,7 +135,7 @@ def test_a_pass_tells_how_many_instances_were_asked(make: Make) -> None:
 
 def test_explanation_tells_the_duration_of_a_triggered_violation(make: Make) -> None:
     run = make("stop4", {0: (2, 10, 50, 200)}, 400)
-    for text, told in (("G !a@j", ""), ("G(a.wt < 9 -> !a@j)", "; 1.50 s in all")):
+    for text, told in (("G !a@j", ""), ("G(a.wt < 9 -> !a@j)", "; broken for 1.50 s of the run")):
         assert f"\nbroken at 0.50 s: a0 is in the junction{told}\n" in check(run, Rule("out", f"forall a. {text}")).explanation
 
 

@@ -77,7 +77,7 @@ def test_the_gate_of_arrivals_asks_for_the_largest_untested_gap(tests: pytest.Py
         "rvads: the largest untested gap is above 5.9 s: arrivals: 2 of 14 pairs of conflicting movements met, the other vehicle"
     )
     result.stdout.fnmatch_lines(
-        [f"{said} 1 times first, 2 together, 1 later; largest untested gap 6 s (-6 to 0 s), stop4: 0.0 to *"]
+        [f"{said} 1 times first, 2 together, 1 later; largest untested gap 6 s (-6 to 0 s) at stop4, vehicle under test from *"]
     )
 
 

@@ -148,7 +148,7 @@ def test_the_line_tells_orders_pairs_and_the_largest_gap() -> None:
     line = coverage(*(record(run, number) for number, run in enumerate(runs))).line()
     assert line == (
         "arrivals: 2 of 14 pairs of conflicting movements met, the other vehicle 1 times first, 4 together, 2 later; largest "
-        "untested gap 6 s (-6 to 0 s), stop4: 0.0 to 2.0 under test, other vehicle 3.0 to 1.0"
+        "untested gap 6 s (-6 to 0 s) at stop4, vehicle under test from lane 0.0 to 2.0, other vehicle from 3.0 to 1.0"
     )
 
 

@@ -29,7 +29,7 @@ def told(*records: Record) -> list[str]:
 
 def test_simultaneous_arrivals_are_counted_of_all() -> None:
     runs = [run(k, "a0", 1.0, a0=5.0, a1=5.0 + gap, a2=5.0) for k, gap in enumerate((0.0, 0.5, -0.5))]
-    assert told(*runs, *runs) == ["stop4: 3 of 3 arrivals simultaneous"], "items of one run count once"
+    assert told(*runs, *runs) == ["stop4: the subject arrived together with others in 3 of 3 runs"], "items of one run count once"
 
 
 def test_orders_of_arrival_are_told_with_their_gaps() -> None:
@@ -40,14 +40,14 @@ def test_orders_of_arrival_are_told_with_their_gaps() -> None:
         run(4, "a0", 1.9, a0=5.0, a1=6.5, a2=9.0),
         run(5, "a0", None, a0=5.0),
     )
-    orders = "1 of 5 arrivals simultaneous, 2 others first (by 1.5 to 3.0 s), 1 subject first (by 1.5 s), 1 alone"
-    assert told(*runs) == [f"stop4: {orders}"]
+    orders = "together with others in 1 of 5 runs, after others in 2 (by 1.5 to 3.0 s), before others in 1 (by 1.5 s), alone in 1"
+    assert told(*runs) == [f"stop4: the subject arrived {orders}"]
 
 
 @pytest.mark.parametrize(("pet", "apart"), [(1.9, 0), (-3.0, 0), (2.0, 1), (None, 1)])
 def test_runs_without_a_meeting_on_a_shared_stretch_are_counted(pet: float | None, apart: int) -> None:
     (line,) = told(run(1, "a0", pet, a0=5.0, a1=5.0))
-    assert line.endswith(", 1 run in which no two came within 2 s of each other on a shared stretch") == bool(apart)
+    assert line.endswith("; in 1 run no vehicles were within 2 s on a shared stretch") == bool(apart)
 
 
 @pytest.mark.parametrize("subject", [None, "a7"])

@@ -129,7 +129,7 @@ def test_a_summary_of_three_hundred_junctions_fits_a_screen_or_two_and_keeps_its
     names = re.findall(r"^ (J\d+) ", "\n".join(table), re.MULTILINE)
     assert names == [f"J{n}" for n in range(1, 140, 7)], "each with one of five"
     assert " ... and 280 more junctions: --rvads-summary=full shows them all" in text
-    assert "... and 296 more junctions, none worse" in text
+    assert "... and 296 more junctions, with no worse verdicts" in text
     whole = told(report, full=True)
     assert set(re.findall(r"^ (J\d+) ", whole, re.MULTILINE)) == {f"J{n}" for n in range(1, 301)}
 
@@ -153,7 +153,7 @@ def test_roll_up_lists_the_worst_junctions() -> None:
     figures = outline(Report(tuple(town(9, wrong=[(7, 1), (3, 2)]))))[-1]
     assert isinstance(figures, Figures)
     lines = [line.partition(":")[0] for line in figures.lines if re.match(r"J\d|\.\.\.", line)]
-    assert lines == ["J3", "J7", "J1", "J2", "... and 5 more junctions, none worse"]
+    assert lines == ["J3", "J7", "J1", "J2", "... and 5 more junctions, with no worse verdicts"]
 
 
 def test_of_few_junctions_no_line_is_left_out_where_runs_were_recorded_there_too() -> None:

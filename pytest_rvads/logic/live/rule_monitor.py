@@ -87,7 +87,7 @@ class RuleMonitor:
                 kinds = " or ".join(candidate.kinds) + (" and several lanes on an arm" if candidate.lanes else "")
                 kinds += " and a lane that joins another one" if candidate.joining else ""
                 kinds += f" and {candidate.crosswalks}" if candidate.crosswalks else ""
-                raise RunError(f"{candidate.name} is about junctions with {kinds}, this one has {junction.control}")
+                raise RunError(f"{candidate.name} is about junctions with {kinds}, and this junction has {junction.control}")
         if not isinstance(block, int) or block < 1:
             raise RunError(f"block must be a whole number of states from 1 on, got {block!r:.20}")
         self._junction, self._block = junction, block

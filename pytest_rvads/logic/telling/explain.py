@@ -36,10 +36,10 @@ def tell(story: Story) -> Verdict:
         story.reason = hangs(run, doubt)
     if story.cycle:
         around = " -> ".join((*story.cycle.agents, story.cycle.agents[0]))
-        story.notes.insert(0, f"{_cyclic(story.cycle)} ({around}), so no continuation could pass")
+        story.notes.insert(0, f"{_cyclic(story.cycle)} ({around}), so no vehicle may go first")
     cause = worst and cause_between(worst, run)
     if cause:
-        story.notes.append(f"who is to blame: {' and '.join(cause.agents)} {cause.reason}")
+        story.notes.append(f"to blame: {' and '.join(cause.agents)} {cause.reason}")
     story.notes += _bends(worst, run)
     if story.provoked:
         by_traffic = f"provoked by traffic: {story.subject}, the subject, is not to blame"
@@ -102,8 +102,8 @@ def _bends(worst: Judgement | None, run: Run) -> Iterator[str]:
 
 def _cyclic(cycle: Cycle) -> str:
     if cycle.alone:
-        return f"{len(cycle.agents)} vehicles arrived together and each must wait for the one on its right"
-    return f"{len(cycle.agents)} vehicles must each wait for another of them"
+        return f"{len(cycle.agents)} vehicles arrived together and each must wait for the vehicle on its right"
+    return f"{len(cycle.agents)} vehicles must each wait for another of the {len(cycle.agents)}"
 
 
 def _instance(j: Judgement, run: Run) -> InstanceVerdict:
@@ -135,7 +135,7 @@ def _message(story: Story, worst: Judgement | None) -> str:
         return f"{name} PASS: kept in {kept_count} of {total} instances{binding}{untriggered}"
     fails = sum(j.status is status for j in story.judgements)
     more = f" (the first of {fails} instances)" if fails > 1 else ""
-    hint = f"; {_cyclic(story.cycle)}, no continuation could pass" if story.cycle else ""
+    hint = f"; {_cyclic(story.cycle)}, so no vehicle may go first" if story.cycle else ""
     hint += "; the bend is too tight for the vehicle" if story.unavoidable and not story.cycle else ""
     hint += f"; provoked by {'traffic' if story.subject else 'pedestrians'}" if story.provoked else ""
     if status is Status.FAIL:
@@ -160,7 +160,7 @@ def _violated(story: Story, worst: Judgement | None) -> str:
     if worst is None:
         return story.reason
     if story.cycle:
-        return f"{_cyclic(story.cycle)}, no continuation could pass"
+        return f"{_cyclic(story.cycle)}, so no vehicle may go first"
     variables = {e: name for name, e in worst.template.binding}
 
     def name(element: f.Element) -> str:

@@ -203,7 +203,7 @@ def _roles(story: Story, j: Judgement) -> list[str]:
 
 
 def _overlap(j: Judgement) -> str:
-    return f"; {j.margin:.2f} s in all" if j.margin and j.template.shape.premise is not None else ""
+    return f"; broken for {j.margin:.2f} s of the run" if j.margin and j.template.shape.premise is not None else ""
 
 
 def _early(j: Judgement) -> str:

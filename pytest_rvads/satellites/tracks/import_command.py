@@ -226,6 +226,7 @@ def _summary_lines(summary: dict[str, Any], *, verbose: bool) -> list[str]:
     """Return the summary of an imported recording as lines of text."""
     offset, accuracy, clock, left_out = summary["offset"], summary["accuracy"], summary["clock"], summary["left_out"]
     origin = "stated" if accuracy["stated"] else "estimated"
+    exact = "positions are exact (stated)" if accuracy["stated"] else "positions are taken as exact, because no noise was found"
     vehicles, periods = _count_text(summary["vehicles"], "vehicle"), _count_text(summary["periods"], "busy period")
     if summary["pedestrians"]:
         vehicles += f" and {_count_text(summary['pedestrians'], 'pedestrian')}"
@@ -235,7 +236,7 @@ def _summary_lines(summary: dict[str, Any], *, verbose: bool) -> list[str]:
         f"a sample every {clock['step']:g} s, now every {clock['resampled']:g} s",
         "; ".join(f"{count} from {way}" for way, count in summary["movements"].items()),
         f"distance from their ways {offset['mean']:.2f} m on average, at most {offset['worst']:.2f} m ({offset['vehicle']})",
-        f"positions are {format(accuracy['position'], '.3f') + ' m accurate' if accuracy['position'] else 'exact'} ({origin})",
+        f"positions are {accuracy['position']:.3f} m accurate ({origin})" if accuracy["position"] else exact,
     ]
     if accuracy["speed"]:
         lines.append(f"speeds are {accuracy['speed']:.2f} m/s accurate")
