@@ -134,7 +134,7 @@ def _table(place: Junction, sides: Sequence[CriticalStart], setting: Setting, op
         lead = "never" if first.start is None else f"{first.start.lead * STEP:+.2f} s"
         told = f"{first.status} {first.rule}, {first.fault}" if first.fault else str(first.status)
         told = "no room where a vehicle starts" if first.unfit else told
-        more = f" and {len(row) - 1} more of this kind" if len(row) > 1 else ""
+        more = f", as on {plural(len(row) - 1, 'similar line')}" if len(row) > 1 else ""
         yield f"{subject:18}{other:{wide}}{first.line.vista:26}{first.order:7}{lead:>16}  {told}{more}"
     for side in (row[0] for row in rows.values()):
         if side.error and side.order == "goes":  # the entries of both orders of a line have the same error

@@ -29,7 +29,7 @@ def declare(commands: Subparsers) -> None:
     parser = commands.add_parser(
         "replay",
         help="draw the replay page of a failure from its kept run; without arguments list the failures of the latest session",
-        description="A session of pytest keeps the runs of all failures in its folder, .rvads/N, and draws pages of the first. "
+        description="A session of pytest keeps the runs of all failures in its folder, .rvads/N, and draws the first runs. "
         "Exit status: 0; 1 if --all could not draw a page; 2 if there is no such session, failure or run.",
     )
     parser.add_argument(

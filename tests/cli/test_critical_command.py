@@ -107,7 +107,7 @@ def test_lines_that_are_equal_up_to_a_rotation_are_one_row(
     head, _, *rows = capsys.readouterr().out.splitlines()
     assert head.startswith("stop4: 4 lines of starts, ")
     assert [row.split()[4:] for row in rows] == [
-        [order, lead, "s", "PASS", "and", "3", "more", "of", "this", "kind"]
+        [order, lead, "s", "PASS,", "as", "on", "3", "similar", "lines"]
         for order, lead in (("goes", "+0.50"), ("waits", "+0.49"))
     ]
 
