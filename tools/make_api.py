@@ -19,7 +19,7 @@ PAGE = Path(__file__).parents[1] / "docs" / "api.md"
 HEAD = """# Public names
 
 Written by `python tools/make_api.py` from the docstrings. All names are in `pytest_rvads`, which is imported as `rvads`."""
-_PROPERTIES = property | cached_property
+_PROPERTIES = (property, cached_property)
 
 
 def main() -> None:
@@ -63,7 +63,9 @@ def _of_module(name: str, value: Any) -> list[str]:
 def _methods(name: str, cls: type) -> list[str]:
     found = []
     for key, value in vars(cls).items():
-        if not key.startswith("_") and (inspect.isfunction(value) or isinstance(value, _PROPERTIES | classmethod | staticmethod)):
+        if not key.startswith("_") and (
+            inspect.isfunction(value) or isinstance(value, (*_PROPERTIES, classmethod, staticmethod))
+        ):
             found.append(_member(f"{name}.{key}", value))
     return [part for part in found if part]
 
