@@ -133,9 +133,9 @@ def _strips(setting: Setting, group: Sequence[Line]) -> tuple[Strip, ...]:
     known: list[int] | None = None
     for line in group:
         trial = Trial(setting, line, LONGEST)
-        leads = known or [*range(trial.low, trial.high, _GRID), trial.high]
+        guesses = known or range(trial.low, trial.high, _GRID)
         try:
-            strip = _strip(trial, [lead for lead in leads if trial.low <= lead <= trial.high])
+            strip = _strip(trial, sorted({trial.low, trial.high, *(lead for lead in guesses if trial.low <= lead <= trial.high)}))
         except ScenarioError as error:
             strips.append(Strip(line, (), (), unfit=str(error)))
             continue

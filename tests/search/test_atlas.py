@@ -1,6 +1,7 @@
 """The atlas of starts, on starts that a function judges: pieces, probes and equal lines."""
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from itertools import pairwise
 
 import pytest
@@ -165,3 +166,24 @@ def test_error_of_the_driver_at_a_probe_is_reported_and_the_other_probes_are_com
     for probe in atlas.differing:
         assert (probe.line, probe.error) == (GROUP[0], "the driver divides by zero")
         assert probe.lead in HIDDEN
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_strip_reaches_as_far_as_its_own_vehicles_have_room(make: Make, order: int) -> None:
+    first, second, *_ = GROUP
+    lanes = tuple(replace(lane, setback=lane.approach.length - 32.0) for lane in PLACE.entrances if lane.approach)
+    narrow = replace(second, place=replace(PLACE, entrances=lanes))
+    # At 8 m/s, a vehicle with 32 m of approach starts at most 4 s before its line; the nearest start is 2.5 s before it.
+    reaches = [(LOW, HIGH), (-149, 149)][::order]
+    strips = drawn(verdicts_of([0]), make, [first, narrow][::order]).strips
+    assert [(strip.pieces[0].first, strip.pieces[-1].last) for strip in strips] == reaches
+    assert [{first, last} <= set(strip.simulated) for strip, (first, last) in zip(strips, reaches, strict=True)] == [True, True]
+
+
+def test_line_without_room_has_no_strip_and_a_reason() -> None:
+    lanes = tuple(replace(lane, setback=lane.approach.length) for lane in PLACE.entrances if lane.approach)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(drawing, "lines_at", lambda *_, **__: ([replace(GROUP[0], place=replace(PLACE, entrances=lanes))],))
+        (strip,) = draw_atlas(PLACE, setting(), probes=3, executor=1).strips
+    assert (strip.pieces, strip.error) == ((), "")
+    assert "does not fit on entrance" in strip.unfit
