@@ -191,19 +191,24 @@ def _page(certificates: Sequence[Mapping[str, Any]]) -> str:
 
 
 def _rows(group: Sequence[Mapping[str, Any]]) -> Iterator[StripRow]:
-    """Yield a row of the page per strip (all starts of two vehicles); strips with changes at most 0.05 s apart share a row."""
+    """Yield a row of the page per list of `_merged` strips (all starts of two vehicles)."""
+    for strips in _merged(group):
+        strip = strips[0]
+        more = f", {len(strips) - 1} more equal" if len(strips) > 1 else ""
+        note = "no room where a vehicle starts" if strip["unfit"] else f"{strip['decided_by']}{more}"
+        note = f"ERROR{more}" if strip["error"] else note
+        yield StripRow(strip["title"], note, list(_bands(strip)), strip["simulated"])
+
+
+def _merged(group: Sequence[Mapping[str, Any]]) -> Iterator[Sequence[Mapping[str, Any]]]:
+    """Yield lists of strips that share a row of the page, because their changes are at most 0.05 s apart."""
     shown: dict[tuple[object, ...], list[Mapping[str, Any]]] = {}
     for strip in group:
         pieces = [
             (round(p["from"], 1), p["order"], p["status"], p["rule"]) for p in strip["pieces"] if p["to"] - p["from"] > _NARROW
         ]
         shown.setdefault((*pieces, bool(strip["unfit"]), bool(strip["error"])), []).append(strip)
-    for strips in shown.values():
-        strip = strips[0]
-        more = f", {len(strips) - 1} more equal" if len(strips) > 1 else ""
-        note = "no room where a vehicle starts" if strip["unfit"] else f"{strip['decided_by']}{more}"
-        note = f"ERROR{more}" if strip["error"] else note
-        yield StripRow(strip["title"], note, list(_bands(strip)), strip["simulated"])
+    yield from shown.values()
 
 
 def _bands(strip: Mapping[str, Any]) -> Iterator[Band]:
@@ -228,7 +233,7 @@ def _failures(certificate: Mapping[str, Any]) -> str:
     """Return an HTML list of the errors and of the ranges of failing starts at a junction; each range has a rerun command."""
     strips = [strip for group in certificate["groups"] for strip in group if strip["error"]]
     lines = ["<li>" + markup(f"{strip['title']}: ERROR: {strip['error']}") for strip in strips]
-    for strip in (group[0] for group in certificate["groups"]):
+    for strip in (strips[0] for group in certificate["groups"] for strips in _merged(group)):
         for pieces in _alike(strip):
             first, last = pieces[0], pieces[-1]
             if first["rule"]:

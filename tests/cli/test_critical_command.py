@@ -200,6 +200,16 @@ def test_wrong_arguments_are_refused_in_one_line(capsys: Read, arguments: Sequen
     assert re.search(message, err)
 
 
+def test_atlas_repeats_a_failing_start_of_every_row(make: Make, tmp_path: Path, choose: Callable[[Sequence[Line]], None]) -> None:
+    choose(GROUP)
+    page = tmp_path / "atlas.html"
+    with judged_by([passing, colliding, colliding], make):
+        main(["atlas", *CRITICAL[1:], "--probes", "0", "-o", str(page)])
+    text = page.read_text("utf-8")
+    assert text.count('<rect class="band') == 2 + 3, "the strips of the two colliding seats share a row"
+    assert re.findall("<li>(.*?)<code", text) == ["1-&gt;2 meets 0-&gt;2: no_collision FAIL from +0.50 to +0.99 s"]
+
+
 def test_one_start_prints_its_verdicts_and_writes_its_replay(tmp_path: Path, capsys: Read) -> None:
     page = tmp_path / "replay.html"
     scenario = GROUP[0].scenario(-50)
