@@ -10,7 +10,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pytest_rvads.cli.common import Subparsers, progress, say, terminable, warn
-from pytest_rvads.cli.shared_options import again, declare_starts, opened_driver, opened_executor, places, setting_of, start_of
+from pytest_rvads.cli.shared_options import (
+    again,
+    declare_starts,
+    map_of,
+    opened_driver,
+    opened_executor,
+    places,
+    setting_of,
+    start_of,
+)
 from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.report.session_report import NOTHING_JUDGED, exit_status
 from pytest_rvads.support.errors import ScenarioError
@@ -49,6 +58,8 @@ def _critical(options: argparse.Namespace) -> int:
 
     if options.output and not options.start:
         raise ScenarioError("-o writes the replay of one start: name the start by --start")
+    if options.json and options.start:
+        raise ScenarioError("--json prints lines of starts, and --start simulates one start: leave one of the two out")
     with opened_driver(options) as driver, terminable(), opened_executor(options) as executor:
         setting = setting_of(options, driver)
         if options.start:
@@ -151,11 +162,19 @@ def _one_start(options: argparse.Namespace, setting: Setting) -> int:
 
     An error of a rule costs no other rule its verdict. If a fault ended the run, the violations before the fault are printed.
     """
+    from pytest_rvads.geometry.finder import find
     from pytest_rvads.logic.check import verdict_by
     from pytest_rvads.report.draw.replay import replay
     from pytest_rvads.scenarios.ids import from_id
 
-    scenario = from_id(options.start, options.place if options.junction or Path(options.place).exists() else None)
+    map = map_of(options)
+    scenario = from_id(options.start, map)
+    if map is None or options.junction:
+        named = find(options.junction or options.place, map)
+        if scenario.place.name != named.name:
+            raise ScenarioError(
+                f"--start is at junction {scenario.place.name!r}, and the command names {named.name!r}: name one of the two"
+            )
     say(scenario.describe())
     run = setting.simulated(scenario)
     verdicts = [verdict_by(run, rule) for rule in setting.rules if rule.concerns(scenario.place)]

@@ -27,6 +27,7 @@ __all__ = [
     "declare_driver",
     "declare_executor",
     "declare_starts",
+    "map_of",
     "opened_driver",
     "opened_executor",
     "places",
@@ -140,40 +141,58 @@ def setting_of(options: argparse.Namespace, driver: Any) -> Setting:
     return Setting.of(driver, named_rules(options.rules), options.traffic, simulator=simulator)
 
 
+def map_of(options: argparse.Namespace) -> str | None:
+    """Return the map file that the options name; None if the options name a built-in junction.
+
+    Raises:
+        MapError: the options name neither, or ``--junction`` goes with a built-in junction.
+    """
+    from pytest_rvads.geometry.finder import names
+
+    place: str = options.place
+    if place in names():
+        if options.junction:
+            raise MapError(f"--junction names a junction of a map, and {place!r} is a built-in junction: leave it out")
+        return None
+    if not Path(place).exists():
+        raise MapError(f"{place!r} is no built-in junction ({', '.join(names())}) and no file: name one of these")
+    return place
+
+
 def places(options: argparse.Namespace) -> Iterator[Junction]:
     """Yield the junctions that the options name; of a whole map, junctions without a line of starts are left out with a warning.
 
     Raises:
         MapError: no junction has the name, or the map has no junction in which ways conflict.
+        ScenarioError: a behaviour of pedestrians is unknown, or no junction of the map has a line of starts.
     """
+    from pytest_rvads.drivers.walking import behaviour
     from pytest_rvads.geometry.conflicts import JunctionKind
-    from pytest_rvads.geometry.finder import find, names
+    from pytest_rvads.geometry.finder import find
     from pytest_rvads.geometry.road_map import describe, read_map
     from pytest_rvads.search.starts import lines_at
 
-    if options.place in names():
-        if options.junction:
-            raise MapError(f"--junction names a junction of a map, and {options.place!r} is a built-in junction: leave it out")
-        yield find(options.place)
+    for name in options.pedestrians:
+        behaviour(name)
+    map = map_of(options)
+    if map is None or options.junction:
+        yield find(options.junction or options.place, map)
         return
-    if not Path(options.place).exists():
-        raise MapError(f"{options.place!r} is no built-in junction ({', '.join(names())}) and no file: name one of these")
-    if options.junction:
-        yield find(options.junction, options.place)
-        return
-    described = describe(read_map(options.place))["junctions"]
+    described = describe(read_map(map))["junctions"]
     ids = [one["id"] for one in described if one["kind"] not in (None, JunctionKind.CONFLICT_FREE)]
     if not ids:
-        raise MapError(
-            f"{options.place} has no junction in which ways conflict: `rvads map {shlex.quote(options.place)}` says why"
-        )
-    for place in (find(id, options.place) for id in ids):
+        raise MapError(f"{map} has no junction in which ways conflict: `rvads map {shlex.quote(map)}` says why")
+    left_out: list[ScenarioError] = []
+    for place in (find(id, map) for id in ids):
         try:
             lines_at(place, behaviours=options.pedestrians)
         except ScenarioError as error:
+            left_out.append(error)
             warn(f"rvads: {error}")
         else:
             yield place
+    if len(left_out) == len(ids):
+        raise ScenarioError(f"{map} has no junction with a line of starts, for the reasons above: use another map")
 
 
 def again(options: argparse.Namespace, place: Junction, id: str) -> str:

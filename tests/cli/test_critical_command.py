@@ -13,6 +13,7 @@ import pytest
 
 import pytest_rvads as rvads
 from pytest_rvads.cli import main
+from pytest_rvads.geometry.builtin import path_of
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.judging.verdicts import Status
 from pytest_rvads.runs.run import Run
@@ -29,6 +30,8 @@ Read = pytest.CaptureFixture[str]
 GROUP = lines_at(rvads.find("stop3"))[0]
 RULES = ("--rules", "no_collision", "-j", "1")
 CRITICAL = ("critical", "stop3", "--autopilot", "reference", *RULES)
+START = GROUP[0].scenario(-50).name
+STOP4 = str(path_of("stop4"))
 TURN = 50
 """Lead from which on the subject goes [steps]: 0.5 s."""
 
@@ -187,6 +190,11 @@ def test_exit_status_is_5_if_no_start_has_room(capsys: Read, choose: Callable[[S
         (("critical", "stop3", "--autopilot", "referense"), "did you mean 'reference'"),
         (("critical", "stop3", "--autopilot", "reference", "-j", "0"), "--workers must be at least 1, got 0"),
         (("critical", "stop3", "--autopilot", "reference", "--start", "nonsense"), "'nonsense' is no id of a scenario"),
+        (("critical", "stop5", "--autopilot", "reference", "--start", START), "'stop5' is no built-in junction"),
+        (("critical", "stop4", "--autopilot", "reference", "--start", START), "--start is at junction 'stop3', .* names 'stop4'"),
+        ((*CRITICAL, "--start", START, "--json"), "--json prints lines of starts, .* leave one of the two out"),
+        ((*CRITICAL, "--pedestrians", "stedy"), "pedestrians have the behaviours .* did you mean 'steady'"),
+        (("critical", STOP4, "--autopilot", "reference", "--pedestrians", "stedy"), "did you mean 'steady'"),
         (("atlas", "stop5", "--autopilot", "reference"), "'stop5' is no built-in junction"),
         (("atlas", "stop3", "--autopilot", "reference", "--probes", "-1"), "--probes must be a number .* got -1"),
         (("dynamics",), "no driver is named"),
@@ -198,6 +206,15 @@ def test_wrong_arguments_are_refused_in_one_line(capsys: Read, arguments: Sequen
     assert out == ""
     assert err.count("\n") == 1
     assert re.search(message, err)
+
+
+@pytest.mark.parametrize("command", ["critical", "atlas"])
+def test_map_without_a_line_of_starts_is_refused(command: str, capsys: Read, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(starts, "lines_at", lines_at)
+    assert main([command, STOP4, "--autopilot", "reference", "--pedestrians", "steady"]) == 2
+    reason, refused = capsys.readouterr().err.splitlines()
+    assert "no way of junction 'stop4.1' from seats [0, 1, 2, 3] gives way to pedestrians" in reason
+    assert refused == f"rvads: {STOP4} has no junction with a line of starts, for the reasons above: use another map"
 
 
 def test_atlas_repeats_a_failing_start_of_every_row(make: Make, tmp_path: Path, choose: Callable[[Sequence[Line]], None]) -> None:
