@@ -17,7 +17,7 @@ from pytest_rvads.satellites.openscenario.xosctree import read_tree
 from pytest_rvads.satellites.tracks.lightlog import read_lights
 from pytest_rvads.satellites.tracks.logformats import read_log
 from pytest_rvads.support.errors import MapError, RunError
-from pytest_rvads.support.storage import DEEPEST, LONGEST_TAG, read_file, write_file
+from pytest_rvads.support.storage import DEEPEST, LONGEST_TAG, check_writable, read_file, write_file
 
 READERS: dict[str, tuple[str, Callable[[Path], Any]]] = {
     "town.xodr": ("OpenDRIVE", read_map),
@@ -43,6 +43,17 @@ def test_what_was_written_is_read(tmp_path: Path) -> None:
     write_file(path, b"two")
     assert read_file(path, 3) == b"two"
     assert [p.name for p in path.parent.iterdir()] == ["file"]
+
+
+def test_path_that_takes_no_file_is_told_before_anything_is_written(tmp_path: Path) -> None:
+    (tmp_path / "file").write_bytes(b"one")
+    for fine in ("file", "new", "deep/deeper/new"):
+        check_writable(tmp_path / fine)
+    check_writable(Path("/dev/stdout"))
+    for path, error in ((tmp_path, IsADirectoryError), (tmp_path / "file" / "new", NotADirectoryError)):
+        with pytest.raises(error):
+            check_writable(path)
+    assert [(path.name, path.read_bytes()) for path in tmp_path.iterdir()] == [("file", b"one")]
 
 
 def test_pieces_are_written_atomically(tmp_path: Path) -> None:

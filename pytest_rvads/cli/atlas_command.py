@@ -18,8 +18,8 @@ from pytest_rvads.cli.common import Subparsers, progress, say, terminable
 from pytest_rvads.cli.shared_options import again, declare_starts, opened_driver, opened_executor, places, setting_of, start_of
 from pytest_rvads.logic.outcome import Mark, Outcome
 from pytest_rvads.report.folders import ATLAS, ROOT
-from pytest_rvads.support.errors import ScenarioError
-from pytest_rvads.support.storage import write_file
+from pytest_rvads.support.errors import RvadsError, ScenarioError
+from pytest_rvads.support.storage import check_writable, write_file
 from pytest_rvads.support.wording import markup, plural
 
 if TYPE_CHECKING:
@@ -75,6 +75,9 @@ def _atlas(options: argparse.Namespace) -> int:
 
     if options.probes < 0:
         raise ScenarioError(f"--probes must be a number of random starts, 0 or more, got {options.probes}")
+    for option, path in (("-o", options.output), ("--json", options.json)):
+        if path:
+            _check_output(option, Path(path))
     with opened_driver(options) as driver, terminable(), opened_executor(options) as executor:
         setting, shown = setting_of(options, driver), partial(progress, what="groups")
         atlases = []
@@ -93,13 +96,21 @@ def _atlas(options: argparse.Namespace) -> int:
                 say(f"{line}: ERROR: {error}")
             atlases.append(atlas)
     certificates = [_certificate(atlas, setting, options) for atlas in atlases]
-    Path(options.output).parent.mkdir(parents=True, exist_ok=True)
     write_file(Path(options.output), _page(certificates).encode())
     say(f"wrote {options.output}")
     if options.json:
         write_file(Path(options.json), json.dumps({"version": 1, "atlases": certificates}).encode())
         say(f"wrote {options.json}")
     return 1 if any(atlas.differing or any(_errors(atlas)) for atlas in atlases) else 0
+
+
+def _check_output(option: str, path: Path) -> None:
+    try:
+        check_writable(path)
+    except OSError as error:
+        raise RvadsError(
+            f"{option} must name a file to write, got {str(path)!r}, which can't be written ({error.strerror}): name another file"
+        ) from error
 
 
 def _errors(atlas: Atlas) -> Iterator[tuple[Line, str]]:

@@ -21,7 +21,18 @@ from xml.parsers import expat
 from pytest_rvads.support.errors import RvadsError
 from pytest_rvads.support.wording import one_line
 
-__all__ = ["DEEPEST", "LONGEST_TAG", "XmlError", "number_in", "open_file", "read_file", "read_xml", "slug", "write_file"]
+__all__ = [
+    "DEEPEST",
+    "LONGEST_TAG",
+    "XmlError",
+    "check_writable",
+    "number_in",
+    "open_file",
+    "read_file",
+    "read_xml",
+    "slug",
+    "write_file",
+]
 
 _LONGEST = 190
 """Longest name of a file without its ending [bytes]; file systems take 255."""
@@ -102,6 +113,27 @@ def write_file(path: Path, content: bytes | Iterable[bytes]) -> None:
         part.replace(path)
     finally:
         part.unlink(missing_ok=True)
+
+
+def check_writable(path: Path) -> None:
+    """Check before a long computation that `write_file` may write its result; nothing is written.
+
+    Args:
+        path: path of the file.
+
+    Raises:
+        OSError: the path is a folder, or a folder on the way to the path is a file or takes no new files.
+    """
+    path = Path(os.path.realpath(path))
+    if path.is_dir():
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
+    if path.exists() and not path.is_file():
+        return
+    folder = next(parent for parent in path.parents if parent.exists())
+    if not folder.is_dir():
+        raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR), str(folder))
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(folder))
 
 
 def slug(text: str) -> str:

@@ -197,6 +197,7 @@ def test_exit_status_is_5_if_no_start_has_room(capsys: Read, choose: Callable[[S
         (("critical", STOP4, "--autopilot", "reference", "--pedestrians", "stedy"), "did you mean 'steady'"),
         (("atlas", "stop5", "--autopilot", "reference"), "'stop5' is no built-in junction"),
         (("atlas", "stop3", "--autopilot", "reference", "--probes", "-1"), "--probes must be a number .* got -1"),
+        (("atlas", STOP4, "--autopilot", "reference", "-o", "/"), "-o must name a file to write, got '/', .*: name another file"),
         (("dynamics",), "no driver is named"),
     ],
 )
