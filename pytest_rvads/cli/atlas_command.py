@@ -14,7 +14,7 @@ from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from pytest_rvads.cli.common import Subparsers, progress, say, terminable
+from pytest_rvads.cli.common import Subparsers, progress, say, terminable, warn
 from pytest_rvads.cli.shared_options import again, declare_starts, opened_driver, opened_executor, places, setting_of, start_of
 from pytest_rvads.logic.outcome import Mark, Outcome
 from pytest_rvads.report.folders import ATLAS, ROOT
@@ -80,27 +80,32 @@ def _atlas(options: argparse.Namespace) -> int:
             _check_output(option, Path(path))
     with opened_driver(options) as driver, terminable(), opened_executor(options) as executor:
         setting, shown = setting_of(options, driver), partial(progress, what="groups")
-        atlases = []
+        atlases: list[Atlas] = []
+        stopped: BaseException | None = None
         for place in places(options):
-            atlas = draw_atlas(
-                place,
-                setting,
-                probes=options.probes,
-                behaviours=options.pedestrians,
-                seed=options.seed,
-                executor=executor,
-                progress=shown,
-            )
+            try:
+                atlas = draw_atlas(
+                    place,
+                    setting,
+                    probes=options.probes,
+                    behaviours=options.pedestrians,
+                    seed=options.seed,
+                    executor=executor,
+                    progress=shown,
+                )
+            except (KeyboardInterrupt, RvadsError) as error:  # the atlases of the junctions before are written
+                stopped = error
+                if atlases:
+                    warn(f"rvads: INCOMPLETE: the atlas ends before junction {place.name}")
+                break
             say(_summary(atlas))
-            for line, error in _errors(atlas):
-                say(f"{line}: ERROR: {error}")
+            for line, reason in _errors(atlas):
+                say(f"{line}: ERROR: {reason}")
             atlases.append(atlas)
-    certificates = [_certificate(atlas, setting, options) for atlas in atlases]
-    write_file(Path(options.output), _page(certificates).encode())
-    say(f"wrote {options.output}")
-    if options.json:
-        write_file(Path(options.json), json.dumps({"version": 1, "atlases": certificates}).encode())
-        say(f"wrote {options.json}")
+    if atlases:
+        _write(atlases, setting, options)
+    if stopped:
+        raise stopped
     return 1 if any(atlas.differing or any(_errors(atlas)) for atlas in atlases) else 0
 
 
@@ -111,6 +116,16 @@ def _check_output(option: str, path: Path) -> None:
         raise RvadsError(
             f"{option} must name a file to write, got {str(path)!r}, which can't be written ({error.strerror}): name another file"
         ) from error
+
+
+def _write(atlases: Sequence[Atlas], setting: Setting, options: argparse.Namespace) -> None:
+    """Write the page and the certificates of atlases (all changes of a verdict at a junction)."""
+    certificates = [_certificate(atlas, setting, options) for atlas in atlases]
+    write_file(Path(options.output), _page(certificates).encode())
+    say(f"wrote {options.output}")
+    if options.json:
+        write_file(Path(options.json), json.dumps({"version": 1, "atlases": certificates}).encode())
+        say(f"wrote {options.json}")
 
 
 def _errors(atlas: Atlas) -> Iterator[tuple[Line, str]]:

@@ -22,14 +22,18 @@ from pytest_rvads.cli.shared_options import (
 )
 from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.report.session_report import NOTHING_JUDGED, exit_status
-from pytest_rvads.support.errors import ScenarioError
+from pytest_rvads.support.errors import RvadsError, ScenarioError
 from pytest_rvads.support.storage import write_file
 from pytest_rvads.support.wording import plural
 
 if TYPE_CHECKING:
+    from concurrent.futures import Executor
+
     from pytest_rvads.geometry.junction import Junction
     from pytest_rvads.search.critical import CriticalStart
+    from pytest_rvads.search.starts import Line
     from pytest_rvads.search.trials import Setting
+    from pytest_rvads.support.executors import Progress
 
 __all__ = ["declare"]
 
@@ -53,7 +57,6 @@ def declare(commands: Subparsers) -> None:
 
 
 def _critical(options: argparse.Namespace) -> int:
-    from pytest_rvads.search.critical import critical_starts
     from pytest_rvads.search.starts import lines_at
 
     if options.output and not options.start:
@@ -65,15 +68,42 @@ def _critical(options: argparse.Namespace) -> int:
         if options.start:
             return _one_start(options, setting)
         entries: list[dict[str, Any]] = []
+        stopped: BaseException | None = None
         for place in places(options):
-            shown = None if options.json else partial(progress, what="groups")
-            sides = list(critical_starts(lines_at(place, behaviours=options.pedestrians), setting, executor, shown))
+            groups = lines_at(place, behaviours=options.pedestrians)
+            sides, stopped = _searched(groups, setting, executor, None if options.json else partial(progress, what="groups"))
             entries += [_entry(side, setting, options) for side in sides]
-            if not options.json:
+            if sides and not options.json:
                 for line in _table(place, sides, setting, options):
                     say(line)
+            if stopped:
+                count = plural(sum(map(len, groups)), "line")
+                warn(f"rvads: INCOMPLETE: {len(sides) // 2} of {count} of starts at {place.name} were searched")
+                break
     if options.json:
-        print(json.dumps({"version": 1, "rules": [rule.name for rule in setting.rules], "lines": entries}))
+        names = [rule.name for rule in setting.rules]
+        print(json.dumps({"version": 1, "rules": names, "complete": not stopped, "lines": entries}))
+    if stopped:
+        raise stopped
+    return _status(entries)
+
+
+def _searched(
+    groups: Sequence[Sequence[Line]], setting: Setting, executor: Executor | int | None, shown: Progress | None
+) -> tuple[list[CriticalStart], BaseException | None]:
+    """Return both sides of every line of starts that was searched, and the interruption or error that ended the search."""
+    from pytest_rvads.search.critical import critical_starts
+
+    sides: list[CriticalStart] = []
+    try:
+        sides.extend(critical_starts(groups, setting, executor, shown))
+    except (KeyboardInterrupt, RvadsError) as error:
+        return sides, error
+    return sides, None
+
+
+def _status(entries: Sequence[dict[str, Any]]) -> int:
+    """Return the exit status for the entries of a search, with a warning if no start could be simulated."""
     if not any(entry["critical_start"] or entry["error"] for entry in entries):
         warn("rvads: no start could be simulated: " + next((e["unfit"] for e in entries if e["unfit"]), "no vehicle has room"))
         return NOTHING_JUDGED

@@ -3,7 +3,7 @@
 import json
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,7 +12,7 @@ from xml.etree import ElementTree
 import pytest
 
 import pytest_rvads as rvads
-from pytest_rvads.cli import main
+from pytest_rvads.cli import atlas_command, main
 from pytest_rvads.geometry.builtin import path_of
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.judging.verdicts import Status
@@ -195,9 +195,9 @@ def test_exit_status_is_5_if_no_start_has_room(capsys: Read, choose: Callable[[S
         ((*CRITICAL, "--start", START, "--json"), "--json prints lines of starts, .* leave one of the two out"),
         ((*CRITICAL, "--pedestrians", "stedy"), "pedestrians have the behaviours .* did you mean 'steady'"),
         (("critical", STOP4, "--autopilot", "reference", "--pedestrians", "stedy"), "did you mean 'steady'"),
+        (("atlas", STOP4, "--autopilot", "reference", "-o", "/"), "-o must name a file to write, got '/', .*: name another file"),
         (("atlas", "stop5", "--autopilot", "reference"), "'stop5' is no built-in junction"),
         (("atlas", "stop3", "--autopilot", "reference", "--probes", "-1"), "--probes must be a number .* got -1"),
-        (("atlas", STOP4, "--autopilot", "reference", "-o", "/"), "-o must name a file to write, got '/', .*: name another file"),
         (("dynamics",), "no driver is named"),
     ],
 )
@@ -216,6 +216,52 @@ def test_map_without_a_line_of_starts_is_refused(command: str, capsys: Read, mon
     reason, refused = capsys.readouterr().err.splitlines()
     assert "no way of junction 'stop4.1' from seats [0, 1, 2, 3] gives way to pedestrians" in reason
     assert refused == f"rvads: {STOP4} has no junction with a line of starts, for the reasons above: use another map"
+
+
+@pytest.fixture
+def interrupted(make: Make, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Starts with entrance 0 as the seat collide; Ctrl-C interrupts the first run with another seat."""
+    with judged_by(colliding, make):
+        judged = Setting.judged
+
+        def once(self: Setting, scenario: rvads.Scenario) -> object:
+            if scenario.subject:
+                raise KeyboardInterrupt
+            return judged(self, scenario)
+
+        monkeypatch.setattr(Setting, "judged", once)
+        yield
+
+
+@pytest.mark.usefixtures("interrupted")
+def test_interrupted_search_shows_the_lines_before(capsys: Read, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(starts, "lines_at", lambda *_, **__: (GROUP[:1], GROUP[1:]))
+    assert main(CRITICAL) == 130
+    out, err = capsys.readouterr()
+    assert out.startswith("stop3: 1 line of starts, ")
+    assert "stop3: 0->1 meets 2->1, too bold: no_collision FAIL, lead +0.50 s" in out.splitlines()
+    assert err.splitlines()[-2:] == [
+        "rvads: INCOMPLETE: 1 of 3 lines of starts at stop3 were searched",
+        "rvads: interrupted",
+    ]
+    assert main([*CRITICAL, "--json"]) == 130
+    result = json.loads(capsys.readouterr().out)
+    assert [(entry["seat"], entry["status"]) for entry in result["lines"]] == [(0, "FAIL"), (0, "PASS")]
+    assert result["complete"] is False
+
+
+@pytest.mark.usefixtures("interrupted")
+def test_interrupted_atlas_has_the_junctions_before(tmp_path: Path, capsys: Read, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(atlas, "lines_at", lambda place, **_: (GROUP[:1] if place.name == "stop3" else GROUP[1:],))
+    monkeypatch.setattr(atlas_command, "places", lambda _: map(rvads.find, ("stop3", "stop4")))
+    page, file = tmp_path / "atlas.html", tmp_path / "atlas.json"
+    assert main(["atlas", *CRITICAL[1:], "--probes", "0", "-o", str(page), "--json", str(file)]) == 130
+    assert [certificate["junction"] for certificate in json.loads(file.read_text("utf-8"))["atlases"]] == ["stop3"]
+    assert "no_collision FAIL from +0.50 to +0.99 s" in page.read_text("utf-8")
+    assert capsys.readouterr().err.splitlines()[-2:] == [
+        "rvads: INCOMPLETE: the atlas ends before junction stop4",
+        "rvads: interrupted",
+    ]
 
 
 def test_atlas_repeats_a_failing_start_of_every_row(make: Make, tmp_path: Path, choose: Callable[[Sequence[Line]], None]) -> None:
