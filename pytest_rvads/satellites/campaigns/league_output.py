@@ -6,6 +6,7 @@ import json
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
+from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
@@ -90,7 +91,8 @@ def judge_league(path: Path, folder: Path, report: Path | None, executor: Execut
     statuses = {outcome for driver in drivers for counts in driver["verdicts"].values() for outcome in counts}
     statuses |= {Outcome(side["status"]) for driver in drivers for side in driver["sides"]}
     statuses |= {Outcome.FLAKY for driver in drivers if driver["flaky"]}
-    return exit_status(statuses, complete=all(driver["runs"] == count for driver in drivers))
+    wanted = count, 2 * len(league.lines)
+    return exit_status(statuses, complete=all((driver["runs"], len(driver["sides"])) == wanted for driver in drivers))
 
 
 def _judged(league: League, name: str, simulator: Simulator, folder: Path, executor: Executor | int | None) -> dict[str, Any]:
@@ -104,10 +106,15 @@ def _judged(league: League, name: str, simulator: Simulator, folder: Path, execu
                 results = campaign(
                     list(cases.values()), league.rules, executor=executor, results=file, simulator=simulator, progress=progress
                 )
-            sides = _sides(league, name, driver, simulator, folder / f"critical-{key}.json", executor)
         except RvadsError as error:
             return _standing(league, name, (), tally, Replays(notes=(f"INCOMPLETE: {error}",)), (), key)
         with results:
+            sides: list[dict[str, Any]] = []
+            notes: list[str] = []
+            try:
+                sides.extend(_sides(league, name, driver, simulator, folder / f"critical-{key}.json", executor))
+            except RvadsError as error:
+                notes.append(f"INCOMPLETE: {error}")
             for result in results:
                 tally.add(result)
             source = Source(
@@ -117,14 +124,16 @@ def _judged(league: League, name: str, simulator: Simulator, folder: Path, execu
             )
             with progressing(f"replays of {name}") as progress:
                 replays = draw_replays({name: tally}, source, folder / key, executor, simulator, progress)
+            replays = replace(replays, notes=(*notes, *replays.notes))
             return _standing(league, name, results, tally, replays, sides, key)
 
 
 def _sides(
     league: League, name: str, driver: Factory, simulator: Simulator, path: Path, executor: Executor | int | None
-) -> list[dict[str, Any]]:
-    """Return both sides of every line of starts; sides in the file are not searched again, other sides are added."""
+) -> Iterator[dict[str, Any]]:
+    """Yield both sides of every line of starts; sides in the file are not searched again, other sides are added."""
     sides = decode(read_file(path, _LARGEST), list[dict[str, Any]], f"{path} is damaged", RvadsError) if path.exists() else []
+    yield from tuple(sides)
     groups = [[line] for line in league.lines[len(sides) // 2 :]]
     traffic = league.config.traffic[0]
     setting = Setting.of(driver, rules_for(league.rules), traffic, simulator=simulator)
@@ -145,7 +154,7 @@ def _sides(
             )
             if len(sides) % 2 == 0:
                 write_file(path, encode(sides))
-    return sides
+            yield sides[-1]
 
 
 def _digest(league: League, driver: Factory, simulator: Simulator) -> str:

@@ -5,6 +5,7 @@ import re
 import shlex
 import subprocess
 import sys
+from collections.abc import Iterator
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,7 @@ from pytest_rvads.satellites.campaigns.league import Config, League
 from pytest_rvads.satellites.campaigns.league_output import league_page
 from pytest_rvads.satellites.campaigns.resultsfile import Results
 from pytest_rvads.scenarios.case import Case
+from pytest_rvads.search.critical import CriticalStart, Order
 from pytest_rvads.search.trials import Fault
 from pytest_rvads.simulators.simulator import Simulator, simulate
 from pytest_rvads.support.errors import RvadsError
@@ -147,6 +149,24 @@ def test_driver_that_cannot_be_sent_to_processes_leaves_the_league_incomplete(mo
     assert status == 2
     assert [driver["runs"] for driver in league["drivers"]] == [3, 0]
     assert league["drivers"][1]["notes"] == ["INCOMPLETE: it can't be pickled"]
+
+
+def test_failed_search_of_critical_starts_keeps_the_runs_of_the_driver(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def one_line(groups: list[Any], *_: Any) -> Iterator[CriticalStart]:
+        yield from (CriticalStart(groups[0][0], order, None, ()) for order in Order)
+        raise RvadsError("the process of a job died")
+
+    monkeypatch.setattr(league_output, "critical_starts", one_line)
+    text = f'{CELLS}critical = 2\n[drivers]\nreference = {{ autopilot = "reference" }}\n'
+    status, league = judged(text)
+    assert status == 2
+    (reference,) = league["drivers"]
+    assert (reference["runs"], reference["verdicts"]["full_stop"]) == (3, {"PASS": 3})
+    assert [side["line"] for side in reference["sides"]] == [reference["sides"][0]["line"]] * 2
+    assert reference["notes"] == ["INCOMPLETE: the process of a job died"]
+    assert "INCOMPLETE: the process of a job died" in capsys.readouterr().out
 
 
 @pytest.mark.extended
