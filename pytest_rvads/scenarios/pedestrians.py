@@ -11,6 +11,7 @@ to accelerate by `PULL` up to `CRUISE` if it starts more slowly, and to keep its
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -57,8 +58,8 @@ class Pedestrian:
             raise ScenarioError(f"side must be one of {', '.join(Side)}, got {self.side!r}")
         behaviour(self.behaviour)
         number = isinstance(self.difference, int | float) and not isinstance(self.difference, bool)
-        if not (number and math.isfinite(self.difference)):
-            raise ScenarioError(f"difference must be a finite number of seconds, got {self.difference!r}")
+        if not (number and abs(self.difference) <= sys.float_info.max):
+            raise ScenarioError(f"difference must be a finite number of seconds, got {self.difference!r:.60}")
         object.__setattr__(self, "side", Side(self.side))
         object.__setattr__(self, "difference", round(float(self.difference), 2) + 0.0)
         if behaviour(self.behaviour).parked and self.side is Side.FAR:

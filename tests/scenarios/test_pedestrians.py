@@ -209,6 +209,7 @@ def test_difference_is_rounded_as_in_ids() -> None:
         ({"behaviour": None}, "pedestrians have the behaviours steady, .*, got None"),
         ({"difference": math.nan}, "difference must be a finite number of seconds, got nan"),
         ({"difference": -math.inf}, "difference must be a finite number of seconds, got -inf"),
+        ({"difference": 10**400}, "difference must be a finite number of seconds, got 1000"),
         ({"difference": "1"}, "difference must be a finite number of seconds, got '1'"),
         ({"difference": True}, "difference must be a finite number of seconds, got True"),
         ({"side": "far", "behaviour": "hidden"}, "'hidden' comes from the near side.*say side='near'"),
