@@ -10,8 +10,8 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pytest_rvads.cli.common import Subparsers, lines, named_rules, number, progress, say
-from pytest_rvads.support.errors import RunError, ScenarioError
+from pytest_rvads.cli.common import Subparsers, lines, make_folder, named_rules, number, progress, say
+from pytest_rvads.support.errors import ScenarioError
 from pytest_rvads.support.installed import load
 
 if TYPE_CHECKING:
@@ -196,7 +196,7 @@ def _check_runs(options: argparse.Namespace) -> int:
     names = tuple(options.rules or ["road"])
     named_rules(names)  # mistakes in rules are reported before any file is read
     if options.html is not None:
-        _make_folder(options.html)
+        make_folder("--html", Path(options.html))
         reports.append(Path(options.html) / "index.html")
     totals, for_program = Totals(), options.json or options.jsonl
     files = run_files(options.files, totals.trouble)
@@ -209,13 +209,6 @@ def _check_runs(options: argparse.Namespace) -> int:
         for batch in batches:
             teller.tell(batch)
     return totals.exit_status(for_program=for_program)
-
-
-def _make_folder(name: str) -> None:
-    try:
-        Path(name).mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise RunError(f"{name}: no folder for pages can be made there: {error.strerror}") from error
 
 
 def _monitor(options: argparse.Namespace) -> int:

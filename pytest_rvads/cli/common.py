@@ -10,6 +10,7 @@ import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from itertools import count
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from pytest_rvads.support.errors import RvadsError
@@ -26,6 +27,7 @@ __all__ = [
     "clear",
     "lines",
     "listed_rules",
+    "make_folder",
     "named_rules",
     "number",
     "progress",
@@ -132,6 +134,21 @@ def named_rules(names: Sequence[str]) -> tuple[Rule, ...]:
     from pytest_rvads.logic.rules.book import rules_for
 
     return rules_for(listed_rules(names))
+
+
+def make_folder(option: str, folder: Path) -> None:
+    """Make the folder that an option names, unless the folder exists.
+
+    Raises:
+        RvadsError: the folder can't be made.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise RvadsError(
+            f"{option} must name a folder to write to, got {str(folder)!r}, which can't be made ({error.strerror}): name another "
+            "folder"
+        ) from error
 
 
 def say(text: str) -> None:

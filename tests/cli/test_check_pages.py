@@ -221,4 +221,7 @@ def test_an_index_is_written_whatever_ends_it(
 def test_a_folder_that_can_not_be_made_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "file").write_text("")
     assert main(["check", str(tmp_path / "none.npz"), "--html", str(tmp_path / "file" / "pages")]) == 2
-    assert capsys.readouterr().err == f"rvads: {tmp_path}/file/pages: no folder for pages can be made there: Not a directory\n"
+    assert capsys.readouterr().err == (
+        f"rvads: --html must name a folder to write to, got '{tmp_path}/file/pages', which can't be made (Not a directory): name "
+        "another folder\n"
+    )

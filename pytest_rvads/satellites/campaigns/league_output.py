@@ -13,7 +13,7 @@ from typing import Any
 
 import msgspec
 
-from pytest_rvads.cli.common import say, warn
+from pytest_rvads.cli.common import make_folder, say, warn
 from pytest_rvads.cli.shared_options import opened_driver
 from pytest_rvads.drivers.identity import identity
 from pytest_rvads.drivers.interface import Factory
@@ -68,7 +68,7 @@ def judge_league(path: Path, folder: Path, report: Path | None, executor: Execut
     warn(f"{plural(len(simulators), 'driver')}, each with {drawn}")
     for reason in league.refused:
         warn(f"left out: {reason}")
-    folder.mkdir(parents=True, exist_ok=True)
+    make_folder("-o", folder)
     drivers = []
     for name, simulator in simulators.items():
         drivers.append(_judged(league, name, simulator, folder, executor))

@@ -13,7 +13,7 @@ from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pytest_rvads.cli.common import MAP_FORMATS, Subparsers, listed_rules, say, terminable, warn
+from pytest_rvads.cli.common import MAP_FORMATS, Subparsers, listed_rules, make_folder, say, terminable, warn
 from pytest_rvads.cli.shared_options import declare_driver, declare_executor, opened_driver, opened_executor
 from pytest_rvads.geometry.network import HAND
 from pytest_rvads.report.session_report import NOTHING_JUDGED
@@ -109,7 +109,7 @@ def _town(options: argparse.Namespace) -> int:
         _announce(order.town)
         if not order.town.simulated:
             return _nothing_planned(order.town)
-        _make_folder(folder)
+        make_folder("-o", folder)
         with terminable(), opened_executor(options) as executor:
             return _judge_town(order, options, folder, executor)
 
@@ -216,20 +216,6 @@ def _announce(town: Town) -> None:
         warn(str(sample))
     for note in town.notes():
         warn(note)
-
-
-def _make_folder(folder: Path) -> None:
-    """Make the folder of option ``-o``.
-
-    Raises:
-        RvadsError: the folder can't be made.
-    """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise RvadsError(
-            f"-o must name a folder to write to, got {str(folder)!r}, which can't be made ({error.strerror}): name another folder"
-        ) from error
 
 
 def _nothing_planned(town: Town) -> int:

@@ -314,6 +314,15 @@ def test_missing_configuration_is_one_sentence(folder: Path, capsys: pytest.Capt
     assert capsys.readouterr().err == f"rvads: {sentence}\n"
 
 
+def test_folder_that_cannot_be_made_is_one_sentence(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (folder / "league.toml").write_text(TWO, encoding="utf-8")
+    (folder / "file").touch()
+    assert main(["league", "league.toml", "-o", "file"]) == 2
+    assert capsys.readouterr().err.splitlines()[-1] == (
+        "rvads: -o must name a folder to write to, got 'file', which can't be made (File exists): name another folder"
+    )
+
+
 def test_seats_and_traffic_share_the_cells() -> None:
     text = TWO.replace("cells = 3", "cells = 5").replace("seed", "seats = [2, 0]\nseed")
     config = Path("league.toml")
