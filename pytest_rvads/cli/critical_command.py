@@ -172,7 +172,8 @@ def _table(place: Junction, sides: Sequence[CriticalStart], setting: Setting, op
     for row in rows.values():
         first = row[0]
         subject, other = first.line.labels
-        lead = "never" if first.start is None else f"{first.start.lead * STEP:+.2f} s"
+        lead = "-" if first.unfit or first.error else "never"
+        lead = lead if first.start is None else f"{first.start.lead * STEP:+.2f} s"
         told = f"{first.status} {first.rule}, {first.fault}" if first.fault else str(first.status)
         told = "no room where a vehicle starts" if first.unfit else told
         more = f", as on {plural(len(row) - 1, 'similar line')}" if len(row) > 1 else ""

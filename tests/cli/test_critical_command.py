@@ -177,6 +177,9 @@ def test_exit_status_is_5_if_no_start_has_room(capsys: Read, choose: Callable[[S
     out, err = capsys.readouterr()
     assert "rvads: no start could be simulated: distance" in err
     assert all("does not fit on entrance" in entry["unfit"] for entry in json.loads(out)["lines"])
+    main(CRITICAL)
+    rows = [row.split()[4:] for row in capsys.readouterr().out.splitlines()[2:]]
+    assert rows == [[order, "-", "no", "room", "where", "a", "vehicle", "starts"] for order in ("goes", "waits")]
 
 
 @pytest.mark.parametrize(
