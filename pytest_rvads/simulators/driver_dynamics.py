@@ -39,7 +39,6 @@ __all__ = [
     "LIMIT",
     "PUBLISHED",
     "DriverDynamics",
-    "LgsvlLaw",
     "Measured",
     "Pedal",
     "Used",
@@ -69,30 +68,6 @@ class DriverDynamics(Protocol):
 
     def driving(self, speed: float, distance: float) -> tuple[float, float]:
         """Return the speed AV [m/s] and the time AT [s] at a distance [m] after a start at a speed [m/s]."""
-
-
-@dataclass(frozen=True, slots=True)
-class LgsvlLaw:
-    """The law of motion of the LGSVL autopilot, as Li and others state it.
-
-    B(v) = v / 4. The speed t seconds after a start at v is vl - (vl - v) exp(-0.3 t^2 - t) up to 4 s, and later
-    vl - (vl - v) exp(4.8 - 3.4 t).
-    """
-
-    limit: float = LIMIT
-    """Speed limit vl [m/s]."""
-
-    def braking(self, speed: float) -> float:
-        """Return B(speed), the distance to stop from a speed [m]."""
-        return speed / 4
-
-    def driving(self, speed: float, distance: float) -> tuple[float, float]:
-        """Return the speed AV [m/s] and time AT [s], from integrating the law in steps of 1 ms by the trapezoidal rule."""
-        step, longest = 1e-3, 10.0 + distance / (0.5 * self.limit)
-        times = np.arange(0.0, longest, step)
-        exponent = np.where(times <= 4.0, -0.3 * times**2 - times, 4.8 - 3.4 * times)
-        speeds = self.limit - (self.limit - speed) * np.exp(exponent)
-        return _at(np.concatenate(([0.0], np.cumsum((speeds[1:] + speeds[:-1]) * step / 2))), speeds, times, distance)
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,6 +2,7 @@
 
 import math
 
+import numpy as np
 import pytest
 
 import pytest_rvads as rvads
@@ -9,7 +10,7 @@ from pytest_rvads.runs.run import Run
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.simulators.closed_loop import RED, stopped
-from pytest_rvads.simulators.driver_dynamics import LENGTH, LIMIT, PUBLISHED, LgsvlLaw, Measured, settings
+from pytest_rvads.simulators.driver_dynamics import LENGTH, LIMIT, PUBLISHED, Measured, settings
 from pytest_rvads.simulators.simulator import meant
 
 HELD = 6.0
@@ -32,6 +33,26 @@ class Uniform:
     def driving(self, speed: float, distance: float) -> tuple[float, float]:
         after = math.sqrt(speed**2 + 4 * distance)
         return after, (after - speed) / 2
+
+
+class LgsvlLaw:
+    """The law of motion of the LGSVL autopilot, as Li and others state it.
+
+    B(v) = v / 4. The speed t seconds after a start at v is vl - (vl - v) exp(-0.3 t^2 - t) up to 4 s, and later
+    vl - (vl - v) exp(4.8 - 3.4 t), where vl is the speed limit.
+    """
+
+    def braking(self, speed: float) -> float:
+        return speed / 4
+
+    def driving(self, speed: float, distance: float) -> tuple[float, float]:
+        """Integrate the law in steps of 1 ms by the trapezoidal rule."""
+        step = 1e-3
+        times = np.arange(0.0, 10.0 + distance / (0.5 * LIMIT), step)
+        exponent = np.where(times <= 4.0, -0.3 * times**2 - times, 4.8 - 3.4 * times)
+        speeds = LIMIT - (LIMIT - speed) * np.exp(exponent)
+        distances = np.concatenate(([0.0], np.cumsum((speeds[1:] + speeds[:-1]) * step / 2)))
+        return float(np.interp(distance, distances, speeds)), float(np.interp(distance, distances, times))
 
 
 def test_law_of_lgsvl_gives_the_published_distance_of_the_arriving_vehicle() -> None:
