@@ -23,13 +23,17 @@ from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.runs.states import Agent
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.orbits import Orbits, rotate
+from pytest_rvads.scenarios.pedestrians import Pedestrian
 from pytest_rvads.scenarios.signal_cycle import first_green
+from pytest_rvads.scenarios.walks import turns
 from pytest_rvads.search.remap import broken_by, mirrored, moved, rotations_of
 
 __all__ = ["RELATIONS", "Incomparable", "Variant", "renamed"]
 
 MOTION = (137.0, -59.0, 0.3)
 """Translation x, y [m] and rotation [rad] of the map in the relation ``motion``."""
+_ALIKE = 0.01
+"""Greatest difference between equal starts of pedestrians [m, m/s and s]."""
 LONGER = 20.0
 """Distance by which vehicles start farther away in the relation ``approach`` [m]."""
 
@@ -72,15 +76,19 @@ def rotation(case: Case) -> Iterator[Variant | Incomparable]:
     """Yield the case with all vehicles, and the phases of lights, moved on by each number of arms (structural equivalence)."""
     scenario, junction = case.scenario, case.scenario.place
     symmetries = {symmetry.arms: symmetry for symmetry in rotations_of(junction)}
+    crosswalks = dict(turns(junction)) if scenario.pedestrians else {}
     for arms in range(1, junction.ways):
         what, match = f"rotation by {arms}", symmetries.get(arms)
         if match is None:
             yield Incomparable(what, f"{junction.name} has other {' and '.join(broken_by(junction, arms))} there")
         elif not _lights_follow(junction, scenario.rotation, match.rows):
             yield Incomparable(what, f"the lights of {junction.name} do not follow the rotation")
+        elif scenario.pedestrians and match.rows not in crosswalks:
+            yield Incomparable(what, f"{junction.name} has other crosswalks there")
         else:
-            image = rotate(_identity_image(case), -match.rows)
-            yield Variant(what, _changed_case(case, image, rotation=(scenario.rotation + match.rows) % len(image)), image)
+            image, row = rotate(_identity_image(case), -match.rows), (scenario.rotation + match.rows) % len(junction.entrances)
+            pedestrians = _pedestrians_at(case, crosswalks.get(match.rows, ()))
+            yield _walked_alike(case, Variant(what, _changed_case(case, image, rotation=row, pedestrians=pedestrians), image))
 
 
 def _lights_follow(junction: Junction, rotation: int, rows: int) -> bool:
@@ -167,6 +175,25 @@ def _identity_image(case: Case) -> tuple[int, ...]:
     return tuple(range(len(case.scenario.directions)))
 
 
+def _pedestrians_at(case: Case, crosswalks: Sequence[int]) -> tuple[Pedestrian, ...]:
+    """Return the pedestrians of a case at other crosswalks, given the new number of every crosswalk."""
+    return tuple(replace(walker, crossing=crosswalks[walker.crossing]) for walker in case.scenario.pedestrians)
+
+
+def _walked_alike(case: Case, variant: Variant) -> Variant | Incomparable:
+    """Return a variant of a case, unless pedestrians start otherwise in the variant.
+
+    Without a subject, the arrival of a pedestrian is counted from the first vehicle that drives over the crosswalk, and another
+    vehicle may be the first in the variant.
+    """
+    starts, others = ([setting[1:4] for setting in c.scenario.walkers(c.fleet.of)] for c in (case, variant.case))
+    if np.allclose(starts, others, rtol=0.0, atol=_ALIKE):
+        return variant
+    return Incomparable(
+        variant.what, "a pedestrian would meet another vehicle first, so it would start at another time: name a subject"
+    )
+
+
 def _changed_case(case: Case, image: tuple[int, ...], **changes: Any) -> Case:
     """Return a case with a changed scenario, in which each vehicle keeps its role and its parameters at its new entrance.
 
@@ -202,7 +229,11 @@ def _on_other_map(
         sided: whether the map is mirrored.
     """
     scenario, before = case.scenario, case.scenario.place
+    if scenario.pedestrians and len(before.crossings) != len(after.crossings):
+        return Incomparable(what, "the other map has other crosswalks")
     arms = _matching_arms(before, after, place)
+    centres, others = ([c.area.mean(axis=0) for c in junction.crossings] for junction in (before, after))
+    crosswalks = _nearest(centres, others, place) if scenario.pedestrians else ()
     numbers = {(lane.arm, lane.lane): e for e, lane in enumerate(after.entrances)}
     image = tuple(numbers[arms[lane.arm], lane.lane] for lane in before.entrances)
     count = len(image)
@@ -234,8 +265,9 @@ def _on_other_map(
         speed=rotate(tuple(v for _, v in starts), -row),
         rotation=row,
         order=[(e - row) % count for e in order],
+        pedestrians=_pedestrians_at(case, crosswalks),
     )
-    return Variant(what, changed, image, sided=sided)
+    return _walked_alike(case, Variant(what, changed, image, sided=sided))
 
 
 def _matching_arms(before: Junction, after: Junction, place: Callable[[float, float], tuple[float, float]]) -> tuple[int, ...]:
@@ -248,8 +280,16 @@ def _matching_arms(before: Junction, after: Junction, place: Callable[[float, fl
         ]
         return [np.mean(points, axis=0) for points in ends]
 
-    centres = np.array(middles(after))
-    return tuple(int(np.argmin(np.hypot(*(centres - place(x, y)).T))) for x, y in middles(before))
+    return _nearest(middles(before), middles(after), place)
+
+
+def _nearest(
+    points: Sequence[NDArray[np.float64]],
+    others: Sequence[NDArray[np.float64]],
+    place: Callable[[float, float], tuple[float, float]],
+) -> tuple[int, ...]:
+    """Return, for each point, the number of the nearest other point to the position to which `place` maps the point."""
+    return tuple(int(np.argmin(np.hypot(*(np.array(others) - place(x, y)).T))) for x, y in points)
 
 
 def renamed(factory: Factory, names: Mapping[str, str]) -> Factory:

@@ -30,6 +30,8 @@ _MIRRORED_ATTRIBUTES = {
     "signal": ("t", "hOffset"),
     "signalReference": ("t",),
     "object": ("t", "hdg"),
+    "cornerRoad": ("t",),
+    "cornerLocal": ("v",),
     "geometry": ("y", "hdg"),
     "lane": ("id",),
     "laneLink": ("from", "to"),

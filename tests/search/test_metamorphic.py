@@ -1,6 +1,8 @@
 """Metamorphic relations: what is equivalent by construction must be judged alike, and faults that break it are found."""
 
+from dataclasses import replace
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -8,6 +10,7 @@ import pytest
 
 import pytest_rvads as rvads
 from pytest_rvads.drivers.interface import Control, Observation
+from pytest_rvads.geometry.builtin import path_of
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.search.metamorphic import compare, equivalent
 from pytest_rvads.search.relations import RELATIONS, Incomparable, Variant
@@ -126,6 +129,54 @@ def test_vehicles_on_a_moved_map_start_at_corresponding_places() -> None:
     columns = [[a.entrance for a in moved_run.agents].index(variant.image[a.entrance]) for a in run.agents]
     assert np.allclose(run.station[0], moved_run.station[0][columns])
     assert (run.lights[0] == moved_run.lights[0][list(variant.image)]).all()
+
+
+@pytest.mark.parametrize(("junction", "directions", "rotations"), [("zebra4", "2010", 1), ("walk4", "2030", 3)])
+@pytest.mark.parametrize("behaviour", ["group", "hidden"])
+def test_pedestrians_walk_at_corresponding_crosswalks(junction: str, directions: str, rotations: int, behaviour: str) -> None:
+    walkers = [rvads.Pedestrian(0, behaviour=behaviour), rvads.Pedestrian(2, side="far", difference=1.5)]
+    case = Case(
+        rvads.Scenario(rvads.find(junction), directions, distance=25, speed=8, subject=0, pedestrians=walkers), rvads.Reference
+    )
+    variants = [v for name in RELATIONS for v in RELATIONS[name](case) if isinstance(v, Variant)]
+    assert sum(variant.what.startswith("rotation") for variant in variants) == rotations
+    starts = {setting.agent.name: setting[1:] for setting in case.scenario.walkers()}
+    for variant in variants:
+        if not variant.what.startswith("approach"):
+            moved_starts = {setting.agent.name: setting[1:] for setting in variant.case.scenario.walkers()}
+            assert moved_starts.keys() == starts.keys()
+            for name, numbers in starts.items():
+                assert moved_starts[name] == pytest.approx(numbers, abs=1e-3), (variant.what, name)
+    rotated = next(variant for variant in variants if variant.what == "rotation by 2")
+    assert [walker.crossing for walker in rotated.case.scenario.pedestrians] == [2, 0]
+
+
+def test_pedestrian_who_would_meet_another_vehicle_first_is_incomparable() -> None:
+    walkers = [rvads.Pedestrian(2, side="far")]  # both vehicles drive over the crosswalk of arm 2
+    scenario = rvads.Scenario(rvads.find("walk4"), "2030", distance=(25, 25, 15, 25), speed=8, pedestrians=walkers)
+    answers = {item.what: item for item in RELATIONS["rotation"](Case(scenario, rvads.Reference))}
+    assert isinstance(answers["rotation by 1"], Variant)
+    assert isinstance(answers["rotation by 2"], Incomparable)
+    assert "would meet another vehicle first" in answers["rotation by 2"].why
+
+
+def test_rotation_that_moves_crosswalks_to_other_places_is_incomparable() -> None:
+    place = rvads.find("walk4")
+    without = replace(place, crossings=place.crossings[:1])
+    case = Case(rvads.Scenario(without, "2030", pedestrians=[rvads.Pedestrian(0)]), rvads.Reference)
+    assert [item.why for item in RELATIONS["rotation"](case) if isinstance(item, Incomparable)] == [
+        "walk4 has other crosswalks there"
+    ] * 3
+
+
+def test_corners_of_a_crosswalk_are_mirrored(tmp_path: Path) -> None:
+    path = tmp_path / "skew.xodr"
+    text = path_of("zebra4").read_text(encoding="utf-8")
+    path.write_text(text.replace('u="-1.5" v="-4"', 'u="-1.5" v="-2"'), encoding="utf-8")
+    place = rvads.find("1", path)
+    areas = [{tuple(point) for point in crosswalk.area.round(6).tolist()} for crosswalk in place.crossings]
+    mirrored_areas = [{tuple(point) for point in c.area.round(6).tolist()} for c in mirrored(place).crossings]
+    assert all({(x, -y + 0.0) for x, y in area} in mirrored_areas for area in areas)
 
 
 def test_order_of_creation_is_a_permutation_in_the_name() -> None:
