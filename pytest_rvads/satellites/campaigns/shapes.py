@@ -120,13 +120,14 @@ def twin(scenario: Scenario, member: Member, shape: Shape) -> Scenario | None:
 
     Returns:
         The scenario; None if a vehicle starts farther away than roads were compared, if a vehicle has no room at its start at the
-        representative, or if the senses are not ideal, because noise depends on the name of the junction.
+        representative, if pedestrians walk, because crosswalks were not compared, or if the senses are not ideal, because noise
+        depends on the name of the junction.
     """
     place = shape.representative
     if scenario.place is place:
         return scenario
     starts = [distance for distance, _ in scenario.starts()]
-    if scenario.senses != IDEAL or max(starts) + max(scenario.place.setbacks) + _ROOM > shape.reach:
+    if scenario.senses != IDEAL or scenario.pedestrians or max(starts) + max(scenario.place.setbacks) + _ROOM > shape.reach:
         return None
     count, onto = len(member.entrances), member.entrances
     row = _equal_row(member.junction, scenario.rotation, place, onto)

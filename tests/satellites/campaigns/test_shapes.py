@@ -27,6 +27,7 @@ from pytest_rvads.satellites.campaigns.town import Twins
 from pytest_rvads.satellites.campaigns.town_plan import Plan, Request
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.configurations import configuration
+from pytest_rvads.scenarios.pedestrians import Pedestrian
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.scenarios.selection import Selection
 from pytest_rvads.simulators.simulator import simulate
@@ -230,6 +231,13 @@ def test_what_reaches_beyond_what_was_compared_has_no_twin() -> None:
     shape, member = pair("stop3", 0)
     assert twin(Scenario(member.junction, "111", distance=49.0), member, shape) is not None
     assert twin(Scenario(member.junction, "111", distance=51.0), member, shape) is None
+
+
+def test_scenario_with_pedestrians_has_no_twin() -> None:
+    shape, member = pair("zebra4", 0)
+    assert twin(Scenario(member.junction, "2000", distance=20.0), member, shape) is not None
+    scenario = Scenario(member.junction, "2000", distance=20.0, pedestrians=[Pedestrian(0)])
+    assert twin(scenario, member, shape) is None
 
 
 @pytest.mark.extended
