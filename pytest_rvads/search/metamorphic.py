@@ -20,7 +20,7 @@ from pytest_rvads.logic.judging.verdicts import Status, Verdict
 from pytest_rvads.logic.rules.book import rules_for
 from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.runs.run import DT, Run
-from pytest_rvads.runs.states import Zone
+from pytest_rvads.runs.states import Kind, Zone
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.orbits import rotate
 from pytest_rvads.search.relations import RELATIONS, Incomparable, Variant
@@ -169,26 +169,28 @@ def _checked_relations(relations: str | Iterable[str]) -> tuple[str, ...]:
 
 
 def side_by_side(run: Run, first: Verdict, other_run: Run, second: Verdict, image: Sequence[int], what: str) -> str:
-    """Return a text table of two runs with a row per vehicle of `run` and the corresponding vehicle of `other_run`.
+    """Return a text table of two runs with a row per agent of `run` and the corresponding agent of `other_run`.
 
     Args:
         run: the first run.
         first: the verdict on the first run.
         other_run: the second run.
         second: the verdict of the same rule on the second run.
-        image: per entrance of `run`, the corresponding entrance of `other_run`.
+        image: per entrance of `run`, the corresponding entrance of `other_run`. Pedestrians correspond by their names.
         what: the change from the first to the second run's scenario, in words.
     """
     columns: dict[int, list[int]] = {}
     for k, agent in enumerate(other_run.agents):
         columns.setdefault(agent.entrance, []).append(k)
+    named = {agent.name: k for k, agent in enumerate(other_run.agents)}
     rows = [
         ("", "first run", what),
         ("scenario", run.label, other_run.label),
         (first.rule, str(first.status), str(second.status)),
     ]
     for k, agent in enumerate(run.agents):
-        rows.append(("vehicle", _fate(run, k), _fate(other_run, columns[image[agent.entrance]].pop(0))))
+        other = columns[image[agent.entrance]].pop(0) if agent.entrance < len(image) else named[agent.name]
+        rows.append(("pedestrian" if agent.kind is Kind.PEDESTRIAN else "vehicle", _fate(run, k), _fate(other_run, other)))
     widths = [max(len(row[i]) for row in rows) for i in range(2)]
     lines = [f"{a:{widths[0]}}  {b:{widths[1]}}  {c}".rstrip() for a, b, c in rows]
     lines += [f"{name:{widths[0]}}  {text}" for name, text in (("first run", first.message), (what, second.message))]
@@ -265,8 +267,8 @@ def determinate(
 
     Raises:
         MetamorphicViolation: a status, the order of the entries or an entry time differs.
-        ScenarioError: the junction has lights, the scenario has followers, a vehicle is past its line or gone at time `at`, or no
-            vehicle crosses the junction in the run.
+        ScenarioError: the junction has lights, the scenario has followers or pedestrians, a vehicle is past its line or gone at
+            time `at`, or no vehicle crosses the junction in the run.
         RunError: a run ended by a fault.
     """
     __tracebackhide__ = True
@@ -278,6 +280,10 @@ def determinate(
         )
     if case.scenario.followers:
         raise ScenarioError(f"{case.scenario.name} can't be restarted: followers always start at a fixed gap; choose followers=0")
+    if case.scenario.pedestrians:
+        raise ScenarioError(
+            f"{case.scenario.name} can't be restarted: its pedestrians would start anew; choose a scenario without pedestrians"
+        )
     checked_rules = rules_for(rules, junction)
     run, before = judged(case, checked_rules, simulator)
     if not crossed(run):

@@ -160,6 +160,22 @@ def test_pedestrian_who_would_meet_another_vehicle_first_is_incomparable() -> No
     assert "would meet another vehicle first" in answers["rotation by 2"].why
 
 
+class BlindElsewhere(rvads.Reference):
+    """Keeps its speed whatever happens, unless it comes from entrance 0."""
+
+    def control(self, seen: Observation, /) -> Any:
+        return super().control(seen) if seen.me.entrance == 0 else rvads.TargetSpeed(8.0)
+
+
+def test_table_of_two_runs_has_the_pedestrians() -> None:
+    scenario = rvads.Scenario(rvads.find("zebra4"), "2000", distance=25, speed=8, pedestrians=[rvads.Pedestrian(0)])
+    with pytest.raises(rvads.errors.MetamorphicViolation, match="rotation by 2 turns no_collision from PASS into FAIL") as caught:
+        equivalent(Case(scenario, BlindElsewhere), "no_collision")
+    lines = [line.split() for line in caught.value.__notes__[0].splitlines()]
+    assert [line[:2] for line in lines[3:5]] == [["vehicle", "a0"], ["pedestrian", "p0"]]
+    assert [line.count("p0") for line in lines[3:5]] == [0, 2]
+
+
 def test_rotation_that_moves_crosswalks_to_other_places_is_incomparable() -> None:
     place = rvads.find("walk4")
     without = replace(place, crossings=place.crossings[:1])

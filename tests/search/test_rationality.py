@@ -41,6 +41,9 @@ def test_case_that_can_not_be_restarted_is_refused() -> None:
         rvads.rational(rvads.Case(rvads.Scenario(rvads.find("stop4"), "2000"), rvads.Reference))
     with pytest.raises(rvads.errors.ScenarioError, match="its lights would start anew"):
         rvads.determinate(rvads.Case(rvads.Scenario(rvads.find("light4"), "2200"), rvads.Reference))
+    walked = rvads.Scenario(rvads.find("zebra4"), "2000", pedestrians=[rvads.Pedestrian(0)])
+    with pytest.raises(rvads.errors.ScenarioError, match="its pedestrians would start anew"):
+        rvads.determinate(rvads.Case(walked, rvads.Reference))
     with pytest.raises(rvads.errors.ScenarioError, match="past the stopping line at 9 s"):
         rvads.determinate(rvads.Case(rvads.Scenario(rvads.find("stop4"), "2200"), rvads.Reference), at=9.0)
     with pytest.raises(rvads.errors.ScenarioError, match="can't be restarted at 1000"):
