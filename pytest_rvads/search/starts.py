@@ -304,7 +304,7 @@ def _walked_lines(place: Junction, behaviours: Sequence[str]) -> Iterator[Line]:
         crossing = place.every_way[other]
         if isinstance(crossing, Crossing) and subject in directions and subject not in place.tight:
             code = tuple(directions[subject] if entrance == subject[0] else 0 for entrance in range(len(place.entrances)))
-            for name in behaviours:
+            for name in dict.fromkeys(behaviours):
                 if crossing.side is Side.NEAR or not behaviour(name).parked:
                     walker = Pedestrian(crossing.crosswalk, crossing.side, name)
                     yield from (Line(place, code, subject[0], begin, walker) for begin in (Begin.MOVING, Begin.REST))

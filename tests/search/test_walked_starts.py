@@ -50,6 +50,7 @@ def test_lines_are_all_ways_over_crosswalks_from_both_sides_moving_and_from_rest
     over = {(line.ways[0], line.walker.crossing) for line in lines if line.walker}
     assert over == {(way, arm) for way in ZEBRA.movements for arm in way}, "the entrance and the exit of an arm have its number"
     assert len({line.id for line in lines}) == len(lines)
+    assert lines_at(ZEBRA, None, ["steady", "steady"]) == groups
     assert {line.vista for line in lines} == {"subject gives way"}
     # Of a junction with lights only turns meet pedestrians who walk in the same phase, on the arm that they turn into.
     lit = lines_at(rvads.find("walk4"), None, ["steady"])
