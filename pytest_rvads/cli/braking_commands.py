@@ -198,6 +198,7 @@ def _table(result: dict[str, Any]) -> Sequence[str]:
     for entry in told["rows"]:
         cells = [cell(entry["xe"]), cell(entry["xf"]), f"{'–':>8}" if "lights" in entry["vista"] else cell(entry["xa"])]
         lines.append(f"{entry['speed']:9g}  {entry['vista']:27}{''.join(cells)}")
-    published = ", ".join(f"{name} {distance:g} m" for name, distance in told["published"]["xa"].items())
-    lines.append(f"published xa at a crossing with yield signs from ve = 0, with a limit of 22.22 m/s: {published}")
+    limit, published = told["published"]["limit"], told["published"]["xa"]
+    distances = ", ".join(f"{name} {distance:g} m" for name, distance in published.items())
+    lines.append(f"published xa at a crossing with yield signs from ve = 0, with a limit of {limit:.2f} m/s: {distances}")
     return lines
