@@ -256,11 +256,12 @@ class Junction:
         """Per movement, the centre line from the approach to the exit road, if the line is known."""
         ends = ((m, self.entrances[m.entrance], self.exits[m.exit]) for m in self.movements.values())
         courses = {m.key: course_of(entrance, m, exit, self.lane_width) for m, entrance, exit in ends}
-        return {key: course for key, course in courses.items() if course is not None}
+        return MappingProxyType({key: course for key, course in courses.items() if course is not None})
 
     @cached_property
     def _course_lines(self) -> Mapping[Key, Line]:
-        return {key: Line(course.path, CONFLICT_WIDTH, course.origin) for key, course in self._courses.items()}
+        lines = {key: Line(course.path, CONFLICT_WIDTH, course.origin) for key, course in self._courses.items()}
+        return MappingProxyType(lines)
 
     @cached_property
     def yields(self) -> Mapping[tuple[Key, Key], Reason] | None:
