@@ -49,7 +49,7 @@ def test_a_grid_by_a_name_of_ones_own(pytester: pytest.Pytester, brackets: Names
     assert [name.split("-")[3] for name in mixed] == ["cfgB", "cfgd05.00v00.00", "cfgd20.00v00.00", "cfgd20.00v09.00"]
     assert len(brackets(collect(pytester, '"stop4", classes=1, rules="p1"', "--rvads-grid=rush"))) == 3
     assert len(brackets(collect(pytester, '"stop4", classes=1, grid="rush", probe=True, rules="p1"'))) == 4
-    pytester.makepyfile(TEST.format(arguments='"stop4", classes=1, grid="rush", rules="p1", duration=1'))
+    pytester.makepyfile(TEST.format(arguments='"stop4", classes=1, grid="rush", rules="p1", duration=1.0'))
     for workers in ((), ("-n", "1")):
         result = pytester.runpytest(*workers)
         result.stdout.fnmatch_lines(["1 point beyond v(d)max left out: 1 of test_a_grid_by_a_name_of_ones_own.py::test_it"])
