@@ -214,6 +214,7 @@ def test_every_status_has_its_mark() -> None:
         assert status.value in shown(Verdict("r", status, "message")).text
 
 
+@pytest.mark.extended
 def test_a_list_of_verdicts_is_a_table_in_a_notebook() -> None:
     interactive = pytest.importorskip("IPython.core.interactiveshell", reason="IPython is not installed")
     code = f"""

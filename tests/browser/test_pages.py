@@ -89,6 +89,7 @@ def test_a_deep_link_shows_its_instant(open_page: Open, replayed: str) -> None:
     wait(browser, lambda: clock(browser) == "0.50 s")
 
 
+@pytest.mark.extended
 def test_lights_and_queues_of_several_lanes(open_page: Open) -> None:
     scenario = Scenario(find("lanes4"), (1, 3, 0, 0, 0, 0, 0, 0), distance=2, followers=1, duration=1.0)
     browser = open_page(replay(simulate(Case(scenario, LgsvlLike)), "lanes"), "#t=0.5")
@@ -350,6 +351,7 @@ def test_a_large_session_keeps_to_ten_screens_of_a_phone(open_page: Open, large:
     assert its < 375 < table
 
 
+@pytest.mark.extended
 def test_session_page_shows_the_session_then_causes_then_failures(open_page: Open, large: Report) -> None:
     browser = open_page(page(large, Path(".rvads")))
     terms = {row.find_element("tag name", "dt").text: row.find_element("tag name", "dd").text for row in heads(browser)}
@@ -393,6 +395,7 @@ def test_failures_without_a_replay_name_the_command_that_draws_the_replay(open_p
     assert len(items(browser, "#grouped > details")) == 5
 
 
+@pytest.mark.extended
 def test_configurations_have_the_numbers_of_the_terminal(open_page: Open, large: Report) -> None:
     browser = open_page(page(large, Path(".rvads")))
     unfold(browser, ".tables")
@@ -429,6 +432,7 @@ def test_a_configuration_may_be_called_as_anything_in_a_script(open_page: Open, 
     assert by_id(browser, "count").text == "1 of 1 item"
 
 
+@pytest.mark.extended
 def test_a_session_page_is_worked_by_keys(open_page: Open) -> None:
     from selenium.webdriver.common.keys import Keys
 
@@ -454,6 +458,7 @@ def test_a_session_page_is_worked_by_keys(open_page: Open) -> None:
     assert by_id(browser, "count").text == "2 of 4 items"
 
 
+@pytest.mark.extended
 def test_a_session_page_is_printed_light_and_without_what_only_a_screen_can(open_page: Open, large: Report) -> None:
     browser = open_page(page(large, Path(".rvads")))
     unfold(browser, ".tables")
@@ -501,6 +506,7 @@ def test_a_replay_shows_hostile_names_and_plays(open_page: Open, run: Run, text:
     assert browser.find_element("tag name", "h1").text == printable(text)
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize("text", HOSTILE)
 def test_an_index_shows_hostile_texts_and_can_be_clicked(open_page: Open, text: str) -> None:
     one = structs.replace(record(2, text, "FAIL"), message=text, look=text, driver=text, junction=text, cfg=text, known=text)

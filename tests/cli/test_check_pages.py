@@ -122,6 +122,7 @@ def test_traffic_is_shown_around_each_violation_with_the_time_of_the_log(
     assert len(pages) == pytest.approx((violated[-1] - violated[0]) / 10.0, abs=2), "none shows what an earlier one has shown"
 
 
+@pytest.mark.extended
 def test_who_is_not_there_is_not_on_the_page(traffic: Run) -> None:
     verdict = check(traffic, "full_stop")
     first, *_ = failure_pages(traffic, verdict, "full_stop", "")

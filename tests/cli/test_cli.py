@@ -172,6 +172,7 @@ def test_a_run_that_could_not_be_judged_is_no_success(
     assert err.splitlines()[-1].endswith("can't be judged: speed of a1 at 0.03 s is not a finite number")
 
 
+@pytest.mark.extended
 def test_monitor_answers_line_by_line() -> None:
     lines = [
         {"id": 1, "formula": "[](p -> X q)", "words": [[["p"], ["q"]], [["p"], []], []]},

@@ -122,6 +122,7 @@ def small(tmp_path: Path) -> Junction:
     return replace(place, entrances=lanes)
 
 
+@pytest.mark.extended
 def test_a_sweeping_body_stops_before_it_touches_a_standing_vehicle(small: Junction, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(reference, "no_room", lambda *_: False)  # it enters without a look at the vehicle
     run = simulate(Case(Scenario(small, "3020", distance=0.3, subject=0, duration=20), Reference, traffic=Parked))

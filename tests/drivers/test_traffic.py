@@ -201,6 +201,7 @@ def test_rear_end_collision_at_a_yield_line_is_the_fault_of_the_follower() -> No
     assert check(run, "no_collision").responsible == ("a0+1",)
 
 
+@pytest.mark.extended
 def test_a_subject_that_vehicles_stuck_in_the_junction_keep_at_its_line_does_not_hold_up_the_order() -> None:
     start = Scenario(find("stop4"), "2332", distance=(46, 56, 21, 36), speed=8, subject=3, followers=2, duration=30)
     run = simulate(Case(start, traffic("reference"), traffic=traffic("red_light_runner")))

@@ -188,6 +188,7 @@ def reload(path: Path, content: bytes) -> None:
             use(runs, path.with_name("again.npz"))
 
 
+@pytest.mark.extended
 @given(data=st.data())
 @QUICK
 def test_kept_recordings_with_other_bytes(kept: bytes, tmp_path: Path, data: st.DataObject) -> None:

@@ -139,6 +139,7 @@ def reason(report: JunctionReport, way: Route, theirs: Connection) -> str:
     return "chord"
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize("stem", STEMS)
 def test_turn_types(shared: Path, tmp_path: Path, stem: str) -> None:
     compared, other = compare(shared / "maps" / f"{stem}.xodr", tmp_path / "net.xml")

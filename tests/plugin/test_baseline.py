@@ -104,6 +104,7 @@ ONE_RUN = """
 """
 
 
+@pytest.mark.extended
 def test_eroded_run_is_one_change_for_several_items(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(test_it=ONE_RUN)
     session(pytester, "False", "--rvads-report=old.json")
@@ -200,6 +201,7 @@ def test_merged_shards_beside_a_baseline(tests: pytest.Pytester, capsys: pytest.
     assert said[headline + 2].startswith("  NEW     test_it.py::test_rules[stop4-class02-as1112-cfgB-p1]  p1 at t=")
 
 
+@pytest.mark.extended
 def test_baseline_of_another_formula_of_a_rule_lets_no_failure_pass(pytester: pytest.Pytester, reference: None) -> None:
     tests = """
         import pytest_rvads as rvads

@@ -90,6 +90,7 @@ def test_causes_that_are_not_listed_keep_the_line_of_their_first_item(pytester: 
     assert sorted(told) == list("abcdefghijkl"), "also those of the two causes that are not listed"
 
 
+@pytest.mark.extended
 def test_a_session_started_from_python_with_paths_is_summed_up(pytester: pytest.Pytester) -> None:
     """Some seconds, in which Python starts."""
     path = pytester.makepyfile(

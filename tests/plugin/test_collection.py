@@ -161,6 +161,7 @@ def test_items_carry_only_builtins_in_their_mark(pytester: pytest.Pytester) -> N
         assert set(mark.kwargs) == {"junction", "cls", "scenario", "cfg", "rotation", "rule"}
 
 
+@pytest.mark.extended
 def test_too_many_items_are_refused_with_a_remedy(pytester: pytest.Pytester) -> None:
     result = collect(pytester, 'cover="scenario"', "--rvads-max-items=1000")
     assert result.ret == pytest.ExitCode.INTERRUPTED

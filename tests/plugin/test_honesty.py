@@ -33,6 +33,7 @@ def test_equal_code_in_two_files_drives_two_runs(pytester: pytest.Pytester) -> N
     pytester.runpytest().assert_outcomes(passed=2)
 
 
+@pytest.mark.extended
 def test_a_fixture_that_changes_its_class_between_items(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(
         """
@@ -62,6 +63,7 @@ def test_a_fixture_that_changes_its_class_between_items(pytester: pytest.Pyteste
     pytester.runpytest().assert_outcomes(passed=2)
 
 
+@pytest.mark.extended
 def test_an_assertion_after_a_pass_is_a_failure_in_every_report(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(
         """

@@ -206,6 +206,7 @@ def test_a_signal_that_is_ignored_stays_ignored(start: Start) -> None:
     assert "KeyboardInterrupt: SIGTERM" in said
 
 
+@pytest.mark.extended
 def test_a_child_of_a_test_ends_by_sigterm_as_ever(pytester: pytest.Pytester) -> None:
     pytester.makepyfile("""
         import os, signal, time
@@ -271,6 +272,7 @@ def test_failed_write_of_a_kept_run_is_no_success(pytester: pytest.Pytester) -> 
     assert result.ret == pytest.ExitCode.TESTS_FAILED
 
 
+@pytest.mark.extended
 def test_baseline_does_not_excuse_missing_runs(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(test_it=TESTS)
     pytester.path.joinpath("file").write_text("in the way", encoding="utf-8")

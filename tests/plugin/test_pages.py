@@ -45,6 +45,7 @@ def test_the_index_links_every_failure_to_its_replay(pytester: pytest.Pytester, 
             assert f"t={time} s" in item["text"]
 
 
+@pytest.mark.extended
 def test_the_replay_shows_the_monitors_and_the_vehicle_to_blame(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(FAILING)
     pytester.runpytest("-k", "p3")
@@ -55,6 +56,7 @@ def test_the_replay_shows_the_monitors_and_the_vehicle_to_blame(pytester: pytest
     assert {label.split()[0] for label, _ in run["tracks"]} == {"p3"}
 
 
+@pytest.mark.extended
 def test_without_artefacts_there_is_no_page(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(FAILING)
     result = pytester.runpytest("--rvads-artefacts=none", "-k", "p1")

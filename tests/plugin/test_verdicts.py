@@ -125,6 +125,7 @@ def test_probe_depends_on_the_vehicle(pytester: pytest.Pytester) -> None:
     result.stdout.fnmatch_lines(["probe     a deliberate probe: at 5 m/s nobody stops within 5 m, v(d)max is *"])
 
 
+@pytest.mark.extended
 def test_the_explanation_has_start_and_a_rerun_line_that_works(files: pytest.Pytester) -> None:
     result = files.runpytest("-k", "racer and p1")
     result.stdout.fnmatch_lines(

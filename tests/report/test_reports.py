@@ -98,6 +98,7 @@ def texts(matrix: Matrix) -> tuple[Any, ...]:
     return tuple((label, tuple(entry.text for entry in entries)) for label, entries in matrix.rows)
 
 
+@pytest.mark.extended
 def test_huge_matrix_becomes_sums() -> None:
     """Six thousand classes, each with a configuration of its own, would be 36 million entries."""
     records = tuple(record(number, f"c{number}", "p1", "PASS") for number in range(6000))

@@ -35,6 +35,7 @@ VARIANTS = st.sampled_from(["", "v1", "v2", "v10", "a, b", "v1  01", "1", "01"])
 PLACES = st.tuples(VARIANTS, st.integers(1, 30), st.sampled_from("BCE"), st.sampled_from(["p1", "p2"]))
 
 
+@pytest.mark.extended
 @given(st.dictionaries(PLACES, st.sampled_from(["PASS", "FAIL", "OPEN", "NA"]), min_size=1, max_size=40))
 def test_every_verdict_can_be_read_back(verdicts: dict[tuple[str, int, str, str], str]) -> None:
     found = matrix(record(*place, status) for place, status in verdicts.items())

@@ -67,6 +67,7 @@ def test_space_without_further_scenarios_ends_a_search(simulated: Simulated) -> 
     assert len(scenarios) == len(set(scenarios)) <= 26
 
 
+@pytest.mark.extended
 def test_scenarios_stored_by_an_earlier_search_change_no_later_search(simulated: Simulated, tmp_path: Path) -> None:
     """Hypothesis stores scenarios with a great margin, and a later search tries at most one of these before it begins."""
     before = settings.get_current_profile_name()

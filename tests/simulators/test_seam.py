@@ -225,6 +225,7 @@ def test_invalid_vmax_names_the_simulator(speed: Any) -> None:
             ask()
 
 
+@pytest.mark.extended
 def test_simulator_option_selects_simulator_and_vmax(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(own=OWN)
     pytester.makepyfile("""

@@ -35,6 +35,7 @@ def test_pairwise_covers_all_pairs_of_levels_soon() -> None:
         assert {(row[i], row[j]) for row in rows} == set(product(one, two))
 
 
+@pytest.mark.extended
 def test_random_speeds_stay_inside_the_braking_envelope() -> None:
     for scenario in islice(METHODS["continuous"]("paper_stop4", 0), 10):
         for entrance in scenario.creation:

@@ -18,6 +18,7 @@ LINE = lines_at(find("stop4"))[0][0]
 FIND = Find("dawdles", 6, ("keep_clear",), 6, ("keep_clear",), LINE)
 
 
+@pytest.mark.extended
 def test_critical_starts_find_the_dawdler_on_the_first_line() -> None:
     critical = found_by("dawdles")
     assert (critical.line, critical.safety_rules) == (LINE, ("keep_clear",))

@@ -101,6 +101,7 @@ def never(*_: object, **__: object) -> None:
     raise AssertionError("this was judged before")
 
 
+@pytest.mark.extended
 def test_two_drivers_are_judged_on_the_same_cells(
     folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -66,6 +66,7 @@ def ways(root: ET.Element, place: rvads.Junction) -> dict[tuple[int, int], list[
     return lanes_along
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize("name", LAYOUTS)
 def test_lanes_follow_the_itineraries(name: str) -> None:
     place = rvads.find(name)
@@ -128,6 +129,7 @@ def test_junctions_beyond_sumo_are_refused(place: rvads.Junction, why: str) -> N
         network(place, plan(place))
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize(("name", "rotation"), [("light4", 0), ("light4", 1), ("light3", 0), ("lanes4", 0)])
 def test_lights_follow_the_signal_plan_in_every_step(name: str, rotation: int, tmp_path: Path) -> None:
     place = rvads.find(name)

@@ -65,6 +65,7 @@ def test_followed_log_fails_the_reckless_vehicle() -> None:
     assert "2 vehicles: 1 FAIL, 2 PASS" in beside
 
 
+@pytest.mark.extended
 def test_at_half_the_rate_and_at_unequal_times_it_is_the_same() -> None:
     lines = log({"reckless": 0.0, "careful": 0.0}, 18.0)
     thinned = [line for k, line in enumerate(lines) if k % 5 not in (1, 2)]
