@@ -1,5 +1,12 @@
 """Drivers who could not stop for pedestrians, and who wait for them with good reason."""
 
+from dataclasses import replace
+
+import numpy as np
+
+import pytest_rvads as rvads
+from pytest_rvads.logic.conduct.blame import cause_of
+
 from .cases import Case
 from .drivers import paced, stops_at
 from .shown import shows_each
@@ -27,3 +34,15 @@ CASES = {
 @shows_each(CASES)
 def test_who_meets_pedestrians_without_a_fault_is_not_blamed(case: Case) -> None:
     assert case.told() == case.tells
+
+
+def test_pedestrian_whose_recording_begins_on_the_crosswalk_was_not_hidden() -> None:
+    run = rvads.simulate(rvads.Case(walk(PLAIN, "2000", 0, "near", "hidden", 0.0), paced(lambda _: 8.0)))
+    assert cause_of(run, run.collisions[0]).agents == ("a0",)
+    person = [agent.name for agent in run.agents].index("p0")
+    begin = int(np.flatnonzero(run.zone[:, person] == rvads.Zone.JUNCTION)[0])
+    arrays = {name: getattr(run, name).copy() for name in ("zone", "station", "speed", "pose")}
+    arrays["zone"][:begin, person] = rvads.Zone.ABSENT
+    for name in ("station", "speed", "pose"):
+        arrays[name][:begin, person] = np.nan
+    assert cause_of(replace(run, **arrays), run.collisions[0]).agents == ("p0",)

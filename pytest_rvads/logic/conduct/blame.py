@@ -165,13 +165,15 @@ def _passed_up(run: Run, vehicle: int, place: float, tick: int, since: int) -> b
 def _hurried_past(run: Run, vehicle: int, walker: int, place: float, tick: int) -> str:
     """Return the name of the standing vehicle past which a vehicle hurried to a meeting at `tick` with a hidden pedestrian.
 
-    When the pedestrian came into view, the vehicle could no longer stop before the station `place`, from `REACTION` on with
-    `BRAKING`, and was faster than `MODERATE`. The result is empty if this is not so.
+    The vehicle hurried if it was faster than `MODERATE` when the pedestrian came into view, and could no longer stop before the
+    station `place` by braking with `BRAKING` after `REACTION`. The result is empty if the vehicle did not hurry. Ticks at which
+    the pedestrian is absent from the run do not count: a pedestrian who is not recorded yet is not known to be hidden.
     """
     if run.pose is None:
         return ""
     station, speed = run.need("station")[:, vehicle], run.need("speed")[:, vehicle]
-    for now in range(tick, int(run.spans[vehicle, 0]) - 1, -1):
+    first = int(run.spans[[vehicle, walker], 0].max())
+    for now in range(tick, first - 1, -1):
         if place - station[now] > speed[now] * (REACTION + speed[now] / (2 * BRAKING)):
             return ""
         if station[now] < place and (hiding := _hides(run, vehicle, walker, now)):
