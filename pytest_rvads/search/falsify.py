@@ -50,7 +50,7 @@ __all__ = ["Search", "avoidable", "look_for", "score"]
 _BLOCK = 50
 """Number of examples of a block. In the second half of a block, Hypothesis varies the best scenarios of its first half."""
 _FAR_APART = 10.0
-"""Greatest post-encroachment time that guides the search [s]; vehicles that meet later do not influence each other."""
+"""Greatest post-encroachment time that guides the search [s]; vehicles farther apart in time do not influence each other."""
 _SHARE_OF_APART = 0.1
 """Weight of the post-encroachment time in `score`, so small that it decides only between scenarios with about equal margins."""
 

@@ -1,4 +1,4 @@
-"""The reasons why a session is not green (fails): a list of checks, each of which returns one reason or none.
+"""The checks of a session: a check returns the reason why the session is not green (fails), or no reason.
 
 A session is green only if a verdict was given, a driver was named, and everything planned is accounted for. A violation fails
 its item even if the test, a plugin or a conftest.py catches the exception.

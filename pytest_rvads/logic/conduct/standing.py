@@ -1,4 +1,4 @@
-"""Measures what a vehicle does by itself: its waiting time, the light that it faces, its progress, its stops, its speed limit.
+"""Measures what a vehicle does by itself: waiting time, colour of the light ahead, progress, stops, keeping of the speed limit.
 
 The rulebook ``road`` uses measures that the paper's predicates lack: stopping before the line, arriving at the line, keeping the
 speed limit. The tolerances of this module are parameters of this rulebook. A measure that needs values that the run does not

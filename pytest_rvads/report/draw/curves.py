@@ -133,7 +133,7 @@ def _panel(left: float, lines: Mapping[str, Sequence[tuple[float, float]]], alon
 
 
 def _round_end(greatest: float) -> float:
-    """Return the end of an axis that holds a value: a number whose quarters are short, such as 0.8, 1, 6 or 20."""
+    """Return the end of an axis with four equal ticks, not below the greatest value: a round number such as 0.8, 1, 6 or 20."""
     if greatest <= 0.0:
         return 1.0
     unit = 10.0 ** floor(log10(greatest))

@@ -109,7 +109,7 @@ def campaign(  # noqa: PLR0913 - keywords; a campaign has many settings
 
 
 class _Campaign:
-    """A running campaign: its cases, its executor and its file of results."""
+    """A running campaign, which sends cases to an executor and stores the results in a file."""
 
     def __init__(self, question: Question, keys: Keys, results: Results, progress: Progress | None, total: int) -> None:
         self._question, self._keys, self._results = question, keys, results

@@ -65,7 +65,7 @@ class Head(msgspec.Struct, frozen=True, kw_only=True):
     """Per junction, the number of cases that were left out because a vehicle has no room at its start."""
 
     def with_part(self, other: Head) -> Head:
-        """Return the head for the joined results of two files; it says that the campaign has ended if both heads say so."""
+        """Return the head for the joined results of two files; the joined campaign has ended if both campaigns have ended."""
         ended = None if self.cases is None or other.cases is None else max(self.cases, other.cases)
         unfit = {name: max(self.unfit.get(name, 0), other.unfit.get(name, 0)) for name in sorted({**self.unfit, **other.unfit})}
         drivers, results = self.drivers | other.drivers, max(self.results, other.results)
