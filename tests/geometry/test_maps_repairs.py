@@ -72,6 +72,54 @@ def test_missing_links_are_completed(read: Read, tree: Tree, missing: Any, left_
     assert {warning.kind for warning in road_map.warnings} >= {"link"}
 
 
+@pytest.mark.parametrize("left_hand", [False, True])
+@pytest.mark.parametrize("tag", ["successor", "predecessor"])
+@pytest.mark.parametrize("arms", [(2,), (0, 3)])
+def test_lanes_meet_although_the_contact_point_is_wrong_and_the_lane_link_is_missing(
+    read: Read, tree: Tree, tag: str, arms: tuple[int, ...], left_hand: bool
+) -> None:
+    """Roads of arms begin at the junction: their end is 120 m away, and the lanes meet exactly at their start."""
+    root = tree(left_hand=left_hand)
+    whole = read(root)
+    for way in connecting(root):
+        link = way.find(f"link/{tag}")
+        if link.get("elementId") in [str(arm) for arm in arms]:
+            link.set("contactPoint", "end")
+            drop([lane.find("link") for lane in way.iter("lane") if lane.find("link") is not None], tag)
+            if tag == "predecessor":
+                drop([row for row in root.iter("connection") if row.get("connectingRoad") == way.get("id")], "laneLink")
+    road_map = read(root)
+    movements = [{(way.entrance, way.exit, way.turn) for way in found.report("1").movements} for found in (whole, road_map)]
+    assert movements[0] == movements[1], "all twelve"
+    assert {warning.kind for warning in road_map.warnings} == {"link"}
+    assert all("lanes meet without a lane link" in warning.message for warning in road_map.warnings)
+
+
+def test_a_connecting_road_that_leads_nowhere_is_told(read: Read, tree: Tree) -> None:
+    root = tree()
+    way = next(way for way in connecting(root) if way.find("link/successor").get("elementId") == "2")
+    drop([way.find("link"), *(lane.find("link") for lane in way.iter("lane") if lane.find("link") is not None)], "successor")
+    for shape in way.iter("geometry"):
+        shape.set("y", str(float(shape.get("y", "0")) + 0.5))  # the gap is too wide for a repair, and a mistake of its start
+    road_map = read(root)
+    assert len(road_map.report("1").movements) == 11
+    (message,) = [warning.message for warning in road_map.warnings if warning.kind == "link"]
+    assert message == f"lane {way.get('id')}.0.-1 in junction '1' leads nowhere, so no movement uses it"
+
+
+@pytest.mark.parametrize("attributes", [{}, {"id": ""}])
+def test_an_empty_link_of_a_lane_is_no_link(read: Read, tree: Tree, attributes: dict[str, str]) -> None:
+    root = tree()
+    lanes = list(arms(root)[0].iter("lane"))
+    for lane in lanes:
+        link = lane.find("link")
+        SubElement(SubElement(lane, "link") if link is None else link, "predecessor", attributes)
+    SubElement(root.find("junction/connection"), "laneLink")
+    road_map = read(root)
+    assert len(road_map.report("1").movements) == 12
+    assert [(warning.kind, "names no lane" in warning.message) for warning in road_map.warnings] == [("link", True)] * 2
+
+
 def test_lanes_with_a_gap_are_not_linked(read: Read, tree: Tree) -> None:
     """The first arm lies 0.2 m beside its place: nothing tells that it belongs there."""
     root = tree()

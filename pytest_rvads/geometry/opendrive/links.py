@@ -14,7 +14,7 @@ import math
 from collections import defaultdict
 from collections.abc import Iterable
 from dataclasses import replace
-from itertools import islice
+from itertools import islice, product
 from operator import itemgetter
 
 import numpy as np
@@ -149,7 +149,8 @@ def complete(draft: Draft) -> None:
     """Link each lane that has no lane link at one of its ends to the lane that continues it, if exactly one lane does.
 
     At a road end where no lane has a link, all lanes are linked, because the writer of the file left out lane links. At other
-    ends of connecting roads, a lane is linked only if the lane has a link at its opposite end.
+    ends of connecting roads, a lane is linked only if the lane has a link at its opposite end. A lane of a connecting road that
+    remains without a link at one of its ends is told in a warning.
     """
     arriving, departing = _by_end(draft.arriving), _by_end(draft.departing)
     after, before = draft.links.succ, draft.links.pred
@@ -164,16 +165,26 @@ def complete(draft: Draft) -> None:
         return
     near = _neighbours(draft.document)
     for end in ends:
-        ending = [id for id in arriving[end] if not after[id] and (end in bare or before[id])]
-        starting = [id for id in departing[end] if not before[id] and (end in bare or after[id])]
-        options = [[(id, target) for place in near.get(end, ()) for target in departing[place]] for id in ending]
-        options += [[(source, id) for place in near.get(end, ()) for source in arriving[place]] for id in starting]
-        pairs = [pair for candidates in options for pair in _only_continuation(draft, candidates)]
-        draft.links.add_edges_from(pairs)
+        pairs: list[tuple[str, str]] = []
+        stated = list(near.get(end, ()))
+        # If a contact point is wrong, the lanes meet at the other end of the road that the link names.
+        for places in (stated, [(road, _OPPOSITE[contact]) for road, contact in stated]):
+            ending = [id for id in arriving[end] if not after[id] and (end in bare or before[id])]
+            starting = [id for id in departing[end] if not before[id] and (end in bare or after[id])]
+            options = [[(id, target) for place in places for target in departing[place]] for id in ending]
+            options += [[(source, id) for place in places for source in arriving[place]] for id in starting]
+            found = [pair for candidates in options for pair in _only_continuation(draft, candidates)]
+            draft.links.add_edges_from(found)
+            pairs += found
         if pairs:
             road = draft.document.roads[end[0]]
             listed = " and ".join(f"{source} to {target}" for source, target in pairs[:2]) + " and more" * (len(pairs) > 2)
             draft.warn(Doubt.LINK, f"lanes meet without a lane link; they were linked: {listed}", road.id, road.junction)
+    inner = (e for e in draft.edges.values() if e.junction is not None and draft.document.junctions[e.junction].made_of_roads)
+    for edge, (linked, what) in product(inner, ((before, "comes from"), (after, "leads"))):
+        if not linked[edge.id]:
+            message = f"lane {edge.id} in junction {edge.junction!r} {what} nowhere, so no movement uses it"
+            draft.warn(Doubt.LINK, message, edge.road, edge.junction)
 
 
 def _by_end(table: dict[LaneEnd, str]) -> defaultdict[RoadEnd, list[str]]:

@@ -198,21 +198,23 @@ class _RoadReader:
         return tuple(sections)
 
     def _lane(self, element: Element) -> Lane:
-        link = element.find("link")
-        before, after = (
-            () if link is None else tuple(integer(e, "id", self.place) for e in link.iterfind(tag))
-            for tag in ("predecessor", "successor")
-        )
-        return Lane(
+        links = [part for tag in ("predecessor", "successor") for part in element.iterfind(f"link/{tag}")]
+        named = [part for part in links if part.get("id")]
+        lane = Lane(
             integer(element, "id", self.place),
             element.get("type", "none").lower(),
             _cubics(element, "width", "sOffset", self.place),
             _cubics(element, "border", "sOffset", self.place),
-            before,
-            after,
+            tuple(integer(part, "id", self.place) for part in named if part.tag == "predecessor"),
+            tuple(integer(part, "id", self.place) for part in named if part.tag == "successor"),
             reversed=element.get("direction") == "reversed",
-            limits=self._limits([(part, "sOffset", part) for part in element.iterfind("speed")]),
         )
+        if not lane.drivable:
+            return lane
+        if len(named) < len(links):
+            message = f"a link of lane {lane.id} of road {self.id!r} names no lane; it was read as if it were absent"
+            self.warnings.append(MapWarning(Doubt.LINK, message, self.id))
+        return lane._replace(limits=self._limits([(part, "sOffset", part) for part in element.iterfind("speed")]))
 
     def _limits(self, rows: Sequence[tuple[Element, str, Element | None]]) -> Limits:
         """Return the speed limits of the road or of a lane; an unreadable limit is ignored with a warning.
@@ -336,7 +338,7 @@ def _junction(element: Element, place: str) -> JunctionRecord:
         raise MapError(f"{place}: <junction> has no id")
     rows = []
     for row in element.iterfind("connection"):
-        links = tuple((integer(e, "from", place), integer(e, "to", place)) for e in row.iterfind("laneLink"))
+        links = tuple((integer(e, "from", place), integer(e, "to", place)) for e in row.iterfind("laneLink") if e.attrib)
         connecting = row.get("connectingRoad") or row.get("linkedRoad") or ""
         rows.append(Connection(row.get("incomingRoad", ""), connecting, row.get("contactPoint", ""), links))
     priorities = [(part.get("high", ""), part.get("low", "")) for part in element.iterfind("priority")]
