@@ -62,7 +62,8 @@ class GiveWay:
         """The paper's rules at lights, which the driver keeps in addition to giving way; None where they don't apply."""
         self._all_stop = junction.control is JunctionControl.STOP
         self._must_stop = stops and entrance.sign is Sign.STOP
-        self._on_red = itinerary.turn is junction.near and entrance.lane == 0 and not junction.left_hand
+        on_red = junction.turns_on_red(itinerary.entrance, itinerary.turn)
+        self._on_red = on_red and entrance.lane == 0 and not junction.left_hand
         self._stop_signs = frozenset(k for k, lane in enumerate(junction.entrances) if lane.sign is Sign.STOP)
         # The lowest speed limit and the narrowest bend of the movement decide how soon the vehicle leaves the junction.
         limits = (itinerary.limit_at(max(station, 0.0)) for station, _ in itinerary.limits if station < itinerary.length)

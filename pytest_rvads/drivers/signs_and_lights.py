@@ -239,7 +239,8 @@ class Light:
         passes = self._yellow.allows(seen)
         if colour is _YELLOW:
             return passes
-        if colour is _RED and not (self._stood and me.turn is _RIGHT and not seen.junction.left_hand):
+        turns_on_red = seen.junction.turns_on_red(me.entrance, me.turn) and not seen.junction.left_hand
+        if colour is _RED and not (self._stood and turns_on_red):
             return False
         if self._owed or not all(_leaves_time(seen, other) for other in prior):
             return False

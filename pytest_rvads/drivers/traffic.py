@@ -119,7 +119,7 @@ class _RightOnRed(Light):
 
 
 def _turns_on_red(seen: Observation) -> bool:
-    return seen.me.turn is seen.junction.near and seen.lights[seen.me.entrance] is Colour.RED
+    return seen.junction.turns_on_red(seen.me.entrance, seen.me.turn) and seen.lights[seen.me.entrance] is Colour.RED
 
 
 class Hesitant(Reference):

@@ -63,6 +63,7 @@ class ObjectKind(StrEnum):
     PRIORITY = "priority"
     LIGHT = "light"
     LINE = "line"
+    NO_TURN_ON_RED = "no turn on red"
 
 
 @dataclass(frozen=True, slots=True)

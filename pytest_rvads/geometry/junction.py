@@ -361,7 +361,8 @@ class Junction:
             images = self.image(arms)
             if images is not None:
                 entrances, exits = images
-                same = all(lane.sign is self.entrances[entrances[k]].sign for k, lane in enumerate(self.entrances))
+                signs = [(lane.sign, lane.no_turn_on_red) for lane in self.entrances]
+                same = all(sign == signs[entrances[k]] for k, sign in enumerate(signs))
                 if same and {(entrances[a], exits[b]) for a, b in self.movements} == self.movements.keys():
                     symmetries.append(arms)
         return tuple(symmetries)
@@ -442,6 +443,10 @@ class Junction:
             width=self.lane_width,
             left_hand=self.left_hand,
         )
+
+    def turns_on_red(self, start: int, turn: Turn) -> bool:
+        """Return whether a vehicle may enter on red after a stop: it turns to the near side, and no sign forbids this."""
+        return turn is self.near and not self.starts[start].no_turn_on_red
 
     @property
     def near(self) -> Turn:

@@ -156,6 +156,7 @@ class RoadMap:
         phases = {entrance: number for number, group in enumerate(report.phase_groups) for entrance in group}
         edges = [self.graph.edges[end.edge] for end in report.entrances]
         lights = {item.edge: item.point for item in reversed(report.objects) if item.kind is ObjectKind.LIGHT}
+        forbidding = {item.edge for item in report.objects if item.kind is ObjectKind.NO_TURN_ON_RED}
         lanes = zip(report.entrances, report.signs, report.setbacks, report.sign_setbacks, strict=True)
 
         def road(edge: str, *, upstream: bool) -> Segment | None:
@@ -166,7 +167,8 @@ class RoadMap:
             report.id,
             tuple(
                 Entrance(
-                    end.arm, end.lane, sign, phases.get(k), back, road(end.edge, upstream=True), posted, lights.get(end.edge)
+                    *(end.arm, end.lane, sign, phases.get(k), back, road(end.edge, upstream=True), posted),
+                    *(lights.get(end.edge), end.edge in forbidding),
                 )
                 for k, (end, sign, back, posted) in enumerate(lanes)
             ),

@@ -87,6 +87,8 @@ class Entrance:
     """Distance of the stop sign before the vertex [m]; None without a stop sign away from the stopping line."""
     light: tuple[float, float] | None = None
     """Place of the first light of the entrance in its map file [m]; None without a light, and for a junction of a run file."""
+    no_turn_on_red: bool = False
+    """Whether the map forbids turns on red, which are allowed to the near side otherwise."""
 
     @property
     def stop_line(self) -> Pose | None:

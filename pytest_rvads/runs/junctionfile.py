@@ -65,6 +65,7 @@ class _Entrance(msgspec.Struct, frozen=True, omit_defaults=True):
     approach: _Line | None
     sign_setback: _Length | None = None
     """Left out of the file if no sign stands before the line, as in files of earlier versions."""
+    no_turn_on_red: bool = False
 
 
 class _Exit(msgspec.Struct, frozen=True):
@@ -141,7 +142,10 @@ def put_junction(junction: Junction, lines: list[Segment]) -> JunctionRecord:
     return JunctionRecord(
         junction.name,
         junction.id,
-        [_Entrance(e.arm, e.lane, e.sign, e.phase, e.setback, put(e.approach), e.sign_setback) for e in junction.entrances],
+        [
+            _Entrance(e.arm, e.lane, e.sign, e.phase, e.setback, put(e.approach), e.sign_setback, e.no_turn_on_red)
+            for e in junction.entrances
+        ],
         [_Exit(e.arm, e.lane, put(e.road)) for e in junction.exits],
         [_Movement(*m.key, m.turn, m.length, m.segment, put(m.path)) for m in junction.movements.values()],
         sorted(junction.right_of),
@@ -205,7 +209,10 @@ def _build(record: JunctionRecord, arrays: Mapping[str, NDArray[Any]]) -> Juncti
     junction = Junction(
         record.name,
         record.id,
-        tuple(Entrance(e.arm, e.lane, e.sign, e.phase, e.setback, get(e.approach), e.sign_setback) for e in record.entrances),
+        tuple(
+            Entrance(e.arm, e.lane, e.sign, e.phase, e.setback, get(e.approach), e.sign_setback, None, e.no_turn_on_red)
+            for e in record.entrances
+        ),
         tuple(Exit(e.arm, e.lane, get(e.road)) for e in record.exits),
         ways,
         frozenset(record.right_of),

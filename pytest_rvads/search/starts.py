@@ -294,7 +294,7 @@ def _every_line(place: Junction) -> Iterator[Line]:
                 yield line
                 if place.entrances[seat].sign in _WAITING or line.vista == "subject gives way":
                     yield replace(line, begin=Begin.REST)
-                if line.by_light and place.movements[line.ways[0]].turn is place.near:
+                if line.by_light and place.turns_on_red(seat, place.movements[line.ways[0]].turn):
                     yield replace(line, begin=Begin.RED)
 
 

@@ -112,7 +112,7 @@ def stopped(run: Run) -> bool:
     (agent,) = run.agents
     before = run.zone[:, 0] < Zone.JUNCTION
     standing = abs(run.speed[:, 0]) < STANDING
-    if run.junction.entrances[agent.entrance].sign is Sign.STOP or agent.way.turn is run.junction.near:
+    if run.junction.entrances[agent.entrance].sign is Sign.STOP or run.junction.turns_on_red(agent.entrance, agent.turn):
         return bool(standing[before].any())
     return bool(standing[-1] and before.all())
 

@@ -1,13 +1,18 @@
 """From signals to entrances: the policy for signs, lights and stop lines, on one junction with one thing changed."""
 
 from collections.abc import Callable
+from pathlib import Path
+from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
 import pytest
 
-from pytest_rvads.geometry.control import JunctionControl, MapObject, ObjectKind, sign_setback_of
+import pytest_rvads as rvads
+from pytest_rvads.drivers.traffic import RedLightRunner
+from pytest_rvads.geometry.control import JunctionControl, MapObject, ObjectKind, Sign, sign_setback_of
 from pytest_rvads.geometry.opendrive.records import Signal
 from pytest_rvads.geometry.opendrive.signals import kind_of
+from pytest_rvads.geometry.opendrive.writer import Layout, opendrive
 from pytest_rvads.geometry.road_map import RoadMap
 from pytest_rvads.support.errors import MapError
 
@@ -79,17 +84,147 @@ def test_all_entrances_must_agree(read: Read, tree: Tree) -> None:
     road_map = read(root)
     assert road_map.report("1").control is JunctionControl.PARTIAL
     (warning,) = road_map.warnings
-    assert "entrances e2 of junction '1' have no sign or light" in warning.message
+    assert "entrances 2 of junction '1' have no sign or light" in warning.message
 
 
 def test_no_signs_no_control(read: Read, tree: Tree) -> None:
     assert control(read, tree(control=JunctionControl.NONE)) is JunctionControl.NONE
 
 
-def test_validity_of_lane_0_is_only_the_pole(read: Read, tree: Tree) -> None:
+def test_validity_of_lane_0_is_only_the_pole_if_a_reference_names_the_sign(read: Read, tree: Tree) -> None:
     root = tree()
     set_validity(sign(root, 1), (0, 0))
-    assert control(read, root) is JunctionControl.PARTIAL
+    reference = {"id": sign(root, 1).get("id"), "s": "20", "t": "0", "orientation": "+"}
+    SubElement(road(root, "2").find("signals"), "signalReference", reference)
+    assert control(read, root) is JunctionControl.PARTIAL, "the reference is on another road, for another entrance"
+
+
+def place(root: Element, arm: int, *, past: float, aside: float) -> None:
+    """Let the sign of an arm name lane 0 alone, `past` behind the end of the incoming lane and `aside` right of it [m].
+
+    The road of an arm begins at the junction and leads away, so lanes of positive ids lead in where traffic keeps right.
+    """
+    set_validity(sign(root, arm), (0, 0))
+    left_hand = road(root, str(arm)).get("rule") == "LHT"
+    sign(root, arm).set("s", str(-past))
+    sign(root, arm).set("t", str(-1.75 - aside if left_hand else 1.75 + aside))
+
+
+@pytest.mark.parametrize("left_hand", [False, True])
+@pytest.mark.parametrize(
+    ("past", "aside", "stops"),
+    [(-0.3, 5.7, True), (-0.9, 3.0, True), (-1.5, 5.7, False), (-0.3, -5.7, False), (-0.3, 30.0, False)],
+)
+def test_a_sign_of_no_lane_is_for_the_lane_beside_whose_end_it_stands(
+    read: Read, tree: Tree, past: float, aside: float, stops: bool, left_hand: bool
+) -> None:
+    """On the side of the kerb, and within a metre along the lane, as the unreferenced signs of RoadRunner stand."""
+    root = tree(left_hand=left_hand)
+    for arm in (0, 2):
+        place(root, arm, past=past, aside=aside)
+    road_map = read(root)
+    assert road_map.report("1").signs == tuple(Sign.STOP if stops or arm in (1, 3) else Sign.NONE for arm in range(4))
+    told = [warning.message for warning in road_map.warnings if "of lane 0 alone, which no reference names" in warning.message]
+    assert [message.split(" (")[0] for message in told] == ["2 signs"] * stops
+
+
+def test_a_sign_of_no_lane_on_a_connecting_road_is_for_all_lanes_of_the_arm(read: Read) -> None:
+    lanes = (((1, 2), (3,)), ((1, 2, 3),), ((1, 2, 3),), ((1, 2, 3),))
+    root = ElementTree.fromstring(opendrive(Layout(lanes=lanes)))
+    for arm in range(4):
+        element = remove_sign(root, arm) if arm < 2 else None
+        if arm == 0:
+            way = next(row.get("connectingRoad", "") for row in root.iter("connection") if row.get("incomingRoad") == "0")
+            set_validity(element, (0, 0))
+            element.set("s", "0.6")
+            element.set("t", "-5.7")
+            SubElement(road(root, way), "signals").append(element)
+    report = read(root).report("1")
+    signs = {arm: {sign for end, sign in zip(report.entrances, report.signs, strict=True) if end.arm == arm} for arm in range(4)}
+    assert signs == {0: {Sign.STOP}, 1: {Sign.NONE}, 2: {Sign.STOP}, 3: {Sign.STOP}}
+
+
+def mean(root: Element, arm: int, *priorities: str, **attributes: str) -> None:
+    """Let the sign of an arm be of a catalogue that nobody knows, with ``<semantics>`` of these priorities."""
+    sign(root, arm).attrib.update({"country": "XX", "type": "7", "subtype": "4", "name": "", **attributes})
+    semantics = SubElement(sign(root, arm), "semantics")
+    for priority in priorities:
+        SubElement(semantics, "priority", {"type": priority})
+
+
+@pytest.mark.parametrize(
+    ("priorities", "attributes", "found"),
+    [
+        (("stop",), {}, Sign.STOP),
+        (("stop", "4way"), {}, Sign.STOP),
+        (("4Way",), {}, Sign.STOP),
+        (("yield",), {}, Sign.YIELD),
+        (("priorityRoad",), {}, Sign.PRIORITY),
+        (("trafficLight",), {"dynamic": "yes"}, Sign.LIGHTS),
+        (("noTurnOnRed", "trafficLight"), {"dynamic": "yes"}, Sign.LIGHTS),
+        (("trafficLight",), {"dynamic": "yes", "name": "pedestrian light"}, Sign.NONE),
+        (("priorityRoadEnd",), {}, Sign.NONE),
+        (("priorityToTheRightRule",), {}, Sign.NONE),
+        (("keepClearLine",), {}, Sign.NONE),
+        (("yield",), {"type": "-1", "country": "", "name": "Sign_Stop"}, Sign.YIELD),
+        (("yield",), {"type": "9999", "country": "DE"}, Sign.YIELD),
+        (("yield",), {"type": "206", "country": "DE"}, Sign.STOP),
+        (("yield",), {"type": "206", "country": "XX"}, Sign.YIELD),
+        (("trafficLight",), {"type": "1000002", "country": "OpenDRIVE", "dynamic": "yes"}, Sign.NONE),
+    ],
+)
+def test_semantics_decide_where_the_catalogue_is_unknown(
+    read: Read, tree: Tree, priorities: tuple[str, ...], attributes: dict[str, str], found: Sign
+) -> None:
+    """OpenDRIVE 1.8, section 14.8: ``<priority type>`` says what a sign means, whatever the catalogue of its country."""
+    root = tree()
+    mean(root, 1, *priorities, **attributes)
+    road_map = read(root)
+    assert road_map.report("1").signs == (Sign.STOP, found, Sign.STOP, Sign.STOP)
+    assert not any("unknown type" in warning.message for warning in road_map.warnings)
+
+
+@pytest.mark.parametrize("priority", ["stopLine", "waitingLine"])
+def test_lines_of_semantics_are_stopping_lines(read: Read, tree: Tree, priority: str) -> None:
+    root = tree()
+    lines(root, None)
+    mean(root, 1, priority, s="0.6")
+    assert read(root).report("1").setbacks == (0.0, pytest.approx(0.6), 0.0, 0.0)
+
+
+def test_signals_of_unknown_type_at_entrances_are_counted(read: Read, tree: Tree) -> None:
+    root = tree()
+    for arm in (1, 2, 3):
+        sign(root, arm).attrib.update({"country": "XX", "type": "7", "name": "board"})
+    mean(root, 3, "likeNothing")
+    sign(root, 2).set("s", "60.1")  # at no entrance
+    SubElement(road(root, "0").find("signals"), "signal", sign(root, 0).attrib | {"id": "9", "type": "274", "country": "DE"})
+    road_map = read(root)
+    (message,) = [warning.message for warning in road_map.warnings if "of unknown type" in warning.message]
+    assert message.startswith("2 signals of unknown type at entrances were ignored, first the signal")
+    assert "country 'xx', type '7', name 'board'" in message
+    assert road_map.report("1").setbacks == (0.0,) * 4
+
+
+def test_a_sign_forbids_the_turn_on_red_at_its_entrance(tmp_path: Path, read: Read, tree: Tree) -> None:
+    """Arms 1 and 3 have red first: at arm 1 a sign forbids the right turn on red, so `red` binds it, elsewhere `right_on_red`."""
+    root = tree(control=JunctionControl.LIGHTS)
+    mean(root, 1, "noTurnOnRed", "trafficLight")
+    mean(root, 2, "turnOnRedAllowed", "trafficLight")
+    place = read(root).junction("1")
+    assert [lane.no_turn_on_red for lane in place.entrances] == [False, True, False, False]
+    assert {lane.sign for lane in place.entrances} == {Sign.LIGHTS}
+    assert place.rotations == (0,), "a rotation keeps signs"
+    assert place.digest != read(tree(control=JunctionControl.LIGHTS)).junction("1").digest
+    for code, binding, other in (("0100", "red", "right_on_red"), ("0001", "right_on_red", "red")):
+        scenario = rvads.Scenario(place, code, distance=10.0, duration=40.0)
+        run = rvads.simulate(rvads.Case(scenario, RedLightRunner))
+        assert (rvads.check(run, binding).status, rvads.check(run, other).status) == ("FAIL", "NA")
+        waiting = rvads.simulate(rvads.Case(scenario, rvads.Reference))
+        assert (rvads.check(waiting, binding).status, rvads.check(waiting, other).status) == ("PASS", "NA")
+        assert rvads.check(waiting, "progress").status == "PASS"
+    rvads.files.save_run(run, tmp_path / "run.npz")
+    assert rvads.files.load_run(tmp_path / "run.npz").junction == place
 
 
 def test_sign_for_other_lanes_does_not_control_the_entrance(read: Read, tree: Tree) -> None:
@@ -270,6 +405,7 @@ def test_signs_for_no_entrance_are_counted(read: Read, tree: Tree) -> None:
     sign(root, 0).set("s", "119")
     sign(root, 1).set("s", "60.1")
     set_validity(sign(root, 2), (0, 0))
+    sign(root, 2).set("s", "1.5")
     assert lost(read(root)) == [
         "3 of 4 signs and lights are for no entrance: 2 of them stand near no end of a road where lanes lead into a junction"
     ]

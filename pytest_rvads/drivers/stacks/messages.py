@@ -214,6 +214,7 @@ def _map(junction: Junction) -> dict[str, Any]:
                 "setback": e.setback,
                 "sign_setback": e.sign_setback,
                 "path": _points(e.approach),
+                **({"no_turn_on_red": True} if e.no_turn_on_red else {}),
             }
             for e in junction.entrances
         ],

@@ -71,8 +71,8 @@ def build(document: Document) -> Network:
     turn_links(draft)
     complete(draft)
     mend_joints(draft)
-    sides = _kept_sides(draft, leftward)
-    objects = attach(draft)
+    left_hand = frozenset(road for road, left in _kept_sides(draft, leftward).items() if left)
+    objects = attach(draft, left_hand)
     arms = {road.id: road.arm for road in document.roads.values() if road.arm in document.roads}
     crosswalks = painted(draft)
     return Network(
@@ -82,7 +82,7 @@ def build(document: Document) -> Network:
             id: DeclaredJunction(junction.type, tuple(draft.direct[id]), _lost_road(draft, junction), junction.priorities)
             for id, junction in document.junctions.items()
         },
-        frozenset(road for road, left in sides.items() if left),
+        left_hand,
         tuple(objects),
         tuple(document.controllers.values()),
         tuple(draft.warnings),

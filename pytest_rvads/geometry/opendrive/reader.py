@@ -307,6 +307,7 @@ def _signal(element: Element, road: str, place: str) -> Signal:
     reference = element.tag == "signalReference"
     type = "" if reference else element.get("type", "").strip().lower()
     text = element.get("name", "").lower()
+    semantics = element.find("semantics")
     return Signal(
         element.get("id", ""),
         road,
@@ -321,6 +322,7 @@ def _signal(element: Element, road: str, place: str) -> Signal:
         not reference and (type == "294" or any(word in text for word in _STOP_LINE)),
         element.get("country", "").lower(),
         text,
+        None if semantics is None else tuple(part.get("type", "").lower() for part in semantics.iterfind("priority")),
     )
 
 

@@ -148,6 +148,8 @@ class Signal(NamedTuple):
     """Country of the signal, in lower case, as the file has it."""
     name: str = ""
     """Name of the signal, in lower case."""
+    meanings: tuple[str, ...] | None = None
+    """Values of ``<priority>`` in the ``<semantics>`` of the signal, in lower case; None without ``<semantics>``."""
 
 
 class CrosswalkRecord(NamedTuple):

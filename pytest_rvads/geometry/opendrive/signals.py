@@ -12,6 +12,7 @@ import re
 from bisect import bisect_right
 from collections import Counter, defaultdict
 from collections.abc import Container, Iterable, Iterator
+from itertools import product
 
 import networkx as nx
 import numpy as np
@@ -21,6 +22,7 @@ from pytest_rvads.geometry.network import Doubt
 from pytest_rvads.geometry.opendrive.draft import Chain, Draft
 from pytest_rvads.geometry.opendrive.records import Document, Road, Signal, pose_at
 from pytest_rvads.geometry.turns import Turn
+from pytest_rvads.support.wording import plural
 
 __all__ = ["LINE_RANGE", "STANDARD", "attach", "kind_of", "point_of"]
 
@@ -60,11 +62,29 @@ _SIGNS_ABROAD = {
     for kind, numbers in zip((ObjectKind.STOP, ObjectKind.YIELD, ObjectKind.PRIORITY), catalogue, strict=True)
     for number in numbers.split()
 }
+_MEANINGS: dict[str, ObjectKind | None] = {
+    **dict.fromkeys(("stop", "4way"), ObjectKind.STOP),
+    "yield": ObjectKind.YIELD,
+    "priorityroad": ObjectKind.PRIORITY,
+    "trafficlight": ObjectKind.LIGHT,
+    **dict.fromkeys(("stopline", "waitingline"), ObjectKind.LINE),
+    "noturnonred": ObjectKind.NO_TURN_ON_RED,
+    **dict.fromkeys(("keepclearline", "noparkingline", "priorityroadend", "prioritytotherightrule", "turnonredallowed")),
+}
+"""Kinds by the values of ``<priority>`` in ``<semantics>``, in lower case (OpenDRIVE 1.8, section 14.8); of several values of a
+signal the first here counts. None: the value changes nothing, because it states what holds without a sign, or another line."""
+_CATALOGUES = frozenset({"", "de", "deu", "ger", "us", "usa", "opendrive", *(country for country, _ in _SIGNS_ABROAD)})
+"""Countries whose catalogues are known; signals without a country have the numbers of the standard, of Germany or of the US."""
+_STANDARD_NUMBER = re.compile(r"1\.?000\.?\d{3}")
+_NUMBER = re.compile(rf"{_STANDARD_NUMBER.pattern}|\d{{3}}(-\d+)?|[a-z]\d+(-\d+\w*)?")
 _UNTYPED = frozenset({"", "-1", "none", "unknown"})
 _STOP_NAME = re.compile(r"(?<![a-z])stop([ _-]?sign)?(?![a-z])|(?<![a-z])sign[ _-]?stop(?![a-z])")
 _YIELD_NAME = re.compile(r"(?<![a-z])(yield|give[ _-]?way)(?![a-z])")
 _LIGHT_NAME = re.compile(r"traffic[ _-]?(light|signal)|signal[ _-]?3?light")
 _OTHER_NAME = re.compile(r"pedestrian|walk|bicycle|bike|bus|tram|rail|line|ahead")
+_NO_SIGN_NAME = re.compile(_OTHER_NAME.pattern + r"|speed|arrow")
+_BESIDE, _PAST = 10.0, 1.0
+"""Farthest place of a sign that names no lane, from the end of its lane: to the side of the kerb, and along the lane [m]."""
 _LIGHT = frozenset({1_000_001, *range(1_000_008, 1_000_013), *range(1_000_020, 1_000_100)})
 _ARROWS = {
     "10": frozenset({Turn.LEFT}),
@@ -77,25 +97,43 @@ _ARROWS = {
 
 
 def kind_of(signal: Signal) -> ObjectKind | None:
-    """Return the kind of a signal: a stop, yield or priority sign, a light for vehicles, a stop line; None for other signals."""
+    """Return the kind of a signal: a stop, yield or priority sign, a light for vehicles, a stop line; None for other signals.
+
+    The catalogue of the country decides. Where the country or the type is unknown, the ``<semantics>`` of the signal decide.
+    """
     if signal.line:
         return ObjectKind.LINE
+    meant = next((kind for word, kind in _MEANINGS.items() if kind and word in (signal.meanings or ())), None)
+    if meant is ObjectKind.LIGHT and _OTHER_NAME.search(signal.name):
+        return None
+    if meant is not None and (signal.type in _UNTYPED or signal.country not in _CATALOGUES):
+        return meant
     if signal.type in _UNTYPED:
         return _kind_by_name(signal.name)
+    if _STANDARD_NUMBER.fullmatch(signal.type):  # the catalogue of the standard writes 1.000.001
+        return ObjectKind.LIGHT if signal.dynamic and int(signal.type.replace(".", "")) in _LIGHT else None
+    return _kind_by_number(signal) or meant
+
+
+def _kind_by_number(signal: Signal) -> ObjectKind | None:
+    """Return the kind of a signal from its type, country and subtype; None if no known catalogue has the type."""
     abroad = _SIGNS_ABROAD.get((signal.country, re.sub(r"[\s_-]", "", signal.type)))
     if abroad is not None:
         return abroad
     if signal.type == "r1" and signal.subtype == "2":
         return ObjectKind.YIELD  # the US catalogue's R1-2
     standard = STANDARD.get(re.sub(r"\s+", "_", signal.type))
-    if standard is ObjectKind.LIGHT and _OTHER_NAME.search(signal.name):
-        return None
-    if standard is not None:
-        return standard
-    digits = signal.type.replace(".", "")  # the catalogue of the standard writes 1.000.001
-    if signal.dynamic and digits.isascii() and digits.isdigit() and int(digits[:9]) in _LIGHT:
-        return ObjectKind.LIGHT
-    return None
+    return None if standard is ObjectKind.LIGHT and _OTHER_NAME.search(signal.name) else standard
+
+
+def _unknown(signal: Signal) -> bool:
+    """Return whether nothing tells the meaning of a signal: no known catalogue, no name, and no ``<semantics>``."""
+    if signal.reference or kind_of(signal) is not None or _NO_SIGN_NAME.search(signal.name):
+        return False
+    if signal.meanings is not None:
+        return not set(signal.meanings) <= _MEANINGS.keys()
+    known = signal.country in _CATALOGUES if signal.country else _NUMBER.fullmatch(signal.type)
+    return signal.type in _UNTYPED or not known
 
 
 def _kind_by_name(name: str) -> ObjectKind | None:
@@ -138,17 +176,23 @@ def _lanes_right(road: Road) -> list[int]:
     return sorted(lane for lane in road.lanes_at("end") if lane < 0)
 
 
-def attach(draft: Draft) -> list[MapObject]:
+def attach(draft: Draft, left_hand: Container[str]) -> list[MapObject]:
     """Return the signs, vehicle lights and stop lines of a draft with linked lanes: an object per signal and entrance.
 
-    Warnings about references to missing signals, signals without entrance and inverted signals are added to the draft.
+    Warnings about references to missing signals, signals without entrance, of unknown type or assigned by their place, and
+    inverted signals are added to the draft.
+
+    Args:
+        draft: the draft.
+        left_hand: ids of the roads where traffic keeps left.
     """
-    return _Attacher(draft).attach()
+    return _Attacher(draft, left_hand).attach()
 
 
 class _Attacher:
-    def __init__(self, draft: Draft) -> None:
+    def __init__(self, draft: Draft, left_hand: Container[str]) -> None:
         self.draft = draft
+        self.left_hand = left_hand
         self.edges = draft.edges
         self.homes: dict[str, Signal] = {}
         """Per id, the signal that has the id, which references name."""
@@ -158,6 +202,9 @@ class _Attacher:
         self.inverted: dict[str, list[str]] = defaultdict(list)
         """Per junction, the ids of signals that are oriented against their traffic."""
         self.from_kerb = _counts_from_kerb(draft.document)
+        self.referred = {signal.id for signal in self._signals() if signal.reference}
+        self.by_place: dict[str, None] = {}
+        """Ids of signs that name no lane and were assigned by their place."""
         self.inside: dict[str, dict[str, None]] = defaultdict(dict)
         """Per junction, the edges in the junction."""
         for edge in draft.edges.values():
@@ -200,7 +247,24 @@ class _Attacher:
             count = len(set(ids))
             message = f"{count} signals at junction {junction!r} ({names}) are oriented against their traffic; that was ignored"
             self.draft.warn(Doubt.ORIENTATION, message, None, junction)
+        self._warn_of_unknown()
         return list(objects.values())
+
+    def _warn_of_unknown(self) -> None:
+        """Add a warning that counts the signals at entrances whose meaning is unknown."""
+        unknown: dict[str, Signal] = {}
+        for signal in self._signals():
+            home = self.homes.get(signal.id, signal)
+            if _unknown(home) and self._entrances(self.draft.document.roads[signal.road], signal, ObjectKind.STOP)[0]:
+                unknown[home.id] = home
+        if unknown:
+            first = next(iter(unknown.values()))
+            words = f"country {first.country!r}, type {first.type[:40]!r}, name {first.name[:40]!r}"
+            message = (
+                f"{plural(len(unknown), 'signal')} of unknown type at entrances were ignored, first the signal {first.id!r} "
+                f"({words}); expected a number of a known catalogue, or <semantics>"
+            )
+            self.draft.warn(Doubt.SIGNAL, message, first.road)
 
     def _signals(self) -> Iterator[Signal]:
         return (signal for road in self.draft.document.roads.values() for signal in road.signals)
@@ -220,11 +284,16 @@ class _Attacher:
             if kind is None or kind is ObjectKind.LINE:
                 continue
             places, reason = self._entrances(self.draft.document.roads[signal.road], signal, kind)
-            (referred if signal.reference else at_home).extend((signal, kind, j, e) for j, e in places)
+            kinds = [kind, *[ObjectKind.NO_TURN_ON_RED] * ("noturnonred" in (home.meanings or ()))]
+            (referred if signal.reference else at_home).extend((signal, kind, *place) for kind, place in product(kinds, places))
             # References state the entrances of a signal more reliably than the place of its mast.
             key = home.id, home.road
             reasons[key] = None if places or reasons.get(key, reason) is None else reason
         self._warn_of_unassigned([reason for reason in reasons.values() if reason is not None], len(reasons))
+        if self.by_place:
+            signs = f"{plural(len(self.by_place), 'sign')} ({', '.join([*self.by_place][:5])})"
+            message = f"{signs} of lane 0 alone, which no reference names, were assigned to the lanes at whose end they stand"
+            self.draft.warn(Doubt.SIGNAL, message)
         far = {(signal.id, junction) for signal, _, junction, _ in referred}
         return [entry for entry in at_home if (entry[0].id, entry[2]) not in far] + referred
 
@@ -239,7 +308,9 @@ class _Attacher:
         """Return (junction, entrance edge) that a signal or reference regulates, and the reason if there are none."""
         ranges = self._ranges(road, signal)
         if signal.lanes and not ranges:
-            return [], "name lane 0 alone, where the pole stands"
+            places = self._beside(road, signal) if kind is not ObjectKind.LIGHT and signal.id not in self.referred else []
+            self.by_place.update(dict.fromkeys([signal.id] if places else []))
+            return places, None if places else "name lane 0 alone, where the pole stands"
         section = max(bisect_right([part.s for part in road.sections], signal.s + 1e-6) - 1, 0)
 
         def is_named(edge: Chain) -> bool:
@@ -265,6 +336,23 @@ class _Attacher:
             [],
             "name lanes that lead into no junction" if near else "stand near no end of a road where lanes lead into a junction",
         )
+
+    def _beside(self, road: Road, signal: Signal) -> list[tuple[str, str]]:
+        """Return (junction, entrance edge) of the lanes of a road end beside which a sign stands, on the side of the kerb."""
+        own = [edge.id for edge in self.by_road[road.id]]
+        near = [self.edges[id] for id in (own if road.junction is None else self._before(own, self.inside[road.junction]))]
+        heads = set()
+        for edge in (edge for edge in near if edge.id in self.entered):
+            (x, y), (u, v), heading = edge.points[-1], point_of(road, signal), edge.end_heading
+            past = (u - x) * np.cos(heading) + (v - y) * np.sin(heading)
+            aside = (u - x) * np.sin(heading) - (v - y) * np.cos(heading)
+            if abs(past) <= _PAST and 0.0 < (-aside if edge.road in self.left_hand else aside) <= _BESIDE:
+                heads.add(edge.head)
+        if len(heads) != 1:
+            return []
+        (head,) = heads
+        lanes = [edge.id for edge in self.by_road[head[0]] if edge.head == head]
+        return [(junction, id) for id in lanes for junction in self.entered.get(id, ())]
 
     def _ranges(self, road: Road, signal: Signal) -> list[tuple[int, int]]:
         """Return the ranges of lanes that a signal is valid for, in the numbers of OpenDRIVE, without lane 0."""

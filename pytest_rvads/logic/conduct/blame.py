@@ -296,12 +296,13 @@ def _cuts_in(run: Run, agent: int, other: int, tick: int) -> bool:
 def _on_red(run: Run, agent: int, _other: int, tick: int) -> bool:
     """Return whether `agent` entered the junction on red.
 
-    A turn to the near side (right, where traffic keeps right) after a full stop does not count.
+    A turn to the near side (right, where traffic keeps right) after a full stop does not count, unless a sign forbids this turn.
     """
     entered = _entered(run, agent, tick)
     if entered is None or run.facing[entered, agent] != Colour.RED or entered == run.spans[agent, 0]:
         return False
-    return run.agents[agent].turn is not run.junction.near or not _had_stopped(run, agent, entered)
+    who = run.agents[agent]
+    return not run.junction.turns_on_red(who.entrance, who.turn) or not _had_stopped(run, agent, entered)
 
 
 def _past_the_sign(run: Run, agent: int, _other: int, tick: int) -> bool:

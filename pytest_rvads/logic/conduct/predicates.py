@@ -74,6 +74,8 @@ class Static:
     """Agents, by column, on ways that are no movements of vehicles, such as crossings."""
     walk_lights: frozenset[int] = frozenset()
     """Agents, by column, on crossings with a light."""
+    turning_on_red: frozenset[int] = frozenset()
+    """Agents, by column, that may turn on red, see `Junction.turns_on_red`."""
     _hash: int = field(init=False, repr=False, compare=False)
     """The hash of the model, stored because caches use the model as a key for every rule."""
 
@@ -132,6 +134,7 @@ def _extract(run: Run) -> Static:
         judged(run),
         frozenset(k for k, who in enumerate(run.agents) if who.way.key not in junction.movements),
         frozenset(k for k, who in enumerate(run.agents) if isinstance(who.way, Crossing) and lit(junction, who.entrance)),
+        frozenset(k for k, who in enumerate(run.agents) if junction.turns_on_red(who.entrance, who.turn)),
     )
 
 

@@ -163,6 +163,7 @@ BUILT_IN = Vocabulary.of(
     ),
     _word("turn", ("agent", "direction"), decide=lambda s, agent, to: s.turns(agent.index, to.name), static="agent"),
     _word("take", ("agent", "entrance", "direction"), means=_take),
+    _word("turns_on_red", _ONE, decide=lambda s, agent: agent.index in s.turning_on_red, static="agent"),
     _word(
         "conflict",
         _TWO,

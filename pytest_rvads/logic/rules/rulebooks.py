@@ -158,9 +158,10 @@ ROAD = (
     ),
     _rule(
         "red",
-        "forall j.en, a, lt. G(a@j.en & lt@j.en & lt.cl = red & !turn(a, near) -> a@j.en U lt.cl = green)",
+        "forall j.en, a, lt. G(a@j.en & lt@j.en & lt.cl = red & !turns_on_red(a) -> a@j.en U lt.cl = green)",
         "red light",
-        "A vehicle facing a red light waits for green, unless it turns to the near side: right, where traffic keeps right.",
+        "A vehicle facing a red light waits for green, unless it turns to the near side (right, where traffic keeps right) and no"
+        " sign forbids this.",
         source=f"{_SIGNS}, Art. 23 on light signals; {_CVC} 21453(a)",
         responsible="the vehicle at the red light",
         bound=("a",),
@@ -168,7 +169,7 @@ ROAD = (
     ),
     _rule(
         "right_on_red",
-        "forall j.en, a, lt. G(a@j.en & lt@j.en & lt.cl = red & turn(a, near) -> (!a@j W (stopped(a) | lt.cl = green))"
+        "forall j.en, a, lt. G(a@j.en & lt@j.en & lt.cl = red & turns_on_red(a) -> (!a@j W (stopped(a) | lt.cl = green))"
         " & (forall a'. !obstructs(a, a') W (a@j.en & lt.cl = green)))",
         "turn on red",
         "A vehicle turning to the near side at a red light first comes to a full stop, and lets pass who is due on green.",
