@@ -54,7 +54,7 @@ def declare(commands: Subparsers) -> None:
     classes.set_defaults(command=_classes)
 
     map_ = commands.add_parser("map", help="show the junctions of a map file, and warnings on doubtful parts of the file")
-    map_.add_argument("file", metavar="FILE", help=f"map file ({MAP_FORMATS})")
+    map_.add_argument("file", metavar="FILE", help=f"map file ({MAP_FORMATS}), or the name or type of a built-in junction")
     map_.add_argument("--json", action="store_true", help="print one JSON object")
     map_.add_argument("--svg", metavar="OUT", help="also draw the junctions into this file")
     map_.add_argument("--uturns", action="store_true", help="include U-turns, which are left out otherwise")
@@ -162,19 +162,23 @@ def _outward(arm: int, ways: int) -> tuple[float, float]:
 
 
 def _map(options: argparse.Namespace) -> int:
-    from pytest_rvads.geometry.road_map import describe, read_map
+    from pytest_rvads.geometry.finder import find
+    from pytest_rvads.geometry.network import gathered
+    from pytest_rvads.geometry.road_map import READERS, describe, read_map
     from pytest_rvads.logic.conduct.room import narrow_lines
     from pytest_rvads.report.draw.map_picture import draw_map
 
-    road_map = read_map(options.file, uturns=options.uturns, clusters=options.clusters)
+    is_file = Path(options.file).suffix.lower() in READERS or Path(options.file).exists()
+    file = options.file if is_file else str(find(options.file).map_file)
+    road_map = read_map(file, uturns=options.uturns, clusters=options.clusters)
     description = describe(road_map)
-    description["warnings"] += [warning.record() for warning in narrow_lines(road_map)]
+    description["warnings"] += gathered(narrow_lines(road_map))
     if options.svg:
         write_file(Path(options.svg), draw_map(road_map).encode())
     if options.json:
         print(json.dumps(description, indent=1))
         return 0
-    say(f"{os.path.basename(options.file)}: {plural(len(description['junctions']), 'junction')}")
+    say(f"{os.path.basename(file)}: {plural(len(description['junctions']), 'junction')}")
     say(f"  {_junction_summary(description['junctions'])}")
     crossed = [len(junction["crossings"]) for junction in description["junctions"] if junction["crossings"]]
     if crossed:
@@ -206,13 +210,16 @@ def _junction_summary(junctions: list[dict[str, Any]]) -> str:
 
 def _details(junction: dict[str, Any]) -> Iterator[str]:
     """Yield lines on a usable junction: the lanes and control of its arms, and which arms give way to which."""
-    arms = [
-        ", ".join((f"{plural(arm['entrances'], 'lane')} in, {arm['exits']} out", *_control(arm), *_limits(arm)))
-        for arm in junction["arms"]
-    ]
+    lanes = [[lane for lane in junction["entrances"] if lane["arm"] == number] for number in range(junction["ways"])]
+    named = [len(own) for own in lanes] != [1] * len(lanes)  # else the entrance of an arm has the number of the arm
+    arms = []
+    for arm, own in zip(junction["arms"], lanes, strict=True):
+        names = f" ({_named([lane['entrance'] for lane in own], 'entrance')})" if named and own else ""
+        words = f"{plural(len(own), 'lane')} in{names}", f"{arm['exits']} out", *_control(own), *_limits(arm)
+        arms.append(", ".join(words))
     alike = groupby(range(len(arms)), key=arms.__getitem__)
-    yield "; ".join(f"{_arm_names([*numbers])}: {arm}" for arm, numbers in alike)
-    ways = [movement["entrance"] for movement in junction["movements"]]
+    yield "; ".join(f"{_named([*numbers])}: {arm}" for arm, numbers in alike)
+    ways = [movement["arm"] for movement in junction["movements"]]
     yielding = sorted({(ways[arm_number], ways[other_arm]) for arm_number, other_arm in junction["yields"]})
     parts = [
         f"arm {arm_number} to {_arm_list([other_arm for _, other_arm in pairs])}"
@@ -225,7 +232,7 @@ def _details(junction: dict[str, Any]) -> Iterator[str]:
     for crosswalk in junction["crossings"]:
         crosswalks.setdefault(", ".join(_crosswalk(crosswalk)), []).append(crosswalk["arm"])
     if crosswalks:
-        yield f"crosswalks: {'; '.join(f'{_arm_names(arms)}: {words}' for words, arms in crosswalks.items())}"
+        yield f"crosswalks: {'; '.join(f'{_named(arms)}: {words}' for words, arms in crosswalks.items())}"
 
 
 def _crosswalk(crosswalk: dict[str, Any]) -> Iterator[str]:
@@ -238,13 +245,17 @@ def _crosswalk(crosswalk: dict[str, Any]) -> Iterator[str]:
     if crosswalk["island"]:
         yield f"island of {crosswalk['island']:.1f} m"
     if crosswalk["green"]:
-        yield f"walk with the green of {_arm_names(crosswalk['green'])}"
+        yield f"walk with the green of {_named(crosswalk['green'])}"
 
 
-def _control(arm: dict[str, Any]) -> Iterator[str]:
-    """Yield the control (sign or lights) of an arm in words; nothing for an arm without entrances."""
-    if arm["entrances"]:
-        yield "no sign" if arm["control"] == "none" else arm["control"]
+def _control(lanes: list[dict[str, Any]]) -> Iterator[str]:
+    """Yield the signs and lights of the entrances of an arm in words, with their numbers if they differ from lane to lane."""
+    numbers: dict[str, list[int]] = {}
+    for lane in lanes:
+        words = "no sign" if lane["sign"] == "none" else lane["sign"]
+        numbers.setdefault(f"{words}, no turn on red" if lane["no_turn_on_red"] else words, []).append(lane["entrance"])
+    for words, some in numbers.items():
+        yield words if len(numbers) == 1 else f"{words} at {len(some)} of {len(lanes)} ({_named(some, 'entrance')})"
 
 
 def _limits(arm: dict[str, Any]) -> Iterator[str]:
@@ -253,11 +264,11 @@ def _limits(arm: dict[str, Any]) -> Iterator[str]:
         yield "no limit" if limit == NO_LIMIT else f"limit {limit:.1f} m/s"
 
 
-def _arm_names(arms: list[int]) -> str:
-    *most, last = arms
+def _named(numbers: list[int], noun: str = "arm") -> str:
+    *most, last = numbers
     if len(most) > 1 and last - most[0] == len(most):
-        return f"arms {most[0]} to {last}"
-    return f"arms {_arm_list(most)} and {last}" if most else f"arm {last}"
+        return f"{noun}s {most[0]} to {last}"
+    return f"{noun}s {_arm_list(most)} and {last}" if most else f"{noun} {last}"
 
 
 def _arm_list(arms: list[int]) -> str:

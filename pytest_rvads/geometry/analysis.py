@@ -382,7 +382,7 @@ def _doubts(
         message = f"junction {id!r} has several movements from entrance {entrance} to exit {exit}; the shortest was taken"
         yield Doubt.TABLE, message
     if control_of(signs) is JunctionControl.PARTIAL:
-        bare = [f"e{i}" for i, sign in enumerate(signs) if sign is Sign.NONE]
+        bare = [str(i) for i, sign in enumerate(signs) if sign is Sign.NONE]
         fault = (
             f"entrances {', '.join(bare)} of junction {id!r} have no sign or light"
             if bare

@@ -6,9 +6,11 @@ A warning is a typed record of a repair or of a doubt of the reader.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+import re
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
+from typing import Any
 
 import networkx as nx
 import numpy as np
@@ -18,10 +20,14 @@ from pytest_rvads.geometry.control import MapObject
 from pytest_rvads.geometry.segment import Limits
 from pytest_rvads.support.errors import MapError
 
-__all__ = ["HAND", "DeclaredJunction", "Doubt", "Edge", "MapWarning", "Network", "PaintedCrosswalk", "facing"]
+__all__ = ["HAND", "DeclaredJunction", "Doubt", "Edge", "MapWarning", "Network", "PaintedCrosswalk", "facing", "gathered"]
 
 HAND = "RVADS_HAND"
 """Environment variable in which a user states the side on which traffic keeps, ``left`` or ``right``, for maps of lanelets."""
+_NAME_OR_NUMBER = r"(?:'[^']*'|[^\s']*\d[^\s']*)"
+_NAMES_AND_NUMBERS = re.compile(rf"{_NAME_OR_NUMBER}(?:,? (?:and )?{_NAME_OR_NUMBER})*")
+_PLACES = 4
+"""Most places that a line about several warnings names beside the place of the first warning."""
 
 
 class Doubt(StrEnum):
@@ -76,6 +82,30 @@ class MapWarning:
     def record(self) -> dict[str, str | None]:
         """Return the fields of the warning as a dict of texts for JSON."""
         return {"kind": self.kind.value, "message": self.message, "road": self.road, "junction": self.junction}
+
+
+def gathered(warnings: Iterable[MapWarning]) -> list[dict[str, Any]]:
+    """Return warnings as builtins for JSON; warnings whose messages differ only in names and numbers are one record.
+
+    Such a record has the place of the first warning, a message that counts the warnings and names the first places, the number of
+    the warnings as ``count``, and the records of the other warnings as ``more``.
+    """
+    groups: dict[tuple[Doubt, str], list[MapWarning]] = {}
+    for warning in warnings:
+        groups.setdefault((warning.kind, _NAMES_AND_NUMBERS.sub("#", warning.message)), []).append(warning)
+    records = []
+    for first, *others in groups.values():
+        record: dict[str, Any] = first.record()
+        if others:
+            every = (
+                f"road {w.road!r}" if w.road else f"junction {w.junction!r}" for w in (first, *others) if w.road or w.junction
+            )
+            places = list(dict.fromkeys(every))[1:]
+            named = f": {', '.join(places[:_PLACES])}" if places else ""
+            message = f"{first.message} (and {len(others)} more such{named}{', ...' if len(places) > _PLACES else ''})"
+            record |= {"message": message, "count": 1 + len(others), "more": [warning.record() for warning in others]}
+        records.append(record)
+    return records
 
 
 @dataclass(frozen=True, slots=True, eq=False)

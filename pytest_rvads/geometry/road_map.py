@@ -24,7 +24,7 @@ from pytest_rvads.geometry.crosswalk_arms import lay
 from pytest_rvads.geometry.crosswalks import Crosswalk
 from pytest_rvads.geometry.graph import MetricGraph
 from pytest_rvads.geometry.junction import Junction
-from pytest_rvads.geometry.network import DeclaredJunction, Doubt, Edge, MapWarning, Network
+from pytest_rvads.geometry.network import DeclaredJunction, Doubt, Edge, MapWarning, Network, gathered
 from pytest_rvads.geometry.opendrive.builder import read_network
 from pytest_rvads.geometry.paths import Locator, Track, walk
 from pytest_rvads.geometry.precedence import Reason
@@ -322,7 +322,7 @@ def describe(road_map: RoadMap) -> dict[str, Any]:
             _describe(report, road_map.relations(report), road_map.graph.edges, road_map.crossings.get(report.id, ()))
             for report in road_map.junctions
         ],
-        "warnings": [warning.record() for warning in (*road_map.warnings, *road_map.bends)],
+        "warnings": gathered((*road_map.warnings, *road_map.bends)),
     }
 
 
@@ -360,7 +360,17 @@ def _describe(
         "kind": junction.kind if junction else None,
         "usable_from": round(report.usable_from, 4) if report.usable else None,
         "reason": None if report.reason is None else f"{report.reason[0].upper()}{report.reason[1:]}.",
-        "entrances": [f"e{i}" for i in entering],
+        "entrances": [
+            {
+                "entrance": k,
+                "arm": end.arm,
+                "lane": end.lane,
+                "sign": report.signs[k].value,
+                "setback": round(report.setbacks[k], 4),
+                "no_turn_on_red": any((item.edge, item.kind) == (end.edge, ObjectKind.NO_TURN_ON_RED) for item in report.objects),
+            }
+            for k, end in enumerate(report.entrances)
+        ],
         "arms": [
             {
                 "entrances": len(arm.entrances),
@@ -372,9 +382,11 @@ def _describe(
         ],
         "movements": [
             {
-                "entrance": report.entrances[way.entrance].arm,
+                "entrance": way.entrance,
+                "arm": report.entrances[way.entrance].arm,
                 "lane": report.entrances[way.entrance].lane,
-                "exit": report.exits[way.exit].arm,
+                "exit": way.exit,
+                "exit_arm": report.exits[way.exit].arm,
                 "exit_lane": report.exits[way.exit].lane,
                 "turn": turn_word(report, way),
                 "length": round(way.length, 4),
@@ -424,8 +436,10 @@ def _describe_crosswalk(report: JunctionReport, junction: Junction | None, numbe
         "green": sorted({report.entrances[k].arm for k in group}),
         "behind_line": round(min(behind), 4) if behind else None,
         "movements": [_on(k, "movement", stretch) for k, stretch in sorted(movements.items())],
-        "entrances": [_on(report.entrances[k].lane, "lane", stretch) for k, stretch in sorted(entrances.items())],
-        "exits": [_on(report.exits[k].lane, "lane", stretch) for k, stretch in sorted(exits.items())],
+        "entrances": [
+            _on(k, "entrance", stretch) | {"lane": report.entrances[k].lane} for k, stretch in sorted(entrances.items())
+        ],
+        "exits": [_on(k, "exit", stretch) | {"lane": report.exits[k].lane} for k, stretch in sorted(exits.items())],
     }
 
 

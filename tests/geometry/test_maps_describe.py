@@ -8,6 +8,8 @@ import pytest
 
 from pytest_rvads.cli import main
 from pytest_rvads.geometry.builtin import path_of
+from pytest_rvads.geometry.control import JunctionControl
+from pytest_rvads.geometry.network import Doubt, MapWarning, gathered
 from pytest_rvads.geometry.opendrive.writer import Layout, opendrive
 from pytest_rvads.geometry.road_map import describe, read_map
 
@@ -39,7 +41,9 @@ def test_all_fields() -> None:
         "kind": "crossing",
         "usable_from": 120.0,
         "reason": None,
-        "entrances": ["e0", "e1", "e2"],
+        "entrances": [
+            {"entrance": k, "arm": k, "lane": 0, "sign": "lights", "setback": 0.0, "no_turn_on_red": False} for k in range(3)
+        ],
         "arms": [{"entrances": 1, "exits": 1, "control": "lights", "speed_limits": []}] * 3,
         # In the order of movements 0-1, 0-2, 1-0, 1-2, 2-0, 2-1: those that merge, and the two left turns across each other
         # and across the straight one they meet. Right turns meet only whoever goes to the same exit.
@@ -70,7 +74,7 @@ def test_an_arm_without_exit_is_one_way(read: Read) -> None:
     (junction,) = describe(road_map)["junctions"]
     assert (junction["ways"], junction["control"], junction["usable"]) == (4, "stop", True)
     assert [(arm["entrances"], arm["exits"]) for arm in junction["arms"]] == [(1, 0), (1, 1), (1, 1), (1, 1)]
-    assert {(m["entrance"], m["exit"]) for m in junction["movements"]} == {(i, k) for i in range(4) for k in (1, 2, 3) if i != k}
+    assert {(m["arm"], m["exit_arm"]) for m in junction["movements"]} == {(i, k) for i in range(4) for k in (1, 2, 3) if i != k}
 
 
 def test_connecting_roads_complete_the_table(read: Read, tree: Tree) -> None:
@@ -108,7 +112,7 @@ def test_unusable_junctions_keep_ways_and_control(read: Read, tree: Tree) -> Non
     assert (junction["ways"], junction["control"], junction["usable"]) == (4, "stop", False)
     assert junction["usable_from"] is None
     assert junction["reason"] == ("Traffic enters it from 1 of its 4 arms, and a usable junction has traffic from at least two.")
-    assert {(m["entrance"], m["exit"]) for m in junction["movements"]} == {(0, 1), (0, 2), (0, 3)}
+    assert {(m["arm"], m["exit_arm"]) for m in junction["movements"]} == {(0, 1), (0, 2), (0, 3)}
 
 
 def test_dual_carriageways_are_one_arm(read: Read, tree: Tree) -> None:
@@ -193,6 +197,69 @@ def test_the_text_shows_lanes_control_and_who_gives_way(tmp_path: Path, capsys: 
     assert main(["map", str(path)]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert lines[2].split(maxsplit=3) == ["1", "4-way", "yield", "crossing; vehicles start up to 120 m before the line"]
-    assert lines[3].strip() == "arm 0: 1 lane in, 1 out, yield; arms 1 and 2: 1 lane in, 1 out, no sign; arm 3: 0 lanes in, 1 out"
+    assert lines[3].strip() == (
+        "arm 0: 1 lane in (entrance 0), 1 out, yield; arm 1: 1 lane in (entrance 1), 1 out, no sign; "
+        "arm 2: 1 lane in (entrance 2), 1 out, no sign; arm 3: 0 lanes in, 1 out"
+    )
     # From the south to both others by the sign; the eastern arm to the northern one, which lies on its right.
     assert lines[4].strip() == "gives way: arm 0 to 1, 2; arm 1 to 2"
+
+
+@pytest.mark.parametrize("name", ["stop4", "4-way lights"])
+def test_built_in_junctions_are_maps_by_name(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    picture = tmp_path / "map.svg"
+    assert main(["map", name, "--json", "--svg", str(picture)]) == 0
+    (junction,) = json.loads(capsys.readouterr().out)["junctions"]
+    assert (junction["ways"], junction["control"]) == (4, "stop" if name == "stop4" else "lights")
+    assert picture.read_text().startswith("<svg")
+    assert main(["map", "stpo4"]) != 0
+    assert "did you mean 'stop4'?" in capsys.readouterr().err
+
+
+def test_lanes_have_one_name_everywhere(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The number of an entrance, as in `subject=` and messages of rules: arm 1 has the entrances 2 and 3."""
+    lights = Layout(4, JunctionControl.LIGHTS, lanes=(((1, 2), (3,)),) * 4)
+    root = ElementTree.fromstring(opendrive(lights))
+    signals = root.findall("road")[1].find("signals")
+    lit = {row.get("fromLane"): signal for signal in signals for row in signal.iter("validity")}
+    signals.remove(lit["1"])
+    path = tmp_path / "lanes.xodr"
+    path.write_bytes(ElementTree.tostring(root))
+    assert main(["map", str(path), "--svg", str(tmp_path / "map.svg")]) == 0
+    out, err = capsys.readouterr()
+    assert "arm 1: 2 lanes in (entrances 2 and 3), 1 out, lights at 1 of 2 (entrance 2), no sign at 1 of 2 (entrance 3);" in out
+    assert "entrances 3 of junction '1' have no sign or light" in err
+    assert ">3</text>" in (tmp_path / "map.svg").read_text()
+    record = describe(read_map(path))
+    bare = [lane for lane in record["junctions"][0]["entrances"] if lane["sign"] == "none"]
+    assert [(lane["entrance"], lane["arm"], lane["lane"]) for lane in bare] == [(3, 1, 1)]
+    ways = {(way["entrance"], way["arm"], way["lane"]) for way in record["junctions"][0]["movements"]}
+    assert ways == {(2 * arm + lane, arm, lane) for arm in range(4) for lane in range(2)}
+
+
+def test_equal_warnings_are_one_line_with_a_count(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Of limits that can't be read; those of lanes that nobody drives on are not told."""
+    root = ElementTree.fromstring(opendrive(Layout()))
+    for road in root.findall("road")[:4]:
+        for lane in road.iter("lane"):
+            ElementTree.SubElement(lane, "speed", {"sOffset": "0", "max": "0", "unit": "mph"})
+        side = road.find("lanes/laneSection/left")
+        walk = ElementTree.SubElement(side, "lane", {"id": "2", "type": "sidewalk"})
+        ElementTree.SubElement(walk, "speed", {"sOffset": "0", "max": "-1", "unit": "mph"})
+    path = tmp_path / "zero.xodr"
+    path.write_bytes(ElementTree.tostring(root))
+    assert main(["map", str(path)]) == 0
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("warning: a speed limit of road '0' was ignored: ")
+    assert line.endswith("got '0 mph' (and 7 more such: road '1', road '2', road '3')")
+    (record,) = describe(read_map(path))["warnings"]
+    assert (record["kind"], record["road"], record["count"]) == ("speed", "0", 8)
+    assert {other["road"] for other in record["more"]} == {"0", "1", "2", "3"}
+    assert main(["map", str(path), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["warnings"] == [record]
+
+
+def test_warnings_that_say_something_else_keep_their_lines() -> None:
+    texts = ["lane 1.0.-1 is odd", "lane 'a b' is odd", "lanes 1.0.-1 and 2.0.-1 are odd", "lane 1.0.-1 is even"]
+    warnings = [MapWarning(Doubt.LANE, text, str(k)) for k, text in enumerate(texts)]
+    assert [record.get("count", 1) for record in gathered([*warnings, MapWarning(Doubt.GAP, texts[0])])] == [2, 1, 1, 1]

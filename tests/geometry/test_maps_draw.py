@@ -29,7 +29,7 @@ def test_panels_show_movements_entrances_signs_and_lines(name: str) -> None:
     for panel, report in zip(panels, road_map.junctions, strict=True):
         marked = [path.get("marker-end") for path in panel.iter(f"{SVG}path")]
         assert sum(mark in ("url(#left)", "url(#straight)", "url(#right)") for mark in marked) == len(report.movements)
-        numbers = [f"{e.arm}.{e.lane}" if name == "lanes4" else f"{e.arm}" for e in report.entrances]
+        numbers = [str(k) for k in range(len(report.entrances))]
         assert [text.text for text in panel.iter(f"{SVG}text")] == [*numbers, "10 m"]
         assert sum(path.get("stroke") == "#c00" for path in panel.iter(f"{SVG}path")) == len(report.entrances)
         kinds = [(path.get("class") or "").removeprefix("sign ") for path in panel.iter(f"{SVG}path")]

@@ -13,7 +13,7 @@ from pytest_rvads.geometry.analysis import JunctionReport
 from pytest_rvads.geometry.control import JunctionControl, Sign
 from pytest_rvads.geometry.crosswalks import Crosswalk
 from pytest_rvads.geometry.junction import Junction
-from pytest_rvads.geometry.network import Edge
+from pytest_rvads.geometry.network import Edge, gathered
 from pytest_rvads.geometry.paths import walk
 from pytest_rvads.geometry.precedence import Reason
 from pytest_rvads.geometry.road_map import RoadMap
@@ -119,11 +119,11 @@ def _caption(road_map: RoadMap, report: JunctionReport, junction: Junction | Non
         lines += wrap(report.reason, _LETTERS)
     elif junction is not None:
         approaches = [f"{length:.0f} m" for length in report.approach]
-        lengths = ", ".join(f"{length} to {_entrance_label(report, k)}" for k, length in enumerate(approaches))
+        lengths = ", ".join(f"{length} to {k}" for k, length in enumerate(approaches))
         lines += wrap(f"approach: {lengths if len(set(approaches)) > 1 else approaches[0]}", _LETTERS)
         lines += [line for sentence in _giving_way(report, junction) for line in wrap(sentence, _LETTERS)]
-        doubts = (warning.message for warning in (*road_map.warnings, *road_map.bends) if warning.junction == report.id)
-        lines += [line for doubt in doubts for line in wrap(doubt, _LETTERS)]
+        doubts = gathered(warning for warning in (*road_map.warnings, *road_map.bends) if warning.junction == report.id)
+        lines += [line for doubt in doubts for line in wrap(doubt["message"], _LETTERS)]
     return lines if len(lines) <= _LINES else [*lines[: _LINES - 1], "..."]
 
 
@@ -136,10 +136,7 @@ def _giving_way(report: JunctionReport, junction: Junction) -> Iterator[str]:
     when = {JunctionControl.STOP: " in a tie", JunctionControl.LIGHTS: " on the same green"}.get(report.control, "")
     for reason in Reason:
         if reason in table:
-            pairs = (
-                f"{_entrance_label(report, k)} to {_entrance_labels(report, priors)}"
-                for k, priors in sorted(table[reason].items())
-            )
+            pairs = (f"{k} to {' '.join(map(str, sorted(priors)))}" for k, priors in sorted(table[reason].items()))
             yield f"gives way{when}, {_REASONS[reason].format(*sides)}: {', '.join(pairs)}"
 
 
@@ -148,16 +145,6 @@ def _yields(junction: Junction) -> dict[tuple[Key, Key], Reason]:
     phases = [start.phase for start in junction.starts]
     pairs = (junction.yields or {}).items()
     return {(a, b): reason for (a, b), reason in pairs if len({phases[a[0]], phases[b[0]]} - {None}) < 2}
-
-
-def _entrance_label(report: JunctionReport, entrance: int) -> str:
-    """Return the number of the arm of an entrance, with the number of its lane if the arm has several lanes."""
-    end = report.entrances[entrance]
-    return f"{end.arm}.{end.lane}" if len(report.arms[end.arm].entrances) > 1 else f"{end.arm}"
-
-
-def _entrance_labels(report: JunctionReport, entrances: Iterable[int]) -> str:
-    return " ".join(_entrance_label(report, entrance) for entrance in sorted(entrances))
 
 
 def _panel(road_map: RoadMap, report: JunctionReport, junction: Junction | None) -> str:
@@ -288,7 +275,7 @@ def _posted(road_map: RoadMap, report: JunctionReport, entrance: int, place: Pro
     half, back = max(edge.width, 2.0) / 2, report.setbacks[entrance]
     bar = [place(ex - back * ux + side * half * uy, ey - back * uy - side * half * ux) for side in (-1, 1)]
     parts = [polyline(bar, stroke="#c00", stroke_width=3)]
-    parts.append(_number(*place(ex - (back + 16 / scale) * ux, ey - (back + 16 / scale) * uy), _entrance_label(report, entrance)))
+    parts.append(_number(*place(ex - (back + 16 / scale) * ux, ey - (back + 16 / scale) * uy), str(entrance)))
     turns = {way.turn for way in report.movements if way.entrance == entrance}
     if many or len({way.exit for way in report.movements if way.entrance == entrance}) < report.ways - 1:
         behind = back + 44 / scale
