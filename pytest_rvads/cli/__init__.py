@@ -10,7 +10,9 @@ import os
 import shutil
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
 from textwrap import wrap
+from traceback import extract_tb
 
 from pytest_rvads import __version__
 from pytest_rvads.cli import (
@@ -28,7 +30,7 @@ from pytest_rvads.cli import (
 from pytest_rvads.cli.common import warn
 from pytest_rvads.support.errors import RvadsError
 from pytest_rvads.support.installed import entries, load
-from pytest_rvads.support.wording import encode_all, page
+from pytest_rvads.support.wording import encode_all, named_error, page
 
 __all__ = ["answer", "main"]
 
@@ -85,7 +87,9 @@ def answer(parser: argparse.ArgumentParser, words: Sequence[str] | None = None) 
 
         os.environ[HAND] = options.hand  # other processes of the command read maps, too
     try:
-        return command(options)
+        status = command(options)
+        sys.stdout.flush()  # a full disk is an error of the command, not of the end of the process
+        return status
     except BrokenPipeError:  # the reader, such as `head`, has closed the pipe; nothing more can be written
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
@@ -97,6 +101,10 @@ def answer(parser: argparse.ArgumentParser, words: Sequence[str] | None = None) 
     except KeyboardInterrupt:
         print("rvads: interrupted", file=sys.stderr)
         return 130
+    except SystemExit as error:  # commands return a status, so this is code of a user
+        last = extract_tb(error.__traceback__)[-1]
+        warn(f"rvads: code that the command called raised {named_error(error)} ({Path(last.filename).name}:{last.lineno})")
+        return 2
 
 
 def _renamed(words: Sequence[str]) -> list[str]:

@@ -18,10 +18,13 @@ from typing import TYPE_CHECKING, Any
 from pytest_rvads.cli.common import MAP_FORMATS, Subparsers, progress_for, say
 from pytest_rvads.cli.shared_options import declare_driver, opened_driver
 from pytest_rvads.support.errors import ScenarioError
+from pytest_rvads.support.executors import apart
 from pytest_rvads.support.storage import write_file
 
 if TYPE_CHECKING:
+    from pytest_rvads.drivers.interface import Factory
     from pytest_rvads.simulators.driver_dynamics import DriverDynamics
+    from pytest_rvads.simulators.simulator import Simulator
 
 __all__ = ["declare"]
 
@@ -133,24 +136,21 @@ def _print_by_movement(options: argparse.Namespace) -> int:
 
 def _dynamics(options: argparse.Namespace) -> int:
     from pytest_rvads.report.draw.curves import draw_dynamics
-    from pytest_rvads.simulators.driver_dynamics import Measured
     from pytest_rvads.simulators.simulator import meant, named
 
     simulator = named(options.simulator, Path.cwd()) if options.simulator else meant()
     with opened_driver(options) as driver:
         bundled = options.autopilot if options.autopilot and ":" not in options.autopilot else ""
-        measured = Measured(driver, simulator, bundled)
-        braking = [measured.braking(speed) for speed in _SPEEDS]
-        driving = [[measured.driving(speed, way) for way in _WAYS] for speed in _SPEEDS]
-        result = {
-            "version": 1,
-            "speeds": _SPEEDS,
-            "distances": _WAYS,
-            "B": [_finite(b) for b in braking],
-            "AV": [[_finite(av) for av, _ in row] for row in driving],
-            "AT": [[_finite(at) for _, at in row] for row in driving],
-            "settings": _settings(measured),
-        }
+        braking, driving, settings = apart(partial(_measured, driver, simulator, bundled))
+    result = {
+        "version": 1,
+        "speeds": _SPEEDS,
+        "distances": _WAYS,
+        "B": [_finite(b) for b in braking],
+        "AV": [[_finite(av) for av, _ in row] for row in driving],
+        "AT": [[_finite(at) for _, at in row] for row in driving],
+        "settings": settings,
+    }
     if options.json:
         print(json.dumps(result))
     else:
@@ -164,6 +164,17 @@ def _dynamics(options: argparse.Namespace) -> int:
         title = f"dynamics of {options.autopilot or options.sut}"
         write_file(Path(options.svg), draw_dynamics(list(zip(_SPEEDS, braking, strict=True)), times, title).encode())
     return 0
+
+
+def _measured(
+    driver: Factory, simulator: Simulator, bundled: str
+) -> tuple[list[float], list[list[tuple[float, float]]], dict[str, Any]]:
+    """Return B by speed, AV and AT by speed and distance, and the settings of a driver."""
+    from pytest_rvads.simulators.driver_dynamics import Measured
+
+    measured = Measured(driver, simulator, bundled)
+    braking = [measured.braking(speed) for speed in _SPEEDS]
+    return braking, [[measured.driving(speed, way) for way in _WAYS] for speed in _SPEEDS], _settings(measured)
 
 
 def _finite(value: float) -> float | None:

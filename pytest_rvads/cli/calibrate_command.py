@@ -5,11 +5,13 @@ from __future__ import annotations
 import argparse
 import json
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pytest_rvads.cli.common import Subparsers, say
 from pytest_rvads.cli.shared_options import declare_driver, opened_driver
+from pytest_rvads.support.executors import apart
 from pytest_rvads.support.storage import write_file
 
 if TYPE_CHECKING:
@@ -44,7 +46,8 @@ def _calibrate(options: argparse.Namespace) -> int:
 
     simulator = named(options.simulator, Path.cwd()) if options.simulator else meant()
     with opened_driver(options) as driver:
-        pedals = dict(zip(("throttle", "brake"), calibrated(driver, simulator, options.aggression), strict=True))
+        measured = apart(partial(calibrated, driver, simulator, options.aggression))
+    pedals = dict(zip(("throttle", "brake"), measured, strict=True))
     if options.json:
         print(json.dumps({"version": 1, "aggression": options.aggression} | {name: _plain(p) for name, p in pedals.items()}))
     else:

@@ -62,12 +62,18 @@ def number(name: str, least: float, most: float, kind: type = float) -> Callable
 
 @contextmanager
 def terminable() -> Iterator[None]:
-    """Let SIGTERM and SIGHUP raise KeyboardInterrupt, as Ctrl-C does, unless the process ignores or handles these signals."""
+    """Let the first SIGTERM or SIGHUP raise KeyboardInterrupt, unless the process ignores or handles these signals."""
     main = threading.current_thread() is threading.main_thread()
     names = [name for name in ("SIGTERM", "SIGHUP") if main and hasattr(signal, name)]
     numbers = [number for name in names if signal.getsignal(number := signal.Signals[name]) is signal.SIG_DFL]
+
+    def interrupt(*_: object) -> None:
+        for number in numbers:  # the command ends and writes what it has; `timeout` of coreutils sends the signal twice
+            signal.signal(number, signal.SIG_IGN)
+        raise KeyboardInterrupt
+
     for number in numbers:
-        signal.signal(number, signal.default_int_handler)
+        signal.signal(number, interrupt)
     try:
         yield
     finally:

@@ -23,6 +23,7 @@ from pytest_rvads.cli.shared_options import (
 from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.report.session_report import NOTHING_JUDGED, exit_status
 from pytest_rvads.support.errors import RvadsError, ScenarioError
+from pytest_rvads.support.executors import apart
 from pytest_rvads.support.storage import write_file
 from pytest_rvads.support.wording import plural
 
@@ -207,7 +208,7 @@ def _one_start(options: argparse.Namespace, setting: Setting) -> int:
                 f"--start is at junction {scenario.place.name!r}, and the command names {named.name!r}: name one of the two"
             )
     say(scenario.describe())
-    run = setting.simulated(scenario)
+    run = apart(partial(setting.simulated, scenario))
     verdicts = [verdict_by(run, rule) for rule in setting.rules if rule.concerns(scenario.place)]
     if not verdicts:
         warn(f"rvads: none of the rules is about junction {scenario.place.name!r}: choose others by --rules")

@@ -6,6 +6,7 @@ The library distributed (Dask) is imported only for ``--dask``. Callers of `rvad
 from __future__ import annotations
 
 import argparse
+import os
 import shlex
 from collections.abc import Iterator
 from concurrent.futures import Executor
@@ -16,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 from pytest_rvads.cli.common import MAP_FORMATS, named_rules, warn
 from pytest_rvads.support.errors import AutopilotError, MapError, RvadsError, ScenarioError, needs
+from pytest_rvads.support.executors import Apart
 
 if TYPE_CHECKING:
     from pytest_rvads.geometry.junction import Junction
@@ -79,7 +81,7 @@ def declare_executor(parser: argparse.ArgumentParser) -> None:
 
 
 @contextmanager
-def opened_executor(options: argparse.Namespace) -> Iterator[Executor | int | None]:
+def opened_executor(options: argparse.Namespace) -> Iterator[Executor | int]:
     """Yield the executor that the options name, for `spread` and `campaign`; a connection to a scheduler is closed at the end.
 
     Raises:
@@ -89,7 +91,7 @@ def opened_executor(options: argparse.Namespace) -> Iterator[Executor | int | No
     if options.workers is not None and options.workers < 1:
         raise ScenarioError(f"--workers must be at least 1, got {options.workers}")
     if options.dask is None:
-        yield options.workers
+        yield Apart(options.workers or os.cpu_count() or 1)
         return
     if not find_spec("distributed"):
         raise RvadsError(needs("--dask", "distributed", "dask"))

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import sys
+from contextlib import suppress
 from functools import cache, partial
 from importlib import import_module
 from operator import attrgetter
@@ -20,6 +22,8 @@ __all__ = ["at", "called", "chosen", "labelled", "name_of", "stand_in"]
 
 _LONGEST = 1000
 """Greatest length of a name; a longer name is cut [characters]."""
+_RETURNED = 42
+"""Exit status of a process in which the import of a module returned."""
 
 
 @cache
@@ -70,15 +74,39 @@ def at(name: str, folder: Path | None = None) -> Any:
         raise ImportError("expected module:name, two names that may contain dots")
     if folder is not None and str(folder) not in sys.path:
         sys.path.insert(0, str(folder))
+    if folder is not None and module not in sys.modules and not _import_returns(module):
+        raise ImportError(f"{module} ended its process while it was imported, as os._exit does")
     try:
         imported = import_module(module)
-    except ImportError:
+    except (ImportError, KeyboardInterrupt):
         raise
-    except Exception as error:  # code of a user may raise any error
+    except BaseException as error:  # code of a user may raise any error, and may call sys.exit
         last = extract_tb(error.__traceback__)[-1]
         place = "" if last.filename.startswith("<frozen") else f" ({Path(last.filename).name}:{last.lineno})"
         raise ImportError(f"{module} raised {type(error).__name__}: {one_line(str(error))}{place}") from error
     return attrgetter(attribute)(imported)
+
+
+def _import_returns(module: str) -> bool:
+    """Import a module in another process, and return whether the import ended, even by an error.
+
+    A module that ends its process would else end the command, with an exit status of its choice.
+    """
+    from multiprocessing import Process
+
+    process = Process(target=_import_and_end, args=(module,))
+    process.start()
+    process.join()
+    return process.exitcode == _RETURNED
+
+
+def _import_and_end(module: str) -> None:
+    sink = os.open(os.devnull, os.O_WRONLY)  # what the module prints is printed by the import that follows
+    os.dup2(sink, 1)
+    os.dup2(sink, 2)
+    with suppress(BaseException):
+        import_module(module)
+    os._exit(_RETURNED)
 
 
 def name_of(driver: Any) -> str:

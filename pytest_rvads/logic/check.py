@@ -153,7 +153,7 @@ def verdict_by(run: Run, rule: str | Rule) -> Verdict:
     """Return the verdict of a rule on a run; the verdict is ERROR with a reason if the rule can't judge the run."""
     try:
         return check(run, rule)
-    except Exception as error:  # a predicate that a user wrote can raise any exception
+    except (Exception, SystemExit) as error:  # a predicate that a user wrote can raise any exception
         return unjudged(rule, sentence(error))
 
 

@@ -89,10 +89,8 @@ class Setting:
         simulator: Simulator | None = None,
     ) -> Setting:
         """Return a setting, by default with the simulator of the session and its limits of real time."""
-        limits = choice().limits._replace(dump=None)
-        return cls(
-            driver, tuple(rules), None if traffic is None else Policy.of(traffic), fleet or Fleet(), meant(simulator), limits
-        )
+        policy = None if traffic is None else Policy.of(traffic)
+        return cls(driver, tuple(rules), policy, fleet or Fleet(), meant(simulator), choice().limits)
 
     def judged(self, scenario: Scenario) -> tuple[Run, list[Verdict]]:
         """Simulate a scenario, and judge the run by every rule.

@@ -23,7 +23,7 @@ import pytest
 from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.session.options import OPTIONS
 from pytest_rvads.session.plan import start
-from pytest_rvads.simulators.patience import Limits
+from pytest_rvads.simulators.patience import NEVER, Limits
 
 if TYPE_CHECKING:
     from pytest_rvads.report.record import Record
@@ -130,11 +130,11 @@ def limits(config: pytest.Config) -> Iterator[Limits]:
     session end no process.
     """
     options = config.stash[OPTIONS]
-    dump = None if _timer_in_use(config) else _standard_error()
+    dump = NEVER if _timer_in_use(config) else _standard_error()
     try:
         yield Limits(options.decision_limit, options.run_limit, dump)
     finally:
-        if dump is not None:
+        if dump not in (None, NEVER):
             os.close(dump)
 
 

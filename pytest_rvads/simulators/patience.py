@@ -5,12 +5,11 @@ This module imports no simulator, because every session of pytest makes this cho
 The states of a run depend on simulated time alone. Limits of real time end the run of a driver that never answers, so that later
 tests can run. A thread checks the current runs and raises `TooLate` in the thread of a run that exceeds a limit: in the main
 thread by a signal, which also ends a blocking call, in other threads by the interpreter. A driver that catches all exceptions, or
-that hangs in C, does not stop. If `Limits.dump` is set, the process of such a driver ends and writes the call stacks of its
-threads.
+that hangs in C, does not stop. The process of such a driver ends and writes the call stacks of its threads if it is a worker
+process, without which its parent process goes on, or if `Limits.dump` is set.
 
 The signal is SIGURG, which is ignored by default. No timer is used, so alarms stay free for drivers and plugins, and no system
-call of a run within its limits is interrupted. Only to end the process, and only in pytest sessions, the timer of faulthandler is
-used.
+call of a run within its limits is interrupted. Only to end the process, the timer of faulthandler is used.
 """
 
 from __future__ import annotations
@@ -32,7 +31,7 @@ from typing import Any, NamedTuple
 
 from pytest_rvads.support.errors import ScenarioError
 
-__all__ = ["Choice", "Limits", "TooLate", "Watch", "choice", "choosing", "limits", "watch"]
+__all__ = ["NEVER", "Choice", "Limits", "TooLate", "Watch", "choice", "choosing", "limits", "watch"]
 
 _TICK = 0.5
 """Longest time between two checks of the current runs [s]."""
@@ -40,6 +39,9 @@ _GRACE = 3.0
 """Time after a limit for a driver to stop, and to release processes and connections [s]."""
 _SIGNAL = getattr(signal, "SIGURG", None)
 """A signal whose default action is to be ignored, so that a thread without a handler survives it; None on Windows."""
+NEVER = -1
+"""Value of `Limits.dump` with which no process ends, because something else uses the timer of faulthandler."""
+_STANDARD_ERROR = 2
 _LIBRARY = str(Path(os.__file__).parent)
 _DEBUGGERS = {"bdb", "pdb", "pydevd", "_pydevd_bundle"}
 """Packages of debuggers: a run in a debugger has no time limit."""
@@ -53,7 +55,10 @@ class Limits(NamedTuple):
     run: float = 300.0
     """Longest run [s]."""
     dump: int | None = None
-    """File descriptor for the stacks of a process that ends because a driver does not stop; None lets the driver run for ever."""
+    """File descriptor for the stacks of a process that ends because a driver does not stop.
+
+    None for standard error in a worker process; in other processes, None lets the driver run for ever.
+    """
 
 
 class TooLate(BaseException):
@@ -64,7 +69,11 @@ class Watch:
     """A context that watches the time limits of one run, in the thread of the run; watches can be nested."""
 
     def __init__(self, limits: Limits) -> None:
-        self.limits = limits
+        from multiprocessing.process import parent_process  # most sessions of pytest need it not
+
+        if parent_process() is not None and limits.dump != NEVER:
+            limits = limits._replace(dump=_STANDARD_ERROR)  # a descriptor of the parent process may mean another file here
+        self.limits = limits._replace(dump=None) if limits.dump == NEVER else limits
         self.asked: object = None
         """A new object for every call into a driver; None between calls."""
         self.late = ""
@@ -142,13 +151,13 @@ class _Watchdog:
         self._last_resort = last_resort
         self.clock = 0.0
         """Running time of the process without the time for which it was stopped [s]."""
-        self._watches: list[Watch] = []
+        self.watches: list[Watch] = []
         self._lock = threading.Lock()
         self._runs = False
 
     def add(self, watch: Watch) -> None:
         with self._lock:
-            self._watches.append(watch)
+            self.watches.append(watch)
             self._put_off(watch.limits)
             if not self._runs:
                 with suppress(RuntimeError):  # if no thread can be started, no limit is enforced
@@ -157,28 +166,28 @@ class _Watchdog:
 
     def remove(self, watch: Watch) -> None:
         with self._lock, suppress(ValueError):
-            self._watches.remove(watch)
-            if watch.limits.dump is not None and not self._watches and self._last_resort:
+            self.watches.remove(watch)
+            if watch.limits.dump is not None and not self.watches and self._last_resort:
                 faulthandler.cancel_dump_traceback_later()
 
     def late(self, thread: int) -> bool:
         """Return whether a run in a thread has exceeded a time limit."""
-        return any(watch.overdue for watch in self._watches if watch.thread == thread)
+        return any(watch.overdue for watch in self.watches if watch.thread == thread)
 
     def _patrol(self) -> None:
         last = time.monotonic()
         while True:
             with self._lock:
-                if not self._watches:
+                if not self.watches:
                     self._runs = False
                     return
-                tick = min(_TICK, *(limit / 4 for watch in self._watches for limit in watch.limits[:2] if limit))
+                tick = min(_TICK, *(limit / 4 for watch in self.watches for limit in watch.limits[:2] if limit))
             time.sleep(tick)
             now = time.monotonic()
             self.clock += min(now - last, 2 * tick)
             last = now
             with self._lock:
-                for watch in self._watches:
+                for watch in self.watches:
                     if watch.look(self.clock):
                         self._put_off(watch.limits)
                     elif watch.overdue:
@@ -199,7 +208,8 @@ _CURRENT: ContextVar[Watch] = ContextVar("rvads_watch")
 def _forked() -> None:
     """Make a new watchdog in a child process, which has only the thread that forked."""
     global _WATCHDOG
-    _WATCHDOG = _Watchdog(last_resort=False)  # a thread that the child lacks could hold the lock of the timer
+    # If a timer ran, a thread that the child lacks holds the lock of the timer.
+    _WATCHDOG = _Watchdog(last_resort=not _WATCHDOG.watches)
 
 
 if hasattr(os, "register_at_fork"):

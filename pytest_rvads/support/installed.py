@@ -46,7 +46,7 @@ def load(group: str, name: str) -> Any:
     entry = entries(group)[name]
     try:
         return entry.load()
-    except Exception as error:  # the module of another package may raise any exception
+    except (Exception, SystemExit) as error:  # the module of another package may raise any exception
         package = f" of {entry.dist.name}" if entry.dist else ""
         raise RvadsError(
             f"the entry point {name} = {entry.value} in the group rvads.{group}{package} can't be loaded: {one_line(str(error))}"

@@ -5,7 +5,6 @@ A process whose code differs from the code of the process that started the campa
 
 from __future__ import annotations
 
-import multiprocessing
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -27,8 +26,6 @@ from pytest_rvads.support.errors import RvadsError
 from pytest_rvads.support.installed import code, versions
 
 __all__ = ["Job", "Question", "judge", "undecided"]
-
-_STANDARD_ERROR = 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,13 +73,10 @@ def judge(question: Question, job: Job) -> bytes:
             f"({question.code[:8]}, {_versions_text(question.versions)}): install the same version of pytest-rvads and of its "
             "dependencies on all machines"
         )
-    # A worker process may end itself to stop a driver that hangs, because the campaign continues without the process.
-    ends = multiprocessing.parent_process() is not None
-    limits = question.limits._replace(dump=_STANDARD_ERROR) if ends else question.limits
     try:
-        with choosing(Choice(question.simulator, limits)):
+        with choosing(Choice(question.simulator, question.limits)):
             run = simulate(_with_first_equal_place(job.case), question.simulator)
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         return encode(undecided(question, job, sentence(error)))
     return encode(
         msgspec.structs.replace(

@@ -32,7 +32,7 @@ from pytest_rvads.simulators.patience import choice
 from pytest_rvads.simulators.simulator import Simulator, meant
 from pytest_rvads.support.decoding import encode
 from pytest_rvads.support.errors import FormulaError, RvadsError, ScenarioError, require
-from pytest_rvads.support.executors import ExecutorGone, Failed, Progress, gathered
+from pytest_rvads.support.executors import DIED, ExecutorGone, Failed, Progress, gathered
 from pytest_rvads.support.installed import code, versions
 
 __all__ = ["Keys", "campaign"]
@@ -128,7 +128,7 @@ class _Campaign:
                     if not answer.lost:
                         raise answer.error
                     answer = encode(
-                        undecided(self._question, job, "the process that simulated it died, perhaps for lack of memory")
+                        undecided(self._question, job, f"the process that simulated it {DIED}")
                     )
                 self._results.add(answer)
                 self._report_progress()

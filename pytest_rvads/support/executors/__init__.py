@@ -11,18 +11,33 @@ from collections.abc import Callable, Generator, Iterable, Iterator, Sequence, S
 from concurrent.futures import CancelledError, Executor, Future
 from contextlib import closing
 from itertools import count, islice
+from operator import call
 from queue import SimpleQueue
 from typing import Any, TypeVar
 
 from pytest_rvads.support.errors import RvadsError
-from pytest_rvads.support.executors.teams import ExecutorGone, Failed, Foreign, Own, Part, Team, tried
+from pytest_rvads.support.executors.teams import DIED, ExecutorGone, Failed, Foreign, Own, Part, Team, tried
 
-__all__ = ["ExecutorGone", "Failed", "Progress", "gathered", "spread"]
+__all__ = ["DIED", "Apart", "ExecutorGone", "Failed", "Progress", "apart", "gathered", "spread"]
 
 Progress = Callable[[int, int], None]
 """Called with the number of jobs done and the number of all."""
 _Job = TypeVar("_Job")
 _Result = TypeVar("_Result")
+
+
+class Apart(int):
+    """A number of processes for a command: even a single one is not the command's own, which a driver could end or hold up."""
+
+
+def apart(work: Callable[[], _Result]) -> _Result:
+    """Return the result of a function that runs in a process of its own.
+
+    Raises:
+        RvadsError: the function or its result can't be pickled, or its process died.
+    """
+    (result,) = spread(call, [work], Apart(1))
+    return result
 
 
 def spread(
@@ -77,9 +92,10 @@ def gathered(
     Raises:
         RvadsError: a job can't be pickled, or the executor was shut down.
     """
+    kept_apart = isinstance(executor, Apart)
     if not isinstance(executor, Executor):
         executor = _number_of_processes(executor, jobs)
-    if executor == 1:
+    if executor == 1 and not kept_apart:
         for number, job in enumerate(jobs):
             yield number, tried(work, job)
         return
@@ -143,7 +159,7 @@ def _completed(team: Team, parts: Iterator[Part]) -> Iterator[tuple[Part, list[A
 
 
 def _number_of_processes(processes: int | None, jobs: object) -> int:
-    if processes is not None and (type(processes) is not int or processes < 1):
+    if processes is not None and (isinstance(processes, bool) or not isinstance(processes, int) or processes < 1):
         raise RvadsError(
             f"executor= takes a number of processes from 1 on, or a concurrent.futures.Executor, got {processes!r:.60}"
         )

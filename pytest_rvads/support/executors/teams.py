@@ -28,6 +28,8 @@ _UNKNOWN = 512
 """Number of parts that are submitted and not done at the same time, if an executor does not state its number of workers."""
 _TRIES = 3
 """How often a part that a user's executor has lost is submitted again."""
+DIED = "died, perhaps for lack of memory, or because its driver hung or ended it"
+"""What is told of a process that gave no answer."""
 _ANSWER = 60.0
 """Longest time for an executor that has lost a part to do another job [s]; during this time, Dask looks for its scheduler."""
 
@@ -70,6 +72,8 @@ class Own:
 
     def __init__(self, work: Callable[[Any], Any], processes: int) -> None:
         self.ahead = AHEAD * processes
+        self._tries = min(processes, 2)
+        """How often a part is lost before its jobs run alone; other processes can't have harmed the part of a single one."""
         self._crew: Crew[bytes, list[Any]] = Crew(partial(_opener, _packed(work)), processes)
         self.close, self.stop = self._crew.close, self._crew.stop
 
@@ -85,7 +89,7 @@ class Own:
         """
         if not isinstance(error, BrokenProcessPool):
             raise RvadsError(f"a job or its result can't be sent between processes: {_text_of(error)}") from error
-        return part.losses < 2
+        return part.losses < self._tries
 
     def answers(self, _: Part, future: Future[list[Any]]) -> list[Any]:
         """Return the answers to the jobs of a part (a group of jobs)."""
@@ -228,9 +232,15 @@ class Crew(Generic[_Job, _Result]):
         Raises:
             BrokenProcessPool: the job killed the process.
         """
-        with self._hire(1) as pool:
+        pool = self._hire(1)
+        try:
             result: _Result = pool.submit(_do, job).result()
-            return result
+        except KeyboardInterrupt:
+            self.stop()
+            raise
+        finally:
+            pool.shutdown()
+        return result
 
     def close(self) -> None:
         """End the processes after all jobs are done."""
@@ -296,6 +306,8 @@ def tried(work: Callable[[Any], Any], job: Any) -> Any:
         return work(job)
     except Exception as error:
         return Failed(error)
+    except SystemExit as error:  # code of a user; it ends the job, not the process
+        return Failed(RvadsError(_text_of(error)))
 
 
 def _packed(value: object) -> bytes:
@@ -304,12 +316,12 @@ def _packed(value: object) -> bytes:
     except Exception as error:  # the code of users may raise any exception
         raise RvadsError(
             f"this can't travel to another process ({_text_of(error)}): use functions and classes at the top level of a module, "
-            "no lambdas and no inner functions, or say executor=1 (-j 1 of a command)"
+            "no lambdas and no inner functions, or say executor=1 in Python"
         ) from error
 
 
 def _dead() -> Failed:
-    return Failed(RvadsError("the process that worked on it died, perhaps for lack of memory"), lost=True)
+    return Failed(RvadsError(f"the process that worked on it {DIED}"), lost=True)
 
 
 def _text_of(error: BaseException) -> str:
