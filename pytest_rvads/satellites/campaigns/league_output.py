@@ -6,6 +6,7 @@ import json
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
@@ -26,10 +27,10 @@ from pytest_rvads.report.run_record import by_rule
 from pytest_rvads.report.session_report import exit_status
 from pytest_rvads.satellites.campaigns.campaign import Keys, campaign
 from pytest_rvads.satellites.campaigns.league import Config, League, about
-from pytest_rvads.satellites.campaigns.resultsfile import Judged
-from pytest_rvads.satellites.campaigns.town_output import Replays, Source, draw_replays, progressing
+from pytest_rvads.satellites.campaigns.resultsfile import Judged, Results
+from pytest_rvads.satellites.campaigns.town_output import INTERRUPTED, Replays, Source, draw_replays, progressing
 from pytest_rvads.satellites.campaigns.town_tally import Tally, cell
-from pytest_rvads.search.critical import critical_starts
+from pytest_rvads.search.critical import Order, critical_starts
 from pytest_rvads.search.trials import Fault, Setting
 from pytest_rvads.simulators.simulator import Simulator, meant, named
 from pytest_rvads.support.decoding import decode, encode
@@ -69,9 +70,10 @@ def judge_league(path: Path, folder: Path, report: Path | None, executor: Execut
     for reason in league.refused:
         warn(f"left out: {reason}")
     make_folder("-o", folder)
-    drivers = []
+    drivers: list[dict[str, Any]] = []
     for name, simulator in simulators.items():
-        drivers.append(_judged(league, name, simulator, folder, executor))
+        stopped = any(INTERRUPTED in driver["notes"] for driver in drivers)
+        drivers.append(_judged(league, name, simulator, folder, None if stopped else executor))
         say(summary(drivers[-1]))
     content = {
         "format": "rvads-league",
@@ -92,49 +94,74 @@ def judge_league(path: Path, folder: Path, report: Path | None, executor: Execut
     statuses |= {Outcome(side["status"]) for driver in drivers for side in driver["sides"]}
     statuses |= {Outcome.FLAKY for driver in drivers if driver["flaky"]}
     wanted = count, 2 * len(league.lines)
-    return exit_status(statuses, complete=all((driver["runs"], len(driver["sides"])) == wanted for driver in drivers))
+    complete = all((driver["runs"], len(driver["sides"])) == wanted and INTERRUPTED not in driver["notes"] for driver in drivers)
+    return exit_status(statuses, complete=complete)
 
 
 def _judged(league: League, name: str, simulator: Simulator, folder: Path, executor: Executor | int | None) -> dict[str, Any]:
-    """Return the results of a driver as a JSON object, after its cells and lines without a result have been simulated."""
+    """Return the results of a driver as a JSON object, after its cells and lines without a result have been simulated.
+
+    If an error or an interruption stops the simulations, the results are those of the files. Without an executor, which says that
+    the league was interrupted before, nothing is simulated.
+    """
+    notes, sides = list[str](), list[dict[str, Any]]()
+    results: AbstractContextManager[Iterable[Judged]]
     with opened_driver(league.config.drivers[name].words()) as driver:
         cases, tally = league.cases(driver), Tally()
         key = f"{slug(name)}-{_digest(league, driver, simulator)}"
         file = folder / f"results-{key}.jsonl"
         try:
+            if executor is None:
+                raise KeyboardInterrupt
             with progressing(f"runs of {name}") as progress:
                 results = campaign(
                     list(cases.values()), league.rules, executor=executor, results=file, simulator=simulator, progress=progress
                 )
-        except RvadsError as error:
-            return _standing(league, name, (), tally, Replays(notes=(f"INCOMPLETE: {error}",)), (), key)
-        with results:
-            sides: list[dict[str, Any]] = []
-            notes: list[str] = []
+        except (KeyboardInterrupt, RvadsError) as error:
+            notes.append(_cut(error))
+            executor = None
+            try:
+                results = Results(file)
+            except (RvadsError, OSError):  # nothing was judged
+                results = nullcontext(())
+        with results as judged:
             try:
                 sides.extend(_sides(league, name, driver, simulator, folder / f"critical-{key}.json", executor))
-            except RvadsError as error:
-                notes.append(f"INCOMPLETE: {error}")
-            for result in results:
+            except (KeyboardInterrupt, RvadsError, OSError) as error:
+                notes.append(_cut(error))
+            for result in judged:
                 tally.add(result)
             source = Source(
                 lambda names: {run: cases[run] for run in names},
                 lambda place: rules_for(league.rules, place),
                 lambda run: league.again(name, run),
             )
-            with progressing(f"replays of {name}") as progress:
-                replays = draw_replays({name: tally}, source, folder / key, executor, simulator, progress)
-            replays = replace(replays, notes=(*notes, *replays.notes))
-            return _standing(league, name, results, tally, replays, sides, key)
+            replays = Replays()
+            if executor is not None and INTERRUPTED not in notes:
+                with progressing(f"replays of {name}") as progress:
+                    replays = draw_replays({name: tally}, source, folder / key, executor, simulator, progress)
+            replays = replace(replays, notes=(*dict.fromkeys(notes), *replays.notes))
+            return _standing(league, name, judged, tally, replays, sides, key)
+
+
+def _cut(error: BaseException) -> str:
+    return INTERRUPTED if isinstance(error, KeyboardInterrupt) else f"INCOMPLETE: {error}"
 
 
 def _sides(
     league: League, name: str, driver: Factory, simulator: Simulator, path: Path, executor: Executor | int | None
 ) -> Iterator[dict[str, Any]]:
-    """Yield both sides of every line of starts; sides in the file are not searched again, other sides are added."""
-    sides = decode(read_file(path, _LARGEST), list[dict[str, Any]], f"{path} is damaged", RvadsError) if path.exists() else []
+    """Yield both sides of every line of starts; sides in the file are not searched again, other sides are added.
+
+    Without an executor, only the sides in the file are yielded.
+    """
+    known = decode(read_file(path, _LARGEST), list[_Side], f"{path} is damaged", RvadsError) if path.exists() else []
+    due = [(line.id, order) for line in league.lines for order in Order]
+    if len(known) % 2 or [(side.line, side.order) for side in known] != due[: len(known)]:
+        raise RvadsError(f"{path} is damaged: expected the sides of lines of this league: remove the file")
+    sides: list[dict[str, Any]] = msgspec.to_builtins(known)
     yield from tuple(sides)
-    groups = [[line] for line in league.lines[len(sides) // 2 :]]
+    groups = [[line] for line in league.lines[len(sides) // 2 :]] if executor is not None else []
     traffic = league.config.traffic[0]
     setting = Setting.of(driver, rules_for(league.rules), traffic, simulator=simulator)
     with progressing(f"lines of starts of {name}") as progress:
@@ -155,6 +182,19 @@ def _sides(
             if len(sides) % 2 == 0:
                 write_file(path, encode(sides))
             yield sides[-1]
+
+
+class _Side(msgspec.Struct, kw_only=True):
+    """A side of a line of starts in the file of critical starts."""
+
+    line: str
+    order: Order
+    started: bool
+    status: Outcome
+    fault: Fault | None
+    rule: str
+    rerun: str
+    error: str
 
 
 def _digest(league: League, driver: Factory, simulator: Simulator) -> str:

@@ -39,10 +39,12 @@ from pytest_rvads.support.executors import Failed, Progress, gathered
 from pytest_rvads.support.storage import slug, write_file
 from pytest_rvads.support.wording import quoted
 
-__all__ = ["Order", "Replays", "Source", "draw_replays", "progressing", "written"]
+__all__ = ["INTERRUPTED", "Order", "Replays", "Source", "draw_replays", "progressing", "written"]
 
 MOST = 100
 """Largest number of runs whose replay pages are drawn; a page has some 100 KB, and nobody looks at more pages."""
+INTERRUPTED = "INCOMPLETE: interrupted"
+"""Note on results that end with an interruption by Ctrl-C or a signal."""
 _OTHERWISE = "the same start gave another run when it was simulated again, so its verdicts mean little"
 
 
@@ -82,14 +84,15 @@ def written(order: Order, results: Results, folder: Path, executor: Executor | i
         else []
     )
     notes += [*town.notes(), *replays.notes]
+    complete = not missing and INTERRUPTED not in notes
     outcomes = {outcome for tally in tallies.values() for outcome in tally.outcomes}
-    status = exit_status(outcomes | ({Outcome.FLAKY} if replays.flaky else set()), complete=not missing)
+    status = exit_status(outcomes | ({Outcome.FLAKY} if replays.flaky else set()), complete=complete)
     report = replace(
         results.report(again=order.again),
         records=town_records(judged, {key: f"{folder / page}" for key, page in replays.looks.items()}, replays.flaky),
         notes=tuple(notes),
         exitstatus=status,
-        complete=not missing,
+        complete=complete,
         extents=town.plan.extents(),
         refused=town.refused(),
         drawn=town.drawn(),
@@ -176,19 +179,22 @@ def draw_replays(
     looks: dict[tuple[str, str], str] = {}
     flaky: dict[str, Divergence] = {}
     troubles: list[str] = []
-    for finished, (number, answer) in enumerate(gathered(_draw, jobs, executor, batch=1), start=1):
-        if progress is not None:
-            progress(finished, len(jobs))
-        if isinstance(answer, Failed):
-            troubles.append(f"{jobs[number].name}: {answer.error}")
-            continue
-        if hashes[answer.name] not in (None, answer.hash):
-            flaky[answer.name] = Divergence("hash", text=_OTHERWISE)
-        for rule, time, html in answer.pages:
-            look = f"replays/{slug(f'{answer.name}-{rule}')}.html"
-            write_file(folder / look, html.encode())
-            looks[answer.name, rule] = f"{look}#t={time:.2f}"
     notes = []
+    try:
+        for finished, (number, answer) in enumerate(gathered(_draw, jobs, executor, batch=1), start=1):
+            if progress is not None:
+                progress(finished, len(jobs))
+            if isinstance(answer, Failed):
+                troubles.append(f"{jobs[number].name}: {answer.error}")
+                continue
+            if answer.hash != hashes[answer.name]:
+                flaky[answer.name] = Divergence("hash", text=_OTHERWISE)
+            for rule, time, html in answer.pages:
+                look = f"replays/{slug(f'{answer.name}-{rule}')}.html"
+                write_file(folder / look, html.encode())
+                looks[answer.name, rule] = f"{look}#t={time:.2f}"
+    except KeyboardInterrupt:
+        notes.append(INTERRUPTED)
     if len(examples) > MOST:
         notes.append(f"{len(examples) - MOST} of {len(examples)} causes have no replay: the first {MOST} were drawn")
     if troubles:
@@ -217,7 +223,7 @@ def _examples(tallies: Mapping[str, Tally]) -> Iterator[CauseTally]:
     In this order, every junction gets a replay page if the number of pages is limited.
     """
     groups: Sequence[list[CauseTally]] = [
-        [cause for _, causes in tally.grouped() for cause in causes if cause.title != "unsure"] for tally in tallies.values()
+        [cause for _, causes in tally.grouped() for cause in causes if cause.title != "unsure" and cause.hash] for tally in tallies.values()
     ]
     for turn in range(max(map(len, groups), default=0)):
         yield from (group[turn] for group in groups if turn < len(group))
