@@ -10,6 +10,8 @@ import os
 import shutil
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from itertools import pairwise
 from pathlib import Path
 from textwrap import wrap
 from traceback import extract_tb
@@ -80,6 +82,10 @@ def answer(parser: argparse.ArgumentParser, words: Sequence[str] | None = None) 
         warn("rvads: it needs an open standard input and output: redirect what is of no use to /dev/null")
         return 2
     encode_all(sys.stdout, sys.stderr)
+    for option, value in pairwise([*(sys.argv[1:] if words is None else words), "-"]):  # such as an unset variable of a script
+        if option.startswith("-") and (value == "" or (option.startswith("--") and option.endswith("="))):
+            warn(f"rvads: {option.rstrip('=')} needs a value, got '': give a value, or leave the option out")
+            return 2
     options = parser.parse_args(words)
     command: Callable[[argparse.Namespace], int] = options.command
     if getattr(options, "hand", None):
@@ -96,6 +102,10 @@ def answer(parser: argparse.ArgumentParser, words: Sequence[str] | None = None) 
     except (RvadsError, OSError) as error:
         # A formula's error shows its place in separate lines; programs that read standard error get one line.
         text = str(error) if sys.stderr.isatty() else " ".join(str(error).split())
+        if isinstance(error, OSError) and error.filename is None:
+            text += ": standard output or a temporary file can't be written"
+            with suppress(OSError):  # what is left can't be written at the end of the process either
+                os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         warn(f"rvads: {text}")
         return 2
     except KeyboardInterrupt:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import argparse
 import os
 import shlex
+import shutil
 from collections.abc import Iterator
 from concurrent.futures import Executor
 from contextlib import contextmanager
@@ -61,6 +62,10 @@ def opened_driver(options: argparse.Namespace) -> Iterator[Any]:
         from pytest_rvads.drivers.stacks.process import Process
 
         with Process(options.sut) as stack:
+            if shutil.which(stack.command[0]) is None:
+                raise AutopilotError(
+                    f"--sut must be the command of a program that exists and may be executed, got {options.sut!r}"
+                )
             yield stack
     elif options.autopilot is not None:
         yield chosen(options.autopilot, Path.cwd(), "--autopilot")

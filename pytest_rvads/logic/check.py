@@ -169,7 +169,7 @@ def unjudged(rule: str | Rule, reason: str) -> Verdict:
     return Verdict(name, Status.ERROR, f"{name} ERROR: {reason}", reason=reason, requirement=requirement)
 
 
-def sentence(error: Exception) -> str:
+def sentence(error: BaseException) -> str:
     """Return the message of an error in a line; errors other than RvadsError and OSError get the name of their type in front."""
     return one_line(str(error) if isinstance(error, RvadsError | OSError) else f"{type(error).__name__}: {error}")
 

@@ -15,6 +15,7 @@ from errno import EEXIST
 from pathlib import Path
 
 from pytest_rvads.support.errors import RunError
+from pytest_rvads.support.storage import write_file
 from pytest_rvads.support.wording import quoted
 
 __all__ = ["ATLAS", "INDEX", "REPORT", "ROOT", "claimed", "option", "run_file", "sessions", "shown", "used"]
@@ -161,7 +162,7 @@ def _prepare(root: Path) -> None:
     root.mkdir(parents=True, exist_ok=True)
     ignored = root / ".gitignore"
     if not ignored.exists():
-        ignored.write_text("*\n", encoding="utf-8")
+        write_file(ignored, b"*\n")
 
 
 def _point(root: Path, folder: Path, token: str) -> None:

@@ -87,32 +87,43 @@ def write_file(path: Path, content: bytes | Iterable[bytes]) -> None:
     """Write a file atomically: a reader sees the old content or the whole new content, even if the writer is killed.
 
     Several processes can write the same file at once, because each process writes a temporary file and renames it. A pipe or
-    device, such as ``/dev/stdout``, is written to directly. Missing folders are made.
+    device, such as ``/dev/stdout``, is written to directly. A symbolic link to a file is replaced. Missing folders are made.
 
     Args:
         path: path of the file.
         content: content of the file; an iterable of pieces for content that does not fit into memory.
 
     Raises:
-        OSError: the file can't be written; an earlier file is kept.
+        OSError: the file can't be written, with `path` as its ``filename``; an earlier file is kept.
     """
-    path = Path(os.path.realpath(path))
+    place = _place(path)
     pieces = [content] if isinstance(content, bytes) else content
-    if path.exists() and not path.is_file():
-        number = os.open(path, os.O_WRONLY | getattr(os, "O_NONBLOCK", 0))  # a pipe that nobody reads is refused
-        os.set_blocking(number, True)
-        with open(number, "wb") as file:
-            file.writelines(pieces)
-        return
-    path.parent.mkdir(parents=True, exist_ok=True)
     # The temporary name does not contain the name of the file, which may have the greatest length.
-    part = path.with_name(f".{uuid4().hex}.part")
+    part = place.with_name(f".{uuid4().hex}.part")
     try:
-        with part.open("wb") as file:
-            file.writelines(pieces)
-        part.replace(path)
-    finally:
-        part.unlink(missing_ok=True)
+        if place.exists() and not place.is_file():
+            number = os.open(place, os.O_WRONLY | getattr(os, "O_NONBLOCK", 0))  # a pipe that nobody reads is refused
+            os.set_blocking(number, True)
+            with open(number, "wb") as file:
+                file.writelines(pieces)
+            return
+        place.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            with part.open("wb") as file:
+                file.writelines(pieces)
+            part.replace(place)
+        finally:
+            part.unlink(missing_ok=True)
+    except OSError as error:
+        raise OSError(error.errno, error.strerror or str(error), str(path)) from error
+
+
+def _place(path: Path) -> Path:
+    """Return the absolute path at which a file is written; links are followed to folders, pipes and devices, and in ``/dev``."""
+    folder = Path(os.path.realpath(path.parent))
+    if path.name in ("", "..") or (path.exists() and not path.is_file()) or folder.parts[1:2] in (("dev",), ("proc",)):
+        return Path(os.path.realpath(path))
+    return folder / path.name
 
 
 def check_writable(path: Path) -> None:
@@ -124,7 +135,7 @@ def check_writable(path: Path) -> None:
     Raises:
         OSError: the path is a folder, or a folder on the way to the path is a file or takes no new files.
     """
-    path = Path(os.path.realpath(path))
+    path = _place(path)
     if path.is_dir():
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
     if path.exists() and not path.is_file():

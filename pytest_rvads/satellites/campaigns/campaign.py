@@ -127,9 +127,7 @@ class _Campaign:
                 if isinstance(answer, Failed):
                     if not answer.lost:
                         raise answer.error
-                    answer = encode(
-                        undecided(self._question, job, f"the process that simulated it {DIED}")
-                    )
+                    answer = encode(undecided(self._question, job, f"the process that simulated it {DIED}"))
                 self._results.add(answer)
                 self._report_progress()
         end_facts = {"cases": self._cases, "results": len(self._results), "unfit": dict(sorted(self._unfit.items()))}

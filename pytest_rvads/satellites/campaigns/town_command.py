@@ -9,6 +9,7 @@ import shlex
 from collections.abc import Iterator
 from concurrent.futures import Executor
 from contextlib import contextmanager
+from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,7 +19,7 @@ from pytest_rvads.cli.shared_options import declare_driver, declare_executor, op
 from pytest_rvads.geometry.network import HAND
 from pytest_rvads.report.session_report import NOTHING_JUDGED
 from pytest_rvads.support.errors import RvadsError, ScenarioError
-from pytest_rvads.support.wording import plural
+from pytest_rvads.support.wording import first, plural
 
 if TYPE_CHECKING:
     from pytest_rvads.satellites.campaigns.town import Town
@@ -101,7 +102,7 @@ def declare(commands: Subparsers) -> None:
 def _town(options: argparse.Namespace) -> int:
     with _driver(options) as driver:
         order = _order(options, driver)
-        if options.list:
+        if options.list and order.town.simulated:
             for planned in order.town.plan:
                 say(planned.name)
             return 0
@@ -220,7 +221,8 @@ def _announce(town: Town) -> None:
 
 def _nothing_planned(town: Town) -> int:
     if town.plan.only:
-        raise ScenarioError(f"no run has an id like {', '.join(map(repr, town.plan.only))}: `rvads town MAP --list` prints them")
+        patterns, ids = ", ".join(map(repr, town.plan.only)), [planned.name for planned in replace(town.plan, only=())]
+        raise ScenarioError(f"no run has an id like {patterns}, there are {first(ids, 3)}: `rvads town MAP --list` prints them")
     warn("rvads: nothing to judge: every junction is refused")
     return NOTHING_JUDGED
 

@@ -220,11 +220,9 @@ def _replay_jobs(source: Source, examples: Sequence[CauseTally], simulator: Simu
 def _examples(tallies: Mapping[str, Tally]) -> Iterator[CauseTally]:
     """Yield the gravest cause of failures of every junction, then the second gravest of every junction, and so on.
 
-    In this order, every junction gets a replay page if the number of pages is limited.
+    In this order, every junction gets a replay page if the number of pages is limited. A cause without a run has no replay.
     """
-    groups: Sequence[list[CauseTally]] = [
-        [cause for _, causes in tally.grouped() for cause in causes if cause.title != "unsure" and cause.hash] for tally in tallies.values()
-    ]
+    groups = [[c for _, found in tally.grouped() for c in found if c.title != "unsure" and c.hash] for tally in tallies.values()]
     for turn in range(max(map(len, groups), default=0)):
         yield from (group[turn] for group in groups if turn < len(group))
 

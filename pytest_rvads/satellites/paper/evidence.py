@@ -49,6 +49,7 @@ from pytest_rvads.scenarios.case import Case
 from pytest_rvads.simulators.loop import usual
 from pytest_rvads.support.errors import RunError
 from pytest_rvads.support.executors import Progress, spread
+from pytest_rvads.support.storage import write_file
 
 __all__ = [
     "FREE",
@@ -276,12 +277,11 @@ def snapshots() -> dict[str, Snapshot]:
 def write_snapshots(folder: str | Path) -> list[Path]:
     """Write `snapshots`, two pictures per rule, into a folder, and return the paths; a missing folder is made."""
     folder = Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
     paths = []
     for rule, pictures in snapshots().items():
         for moment, svg in (("before", pictures.before), ("broken", pictures.broken)):
             path = folder / f"{rule}-{moment}.svg"
-            path.write_text(svg, encoding="utf-8")
+            write_file(path, svg.encode())
             paths.append(path)
     return paths
 

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from pytest_rvads.runs.states import Kind
 from pytest_rvads.satellites.tracks.samples import FIELDS, Gather, Log, kind_of
 from pytest_rvads.satellites.tracks.source import Watch, opened
 from pytest_rvads.support.errors import RunError
@@ -99,7 +100,8 @@ class _Reader:
         if len(rows) < 2:
             self.gather.refuse(self._name, self._row, "x", "the obstacle has no trajectory, expected states")
             return
-        for k, field in np.argwhere(np.isnan(samples[:, :4]))[:1]:
+        kind = kind_of(self._texts.get("type", ""))
+        for k, field in np.argwhere(np.isnan(samples[:, : 3 if kind is Kind.PEDESTRIAN else 4]))[:1]:
             self.gather.refuse(self._name, int(rows[k]), FIELDS[field], _INEXACT)
         samples[:, 0] *= self._step
         if np.isnan(samples[:, 4]).any():  # only the initial state must have a velocity
@@ -108,5 +110,4 @@ class _Reader:
         size = (length, width) if math.isnan(radius) else (2.0 * radius, 2.0 * radius)
         before, to_describe = self.gather.extend(self._name, rows, samples)
         for k in to_describe.tolist():
-            kind = kind_of(self._texts.get("type", ""))
             self.gather.describe(self._name, None if math.isnan(sum(size)) else size, kind, at=before + k)

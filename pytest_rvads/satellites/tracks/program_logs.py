@@ -85,20 +85,24 @@ class _FcdReader:
                 numbers.append(math.nan if text is None else float(text))
             except ValueError:
                 numbers.append(math.nan)
-                self.gather.refuse(name, row, column, f"{text!r:.60} is no number")
+                if kind is not Kind.PEDESTRIAN or column in ("x", "y"):
+                    self.gather.refuse(name, row, column, f"{text!r:.60} is no number")
         numbers[3] = math.radians(90.0 - numbers[3])
         new = self.gather.add(name, row, (numbers[0], numbers[1], numbers[2], numbers[3], numbers[4]))
         if new:
             self._describe(name, kind, row, attributes)
 
     def _describe(self, name: str, kind: Kind, row: int, attributes: dict[str, str]) -> None:
-        size = _FCD_PERSON if kind is Kind.PEDESTRIAN else None
+        size = None
         if "length" in attributes and "width" in attributes:
             try:
                 size = float(attributes["length"]), float(attributes["width"])
             except ValueError:
                 lengths = f"{attributes['length']!r:.40} and {attributes['width']!r:.40}"
-                self.gather.refuse(name, row, "size", f"{lengths} are no length and width, expected numbers in metres")
+                if kind is not Kind.PEDESTRIAN:
+                    self.gather.refuse(name, row, "size", f"{lengths} are no length and width, expected numbers in metres")
+        if kind is Kind.PEDESTRIAN and not (size and size[0] >= 0.0):
+            size = _FCD_PERSON
         self.gather.describe(name, size, kind, 0.0 if kind is Kind.PEDESTRIAN else None)
 
 

@@ -263,6 +263,10 @@ class Gather:
                 continue
             numbers = np.array([np.frombuffer(column) for column in columns]) if len(rows) else np.zeros((len(FIELDS), 0))
             bodies = self._bodies.get(name, [_Body(0)])
+            if all(body.kind is Kind.PEDESTRIAN for body in bodies):  # their places alone are read
+                for column, values in zip(FIELDS[3:], numbers[3:], strict=True):
+                    if not (np.abs(values) <= _LARGEST[column]).all():
+                        values[:] = np.nan
             reason = self._first_bad_sample(name, numbers, bodies)
             if reason is not None:
                 self.refuse(name, rows[reason[0]], *reason[1:])

@@ -256,8 +256,13 @@ def _add_rows(
         # Noise increases the magnitude of a velocity on average, but does not increase its component along the heading.
         speed = east * np.cos(heading) + north * np.sin(heading) if "heading" in columns else np.hypot(east, north)
     table = np.column_stack((times, rows.numbers["x"], rows.numbers["y"], heading, nothing if speed is None else speed))
+
+    def kind(at: int) -> Kind:
+        return kind_of(rows.texts["class"][at] if "class" in rows.texts else classes.get(names[at], ""))
+
     for at, field, why in rows.bad:
-        gather.refuse(names[at], int(rows.lines[at]), field, why)
+        if field in _REQUIRED or kind(at) is not Kind.PEDESTRIAN:  # of pedestrians, nothing else is read
+            gather.refuse(names[at], int(rows.lines[at]), field, why)
     codes: dict[str, int] = {}
     code = np.array([codes.setdefault(name, len(codes)) for name in names], dtype=np.int64)
     order = np.argsort(code, kind="stable")
@@ -267,8 +272,7 @@ def _add_rows(
         before, to_describe = gather.extend(name, rows.lines[rows_of_vehicle], table[rows_of_vehicle])
         for k in to_describe.tolist():
             at = int(rows_of_vehicle[k])
-            kind = kind_of(rows.texts["class"][at] if "class" in rows.texts else classes.get(name, ""))
-            _describe(gather, name, rows, at, before + k, kind)
+            _describe(gather, name, rows, at, before + k, kind(at))
 
 
 def _describe(gather: Gather, name: str, rows: Rows, at: int, sample: int, kind: Kind) -> None:
