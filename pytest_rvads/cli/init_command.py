@@ -103,8 +103,11 @@ def _write_new(folder: Path, texts: Mapping[str, str]) -> list[Path]:
             raise RvadsError(f"{path} exists and is not changed, nothing was written: move it away, or name another folder")
     for path, text in paths.items():
         path.parent.mkdir(parents=True, exist_ok=True)
-        with path.open("x", encoding="utf-8") as out:  # mode x: a file that was made in the meantime is not changed either
-            out.write(text)
+        try:
+            with path.open("x", encoding="utf-8") as out:  # mode x: a file that was made in the meantime is not changed either
+                out.write(text)
+        except OSError as error:  # an error of writing names no path
+            raise OSError(error.errno, error.strerror, str(path)) from error
     return list(paths)
 
 
