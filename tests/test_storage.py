@@ -2,6 +2,8 @@
 
 import os
 import resource
+import subprocess
+import sys
 import threading
 import tracemalloc
 from collections.abc import Callable, Iterator
@@ -104,7 +106,7 @@ def test_what_can_not_be_written_leaves_the_earlier_file(tmp_path: Path) -> None
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (1000, limits[1]))  # no file may be longer, as if the disk were full
     try:
-        with pytest.raises(OSError, match="File too large"):
+        with pytest.raises(OSError, match=f"File too large: '{path}'"):
             write_file(path, [b"later" * 100] * 100)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
@@ -123,11 +125,44 @@ def test_unread_pipe_is_an_error(tmp_path: Path) -> None:
         write_file(tmp_path / "pipe", b"lost")
 
 
-def test_a_link_stays_one(tmp_path: Path) -> None:
-    (tmp_path / "link").symlink_to(tmp_path / "file")
-    write_file(tmp_path / "link", b"through")
-    assert (tmp_path / "link").is_symlink()
-    assert (tmp_path / "file").read_bytes() == b"through"
+@pytest.mark.parametrize("exists", [True, False])
+def test_link_to_a_file_is_replaced_and_its_target_is_unchanged(tmp_path: Path, exists: bool) -> None:
+    target, link = tmp_path / "file", tmp_path / "link"
+    if exists:
+        target.write_bytes(b"mine")
+    link.symlink_to(target)
+    check_writable(link)
+    write_file(link, b"new")
+    assert not link.is_symlink()
+    assert link.read_bytes() == b"new"
+    assert target.exists() is exists
+    assert not exists or target.read_bytes() == b"mine"
+
+
+def test_links_to_folders_and_devices_are_followed(tmp_path: Path) -> None:
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "link").symlink_to(tmp_path / "folder")
+    write_file(tmp_path / "link" / "file", b"new")
+    assert (tmp_path / "folder" / "file").read_bytes() == b"new"
+    with pytest.raises(IsADirectoryError):
+        write_file(tmp_path / "link", b"new")
+    (tmp_path / "sink").symlink_to("/dev/null")
+    write_file(tmp_path / "sink", b"gone")
+    assert (tmp_path / "sink").is_symlink()
+
+
+def test_standard_output_is_a_file_of_an_output(tmp_path: Path) -> None:
+    code = "from pathlib import Path; from pytest_rvads.support.storage import write_file as w; w(Path('/dev/stdout'), b'page')"
+    with (tmp_path / "out").open("wb") as out:
+        subprocess.run([sys.executable, "-c", code], stdout=out, check=True)
+    assert (tmp_path / "out").read_bytes() == b"page"
+    assert Path("/dev/stdout").is_symlink()
+
+
+@pytest.mark.parametrize("path", ["/dev/full", "/proc/rvads/page.html"])
+def test_error_of_writing_names_the_path(path: str) -> None:
+    with pytest.raises(OSError, match=f"'{path}'"):
+        write_file(Path(path), b"lost" * 10_000)
 
 
 def test_many_writers_of_one_file_do_not_meet(tmp_path: Path) -> None:

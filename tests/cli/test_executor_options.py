@@ -1,6 +1,7 @@
 """The options that choose the executor of a command."""
 
 import argparse
+import os
 from importlib import util
 from typing import Any
 
@@ -17,7 +18,7 @@ def parsed(*arguments: str) -> argparse.Namespace:
     return parser.parse_args(arguments)
 
 
-@pytest.mark.parametrize(("arguments", "executor"), [((), None), (("-j", "3"), 3), (("--workers", "1"), 1)])
+@pytest.mark.parametrize(("arguments", "executor"), [((), os.cpu_count()), (("-j", "3"), 3), (("--workers", "1"), 1)])
 def test_processes_are_counted(arguments: tuple[str, ...], executor: int | None) -> None:
     with opened_executor(parsed(*arguments)) as opened:
         assert opened == executor

@@ -101,7 +101,8 @@ def gathered(
         return
     team: Team = Foreign(work, executor) if isinstance(executor, Executor) else Own(work, executor)
     try:
-        for part, answers in _completed(team, _Parts(jobs, batch)):
+        # With one process, an interruption costs one job, as in the calling process.
+        for part, answers in _completed(team, _Parts(jobs, 1 if executor == 1 else batch)):
             yield from enumerate(answers, start=part.begin)
     except BaseException:
         team.stop()

@@ -258,7 +258,9 @@ _doer: list[Callable[[Any], Any]] = []
 
 
 def _enter(begin: Callable[[], Callable[[Any], Any]]) -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the terminal interrupts all processes; the parent decides when workers end
+    for name in ("SIGINT", "SIGHUP"):  # the terminal interrupts all processes; the parent decides when workers end
+        if hasattr(signal, name):
+            signal.signal(getattr(signal, name), signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)  # the parent ends a worker by this signal
     threading.Thread(target=_watch, daemon=True).start()
     _doer[:] = [begin()]

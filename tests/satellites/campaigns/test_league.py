@@ -1,6 +1,7 @@
 """``rvads league``: drivers share their cells, a killed league continues, and a wrong configuration gives one sentence."""
 
 import json
+import os
 import re
 import shlex
 import subprocess
@@ -40,6 +41,7 @@ reference = {{ autopilot = "reference" }}
 PILOTS = """
 import os
 import signal
+import time
 from pathlib import Path
 
 from pytest_rvads import Reference
@@ -55,7 +57,26 @@ class Killed(Reference):
         super().__init__()
         Killed.made += 1
         if Killed.made == 2 and Path("kill").exists():
-            os.kill(os.getpid(), signal.SIGKILL)
+            os.kill(os.getppid(), signal.SIGKILL)
+            time.sleep(60)
+
+class Interrupts(Reference):
+    def control(self, seen):
+        if seen.time > 0.5 and Path("stop").exists():
+            os.kill(os.getppid(), getattr(signal, Path("stop").read_text()))
+            swallows()
+        return super().control(seen)
+
+class Ends(Reference):
+    def control(self, seen):
+        os._exit(0)
+
+def swallows():
+    while True:
+        try:
+            time.sleep(1)
+        except BaseException:
+            pass
 """
 
 
@@ -182,17 +203,87 @@ def test_killed_league_continues(folder: Path, monkeypatch: pytest.MonkeyPatch) 
     with Results(path) as results:
         assert len(results) == 1
     assert not (folder / "out" / "league.html").exists()
-    made = []
 
     def counted(case: Case, simulator: Simulator) -> Run:
-        made.append(case)
+        with Path("made").open("a") as made:  # another process simulates
+            made.write("x")
         return simulate(case, simulator)
 
     monkeypatch.setattr(answering, "simulate", counted)
     continued = judged(text)
-    assert len(made) == 2
+    assert Path("made").read_text() == "xx"
     assert continued == judged(text, out="another")
-    assert len(made) == 5
+    assert Path("made").read_text() == "xxxxx"
+
+
+@pytest.mark.parametrize("number", ["SIGTERM", "SIGINT"])
+def test_interrupted_league_has_the_page_of_what_was_judged(folder: Path, number: str) -> None:
+    drivers = ["reference", "league_pilots:Interrupts", "rolling_stop"]
+    listed = "".join(f'd{k} = {{ autopilot = "{driver}" }}\n' for k, driver in enumerate(drivers))
+    Path("league.toml").write_text(f"{CELLS}[drivers]\n{listed}")
+    Path("stop").write_text(number)
+    path = os.pathsep.join([str(folder), os.environ.get("PYTHONPATH", "")])
+    code = (
+        "import signal; from pytest_rvads.cli import main; signal.signal(2, signal.default_int_handler); raise SystemExit(main())"
+    )
+    words = [sys.executable, "-c", code, "league", "league.toml", "-j", "1", "-o", "out", "--json", "league.json"]
+    done = subprocess.run(words, env={**os.environ, "PYTHONPATH": path}, capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode == 2, done.stderr
+    league = json.loads(Path("league.json").read_text())
+    assert [(driver["runs"], driver["notes"]) for driver in league["drivers"]] == [
+        (3, []),
+        (0, ["INCOMPLETE: interrupted"]),
+        (0, ["INCOMPLETE: interrupted"]),
+    ]
+    assert "INCOMPLETE: interrupted" in Path("out/league.html").read_text()
+    Path("stop").unlink()
+    status, league = judged(Path("league.toml").read_text())
+    assert status == 1
+    assert [driver["runs"] for driver in league["drivers"]] == [3, 3, 3]
+
+
+def test_driver_that_ends_its_process_fails_its_own_cells() -> None:
+    drivers = 'ends = { autopilot = "league_pilots:Ends" }\nreference = { autopilot = "reference" }\n'
+    status, league = judged(f"{CELLS}[drivers]\n{drivers}")
+    assert status == 1
+    ends, reference = league["drivers"]
+    assert {outcome for counts in ends["verdicts"].values() for outcome in counts} == {"ERROR"}
+    assert "the process that simulated it died" in ends["causes"][0]["text"]
+    assert reference["verdicts"]["full_stop"] == {"PASS": 3}
+
+
+SIDE = {"line": "", "order": "goes", "started": True, "status": "PASS", "fault": None, "rule": "", "rerun": "", "error": ""}
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        "[{}]",
+        '[{"line": "x"}, {"line": "y"}]',
+        "[1]",
+        "{",
+        "",
+        "null",
+        json.dumps([SIDE | {"status": "ZZ"}] * 2),
+        json.dumps([SIDE | {"fault": "brave"}] * 2),
+        json.dumps([SIDE | {"started": "yes"}] * 2),
+        json.dumps([SIDE]),
+        json.dumps([SIDE] * 4),
+    ],
+)
+def test_damaged_file_of_critical_starts_leaves_the_league_incomplete(content: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(league_output, "critical_starts", lambda *_: iter(()))
+    text = f'{CELLS}critical = 1\n[drivers]\nreference = {{ autopilot = "reference" }}\n'
+    judged(text)
+    (results,) = Path("out").glob("results-*")
+    file = results.with_name(results.name.replace("results-", "critical-")).with_suffix(".json")
+    file.write_text(content)
+    status, league = judged(text)
+    assert status == 2
+    (driver,) = league["drivers"]
+    assert driver["runs"] == 3
+    assert driver["notes"][0].startswith("INCOMPLETE: ")
+    assert file.name in driver["notes"][0]
 
 
 @pytest.mark.extended

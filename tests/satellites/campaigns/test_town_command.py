@@ -23,6 +23,8 @@ from pytest_rvads.satellites.campaigns import answering, town_output
 SHORT = ("-j", "1", "--grid", "B", "--subject", "none")
 
 DRIVER = """
+from pathlib import Path
+
 from pytest_rvads import Reference
 
 class Impatient(Reference):
@@ -31,17 +33,17 @@ class Impatient(Reference):
     def __init__(self):
         super().__init__()
         Impatient.made += 1
-        if Impatient.made == {last}:
+        if Impatient.made == {last} and not Path("patient").exists():
             raise KeyboardInterrupt
 
 class Fickle(Reference):
-    made = 0
+    def __init__(self):
+        super().__init__()
+        self.throttle = 1.0 if Path("driven").exists() else 0.9
+        Path("driven").touch()
 
     def control(self, view):
-        command = super().control(view)
-        if view.time == 0.0:
-            Fickle.made += 1
-        return command._replace(throttle=1.0, brake=0.0) if Fickle.made > 1 else command._replace(throttle=0.9, brake=0.0)
+        return super().control(view)._replace(throttle=self.throttle, brake=0.0)
 """
 
 
@@ -154,6 +156,7 @@ def test_what_was_judged_before_an_interrupt_is_kept_and_gone_on_from(
     assert site["state"] == "doubt"
     assert "2 of 3 runs are missing" in site["notes"]
     assert "INCOMPLETE" in (folder / "rvads-town/town.html").read_text(encoding="utf-8")
+    (folder / "patient").touch()
     status, out, _ = ran(capsys, *words)
     assert status == 0
     assert "INCOMPLETE" not in out
@@ -163,8 +166,8 @@ def test_what_was_judged_before_an_interrupt_is_kept_and_gone_on_from(
 @pytest.mark.extended
 @pytest.mark.parametrize("number", ["SIGTERM", "SIGHUP"])
 def test_terminated_town_leaves_its_page_and_report(folder: Path, number: str) -> None:
-    ends = DRIVER.format(last=4).replace("raise KeyboardInterrupt", f"os.kill(os.getpid(), signal.{number})")
-    (folder / "impatient.py").write_text(f"import os, signal\n{ends}", encoding="utf-8")
+    ends = DRIVER.format(last=4).replace("raise KeyboardInterrupt", f"os.kill(os.getppid(), signal.{number}); time.sleep(60)")
+    (folder / "impatient.py").write_text(f"import os, signal, time\n{ends}", encoding="utf-8")
     path = os.pathsep.join([str(folder), os.environ.get("PYTHONPATH", "")])
     words = ["-c", "from pytest_rvads.cli import main; raise SystemExit(main())", "town", "stop3.xodr", *SHORT]
     command = [sys.executable, *words, "--autopilot", "impatient:Impatient"]
