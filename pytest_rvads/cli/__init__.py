@@ -12,9 +12,7 @@ import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from itertools import pairwise
-from pathlib import Path
 from textwrap import wrap
-from traceback import extract_tb
 
 from pytest_rvads import __version__
 from pytest_rvads.cli import (
@@ -32,7 +30,7 @@ from pytest_rvads.cli import (
 from pytest_rvads.cli.common import warn
 from pytest_rvads.support.errors import RvadsError
 from pytest_rvads.support.installed import entries, load
-from pytest_rvads.support.wording import encode_all, named_error, page
+from pytest_rvads.support.wording import encode_all, page, raised
 
 __all__ = ["answer", "main"]
 
@@ -112,8 +110,7 @@ def answer(parser: argparse.ArgumentParser, words: Sequence[str] | None = None) 
         print("rvads: interrupted", file=sys.stderr)
         return 130
     except SystemExit as error:  # commands return a status, so this is code of a user
-        last = extract_tb(error.__traceback__)[-1]
-        warn(f"rvads: code that the command called raised {named_error(error)} ({Path(last.filename).name}:{last.lineno})")
+        warn(f"rvads: code that the command called {raised(error)}")
         return 2
 
 

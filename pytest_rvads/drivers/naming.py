@@ -9,11 +9,10 @@ from functools import cache, partial
 from importlib import import_module
 from operator import attrgetter
 from pathlib import Path
-from traceback import extract_tb
 from typing import TYPE_CHECKING, Any
 
 from pytest_rvads.support.errors import AutopilotError
-from pytest_rvads.support.wording import one_line
+from pytest_rvads.support.wording import one_line, raised
 
 if TYPE_CHECKING:
     from pytest_rvads.drivers.interface import Factory
@@ -81,9 +80,7 @@ def at(name: str, folder: Path | None = None) -> Any:
     except (ImportError, KeyboardInterrupt):
         raise
     except BaseException as error:  # code of a user may raise any error, and may call sys.exit
-        last = extract_tb(error.__traceback__)[-1]
-        place = "" if last.filename.startswith("<frozen") else f" ({Path(last.filename).name}:{last.lineno})"
-        raise ImportError(f"{module} raised {type(error).__name__}: {one_line(str(error))}{place}") from error
+        raise ImportError(f"{module} {raised(error)}") from error
     return attrgetter(attribute)(imported)
 
 

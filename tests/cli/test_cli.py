@@ -84,6 +84,18 @@ def test_wrong_usage_is_argparse_s(arguments: list[str]) -> None:
     assert stop.value.code == 2
 
 
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="the system has no device that is always full")
+@pytest.mark.parametrize("arguments", ["classes 4", "braking --json", "rules"])
+def test_full_disk_behind_standard_output_is_told_in_one_sentence(arguments: str) -> None:
+    with Path("/dev/full").open("w") as full:
+        command = f"{RVADS} {arguments}"
+        done = subprocess.run(["bash", "-c", command], stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+    assert done.returncode == 2
+    assert done.stderr.splitlines() == [
+        "rvads: [Errno 28] No space left on device: standard output or a temporary file can't be written"
+    ]
+
+
 @pytest.mark.extended
 def test_a_reader_that_had_enough_is_no_error() -> None:
     command = f"{RVADS} classes 7 --all | head -1"

@@ -232,6 +232,38 @@ def test_one_row_per_person_of_sumo(tmp_path: Path) -> None:
     assert np.allclose(track.station, -10.0 + PACE * track.times + 0.3, atol=1e-6)
 
 
+@pytest.mark.parametrize("attributes", ['angle="nan" speed="nan"', 'angle="" speed="-"', 'angle="inf" length="?" width="?"'])
+def test_attributes_that_are_read_of_no_person_of_sumo_may_be_wrong(tmp_path: Path, attributes: str) -> None:
+    walker = person(STRAIGHT)
+    lines = ["<fcd-export>"]
+    for k, (time, (x, y)) in enumerate(zip(walker.times.tolist(), walker.points, strict=True)):
+        own = attributes if k % 7 == 0 else 'angle="0" speed="1"'
+        lines.append(f'<timestep time="{time:.1f}"><person id="1" x="{x}" y="{y}" type="ped" {own}/>')
+        if k < len(CAR.times):
+            (u, v), angle = CAR.points[k], math.degrees(math.pi / 2 - CAR.heading[k])
+            lines.append(f'<vehicle id="1" x="{u}" y="{v}" angle="{angle}" type="car" speed="8"/>')
+        lines.append("</timestep>")
+    path = tmp_path / "t.xml"
+    path.write_text("\n".join([*lines, "</fcd-export>"]), encoding="utf-8")
+    recording = read_tracks(path, ZEBRA, size=(LENGTH, WIDTH))
+    assert recording.left_out == ()
+    assert walks(recording) == [("person 1", 0, "near")]
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, 1e300, "n/a"])
+@pytest.mark.parametrize("column", ["heading", "speed", "length", "width"])
+def test_column_that_is_read_of_no_pedestrian_may_be_wrong(column: str, value: object) -> None:
+    rows: dict[str, Any] = {name: list(values) for name, values in table([person(STRAIGHT)], [CAR]).items()}
+    rows["speed"] = [1.0] * len(rows["id"])
+    pedestrian = [k for k, name in enumerate(rows["id"]) if name == "p"]
+    rows[column][pedestrian[3]] = value
+    recording = read_tracks(rows, ZEBRA)
+    assert recording.left_out == ()
+    assert walks(recording) == walks(read_tracks(table([person(STRAIGHT)], [CAR]), ZEBRA))
+    rows["x"][pedestrian[5]] = math.nan
+    assert [name for name, _ in read_tracks(rows, ZEBRA).left_out] == ["p"], "the place of a pedestrian is read"
+
+
 def write(path: Path, columns: Mapping[str, Sequence[Any]]) -> Path:
     with path.open("w", newline="", encoding="utf-8") as file:
         rows = csv.writer(file)
