@@ -134,7 +134,7 @@ def _inside(info: Type, step: str, value: Any) -> Type:
             return LiteralType(tuple(t.tag for t in kinds if isinstance(t, StructType) and t.tag is not None))
         info = (tagged or kinds)[0]
     if isinstance(info, StructType | DataclassType):
-        return next(f.type for f in info.fields if f.encode_name == step)
+        return next((f.type for f in info.fields if f.encode_name == step), info)  # the field of a tag is none of the fields
     if isinstance(info, TupleType):
         return info.item_types[int(step)]
     if isinstance(info, ListType | VarTupleType):

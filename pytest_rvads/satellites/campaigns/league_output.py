@@ -130,6 +130,8 @@ def _judged(league: League, name: str, simulator: Simulator, folder: Path, execu
             except (KeyboardInterrupt, RvadsError, OSError) as error:
                 notes.append(_cut(error))
             for result in judged:
+                if result.nodeid not in cases:
+                    raise RvadsError(f"{file} is damaged: {result.nodeid!r:.60} is no run of this league: remove the file")
                 tally.add(result)
             source = Source(
                 lambda names: {run: cases[run] for run in names},

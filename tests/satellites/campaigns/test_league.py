@@ -252,6 +252,30 @@ def test_driver_that_ends_its_process_fails_its_own_cells() -> None:
     assert reference["verdicts"]["full_stop"] == {"PASS": 3}
 
 
+@pytest.mark.parametrize(
+    ("field", "value", "told"),
+    [
+        ("type", {}, "the field 'type' must be"),
+        ("kpis", 3, "the field 'kpis' must be"),
+        ("junction", None, "the field 'junction' must be"),
+        ("nodeid", "zz", "'zz' is no run of this league"),
+    ],
+)
+def test_damaged_line_of_results_is_told_in_one_sentence(
+    field: str, value: object, told: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = f'{CELLS}[drivers]\nreference = {{ autopilot = "reference" }}\n'
+    judged(text)
+    (file,) = Path("out").glob("results-*")
+    lines = file.read_text().split("\n")
+    number = next(k for k, line in enumerate(lines) if line and not line.startswith('{"format"'))
+    lines[number] = json.dumps(json.loads(lines[number]) | {field: value})
+    file.write_text("\n".join(lines))
+    capsys.readouterr()
+    assert judged(text)[0] == 2
+    assert f"rvads: {file} is damaged: {told}" in capsys.readouterr().err
+
+
 SIDE = {"line": "", "order": "goes", "started": True, "status": "PASS", "fault": None, "rule": "", "rerun": "", "error": ""}
 
 
