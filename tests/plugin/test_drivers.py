@@ -93,6 +93,20 @@ def test_a_name_that_leads_nowhere_is_an_error(tests: pytest.Pytester, name: str
     result.stderr.fnmatch_lines([says])
 
 
+@pytest.mark.parametrize(
+    ("end", "says"),
+    [
+        ("import sys; sys.exit(0)", "*got 'ending:Racer': ending raised SystemExit: 0 (ending.py:1)"),
+        ("import os; os._exit(0)", "*got 'ending:Racer': ending ended its process while it was imported, *"),
+    ],
+)
+def test_module_that_ends_at_its_import_is_a_wrong_option(tests: pytest.Pytester, end: str, says: str) -> None:
+    tests.makepyfile(ending=f"{end}\n\n\nclass Racer: ...")
+    result = tests.runpytest_subprocess("--rvads-autopilot=ending:Racer")
+    assert result.ret == pytest.ExitCode.USAGE_ERROR
+    result.stderr.fnmatch_lines([says])
+
+
 def test_autopilot_option_and_stack_command_exclude_each_other(tests: pytest.Pytester) -> None:
     result = tests.runpytest(*NAMED, "--rvads-sut=./stack")
     assert result.ret == pytest.ExitCode.USAGE_ERROR
