@@ -19,7 +19,7 @@ from pytest_rvads.geometry.conflicts import Stretch
 from pytest_rvads.geometry.crosswalks import MODERATE, PERSON, SIDEWALK, Crossing, Side, half
 from pytest_rvads.geometry.line_of_sight import crosses
 from pytest_rvads.runs.itineraries import itinerary
-from pytest_rvads.runs.states import EXIT, JUNCTION, Colour, Kind, VehicleState
+from pytest_rvads.runs.states import ENTRANCE, EXIT, JUNCTION, Colour, Kind, VehicleState
 
 __all__ = ["AtCrosswalks"]
 
@@ -119,7 +119,7 @@ class AtCrosswalks:
     def _before(self, seen: Observation, traffic: Observation, crosswalk: _Crosswalk) -> float:
         """Return the acceleration [m/s^2] with which the own vehicle comes to a crosswalk; inf if nothing holds it up."""
         me, speed, cover = seen.me, seen.me.speed, crosswalk.cover
-        at_line = crosswalk.at_line and me.station <= 0.0
+        at_line = crosswalk.at_line and me.zone <= ENTRANCE
         place = min(seen.itinerary.line - STAND_OFF if at_line else cover.start - BEFORE, crosswalk.last)
         brake = stop_before(speed, place - me.station)
         if brake == math.inf:  # it is too early to brake
@@ -196,7 +196,7 @@ class AtCrosswalks:
             self._waited.pop(person.name, None)
         elif near and seen.me.speed < CREEP:
             self._waited.setdefault(person.name, seen.time)
-        patience = WAIVER if seen.me.station <= 0.0 else BRIEFLY
+        patience = WAIVER if seen.me.zone <= ENTRANCE else BRIEFLY
         return seen.time - self._waited.get(person.name, seen.time) >= patience
 
 

@@ -85,7 +85,8 @@ class Queue:
             return False
         if state.name in self._stood or state.speed > STANDSTILL:
             return state.name in self._stood
-        return not any(o.entrance == state.entrance and state.station < o.station <= 0.0 for o in (seen.me, *seen.others))
+        queue = (o for o in (seen.me, *seen.others) if o.entrance == state.entrance and o.zone <= ENTRANCE)
+        return not any(state.station < other.station for other in queue)
 
     def setting_off(self, other: VehicleState) -> bool:
         """Return whether `other` stood at its entrance and has set off, but has not entered the junction."""
@@ -325,7 +326,7 @@ def _leaves_time(seen: Observation, other: VehicleState) -> bool:
     cruise = min(seen.speed_limit, 5.0)
     speed = min(me.speed, cruise)
     # `other` must not reach its entrance zone before the own vehicle has entered the junction.
-    enter = delay + time_to(-me.station, speed, DRIVE, cruise)
+    enter = delay + time_to(seen.itinerary.entry - me.station, speed, DRIVE, cruise)
     if time_to(line - ENTRANCE_ZONE, other.speed, EAGER, seen.limit_of(other)) < enter + MARGIN / 2:
         return False
     for shared in conflicts(seen, other):

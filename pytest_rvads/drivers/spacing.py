@@ -119,10 +119,10 @@ class Stopping:
 
 
 def can_stop(seen: Observation, deceleration: float) -> bool:
-    """Return whether the own vehicle stops before the entrance vertex if it brakes at `deceleration` [m/s^2] from now on."""
+    """Return whether the own vehicle stops before the junction if it brakes at `deceleration` [m/s^2] from now on."""
     speed = seen.me.speed
-    distance = -LAST_STOP - seen.me.station - speed * seen.vehicle.brake_lag
-    return speed * speed <= 2.0 * deceleration * distance if speed > 0.1 else seen.me.station <= 0.0
+    distance = seen.itinerary.entry - LAST_STOP - seen.me.station - speed * seen.vehicle.brake_lag
+    return speed * speed <= 2.0 * deceleration * distance if speed > 0.1 else seen.me.zone <= ENTRANCE
 
 
 def behind_leader(seen: Observation) -> float:

@@ -72,7 +72,7 @@ class RollingStop(Reference):
         """Return the speed limit [m/s], or a lower speed before a line at which the driver should stop, but does not."""
         line = seen.itinerary.line - seen.me.station
         signs = seen.junction.control is JunctionControl.STOP or seen.junction.entrances[seen.me.entrance].sign is Sign.STOP
-        if not (signs or _turns_on_red(seen)) or seen.me.station > 0.0:
+        if not (signs or _turns_on_red(seen)) or seen.me.zone > Zone.ENTRANCE:
             return super().target_speed(seen)
         return min(super().target_speed(seen), math.hypot(ROLL, self.stopping_speed(line - ENTRANCE_ZONE)))
 

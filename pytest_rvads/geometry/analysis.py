@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from itertools import permutations
 
 from pytest_rvads.geometry.arms import MOST, RoadArm, arms_of, sort_arms, turns_in_order, unusable, widest_gap
+from pytest_rvads.geometry.conflicts import conflicts_of
 from pytest_rvads.geometry.control import (
     JunctionControl,
     MapObject,
@@ -23,9 +24,9 @@ from pytest_rvads.geometry.control import (
 from pytest_rvads.geometry.graph import MetricGraph
 from pytest_rvads.geometry.network import Doubt, MapWarning, Network
 from pytest_rvads.geometry.paths import Path, Route, paths_of, walk
-from pytest_rvads.geometry.segment import GAP_LIMIT
+from pytest_rvads.geometry.segment import GAP_LIMIT, join
 from pytest_rvads.geometry.turns import Turn
-from pytest_rvads.geometry.ways import Key
+from pytest_rvads.geometry.ways import Key, Movement
 from pytest_rvads.support.wording import plural
 
 __all__ = ["Cut", "JunctionReport", "LaneEnd", "analyse", "cut", "joints_of", "lifted", "opposite_pairs", "right_of_pairs"]
@@ -69,9 +70,11 @@ class JunctionReport:
     phase_groups: tuple[frozenset[int], ...]
     """Groups of entrances that have green together."""
     setbacks: tuple[float, ...]
-    """Per entrance, distance of the stopping line before the vertex [m]; 0 if no line is marked."""
+    """Per entrance, distance of the stopping line before the vertex [m]; 0 without a line, negative for a line behind it."""
     sign_setbacks: tuple[float | None, ...]
     """Per entrance, distance of its stop sign before the vertex [m]; None without a stop sign away from the stopping line."""
+    beyond: tuple[float | None, ...]
+    """Per entrance, distance behind the vertex of a line that lies where ways have met [m]; None without such a line."""
     stated: frozenset[tuple[Key, Key]]
     """Pairs of movements of which, according to the file, the first gives way to the second."""
     joining: frozenset[tuple[Key, Key]]
@@ -201,6 +204,8 @@ def analyse(
     turns = turns_of_arms(arms, entrances, exits, ways) if len(arms) <= MOST else {}
     opposite, right_of = opposite_pairs(turns), right_of_pairs(turns, left_hand=left_hand)
     reason = unusable(graph, id, arms, movements, pairs)
+    setbacks = list(map(setback_of, objects_of_entrances))
+    beyond = _beyond(graph, movements, setbacks) if reason is None else (None,) * len(entrances)
     warnings = []
     if reason is None:
         warnings = [MapWarning(Doubt.GAP, message, None, id) for message in cut.left_out]
@@ -208,6 +213,13 @@ def analyse(
             count = len(ways) - len(movements)
             message = f"{plural(count, 'U-turn')} of junction {id!r} {'is' if count == 1 else 'are'} left out"
             warnings.append(MapWarning(Doubt.TABLE, message, None, id))
+        if far := [place for place in beyond if place is not None]:
+            message = (
+                f"{plural(len(far), 'stop line')} of junction {id!r} {'lies' if len(far) == 1 else 'lie'} up to {max(far):.1f} m "
+                "behind the end of the lane, where ways have met; the end of the lane is taken for the line, and a violation "
+                "that depends on it is UNSURE"
+            )
+            warnings.append(MapWarning(Doubt.SIGNAL, message, None, id))
         doubts = _doubts(id, movements, entrances, exits, signs, right_of)
         warnings += [MapWarning(kind, message, None, id) for kind, message in doubts]
     walks = [walk(graph, end.edge, upstream=True, joints=joints) for end in entrances]
@@ -229,7 +241,8 @@ def analyse(
             objects_of_entrances,
             _arrows_across(movements, objects_of_entrances, left_hand=left_hand),
         ),
-        setbacks=tuple(map(setback_of, objects_of_entrances)),
+        setbacks=tuple(0.0 if place else back for back, place in zip(setbacks, beyond, strict=True)),
+        beyond=beyond,
         sign_setbacks=tuple(map(sign_setback_of, objects_of_entrances)),
         stated=_stated(network, id, movements, graph),
         joining=_joining(movements, graph),
@@ -288,6 +301,23 @@ def opposite_pairs(turns: dict[tuple[int, int], Turn]) -> Pairs:
     return frozenset(
         (a, b) for (a, b), turn in turns.items() if a != b and turn is Turn.STRAIGHT and turns.get((b, a)) is Turn.STRAIGHT
     )
+
+
+def _beyond(graph: MetricGraph, ways: Sequence[Route], setbacks: Sequence[float]) -> tuple[float | None, ...]:
+    """Return, per entrance, how far behind the vertex its line lies [m], if one of its ways has met another way before the line.
+
+    Vehicles can't wait there. The result is None for every other entrance.
+    """
+    if min(setbacks, default=0.0) >= 0.0:
+        return (None,) * len(setbacks)
+    lines = {(way.entrance, way.exit): join([graph.segment(edge) for edge in way.path.edges]) for way in reversed(ways)}
+    movements = {key: Movement(*key, Turn.STRAIGHT, 0.0, "", line) for key, line in lines.items()}
+    free = dict.fromkeys(range(len(setbacks)), math.inf)
+    for way in ways:
+        free[way.entrance] = min(free[way.entrance], way.length - GAP_LIMIT)
+    for ((entrance, _), _), shared in (conflicts_of(movements, movements, {}) or {}).items():
+        free[entrance] = min(free[entrance], shared.mine.start)
+    return tuple(-back if -back > max(free[entrance], 0.0) else None for entrance, back in enumerate(setbacks))
 
 
 def _phases(

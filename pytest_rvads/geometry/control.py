@@ -78,7 +78,10 @@ class MapObject:
     station: float
     """Station along the edge; the end of the edge if the object stands in or beyond the junction [m]."""
     setback: float | None
-    """Distance of a line or sign before the entrance vertex [m]; None for lights and for distant lines and signs."""
+    """Distance of a line or sign before the entrance vertex [m]; None for lights and for distant lines and signs.
+
+    It is negative for a line that is painted behind the vertex.
+    """
     arrows: frozenset[Turn] = frozenset()
     """Turns that a light with arrows regulates; empty for a light without arrows and for other objects."""
     point: tuple[float, float] | None = field(default=None, compare=False)
@@ -123,15 +126,17 @@ def control_of(signs: Iterable[Sign]) -> JunctionControl:
 def setback_of(objects: Iterable[MapObject]) -> float:
     """Return the distance of the nearest marked stopping line before the vertex [m]; 0 without a marked line.
 
+    A line behind the vertex, with a negative distance, counts only if no line is marked before the vertex.
     Without a marked line, vehicles stop before they enter the junction (California Vehicle Code 22450(a), Uniform Vehicle Code
     11-403).
     """
-    return min((item.setback for item in objects if item.kind is ObjectKind.LINE and item.setback is not None), default=0.0)
+    lines = [item.setback for item in objects if item.kind is ObjectKind.LINE and item.setback is not None]
+    return min((line for line in lines if line >= 0.0), default=max(lines, default=0.0))
 
 
 def sign_setback_of(objects: Sequence[MapObject]) -> float | None:
     """Return the distance of the nearest stop sign before the vertex [m]; None if no sign stands away from the stopping line."""
-    signs = [item.setback for item in objects if item.kind is ObjectKind.STOP and item.setback is not None]
+    signs = [item.setback for item in objects if item.kind is ObjectKind.STOP and item.setback is not None and item.setback >= 0]
     return min(signs) if signs and abs(min(signs) - setback_of(objects)) > _AT_LINE else None
 
 

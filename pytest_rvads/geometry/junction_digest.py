@@ -37,6 +37,7 @@ def digest_of(  # noqa: PLR0913 - the fields of a junction, by keyword
     # A rare property enters the digest only if the junction has the property. So a new property changes no digest of a
     # junction without the property.
     signs = [e.sign_setback for e in entrances] if any(e.sign_setback is not None for e in entrances) else None
+    unused = {"beyond": [e.beyond for e in entrances]} if any(e.beyond is not None for e in entrances) else None
     joins = {"joining": sorted(joining)} if joining else None
     limits = [line.limits for line in lines]
     on_red = {"no_turn_on_red": [e.no_turn_on_red for e in entrances]} if any(e.no_turn_on_red for e in entrances) else None
@@ -46,7 +47,7 @@ def digest_of(  # noqa: PLR0913 - the fields of a junction, by keyword
             for way, start, end in further
         ]
     }
-    rare = [item for item in (signs, sorted(stated), joins, limits if any(limits) else None, beside, on_red) if item]
+    rare = [item for item in (signs, sorted(stated), joins, limits if any(limits) else None, beside, on_red, unused) if item]
     sha = hashlib.sha256(json.dumps([lanes_in, lanes_out, ways, relations, left_hand, drivable, *rare]).encode())
     if drivable:
         sha.update(json.dumps([lane_width, [len(line.points) for line in lines]]).encode())

@@ -157,7 +157,7 @@ class RoadMap:
         edges = [self.graph.edges[end.edge] for end in report.entrances]
         lights = {item.edge: item.point for item in reversed(report.objects) if item.kind is ObjectKind.LIGHT}
         forbidding = {item.edge for item in report.objects if item.kind is ObjectKind.NO_TURN_ON_RED}
-        lanes = zip(report.entrances, report.signs, report.setbacks, report.sign_setbacks, strict=True)
+        lanes = zip(report.entrances, report.signs, report.setbacks, report.sign_setbacks, report.beyond, strict=True)
 
         def road(edge: str, *, upstream: bool) -> Segment | None:
             return self._road(edge, upstream=upstream) if roads else None
@@ -168,9 +168,9 @@ class RoadMap:
             tuple(
                 Entrance(
                     *(end.arm, end.lane, sign, phases.get(k), back, road(end.edge, upstream=True), posted),
-                    *(lights.get(end.edge), end.edge in forbidding),
+                    *(lights.get(end.edge), end.edge in forbidding, beyond),
                 )
-                for k, (end, sign, back, posted) in enumerate(lanes)
+                for k, (end, sign, back, posted, beyond) in enumerate(lanes)
             ),
             tuple(Exit(end.arm, end.lane, road(end.edge, upstream=False)) for end in report.exits),
             dict(sorted(movements.items())),

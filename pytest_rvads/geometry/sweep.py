@@ -127,7 +127,7 @@ def course_of(entrance: Entrance, movement: Movement, exit: Exit, lane_width: fl
     approach, line, road = entrance.approach, movement.path, exit.road
     if approach is None or line is None or road is None or (path := through(approach, line, road)) is None:
         return None
-    return Course(path, approach.length, line.length, max(-approach.length, -entrance.setback - BEFORE), lane_width)
+    return Course(path, approach.length, line.length, max(-approach.length, min(-entrance.setback, 0.0) - BEFORE), lane_width)
 
 
 class Sweep:

@@ -80,7 +80,10 @@ class Entrance:
     phase: int | None = None
     """Number of the entrance's phase group; None without a light."""
     setback: float = 0.0
-    """Distance of the stopping line before the entrance vertex [m]; 0 if no line is marked."""
+    """Distance of the stopping line before the entrance vertex [m]; 0 if no line is marked.
+
+    The distance is negative for a line that is painted behind the vertex. The junction then begins at the line.
+    """
     approach: Segment | None = None
     """Centre line of the lane from the previous junction, or the end of the road, down to the entrance vertex."""
     sign_setback: float | None = None
@@ -89,6 +92,11 @@ class Entrance:
     """Place of the first light of the entrance in its map file [m]; None without a light, and for a junction of a run file."""
     no_turn_on_red: bool = False
     """Whether the map forbids turns on red, which are allowed to the near side otherwise."""
+    beyond: float | None = None
+    """Distance behind the vertex of a painted line that lies where ways have met, and is not used [m]; None without such a line.
+
+    A violation that would be none with this line is UNSURE.
+    """
 
     @property
     def stop_line(self) -> Pose | None:

@@ -23,7 +23,10 @@ from pytest_rvads.support.errors import MapError
 __all__ = ["ENTRANCE_ZONE", "LEAVE", "Itinerary", "itinerary"]
 
 ENTRANCE_ZONE = 1.0
-"""Distance before the stopping line at which the entrance zone begins [m]. The zone ends at the entrance vertex."""
+"""Distance before the stopping line at which the entrance zone begins [m].
+
+The zone ends at the entrance vertex, or at the stopping line if the line lies behind the vertex.
+"""
 LEAVE = 15.0
 """Distance behind the exit vertex from which on the reference point of a vehicle counts as having left the junction [m]."""
 
@@ -45,7 +48,9 @@ class Itinerary:
     length: float
     """Length of the movement [m]."""
     line: float
-    """Station of the stopping line, 0 or negative [m]."""
+    """Station of the stopping line; above 0 for a line that is painted behind the entrance vertex [m]."""
+    entry: float = field(init=False)
+    """Station at which the junction begins: the entrance vertex, or the stopping line behind the vertex [m]."""
     end: float = field(init=False)
     """Station of the end of the itinerary, on the exit road [m]."""
     leave: float = field(init=False)
@@ -56,10 +61,11 @@ class Itinerary:
     """The speed limits of the map: the station where each begins [m], and the limit [m/s]; empty if the map states none."""
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "entry", min(max(self.line, 0.0), self.length))
         end = self.path.length - self.origin
         object.__setattr__(self, "end", end)
         object.__setattr__(self, "leave", min(self.length + LEAVE, end))
-        borders = (self.line - ENTRANCE_ZONE, np.nextafter(0.0, 1.0), self.length, end)
+        borders = (self.line - ENTRANCE_ZONE, np.nextafter(self.entry, np.inf), self.length, end)
         object.__setattr__(self, "borders", fixed(np.array(borders)))
         object.__setattr__(self, "limits", tuple((at - self.origin, limit) for at, limit in self.path.limits))
 
@@ -90,7 +96,7 @@ class Itinerary:
 
     def course(self, lane_width: float, start: float) -> Course:
         """Return the centre line from station `start` on, with the width of the lane [m], to plan a path of the rear axle."""
-        begin = max(-self.origin, self.line - BEFORE)
+        begin = max(-self.origin, min(self.line, 0.0) - BEFORE)
         # A path begins on the centre line, and a vehicle that is first seen in the junction need not be on the centre line.
         return Course(self.path, self.origin, self.length, max(start, begin) if start <= 0.0 else begin, lane_width)
 
@@ -118,7 +124,7 @@ class Itinerary:
 
     def zone(self, station: float) -> Zone:
         """Return the part of the itinerary that `station` [m] lies in."""
-        if station <= 0.0:
+        if station <= self.entry:
             return ENTRANCE if station >= self.line - ENTRANCE_ZONE else APPROACH
         if station < self.length:
             return JUNCTION

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from pytest_rvads.geometry.control import Sign
 from pytest_rvads.geometry.crosswalks import Crosswalk
 from pytest_rvads.geometry.junction import Junction
+from pytest_rvads.geometry.opendrive.signals import LINE_RANGE
 from pytest_rvads.geometry.segment import NO_LIMIT, Segment
 from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.geometry.ways import Entrance, Exit, Movement
@@ -61,11 +62,12 @@ class _Entrance(msgspec.Struct, frozen=True, omit_defaults=True):
     lane: Count
     sign: Sign
     phase: Count | None
-    setback: _Length
+    setback: Annotated[float, msgspec.Meta(ge=-LINE_RANGE, le=1e6)]
     approach: _Line | None
     sign_setback: _Length | None = None
     """Left out of the file if no sign stands before the line, as in files of earlier versions."""
     no_turn_on_red: bool = False
+    beyond: _Length | None = None
 
 
 class _Exit(msgspec.Struct, frozen=True):
@@ -143,7 +145,7 @@ def put_junction(junction: Junction, lines: list[Segment]) -> JunctionRecord:
         junction.name,
         junction.id,
         [
-            _Entrance(e.arm, e.lane, e.sign, e.phase, e.setback, put(e.approach), e.sign_setback, e.no_turn_on_red)
+            _Entrance(e.arm, e.lane, e.sign, e.phase, e.setback, put(e.approach), e.sign_setback, e.no_turn_on_red, e.beyond)
             for e in junction.entrances
         ],
         [_Exit(e.arm, e.lane, put(e.road)) for e in junction.exits],
@@ -210,7 +212,7 @@ def _build(record: JunctionRecord, arrays: Mapping[str, NDArray[Any]]) -> Juncti
         record.name,
         record.id,
         tuple(
-            Entrance(e.arm, e.lane, e.sign, e.phase, e.setback, get(e.approach), e.sign_setback, None, e.no_turn_on_red)
+            Entrance(e.arm, e.lane, e.sign, e.phase, e.setback, get(e.approach), e.sign_setback, None, e.no_turn_on_red, e.beyond)
             for e in record.entrances
         ),
         tuple(Exit(e.arm, e.lane, get(e.road)) for e in record.exits),

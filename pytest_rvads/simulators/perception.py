@@ -94,8 +94,9 @@ def _blurred(state: VehicleState, junction: Junction, along: float, across: floa
 
 
 def _zone(state: VehicleState, junction: Junction, station: float) -> Zone:
-    if station <= 0.0:
-        return Zone.ENTRANCE if station >= -junction.setbacks[state.entrance] - ENTRANCE_ZONE else Zone.APPROACH
+    line = -junction.setbacks[state.entrance]
+    if station <= max(line, 0.0):
+        return Zone.ENTRANCE if station >= line - ENTRANCE_ZONE else Zone.APPROACH
     shortest = min(movement.length for movement in junction.by_turn[state.entrance, state.turn])
     return Zone.JUNCTION if station < shortest else Zone.EXIT
 

@@ -173,7 +173,7 @@ class Pilot(Follower):
         """Return whether the driver stops for oncoming vehicles on a left turn, after it decided to cross the line."""
         if self._has.i5:
             return seen.me.zone is Zone.JUNCTION and listed(seen)
-        return seen.me.station <= 0.0 and oncoming(seen)
+        return seen.me.zone <= Zone.ENTRANCE and oncoming(seen)
 
     def _cruise(self, seen: Observation) -> float:
         """Return the target speed of the vehicle while it does not have to stop [m/s]."""

@@ -5,6 +5,7 @@ The reader follows ASAM OpenDRIVE 1.4 to 1.8. Ids are strings. Elements can stan
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -299,8 +300,12 @@ def _link(links: Element | None, tag: str) -> RoadLink | None:
 
 def _line(element: Element, road: str, place: str) -> Signal:
     s, t = number(element, "s", place), number(element, "t", place, 0.0)
+    heading, length, width = (number(element, name, place, 0.0) for name in ("hdg", "length", "width"))
+    across = (heading, length) if length > width else (heading + math.pi / 2, width)
     lanes = _validity(element, place)
-    return Signal(element.get("id", ""), road, s, t, element.get("orientation", ""), False, "", "", False, lanes, True)
+    return Signal(
+        element.get("id", ""), road, s, t, element.get("orientation", ""), False, "", "", False, lanes, True, across=across
+    )
 
 
 def _signal(element: Element, road: str, place: str) -> Signal:

@@ -150,6 +150,8 @@ class Signal(NamedTuple):
     """Name of the signal, in lower case."""
     meanings: tuple[str, ...] | None = None
     """Values of ``<priority>`` in the ``<semantics>`` of the signal, in lower case; None without ``<semantics>``."""
+    across: tuple[float, float] = (0.0, 0.0)
+    """Direction of a stop line, relative to the road [rad], and its length [m]; the length is 0 where the file gives none."""
 
 
 class CrosswalkRecord(NamedTuple):

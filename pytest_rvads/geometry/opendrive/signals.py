@@ -8,6 +8,7 @@ ends of a road.
 
 from __future__ import annotations
 
+import math
 import re
 from bisect import bisect_right
 from collections import Counter, defaultdict
@@ -16,20 +17,27 @@ from itertools import product
 
 import networkx as nx
 import numpy as np
+from numpy.typing import NDArray
 
 from pytest_rvads.geometry.control import MapObject, ObjectKind
 from pytest_rvads.geometry.network import Doubt
 from pytest_rvads.geometry.opendrive.draft import Chain, Draft
+from pytest_rvads.geometry.opendrive.lanes import borders_at
 from pytest_rvads.geometry.opendrive.records import Document, Road, Signal, pose_at
 from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.support.wording import plural
 
 __all__ = ["LINE_RANGE", "STANDARD", "attach", "kind_of", "point_of"]
 
+Array = NDArray[np.float64]
 SIGNAL_RANGE = 50.0
 """Largest distance of a signal from the junction that the signal regulates [m]."""
 LINE_RANGE = 10.0
-"""Greatest distance of a stopping line before the entrance vertex [m]."""
+"""Greatest distance of a stopping line before or behind the entrance vertex [m]."""
+_HALF = 1.75
+"""Half the length of a stop line in a junction for which the file gives no length and no lane [m]."""
+_SQUARE = math.cos(math.radians(45.0))
+"""Least sine of the angle between a stop line and traffic that crosses it, and cosine between lanes that share a line."""
 STANDARD = {
     **dict.fromkeys(("206", "r1", "r1-1", "stop", "stop_sign"), ObjectKind.STOP),
     **dict.fromkeys(("205", "r1-2", "yield", "yield_sign", "give_way", "giveway"), ObjectKind.YIELD),
@@ -234,14 +242,28 @@ class _Attacher:
 
     def attach(self) -> list[MapObject]:
         objects: dict[tuple[ObjectKind, str, str, str], MapObject] = {}
+        used, unused = list[str](), list[str]()
         for signal, kind, junction, edge in self._placed():
             home = self.homes[signal.id] if signal.reference else signal
             objects[kind, signal.id, junction, edge] = self._object(home, kind, junction, self.edges[edge])
         for signal in self._signals():
             if kind_of(signal) is ObjectKind.LINE:
-                for junction, edge in self._line_entrances(signal):
-                    key = ObjectKind.LINE, f"{signal.id}@{signal.road}:{signal.s}", junction, edge
-                    objects[key] = self._object(signal, ObjectKind.LINE, junction, self.edges[edge])
+                kind, id = ObjectKind.LINE, f"{signal.id}@{signal.road}:{signal.s}"
+                if (inside := self.draft.document.roads[signal.road].junction) is None:
+                    for junction, edge in self._line_entrances(signal):
+                        objects[kind, id, junction, edge] = self._object(signal, kind, junction, self.edges[edge])
+                    continue
+                setbacks = self._lanes_across(signal, inside)
+                (used if setbacks else unused).append(id)
+                for edge, setback in setbacks.items():
+                    station = self.edges[edge].length - max(setback, 0.0)
+                    objects[kind, id, inside, edge] = MapObject(signal.id, kind, inside, edge, station, setback)
+        if unused:
+            message = (
+                f"{len(unused)} of {plural(len(used) + len(unused), 'stop line')} in junctions, {unused[0].partition('@')[0]!r} "
+                f"first, were ignored: no lane into the junction crosses them within {LINE_RANGE:g} m of its end"
+            )
+            self.draft.warn(Doubt.SIGNAL, message)
         for junction, ids in self.inverted.items():
             names = ", ".join(sorted(set(ids))[:5])
             count = len(set(ids))
@@ -438,6 +460,24 @@ class _Attacher:
                     places += [(junction, id) for junction in self.entered[id]]
         return places
 
+    def _lanes_across(self, signal: Signal, junction: str) -> dict[str, float]:
+        """Return, per entrance edge whose traffic crosses a stop line in a junction, the setback of the line [m].
+
+        The line can lie on the way of another entrance than that of its road. Traffic that crosses the line in another direction
+        than the traffic that crosses it first has another line.
+        """
+        middle, along, half = _painted(self.draft.document.roads[signal.road], signal)
+        crossed: list[tuple[float, float, str]] = []
+        for id in self.inside[junction]:
+            for before in self.draft.links.pred[id]:
+                lane = self.edges[before]
+                if junction not in self.entered.get(before, ()):
+                    continue
+                for station, heading in _crossings(np.vstack((lane.points, self.edges[id].points)), middle, along, half):
+                    crossed.append((lane.length - station, heading, before))
+        near = sorted((row for row in crossed if abs(row[0]) <= LINE_RANGE), key=lambda row: (abs(row[0]), row[2]), reverse=True)
+        return {before: setback for setback, heading, before in near if math.cos(heading - near[-1][1]) > _SQUARE}
+
     def _object(self, signal: Signal, kind: ObjectKind, junction: str, edge: Chain) -> MapObject:
         """Return the map object of a signal of the file, with its position on an entrance edge."""
         before: float = -1.0
@@ -459,6 +499,43 @@ def point_of(road: Road, signal: Signal) -> tuple[float, float]:
     """Return the place of a signal [m], `Signal.t` to the left of the reference line of its road."""
     x, y, heading = pose_at(road, signal.s)
     return float(x - signal.t * np.sin(heading)), float(y + signal.t * np.cos(heading))
+
+
+def _painted(road: Road, signal: Signal) -> tuple[Array, Array, float]:
+    """Return the middle of a stop line [m], its unit vector, and half its length [m].
+
+    A line without a length in the file lies across the lanes that it is valid for, or else the lanes on its side of the road. A
+    line that lies beside all of these is as long as a lane is wide.
+    """
+    x, y, heading = pose_at(road, signal.s)
+    (turn, length), t = signal.across, signal.t
+    if not length:
+        ranges = [part for part in signal.lanes if part != (0, 0)]
+        lanes = {id: ends for id, ends in borders_at(road, signal.s).items() if id * t >= 0.0}
+        named = [ends for id, ends in lanes.items() if not ranges or any(low <= id <= high for low, high in ranges)]
+        low, high = min(map(min, named), default=t), max(map(max, named), default=t)
+        low, high = (low, high) if low < high and low <= t <= high else (t - _HALF, t + _HALF)
+        turn, length, t = math.pi / 2, high - low, (low + high) / 2
+    middle = np.array([x - t * math.sin(heading), y + t * math.cos(heading)])
+    return middle, np.array([math.cos(heading + turn), math.sin(heading + turn)]), length / 2
+
+
+def _crossings(path: Array, middle: Array, along: Array, half: float) -> Iterator[tuple[float, float]]:
+    """Yield the arc lengths at which a path crosses a line [m], and the headings of the path there [rad].
+
+    Args:
+        path: the points of the path, shape ``(k, 2)`` [m].
+        middle: the middle of the line [m].
+        along: the unit vector along the line.
+        half: half the length of the line [m].
+    """
+    steps, apart = np.diff(path, axis=0), path - middle
+    lengths, ahead = np.hypot(*steps.T), along[0] * apart[:, 1] - along[1] * apart[:, 0]
+    stations = np.concatenate(([0.0], np.cumsum(lengths)))
+    for k in np.flatnonzero((ahead[:-1] < 0.0) != (ahead[1:] < 0.0)).tolist():
+        share = float(ahead[k] / (ahead[k] - ahead[k + 1]))
+        if abs((apart[k] + share * steps[k]) @ along) <= half and abs(ahead[k + 1] - ahead[k]) > _SQUARE * lengths[k]:
+            yield float(stations[k] + share * lengths[k]), math.atan2(*steps[k][::-1])
 
 
 def _against(signal: Signal, forward: bool) -> bool:

@@ -143,8 +143,13 @@ def advance(block: Block, before: NDArray[np.float64]) -> tuple[NDArray[np.float
 def inside(block: Block) -> NDArray[np.bool_]:
     """Return whether a part of the body of each vehicle is in the junction."""
     front, cast = block.need("station"), block.cast
-    inside_junction: NDArray[np.bool_] = (front > 0.0) & ((front - cast.length) - cast.way < 0.0) & block.here
+    inside_junction: NDArray[np.bool_] = (front > cast.static(_entries)) & ((front - cast.length) - cast.way < 0.0) & block.here
     return inside_junction
+
+
+def _entries(cast: Cast) -> NDArray[np.float64]:
+    """Return the stations at which the junction begins for each vehicle, see `Itinerary.entry`, shape ``(agents,)`` [m]."""
+    return np.array([max(-cast.junction.setbacks[agent.entrance], 0.0) for agent in cast.agents])
 
 
 def stop_place(junction: Junction, entrance: int) -> tuple[float, float]:
@@ -155,7 +160,8 @@ def stop_place(junction: Junction, entrance: int) -> tuple[float, float]:
     vertex if no line is marked.
     """
     place = junction.starts[entrance]
-    return -max(place.setback, place.sign_setback or 0.0) - STOP_PLACE, LINE_TOLERANCE - place.setback
+    posted = place.setback if place.sign_setback is None else place.sign_setback
+    return -max(place.setback, posted) - STOP_PLACE, LINE_TOLERANCE - place.setback
 
 
 def _stop_places(cast: Cast) -> NDArray[np.float64]:

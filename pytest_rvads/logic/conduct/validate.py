@@ -167,9 +167,10 @@ def _zones(run: Run, column: int, agent: Agent) -> Iterator[Finding]:
         return
     station, line = run.station[:, column], -run.junction.setbacks[agent.entrance]
     length = run.junction.every_way[agent.way.key].length
+    entry = min(max(line, 0.0), length)
     spread = 0.0 if run.spread is None else run.spread[:, column]
     first, last = (
-        np.select([at < line - ENTRANCE_ZONE, at <= 0.0, at < length], [Zone.APPROACH, Zone.ENTRANCE, Zone.JUNCTION], Zone.EXIT)
+        np.select([at < line - ENTRANCE_ZONE, at <= entry, at < length], [Zone.APPROACH, Zone.ENTRANCE, Zone.JUNCTION], Zone.EXIT)
         for at in (station - spread, station + spread)
     )
     wrong = np.flatnonzero(((zone < first) | (zone > last)) & run.here[:, column])

@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.runs.itineraries import ENTRANCE_ZONE, itinerary
+from pytest_rvads.runs.itineraries import itinerary
 from pytest_rvads.runs.run import DT, Run, once
 from pytest_rvads.runs.states import Zone
 
@@ -139,12 +139,7 @@ def _reach(run: Run, agent: int, zone: Zone) -> tuple[NDArray[np.bool_], NDArray
         return None
     who = run.agents[agent]
     way = itinerary(run.junction, *who.way.key)
-    border = {
-        Zone.ENTRANCE: way.line - ENTRANCE_ZONE,
-        Zone.JUNCTION: float(np.nextafter(0.0, 1.0)),
-        Zone.EXIT: way.length,
-        Zone.GONE: way.end,
-    }[zone]
+    border = way.borders[_BORDERS.index(zone)]
     station, spread = run.station[:, agent], run.spread[:, agent]
     return station + spread < border, station - spread < border
 

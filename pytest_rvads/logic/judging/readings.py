@@ -40,6 +40,7 @@ __all__ = ["SURE", "Reading", "doubted", "tolerance"]
 SURE = 3.0
 """Number of standard deviations by which the true value can differ from the measured value."""
 _AFTER = "what happened after a vehicle had left the recording before it was clear"
+_LINE = "where its stopping line is: one is painted in the junction where ways have met, and the end of the lane is taken for it"
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +72,7 @@ def doubted(recorded: Sequence[Judgement], values: Values, sampled: Run, *, stan
     """
     run = values.run
     if certain(sampled):
-        return list(recorded)
+        return _of_lines(recorded, values, standing=standing)
     result = [unsure(j, Hinge(reading=_AFTER)) if _left_early(run, j) else j for j in recorded]
     events = crossings(sampled)
     if not events.exact:
@@ -86,7 +87,27 @@ def doubted(recorded: Sequence[Judgement], values: Values, sampled: Run, *, stan
             for (k, j), judgement in zip(undoubted.items(), reread, strict=True):
                 if plain(judgement.status) is not plain(j.status):
                     result[k] = unsure(j, Hinge(reading=reading.words))
-    return result
+    return _of_lines(result, values, standing=standing)
+
+
+def _of_lines(judgements: Sequence[Judgement], values: Values, *, standing: bool) -> list[Judgement]:
+    """Return the judgements, in which violations that painted lines excuse, which the junction can't use, have become UNSURE."""
+    failed = {k: j for k, j in enumerate(judgements) if j.status is Status.FAIL}
+    painted = once(values.run, _at_painted_lines) if failed else None
+    if painted is None:
+        return list(judgements)
+    reread = judge(tuple(j.template for j in failed.values()), Values(painted, values.tie, standing=standing))
+    kept = {k for k, judgement in zip(failed, reread, strict=True) if judgement.status is not Status.FAIL}
+    return [unsure(j, Hinge(reading=_LINE)) if k in kept else j for k, j in enumerate(judgements)]
+
+
+def _at_painted_lines(run: Run) -> Run | None:
+    """Return a run whose junction has its lines where they are painted, see `Entrance.beyond`; None if it has them so already."""
+    lanes = run.junction.entrances
+    if run.station is None or all(lane.beyond is None for lane in lanes):
+        return None
+    lanes = tuple(lane if lane.beyond is None else replace(lane, setback=-lane.beyond, beyond=None) for lane in lanes)
+    return _rezoned(replace(run, junction=replace(run.junction, entrances=lanes)), run.station)
 
 
 def _left_early(run: Run, j: Judgement) -> bool:
@@ -227,11 +248,17 @@ def _patterns(run: Run) -> Iterator[NDArray[np.float64]]:
 def _moved(run: Run, signs: NDArray[np.float64]) -> Run:
     """Return a run in which every agent is moved ahead (sign 1) or back (sign -1) by the spread of its station (`Run.spread`)."""
     by = signs * np.asarray(run.spread)
-    station, zone = run.need("station") + by, run.zone.copy()
+    moved = _rezoned(run, run.need("station") + by)
+    return replace(moved, pose=None if run.pose is None else _shifted(run, by, 0.0), spread=None)
+
+
+def _rezoned(run: Run, station: NDArray[np.float64]) -> Run:
+    """Return a run with other stations [m], and the zones of these stations."""
+    zone = run.zone.copy()
     for column, (begin, end) in enumerate(run.spans.tolist()):
         who = run.agents[column]
         zone[begin:end, column] = zones(itinerary(run.junction, *who.way.key).borders, station[begin:end, column])
-    return replace(run, zone=zone, station=station, pose=None if run.pose is None else _shifted(run, by, 0.0), spread=None)
+    return replace(run, zone=zone, station=station)
 
 
 def _shifted(run: Run, ahead: float | NDArray[np.float64], sideways: float) -> NDArray[np.float64]:

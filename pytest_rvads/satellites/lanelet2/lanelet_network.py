@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from pytest_rvads.geometry.control import MapObject, ObjectKind
 from pytest_rvads.geometry.network import HAND, DeclaredJunction, Doubt, Edge, MapWarning, Network, PaintedCrosswalk, facing
+from pytest_rvads.geometry.opendrive.signals import LINE_RANGE
 from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.satellites.lanelet2.lanelet_areas import Ground, areas_of, cut_off, listed
 from pytest_rvads.satellites.lanelet2.lanelets import Lanelet, conflicts_of, hand_votes, intersections, stations_of
@@ -265,12 +266,14 @@ class _Attacher:
         for junction, entrance in self.entrances:
             for line, distance in self._lines_across(entrance, rules.lines):
                 self.setbacks[line, junction, entrance] = distance
+        signs = [sign for regulation in rules.regulations for sign in self._signs_of(regulation)]
+        self._look_inside(signs, rules.lines)
         objects: dict[tuple[str, str, ObjectKind, str], MapObject] = {}
         for (line, junction, entrance), distance in self.setbacks.items():
             stop_line = Regulation(line, ObjectKind.LINE, ())
             objects[junction, entrance, ObjectKind.LINE, line] = self._object(stop_line, junction, entrance, distance)
         crossing = {line for line, *_ in self.setbacks}
-        for sign in (sign for regulation in rules.regulations for sign in self._signs_of(regulation)):
+        for sign in signs:
             places = self._places(sign)
             if not places:
                 noun = "lights" if sign.kind is ObjectKind.LIGHT else f"{sign.kind} signs"
@@ -286,6 +289,17 @@ class _Attacher:
                 objects[junction, entrance, sign.kind, sign.id] = self._object(sign, junction, entrance, setback)
         return list(objects.values())
 
+    def _look_inside(self, signs: Iterable[Regulation], lines: Mapping[str, Array]) -> None:
+        """Measure the lines of signs and lights that cross no lane into a junction, but a lanelet in the junction."""
+        crossing = {line for line, *_ in self.setbacks}
+        for sign in signs:
+            inside = {line: lines[line] for line in sign.lines if line in lines and line not in crossing}
+            for junction, entrance in self._places(sign) if inside else ():
+                for after in self.links.succ[entrance]:
+                    for line, distance in self._lines_across(entrance, inside, after):
+                        key = line, junction, entrance
+                        self.setbacks[key] = max(self.setbacks.get(key, distance), distance)
+
     def _doubt(self, message: str, ids: Iterable[str]) -> None:
         self._doubts[message].update(dict.fromkeys(ids))
 
@@ -295,7 +309,7 @@ class _Attacher:
         return [MapWarning(Doubt.SIGNAL, f"{message}: {listed(ids)}") for message, ids in self._doubts.items() if ids]
 
     def _object(self, sign: Regulation, junction: str, entrance: str, setback: float | None) -> MapObject:
-        station = max(self.lanes[entrance].length - (setback or 0.0), 0.0)
+        station = max(self.lanes[entrance].length - max(setback or 0.0, 0.0), 0.0)
         return MapObject(sign.id, sign.kind, junction, entrance, station, setback, sign.arrows)
 
     def _signs_of(self, regulation: Regulation) -> Iterator[Regulation]:
@@ -335,19 +349,23 @@ class _Attacher:
                     seen.add(after)
                     ahead.append((after, distance + self.lanes[after].length))
 
-    def _lines_across(self, entrance: str, lines: Mapping[str, Array]) -> Iterator[tuple[str, float]]:
-        """Yield the stop lines across an entrance lane or its approach, each with its distance before the junction [m]."""
+    def _lines_across(self, entrance: str, lines: Mapping[str, Array], after: str = "") -> Iterator[tuple[str, float]]:
+        """Yield the stop lines across an entrance lane or its approach, each with its distance before the junction [m].
+
+        The distance is negative for a line in the junction: a little behind the lane, or across the lanelet `after` it.
+        """
         path = self._approach(entrance)
-        end, step = path[-1], path[-1] - path[-2]
-        path = np.vstack((path, end + _BEYOND * step / np.hypot(*step)))
+        end, step, last = path[-1], path[-1] - path[-2], len(path) - 1
+        path = np.vstack((path, self.lanes[after].points if after else end + _BEYOND * step / np.hypot(*step)))
         stations = stations_of(path)
         for id, line in lines.items():
             if np.hypot(*(line - end).T).min() > 2 * _LINE_RANGE:
                 continue
             places, _ = intersections(path, line)
-            setbacks = stations[-2] - np.interp(places[np.isfinite(places)], np.arange(len(path)), stations)
-            if (setbacks <= _LINE_RANGE).any():
-                yield id, max(round(float(setbacks.min()), 6), 0.0)
+            setbacks = stations[last] - np.interp(places[np.isfinite(places)], np.arange(len(path)), stations)
+            setbacks = setbacks[(setbacks <= _LINE_RANGE) & (setbacks >= -LINE_RANGE)]
+            if len(setbacks):
+                yield id, round(float(setbacks.max() if after else setbacks.min()), 6)
 
     def _approach(self, entrance: str) -> Array:
         """Return the centre line of an entrance lane with the lanes before it, up to about `_LINE_RANGE`."""
