@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import permutations
 
 from pytest_rvads.geometry.arms import MOST, RoadArm, arms_of, sort_arms, turns_in_order, unusable, widest_gap
@@ -188,12 +188,21 @@ def analyse(
         return [(entering[p.entrance], leaving[p.exit], p.turning) for p in paths]
 
     arms = sort_arms(arms, lambda order: turns_in_order(turning(order), len(order)))
+    # A lane that leads only to the arm it comes from has no movement without U-turns, and is then no entrance.
+    idle = (
+        ()
+        if uturns
+        else {path.entrance for path in paths}
+        - {path.entrance for path in paths for arm in arms if path.entrance in arm.entrances and path.exit not in arm.exits}
+    )
+    arms = tuple(replace(arm, entrances=tuple(lane for lane in arm.entrances if lane not in idle)) for arm in arms)
     entrances = _lanes([arm.entrances for arm in arms])
     exits = _lanes([arm.exits for arm in arms])
     numbers = {end.edge: k for k, end in enumerate(entrances)}, {end.edge: k for k, end in enumerate(exits)}
     ways = [
         Route(numbers[0][path.entrance], numbers[1][path.exit], Turn.of(path.turning), path.length, path.turning, path)
         for path in paths
+        if path.entrance not in idle
     ]
     ways.sort(key=lambda way: (way.entrance, way.exit, way.length, way.path.edges))
     movements = [way for way in ways if uturns or entrances[way.entrance].arm != exits[way.exit].arm]
@@ -209,9 +218,11 @@ def analyse(
     warnings = []
     if reason is None:
         warnings = [MapWarning(Doubt.GAP, message, None, id) for message in cut.left_out]
-        if len(movements) < len(ways):
-            count = len(ways) - len(movements)
+        if len(movements) < len(paths):
+            count = len(paths) - len(movements)
             message = f"{plural(count, 'U-turn')} of junction {id!r} {'is' if count == 1 else 'are'} left out"
+            if idle:
+                message += f", and no traffic enters by {plural(len(idle), 'lane')} without another way, {min(idle)} first"
             warnings.append(MapWarning(Doubt.TABLE, message, None, id))
         if far := [place for place in beyond if place is not None]:
             message = (

@@ -155,6 +155,7 @@ def fastest_start(place: Junction, entrance: int, distance: float, queue: float 
     approach, start = place.entrances[entrance].approach, place.approach(entrance) - distance
     if approach is None or start <= 0.0:
         return SPEED_LIMIT
+    start = min(start, approach.length - 0.01)  # a line can lie behind the end of the approach
     first = max(start - queue, 0.0)
     limits = approach.tail(approach.length - first).limits
     limit = min((limit or SPEED_LIMIT for _, limit in limits), default=SPEED_LIMIT)

@@ -163,6 +163,8 @@ def _completed_record(item: pytest.Item, raised: BaseException | None, report: p
     from pytest_rvads.report.record import conclude
 
     text = str(raised) if raised else report.longrepr if isinstance(report.longrepr, str) else ""
+    if raised and not any(map(str.isalnum, text)):
+        text = named_error(raised)
     xfail = _xfail_reason(report, raised, text)
     verdicts: list[Verdict] = item.stash[VERDICTS]
     error = None if raised is None or isinstance(raised, AssertionError) else Outcome.ERROR

@@ -280,7 +280,7 @@ def _fault(error: BaseException, doing: str, agent: Agent, autopilot: Any = None
 
         named = not when and isinstance(error, StackError)  # its text names the stack
         end = LATE if isinstance(error, StackTimeout) else FAULT
-        reason = str(error) if named else f"{doing}{when}: {error}"
+        reason = str(error) if named else f"{doing}{when}: {error}" if str(error) else f"{doing} {_describe(error)}{when}"
         return Halt(agent.name, one_line(reason, _REASON), _detail(error, "detail"), end)
     return Halt(agent.name, one_line(f"{doing} {_describe(error)}{when}", _REASON))
 

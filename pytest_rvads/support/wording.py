@@ -55,7 +55,7 @@ def one_line(text: str, most: int = 400) -> str:
 def named_error(error: BaseException) -> str:
     """Return the class and the message of an error on one line; the class alone if the message can't be computed."""
     try:
-        return f"{type(error).__name__}: {one_line(str(error))}"
+        return ": ".join(filter(None, (type(error).__name__, one_line(str(error)))))
     except Exception:  # __str__ of an exception class of a user
         return type(error).__name__
 

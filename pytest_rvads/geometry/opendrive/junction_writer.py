@@ -90,6 +90,7 @@ def written(  # noqa: PLR0913 - the lanes, the movements and two properties of a
         ends, before, after = (key[0], len(entrances) + key[1]), entrances[key[0]][1], exits[key[1]][1]
         road = writer.road(numbers[key], line, headings=(before.pose(before.length).heading, after.pose(0.0).heading))
         road.set("junction", id)
+        writer.mark(road, numbers[key], entrances[key[0]][0])
         for tag, end in zip(("predecessor", "successor"), ends, strict=True):
             add(road[0], tag, elementType="road", elementId=end, contactPoint="start")
         row = add(
@@ -147,8 +148,17 @@ class _Writer:
         beside = math.copysign(self.width / 2 + _BESIDE, -self.along)
         setback = lane.setback if lane.sign_setback is None else lane.sign_setback
         posts = [] if lane.sign is Sign.NONE else [Post(id, lane.sign, lanes, setback, beside)]
+        add_regulation(road, posts, self._line(id, lane, lane.setback, lanes) if lane.setback > 0.0 else [])
+
+    def mark(self, road: Element, id: int, lane: Entrance) -> None:
+        """Add the stopping line of a lane to the road of a movement from the lane, if the line lies behind the vertex."""
+        behind = lane.beyond or -lane.setback
+        if behind > 0.0:
+            add_regulation(road, [], self._line(id, lane, behind, (self.along, self.along)))
+
+    def _line(self, id: int, lane: Entrance, s: float, lanes: tuple[int, int]) -> list[tuple[Post, float, float]]:
         mark = Sign.YIELD if lane.sign in (Sign.NONE, Sign.PRIORITY) else lane.sign  # a line without its sign is a holding line
-        add_regulation(road, posts, [(Post(id, mark, lanes, lane.setback, beside), 0.0, self.width)] if lane.setback else [])
+        return [(Post(id, mark, lanes, s, 0.0), 0.0, self.width)]
 
 
 def _cubics(points: Array, headings: tuple[float, float] | None) -> list[tuple[dict[str, float], dict[str, float]]]:

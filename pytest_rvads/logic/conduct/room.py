@@ -41,10 +41,10 @@ def room(junction: Junction) -> Mapping[tuple[int, Key], NDArray[np.bool_]]:
         Per pair of an entrance and a movement, whether a car that stands `PLACES` before the line is in the way, shape
         ``(places,)``. A pair that is not a key has no place in the way.
     """
-    standing = {entrance: _standing(junction, entrance) for entrance in range(len(junction.entrances))}
+    standing = {entrance: _standing(junction, entrance) for entrance in sorted({key[0] for key in junction.movements})}
     table: dict[tuple[int, Key], NDArray[np.bool_]] = {}
     for key in sorted(junction.movements):
-        entrances = [k for k, lane in enumerate(junction.entrances) if lane.arm != junction.entrances[key[0]].arm]
+        entrances = [k for k in standing if junction.entrances[k].arm != junction.entrances[key[0]].arm]
         near_entrances = [
             k for k in entrances if _hits(_poses(junction, key, planned=False), standing[k], _MARGIN + _ASIDE).any()
         ]

@@ -20,7 +20,7 @@ from rich.progress import Progress as ProgressBar
 
 from pytest_rvads.cli.common import say, show, warn
 from pytest_rvads.geometry.junction import Junction
-from pytest_rvads.logic.check import check
+from pytest_rvads.logic.check import check, sentence
 from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.report.failure_page import failure_pages
@@ -185,7 +185,7 @@ def draw_replays(
             if progress is not None:
                 progress(finished, len(jobs))
             if isinstance(answer, Failed):
-                troubles.append(f"{jobs[number].name}: {answer.error}")
+                troubles.append(f"{jobs[number].name}: {sentence(answer.error)}")
                 continue
             if answer.hash != hashes[answer.name]:
                 flaky[answer.name] = Divergence("hash", text=_OTHERWISE)

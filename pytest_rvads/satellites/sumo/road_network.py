@@ -32,6 +32,7 @@ from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.geometry.precedence import RANK, Reason
 from pytest_rvads.geometry.segment import SPEED_LIMIT, Segment, join
 from pytest_rvads.geometry.sweep import EXIT_LENGTH
+from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.geometry.ways import Arm, Key
 from pytest_rvads.physics.braking import FASTEST
 from pytest_rvads.runs.states import Colour, SignalPlan
@@ -131,17 +132,28 @@ def _plain_files(junction: Junction) -> dict[str, Element]:
         (start, entrance_lane), (end, exit_lane) = lane_in(junction, entrance), lane_out(junction, exit)
         way = junction.way_through(entrance, exit)
         setback = junction.setbacks[entrance]
-        if setback and (extended_way := join((junction.way_in(entrance).tail(setback), way))):
+        if setback < 0.0:
+            way = way.tail(way.length + setback)
+        if setback > 0.0 and (extended_way := join((junction.way_in(entrance).tail(setback), way))):
             way = extended_way
         ways = {"from": start, "to": end, "fromLane": str(entrance_lane), "toLane": str(exit_lane), "shape": _shape(way.points)}
         SubElement(connections, "connection", ways)
     return {"node-files": nodes, "edge-files": edges, "connection-files": connections}
 
 
+def _to_line(junction: Junction, entrance: int) -> Segment:
+    """Return the lane to an entrance up to its stopping line; up to a line behind the entrance, it goes on as a way ahead."""
+    lane, setback = junction.way_in(entrance), junction.setbacks[entrance]
+    if setback >= 0.0:
+        return lane.head(lane.length - setback)
+    ways = [way for way in junction.movements.values() if way.entrance == entrance]
+    ahead = junction.way_through(*min(ways, key=lambda way: way.turn is not Turn.STRAIGHT).key)
+    return join((lane, ahead.head(-setback))) or lane
+
+
 def _add_arm(junction: Junction, number: int, arm: Arm, nodes: Element, edges: Element) -> None:
     """Add the edges of an arm to the network, and the node at the far end of each edge."""
-    ways_in = [junction.way_in(k) for k in arm.entrances]
-    ways_in = [way.head(way.length - junction.setbacks[k]) for way, k in zip(ways_in, arm.entrances, strict=True)]
+    ways_in = [_to_line(junction, k) for k in arm.entrances]
     ways_out = [junction.way_out(k) for k in arm.exits]
     ways_out = [way.head(min(way.length, EXIT_LENGTH)) for way in ways_out]
     ranks = [priority(junction.entrances[k].sign) for k in arm.entrances]
