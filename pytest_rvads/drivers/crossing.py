@@ -163,11 +163,11 @@ def in_the_way(seen: Observation, other: VehicleState) -> bool:
     return other.zone is JUNCTION and any(other.station - other.length < shared.yours.end for shared in conflicts(seen, other))
 
 
-def runs_through(other: VehicleState) -> bool:
+def runs_through(seen: Observation, other: VehicleState) -> bool:
     """Return whether `other`, before the junction, can no longer stop, or is about to enter and brakes too little to stop."""
     if other.speed < 1.0 or (other.zone is not APPROACH and other.zone is not ENTRANCE):
         return False
-    distance = max(-other.station, 0.1)
+    distance = max(-other.station, -seen.junction.setbacks[other.entrance] - other.station, 0.1)
     needed = other.speed * other.speed / (2.0 * distance)
     return needed > RUNNER or (distance < SOON * other.speed and -other.acceleration < needed / 2.0)
 

@@ -133,7 +133,7 @@ class GiveWay:
             red = seen.lights[seen.me.entrance] is _RED
             return not all(self._fits(seen, other, m, MARGIN if m.mine or red else 0.0) for m in self._meetings.of(other))
         colour = seen.lights[other.entrance]
-        runs = runs_through(other)
+        runs = runs_through(seen, other)
         if not runs and (colour is _RED or (colour is _YELLOW and other.speed < MOVING)):
             # The light of a vehicle that waits at red can turn green before the own vehicle has finished its turn on red.
             waits = seen.lights[seen.me.entrance] is _RED and self._queue.arrived(other) and may_get_green(seen, other)

@@ -181,7 +181,7 @@ class StopSign:
         if seen.lights[seen.me.entrance] in (Colour.RED, Colour.YELLOW):
             return False
         entrance = seen.me.entrance
-        if any(runs_through(other) and other.entrance != entrance for other in seen.others) or exit_blocked(seen):
+        if any(runs_through(seen, other) and other.entrance != entrance for other in seen.others) or exit_blocked(seen):
             self._stuck_since = None
             return False
         order, free = self._queue.first(seen)
@@ -358,4 +358,4 @@ def _comes_first(seen: Observation, other: VehicleState, earlier: bool) -> bool:
 
 
 def _runs_red(seen: Observation, other: VehicleState) -> bool:
-    return seen.lights[other.entrance] is _RED and runs_through(other) and bool(conflicts(seen, other))
+    return seen.lights[other.entrance] is _RED and runs_through(seen, other) and bool(conflicts(seen, other))

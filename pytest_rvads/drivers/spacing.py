@@ -111,7 +111,7 @@ class Stopping:
         self._braking = True
         full = vehicle.brake[seen.aggression - 1]
         most = full + resistance(vehicle, me.speed)
-        urgent = _needed(me.speed, -me.station)
+        urgent = _needed(me.speed, seen.itinerary.entry - me.station)
         if urgent > most:
             return math.inf
         # A late stop begins with the full brake, because the lag of the brake costs distance.

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from pytest_rvads.geometry.control import Sign
 from pytest_rvads.geometry.crosswalks import Crosswalk
 from pytest_rvads.geometry.junction import Junction
-from pytest_rvads.geometry.opendrive.signals import LINE_RANGE
+from pytest_rvads.geometry.opendrive.signals import INSIDE
 from pytest_rvads.geometry.segment import NO_LIMIT, Segment
 from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.geometry.ways import Entrance, Exit, Movement
@@ -62,7 +62,7 @@ class _Entrance(msgspec.Struct, frozen=True, omit_defaults=True):
     lane: Count
     sign: Sign
     phase: Count | None
-    setback: Annotated[float, msgspec.Meta(ge=-LINE_RANGE, le=1e6)]
+    setback: Annotated[float, msgspec.Meta(ge=-INSIDE, le=1e6)]
     approach: _Line | None
     sign_setback: _Length | None = None
     """Left out of the file if no sign stands before the line, as in files of earlier versions."""

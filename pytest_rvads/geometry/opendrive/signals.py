@@ -27,13 +27,15 @@ from pytest_rvads.geometry.opendrive.records import Document, Road, Signal, pose
 from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.support.wording import plural
 
-__all__ = ["LINE_RANGE", "STANDARD", "attach", "kind_of", "point_of"]
+__all__ = ["INSIDE", "LINE_RANGE", "STANDARD", "attach", "kind_of", "point_of"]
 
 Array = NDArray[np.float64]
 SIGNAL_RANGE = 50.0
 """Largest distance of a signal from the junction that the signal regulates [m]."""
 LINE_RANGE = 10.0
-"""Greatest distance of a stopping line before or behind the entrance vertex [m]."""
+"""Greatest distance of a stopping line before the entrance vertex [m]."""
+INSIDE = 20.0
+"""Greatest distance of a stopping line behind the entrance vertex [m]."""
 _HALF = 1.75
 """Half the length of a stop line in a junction for which the file gives no length and no lane [m]."""
 _SQUARE = math.cos(math.radians(45.0))
@@ -261,7 +263,7 @@ class _Attacher:
         if unused:
             message = (
                 f"{len(unused)} of {plural(len(used) + len(unused), 'stop line')} in junctions, {unused[0].partition('@')[0]!r} "
-                f"first, were ignored: no lane into the junction crosses them within {LINE_RANGE:g} m of its end"
+                f"first, were ignored: no lane into the junction crosses them within {INSIDE:g} m of its end"
             )
             self.draft.warn(Doubt.SIGNAL, message)
         for junction, ids in self.inverted.items():
@@ -474,8 +476,10 @@ class _Attacher:
                 if junction not in self.entered.get(before, ()):
                     continue
                 for station, heading in _crossings(np.vstack((lane.points, self.edges[id].points)), middle, along, half):
-                    crossed.append((lane.length - station, heading, before))
-        near = sorted((row for row in crossed if abs(row[0]) <= LINE_RANGE), key=lambda row: (abs(row[0]), row[2]), reverse=True)
+                    crossed.append((round(lane.length - station, 6), heading, before))
+        near = sorted(
+            (row for row in crossed if -INSIDE <= row[0] <= LINE_RANGE), key=lambda row: (abs(row[0]), row[2]), reverse=True
+        )
         return {before: setback for setback, heading, before in near if math.cos(heading - near[-1][1]) > _SQUARE}
 
     def _object(self, signal: Signal, kind: ObjectKind, junction: str, edge: Chain) -> MapObject:

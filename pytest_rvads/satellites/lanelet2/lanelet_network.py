@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from pytest_rvads.geometry.control import MapObject, ObjectKind
 from pytest_rvads.geometry.network import HAND, DeclaredJunction, Doubt, Edge, MapWarning, Network, PaintedCrosswalk, facing
-from pytest_rvads.geometry.opendrive.signals import LINE_RANGE
+from pytest_rvads.geometry.opendrive.signals import INSIDE
 from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.satellites.lanelet2.lanelet_areas import Ground, areas_of, cut_off, listed
 from pytest_rvads.satellites.lanelet2.lanelets import Lanelet, conflicts_of, hand_votes, intersections, stations_of
@@ -363,7 +363,7 @@ class _Attacher:
                 continue
             places, _ = intersections(path, line)
             setbacks = stations[last] - np.interp(places[np.isfinite(places)], np.arange(len(path)), stations)
-            setbacks = setbacks[(setbacks <= _LINE_RANGE) & (setbacks >= -LINE_RANGE)]
+            setbacks = setbacks[(setbacks <= _LINE_RANGE) & (setbacks >= -INSIDE)]
             if len(setbacks):
                 yield id, round(float(setbacks.max() if after else setbacks.min()), 6)
 
