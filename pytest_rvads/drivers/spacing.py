@@ -122,7 +122,7 @@ def can_stop(seen: Observation, deceleration: float) -> bool:
     """Return whether the own vehicle stops before the junction if it brakes at `deceleration` [m/s^2] from now on."""
     speed = seen.me.speed
     distance = seen.itinerary.entry - LAST_STOP - seen.me.station - speed * seen.vehicle.brake_lag
-    return speed * speed <= 2.0 * deceleration * distance if speed > 0.1 else seen.me.zone <= ENTRANCE
+    return speed * speed <= 2.0 * deceleration * distance if speed > 0.1 else seen.me.station <= seen.itinerary.entry
 
 
 def behind_leader(seen: Observation) -> float:

@@ -186,6 +186,45 @@ def test_uturns_have_a_word_of_their_own_in_json_pictures_and_explanations(with_
     assert "a0 @ entrance 0, U-turn" in verdict.explanation
 
 
+def turned_back(*arms: int, lanes: int = 2) -> bytes:
+    """Return a map whose lane beside the median only leads back, on some arms; with one lane per arm the arm has no other."""
+    allowed = [((1, 2, 3),) if arm not in arms else ((3,),) if lanes == 1 else ((1, 2), (3,)) for arm in range(4)]
+    root = ElementTree.fromstring(opendrive(Layout(4, JunctionControl.NONE, lanes=tuple(allowed))))
+    roads = {road.get("id"): road for road in root.iter("road")}
+    for row in root.iter("connection"):
+        road = roads[row.get("connectingRoad")]
+        ends = [int(road.find(f"link/{tag}").get("elementId")) for tag in ("predecessor", "successor")]
+        if ends[0] in arms and (ends[1] - ends[0]) % 4 == 3:
+            road.find("link/successor").set("elementId", str(ends[0]))
+            (shape,) = road.iter("geometry")
+            x, y = float(shape.get("x")), float(shape.get("y"))
+            aside = abs(x if abs(y) == 15.0 else y) + 1.75  # the lane out lies 1.75 m beside the middle of its arm
+            shape[:] = []
+            ElementTree.SubElement(shape, "arc", curvature=str(2.0 / aside))
+            for element in (shape, road):
+                element.set("length", str(math.pi * aside / 2.0))
+    return ElementTree.tostring(root)
+
+
+@pytest.mark.parametrize(("arms", "lanes"), [((0,), 2), ((2,), 2), ((0, 1, 2, 3), 2), ((1,), 1)])
+def test_lane_that_only_leads_back_is_no_entrance(
+    tmp_path: Path, arms: tuple[int, ...], lanes: int, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "back.xodr"
+    path.write_bytes(turned_back(*arms, lanes=lanes))
+    assert main(["map", str(path), "--json", "--svg", str(tmp_path / "back.svg")]) == 0
+    (junction,) = json.loads(capsys.readouterr().out)["junctions"]
+    assert (junction["ways"], junction["control"], junction["usable"]) == (4, "none", True)
+    assert [arm["entrances"] for arm in junction["arms"]] == [lanes - 1 if arm in arms else 1 for arm in range(4)]
+    assert len(junction["movements"]) == sum(3 if arm not in arms else 2 * (lanes - 1) for arm in range(4))
+    (message,) = [warning.message for warning in read_map(path).warnings if "U-turn" in warning.message]
+    assert message.startswith(f"{len(arms)} U-turn")
+    assert "no traffic enters by" in message
+    place = read_map(path, uturns=True).junction("1")
+    assert len(place.entrances) == 4 - len(arms) + lanes * len(arms)
+    assert main(["town", str(path), "--autopilot", "reference", "--sample", "1", "-j", "1", "-o", str(tmp_path / "town")]) == 0
+
+
 def allowing(*directions: int, approach: float = 120.0) -> Layout:
     """Return a junction without signs, one lane per arm: the direction that each allows, 1 to the right, 2 straight on."""
     return Layout(4, JunctionControl.NONE, lanes=tuple(((j,),) for j in directions), approach=approach)

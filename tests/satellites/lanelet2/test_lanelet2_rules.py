@@ -320,7 +320,7 @@ def test_stop_sign_is_for_the_lanelet_that_refers_to_it(read: Read) -> None:
     assert signs(only(read(crossing)))[crossing.entries[3]] == "stop"
 
 
-@pytest.mark.parametrize(("distance", "setback"), [(0.0, 0.0), (3.0, 3.0), (24.0, 24.0), (26.0, 0.0), (-0.5, 0.0)])
+@pytest.mark.parametrize(("distance", "setback"), [(0.0, 0.0), (3.0, 3.0), (24.0, 24.0), (26.0, 0.0), (-0.5, -0.5)])
 def test_stop_line_without_references_counts_near_the_junction(read: Read, distance: float, setback: float) -> None:
     crossing = Crossing()
     crossing.line(1, distance)
@@ -328,6 +328,17 @@ def test_stop_line_without_references_counts_near_the_junction(read: Read, dista
     assert dict(zip((end.edge for end in report.entrances), report.setbacks, strict=True)) == pytest.approx(
         {id: setback if id == crossing.entries[1] else 0.0 for id in crossing.entries}
     )
+
+
+def test_stop_line_of_a_light_may_lie_in_the_junction(read: Read) -> None:
+    crossing = Crossing()
+    lines = [crossing.line(k, -3.0) for k in range(4)]  # the lanelets in the junction begin 10 m before its centre
+    for k, line in enumerate(lines):
+        inside = [id for (road, _), id in crossing.movements.items() if road == k]
+        crossing.regulate("traffic_light", [("ref_line", line)], inside)
+    road_map = read(crossing)
+    assert only(road_map).setbacks == pytest.approx((-3.0,) * 4, abs=0.01)
+    assert not doubts(road_map, "signal")
 
 
 def test_stop_line_behind_the_junction_is_a_doubt(read: Read) -> None:
