@@ -91,7 +91,7 @@ typedef struct {
 typedef struct {
     uint32_t arm, lane, sign;
     int32_t phase;       /* those of one phase get green together; -1 without a light */
-    double setback;      /* stopping line before the junction [m] */
+    double setback;      /* stopping line before the end of the lane [m]; negative behind it */
     double sign_setback; /* stop sign before the junction [m] */
 } rvads_entrance;
 

@@ -188,13 +188,9 @@ def analyse(
         return [(entering[p.entrance], leaving[p.exit], p.turning) for p in paths]
 
     arms = sort_arms(arms, lambda order: turns_in_order(turning(order), len(order)))
-    # A lane that leads only to the arm it comes from has no movement without U-turns, and is then no entrance.
-    idle = (
-        ()
-        if uturns
-        else {path.entrance for path in paths}
-        - {path.entrance for path in paths for arm in arms if path.entrance in arm.entrances and path.exit not in arm.exits}
-    )
+    # A lane that leads only to the arm it comes from has no movement without U-turns, and is no entrance if other lanes are.
+    onward = {p.entrance for p in paths for arm in arms if p.entrance in arm.entrances and (uturns or p.exit not in arm.exits)}
+    idle = {path.entrance for path in paths} - onward if onward else set()
     arms = tuple(replace(arm, entrances=tuple(lane for lane in arm.entrances if lane not in idle)) for arm in arms)
     entrances = _lanes([arm.entrances for arm in arms])
     exits = _lanes([arm.exits for arm in arms])
