@@ -11,7 +11,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pytest_rvads.support.wording import encode_all, markup, one_line, printable, quoted
+from pytest_rvads.logic.check import sentence
+from pytest_rvads.support.errors import RunError
+from pytest_rvads.support.wording import encode_all, markup, named_error, one_line, printable, quoted
 
 
 def test_what_steers_a_terminal_or_turns_the_writing_is_escaped() -> None:
@@ -81,3 +83,8 @@ def test_quoted_name_is_one_word_of_a_shell(name: str, tmp_path: Path) -> None:
 @given(st.text(st.characters(exclude_characters="\0")))
 def test_a_quoted_name_is_one_word(name: str) -> None:
     assert shlex.split(quoted(name)) == [name]
+
+
+@pytest.mark.parametrize("error", [StopIteration(), AssertionError(), MemoryError(), OSError(), RunError("")])
+def test_error_without_a_text_has_the_name_of_its_type(error: Exception) -> None:
+    assert named_error(error) == sentence(error) == type(error).__name__

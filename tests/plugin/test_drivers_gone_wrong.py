@@ -383,3 +383,35 @@ def test_what_keeps_the_process_after_its_session_is_not_waited_for(pytester: py
     assert result.ret == pytest.ExitCode.TESTS_FAILED
     result.stdout.fnmatch_lines(["*2 passed, 1 error*"])
     assert "keeps its process, which ends now" in result.stderr.str()
+
+
+def test_exception_without_a_text_is_named_by_its_type(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile("""
+        import pytest
+        import pytest_rvads as rvads
+
+        ERRORS = (StopIteration(), AssertionError(), KeyError(""), MemoryError(), rvads.errors.RunError(""))
+
+        class Breaks:
+            name = "breaks"
+
+            def __init__(self, error):
+                self.error = error
+
+            def __call__(self, case):
+                raise self.error
+
+            def vmax(self, distance, aggression=1, vehicle=None):
+                return None
+
+        @pytest.fixture(params=ERRORS)
+        def rvads_simulator(request):
+            return Breaks(request.param)
+
+        @rvads.scenario("stop4", classes=1, grid="C", rules="p1")
+        def test_it(rule, monitor):
+            monitor.check(rule)
+    """)
+    pytester.runpytest("-p", "no:cacheprovider", "--rvads-autopilot=reference", "--rvads-report=out.json")
+    messages = [record["message"] for record in records_of(pytester.path)]
+    assert sorted(messages) == ["AssertionError", "KeyError: ''", "MemoryError", "RunError", "StopIteration"]

@@ -273,6 +273,7 @@ def _same_relations(place: Junction, other_place: Junction, onto: _Onto) -> bool
         if (lane.sign_setback is None) is not (image.sign_setback is None) or (lane.phase is None) is not (image.phase is None):
             return False
         widths += [(lane.setback, image.setback), (lane.sign_setback or 0.0, image.sign_setback or 0.0)]
+        widths.append((lane.beyond or 0.0, image.beyond or 0.0))
 
     def key(movement: tuple[int, int]) -> tuple[int, int]:
         return entrances[movement[0]], onto.exits[movement[1]]
