@@ -1,7 +1,8 @@
 """Fixtures shared by the tests of all packages: runs written by hand, among others."""
 
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+import signal
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
@@ -23,6 +24,8 @@ from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.runs.itineraries import Itinerary
 from pytest_rvads.runs.run import Collision, Facts, Run
 from pytest_rvads.runs.states import Agent, Colour, Zone
+
+from .left_patched import Attributes
 
 Make = Callable[..., Run]
 _OWN = {"road": "id", "signal": "id", "object": "id", "controller": "id", "control": "signalId", "connection": "incomingRoad"}
@@ -52,13 +55,46 @@ longer than most of the sessions, the other a language of templates at its begin
 
 @pytest.fixture(scope="session", autouse=True)
 def _processes(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """What tests start compiles each module once, even where nothing may be written beside modules."""
+    """What tests start compiles each module once, even where nothing may be written beside modules, and can be interrupted.
+
+    In the background and under nohup, shells have signals ignored, and so would be the processes that tests start. A signal with
+    a handler has its default action there.
+    """
+    _ATTRIBUTES.learn()
+    for name in ("SIGINT", "SIGQUIT", "SIGHUP"):
+        number = getattr(signal, name, None)
+        if number and signal.getsignal(number) is signal.SIG_IGN:
+            signal.signal(number, lambda *_: None)
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("PYTEST_ADDOPTS", WITHOUT)
         if "PYTHONDONTWRITEBYTECODE" in os.environ:
             patch.delenv("PYTHONDONTWRITEBYTECODE")
             patch.setenv("PYTHONPYCACHEPREFIX", str(tmp_path_factory.mktemp("bytecode")))
         yield
+
+
+_ATTRIBUTES = Attributes()
+
+
+@pytest.hookimpl(wrapper=True, tryfirst=True)
+def pytest_runtest_teardown(item: pytest.Item, nextitem: pytest.Item | None) -> Iterator[None]:
+    """Fail a test that leaves an attribute of the package replaced, or the last test of its file."""
+    yield
+    last = nextitem is None or nextitem.path != item.path
+    left = _ATTRIBUTES.restore(everything=last)
+    if last:
+        _ATTRIBUTES.learn()
+    if left:
+        who = f"{item.nodeid}, or an earlier test of its file," if last else item.nodeid
+        pytest.fail(f"{who} left {', '.join(left)} replaced: undo patches in the reverse order", pytrace=False)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_fixture_setup(fixturedef: pytest.FixtureDef[object]) -> Generator[None, object, object]:
+    result = yield
+    if fixturedef.scope != "function":
+        _ATTRIBUTES.forget()
+    return result
 
 
 @pytest.fixture(autouse=True)

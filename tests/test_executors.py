@@ -1,9 +1,11 @@
 """Work on executors: results in order or as they come, the same everywhere, and what becomes of it when processes die."""
 
+import multiprocessing
 import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Iterator
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
@@ -60,10 +62,16 @@ def fatal_once(job: tuple[int, str]) -> int:
     return number
 
 
+def ends_soon() -> None:
+    """End a process of a pool after a minute, because it outlives the process that started it if that one is killed."""
+    if threading.current_thread() is threading.main_thread() and multiprocessing.parent_process() is not None:
+        signal.alarm(60)
+
+
 @pytest.mark.parametrize("made", [1, 2, None, ThreadPoolExecutor, ProcessPoolExecutor])
 def test_results_come_in_order_whatever_works_on_them(made: Any) -> None:
     told: list[tuple[int, int]] = []
-    executor = made(2) if isinstance(made, type) else made
+    executor = made(2, initializer=ends_soon) if isinstance(made, type) else made
     assert list(spread(square, range(11), executor, lambda *now: told.append(now))) == [k * k for k in range(11)]
     assert told == [(k, 11) for k in range(1, 12)]
     if isinstance(executor, Executor):
@@ -180,7 +188,10 @@ def test_an_executor_that_was_shut_down_is_told() -> None:
 
 
 def test_a_pool_of_others_that_broke_is_told() -> None:
-    with ProcessPoolExecutor(2) as pool, pytest.raises(ExecutorGone, match="workers or scheduler are gone"):
+    with (
+        ProcessPoolExecutor(2, initializer=ends_soon) as pool,
+        pytest.raises(ExecutorGone, match="workers or scheduler are gone"),
+    ):
         list(spread(fatal, range(20), pool))
 
 
@@ -234,7 +245,7 @@ import os, sys, time
 from pytest_rvads.support.executors import gathered
 def work(job):
     os.write(1, b"%d\\n" % os.getpid())  # in one piece
-    time.sleep(60)
+    time.sleep(12)
 if __name__ == "__main__":
     list(gathered(work, range(8), 2))
 """

@@ -229,9 +229,9 @@ def test_map_without_a_line_of_starts_is_refused(command: str, capsys: Read, mon
 
 
 @pytest.fixture
-def interrupted(make: Make, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+def interrupted(make: Make) -> Iterator[None]:
     """Starts with entrance 0 as the seat collide; Ctrl-C interrupts the first run with another seat."""
-    with judged_by(colliding, make):
+    with judged_by(colliding, make), pytest.MonkeyPatch.context() as patch:
         judged = Setting.judged
 
         def once(self: Setting, scenario: rvads.Scenario) -> object:
@@ -239,7 +239,7 @@ def interrupted(make: Make, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
                 raise KeyboardInterrupt
             return judged(self, scenario)
 
-        monkeypatch.setattr(Setting, "judged", once)
+        patch.setattr(Setting, "judged", once)
         yield
 
 

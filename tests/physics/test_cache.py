@@ -3,6 +3,7 @@
 import json
 import os
 import resource
+import signal
 import sys
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
@@ -181,7 +182,7 @@ def _many(place: str) -> list[float | None]:
 
 @pytest.mark.extended
 def test_processes_that_write_at_the_same_time_do_not_hurt_each_other(where: Path) -> None:
-    with ProcessPoolExecutor(4) as pool:
+    with ProcessPoolExecutor(4, initializer=signal.alarm, initargs=(60,)) as pool:
         found = list(pool.map(_many, [str(where)] * 4))
     assert found == [[float(k % 5) for k in range(200)]] * 4
     assert len(list(where.iterdir())) == 5

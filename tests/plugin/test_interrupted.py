@@ -72,7 +72,7 @@ def start(pytester: pytest.Pytester) -> Iterator[Start]:
 
     def begin(*options: str, ignoring: tuple[int, ...] = (), **variables: str) -> "subprocess.Popen[str]":
         def handle() -> None:
-            signal.signal(signal.SIGINT, signal.SIG_DFL)  # in the background, shells have it ignored
+            signal.alarm(LONG)
             for number in ignoring:
                 signal.signal(number, signal.SIG_IGN)
 

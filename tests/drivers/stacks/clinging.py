@@ -1,4 +1,7 @@
-"""A stack that drives well and clings to life: ``clinging.py HOW TAG``; what it starts has the tag on its command line, too."""
+"""A stack that drives well and clings to life: ``clinging.py HOW TAG``; what it starts has the tag on its command line, too.
+
+Whoever starts it may be killed before it is ended: no process of it lives longer than `LIFE`.
+"""
 
 import fcntl
 import json
@@ -10,8 +13,11 @@ import time
 from collections.abc import Callable
 
 how, tag = sys.argv[1:3]
-SLEEP = [sys.executable, "-I", "-S", "-c", "import time; time.sleep(600)", tag]
-STUBBORN = [*SLEEP[:4], "import signal, time; signal.signal(signal.SIGTERM, signal.SIG_IGN); time.sleep(600)", tag]
+LIFE = 50
+"""Longest life of a process [s]."""
+END = time.monotonic() + LIFE
+SLEEP = [sys.executable, "-I", "-S", "-c", f"import time; time.sleep({LIFE})", tag]
+STUBBORN = [*SLEEP[:4], f"import signal, time; signal.signal(signal.SIGTERM, signal.SIG_IGN); time.sleep({LIFE})", tag]
 
 
 def say(content: dict[str, object]) -> None:
@@ -36,7 +42,7 @@ def hop() -> None:
     if os.fork() == 0:
         os.setsid()
         fcntl.flock(os.open(tag, os.O_CREAT | os.O_RDWR), fcntl.LOCK_EX)
-        while os.fork() == 0:
+        while time.monotonic() < END and os.fork() == 0:
             pass
         os._exit(0)
 
@@ -80,6 +86,12 @@ for line in sys.stdin:
     else:
         break
 if how == "is stopped":
-    os.kill(os.getpid(), signal.SIGSTOP)
+    stopped = os.getpid()
+    if os.fork() == 0:
+        time.sleep(LIFE)
+        if os.getppid() == stopped:
+            os.kill(stopped, signal.SIGKILL)
+        os._exit(0)
+    os.kill(stopped, signal.SIGSTOP)
 if not how.startswith("leaves"):
-    time.sleep(600)
+    time.sleep(LIFE)

@@ -22,7 +22,7 @@ def ahead() -> None:
 FAULTS: dict[str, Callable[[], object]] = {
     "crash": lambda: sys.exit("cannot open the map"),
     "segfault": lambda: os.kill(os.getpid(), signal.SIGSEGV),
-    "hang": lambda: time.sleep(600),
+    "hang": lambda: [time.sleep(50), sys.exit()],  # type: ignore[func-returns-value]
     "late": lambda: time.sleep(2),
     "nan": lambda: say({"type": "command", "throttle": float("nan")}),
     "inf": lambda: say({"type": "command", "target_speed": float("inf")}),
@@ -44,7 +44,7 @@ FAULTS: dict[str, Callable[[], object]] = {
     "crowded": lambda: say({"type": "command", "trajectory": [[0, 1, 2]] * 10_001}),
     "flood": lambda: [os.write(1, bytes(65536)) for _ in range(16384)],
     "ahead": ahead,
-    "close": lambda: [os.close(1), time.sleep(60)],  # type: ignore[func-returns-value]
+    "close": lambda: [os.close(1), time.sleep(50)],  # type: ignore[func-returns-value]
 }
 HELLOS: dict[str, dict[str, object]] = {
     "version": {"version": 1},
@@ -61,7 +61,7 @@ for line in sys.stdin:
     content = json.loads(line)
     if content["type"] == "hello":
         if fault == "mute":
-            time.sleep(60)
+            time.sleep(50)
         say({"type": "hello", "version": 2, "name": "faulty", "rate": 20} | HELLOS.get(fault, {}))
     elif content["type"] == "reset":
         runs, asked = runs + 1, 0

@@ -133,7 +133,7 @@ def test_interrupted_close_leaves_no_process(cling: Cling, marked: Find, tag: st
 
 def test_endless_standard_error_keeps_nobody_waiting_and_is_forgotten_but_for_its_end() -> None:
     before = set(threading.enumerate())
-    child = Child(["sh", "-c", "head -c 100000000 /dev/zero >&2; printf 'last\\033[2J words' >&2; echo done; exec sleep 600"])
+    child = Child(["sh", "-c", "head -c 100000000 /dev/zero >&2; printf 'last\\033[2J words' >&2; echo done; exec sleep 50"])
     assert child.line(60.0) == b"done"
     assert child.tail().endswith(r"\x00last\x1b[2J words")
     assert len(child.tail()) < 20_000
@@ -151,7 +151,7 @@ first.send(b'{"type": "hello"}\\n', 60.0)
 first.line(60.0)
 descendants._guard.kill()
 descendants._guard.wait()
-second = Child(["sleep", "600"])
+second = Child(["sleep", "50"])
 print(flush=True)
 sys.stdin.read()
 """

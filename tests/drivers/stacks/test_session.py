@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -151,7 +152,7 @@ def session(pytester: pytest.Pytester, marked: Find) -> Iterator[Session]:
             text=True,
             env={**os.environ, "PYTHONPATH": str(FAULTY.parents[3])},
             start_new_session=True,
-            preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # in the background, shells have it ignored
+            preexec_fn=partial(signal.alarm, 60),  # a session that is left alone ends
         )
         started.append(process)
         assert wait_for(lambda: marked(tag) or process.poll() is not None, 60.0), "the stack runs, or has run"

@@ -1,10 +1,12 @@
 """Campaigns on the workers of a Dask scheduler: every case once, and the same as in one process, whoever dies meanwhile."""
 
+import signal
 import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -35,7 +37,8 @@ class Cluster:
     def _start(self, what: str, *arguments: str) -> "subprocess.Popen[bytes]":
         command = [sys.executable, "-m", f"distributed.cli.dask_{what}", "--scheduler-file", str(self._file), "--no-dashboard"]
         with (self._folder / f"{what}.log").open("ab") as log:
-            return subprocess.Popen([*command, *arguments], cwd=self._folder, stdout=log, stderr=log)
+            bounded = partial(signal.alarm, 60)
+            return subprocess.Popen([*command, *arguments], cwd=self._folder, stdout=log, stderr=log, preexec_fn=bounded)
 
     @contextmanager
     def client(self) -> Iterator[Any]:

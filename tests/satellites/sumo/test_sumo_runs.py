@@ -111,7 +111,7 @@ def test_sumo_run_is_equal_in_any_order_and_process() -> None:
 @pytest.mark.extended
 def test_forked_process_has_its_own_sumo() -> None:
     first = simulated("stop4", "1133").hash
-    with ProcessPoolExecutor(1, mp_context=get_context("fork")) as pool:
+    with ProcessPoolExecutor(1, get_context("fork"), signal.alarm, (60,)) as pool:
         assert pool.submit(_hash).result() == first
     (ours,) = sumo_process._FREE
     assert ours.usable

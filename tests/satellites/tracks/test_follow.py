@@ -6,6 +6,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -117,7 +118,10 @@ def test_a_growing_file_is_followed_until_ctrl_c(tmp_path: Path) -> None:
     lines = log({"reckless-1": 0.0, "reckless-2": 20.0}, 25.0)
     file = tmp_path / "states.jsonl"
     file.write_text("".join(f"{line}\n" for line in lines[:150]), encoding="utf-8")
-    with subprocess.Popen([*FOLLOW, str(file)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as running:
+    bounded = partial(signal.alarm, 60)  # it would follow the file for ever
+    with subprocess.Popen(
+        [*FOLLOW, str(file)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, preexec_fn=bounded
+    ) as running:
         assert running.stdout is not None
         first = json.loads(running.stdout.readline())
         assert (first["binding"]["a"], first["status"]) == ("reckless-1", "FAIL"), "told while the file still grows"
