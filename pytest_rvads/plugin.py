@@ -26,7 +26,7 @@ from pytest_rvads.session.collection.expansion import expand, expand_recorded, i
 from pytest_rvads.session.collection.extensions import open_book, open_session, outliving
 from pytest_rvads.session.collection.marks import register_marks
 from pytest_rvads.session.interrupts import BUDGET, Budget, end_with_parent, heed, limits
-from pytest_rvads.session.items import RECORD, attach, letter, prepare
+from pytest_rvads.session.items import RECORD, attach, letter, prepare, unwound
 from pytest_rvads.session.main_process import Session
 from pytest_rvads.session.options import OPTIONS, Options, all_options, declare
 from pytest_rvads.session.outputs import FOLDER, SessionFolder, claim
@@ -152,6 +152,7 @@ def pytest_make_collect_report(
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
     """Expand the mark ``@rvads.scenario`` into test items; the plugin `Recorded` expands ``@rvads.recorded``."""
+    __tracebackhide__ = True
     test = metafunc.definition
     if test.get_closest_marker("rvads_recorded"):
         return
@@ -166,6 +167,7 @@ class Recorded:
     @pytest.hookimpl(tryfirst=True)
     def pytest_generate_tests(self, metafunc: pytest.Metafunc) -> None:
         """Expand the mark ``@rvads.recorded`` into test items."""
+        __tracebackhide__ = True
         if metafunc.definition.get_closest_marker("rvads_recorded"):
             expand_recorded(metafunc, metafunc.config.stash[OPTIONS])
 
@@ -235,7 +237,8 @@ def pytest_runtest_makereport(
     item: pytest.Item, call: pytest.CallInfo[None]
 ) -> Generator[None, pytest.TestReport, pytest.TestReport]:
     """Attach the record (verdicts and facts), explanation and JUnit properties of a test item to pytest's report of the item."""
-    report = yield
+    with unwound(item, call):
+        report = yield
     attach(item, call, report)
     return report
 

@@ -30,7 +30,8 @@ from pytest_rvads.cli import (
 from pytest_rvads.cli.common import warn
 from pytest_rvads.support.errors import RvadsError
 from pytest_rvads.support.installed import entries, load
-from pytest_rvads.support.wording import encode_all, page, raised
+from pytest_rvads.support.tracebacks import raised
+from pytest_rvads.support.wording import encode_all, page
 
 __all__ = ["answer", "main"]
 

@@ -12,7 +12,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pytest_rvads.support.errors import AutopilotError
-from pytest_rvads.support.wording import one_line, raised
+from pytest_rvads.support.tracebacks import raised
+from pytest_rvads.support.wording import one_line
 
 if TYPE_CHECKING:
     from pytest_rvads.drivers.interface import Factory

@@ -41,6 +41,7 @@ from pytest_rvads.logic.telling.explain import tell
 from pytest_rvads.logic.telling.story import Story
 from pytest_rvads.runs.run import Run, once
 from pytest_rvads.support.errors import RunError, RvadsError, require
+from pytest_rvads.support.tracebacks import place_of
 from pytest_rvads.support.wording import named_error, one_line
 
 __all__ = [
@@ -170,8 +171,9 @@ def unjudged(rule: str | Rule, reason: str) -> Verdict:
 
 
 def sentence(error: BaseException) -> str:
-    """Return the message of an error in a line; the name of its type stands in front if it is no RvadsError or OSError."""
-    return (isinstance(error, RvadsError | OSError) and one_line(str(error))) or named_error(error)
+    """Return the message of an error in a line; errors other than RvadsError and OSError get the names of type, file and line."""
+    text = one_line(str(error)) if isinstance(error, RvadsError | OSError) else ""
+    return text or f"{named_error(error)} ({place_of(error)})"
 
 
 def _worst(rulebook: str, verdicts: Sequence[Verdict]) -> Verdict:

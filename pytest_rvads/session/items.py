@@ -7,8 +7,8 @@ into ``user_properties``, because JUnit files show all ``user_properties``.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from functools import partial
 from typing import TYPE_CHECKING, Any, cast
 
@@ -22,6 +22,8 @@ from pytest_rvads.session.collection.cells import RecordedCell, run_name
 from pytest_rvads.session.interrupts import OutOfTime
 from pytest_rvads.session.options import OPTIONS
 from pytest_rvads.session.plan import start
+from pytest_rvads.support.errors import RvadsError
+from pytest_rvads.support.tracebacks import in_own_code, place_of
 from pytest_rvads.support.wording import named_error, printable, quoted
 
 if TYPE_CHECKING:
@@ -32,22 +34,6 @@ if TYPE_CHECKING:
     from pytest_rvads.scenarios.scenario import Scenario
     from pytest_rvads.session.collection.cells import Cell
     from pytest_rvads.simulators.simulator import Simulator
-
-__all__ = [
-    "CELL",
-    "RECORD",
-    "REPEAT",
-    "RUN",
-    "SIMULATOR",
-    "VERDICTS",
-    "NoVerdict",
-    "NotJudged",
-    "Unsure",
-    "attach",
-    "checked_name",
-    "letter",
-    "prepare",
-]
 
 RECORD: pytest.StashKey[Record] = pytest.StashKey()
 VERDICTS: pytest.StashKey[list[Verdict]] = pytest.StashKey()
@@ -77,6 +63,10 @@ for _exception in (NoVerdict, NotJudged, Unsure):
 RUN: pytest.StashKey[Run] = pytest.StashKey()
 SIMULATOR: pytest.StashKey[Simulator] = pytest.StashKey()
 """The simulator that made the run of an item."""
+ERROR: pytest.StashKey[BaseException | None] = pytest.StashKey()
+"""The exception of the driver that ended the run of an item; None if the run ended otherwise."""
+PRINTED: pytest.StashKey[list[tuple[str, str]]] = pytest.StashKey()
+"""What the simulation of the run of an item printed and logged, by pytest's names (stdout, stderr, log)."""
 EARLIER: pytest.StashKey[tuple[Outcome, str | None]] = pytest.StashKey()
 """Status of a test item and hash of its run at the last execution, to compare with if a plugin repeats the item."""
 CELL: pytest.StashKey[Cell] = pytest.StashKey()
@@ -128,6 +118,9 @@ def attach(item: pytest.Item, call: pytest.CallInfo[None], report: pytest.TestRe
 
     One report per item has the record: the report of the call, or of a setup that did not pass.
     """
+    if report.failed:
+        printed = [(f"Captured {name} of the run", text) for name, text in item.stash.get(PRINTED, ())]
+        report.sections[:0] = [section for section in printed if section not in report.sections]
     if report.when == "call" and _has_no_driver(item):
         report.rvads_undriven = where_else(item.session)  # type: ignore[attr-defined]
     if RECORD not in item.stash:
@@ -149,6 +142,29 @@ def attach(item: pytest.Item, call: pytest.CallInfo[None], report: pytest.TestRe
         _publish(item, _with_earlier_execution(item, record), report)
 
 
+@contextmanager
+def unwound(item: pytest.Item, call: pytest.CallInfo[None]) -> Iterator[None]:
+    """Let pytest report the error of an item with the frames of the code of a user that raised it, without this package's.
+
+    After the report, the traceback ends in the innermost line of that code, where ``--pdb`` then stops.
+    """
+    raised = call.excinfo.value if call.excinfo and RECORD in item.stash else None
+    source, fault = raised, item.stash[RUN].fault if RUN in item.stash else None
+    if isinstance(raised, NoVerdict):
+        source = item.stash.get(ERROR, None) if fault and fault.reason in str(raised) else None
+    traces = in_own_code(source) if source else None
+    if not (raised and source and traces):
+        yield
+        return
+    if isinstance(raised, NoVerdict):
+        raised.pytrace = True
+        for name in ("__cause__", "__context__", "__suppress_context__"):
+            setattr(raised, name, getattr(source, name))
+    call.excinfo = pytest.ExceptionInfo.from_exception(raised.with_traceback(traces[0]))
+    yield
+    call.excinfo = pytest.ExceptionInfo.from_exception(raised.with_traceback(traces[1]))
+
+
 def _fallback_record(item: pytest.Item, error: Exception, report: pytest.TestReport) -> Record:
     """Return a record with status ERROR for an item whose record can't be completed."""
     from msgspec.structs import replace
@@ -163,7 +179,9 @@ def _completed_record(item: pytest.Item, raised: BaseException | None, report: p
     from pytest_rvads.report.record import conclude
 
     text = str(raised) if raised else report.longrepr if isinstance(report.longrepr, str) else ""
-    if raised and not any(map(str.isalnum, text)):
+    if isinstance(raised, Exception) and not isinstance(raised, AssertionError | RvadsError):
+        text = f"{named_error(raised)} ({place_of(raised)})"
+    elif raised and not any(map(str.isalnum, text)):
         text = named_error(raised)
     xfail = _xfail_reason(report, raised, text)
     verdicts: list[Verdict] = item.stash[VERDICTS]
@@ -223,7 +241,7 @@ def _has_no_driver(item: pytest.Item) -> bool:
 
 def _release(item: pytest.Item) -> None:
     """Delete run, record and verdicts of a test item, because memory does not hold the runs of thousands of items."""
-    keys: tuple[pytest.StashKey[Any], ...] = (RECORD, VERDICTS, RUN, SIMULATOR, REPEAT, CELL)
+    keys: tuple[pytest.StashKey[Any], ...] = (RECORD, VERDICTS, RUN, SIMULATOR, REPEAT, CELL, ERROR, PRINTED)
     for key in keys:
         if key in item.stash:
             del item.stash[key]

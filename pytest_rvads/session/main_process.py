@@ -9,6 +9,7 @@ from dataclasses import replace
 from datetime import datetime
 from hashlib import sha256
 from pathlib import Path
+from traceback import format_tb
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -20,6 +21,7 @@ from pytest_rvads.session.outputs import Outputs, totals
 from pytest_rvads.session.plan import Planner
 from pytest_rvads.session.reasons import Ending, reasons
 from pytest_rvads.support.errors import RvadsError
+from pytest_rvads.support.tracebacks import in_own_code, place_of
 from pytest_rvads.support.wording import named_error, plural, printable
 
 if TYPE_CHECKING:
@@ -100,7 +102,9 @@ class Session:
         try:
             self.config.hook.pytest_rvads_verdict(record=content, config=self.config)
         except (Exception, SystemExit, pytest.skip.Exception, pytest.fail.Exception) as error:
-            trouble = f"a hook pytest_rvads_verdict raised {named_error(error)}"
+            traces = in_own_code(error)
+            told = "".join(format_tb(traces[0] if traces else None)).rstrip()
+            trouble = f"a hook pytest_rvads_verdict raised {named_error(error)} ({place_of(error)})\n{told}"
             self.troubles += [] if trouble in self.troubles else [trouble]
             self.failures_without_verdict.add("pytest_rvads_verdict")
 

@@ -32,7 +32,7 @@ from pytest_rvads.logic.conduct.room import room
 from pytest_rvads.physics import braking, engines
 from pytest_rvads.physics.body import Body, World, WorldMaker, start
 from pytest_rvads.physics.engines import BULLET, MUJOCO, Engine
-from pytest_rvads.runs.run import DT, LATE, Collision, Facts, Fault, Halt, Run
+from pytest_rvads.runs.run import DT, LATE, RAISED, Collision, Facts, Fault, Halt, Run
 from pytest_rvads.runs.states import GONE, STEADY, Agent, Colour, Vehicle, VehicleState, Zone, usual_body
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.simulators.patience import TooLate, watch
@@ -180,6 +180,7 @@ class Loop:
     def _halted(self, halt: Halt) -> None:
         self.end = halt.end
         self.fault = Fault(self._step * DT, halt.agent, halt.reason, halt.detail)
+        RAISED.update(reason=halt.reason, error=halt.__cause__)
 
     def _over(self) -> bool:
         """Return whether the run is over before the end of its duration, and note the reason."""

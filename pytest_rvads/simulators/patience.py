@@ -25,11 +25,11 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar, Token
 from numbers import Real
-from pathlib import Path
 from types import FrameType, TracebackType
 from typing import Any, NamedTuple
 
 from pytest_rvads.support.errors import ScenarioError
+from pytest_rvads.support.tracebacks import place
 
 __all__ = ["NEVER", "Choice", "Limits", "TooLate", "Watch", "choice", "choosing", "limits", "watch"]
 
@@ -42,7 +42,6 @@ _SIGNAL = getattr(signal, "SIGURG", None)
 NEVER = -1
 """Value of `Limits.dump` with which no process ends, because something else uses the timer of faulthandler."""
 _STANDARD_ERROR = 2
-_LIBRARY = str(Path(os.__file__).parent)
 _DEBUGGERS = {"bdb", "pdb", "pydevd", "_pydevd_bundle"}
 """Packages of debuggers: a run in a debugger has no time limit."""
 
@@ -246,16 +245,11 @@ def _raise(thread: int) -> None:
 
 
 def _place(stack: FrameType | None) -> str:
-    """Return file and line of the innermost call of a call stack outside of Python's standard library."""
-    frame = stack
-    while frame is not None and _in_library(frame.f_code.co_filename):
-        frame = frame.f_back
-    innermost = frame or stack
-    return f"{Path(innermost.f_code.co_filename).name}:{innermost.f_lineno}" if innermost else "an unknown place"
-
-
-def _in_library(file: str) -> bool:
-    return file.startswith("<frozen") or (file.startswith(_LIBRARY) and "-packages" not in file)
+    """Return file and line of the innermost call of a driver or world in code of the user, see `place`."""
+    frames = [stack] if stack else []
+    while frames and (back := frames[-1].f_back) and back.f_globals.get("__package__") != __package__:
+        frames.append(back)
+    return place([(frame.f_code.co_filename, frame.f_lineno) for frame in reversed(frames)]) if frames else "an unknown place"
 
 
 def _debugged(stack: FrameType | None) -> bool:

@@ -10,12 +10,10 @@ before the fault are judged: a rule that they violate gets FAIL, every other rul
 from __future__ import annotations
 
 import math
-import traceback
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from itertools import islice
 from numbers import Real
-from pathlib import Path
 from typing import Any
 
 from pytest_rvads.drivers.commands import Tracker, UnfitCommand, plain
@@ -39,6 +37,7 @@ from pytest_rvads.scenarios.senses import IDEAL, Senses
 from pytest_rvads.simulators.patience import TooLate, watch
 from pytest_rvads.simulators.perception import Latency, Perception
 from pytest_rvads.support.errors import AutopilotError
+from pytest_rvads.support.tracebacks import place_of
 from pytest_rvads.support.wording import one_line, printable
 
 __all__ = ["Seat", "crew"]
@@ -321,14 +320,13 @@ def _detail(source: Any, name: str) -> str:
 
 
 def _describe(error: BaseException) -> str:
-    """Return "raised Type: text (file:line)" with the line that raised `error`.
+    """Return "raised Type: text (file:line)" with the innermost line in code of the user.
 
     The file is named without its folder, because the text is part of the run's hash, which must not depend on the checkout.
     """
     kind = _read(lambda: type(error).__name__, "an error")
     text = _read(lambda: str(error), "it can't be told what")
-    frames = traceback.extract_tb(error.__traceback__)
-    return f"raised {kind}{': ' if text else ''}{text} ({Path(frames[-1].filename).name}:{frames[-1].lineno})"
+    return f"raised {kind}{': ' if text else ''}{text} ({place_of(error)})"
 
 
 def _read(compute: Callable[[], str], otherwise: str) -> str:

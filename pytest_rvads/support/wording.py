@@ -13,8 +13,6 @@ import sys
 from collections.abc import Sequence
 from html import escape
 from importlib import import_module
-from pathlib import Path
-from traceback import extract_tb
 from typing import TextIO
 
 __all__ = [
@@ -27,7 +25,6 @@ __all__ = [
     "plural",
     "printable",
     "quoted",
-    "raised",
     "show_lists",
     "shown",
 ]
@@ -58,13 +55,6 @@ def named_error(error: BaseException) -> str:
         return ": ".join(filter(None, (type(error).__name__, one_line(str(error)))))
     except Exception:  # __str__ of an exception class of a user
         return type(error).__name__
-
-
-def raised(error: BaseException) -> str:
-    """Return "raised Type: text (file:line)" with the line that raised an error."""
-    last = extract_tb(error.__traceback__)[-1]
-    place = "" if last.filename.startswith("<frozen") else f" ({Path(last.filename).name}:{last.lineno})"
-    return f"raised {named_error(error)}{place}"
 
 
 def first(names: Sequence[str], most: int | None) -> str:

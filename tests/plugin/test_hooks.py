@@ -111,7 +111,7 @@ def test_a_hook_that_fails_costs_no_verdict(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(TEST.format(arguments='"stop4", classes=(1, 2), grid="B", rules="p1", duration=4'))
     result = pytester.runpytest()
     result.assert_outcomes(passed=2)
-    result.stdout.fnmatch_lines(["rvads: a hook pytest_rvads_verdict raised OSError: no dashboard"])
+    result.stdout.fnmatch_lines(["rvads: a hook pytest_rvads_verdict raised OSError: no dashboard (conftest.py:2)"])
     assert result.ret == pytest.ExitCode.TESTS_FAILED
 
 

@@ -57,6 +57,7 @@ def expand(metafunc: pytest.Metafunc, options: Options) -> None:
     Raises:
         Misuse: a mark can't be expanded.
     """
+    __tracebackhide__ = True
     from pytest_rvads.session.collection.ask import Ask
 
     test = metafunc.definition
@@ -83,6 +84,7 @@ def expand_recorded(metafunc: pytest.Metafunc, options: Options) -> None:
     Raises:
         Misuse: a mark can't be expanded.
     """
+    __tracebackhide__ = True
     from pytest_rvads.session.collection.recordings import OpenFiles, Recordings
 
     test = metafunc.definition

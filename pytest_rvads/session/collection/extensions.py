@@ -48,6 +48,7 @@ def extensions(config: pytest.Config, rules: Path | None) -> Extensions:
     Raises:
         RvadsError: a hook returns a value of another form, or a name that is taken.
     """
+    __tracebackhide__ = True
     if _EXTENSIONS not in config.stash:
         _register_rules(config, rules)
         config.stash[_EXTENSIONS] = Extensions(_junctions(config), _grids(config))
@@ -55,6 +56,7 @@ def extensions(config: pytest.Config, rules: Path | None) -> Extensions:
 
 
 def _junctions(config: pytest.Config) -> dict[str, tuple[str, str]]:
+    __tracebackhide__ = True
     from pytest_rvads.geometry.finder import names
 
     junctions: dict[str, tuple[str, str]] = {}
@@ -69,6 +71,7 @@ def _junctions(config: pytest.Config) -> dict[str, tuple[str, str]]:
 
 
 def _grids(config: pytest.Config) -> dict[str, tuple[Any, Any]]:
+    __tracebackhide__ = True
     grids = _merged("pytest_rvads_grids", config.hook.pytest_rvads_grids(config=config), ("paper", *"ABCDEFGHIJ"))
     for name, value in grids.items():
         if not _is_pair(value):
@@ -77,6 +80,7 @@ def _grids(config: pytest.Config) -> dict[str, tuple[Any, Any]]:
 
 
 def _register_rules(config: pytest.Config, file: Path | None) -> None:
+    __tracebackhide__ = True
     from pytest_rvads.logic.rules.book import current_book, load_rules
     from pytest_rvads.logic.rules.rule import Rule
 

@@ -14,7 +14,8 @@ from functools import partial
 from typing import Any, Generic, NamedTuple, TypeAlias, TypeVar
 
 from pytest_rvads.support.errors import RvadsError
-from pytest_rvads.support.wording import one_line, raised
+from pytest_rvads.support.tracebacks import raised
+from pytest_rvads.support.wording import one_line
 
 __all__ = ["AHEAD", "Crew", "ExecutorGone", "Failed", "Foreign", "Own", "Part", "Team", "tried"]
 
