@@ -110,7 +110,7 @@ def test_module_that_exits_at_its_import_is_named_with_its_line(command: str, ca
 @pytest.mark.parametrize(
     ("end", "reason"),
     [
-        ("sys.exit()", "exiting raised SystemExit: "),
+        ("sys.exit()", "exiting raised SystemExit"),
         ("raise SystemExit('bye')", "exiting raised SystemExit: bye (exiting.py:12)"),
         ("import pytest; pytest.skip('no', allow_module_level=True)", "exiting raised Skipped: "),
         ("import os; os._exit(0)", "exiting ended its process while it was imported"),
