@@ -38,6 +38,8 @@ RoadEnd = tuple[str, str]
 
 FEWEST, MOST = 3, 8
 """Least and largest number of arms of a junction of the model."""
+LONGEST, MOST_WAYS = 1000.0, 400
+"""Longest movement [m] and most movements of a junction; no road has longer or more, and the work of conflicts grows with them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -190,6 +192,14 @@ def unusable(
         return f"it has {len(arms)} arms, and only junctions of {FEWEST} to {MOST} arms can be used"
     if len({road in graph.network.left_hand for arm in arms for road, _ in arm.ends}) > 1:
         return "traffic keeps right on some of its roads and left on others"
+    longest = max(ways, key=lambda way: way.length)
+    if longest.length > LONGEST:
+        return (
+            f"its movement from lane {longest.path.entrance} to lane {longest.path.exit} is {longest.length:,.0f} m long, expected "
+            f"at most {LONGEST:,.0f} m; check the unit of length and the coordinates there"
+        )
+    if len(ways) > MOST_WAYS:
+        return f"it has {len(ways):,} movements, and only junctions of at most {MOST_WAYS} movements can be used"
     entering = sum(bool(arm.entrances) for arm in arms)
     if entering < 2:
         return f"traffic enters it from {entering} of its {len(arms)} arms, and a usable junction has traffic from at least two"

@@ -12,10 +12,15 @@ from numpy.typing import NDArray
 
 from pytest_rvads.geometry.segment import Segment
 from pytest_rvads.geometry.ways import Key, Way
+from pytest_rvads.support.errors import MapError
 
-__all__ = ["JunctionKind", "Line", "Shared", "Stretch", "conflicts_of"]
+__all__ = ["JunctionKind", "Line", "Shared", "Stretch", "close", "conflicts_of"]
 
 _SPACING = 0.5
+_PART = 128
+"""Number of points of a part of a line; only parts with boxes near each other are compared point by point."""
+_MOST_PARTS = 20_000
+"""Most pairs of parts of two lines that are compared; two lines of 100 km side by side have 5,000."""
 
 
 class JunctionKind(StrEnum):
@@ -108,9 +113,8 @@ def _stretches(ways: Mapping[Key, Line]) -> dict[tuple[Key, Key], Shared]:
             other_key, (across, other_points) = keys[k], lines[k]
             if key[0] >= other_key[0]:
                 continue
-            apart = own_points[:, None] - other_points[None]
-            near = np.einsum("ijk,ijk->ij", apart, apart) < float(reach[k]) ** 2
-            own_stations, other_stations = along[near.any(axis=1)], across[near.any(axis=0)]
+            near, other_near = close(own_points, other_points, float(reach[k]))
+            own_stations, other_stations = along[near], across[other_near]
             if len(own_stations):
                 mine, yours = (
                     Stretch(float(own_stations[0]), float(own_stations[-1])),
@@ -119,6 +123,31 @@ def _stretches(ways: Mapping[Key, Line]) -> dict[tuple[Key, Key], Shared]:
                 merges = key[1] == other_key[1]
                 shared[key, other_key], shared[other_key, key] = Shared(mine, yours, merges), Shared(yours, mine, merges)
     return shared
+
+
+def close(
+    points: NDArray[np.float64], others: NDArray[np.float64], reach: float
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return which points of a line lie nearer than `reach` [m] to a point of another line, and which points of the other do.
+
+    Raises:
+        MapError: the lines are so tangled that the comparison would take too long.
+    """
+    near, other_near = np.zeros(len(points), np.bool_), np.zeros(len(others), np.bool_)
+    starts, tests = np.arange(0, len(others), _PART), 0
+    low, high = np.minimum.reduceat(others, starts), np.maximum.reduceat(others, starts)
+    for first in range(0, len(points), _PART):
+        part, margin = points[first : first + _PART], 1.001 * reach
+        beside = ((low < part.max(axis=0) + margin) & (high > part.min(axis=0) - margin)).all(axis=1)
+        tests += int(beside.sum())
+        if tests > _MOST_PARTS:
+            raise MapError("two of its lanes lie so close to each other for so long that they cannot be compared; cut the map")
+        for start in starts[beside].tolist():
+            apart = part[:, None] - others[None, start : start + _PART]
+            both = np.einsum("ijk,ijk->ij", apart, apart) < reach**2
+            near[first : first + _PART] |= both.any(axis=1)
+            other_near[start : start + _PART] |= both.any(axis=0)
+    return near, other_near
 
 
 def _sample(line: Line) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -25,7 +25,7 @@ from pytest_rvads.satellites.lanelet2.lanelets import (
     turned,
     with_centre_lines,
 )
-from pytest_rvads.satellites.lanelet2.osm_file import OsmMap, Relation, read_osm
+from pytest_rvads.satellites.lanelet2.osm_file import MAX_ELEMENTS, OsmMap, Relation, read_osm
 from pytest_rvads.support.errors import MapError
 from pytest_rvads.support.wording import plural
 
@@ -57,6 +57,8 @@ class _Reader:
         self.warnings: list[MapWarning] = []
         self.left_out: defaultdict[str, list[str]] = defaultdict(list)
         """Per reason, the ids of lanelets that are left out."""
+        self.nodes = 0
+        """Number of nodes of the bounds that were read, a node once per bound."""
         self.crosswalks: list[PaintedCrosswalk] = []
         self.others: Counter[str] = Counter()
         """Per subtype that no car drives on, the number of lanelets."""
@@ -112,23 +114,26 @@ class _Reader:
         lines = {way: self.osm.ways[way].nodes for way in ways if way in self.osm.ways and len(self.osm.ways[way].nodes) > 1}
         if not lines or len(lines) < len(ways):
             return None
+        users: defaultdict[str, dict[str, None]] = defaultdict(dict)
+        for name, line in reversed(lines.items()):
+            users[line[0]][name] = users[line[-1]][name] = None
         name = next(iter(lines))
-        nodes, order = lines.pop(name), [(name, True)]
-        while lines:
-            for name, line in lines.items():
-                ends = {line[0]: True, line[-1]: False}
-                if nodes[-1] in ends:
-                    along = ends[nodes[-1]]
-                    nodes, order = nodes + (line if along else line[::-1])[1:], [*order, (name, along)]
-                elif nodes[0] in ends:
-                    along = not ends[nodes[0]]
-                    nodes, order = (line if along else line[::-1])[:-1] + nodes, [(name, along), *order]
-                else:
-                    continue
-                del lines[name]
-                break
-            else:
-                return None
+        nodes, order = [lines[name][0]], list[tuple[str, bool]]()
+        for _ in range(2):  # the bound is continued at its end, then at its beginning
+            while users[nodes[-1]]:
+                name, _ = users[nodes[-1]].popitem()
+                line = lines.pop(name)
+                for end in (line[0], line[-1]):
+                    users[end].pop(name, None)
+                along = line[0] == nodes[-1]
+                nodes += (line if along else line[::-1])[1:]
+                order.append((name, along))
+            nodes, order = nodes[::-1], [(name, not along) for name, along in reversed(order)]
+        if lines:
+            return None
+        self.nodes += len(nodes)
+        if self.nodes > MAX_ELEMENTS:
+            raise MapError(f"the bounds of its lanelets have more than {MAX_ELEMENTS:,} nodes; cut the map into pieces")
         points = self.osm.points
         kept = [node for k, node in enumerate(nodes) if not k or (points[node] != points[nodes[k - 1]]).any()]
         if len(kept) < 2:

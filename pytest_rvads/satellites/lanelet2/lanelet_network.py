@@ -34,6 +34,10 @@ _BEYOND = 1.0
 """Greatest distance of a stop line behind the end of the entrance lane [m]."""
 _REFERENCE_RANGE = 50.0
 """Greatest length of lanelets between a lanelet with a sign or light and the junction [m]."""
+_MOST_TESTS = 8_000_000
+"""Most pairs of points of approaches and stop lines that are compared; a town has 30,000."""
+_MOST_PLACES = 100_000
+"""Most pairs of lanelets of which one has priority, and most entrances of lights, signs and lines; a town has 1,000."""
 
 Array = NDArray[np.float64]
 Members = Mapping[str, Sequence[str]]
@@ -258,13 +262,18 @@ class _Attacher:
             for junction, before in dict.fromkeys((junctions[id], before) for id in junctions for before in self.links.pred[id])
             if junctions.get(before) != junction
         ]
+        self.places = 0
+        """Number of entrances and priorities of the lights and signs so far."""
+        self.tests = 0
+        """Number of pairs of points of approaches and stop lines that were compared."""
         self.setbacks: dict[tuple[str, str, str], float] = {}
         """Per line, junction and entrance, the distance of the line before the junction [m]."""
 
     def attach(self, rules: Rules) -> list[MapObject]:
         """Return the lights, signs and lines, an object per light, sign or line and entrance."""
+        boxes = _boxes(rules.lines)
         for junction, entrance in self.entrances:
-            for line, distance in self._lines_across(entrance, rules.lines):
+            for line, distance in self._lines_across(entrance, rules.lines, boxes):
                 self.setbacks[line, junction, entrance] = distance
         signs = [sign for regulation in rules.regulations for sign in self._signs_of(regulation)]
         self._look_inside(signs, rules.lines)
@@ -283,6 +292,8 @@ class _Attacher:
                 self._doubt("lights and signs that no lanelet refers to were assigned by their stop lines", [sign.id])
             astray = [line for line in sign.lines if line in rules.lines and line not in crossing]
             self._doubt("stop lines of lights or signs cross no lane into a junction", astray)
+            self.places += len(places)
+            self._check_places()
             for junction, entrance in places:
                 setbacks = [self.setbacks.get((line, junction, entrance)) for line in sign.lines]
                 setback = None if sign.kind is ObjectKind.LIGHT else min((s for s in setbacks if s is not None), default=None)
@@ -296,9 +307,15 @@ class _Attacher:
             inside = {line: lines[line] for line in sign.lines if line in lines and line not in crossing}
             for junction, entrance in self._places(sign) if inside else ():
                 for after in self.links.succ[entrance]:
-                    for line, distance in self._lines_across(entrance, inside, after):
+                    for line, distance in self._lines_across(entrance, inside, _boxes(inside), after):
                         key = line, junction, entrance
                         self.setbacks[key] = max(self.setbacks.get(key, distance), distance)
+
+    def _check_places(self) -> None:
+        if self.places > _MOST_PLACES:
+            raise MapError(
+                f"its lights, signs and priorities are for more than {_MOST_PLACES:,} places; check which lanelets they refer to"
+            )
 
     def _doubt(self, message: str, ids: Iterable[str]) -> None:
         self._doubts[message].update(dict.fromkeys(ids))
@@ -316,6 +333,8 @@ class _Attacher:
         """Yield the signs of a regulation; a statement about lanelets in a junction is a priority of roads, and no sign."""
         groups = [[id for source in sources for id in self.pieces[source]] for sources in (regulation.prior, regulation.lanelets)]
         inside = [[(self.junctions[id], id) for id in ids if id in self.junctions] for ids in groups]
+        self.places += len(inside[0]) * len(inside[1])
+        self._check_places()
         pairs = [(junction, a, b) for junction, a in inside[0] for other, b in inside[1] if junction == other and a != b]
         for junction, prior, yielding in pairs:
             self.priorities[junction][prior, yielding] = None
@@ -349,7 +368,9 @@ class _Attacher:
                     seen.add(after)
                     ahead.append((after, distance + self.lanes[after].length))
 
-    def _lines_across(self, entrance: str, lines: Mapping[str, Array], after: str = "") -> Iterator[tuple[str, float]]:
+    def _lines_across(
+        self, entrance: str, lines: Mapping[str, Array], boxes: Array, after: str = ""
+    ) -> Iterator[tuple[str, float]]:
         """Yield the stop lines across an entrance lane or its approach, each with its distance before the junction [m].
 
         The distance is negative for a line in the junction: a little behind the lane, or across the lanelet `after` it.
@@ -358,7 +379,16 @@ class _Attacher:
         end, step, last = path[-1], path[-1] - path[-2], len(path) - 1
         path = np.vstack((path, self.lanes[after].points if after else end + _BEYOND * step / np.hypot(*step)))
         stations = stations_of(path)
-        for id, line in lines.items():
+        first = max(int(np.searchsorted(stations, stations[last] - _LINE_RANGE)) - 1, 0)
+        path, stations, last = path[first:], stations[first:], last - first
+        low, high = boxes
+        near = ((low <= end + 2 * _LINE_RANGE) & (high >= end - 2 * _LINE_RANGE)).all(axis=1)
+        for id, line in ((id, lines[id]) for id, beside in zip(lines, near, strict=True) if beside):
+            self.tests += len(path) * len(line)
+            if self.tests > _MOST_TESTS:
+                raise MapError(
+                    f"the stop lines around lanelet {entrance!r} have too many nodes to compare them all; simplify them"
+                )
             if np.hypot(*(line - end).T).min() > 2 * _LINE_RANGE:
                 continue
             places, _ = intersections(path, line)
@@ -378,3 +408,8 @@ class _Attacher:
             parts.insert(0, self.lanes[lane].points)
             length += self.lanes[lane].length
         return np.vstack(parts)
+
+
+def _boxes(lines: Mapping[str, Array]) -> Array:
+    """Return the least and the greatest coordinates of each line, shape ``(2, lines, 2)`` [m]."""
+    return np.array([(line.min(axis=0), line.max(axis=0)) for line in lines.values()]).reshape(-1, 2, 2).swapaxes(0, 1)

@@ -15,6 +15,7 @@ import networkx as nx
 import numpy as np
 from numpy.typing import NDArray
 
+from pytest_rvads.geometry.conflicts import close
 from pytest_rvads.geometry.crosswalks import hull
 from pytest_rvads.geometry.network import PaintedCrosswalk
 from pytest_rvads.geometry.opendrive.builder import MAX_ROAD, MAX_SAMPLES
@@ -40,6 +41,8 @@ _STEP = 0.75
 """Distance between the points of centre lines [m]."""
 _SHORTEST = 0.05
 """Length up to which a lanelet or a bound is left out [m]."""
+_MOST_MEETING = 100
+"""Most lanelets that begin at one place, or that meet at one end of a lanelet."""
 _GAP, _BEND = 0.6, math.radians(20.0)
 """Widest gap [m] and largest bend [rad] between two lanelets that are linked though they share no nodes."""
 
@@ -188,6 +191,9 @@ def link_lanelets(lanes: Mapping[str, Lanelet]) -> nx.DiGraph:
     """Return the links of lanelets: a lanelet follows another lanelet if both its bounds begin where the bounds of the other end.
 
     Lanelets that share no end points are linked if their centre lines meet within 0.6 m and 20 degrees.
+
+    Raises:
+        MapError: so many lanelets begin at one place that they can be no map of roads.
     """
     links = nx.DiGraph()
     links.add_nodes_from(lanes)
@@ -197,9 +203,13 @@ def link_lanelets(lanes: Mapping[str, Lanelet]) -> nx.DiGraph:
         starts[lane.start].append(id)
         cells[_cell(lane.points[0])].append(id)
     for id, lane in lanes.items():
-        links.add_edges_from((id, after) for after in starts[lane.end] if after != id)
         column, row = _cell(lane.points[-1])
-        near = (after for i in (-1, 0, 1) for k in (-1, 0, 1) for after in cells.get((column + i, row + k), ()))
+        near = [after for i in (-1, 0, 1) for k in (-1, 0, 1) for after in cells.get((column + i, row + k), ())]
+        if max(len(starts[lane.end]), len(near)) > _MOST_MEETING:
+            raise MapError(
+                f"more than {_MOST_MEETING} lanelets begin where lanelet {id!r} ends, expected lanelets beside each other"
+            )
+        links.add_edges_from((id, after) for after in starts[lane.end] if after != id)
         for after in near:
             bend = math.remainder(lanes[after].heading(0) - lane.heading(-1), math.tau)
             if (
@@ -236,8 +246,9 @@ _NEAR = 3.0
 """Distance between centre lines below which two lanelets are in each other's way [m]; less than the width of a lane."""
 _CHUNK = 16
 """Number of pieces of a chunk of a centre line."""
-_MOST_TESTS = 1_000_000
-"""Most pairs of chunks that are compared; a town has 10,000."""
+_MOST_TESTS = 300_000
+"""Most pairs of chunks that are compared, and most pairs of lanelets that meet; a town has 10,000."""
+_TOO_MANY = "too many of its lanelets overlap to compare them all; cut the map into pieces"
 
 Pair = tuple[str, str]
 
@@ -264,10 +275,14 @@ def conflicts_of(lanes: Mapping[str, Lanelet], links: nx.DiGraph) -> Conflicts:
         MapError: so many lanelets overlap that the comparison would take too long.
     """
     touching: dict[Pair, None] = {}
+    tests = 0
     for id in lanes:
         for neighbours in (links.succ[id], links.pred[id]):
-            if len(neighbours) > 100:
-                raise MapError(f"{len(neighbours)} lanelets meet at one end of lanelet {id!r}, expected at most 100")
+            tests += len(neighbours) ** 2 // 2
+            if len(neighbours) > _MOST_MEETING:
+                raise MapError(f"{len(neighbours)} lanelets meet at one end of lanelet {id!r}, expected at most {_MOST_MEETING}")
+            if tests > _MOST_TESTS:
+                raise MapError(_TOO_MANY)
             for pair in combinations(sorted(neighbours), 2):
                 if lanes[pair[0]].source != lanes[pair[1]].source:
                     touching[pair] = None
@@ -286,12 +301,19 @@ def _crossing(lanes: Mapping[str, Lanelet], links: nx.DiGraph) -> Iterator[Pair]
     low, high = chunks.min(axis=1), chunks.max(axis=1)
     pairs: set[tuple[int, int]] = set()
     tests = 0
+    # Along the axis on which the map is longer, only the chunks between two places can overlap a chunk.
+    axis = int(np.ptp(low, axis=0).argmax())
+    order = low[:, axis].argsort()
+    sorted_low, reach = low[order, axis], (high - low)[:, axis].max() + 1.0
+    first_near = np.searchsorted(sorted_low, low[:, axis] - reach)
+    last_near = np.searchsorted(sorted_low, high[:, axis], side="right")
     for k, (i, first) in enumerate(zip(owner, start, strict=True)):
-        near = ((low[k + 1 :] <= high[k]) & (high[k + 1 :] >= low[k])).all(axis=1) & (owner[k + 1 :] != i)
-        others = np.flatnonzero(near) + k + 1
+        others = order[first_near[k] : last_near[k]]
+        others = np.sort(others[others > k])
+        others = others[((low[others] <= high[k]) & (high[others] >= low[k])).all(axis=1) & (owner[others] != i)]
         tests += len(others)
         if tests > _MOST_TESTS:
-            raise MapError("too many of its lanelets overlap to compare them all; cut the map into pieces")
+            raise MapError(_TOO_MANY)
         along, other_along = intersections(chunks[k], chunks[others], _ANGLE)
         inner = (along + first > 1e-6) & (along + first < ends[i] - 1e-6)
         other_along += start[others, None, None]
@@ -339,7 +361,6 @@ def free_ends(lanes: Mapping[str, Lanelet], pairs: Iterable[Pair], members: Coll
     """
     near: defaultdict[str, list[float]] = defaultdict(list)
     for lane, other in ((lanes[a], lanes[b]) for a, b in pairs if a in members and b in members):
-        distance = np.hypot(*np.moveaxis(lane.points[:, None] - other.points[None], -1, 0))
-        near[lane.id] += lane.stations[distance.min(axis=1) < _NEAR].tolist()
-        near[other.id] += other.stations[distance.min(axis=0) < _NEAR].tolist()
+        for one, close_points in zip((lane, other), close(lane.points, other.points, _NEAR), strict=True):
+            near[one.id] += one.stations[close_points][[0, -1]].tolist() if close_points.any() else []
     return {id: (min(stations), lanes[id].length - max(stations)) for id, stations in near.items() if stations}
