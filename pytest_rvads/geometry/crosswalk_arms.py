@@ -27,6 +27,7 @@ from pytest_rvads.geometry.paths import Route, walk
 from pytest_rvads.geometry.segment import Pose, Segment, join
 from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.geometry.ways import CONFLICT_WIDTH, Key
+from pytest_rvads.support.errors import MapError
 
 __all__ = ["REACH", "lay"]
 
@@ -36,6 +37,8 @@ REACH = 15.0
 """Largest distance of the middle of a crosswalk from the entrance and exit vertices of its arm [m]."""
 _MARGIN = 10.0
 """Length of the lanes beyond `REACH` that is looked at [m]."""
+_MOST_CORNERS, _MOST_AREAS = 1000, 50
+"""Most corners of a painted area, and most painted areas over one arm."""
 _REFUGE = 1.8
 """Least width of an island [m]: on less, pedestrians can't wait (PROWAG 2011, R208.2: 6 ft in the direction of travel)."""
 _SHORT = 0.1
@@ -81,25 +84,38 @@ def lay(
 
     Returns:
         Per id of a junction with crosswalks its crosswalks, arm by arm, and a warning per crosswalk that lies over no arm.
+
+    Raises:
+        MapError: too many crosswalks lie over one arm.
     """
     sites: dict[int, _Site] = {}
     laid: dict[tuple[int, int], list[PaintedCrosswalk]] = {}
     warnings = []
+    arms = np.array([(arm.x, arm.y) for report in reports for arm in report.arms]).reshape(-1, 2)
+    owners = np.repeat(np.arange(len(reports)), [report.ways for report in reports])
     for painted in graph.network.crosswalks:
-        gaps = [_gap(report, painted.area) for report in reports]
+        if len(painted.area) > _MOST_CORNERS:
+            message = f"the crosswalk {painted.id!r} has {len(painted.area):,} corners, more than {_MOST_CORNERS:,}; it was left out"
+            warnings.append(MapWarning(Doubt.CROSSWALK, message, painted.road or None))
+            continue
+        gaps = np.full(len(reports), math.inf)
+        np.minimum.at(gaps, owners, np.hypot(*(arms[:, None] - painted.area).T).min(axis=0))
         ranked = []
-        for number, gap in enumerate(gaps):
-            if gap <= REACH + _MARGIN and reports[number].ways <= MOST:
+        for number in np.flatnonzero(gaps <= REACH + _MARGIN).tolist():
+            if reports[number].ways <= MOST:
                 if number not in sites:
                     sites[number] = _Site(graph, reports[number], joints)
                 over = sites[number].over(painted.area)
                 ranked += [(min(p.distance for p in passes), -len(passes), number, arm) for arm, passes in over.items()]
         if ranked:
-            laid.setdefault(min(ranked)[2:], []).append(painted)
+            number, arm = min(ranked)[2:]
+            laid.setdefault((number, arm), []).append(painted)
+            if len(laid[number, arm]) > _MOST_AREAS:
+                raise MapError(f"more than {_MOST_AREAS} crosswalks lie over arm {arm} of junction {reports[number].id!r}")
             continue
-        reason = f"no movement leads over it within {REACH:g} m of an entrance or exit"
-        if REACH < min(gaps) < math.inf:
-            reason = f"the nearest arm begins {min(gaps):.0f} m away, expected at most {REACH:g} m"
+        reason, gap = f"no movement leads over it within {REACH:g} m of an entrance or exit", gaps.min(initial=math.inf)
+        if REACH < gap < math.inf:
+            reason = f"the nearest arm begins {gap:.0f} m away, expected at most {REACH:g} m"
         place = f" of road {painted.road!r}" if painted.road else ""
         message = f"the crosswalk {painted.id!r}{place} is at no junction: {reason}"
         warnings.append(MapWarning(Doubt.CROSSWALK, message, painted.road or None))
@@ -109,11 +125,6 @@ def lay(
         crosswalks = [site.crosswalk(arm, group) for group in site.aligned(arm, areas)]
         table[site.report.id] = (*table.get(site.report.id, ()), *crosswalks)
     return table, tuple(warnings)
-
-
-def _gap(report: JunctionReport, area: Array) -> float:
-    """Return the distance from an area to the nearest arm of a junction [m]."""
-    return min((math.dist(corner, (arm.x, arm.y)) for arm in report.arms for corner in area), default=math.inf)
 
 
 class _Site:

@@ -152,15 +152,16 @@ def covered(area: NDArray[np.float64], line: Line) -> Stretch | None:
         line: the centre line of a movement.
     """
     path = line.path
+    ends = np.roll(area, -1, axis=0)
+    (x0, y0), (x1, y1) = (corners[area[:, 1] != ends[:, 1]].T for corners in (area, ends))
 
     def inside(stations: NDArray[np.float64]) -> NDArray[np.float64]:
-        x, y = (np.interp(stations, path.stations, path.points[:, axis]) for axis in (0, 1))
-        odd = np.zeros(len(stations), dtype=bool)
+        x, y = places = np.array([np.interp(stations, path.stations, path.points[:, axis]) for axis in (0, 1)])
+        near = ((places.T >= area.min(axis=0)) & (places.T <= area.max(axis=0))).all(axis=1)
+        x, y = x[near, None], y[near, None]
         # A point is inside if a ray to the east crosses an odd number of sides.
-        for (x0, y0), (x1, y1) in zip(area, np.roll(area, -1, axis=0), strict=True):
-            if y0 != y1:
-                odd ^= ((y0 > y) != (y1 > y)) & (x < x0 + (y - y0) * (x1 - x0) / (y1 - y0))
-        return stations[odd]
+        crossed = ((y0 > y) != (y1 > y)) & (x < x0 + (y - y0) * (x1 - x0) / (y1 - y0))
+        return stations[near][np.logical_xor.reduce(crossed, axis=1)]
 
     within = inside(np.append(np.arange(0.0, path.length, _SPACING), path.length))
     if not len(within):

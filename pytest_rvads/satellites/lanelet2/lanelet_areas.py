@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections import Counter, defaultdict
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from heapq import heappop, heappush
 from itertools import combinations
 
 import networkx as nx
@@ -78,7 +79,8 @@ class _Finder:
         """Per lanelet, the lengths that are cut off before and behind its conflicts; 0 where nothing is cut off [m]."""
         source = {id: lane.source for id, lane in self.lanes.items()}
         # A conflict with a lanelet that the file states to be outside of junctions forms no junction.
-        self.pairs = [pair for pair in conflicts.pairs if not {source[id] for id in pair} & set(ground.outside)]
+        outside = set(ground.outside)
+        self.pairs = [pair for pair in conflicts.pairs if outside.isdisjoint(source[id] for id in pair)]
         self.crossing = {source[id] for pair in conflicts.crossing for id in pair}
         self.approaches = set(ground.approaches) - self.crossing
         classes = nx.utils.UnionFind()
@@ -103,13 +105,9 @@ class _Finder:
         pairs = ((a, b, names[a], names[b]) for a, b in self.links.edges if not self.cuts[a][1] and not self.cuts[b][0])
         return [(a, b, one, two) for a, b, one, two in pairs if one is not None and two is not None and one != two]
 
-    def join(self, *names: str) -> None:
-        name, other = sorted(names, key=_order)
-        self.joined.append(other)
-        self.cluster = {source: name if cluster == other else cluster for source, cluster in self.cluster.items()}
-
-    def drop(self, name: str) -> None:
-        self.cluster = {source: cluster for source, cluster in self.cluster.items() if cluster != name}
+    def drop(self, ids: Iterable[str]) -> None:
+        for id in ids:
+            self.cluster.pop(self.lanes[id].source, None)
 
     def crosses(self, ids: Iterable[str]) -> bool:
         return not self.crossing.isdisjoint(self.lanes[id].source for id in ids)
@@ -119,23 +117,38 @@ class _Finder:
 
     def join_small(self) -> None:
         """Join adjoining clusters of crossing lanelets, and small clusters with clusters of crossing lanelets."""
-        while True:
-            groups = self.groups()
-            crossing = {name for name, ids in groups.items() if self.crosses(ids)}
-            small = {name for name, ids in groups.items() if self.mean(ids) < _SMALL}
-            for a, b, *names in self.adjoining():
-                short = min(self.lanes[a].length, self.lanes[b].length) < _JOINT and crossing.issuperset(names)
-                near = not crossing.isdisjoint(names) and not small.isdisjoint(set(names) - crossing)
-                if (short or near) and self.approaches.isdisjoint(self.lanes[id].source for id in (a, b)):
-                    self.join(*names)
-                    break
-            else:
-                return
+        groups, links = self.groups(), self.adjoining()
+        crossing = {name for name, ids in groups.items() if self.crosses(ids)}
+        small = {name for name, ids in groups.items() if self.mean(ids) < _SMALL}
+        around: defaultdict[str, list[int]] = defaultdict(list)
+        for number, (_, _, *names) in enumerate(links):
+            for name in names:
+                around[name].append(number)
+        parent = {name: name for name in groups}
+        waiting = list(range(len(links)))  # a heap: the first link that joins two clusters is next
+        while waiting:
+            a, b, *ends = links[heappop(waiting)]
+            names = {_root(parent, name) for name in ends}
+            if len(names) < 2:
+                continue
+            short = min(self.lanes[a].length, self.lanes[b].length) < _JOINT and crossing >= names
+            near = not crossing.isdisjoint(names) and not small.isdisjoint(names - crossing)
+            if (short or near) and self.approaches.isdisjoint(self.lanes[id].source for id in (a, b)):
+                name, other = sorted(names, key=_order)
+                parent[other] = name
+                self.joined.append(other)
+                for number in (number for new in names - crossing for number in around[new]):
+                    heappush(waiting, number)
+                crossing |= names
+        self.cluster = {source: _root(parent, name) for source, name in self.cluster.items()}
 
     def find_cuts(self) -> None:
         """Find how much is cut off the lanelets; lanelets side by side are cut at the same distance."""
-        for ids in self.groups().values():
-            free = free_ends(self.lanes, self.pairs, set(ids))
+        pairs: defaultdict[str, list[tuple[str, str]]] = defaultdict(list)
+        for pair in self.pairs:
+            pairs[self.cluster[self.lanes[pair[0]].source]].append(pair)
+        for name, ids in self.groups().items():
+            free = free_ends(self.lanes, pairs[name], set(ids))
             for group in _side_by_side([self.lanes[id] for id in free]):
                 # Per end of the road, the shortest free part.
                 ends = [min(free[id][at if along else 1 - at] for id, along in group) for at in (0, 1)]
@@ -152,9 +165,10 @@ class _Finder:
 
     def leave_out_few_ends(self) -> None:
         """Drop clusters with fewer than three lanes that lead in or out."""
-        dropped = [name for name, ids in self.groups().items() if sum(self.ends(ids)) < 3]
+        groups = self.groups()
+        dropped = [name for name, ids in groups.items() if sum(self.ends(ids)) < 3]
         for name in dropped:
-            self.drop(name)
+            self.drop(groups[name])
         if dropped:
             self.doubts.append(
                 f"places where lanelets meet, with fewer than three lanes in and out, are no junctions: {listed(dropped)}"
@@ -162,13 +176,19 @@ class _Finder:
 
     def settle_neighbours(self) -> None:
         """Join clusters without a lane between, or drop one of the two that only parts or only joins the lanes of an approach."""
-        while links := self.adjoining():
-            groups, names = self.groups(), links[0][2:]
+        groups, places = self.groups(), {id: number for number, id in enumerate(self.lanes)}
+        for a, b, *_ in self.adjoining():
+            names = [name for id in (a, b) if (name := self.cluster.get(self.lanes[id].source))]
+            if len(set(names)) < 2:
+                continue
             weak = next((name for name in names if self.parts_or_joins(groups[name])), None)
             if weak is None:
-                self.join(*names)
+                name, other = sorted(names, key=_order)
+                self.joined.append(other)
+                self.cluster |= {self.lanes[id].source: name for id in groups[other]}
+                groups[name] = sorted(groups[name] + groups.pop(other), key=places.__getitem__)
                 continue
-            self.drop(weak)
+            self.drop(groups[weak])
             lanelets, other = listed(self.lanes[id].source for id in groups[weak]), names[names[0] == weak]
             self.doubts.append(f"lanelets {lanelets} only part or join lanes beside junction J{other} and were read as its roads")
         table: defaultdict[str, list[str]] = defaultdict(list)
@@ -194,6 +214,13 @@ class _Finder:
             names += [area for area, _ in areas.most_common()]
             named[next((name for name in names if name not in named), f"J{cluster}")] = ids
         return named
+
+
+def _root(parent: dict[str, str], name: str) -> str:
+    """Return the cluster that a cluster was joined to."""
+    while parent[name] != name:
+        parent[name] = name = parent[parent[name]]
+    return name
 
 
 def _order(id: str) -> tuple[int, str]:

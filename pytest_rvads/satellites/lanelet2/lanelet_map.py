@@ -12,6 +12,7 @@ import numpy as np
 
 from pytest_rvads.geometry.control import ObjectKind
 from pytest_rvads.geometry.network import Doubt, MapWarning, Network, PaintedCrosswalk
+from pytest_rvads.geometry.opendrive.builder import MAX_SAMPLES
 from pytest_rvads.geometry.opendrive.signals import STANDARD
 from pytest_rvads.geometry.opendrive.xmlfile import speed_of
 from pytest_rvads.satellites.lanelet2.lanelet_areas import Ground, listed
@@ -25,7 +26,7 @@ from pytest_rvads.satellites.lanelet2.lanelets import (
     turned,
     with_centre_lines,
 )
-from pytest_rvads.satellites.lanelet2.osm_file import MAX_ELEMENTS, OsmMap, Relation, read_osm
+from pytest_rvads.satellites.lanelet2.osm_file import OsmMap, Relation, read_osm
 from pytest_rvads.support.errors import MapError
 from pytest_rvads.support.wording import plural
 
@@ -132,8 +133,8 @@ class _Reader:
         if lines:
             return None
         self.nodes += len(nodes)
-        if self.nodes > MAX_ELEMENTS:
-            raise MapError(f"the bounds of its lanelets have more than {MAX_ELEMENTS:,} nodes; cut the map into pieces")
+        if self.nodes > MAX_SAMPLES:
+            raise MapError(f"the bounds of its lanelets have more than {MAX_SAMPLES:,} nodes; cut the map into pieces")
         points = self.osm.points
         kept = [node for k, node in enumerate(nodes) if not k or (points[node] != points[nodes[k - 1]]).any()]
         if len(kept) < 2:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from pytest_rvads.geometry.conflicts import close
 from pytest_rvads.geometry.crosswalks import hull
 from pytest_rvads.geometry.network import PaintedCrosswalk
-from pytest_rvads.geometry.opendrive.builder import MAX_ROAD, MAX_SAMPLES
+from pytest_rvads.geometry.opendrive.builder import MAX_SAMPLES
 from pytest_rvads.support.errors import MapError
 
 __all__ = [
@@ -41,6 +41,8 @@ _STEP = 0.75
 """Distance between the points of centre lines [m]."""
 _SHORTEST = 0.05
 """Length up to which a lanelet or a bound is left out [m]."""
+_LONGEST = 20_000.0
+"""Longest bound of a lanelet [m]."""
 _MOST_MEETING = 100
 """Most lanelets that begin at one place, or that meet at one end of a lanelet."""
 _GAP, _BEND = 0.6, math.radians(20.0)
@@ -159,7 +161,7 @@ def with_centre_lines(lanelets: Iterable[Lanelet]) -> tuple[dict[str, Lanelet], 
     A centre line lies midway between the bounds, which are divided into equal fractions.
 
     Raises:
-        MapError: a lanelet is longer than 200 km, or all lanelets together are too long to sample.
+        MapError: a lanelet is longer than 20 km, or all lanelets together are too long to sample.
     """
     lanes: dict[str, Lanelet] = {}
     short: list[str] = []
@@ -167,9 +169,10 @@ def with_centre_lines(lanelets: Iterable[Lanelet]) -> tuple[dict[str, Lanelet], 
     for lanelet in lanelets:
         bounds = [(bound.points, stations_of(bound.points)) for bound in (lanelet.left, lanelet.right)]
         lengths = [float(stations[-1]) for _, stations in bounds]
-        if max(lengths) > MAX_ROAD:
+        if max(lengths) > _LONGEST:
             raise MapError(
-                f"lanelet {lanelet.id!r} is {max(lengths) / 1000:,.0f} km long, expected at most {MAX_ROAD / 1000:.0f} km"
+                f"lanelet {lanelet.id!r} is {max(lengths) / 1000:,.1f} km long, expected at most {_LONGEST / 1000:.0f} km; check the "
+                "unit of length and the coordinates of its points"
             )
         fractions = np.linspace(0.0, 1.0, max(math.ceil(max(lengths) / _STEP), 2) + 1)
         samples += len(fractions)
@@ -311,6 +314,8 @@ def _crossing(lanes: Mapping[str, Lanelet], links: nx.DiGraph) -> Iterator[Pair]
         others = order[first_near[k] : last_near[k]]
         others = np.sort(others[others > k])
         others = others[((low[others] <= high[k]) & (high[others] >= low[k])).all(axis=1) & (owner[others] != i)]
+        if not len(others):
+            continue
         tests += len(others)
         if tests > _MOST_TESTS:
             raise MapError(_TOO_MANY)
