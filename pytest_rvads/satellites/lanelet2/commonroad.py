@@ -6,7 +6,7 @@ OpenDRIVE files with the suffix ``.xml`` are read as OpenDRIVE.
 from __future__ import annotations
 
 import os
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Iterator
 from xml.etree.ElementTree import Element, TreeBuilder
 
@@ -20,11 +20,11 @@ from pytest_rvads.geometry.opendrive.signals import STANDARD
 from pytest_rvads.geometry.opendrive.xmlfile import speed_of
 from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.satellites.lanelet2.lanelet_areas import Ground, listed
-from pytest_rvads.satellites.lanelet2.lanelet_network import Regulation, Rules, network_of
+from pytest_rvads.satellites.lanelet2.lanelet_network import Regulation, Rules, network_of, none_drivable
 from pytest_rvads.satellites.lanelet2.lanelets import Array, Bound, Lanelet, crosswalk_of, turned, with_centre_lines
 from pytest_rvads.satellites.lanelet2.osm_file import MAX_ELEMENTS, parsed
 from pytest_rvads.support.errors import MapError
-from pytest_rvads.support.wording import one_line, plural
+from pytest_rvads.support.wording import one_line
 
 __all__ = ["read_commonroad"]
 
@@ -105,16 +105,21 @@ class _Reader:
         self.signs = {element.get("id", ""): element for element in root.iterfind("trafficSign")}
         self.left_out: list[str] = []
         self.crosswalks: list[PaintedCrosswalk] = []
+        self.others: Counter[str] = Counter()
+        """Per type that no car drives on, the number of lanelets."""
 
     def network(self) -> Network:
         """Return the network of the file."""
         lanes, short = with_centre_lines(lane for id, element in self.elements.items() for lane in self._lanelets(id, element))
         self.left_out += short
-        if not lanes:
-            raise MapError(f"it has {plural(len(self.elements), 'lanelet')}, and none that a car can drive on; use another map")
         if self.left_out:
             message = f"lanelets without length or with a bound of fewer than two points were left out: {listed(self.left_out)}"
             self.warnings.append(MapWarning(Doubt.LANE, message))
+        if +self.others:
+            counts = ", ".join(f"{count} {name}" for name, count in (+self.others).most_common())
+            self.warnings.append(MapWarning(Doubt.LANE, f"lanelets that no car drives on were left out: {counts}"))
+        if not lanes:
+            raise MapError(none_drivable(len(self.elements), self.warnings))
         rules = self._rules(lanes)
         stated, outside = {}, set()
         for intersection in self.root.iterfind("intersection"):
@@ -134,6 +139,7 @@ class _Reader:
             lines = [_points(element.find(name)) for name in ("leftBound", "rightBound")]
             crosswalk = crosswalk_of(id, lines) if "crosswalk" in types else None
             self.crosswalks += [crosswalk] if crosswalk else []
+            self.others[min(_NOT_DRIVABLE & types)] += crosswalk is None
             return
         bounds = [_bound(_points(element.find(name))) for name in ("leftBound", "rightBound")]
         if bounds[0] is None or bounds[1] is None:

@@ -16,7 +16,7 @@ from pytest_rvads.geometry.opendrive.builder import MAX_SAMPLES
 from pytest_rvads.geometry.opendrive.signals import STANDARD
 from pytest_rvads.geometry.opendrive.xmlfile import speed_of
 from pytest_rvads.satellites.lanelet2.lanelet_areas import Ground, listed
-from pytest_rvads.satellites.lanelet2.lanelet_network import Regulation, Rules, network_of
+from pytest_rvads.satellites.lanelet2.lanelet_network import Regulation, Rules, network_of, none_drivable
 from pytest_rvads.satellites.lanelet2.lanelets import (
     Bound,
     Lanelet,
@@ -28,12 +28,22 @@ from pytest_rvads.satellites.lanelet2.lanelets import (
 )
 from pytest_rvads.satellites.lanelet2.osm_file import OsmMap, Relation, read_osm
 from pytest_rvads.support.errors import MapError
-from pytest_rvads.support.wording import plural
+from pytest_rvads.support.wording import one_line, plural
 
 __all__ = ["read_lanelet2"]
 
 _DRIVABLE = frozenset({"", "road", "highway", "play_street", "exit"})
 """Subtypes of lanelets for cars."""
+_NOT_DRIVABLE = frozenset(
+    {"crosswalk", "walkway", "shared_walkway", "stairs", "bicycle_lane", "bus_lane", "emergency_lane", "rail", "road_shoulder"}
+    | {"pedestrian_lane", "parking", "border", "without subtype", *_DRIVABLE}
+)
+"""Subtypes of lanelets that no car drives on; a lanelet of a subtype for cars is left out if its participants say so."""
+_LEFT = frozenset(
+    "ag ai au bb bd bm bn bs bt bw cc ck cx cy dm fj fk gb gd gg gy hk id ie im in jm je jp ke ki kn ky lc lk ls mo ms mt mu mv mw "
+    "my mz na nf np nr nu nz pg pk pn sb sc sg sh sr sz tc th tk tl to tt tv tz ug uk vc vg vi ws za zm zw".split()
+)
+"""Codes of the regions where traffic keeps left (ISO 3166-1 and ``uk``)."""
 _YES, _NO = frozenset({"yes", "true", "1"}), frozenset({"no", "false", "0"})
 
 
@@ -83,13 +93,17 @@ class _Reader:
         for reason, ids in self.left_out.items():
             if ids:
                 self.warnings.append(MapWarning(Doubt.LANE, f"lanelets that {reason} were left out: {listed(ids)}"))
-        if +self.others:
-            counts = ", ".join(f"{count} {subtype}" for subtype, count in (+self.others).most_common())
-            self.warnings.append(MapWarning(Doubt.LANE, f"lanelets that no car drives on were left out: {counts}"))
+        strange = Counter({subtype: count for subtype, count in (+self.others).items() if subtype not in _NOT_DRIVABLE})
+        for which, table in (("that no car drives on", self.others - strange), ("of an unknown subtype", strange)):
+            if table:
+                counts = ", ".join(f"{count} {one_line(subtype, 40)}" for subtype, count in table.most_common(10))
+                self.warnings.append(MapWarning(Doubt.LANE, f"lanelets {which} were left out: {counts}"))
         if not lanes:
-            raise MapError(f"it has {plural(len(self.relations), 'lanelet')}, and none that a car can drive on; use another map")
+            raise MapError(none_drivable(len(self.relations), self.warnings))
         rules = self._rules(lanes)
-        return network_of(Ground(lanes, link_lanelets(lanes), rules.approaches), rules, self.warnings)
+        regions = Counter(region for item in self.relations.values() if (region := item.tags.get("region", "").lower()[:2]))
+        region = next(("left" if name in _LEFT else "right" for name, _ in regions.most_common(1)), None)
+        return network_of(Ground(lanes, link_lanelets(lanes), rules.approaches, region=region), rules, self.warnings)
 
     def _lanelets(self, id: str, relation: Relation) -> Iterator[Lanelet]:
         """Yield the lanelets of a relation: none for a broken lanelet or one without cars, two for a two-way lanelet."""
@@ -105,7 +119,8 @@ class _Reader:
             self.left_out["have a bound with fewer than two points or of ways that do not meet"].append(id)
             return
         left, right = aligned(bounds[0], bounds[1])
-        lanelet = Lanelet(id, id, left, right, self._limit(id, relation), area=tags.get("intersection_area"))
+        turn = tags.get("turn_direction", "")
+        lanelet = Lanelet(id, id, left, right, self._limit(id, relation), area=tags.get("intersection_area"), turn=turn)
         yield lanelet
         if tags.get("one_way") in _NO:
             yield turned(lanelet)

@@ -18,11 +18,11 @@ from pytest_rvads.geometry.network import HAND, DeclaredJunction, Doubt, Edge, M
 from pytest_rvads.geometry.opendrive.signals import INSIDE
 from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.satellites.lanelet2.lanelet_areas import Ground, areas_of, cut_off, listed
-from pytest_rvads.satellites.lanelet2.lanelets import Lanelet, conflicts_of, hand_votes, intersections, stations_of
+from pytest_rvads.satellites.lanelet2.lanelets import Lanelet, conflicts_of, hand_votes, intersections, stations_of, turn_odd
 from pytest_rvads.support.errors import MapError
 from pytest_rvads.support.wording import plural
 
-__all__ = ["Regulation", "Rules", "network_of"]
+__all__ = ["Regulation", "Rules", "network_of", "none_drivable"]
 
 _ACROSS, _ALONG, _PARALLEL = 5.5, 15.0, math.radians(30.0)
 """Lanes of one direction that end within these distances [m] and this angle [rad] of each other are of one arm."""
@@ -86,12 +86,15 @@ def network_of(ground: Ground, rules: Rules, warnings: Iterable[MapWarning]) -> 
         MapError: too many lanelets overlap, no junction is found, or the environment states an unknown side of traffic.
     """
     doubts = list(warnings)
+    if odd := turn_odd(ground.lanes, ground.links):
+        message = f"lanelets that run against the lanelets before and behind them were turned, left for right: {listed(odd)}"
+        doubts.append(MapWarning(Doubt.SIDE, message))
     members, doubts_of_areas = areas_of(ground, conflicts_of(ground.lanes, ground.links))
     doubts += doubts_of_areas
     if not members:
         raise MapError(
             f"it has {plural(len(ground.lanes), 'lane')} but no place where lanelets of three roads cross, merge or part, so it "
-            "offers nothing to test; use a map with a junction"
+            f"offers nothing to test; use a map with a junction{_left_out(doubts)}"
         )
     left_hand = _keeps_left(ground, members, doubts)
     junctions = {id: name for name, ids in members.items() for id in ids}
@@ -115,26 +118,48 @@ def network_of(ground: Ground, rules: Rules, warnings: Iterable[MapWarning]) -> 
     )
 
 
+def none_drivable(count: int, warnings: Iterable[MapWarning]) -> str:
+    """Return the refusal of a map whose lanelets are all left out."""
+    return f"it has {plural(count, 'lanelet')}, and none that a car can drive on; use another map{_left_out(warnings)}"
+
+
+def _left_out(warnings: Iterable[MapWarning]) -> str:
+    """Return the end of a refusal that says which lanelets were left out; empty if none were."""
+    return "".join(f"; {warning.message}" for warning in warnings if warning.kind is Doubt.LANE)
+
+
 def _keeps_left(ground: Ground, members: Members, doubts: list[MapWarning]) -> bool:
     """Return whether traffic keeps left.
 
-    The environment decides, else the bounds that opposite lanelets share, else the lanes out of junctions: traffic keeps left if
-    all of them lie on the right of the nearest lanes in. A doubt is added to `doubts`.
+    The environment decides, else the majority of the bounds that opposite lanelets share, of the lanes out of junctions, which lie
+    on the left of the nearest lanes in where traffic keeps right, and of the region. Lanes out count only if three quarters of them
+    agree. A doubt is added to `doubts`.
     """
     stated = os.environ.get(HAND, "")
     if stated not in ("", "left", "right"):
         raise MapError(f"the variable {HAND} must be left or right, got {stated[:40]!r}")
-    votes = hand_votes([lane for lane in ground.lanes.values() if ":back" not in lane.id])
-    most = "left" if votes["left"] > votes["right"] else "right"
-    if stated and votes[stated] < votes[most]:
-        counts = f"{votes[most]} bounds between opposite lanelets say {most}"
+    bounds = hand_votes([lane for lane in ground.lanes.values() if ":back" not in lane.id])
+    places = list(_sides_of_exits(ground, members))
+    exits = {"right": sum(places), "left": len(places) - sum(places)}
+    agreed = len(places) > 1 and 4 * max(exits.values()) >= 3 * len(places)
+    tally = {
+        hand: len(bounds[hand]) + agreed * exits[hand] + (ground.region == hand) * max(len(places), 1) for hand in ("right", "left")
+    }
+    most, least = sorted(tally, key=lambda hand: -tally[hand])
+    if stated and len(bounds[stated]) < len(bounds[most]):
+        counts = f"{len(bounds[most])} bounds between opposite lanelets say {most}"
         doubts.append(MapWarning(Doubt.SIDE, f"traffic keeps {stated}, as --hand or {HAND} says, though {counts}"))
-    if not stated and votes["left"] == votes["right"]:
-        places = list(_sides_of_exits(ground, members))
-        most = "left" if len(places) > 1 and not any(places) else "right"
+    elif not stated and not any(bounds.values()) and ground.region is None:
         message = (
             f"no bounds of opposite lanelets say on which side traffic keeps, and {sum(places)} of {len(places)} lanes out of "
             f"junctions lie on the left of a lane in; {most} was taken, --hand or the variable {HAND} states the side"
+        )
+        doubts.append(MapWarning(Doubt.SIDE, message))
+    elif not stated and tally[least]:
+        ways = f" (bounds of opposite lanelets: {listed(bounds[least])})" if bounds[least] else ""
+        message = (
+            f"{tally[most]} of {sum(tally.values())} votes of bounds, of lanes out of junctions and of the region say that traffic "
+            f"keeps {most}, the others{ways} {least}; {most} was taken, --hand or the variable {HAND} states the side"
         )
         doubts.append(MapWarning(Doubt.SIDE, message))
     return (stated or most) == "left"

@@ -6,7 +6,7 @@ Two lanelets are in conflict if they cross, merge or part.
 from __future__ import annotations
 
 import math
-from collections import Counter, defaultdict
+from collections import defaultdict
 from collections.abc import Collection, Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations
@@ -26,6 +26,7 @@ __all__ = [
     "Conflicts",
     "Lanelet",
     "aligned",
+    "cell_of",
     "conflicts_of",
     "crosswalk_of",
     "free_ends",
@@ -33,6 +34,7 @@ __all__ = [
     "intersections",
     "link_lanelets",
     "stations_of",
+    "turn_odd",
     "turned",
     "with_centre_lines",
 ]
@@ -83,6 +85,8 @@ class Lanelet:
     """Speed limit that the file states [m/s]; `NO_LIMIT` for no limit, None if nothing is stated."""
     area: str | None = field(default=None, kw_only=True)
     """Id of the intersection area of the lanelet."""
+    turn: str = field(default="", kw_only=True)
+    """The turn that the file states: ``left``, ``straight`` or ``right``; empty if nothing is stated."""
     points: Array = field(default_factory=lambda: np.empty((0, 2)), kw_only=True)
     """Points of the centre line, shape ``(k, 2)``, k >= 3 [m]."""
     stations: Array = field(default_factory=lambda: np.empty(0), kw_only=True)
@@ -104,6 +108,11 @@ class Lanelet:
     def end(self) -> tuple[Hashable, Hashable]:
         """The places where the left and the right bound end."""
         return self.left.last, self.right.last
+
+    @property
+    def corners(self) -> tuple[Array, Array, Array, Array]:
+        """Points where the left and the right bound begin, and where they end, shape ``(2,)`` each [m]."""
+        return self.left.points[0], self.right.points[0], self.left.points[-1], self.right.points[-1]
 
     def heading(self, at: int) -> float:
         """Return the direction of the centre line at its start (0) or end (-1) [rad]."""
@@ -204,9 +213,9 @@ def link_lanelets(lanes: Mapping[str, Lanelet]) -> nx.DiGraph:
     cells: defaultdict[tuple[int, int], list[str]] = defaultdict(list)
     for id, lane in lanes.items():
         starts[lane.start].append(id)
-        cells[_cell(lane.points[0])].append(id)
+        cells[cell_of(lane.points[0])].append(id)
     for id, lane in lanes.items():
-        column, row = _cell(lane.points[-1])
+        column, row = cell_of(lane.points[-1])
         near = [after for i in (-1, 0, 1) for k in (-1, 0, 1) for after in cells.get((column + i, row + k), ())]
         if max(len(starts[lane.end]), len(near)) > _MOST_MEETING:
             raise MapError(
@@ -224,22 +233,55 @@ def link_lanelets(lanes: Mapping[str, Lanelet]) -> nx.DiGraph:
     return links
 
 
-def _cell(point: Array) -> tuple[int, int]:
+def turn_odd(lanes: dict[str, Lanelet], links: nx.DiGraph) -> list[str]:
+    """Turn and link the lanelets, in `lanes` and `links`, whose left and right bounds are exchanged, and return their ids.
+
+    A chain of one-way lanelets is turned if no lanelet leads to it or follows it, but in the other direction lanelets lead to it
+    and follow it, or lanelets that have further links do one of the two.
+    """
+    loose = []
+    for id in (id for id in lanes if not links.pred[id]):
+        chain = [id]
+        while len(links.succ[chain[-1]]) == 1 and len(links.pred[after := next(iter(links.succ[chain[-1]]))]) == 1:
+            chain.append(after)
+        if not links.succ[chain[-1]] and not any(f"{lanes[lane].source}:back" in lanes for lane in chain):
+            loose.append(chain)
+    back, _ = with_centre_lines(turned(lanes[id]) for chain in loose for id in chain)
+    both = link_lanelets({**lanes, **back}) if back else links
+    used = set(lanes)
+    for fewest in (2, 1):
+        for chain in (chain for chain in loose if used.issuperset(chain) and all(f"{id}:back" in back for id in chain)):
+            if used.isdisjoint((*both.pred[chain[0]], *both.succ[chain[-1]])):
+                ends = [used.intersection(both.pred[f"{chain[-1]}:back"]), used.intersection(both.succ[f"{chain[0]}:back"])]
+                anchored = not any(used.isdisjoint((*both.pred[id], *both.succ[id])) for id in ends[0] | ends[1])
+                if sum(map(bool, ends)) == 2 or (fewest == 1 and any(ends) and anchored):
+                    used.symmetric_difference_update(name for id in chain for name in (id, f"{id}:back"))
+    odd = [id for id in lanes if id not in used]
+    if odd:
+        lanes.update((id, replace(back[f"{id}:back"], id=id)) for id in odd)
+        links.remove_nodes_from(odd)
+        links.add_edges_from(pair for pair in link_lanelets(lanes).edges if not links.has_node(pair[0]) or not links.has_node(pair[1]))
+        links.add_nodes_from(lanes)
+    return odd
+
+
+def cell_of(point: Array) -> tuple[int, int]:
+    """Return the square metre in which a point lies."""
     return math.floor(point[0]), math.floor(point[1])
 
 
-def hand_votes(lanes: Iterable[Lanelet]) -> Counter[str]:
-    """Return the votes for the side on which traffic keeps: the numbers of ways that opposite lanelets share as bounds.
+def hand_votes(lanes: Iterable[Lanelet]) -> dict[str, list[str]]:
+    """Return the votes for the side on which traffic keeps: the ways that opposite lanelets share as bounds.
 
     A way that is the left bound of both lanelets is a vote for ``right``, a way that is the right bound of both for ``left``.
     """
-    votes: Counter[str] = Counter()
+    votes = {}
     for hand, side in (("right", "left"), ("left", "right")):
         bounds: Sequence[Bound] = [getattr(lane, side) for lane in lanes]
         directions: defaultdict[str, set[bool]] = defaultdict(set)
         for way, along in (row for bound in bounds for row in bound.ways):
             directions[way].add(along)
-        votes[hand] = sum(len(both) == 2 for both in directions.values())
+        votes[hand] = [way for way, both in directions.items() if len(both) == 2]
     return votes
 
 
