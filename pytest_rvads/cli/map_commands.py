@@ -163,7 +163,7 @@ def _outward(arm: int, ways: int) -> tuple[float, float]:
 
 def _map(options: argparse.Namespace) -> int:
     from pytest_rvads.geometry.finder import find
-    from pytest_rvads.geometry.network import gathered
+    from pytest_rvads.geometry.network import Doubt, gathered
     from pytest_rvads.geometry.road_map import READERS, describe, read_map
     from pytest_rvads.logic.conduct.room import narrow_lines
     from pytest_rvads.report.draw.map_picture import draw_map
@@ -180,6 +180,11 @@ def _map(options: argparse.Namespace) -> int:
         return 0
     say(f"{os.path.basename(file)}: {plural(len(description['junctions']), 'junction')}")
     say(f"  {_junction_summary(description['junctions'])}")
+    sides = {report.left_hand for report in road_map.junctions}
+    doubtful = any(warning.kind is Doubt.SIDE for warning in road_map.warnings)
+    if True in sides or doubtful:
+        side = "left" if sides == {True} else "left at some junctions" if True in sides else "right"
+        say(f"  traffic keeps {side}{', see the warning about the side' if doubtful else ''}")
     crossed = [len(junction["crossings"]) for junction in description["junctions"] if junction["crossings"]]
     if crossed:
         say(f"  {plural(sum(crossed), 'crosswalk')} at {plural(len(crossed), 'junction')}")

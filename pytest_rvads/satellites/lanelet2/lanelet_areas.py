@@ -26,7 +26,7 @@ _JOINT = 25.0
 _SMALL = 12.0
 """Mean length of lanelets up to which a cluster without crossings joins a cluster with crossings [m]."""
 _BESIDE, _MOST_CHAINED = 5, 4
-"""Distance from a lanelet of a junction to a lanelet with a turn that belongs to the junction [m]; most lanelets of such a way."""
+"""Distance between lanelets of a junction and the ends of a turn lane of its own [m]; most lanelets of such a turn lane."""
 _FREE, _MARGIN = 30.0, 15.0
 """Length from which a lanelet that is in nobody's way is cut off a junction [m], and the part of this length that is kept [m]."""
 
@@ -84,8 +84,8 @@ class _Finder:
         """Per lanelet, the lengths that are cut off before and behind its conflicts; 0 where nothing is cut off [m]."""
         source = {id: lane.source for id, lane in self.lanes.items()}
         # A conflict with a lanelet that the file states to be outside of junctions forms no junction.
-        self.outside = set(ground.outside)
-        self.pairs = [pair for pair in conflicts.pairs if self.outside.isdisjoint(source[id] for id in pair)]
+        outside = set(ground.outside)
+        self.pairs = [pair for pair in conflicts.pairs if outside.isdisjoint(source[id] for id in pair)]
         self.crossing = {source[id] for pair in conflicts.crossing for id in pair}
         self.approaches = set(ground.approaches) - self.crossing
         classes = nx.utils.UnionFind()
@@ -148,40 +148,36 @@ class _Finder:
         self.cluster = {source: _root(parent, name) for source, name in self.cluster.items()}
 
     def take_between(self) -> None:
-        """Add the lanelets that neither cross nor touch another lanelet, but begin and end beside the lanelets of a cluster.
+        """Add turn lanes of their own: lanelets, or chains of them, that begin and end beside the lanelets of one cluster.
 
-        Such a lanelet is a turn lane of its own, or a chain of lanelets is. Its cluster has lanelets that cross, or its tag says that it
-        turns.
+        A lanelet with a tag that says that it turns needs lanelets of any kind beside it, others need lanelets that cross.
         """
-        cells: defaultdict[tuple[int, int], set[str]] = defaultdict(set)
-        groups = self.groups()
-        for name, id in ((name, id) for name, ids in groups.items() for id in ids):
-            for point in self.lanes[id].corners:
-                cells[cell_of(point)].add(name)
-        crossing = {name for name, ids in groups.items() if self.crosses(ids)}
+        cells: defaultdict[tuple[int, int, bool], set[str]] = defaultdict(set)
+        for name, ids in self.groups().items():
+            for id in ids:
+                for x, y in map(cell_of, self.lanes[id].corners):
+                    cells[x, y, True].add(name)
+                    if self.crosses([id]):
+                        cells[x, y, False].add(name)
 
-        def beside(id: str, at: int, reach: int) -> set[str]:
-            """Return the clusters with lanelets that begin or end within about `reach` metres of a start (0) or end (1)."""
-            around = range(-reach, reach + 1)
-            places = [cell_of(point) for point in self.lanes[id].corners[2 * at : 2 * at + 2]]
-            return set[str]().union(*(cells.get((x + i, y + k), ()) for x, y in places for i in around for k in around))
+        def beside(id: str, at: int, turns: bool) -> set[str]:
+            around = range(-_BESIDE, _BESIDE + 1) if turns else range(-1, 2)
+            places = map(cell_of, self.lanes[id].corners[2 * at : 2 * at + 2])
+            return set[str]().union(*(cells.get((x + i, y + k, turns), ()) for x, y in places for i in around for k in around))
+
+        def clusters(ids: Iterable[str]) -> set[str]:
+            return {self.cluster.get(self.lanes[id].source, "") for id in ids}
 
         for id in [id for id, lane in self.lanes.items() if lane.source not in self.cluster and self.links.pred[id]]:
-            chain, turn = [id], self.lanes[id].turn
-            inside = {self.cluster.get(self.lanes[before].source, "") for before in self.links.pred[id]}
-            reach = _BESIDE if turn else 1
-            names = beside(id, 0, reach) - inside
-            if turn in ("", "straight"):
-                names &= crossing
-            while names and len(chain) <= _MOST_CHAINED and self.links.succ[chain[-1]]:
-                found = names & beside(chain[-1], 1, reach)
-                after = {lane: self.cluster.get(self.lanes[lane].source, "") for lane in self.links.succ[chain[-1]]}
-                if found := found.difference(after.values()):
+            chain, turns = [id], self.lanes[id].turn in ("left", "right")
+            names = beside(id, 0, turns) - clusters(self.links.pred[id])
+            while names and (after := list(self.links.succ[chain[-1]])):
+                found = names & beside(chain[-1], 1, turns) - clusters(after)
+                if found:
                     self.cluster |= dict.fromkeys((self.lanes[lane].source for lane in chain), min(found, key=_order))
+                if found or len(after) > 1 or clusters(after) != {""} or len(chain) == _MOST_CHAINED:
                     break
                 chain += after
-                if len(after) > 1 or any(after.values()) or self.lanes[chain[-1]].source in self.outside:
-                    break
 
     def find_cuts(self) -> None:
         """Find how much is cut off the lanelets; lanelets side by side are cut at the same distance."""
