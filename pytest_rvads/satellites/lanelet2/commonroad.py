@@ -21,7 +21,7 @@ from pytest_rvads.geometry.opendrive.xmlfile import speed_of
 from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.satellites.lanelet2.lanelet_areas import Ground, listed
 from pytest_rvads.satellites.lanelet2.lanelet_network import Regulation, Rules, network_of, none_drivable
-from pytest_rvads.satellites.lanelet2.lanelets import Array, Bound, Lanelet, crosswalk_of, turned, with_centre_lines
+from pytest_rvads.satellites.lanelet2.lanelets import Array, Bound, Lanelet, aligned, crosswalk_of, turned, with_centre_lines
 from pytest_rvads.satellites.lanelet2.osm_file import MAX_ELEMENTS, parsed
 from pytest_rvads.support.errors import MapError
 from pytest_rvads.support.wording import one_line
@@ -104,6 +104,8 @@ class _Reader:
         self.elements = {id: element for element in root.iterfind("lanelet") if (id := element.get("id"))}
         self.signs = {element.get("id", ""): element for element in root.iterfind("trafficSign")}
         self.left_out: list[str] = []
+        self.exchanged: list[str] = []
+        """Ids of lanelets whose left bound lies on the right."""
         self.crosswalks: list[PaintedCrosswalk] = []
         self.others: Counter[str] = Counter()
         """Per type that no car drives on, the number of lanelets."""
@@ -115,6 +117,9 @@ class _Reader:
         if self.left_out:
             message = f"lanelets without length or with a bound of fewer than two points were left out: {listed(self.left_out)}"
             self.warnings.append(MapWarning(Doubt.LANE, message))
+        if self.exchanged:
+            message = f"lanelets whose left bound lies on the right were read with left and right exchanged: {listed(self.exchanged)}"
+            self.warnings.append(MapWarning(Doubt.SIDE, message))
         if +self.others:
             counts = ", ".join(f"{count} {name}" for name, count in (+self.others).most_common())
             self.warnings.append(MapWarning(Doubt.LANE, f"lanelets that no car drives on were left out: {counts}"))
@@ -145,7 +150,11 @@ class _Reader:
         if bounds[0] is None or bounds[1] is None:
             self.left_out.append(id)
             return
-        lanelet = Lanelet(id, id, bounds[0], bounds[1], self._limit(id, element))
+        left, right = bounds[0], bounds[1]
+        if all(one.first == other.last for one, other in zip(aligned(left, right), bounds, strict=True)):
+            left, right = right, left
+            self.exchanged.append(id)
+        lanelet = Lanelet(id, id, left, right, self._limit(id, element))
         yield lanelet
         if {(part.text or "").strip() for part in element.iterfind("userBidirectional")} & {"car", "vehicle"}:
             yield turned(lanelet)

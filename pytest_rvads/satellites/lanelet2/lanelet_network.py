@@ -145,7 +145,7 @@ def _keeps_left(ground: Ground, members: Members, doubts: list[MapWarning]) -> b
     tally = {
         hand: len(bounds[hand]) + agreed * exits[hand] + (ground.region == hand) * max(len(places), 1) for hand in ("right", "left")
     }
-    most, least = sorted(tally, key=lambda hand: -tally[hand])
+    most, least = ("left", "right") if tally["left"] > max(tally["right"], 1) else ("right", "left")
     if stated and len(bounds[stated]) < len(bounds[most]):
         counts = f"{len(bounds[most])} bounds between opposite lanelets say {most}"
         doubts.append(MapWarning(Doubt.SIDE, f"traffic keeps {stated}, as --hand or {HAND} says, though {counts}"))

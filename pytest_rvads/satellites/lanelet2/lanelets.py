@@ -260,8 +260,8 @@ def turn_odd(lanes: dict[str, Lanelet], links: nx.DiGraph) -> list[str]:
     if odd:
         lanes.update((id, replace(back[f"{id}:back"], id=id)) for id in odd)
         links.remove_nodes_from(odd)
-        links.add_edges_from(pair for pair in link_lanelets(lanes).edges if not links.has_node(pair[0]) or not links.has_node(pair[1]))
-        links.add_nodes_from(lanes)
+        links.add_edges_from(pair for pair in link_lanelets(lanes).edges if not {*odd}.isdisjoint(pair))
+        links.add_nodes_from(odd)
     return odd
 
 
