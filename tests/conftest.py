@@ -48,9 +48,9 @@ for _name in (
     import_module(_name)
 
 
-WITHOUT = "-p no:hypothesispytest -p no:html"
+WITHOUT = "-p no:hypothesispytest -p no:html -p no:randomly"
 """Options of sessions within tests: one of these plugins imports all of Hypothesis at the end of every session, which takes
-longer than most of the sessions, the other a language of templates at its beginning."""
+longer than most of the sessions, the next a language of templates at its beginning; the last shuffles the items."""
 
 
 @pytest.fixture(scope="session", autouse=True)
