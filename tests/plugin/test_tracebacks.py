@@ -99,28 +99,24 @@ def test_options_of_pytest_choose_what_is_shown(pytester: pytest.Pytester, write
     assert where not in shown["no"].str().partition("rvads verdicts")[0]
 
 
+def debugged(pytester: pytest.Pytester, commands: str) -> pytest.LineMatcher:
+    """Return the output of a session with ``--pdb`` whose debugger gets commands."""
+    return pytester.run(sys.executable, "-m", "pytest", "--pdb", "-p", "no:cacheprovider", stdin=commands.encode()).stdout
+
+
 @pytest.mark.parametrize(
-    ("item", "does"),
+    "does",
     [
-        ("no_collision", IN_A_LIBRARY),
-        pytest.param("full_stop", RAISES, marks=pytest.mark.extended),
-        pytest.param("full_stop", IN_AN_INSTALLED_PACKAGE, marks=pytest.mark.extended),
-        pytest.param("no_collision", IN_THIS_PACKAGE, marks=pytest.mark.extended),
+        IN_A_LIBRARY,
+        pytest.param(RAISES, marks=pytest.mark.extended),
+        pytest.param(IN_AN_INSTALLED_PACKAGE, marks=pytest.mark.extended),
+        pytest.param(IN_THIS_PACKAGE, marks=pytest.mark.extended),
     ],
 )
-def test_the_debugger_stops_in_the_line_of_the_driver(pytester: pytest.Pytester, write: Write, does: str, item: str) -> None:
+def test_the_debugger_stops_in_the_line_of_the_driver(pytester: pytest.Pytester, write: Write, does: str) -> None:
     write(does)
-    debugged = pytester.spawn_pytest("--pdb -p no:cacheprovider")
-    for _ in range(2 if item == "no_collision" else 1):
-        debugged.expect("entering PDB")
-        debugged.expect(rf"test_it.py\({LINE}\)decide")
-        debugged.expect("Pdb")
-        debugged.sendline("up")
-        debugged.expect("Pdb")
-        debugged.sendline("p secret")
-        debugged.expect("'a secret local'")
-        debugged.sendline("c")
-    debugged.kill(9)
+    stops = ["*entering PDB*", f"> *test_it.py({LINE})decide()", "*'a secret local'*"]
+    debugged(pytester, "up\np secret\nc\n" * 2).fnmatch_lines(stops * 2)
 
 
 def test_the_cause_that_a_driver_names_is_shown(pytester: pytest.Pytester, write: Write) -> None:
@@ -182,9 +178,7 @@ def test_an_error_in_a_word_is_told_by_its_own_line(pytester: pytest.Pytester) -
     result.stdout.fnmatch_lines(["test_it.py:7: in odd", "E *LinAlgError: Singular matrix"])
     result.stdout.fnmatch_lines(["*1 x mine: LinAlgError: Singular matrix (test_it.py:7)"])
     assert "evaluate.py" not in result.stdout.str()
-    debugged = pytester.spawn_pytest("--pdb")
-    debugged.expect(r"test_it.py\(7\)odd")
-    debugged.kill(9)
+    debugged(pytester, "q\n").fnmatch_lines(["> *test_it.py(7)odd()"])
 
 
 @pytest.mark.parametrize("hook", ["rules", "junctions", "grids"])
