@@ -370,15 +370,17 @@ def _arrows_across(ways: Sequence[Route], objects: Sequence[Sequence[MapObject]]
 
 def _stated(network: Network, id: str, ways: Sequence[Route], graph: MetricGraph) -> frozenset[tuple[Key, Key]]:
     """Return the pairs of movements of which, by the priorities of roads in the file, the first gives way to the second."""
-    pairs = set()
-    for high, low in network.junctions[id].priorities:
-        roads = [(way, {graph.edges[edge].road for edge in (way.path.entrance, *way.path.edges)}) for way in ways]
-        pairs |= {
-            ((way.entrance, way.exit), (other.entrance, other.exit))
-            for way, yielding in roads
-            for other, prior in roads
-            if low in yielding and high in prior and way.entrance != other.entrance
-        }
+    by_road: dict[str, dict[Key, None]] = {}
+    for way in ways:
+        for edge in (way.path.entrance, *way.path.edges):
+            by_road.setdefault(graph.edges[edge].road, {})[way.entrance, way.exit] = None
+    pairs = {
+        (yielding, prior)
+        for high, low in dict.fromkeys(network.junctions[id].priorities)
+        for yielding in by_road.get(low, ())
+        for prior in by_road.get(high, ())
+        if yielding[0] != prior[0]
+    }
     return frozenset(pairs - {(b, a) for a, b in pairs})
 
 

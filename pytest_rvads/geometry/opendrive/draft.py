@@ -7,6 +7,7 @@ limits of an edge are those of its lanes. Where a lane has no limit, the limit o
 from __future__ import annotations
 
 import math
+from bisect import bisect_right
 from collections import defaultdict
 from collections.abc import Container, Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -249,4 +250,5 @@ def _in_section(road: Road, i: int, lane: int) -> Iterator[tuple[float, float, f
 
 
 def _limit_at(limits: Limits, s: float) -> float | None:
-    return next((limit for at, limit in reversed(limits) if at <= s), None)
+    k = bisect_right(limits, s, key=itemgetter(0))
+    return limits[k - 1][1] if k else None

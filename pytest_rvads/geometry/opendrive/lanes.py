@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.geometry.network import Doubt, MapWarning
-from pytest_rvads.geometry.opendrive.records import Cubic, Lane, Line, Road, Section, Shape, evaluate
+from pytest_rvads.geometry.opendrive.records import MOST_CELLS, STEP, Cubic, Lane, Line, Road, Section, Shape, evaluate
 from pytest_rvads.support.errors import MapError
 
 __all__ = ["SPACING", "LaneLine", "borders_at", "lane_lines", "line_warnings", "sample_count"]
@@ -77,8 +77,9 @@ def sample_count(road: Road) -> int:
     straight = not curved and all(shape.kind == "line" for shape in road.shapes)
     spacing = _STRAIGHT_SPACING if straight else SPACING
     records = len(road.shapes) + sum(map(len, tables))
-    # Every lane section looks at all pieces and offsets of its road.
-    looks = len(road.sections) * (len(road.shapes) + len(road.offsets)) // _LOOKS_PER_SAMPLE
+    # Every lane section looks at all pieces, offsets and speed limits of its road, and integrates each polynomial along its length.
+    cells = sum(min(shape.length / STEP, MOST_CELLS) for shape in road.shapes if shape.kind in ("poly3", "paramPoly3"))
+    looks = len(road.sections) * int(len(road.shapes) + len(road.offsets) + len(road.limits) + cells) // _LOOKS_PER_SAMPLE
     return int(road.length / spacing * max(1, lanes, again)) + records * max(1, lanes) + looks
 
 

@@ -18,6 +18,7 @@ from pytest_rvads.geometry.opendrive.draft import Chain, Draft
 from pytest_rvads.geometry.opendrive.lanes import borders_at
 from pytest_rvads.geometry.opendrive.records import CrosswalkRecord, Road, pose_at
 from pytest_rvads.geometry.opendrive.signals import point_of
+from pytest_rvads.support.errors import MapError
 
 __all__ = ["painted"]
 
@@ -25,6 +26,8 @@ _PEDESTRIAN = "1000002"
 """Type of a light for pedestrians (OpenDRIVE, list of signals)."""
 _LIGHT_RANGE = 5.0
 """Largest distance of a light for pedestrians from the painted area of its crosswalk [m]."""
+_MOST_TESTS = 100_000
+"""Most pairs of a light for pedestrians and a crosswalk near it; a town has 1,000."""
 _NEAR = 5.0
 """Distance from the painted area to which the shoulders of roads are looked up [m]."""
 _BESIDE = frozenset({"shoulder", "parking", "biking", "border", "stop", "restricted", "bus", "taxi", "hov"})
@@ -43,10 +46,17 @@ def painted(draft: Draft) -> tuple[PaintedCrosswalk, ...]:
     if not areas:
         return ()
     lights: list[list[str]] = [[] for _ in areas]
+    low, high = (np.array([side(area, axis=0) for _, _, area in areas]) for side in (np.min, np.max))
+    tests = 0
     for id, point in _pedestrian_lights(draft.document.roads.values()):
-        distances = [_nearest(np.vstack((area, area[:1])), point)[0] for _, _, area in areas]
-        if min(distances) <= _LIGHT_RANGE:
-            lights[distances.index(min(distances))].append(id)
+        near = ((low <= point + _LIGHT_RANGE) & (high >= point - _LIGHT_RANGE)).all(axis=1).nonzero()[0].tolist()
+        tests += len(near)
+        if tests > _MOST_TESTS:
+            raise MapError(f"too many crosswalks and lights for pedestrians stand around the light {id!r}; leave some out")
+        distances = [(_nearest(np.vstack((areas[k][2], areas[k][2][:1])), point)[0], k) for k in near]
+        distance, k = min(distances, default=(math.inf, 0))
+        if distance <= _LIGHT_RANGE:
+            lights[k].append(id)
     edges = list(draft.edges.values())
     boxes = np.array([(*edge.points.min(axis=0), *edge.points.max(axis=0)) for edge in edges]).reshape(-1, 4)
     crosswalks = []

@@ -18,6 +18,8 @@ from pytest_rvads.geometry.network import MapWarning
 from pytest_rvads.geometry.segment import Limits
 
 __all__ = [
+    "MOST_CELLS",
+    "STEP",
     "Connection",
     "CrosswalkRecord",
     "Cubic",
@@ -44,8 +46,8 @@ Array = NDArray[np.float64]
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(5)
 _PIECE = 2.0
-_STEP = 0.05
-_MOST_CELLS = 200_000
+STEP = 0.05
+MOST_CELLS = 200_000
 _END = 1e-6
 
 
@@ -368,9 +370,9 @@ def _param_poly3(values: tuple[float, ...], length: float, normalized: bool, alo
 
 
 def _grid(end: float, length: float) -> Array:
-    """Return parameters from 0 to `end`, about `_STEP` metres apart on a piece of this length."""
-    cells = min(max(int(np.ceil(length / _STEP)), 1), _MOST_CELLS)
-    return np.linspace(0.0, max(end, _STEP), cells + 1)
+    """Return parameters from 0 to `end`, about `STEP` metres apart on a piece of this length."""
+    cells = min(max(int(np.ceil(length / STEP)), 1), MOST_CELLS)
+    return np.linspace(0.0, max(end, STEP), cells + 1)
 
 
 def _arc_length(grid: Array, speed: Callable[[Array], Array]) -> Array:
