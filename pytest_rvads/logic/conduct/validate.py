@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from pytest_rvads.logic.conduct.bodies import contacts
@@ -26,6 +27,9 @@ OFFSET_LIMIT = 2.0
 """Largest distance of a reference point from the centre line of its itinerary [m]; a little more than half a lane."""
 _PACE = (0.3, 0.2)
 """Largest difference between a simulated vehicle's speed and the motion of its body: the sum of a speed [m/s] and a share."""
+_BETWEEN = 0.5
+"""Half of the longest usual time between samples of a recording [s]: between two samples, a vehicle can have any speed that the
+recording has within this time."""
 _LONG = 10
 """Number of states in which a difference larger than `_PACE` is accepted, because bodies that touch are thrown aside."""
 _SHORT = 0.5
@@ -185,7 +189,7 @@ def _zones(run: Run, column: int, agent: Agent) -> Iterator[Finding]:
 
 
 def _progress(run: Run, column: int, agent: Agent) -> Iterator[Finding]:
-    """Check that progress along the itinerary is speed times time.
+    """Check that progress along the itinerary is speed times time; in a recording, some speed within `_BETWEEN` has to fit.
 
     If progress is a whole multiple of speed times time, states seem to be missing.
     """
@@ -194,6 +198,10 @@ def _progress(run: Run, column: int, agent: Agent) -> Iterator[Finding]:
     present = run.here[1:, column] & run.here[:-1, column]
     progress = np.diff(run.station[:, column])
     expected = (run.speed[1:, column] + run.speed[:-1, column]) / 2 * run.dt
+    if run.excerpt is not None:
+        wide = 2 * round(_BETWEEN / run.dt) + 1
+        near = sliding_window_view(np.pad(run.speed[:, column], wide // 2, mode="edge"), wide)[1:]
+        expected = np.clip(progress, np.fmin.reduce(near, axis=1) * run.dt, np.fmax.reduce(near, axis=1) * run.dt)
     absolute, relative = PROGRESS_TOLERANCE
     unknown = 0.0 if run.spread is None else run.spread[1:, column] + run.spread[:-1, column]
     wrong = np.flatnonzero(present & (np.abs(progress - expected) > absolute + relative * np.abs(expected) + unknown))
