@@ -20,7 +20,8 @@ shipped rule, for these reasons:
 Because only vehicles that are together have instances about pairs, the cost of judging grows with the number of vehicles, and not
 with the square of this number.
 
-`without_jumps` prepares coarse recordings by filling in the zones that vehicles pass between two states.
+`without_jumps` prepares coarse recordings by filling in the zones that vehicles pass between two states. `colourings` fills in the
+colours of lights that a recording lacks.
 """
 
 from __future__ import annotations
@@ -32,12 +33,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.logic.conduct.bodies import close
+from pytest_rvads.logic.conduct.cast import lit
 from pytest_rvads.runs.itineraries import LEAVE
 from pytest_rvads.runs.periods import NEAR, NEAR_TIME
 from pytest_rvads.runs.run import DT, Run, once
-from pytest_rvads.runs.states import Zone
+from pytest_rvads.runs.states import Colour, Zone
 
-__all__ = ["crossed", "cut_off", "judged", "last_seen", "near", "together", "window", "without_jumps"]
+__all__ = ["colourings", "crossed", "cut_off", "judged", "last_seen", "near", "together", "window", "without_jumps"]
 
 
 def judged(run: Run) -> frozenset[int] | None:
@@ -160,3 +162,27 @@ def _filled(run: Run) -> Run | None:
     zone[:-1][over_entrance] = Zone.ENTRANCE
     zone[1:][over_junction] = Zone.JUNCTION
     return replace(run, zone=zone)
+
+
+def colourings(run: Run) -> tuple[Run, ...]:
+    """Return the runs in which every light for vehicles whose colour the recording lacks shows one; no runs if none is lacking.
+
+    All these lights show the same colour, or each is green or red. For any two of these lights, there are runs in which the first
+    is green and the second red, and the other way round. A recorded colour stays as it is.
+    """
+    entrances = sorted({agent.entrance for agent in run.agents if agent.way.key in run.junction.movements})
+    unknown = (run.lights == Colour.NONE).any(axis=0)
+    starts = [k for k in entrances if unknown[k] and lit(run.junction, k)] if run.excerpt is not None else []
+    if not starts:
+        return ()
+    numbers = np.arange(len(starts))
+    shown = [np.full(len(starts), colour) for colour in (Colour.GREEN, Colour.RED, Colour.YELLOW)]
+    for bit in range((len(starts) - 1).bit_length()):
+        odd = (numbers >> bit & 1).astype(np.bool_)
+        shown += [np.where(odd, Colour.GREEN, Colour.RED), np.where(odd, Colour.RED, Colour.GREEN)]
+    runs = []
+    for colours in shown:
+        lights = run.lights.copy()
+        lights[:, starts] = np.where(lights[:, starts] == Colour.NONE, colours, lights[:, starts])
+        runs.append(replace(run, lights=lights))
+    return tuple(runs)

@@ -2,7 +2,8 @@
 
 A reading is a complete, consistent run. If single truth values were changed instead, a vehicle could be in two places at once.
 Rules about the order of events are judged in all possible orders, see `orders`. All other rules are judged in a few readings at
-the limits of the accuracy: places, sizes or speeds are changed by three standard deviations.
+the limits of the accuracy: places, sizes or speeds are changed by three standard deviations. Where the recording lacks the colour
+of a light, a few combinations of colours are tried.
 
 A definite verdict is the same in every reading. A verdict that a reading changes is UNSURE, which is neither red nor green. An
 exact run that is as dense as a simulated run has no other readings, and its verdict costs no further time.
@@ -21,12 +22,14 @@ from math import ceil, log2
 import numpy as np
 from numpy.typing import NDArray
 
+from pytest_rvads.logic.conduct.presence import colourings
 from pytest_rvads.logic.conduct.standing import STANDSTILL, in_stop_place, stands
 from pytest_rvads.logic.judging.crossings import certain, crossings
 from pytest_rvads.logic.judging.evaluate import Values
 from pytest_rvads.logic.judging.judge import judge, unsure
 from pytest_rvads.logic.judging.judgement import Hinge, Judgement, Template
 from pytest_rvads.logic.judging.orders import about_order, plain, reordered
+from pytest_rvads.logic.judging.responsibility import by_walkers, is_about
 from pytest_rvads.logic.judging.verdicts import Status
 from pytest_rvads.logic.rules.lexicon import word_of
 from pytest_rvads.logic.rules.parts import agents_of
@@ -78,14 +81,16 @@ def doubted(recorded: Sequence[Judgement], values: Values, sampled: Run, *, stan
     if not events.exact:
         result = [reordered(j, events, values) if about_order(j.template, run) and not standing else j for j in result]
     measured = {k: j for k, j in enumerate(recorded) if standing or not about_order(j.template, run)}
-    measurements = {ask for j in measured.values() for ask in _asks(j.template)}
-    for ask in (a for a in Measured if a in measurements):
-        for reading in _readings(run, ask):
-            undoubted = {k: j for k, j in measured.items() if result[k] is j and ask in _asks(j.template) and _near(run, j)}
+    in_colour = {k: j for k, j in enumerate(recorded) if j.status is not Status.NA}
+    for ask in Measured:
+        asked = {k: j for k, j in (in_colour if ask is Measured.COLOURS else measured).items() if ask in _asks(j.template)}
+        for reading in _readings(run, ask) if asked else ():
+            undoubted = {k: j for k, j in asked.items() if result[k] is j and _near(run, j)}
             reread_values = Values(reading.run, values.tie, standing=standing)
             reread = judge(tuple(j.template for j in undoubted.values()), reread_values) if undoubted else []
             for (k, j), judgement in zip(undoubted.items(), reread, strict=True):
-                if plain(judgement.status) is not plain(j.status):
+                blame = ask is Measured.COLOURS and _blame(judgement, reading.run) != _blame(j, run)
+                if blame or plain(judgement.status) is not plain(j.status):
                     result[k] = unsure(j, Hinge(reading=reading.words))
     return _of_lines(result, values, standing=standing)
 
@@ -110,6 +115,11 @@ def _at_painted_lines(run: Run) -> Run | None:
     return _rezoned(replace(run, junction=replace(run.junction, entrances=lanes)), run.station)
 
 
+def _blame(j: Judgement, run: Run) -> tuple[bool, bool]:
+    """Return whether pedestrians alone are to blame for an instance, and whether the subject (the vehicle under test) is."""
+    return by_walkers(j, run), run.subject is not None and is_about(j, run, run.subject)
+
+
 def _left_early(run: Run, j: Judgement) -> bool:
     """Return whether a kept instance is doubtful because a vehicle left the recording too early.
 
@@ -123,8 +133,10 @@ def _left_early(run: Run, j: Judgement) -> bool:
 
 def _asks(template: Template) -> frozenset[Measured]:
     """Return the kinds of measurement on which an instance of a rule depends."""
-    words = map(word_of, template.atoms)
+    words = [word_of(atom) for atom in template.atoms]
     asks = {ask for word in words for ask in ((Measured.PACE,) if word is None else word.turns_on)}
+    if Measured.PACE in asks or any(word is not None and word.cause is not None for word in words):
+        asks |= {Measured.COLOURS}
     if Measured.ALONG in asks and len(agents_of(template.formula)) < 2:
         asks = asks - {Measured.ALONG} | {Measured.ALONE}
     return frozenset(asks)
@@ -224,6 +236,10 @@ def _of_the_past(run: Run) -> tuple[Reading, ...]:
     return tuple(Reading(Measured.BEFORE, 0.0, replace(run, speed=speed)) for speed in (stopping, rolling) if late)
 
 
+def _in_colour(run: Run) -> tuple[Reading, ...]:
+    return tuple(Reading(Measured.COLOURS, 0.0, possible) for possible in once(run, colourings))
+
+
 def _all_moved(run: Run, asks: Measured, patterns: Iterable[NDArray[np.float64]]) -> tuple[Reading, ...]:
     """Return a changed run per pattern of signs: 1 moves an agent ahead of its measured station, -1 moves the agent back."""
     if run.spread is None or run.station is None:
@@ -277,6 +293,7 @@ _MAKERS: dict[Measured, Callable[[Run], tuple[Reading, ...]]] = {
     Measured.ALONG: _of_way,
     Measured.ALONE: _of_one,
     Measured.BEFORE: _of_the_past,
+    Measured.COLOURS: _in_colour,
 }
 
 

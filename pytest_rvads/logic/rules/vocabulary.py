@@ -96,6 +96,7 @@ class Measured(StrEnum):
     ALONE = "how far it had come on its way"
     """The kind that replaces `ALONG` in instances about a single vehicle."""
     BEFORE = "what it did before it was seen"
+    COLOURS = "a colour of a light that was not recorded"
 
 
 MEASURED = (Measured.SIZES, Measured.SIDES, Measured.PACE, Measured.ALONG)

@@ -120,6 +120,7 @@ def _import(options: argparse.Namespace) -> int:
         warn(f"warning: {lights_elsewhere(lights, recordings[0].junction)}")
     for path, recording in files:
         save_recording(recording, path)
+        _warn_of_unknown_lights(recording)
     correction = misalignment.as_json() | {"applied": options.align}
     summaries = [
         _recording_summary(path, recording, stated=options.position_accuracy is not None) | {"misalignment": correction}
@@ -131,6 +132,20 @@ def _import(options: argparse.Namespace) -> int:
     for summary in summaries:
         say("\n  ".join(_summary_lines(summary, verbose=options.verbose)))
     return 0
+
+
+def _warn_of_unknown_lights(recording: Recording) -> None:
+    from pytest_rvads.satellites.tracks.importing import unknown_lights
+
+    since = unknown_lights(recording)
+    if since:
+        never = ", ".join(name for name, time in since.items() if time is None)
+        late = (f"before {time:g} s at entrance {name}" for name, time in since.items() if time is not None)
+        places = "; ".join([*([f"at entrances {never}"] if never else []), *late])
+        warn(
+            f"warning: {recording.junction.name}: no colours are recorded for lights of the map {places}: verdicts that depend "
+            "on them are UNSURE or NA, give the colours by --lights"
+        )
 
 
 def _check_junction(options: argparse.Namespace) -> None:
@@ -182,6 +197,7 @@ def _watch() -> Any:
 def _recording_summary(path: Path, recording: Recording, *, stated: bool) -> dict[str, Any]:
     """Return the summary of an imported recording as a JSON object."""
     from pytest_rvads.geometry.crosswalks import Crossing
+    from pytest_rvads.satellites.tracks.importing import unknown_lights
 
     junction, tracks = recording.junction, recording.vehicles
     ways = Counter(track.agent.way.key for track in tracks)
@@ -214,6 +230,7 @@ def _recording_summary(path: Path, recording: Recording, *, stated: bool) -> dic
         "lights": sorted(
             junction.vehicle_at(start).removeprefix("a") for start in recording.lights if start < len(junction.entrances)
         ),
+        "unknown_lights": unknown_lights(recording),
         "walk_lights": sorted(
             {way.crosswalk for way, _, _ in junction.further if isinstance(way, Crossing) and way.entrance in recording.lights}
         ),

@@ -17,6 +17,7 @@ from typing import Any, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from pytest_rvads.geometry.control import Sign
 from pytest_rvads.geometry.crosswalks import PERSON
 from pytest_rvads.geometry.finder import find, load, names
 from pytest_rvads.geometry.junction import Junction
@@ -56,6 +57,7 @@ __all__ = [
     "recording_of",
     "recordings_at",
     "recordings_in",
+    "unknown_lights",
 ]
 
 
@@ -253,6 +255,20 @@ def lights_elsewhere(recorded_lights: Mapping[str, Changes], junction: Junction)
         one_line(", ".join(sorted(names)), 300) for names in (recorded_lights, signals_at(junction))
     )
     return f"none of the lights ({recorded_names}) is at junction {junction.name!r}, which has the lights {junction_names}"
+
+
+def unknown_lights(recording: Recording) -> dict[str, float | None]:
+    """Return the entrances, by name, at which a recording lacks the colour of a light of the map while a vehicle comes.
+
+    The value is the time from which the colour is recorded [s]; None if it is never recorded, whether a vehicle comes or not.
+    """
+    junction, since = recording.junction, dict[str, float | None]()
+    for start, lane in enumerate(junction.entrances):
+        first = float(recording.lights[start].times[0]) if start in recording.lights else math.inf
+        comes = (track for track in recording.vehicles if track.agent.entrance == start and track.times[0] < first)
+        if lane.sign is Sign.LIGHTS and (first == math.inf or any(comes)):
+            since[junction.vehicle_at(start).removeprefix("a")] = None if first == math.inf else first
+    return since
 
 
 def recording_of(log: Log, junction: Junction, intake: Intake, recorded_lights: Mapping[str, Changes], label: str) -> Recording:
