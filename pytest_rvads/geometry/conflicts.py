@@ -125,9 +125,7 @@ def _stretches(ways: Mapping[Key, Line]) -> dict[tuple[Key, Key], Shared]:
     return shared
 
 
-def close(
-    points: NDArray[np.float64], others: NDArray[np.float64], reach: float
-) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+def close(points: NDArray[np.float64], others: NDArray[np.float64], reach: float) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Return which points of a line lie nearer than `reach` [m] to a point of another line, and which points of the other do.
 
     Raises:

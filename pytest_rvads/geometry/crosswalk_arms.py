@@ -95,7 +95,9 @@ def lay(
     owners = np.repeat(np.arange(len(reports)), [report.ways for report in reports])
     for painted in graph.network.crosswalks:
         if len(painted.area) > _MOST_CORNERS:
-            message = f"the crosswalk {painted.id!r} has {len(painted.area):,} corners, more than {_MOST_CORNERS:,}; it was left out"
+            message = (
+                f"the crosswalk {painted.id!r} has {len(painted.area):,} corners, more than {_MOST_CORNERS:,}; it was left out"
+            )
             warnings.append(MapWarning(Doubt.CROSSWALK, message, painted.road or None))
             continue
         gaps = np.full(len(reports), math.inf)

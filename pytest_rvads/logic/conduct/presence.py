@@ -20,7 +20,7 @@ shipped rule, for these reasons:
 Because only vehicles that are together have instances about pairs, the cost of judging grows with the number of vehicles, and not
 with the square of this number.
 
-`without_jumps` prepares coarse recordings by filling in the zones that vehicles pass between two states. `colourings` fills in the
+`without_jumps` prepares coarse recordings by filling in the zones that vehicles pass between two states. `colourings` fills in
 colours of lights that a recording lacks.
 """
 

@@ -118,7 +118,9 @@ class _Reader:
             message = f"lanelets without length or with a bound of fewer than two points were left out: {listed(self.left_out)}"
             self.warnings.append(MapWarning(Doubt.LANE, message))
         if self.exchanged:
-            message = f"lanelets whose left bound lies on the right were read with left and right exchanged: {listed(self.exchanged)}"
+            message = (
+                f"lanelets whose left bound lies on the right were read with left and right exchanged: {listed(self.exchanged)}"
+            )
             self.warnings.append(MapWarning(Doubt.SIDE, message))
         if +self.others:
             counts = ", ".join(f"{count} {name}" for name, count in (+self.others).most_common())

@@ -30,9 +30,9 @@ from pytest_rvads.runs.junctionfile import Key
 from pytest_rvads.runs.run import Collision, Facts, Fault, Run
 from pytest_rvads.runs.states import Agent, Colour, Zone
 from pytest_rvads.satellites.openscenario.xosc import FORMAT, Entity, TrajectoryFile, log_of, read_trajectories
+from pytest_rvads.satellites.tracks.facing import with_headings
 from pytest_rvads.satellites.tracks.importing import recordings_in
 from pytest_rvads.satellites.tracks.lightlog import lights_at
-from pytest_rvads.satellites.tracks.logformats import check_facing
 from pytest_rvads.support.decoding import decode, typed
 from pytest_rvads.support.errors import RunError
 
@@ -131,8 +131,7 @@ def read_played(path: str | Path) -> Sequence[Run]:
     path = Path(path)
     file = read_trajectories(path)
     if file.note is None:
-        log = log_of(file)
-        check_facing(log)
+        log = with_headings(log_of(file))
         recordings = recordings_in(log, FORMAT.point)
         return recordings[0] if len(recordings) == 1 else [run for recording in recordings for run in recording]
     note = decode(file.note.encode(), Note, f"{file.where}: the property rvads.run", RunError)

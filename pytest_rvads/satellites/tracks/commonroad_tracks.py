@@ -110,4 +110,4 @@ class _Reader:
         size = (length, width) if math.isnan(radius) else (2.0 * radius, 2.0 * radius)
         before, to_describe = self.gather.extend(self._name, rows, samples)
         for k in to_describe.tolist():
-            self.gather.describe(self._name, None if math.isnan(sum(size)) else size, kind, at=before + k)
+            self.gather.describe(self._name, None if math.isnan(sum(size)) else size, self._texts.get("type", ""), at=before + k)

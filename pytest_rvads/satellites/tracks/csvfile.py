@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import islice
@@ -16,13 +17,15 @@ from pytest_rvads.satellites.tracks.source import Source, Watch, opened
 from pytest_rvads.satellites.tracks.table import TEXTS, Column, Rows, columns_of, log_of, numbers_of
 from pytest_rvads.support.errors import RunError
 
-__all__ = ["read_csv", "read_ind", "read_interaction", "rows_of", "wrong_cells"]
+__all__ = ["is_fcd_table", "read_csv", "read_fcd_table", "read_ind", "read_interaction", "rows_of", "wrong_cells"]
 
 _BATCH = 20_000
 """Number of rows that are converted together."""
 _LONGEST, _COLUMNS = 2**15, 1000
 """Greatest length of a row [bytes], and largest number of columns; both limit the memory of a batch of `_BATCH` rows."""
 _DELIMITERS = ",;\t"
+_DECIMAL_COMMA = re.compile(r'(?<![^;"])(\s*[-+]?\d*),(\d+(?:[eE][-+]?\d+)?\s*)(?![^;"\r\n])')
+"""A number with a decimal comma that is a whole cell between semicolons."""
 
 
 def read_csv(
@@ -44,6 +47,43 @@ def read_csv(
         names = next(rows, (0, []))[1]
         fields = columns_of(columns, names, source.where, preset=preset)
         return log_of(_batches(rows, names, fields), fields, source.where, strict=strict, classes=classes)
+
+
+def is_fcd_table(path: Path) -> bool:
+    """Return whether a file is floating car data of SUMO as CSV, given by the names of its columns.
+
+    Raises:
+        RunError: the file can't be read.
+    """
+    with opened(path) as source:
+        names = next(source.chunks(), b"").partition(b"\n")[0]
+    return b"timestep_time" in names and b"vehicle_id" in names
+
+
+def read_fcd_table(path: Path, columns: Mapping[str, str] | None, *, strict: bool, watch: Watch | None) -> Log:
+    """Return the vehicles and persons in floating car data of SUMO as CSV; the XML of SUMO has the same conventions."""
+    with opened(path, watch) as source:
+        rows = rows_of(source)
+        names = next(rows)[1]
+        fields = columns_of(columns, names, source.where, preset="fcd")
+        return log_of(_batches(_of_fcd(rows, names), names, fields), fields, source.where, strict=strict)
+
+
+def _of_fcd(rows: Iterator[tuple[int, list[str]]], names: Sequence[str]) -> Iterator[tuple[int, list[str]]]:
+    """Yield the rows of vehicles, and the rows of persons as rows of vehicles; a step without vehicles has neither.
+
+    A person can have the id of a vehicle, so the name of a person is its id after the word ``person``.
+    """
+    for line, cells in rows:
+        row = dict(zip(names, cells, strict=False))
+        if row.get("person_id"):
+            values = {"vehicle_id": f"person {row['person_id']}", "vehicle_type": "pedestrian"}
+            on_foot = [values.get(name) or row.get(name.replace("vehicle_", "person_"), "") for name in names]
+            if not row.get("vehicle_id"):
+                yield line, on_foot
+                continue
+        if len(cells) != len(names) or row["vehicle_id"]:
+            yield line, cells
 
 
 def read_ind(path: Path, columns: Mapping[str, str] | None, *, strict: bool, watch: Watch | None) -> Log:
@@ -112,6 +152,8 @@ def rows_of(source: Source) -> Iterator[tuple[int, list[str]]]:
         raise RunError(f"{source.where}: row 1 names more than {_COLUMNS:,} columns, expected fewer")
     yield 1, [name.strip() for name in _cells(first, delimiter)]
     for number, line in enumerate(lines, start=2):
+        if delimiter == ";" and "," in line:
+            line = _DECIMAL_COMMA.sub(r"\1.\2", line)
         if line.strip():
             yield number, _cells(line, delimiter)
 

@@ -59,6 +59,9 @@ def declare(commands: Subparsers) -> None:
     parser.add_argument(
         "--columns", metavar="FIELD=COLUMN[:UNIT],...", help="column per field, as in time=t:ms,id=track,x=X,y=Y,heading=yaw:deg"
     )
+    parser.add_argument(
+        "--classes", metavar="CLASS=KIND,...", help="kind of road user per class of the log, as in 1=cyclist,lkw=truck"
+    )
     add_intake(parser)
     parser.add_argument(
         "--align", action="store_true", help="shift and turn all tracks so that they lie on the lanes of the map on average"
@@ -85,18 +88,20 @@ def _import(options: argparse.Namespace) -> int:
         recordings_at,
     )
     from pytest_rvads.satellites.tracks.logformats import format_of, read_log
-    from pytest_rvads.satellites.tracks.table import parse_columns
+    from pytest_rvads.satellites.tracks.table import parse_pairs
 
     all_junctions = options.junction == "all"
     if not format_of(Path(options.tracks), options.format).with_map:
         _check_junction(options)
-    columns = parse_columns(options.columns) if options.columns else None
-    log, usual_point = read_log(options.tracks, format=options.format, columns=columns, strict=options.strict, watch=_watch())
-    for sentence in log.reused_ids[:_MOST_SHOWN]:
+    columns = parse_pairs(options.columns, "--columns", "time=t:ms,id=track,x=X,y=Y,heading=yaw:deg")
+    classes = parse_pairs(options.classes, "--classes", "1=cyclist,lkw=truck")
+    settings = {"format": options.format, "columns": columns, "classes": classes, "strict": options.strict}
+    log, usual_point = read_log(options.tracks, **settings, watch=_watch())
+    log = on_map(log, options.map)
+    for sentence in (*log.notes, *log.reused_ids[:_MOST_SHOWN]):
         warn(f"warning: {sentence}")
     if len(log.reused_ids) > _MOST_SHOWN:
         warn(f"warning: several vehicles share each of {len(log.reused_ids)} ids, the first {_MOST_SHOWN} are listed above")
-    log = on_map(log, options.map)
     junctions = junctions_of(log, options.junction, options.map)
     intake = intake_of(options, usual_point)
     lights = light_log(log, options.lights)
@@ -120,7 +125,7 @@ def _import(options: argparse.Namespace) -> int:
         warn(f"warning: {lights_elsewhere(lights, recordings[0].junction)}")
     for path, recording in files:
         save_recording(recording, path)
-        _warn_of_unknown_lights(recording)
+        _warn_of_gaps(recording)
     correction = misalignment.as_json() | {"applied": options.align}
     summaries = [
         _recording_summary(path, recording, stated=options.position_accuracy is not None) | {"misalignment": correction}
@@ -134,9 +139,16 @@ def _import(options: argparse.Namespace) -> int:
     return 0
 
 
-def _warn_of_unknown_lights(recording: Recording) -> None:
+def _warn_of_gaps(recording: Recording) -> None:
+    """Warn of colours and sizes that a recording lacks."""
     from pytest_rvads.satellites.tracks.importing import unknown_lights
 
+    unsized = sum(track.agent.size is None for track in recording.vehicles)
+    if unsized:
+        warn(
+            f"warning: {recording.junction.name}: the log has no size of {_count_text(unsized, 'vehicle')}, so rules about "
+            "bodies are NA: give length and width by --size"
+        )
     since = unknown_lights(recording)
     if since:
         never = ", ".join(name for name, time in since.items() if time is None)

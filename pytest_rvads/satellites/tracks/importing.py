@@ -27,7 +27,9 @@ from pytest_rvads.runs.smoothing import DERIVED
 from pytest_rvads.runs.states import AXLE, Agent, Kind
 from pytest_rvads.satellites.lanelet2.osm_file import plane_of_utm, read_osm
 from pytest_rvads.satellites.tracks.crossing_tracks import CrossingMatcher, track_on_foot
-from pytest_rvads.satellites.tracks.lightlog import lights_at, read_lights, signals_at
+from pytest_rvads.satellites.tracks.facing import with_headings
+from pytest_rvads.satellites.tracks.geographic import on_plane
+from pytest_rvads.satellites.tracks.lightlog import lights_at, read_lights, signals_at, with_lights
 from pytest_rvads.satellites.tracks.logformats import Point, read_log
 from pytest_rvads.satellites.tracks.matching import (
     NEVER,
@@ -78,6 +80,7 @@ def read_tracks(  # noqa: PLR0913 - the options of a command
     map: str | os.PathLike[str] | None = None,
     format: str | None = None,
     columns: Mapping[str, str] | None = None,
+    classes: Mapping[str, str] | None = None,
     point: Point | None = None,
     size: tuple[float, float] | None = None,
     offset: tuple[float, float] = (0.0, 0.0),
@@ -101,7 +104,8 @@ def read_tracks(  # noqa: PLR0913 - the options of a command
         format: ``csv``, ``ind``, ``interaction``, ``fcd``, ``commonroad``, ``carla``, ``osi``, ``rosbag`` or ``xosc``; None to
             choose the format by the suffix of the file.
         columns: column of a table per field (time, id, x, y, heading, speed, vx, vy, length, width, class), with a unit after a
-            colon unless the unit is s, rad or m/s: ``{"time": "t:ms", "heading": "yaw:deg"}``; None to look for the usual names.
+            colon unless the unit is s, rad, m or m/s: ``{"time": "t:ms", "heading": "yaw:deg"}``; None to look for usual names.
+        classes: kind of road user (car, truck, cyclist, pedestrian) per class of the log, for classes of other names.
         point: the point of a vehicle to which positions in the log refer: ``"front"`` is the middle of the front bumper,
             ``"center"`` the center of the box, and ``"rear_axle"`` the middle of the rear axle; None for the point of the
             format, which is the center for tables.
@@ -122,7 +126,7 @@ def read_tracks(  # noqa: PLR0913 - the options of a command
         RunError: the log can't be read, or no vehicle passes the junction.
         MapError: the junction does not exist.
     """
-    log, usual_point = read_log(source, format=format, columns=columns, strict=strict)
+    log, usual_point = read_log(source, format=format, columns=columns, classes=classes, strict=strict)
     intake = Intake(point or usual_point, size, offset, position_accuracy, speed_accuracy, speed_limit)
     recorded_lights = light_log(log, lights)
     log = on_map(log, map)
@@ -187,12 +191,15 @@ def junctions_of(log: Log, junction: str | None, map: str | os.PathLike[str] | N
 def on_map(log: Log, map: str | os.PathLike[str] | None) -> Log:
     """Return a log in the coordinates of its map.
 
-    The positions of a log with UTM coordinates are projected as the nodes of a Lanelet2 file are; other logs and maps have the
-    same coordinates.
+    The positions of a log with UTM coordinates, or in degrees, are projected as the nodes of a Lanelet2 file are, or as the
+    ``<geoReference>`` of an OpenDRIVE file says; other logs and maps have the same coordinates.
 
     Raises:
+        RunError: the map does not state how degrees are projected, or headings differ from the direction of motion.
         MapError: the map can't be read.
     """
+    if log.degrees:
+        return with_headings(on_plane(log, map))
     if log.utm is None or map is None or Path(map).suffix.lower() != ".osm":
         return log
     origin = read_osm(map).origin
@@ -283,6 +290,7 @@ def recording_of(log: Log, junction: Junction, intake: Intake, recorded_lights: 
         junction = junction.limited(None)
     vehicles = [vehicle for vehicle in log.vehicles if vehicle.kind is not Kind.PEDESTRIAN]
     unsized = [vehicle for vehicle in vehicles if _front_distance(vehicle, intake) is None]
+    junction = with_lights(junction, recorded_lights)
     matcher = Matcher(junction)
     matched: list[_Match] = []
     left_out = [*log.refused, *((vehicle.name, _UNSIZED) for vehicle in unsized)]

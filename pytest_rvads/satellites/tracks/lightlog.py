@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from itertools import count
 from pathlib import Path
 
 import numpy as np
 
-from pytest_rvads.geometry.control import ObjectKind
+from pytest_rvads.geometry.control import ObjectKind, Sign, phase_groups
 from pytest_rvads.geometry.finder import load
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.runs.recording import Changes
@@ -20,7 +21,7 @@ from pytest_rvads.support.errors import RunError
 from pytest_rvads.support.storage import read_xml
 from pytest_rvads.support.wording import one_line
 
-__all__ = ["ENTRANCE", "changes_of", "lights_at", "limit_lights", "read_lights", "signal_ids", "signals_at"]
+__all__ = ["ENTRANCE", "changes_of", "lights_at", "limit_lights", "read_lights", "signal_ids", "signals_at", "with_lights"]
 
 _COLOURS = {
     Colour.GREEN: ("green", "g", "1"),
@@ -99,6 +100,23 @@ def lights_at(junction: Junction, recorded_lights: Mapping[str, Changes]) -> dic
         for entrance in (number for number in signals.get(name, ()) if number < len(junction.starts)):
             by_entrance.setdefault(entrance, []).append(changes)
     return {entrance: _common_colour(lights) for entrance, lights in sorted(by_entrance.items())}
+
+
+def with_lights(junction: Junction, recorded_lights: Mapping[str, Changes]) -> Junction:
+    """Return the junction with a light at each entrance that has a recorded light, also where the map shows no light.
+
+    Entrances that face each other, or are on one arm, are taken to have green together. The colours at each time are recorded.
+    """
+    lit = [k for k in lights_at(junction, recorded_lights) if k < len(junction.entrances)]
+    if all(junction.entrances[k].sign is Sign.LIGHTS for k in lit):
+        return junction
+    lit = sorted({*lit, *(k for k, lane in enumerate(junction.entrances) if lane.sign is Sign.LIGHTS)})
+    opposite = frozenset((lit.index(a), lit.index(b)) for a, b in junction.opposite if {a, b} <= {*lit})
+    groups = phase_groups([junction.entrances[k].arm for k in lit], opposite)
+    phases = {lit[k]: phase for phase, group in enumerate(groups) for k in group}
+    lanes = enumerate(junction.entrances)
+    lights = (replace(lane, sign=Sign.LIGHTS, phase=phases[k], sign_setback=None) if k in phases else lane for k, lane in lanes)
+    return replace(junction, entrances=tuple(lights))
 
 
 def _common_colour(lights: list[Changes]) -> Changes:

@@ -4,33 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from itertools import islice
 from pathlib import Path
 from typing import Any, Literal, Protocol
 
-import numpy as np
-
-from pytest_rvads.runs.states import Kind
 from pytest_rvads.satellites.tracks.commonroad_tracks import is_commonroad, read_commonroad_tracks
-from pytest_rvads.satellites.tracks.csvfile import read_csv, read_ind, read_interaction
-from pytest_rvads.satellites.tracks.matching import directions
+from pytest_rvads.satellites.tracks.csvfile import is_fcd_table, read_csv, read_ind, read_interaction
+from pytest_rvads.satellites.tracks.facing import with_headings
 from pytest_rvads.satellites.tracks.program_logs import read_carla, read_fcd, read_osi, read_rosbag
-from pytest_rvads.satellites.tracks.samples import Log, Samples
+from pytest_rvads.satellites.tracks.samples import Log
 from pytest_rvads.satellites.tracks.source import Watch
 from pytest_rvads.satellites.tracks.table import PRESETS, is_table, read_table
 from pytest_rvads.support.errors import RunError, suggest
 from pytest_rvads.support.installed import entries, load
 
-__all__ = ["FORMATS", "Format", "Point", "Reader", "check_facing", "format_of", "formats", "read_log"]
-
-
-_COMPARED = 100
-"""Largest number of vehicles of a log whose headings are compared with their direction of motion."""
-_SHORTEST_DRIVE = 10.0
-"""Only vehicles that drive at least this distance are compared, because noise hides the direction of a shorter drive [m]."""
-_LEAST_AGREEMENT = 0.92
-"""Least cosine of the angle between heading and direction of motion, averaged over a track, at which both agree. With noise and
-slipping, the cosine is larger. If a log states headings in degrees, and 90 degrees are read as 90 rad, the cosine is 0.89."""
+__all__ = ["FORMATS", "Format", "Point", "Reader", "format_of", "formats", "read_log"]
 
 
 Point = Literal["front", "center", "rear_axle"]
@@ -94,6 +81,7 @@ def read_log(
     *,
     format: str | None = None,
     columns: Mapping[str, str] | None = None,
+    classes: Mapping[str, str] | None = None,
     strict: bool = False,
     watch: Watch | None = None,
 ) -> tuple[Log, Point]:
@@ -103,6 +91,7 @@ def read_log(
         source: path of a file, or a table in memory.
         format: name of a format; None to choose the format by the suffix of the file.
         columns: column per field, see `columns_of`.
+        classes: kind of road user per class of the log.
         strict: whether a bad row is an error; without `strict`, a vehicle with a bad row is left out.
         watch: function that is called with the number of bytes read so far and the number of all bytes, or None.
 
@@ -113,20 +102,26 @@ def read_log(
         if format is not None and format not in PRESETS and format != "csv":
             raise RunError(f"the format of a table in memory must be csv, {' or '.join(PRESETS)}, got {format!r:.60}")
         table = read_table(source, columns, strict=strict, preset=format if format in PRESETS else None)
-        check_facing(table)
-        return table, FORMATS["csv"].point
+        return _finished(table, classes or {}), FORMATS[format or "csv"].point
     try:
         path = Path(source)
     except TypeError:
         raise RunError(f"tracks must come from a file or a table, got {type(source).__name__}") from None
     log_format = format_of(path, format)
     log = log_format.read(path, columns, strict=strict, watch=watch)
-    check_facing(log)
-    return log, log_format.point
+    return _finished(log, classes or {}), log_format.point
+
+
+def _finished(log: Log, classes: Mapping[str, str]) -> Log:
+    """Return a log with kinds of road users for its classes, and with headings; headings of degrees are compared on the map."""
+    log = log.of_kinds(classes)
+    return log if log.degrees else with_headings(log)
 
 
 def format_of(path: Path, format: str | None) -> Format:
-    """Return the named format, or without a name the format of a file by its suffix; XML is CommonRoad if its root says so.
+    """Return the named format, or without a name the format of a file by its suffix.
+
+    XML is CommonRoad if its root says so. CSV with the columns of SUMO's floating car data is such data.
 
     Raises:
         RunError: the name or the suffix is not known, or an XML file can't be read.
@@ -137,6 +132,8 @@ def format_of(path: Path, format: str | None) -> Format:
             f"{format!r:.60} is no format of tracks, known are {', '.join(known_formats)}{suggest(str(format), known_formats)}"
         )
     name = format or _format_of_name(path, known_formats)
+    if name == "csv" and path.is_file() and is_fcd_table(path):
+        return known_formats["fcd"]
     return known_formats["commonroad" if format is None and name == "fcd" and is_commonroad(path) else name]
 
 
@@ -152,25 +149,3 @@ def _format_of_name(path: Path, known_formats: Mapping[str, Format]) -> str:
         f"{path} has none of the suffixes of formats of tracks ({suffixes}): name the format by --format (format=), one of "
         f"{', '.join(known_formats)}"
     )
-
-
-def check_facing(log: Log) -> None:
-    """Check that the headings of most vehicles agree with their direction of motion.
-
-    Raises:
-        RunError: most headings differ from the direction of motion, so that neither front bumpers nor ways can be derived.
-    """
-    vehicles = islice((vehicle for vehicle in log.vehicles if _has_comparable_heading(vehicle)), _COMPARED)
-    agreement = [float(np.cos(v.heading - directions(v.points)).mean()) for v in vehicles if v.heading is not None]
-    if agreement and float(np.median(agreement)) < _LEAST_AGREEMENT:
-        raise RunError(
-            f"{log.where}: the heading of most vehicles differs from the direction of motion, expected radians counter-clockwise "
-            "from east, and y pointing north: name degrees by --columns heading=COLUMN:deg, degrees of a compass by "
-            "heading=COLUMN:north"
-        )
-
-
-def _has_comparable_heading(vehicle: Samples) -> bool:
-    if vehicle.heading is None or vehicle.kind is Kind.PEDESTRIAN:  # the headings of pedestrians are not used
-        return False
-    return bool(np.hypot(*(vehicle.points - vehicle.points[0]).T).max() >= _SHORTEST_DRIVE)

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from pytest_rvads.runs.states import Colour, Kind
+from pytest_rvads.satellites.tracks.csvfile import is_fcd_table, read_fcd_table
 from pytest_rvads.satellites.tracks.lightlog import changes_of, limit_lights
 from pytest_rvads.satellites.tracks.samples import Gather, Log, kind_of
 from pytest_rvads.satellites.tracks.source import Watch, opened
@@ -38,6 +39,8 @@ def read_fcd(path: Path, columns: Mapping[str, str] | None, *, strict: bool, wat
     Raises:
         RunError: the file can't be read, or has a bad row and `strict` is set.
     """
+    if is_fcd_table(path):
+        return read_fcd_table(path, columns, strict=strict, watch=watch)
     if columns:
         raise RunError(f"{path.name}: floating car data of SUMO have fixed attributes, leave --columns out")
     with opened(path, watch) as source:
@@ -62,8 +65,8 @@ class _FcdReader:
     def take(self, tag: str, attributes: dict[str, str], row: int) -> None:
         if tag == "vehicle":
             # The kind is recognised by a word in the class or in the name of the type.
-            kind = kind_of(f"{attributes.get('vClass', '')} {attributes.get('type', '')}")
-            self._add(attributes.get("id", ""), kind, attributes, row)
+            label = f"{attributes.get('vClass', '')} {attributes.get('type', '')}"
+            self._add(attributes.get("id", ""), label, attributes, row)
         elif tag == "person" and not attributes.get("vehicle"):  # nobody walks inside of a vehicle
             self._add(f"person {attributes.get('id', '')}", Kind.PEDESTRIAN, attributes, row)
         elif tag == "timestep":
@@ -75,7 +78,7 @@ class _FcdReader:
         elif tag == "fcd-export":
             self.has_root = True
 
-    def _add(self, name: str, kind: Kind, attributes: dict[str, str], row: int) -> None:
+    def _add(self, name: str, kind: Kind | str, attributes: dict[str, str], row: int) -> None:
         if math.isnan(self._time):
             self.gather.refuse(name, row, "time", f"{self._time_text!r:.60} is no time")
         numbers = [self._time]
@@ -92,7 +95,7 @@ class _FcdReader:
         if new:
             self._describe(name, kind, row, attributes)
 
-    def _describe(self, name: str, kind: Kind, row: int, attributes: dict[str, str]) -> None:
+    def _describe(self, name: str, kind: Kind | str, row: int, attributes: dict[str, str]) -> None:
         size = None
         if "length" in attributes and "width" in attributes:
             try:
@@ -108,6 +111,8 @@ class _FcdReader:
 
 _CARLA_COLUMNS = {"x": "actors", "y": "actors", "heading": "actors", "speed": "actors", "time": "t", "size": "extent"}
 _CARLA_COLOURS = {"Green": Colour.GREEN, "Yellow": Colour.YELLOW, "Red": Colour.RED}
+_CARLA_RECORDER = b"CARLA_RECORDER"
+"""Magic text near the beginning of a file of CARLA's recorder."""
 _CarlaState = tuple[int, float, float, float, float, float, float, float, float, float]
 """State of an actor: id; x, y, z [m]; roll, pitch, yaw [deg]; velocity in x, y, z [m/s]."""
 
@@ -123,6 +128,11 @@ def read_carla(path: Path, columns: Mapping[str, str] | None, *, strict: bool, w
     with opened(path, watch) as source:
         reader = _CarlaReader(Gather(source.where, _CARLA_COLUMNS, strict=strict))
         for row, line in enumerate(source.lines(), start=1):
+            if row == 1 and _CARLA_RECORDER in line[:40]:
+                raise RunError(
+                    f"{source.where} is a file of CARLA's recorder, which only CARLA can read, expected a trajectory log of "
+                    "autoware-carla-scenario, with a record of JSON per line: replay the file in CARLA and log the replay so"
+                )
             if line.strip():
                 reader.take(row, decode(line, dict[str, Any], f"{source.where}: row {row}", RunError))
         reader.gather.lights = changes_of(reader.colours)

@@ -9,6 +9,7 @@ import cmath
 import math
 from array import array
 from bisect import bisect_right
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
@@ -21,7 +22,7 @@ from pytest_rvads.geometry.crosswalks import PERSON
 from pytest_rvads.runs.archive import FARTHEST
 from pytest_rvads.runs.recording import Changes
 from pytest_rvads.runs.states import Kind
-from pytest_rvads.support.errors import RunError
+from pytest_rvads.support.errors import RunError, suggest
 from pytest_rvads.support.wording import one_line
 
 __all__ = ["FIELDS", "LATEST", "Gather", "Log", "Samples", "kind_of"]
@@ -46,6 +47,8 @@ _COMPARABLE_TIME = 1.0
 samples than this [s], because only then can the id belong to another vehicle."""
 _SIZE_TOLERANCE = 0.3
 """Largest difference of length or width between samples of the same vehicle [m]; boxes of a detector vary by less."""
+_CARS = ("car", "passenger", "van", "taxi", "auto", "default_vehtype")
+"""Words for cars in the classes of logs; SUMO's default type of vehicle is a passenger car."""
 _LONGEST = 100.0
 """Greatest length or width of a vehicle that is accepted [m]."""
 
@@ -68,6 +71,8 @@ class Samples:
     kind: Kind = Kind.CAR
     ahead: float | None = None
     """Distance from the recorded point to the front bumper [m]; None if it follows from the kind of point and the length."""
+    label: str = ""
+    """Class of the vehicle in the words of the log; empty if the log states none, or the kind by a code of its own."""
 
     def moved(self, turn: complex, shift: complex) -> Samples:
         """Return the vehicle after a similarity: the point ``x + y * 1j`` goes to ``turn * point + shift`` [m]."""
@@ -92,12 +97,41 @@ class Log:
     """Path of the map file that the log names; None if the log names no map."""
     reused_ids: tuple[str, ...] = ()
     """Per vehicle whose id an earlier vehicle had, a sentence that names file, row, reason, and the new name of the vehicle."""
+    notes: tuple[str, ...] = ()
+    """What a user should know about the reading of the log, a sentence each."""
+    degrees: bool = False
+    """Whether x and y of the vehicles are degrees of longitude and latitude."""
     utm: complex | None = None
     """UTM coordinates of the origin of x and y, as ``east + north * 1j`` [m]; None if the log does not name its place."""
 
     def moved(self, turn: complex, shift: complex) -> Log:
         """Return the log after a similarity of all vehicles, see `Samples.moved`."""
         return replace(self, vehicles=tuple(vehicle.moved(turn, shift) for vehicle in self.vehicles), utm=None)
+
+    def of_kinds(self, kinds: Mapping[str, str]) -> Log:
+        """Return the log with a kind of road user for each class in `kinds`; a note names classes of unknown kind.
+
+        Raises:
+            RunError: a kind is not known.
+        """
+        for name, kind in kinds.items():
+            if kind not in tuple(Kind):
+                raise RunError(
+                    f"the kind of class {name!r:.60} must be {', '.join(Kind)}, got {kind!r:.60}{suggest(kind, tuple(Kind))}"
+                )
+        vehicles, unknown = [], Counter[str]()
+        for vehicle in self.vehicles:
+            kind = next((kinds[name] for name in (vehicle.label, *vehicle.label.split()) if name in kinds), None)
+            if kind is not None:
+                vehicle = replace(vehicle, kind=Kind(kind), size=None if kind == Kind.PEDESTRIAN else vehicle.size, ahead=None)
+            elif vehicle.label and vehicle.kind is Kind.CAR and not any(word in vehicle.label.lower() for word in _CARS):
+                unknown[vehicle.label] += 1
+            vehicles.append(vehicle)
+        counts = one_line(", ".join(f"{name} ({count})" for name, count in unknown.items()), 300)
+        note = (
+            f"{self.where}: road users of unknown classes are taken for cars: {counts}: name their kinds by --classes CLASS=KIND"
+        )
+        return replace(self, vehicles=tuple(vehicles), notes=(*self.notes, *([note] if unknown else [])))
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,6 +143,7 @@ class _Body:
     size: tuple[float, float] | None = None
     kind: Kind = Kind.CAR
     ahead: float | None = None
+    label: str = ""
 
     def differs(self, other: _Body) -> str:
         """Return in words how another body differs from this body; empty if the bodies agree."""
@@ -210,7 +245,7 @@ class Gather:
         self,
         name: str,
         size: tuple[float, float] | None = None,
-        kind: Kind = Kind.CAR,
+        kind: Kind | str = Kind.CAR,
         ahead: float | None = None,
         at: int | None = None,
     ) -> None:
@@ -220,16 +255,17 @@ class Gather:
             name: id of the vehicle.
             size: length and width [m]. A pedestrian is a circle of the diameter `PERSON` about the middle of its recorded body,
                 and has no size here, because some data sets state 0.
-            kind: kind of road user.
+            kind: kind of road user, or its class in the words of the log, see `kind_of`.
             ahead: distance from the recorded point to the front bumper [m], see `Samples`.
             at: number of the first sample for which size and kind hold; None for the sample that was added last.
         """
         bodies = self._bodies.setdefault(name, [])
         first = len(self._rows[name][0]) - 1 if at is None else at
+        label, kind = ("", kind) if isinstance(kind, Kind) else (one_line(kind.strip(), 60), kind_of(kind))
         if kind is Kind.PEDESTRIAN:
             ahead = None if ahead is None or size is None else ahead + (PERSON - size[0]) / 2
             size = None
-        body = _Body(first if bodies else 0, size, kind, ahead)
+        body = _Body(first if bodies else 0, size, kind, ahead, label)
         if not bodies or bodies[-1].differs(body):
             bodies.append(body)
             self._count_vehicles(len(bodies) > 1)
@@ -283,7 +319,7 @@ class Gather:
                 times, x, y, *optional = numbers[:, begin:end]
                 heading, speed = (None if np.isnan(values).all() else values for values in optional)
                 points = np.column_stack((x, y))
-                vehicles.append(Samples(unique_name, times, points, heading, speed, body.size, body.kind, body.ahead))
+                vehicles.append(Samples(unique_name, times, points, heading, speed, body.size, body.kind, body.ahead, body.label))
         return Log(self.where, tuple(vehicles), tuple(self._refused.items()), self.lights, reused_ids=tuple(reused_ids))
 
     def _first_bad_sample(self, name: str, numbers: _Values, bodies: Sequence[_Body]) -> tuple[int, str, str] | None:

@@ -10,48 +10,56 @@ import math
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import chain, islice
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.runs.states import Kind
-from pytest_rvads.satellites.tracks.samples import Gather, Log, kind_of
+from pytest_rvads.satellites.tracks.facing import LEAST_AGREEMENT, agreement
+from pytest_rvads.satellites.tracks.samples import Gather, Log
 from pytest_rvads.support.errors import RunError, suggest
 from pytest_rvads.support.wording import one_line
 
-__all__ = ["PRESETS", "TEXTS", "Column", "Rows", "columns_of", "is_table", "log_of", "numbers_of", "parse_columns", "read_table"]
+__all__ = ["PRESETS", "TEXTS", "Column", "Rows", "columns_of", "is_table", "log_of", "numbers_of", "parse_pairs", "read_table"]
 
 
 _REQUIRED = ("time", "id", "x", "y")
 _OPTIONAL = ("heading", "speed", "vx", "vy", "length", "width", "class", "case")
 TEXTS = ("id", "class", "case")
 """Fields whose values are texts; the values of all other fields are numbers."""
+_LENGTHS, _SPEEDS = {"m": 1.0, "ft": 0.3048}, {"m/s": 1.0, "km/h": 1 / 3.6, "mph": 0.44704, "ft/s": 0.3048}
 _UNITS = {
     "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
     "heading": {"rad": 1.0, "deg": math.pi / 180, "north": -math.pi / 180},
-    "speed": {"m/s": 1.0, "km/h": 1 / 3.6},
-    "vx": {"m/s": 1.0, "km/h": 1 / 3.6},
-    "vy": {"m/s": 1.0, "km/h": 1 / 3.6},
+    "x": {**_LENGTHS, "deg": 1.0},
+    "y": {**_LENGTHS, "deg": 1.0},
+    **dict.fromkeys(("speed", "vx", "vy"), _SPEEDS),
+    **dict.fromkeys(("length", "width"), _LENGTHS),
 }
-"""By field and name of a unit, the factor from the unit to the SI unit; the unit ``north`` is degrees clockwise from north."""
+"""By field and name of a unit, the factor from the unit to the SI unit. The unit ``north`` is degrees clockwise from north.
+Degrees of x and y are longitudes and latitudes, which stay degrees."""
+_PLACES = {"x": ("longitude", "lon", "lng"), "y": ("latitude", "lat")}
+"""Names of columns of x and y that are in degrees without a unit."""
 _RATE = re.compile(r"(\d+(?:\.\d+)?)hz", re.IGNORECASE)
 """Pattern of the unit of a time that counts frames: the number of frames per second, as in ``time=frame:25hz``."""
+_BODY_ANGLES = ("yaw", "psi", "theta", "yaw_rad", "psi_rad", "orientation", "yaw_deg:deg")
 _USUAL_NAMES = {
     "time": ("time", "t", "timestamp", "time_s", "timestamp_s", "sim_time", "timestamp_ms:ms", "time_ms:ms", "timestamp_ns:ns"),
     "id": ("id", "track_id", "trackid", "vehicle_id", "vehicle", "agent_id", "object_id", "agent", "name"),
-    "x": ("x", "x_m", "xcenter", "pos_x", "position_x", "x_center", "center_x"),
-    "y": ("y", "y_m", "ycenter", "pos_y", "position_y", "y_center", "center_y"),
-    "heading": ("heading", "yaw", "psi", "theta", "psi_rad", "heading_rad", "yaw_rad", "heading_deg:deg", "yaw_deg:deg"),
-    "speed": ("speed", "v", "velocity", "speed_mps", "speed_kmh:km/h"),
+    "x": ("x", "x_m", "xcenter", "pos_x", "position_x", "x_center", "center_x", *_PLACES["x"]),
+    "y": ("y", "y_m", "ycenter", "pos_y", "position_y", "y_center", "center_y", *_PLACES["y"]),
+    "heading": (*_BODY_ANGLES, "heading", "heading_rad", "heading_deg:deg"),
+    "speed": ("speed", "v", "velocity", "speed_mps", "speed_kmh:km/h", "speed_mph:mph"),
     "vx": ("vx", "xvelocity", "velocity_x", "v_x"),
     "vy": ("vy", "yvelocity", "velocity_y", "v_y"),
     "length": ("length", "l", "length_m"),
     "width": ("width", "w", "width_m"),
     "class": ("class", "type", "kind", "agent_type", "category", "object_type"),
 }
-"""Per field, names of columns that are tried if the user names no column, in lower case, with a unit after a colon."""
+"""Per field, names of columns that are tried if the user names no column, in lower case, with a unit after a colon. Of several
+columns of angles, `_body_angle` takes one; columns of the angle of the body come before columns of any angle."""
 PRESETS = {
     "ind": {
         "time": "frame:25hz",
@@ -77,10 +85,23 @@ PRESETS = {
         "width": "width",
         "class": "agent_type",
     },
+    "fcd": {
+        "time": "timestep_time",
+        "id": "vehicle_id",
+        "x": "vehicle_x",
+        "y": "vehicle_y",
+        "heading": "vehicle_angle:north",
+        "speed": "vehicle_speed",
+        "length": "vehicle_length",
+        "width": "vehicle_width",
+        "class": "vehicle_type",
+    },
 }
 """By name of a data set, the column of each field. Files can lack the columns of optional fields."""
 
 
+_CLEARLY = 0.05
+"""Difference of two agreements with the direction of motion that counts, see `agreement`."""
 _CASE_LENGTH = 1000.0
 """Time between the starts of two cases of a file of INTERACTION [s]; a case is a scene of some seconds with a clock from zero."""
 
@@ -92,8 +113,8 @@ class Column:
     name: str
     factor: float = 1.0
     """Factor from the unit of the column to the SI unit."""
-    north: bool = False
-    """Whether angles are measured from north; if not, they are measured from east."""
+    unit: str = ""
+    """Name of the unit; empty for the SI unit. Angles in the unit ``north`` are measured from north, others from east."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -110,19 +131,21 @@ class Rows:
     """Per bad row, its index in the batch, the field with the bad value, and the reason."""
 
 
-def parse_columns(text: str) -> dict[str, str]:
-    """Return the column (with its unit) by field, given a text such as ``time=t:ms,id=track,x=X,y=Y,heading=yaw:deg``.
+def parse_pairs(text: str | None, option: str, example: str) -> dict[str, str] | None:
+    """Return the pairs of the text of an option, in the form of an example such as ``time=t:ms,id=track``; None without a text.
 
     Raises:
         RunError: the text has another form.
     """
-    columns = {}
+    if text is None:
+        return None
+    pairs = {}
     for part in text.split(","):
-        name, equals, column = part.partition("=")
-        if not (equals and name.strip() and column.strip()):
-            raise RunError(f"--columns takes pairs such as time=t:ms,id=track,x=X,y=Y,heading=yaw:deg, got {part!r:.60}")
-        columns[name.strip()] = column.strip()
-    return columns
+        name, equals, value = (side.strip() for side in part.partition("="))
+        if not (equals and name and value):
+            raise RunError(f"{option} takes pairs such as {example}, got {part!r:.60}")
+        pairs[name] = value
+    return pairs
 
 
 def columns_of(
@@ -151,27 +174,18 @@ def columns_of(
             )
     fields = {}
     for field in (*_REQUIRED, *_OPTIONAL):
-        texts = (
-            (named_columns[field],)
-            if field in named_columns
-            else (preset_columns[field],)
-            if field in preset_columns
-            else _USUAL_NAMES.get(field, ())
-        )
+        chosen = named_columns.get(field) or preset_columns.get(field)
+        texts = (chosen,) if chosen else _USUAL_NAMES.get(field, ())
         for text in texts:
             column = _column(field, text, table_columns, where)
             if column is not None:
-                fields[field] = column
-                break
-        else:
-            if field in named_columns or field in _REQUIRED:
-                missing = (
-                    f"column {named_columns[field]!r:.60}"
-                    if field in named_columns
-                    else f"column for the {field} ({', '.join(texts)})"
-                )
-                column_list = one_line(", ".join(names[:20]), 300)
-                raise RunError(f"{where}: row 1 has no {missing}, it has {column_list}: name it by --columns {field}=...")
+                fields.setdefault(f"{field} {column.name}" if field in fields else field, column)
+                if field != "heading":
+                    break
+        if field not in fields and (field in named_columns or field in _REQUIRED):
+            missing = f"column {texts[0]!r:.60}" if field in named_columns else f"column for the {field} ({', '.join(texts)})"
+            column_list = one_line(", ".join(names[:20]), 300)
+            raise RunError(f"{where}: row 1 has no {missing}, it has {column_list}: name it by --columns {field}=...")
     return fields
 
 
@@ -187,7 +201,8 @@ def _fitting_preset(table_columns: Mapping[str, str]) -> str:
 def _column(field: str, text: str, table_columns: Mapping[str, str], where: str) -> Column | None:
     """Return the column that a text such as ``t:ms`` names, with an optional unit after a colon; None if the table lacks it."""
     if text.strip().lower() in table_columns:
-        return Column(table_columns[text.strip().lower()])
+        unit = "deg" if text.strip().lower() in _PLACES.get(field, ()) else ""
+        return Column(table_columns[text.strip().lower()], unit=unit)
     name, _, unit = text.rpartition(":")
     if name.strip().lower() not in table_columns:
         return None
@@ -198,7 +213,7 @@ def _column(field: str, text: str, table_columns: Mapping[str, str], where: str)
     if unit not in units:
         offered = ", ".join((*units, *(["25hz"] if field == "time" else []))) or "no other unit"
         raise RunError(f"{where}: {unit!r:.40} is no unit of {field}, expected {offered}")
-    return Column(table_columns[name.strip().lower()], units[unit], unit == "north")
+    return Column(table_columns[name.strip().lower()], units[unit], unit)
 
 
 def log_of(
@@ -219,11 +234,45 @@ def log_of(
     column_names = {field: column.name for field, column in columns.items()}
     column_names.setdefault("speed", column_names.get("vx", "speed"))
     column_names["size"] = column_names.get("length", "length")
+    batches = iter(chunks)
+    first = list(islice(batches, 1))
+    angles = {field: column for field, column in columns.items() if field.partition(" ")[0] == "heading"}
+    angle = _body_angle(first[0], columns, angles, where) if first and len(angles) > 1 else "heading"
     gather = Gather(where, column_names, strict=strict)
     cases: dict[str, int] = {}
-    for rows in chunks:
-        _add_rows(gather, rows, columns, cases, classes or {})
-    return gather.log()
+    for rows in chain(first, batches):
+        _add_rows(gather, *_with_angle(rows, columns, angle), cases, classes or {})
+    log = gather.log()
+    if len(angles) > 1:
+        names = ", ".join(column.name for column in angles.values())
+        note = f"{where}: of the angles {names}, {angles[angle].name} is the heading: name another by --columns heading=COLUMN"
+        log = replace(log, notes=(*log.notes, note))
+    return replace(log, degrees=columns["x"].unit == "deg")
+
+
+def _with_angle(rows: Rows, columns: Mapping[str, Column], angle: str) -> tuple[Rows, Mapping[str, Column]]:
+    """Return a batch and the columns with one of several angles as the heading; bad values of the other angles do not matter."""
+    if angle not in columns:
+        return rows, columns
+    bad = [entry for entry in rows.bad if entry[1] == angle or entry[1].partition(" ")[0] != "heading"]
+    numbers = {**rows.numbers, "heading": rows.numbers[angle]}
+    return replace(rows, numbers=numbers, bad=bad), {**columns, "heading": columns[angle]}
+
+
+def _body_angle(rows: Rows, columns: Mapping[str, Column], angles: Iterable[str], where: str) -> str:
+    """Return the field with the angle of the bodies of vehicles, among several angles, by the first batch of rows.
+
+    An angle that differs from the direction of motion is no heading. An angle that is noise while vehicles stand is the direction
+    of motion. Among the others, the first counts.
+    """
+    fits = {}
+    for angle in angles:
+        gather = Gather(where, {})
+        _add_rows(gather, *_with_angle(rows, columns, angle), {}, {})
+        fits[angle] = agreement(gather.log())
+    standing = {angle: at_rest for angle, (moving, at_rest) in fits.items() if moving >= LEAST_AGREEMENT}
+    best = max(standing.values(), default=0.0)
+    return next((angle for angle, at_rest in standing.items() if at_rest >= best - _CLEARLY), "heading")
 
 
 def _add_rows(
@@ -245,9 +294,10 @@ def _add_rows(
         numbers = [cases.setdefault(case, len(cases)) for case in rows.texts["case"]]
         times = times + _CASE_LENGTH * np.array(numbers, dtype=np.float64)
         names = [f"{case}.{name}" for case, name in zip(rows.texts["case"], names, strict=True)]
+    x, y = (rows.numbers[field] * columns[field].factor for field in ("x", "y"))
     heading = rows.numbers.get("heading", nothing)
     if "heading" in columns:
-        heading = heading * columns["heading"].factor + (math.pi / 2 if columns["heading"].north else 0.0)
+        heading = heading * columns["heading"].factor + (math.pi / 2 if columns["heading"].unit == "north" else 0.0)
     speed = rows.numbers.get("speed")
     if speed is not None:
         speed = speed * columns["speed"].factor
@@ -255,13 +305,13 @@ def _add_rows(
         east, north = (rows.numbers[field] * columns[field].factor for field in ("vx", "vy"))
         # Noise increases the magnitude of a velocity on average, but does not increase its component along the heading.
         speed = east * np.cos(heading) + north * np.sin(heading) if "heading" in columns else np.hypot(east, north)
-    table = np.column_stack((times, rows.numbers["x"], rows.numbers["y"], heading, nothing if speed is None else speed))
+    table = np.column_stack((times, x, y, heading, nothing if speed is None else speed))
 
-    def kind(at: int) -> Kind:
-        return kind_of(rows.texts["class"][at] if "class" in rows.texts else classes.get(names[at], ""))
+    def label(at: int) -> str:
+        return rows.texts["class"][at] if "class" in rows.texts else classes.get(names[at], "")
 
     for at, field, why in rows.bad:
-        if field in _REQUIRED or kind(at) is not Kind.PEDESTRIAN:  # of pedestrians, nothing else is read
+        if field in _REQUIRED or kind_of(label(at)) is not Kind.PEDESTRIAN:  # of pedestrians, nothing else is read
             gather.refuse(names[at], int(rows.lines[at]), field, why)
     codes: dict[str, int] = {}
     code = np.array([codes.setdefault(name, len(codes)) for name in names], dtype=np.int64)
@@ -272,13 +322,9 @@ def _add_rows(
         before, to_describe = gather.extend(name, rows.lines[rows_of_vehicle], table[rows_of_vehicle])
         for k in to_describe.tolist():
             at = int(rows_of_vehicle[k])
-            _describe(gather, name, rows, at, before + k, kind(at))
-
-
-def _describe(gather: Gather, name: str, rows: Rows, at: int, sample: int, kind: Kind) -> None:
-    size = tuple(float(rows.numbers[field][at]) for field in ("length", "width") if field in rows.numbers)
-    dimensions = (size[0], size[1]) if len(size) == 2 and not any(math.isnan(number) for number in size) else None
-    gather.describe(name, dimensions, kind, at=sample)
+            sizes = [float(rows.numbers[f][at]) * columns[f].factor for f in ("length", "width") if f in rows.numbers]
+            size = (sizes[0], sizes[1]) if len(sizes) == 2 and not any(map(math.isnan, sizes)) else None
+            gather.describe(name, size, label(at), at=before + k)
 
 
 def numbers_of(values: Any) -> tuple[NDArray[np.float64], list[int]]:

@@ -18,7 +18,7 @@ from pytest_rvads.runs.recording import Recording
 from pytest_rvads.runs.states import Kind
 from pytest_rvads.satellites.tracks.importing import read_tracks
 from pytest_rvads.satellites.tracks.logformats import read_log
-from pytest_rvads.satellites.tracks.table import columns_of, parse_columns
+from pytest_rvads.satellites.tracks.table import columns_of, parse_pairs
 from pytest_rvads.support.errors import RunError
 
 from .drives import LENGTH, WIDTH, Drive, drive, write_csv
@@ -63,7 +63,7 @@ def test_user_names_units_columns_and_delimiters(tmp_path: Path, delimiter: str)
             lines.append(delimiter.join(str(value) for value in values))
     path = tmp_path / "own.csv"
     path.write_text("\ufeff" + "\n".join(lines), encoding="utf-8")
-    columns = parse_columns("time=When:ms, id=Who, x=East, y=North, heading=Course:north, speed=v:kmh:km/h")
+    columns = parse_pairs("time=When:ms, id=Who, x=East, y=North, heading=Course:north, speed=v:kmh:km/h", "--columns", "t=t")
     assert same(read_tracks(path, STOP, columns=columns))
     packed = tmp_path / "own.csv.gz"
     packed.write_bytes(gzip.compress(path.read_bytes()))
@@ -175,7 +175,7 @@ def test_table_without_tracks_is_refused(tmp_path: Path, text: str, message: str
     [
         ({"tme": "t"}, r"'tme' is no field of a track, .* did you mean 'time'\?"),
         ({"time": "t:weeks"}, "'weeks' is no unit of time, expected s, ms, us, ns, 25hz"),
-        ({"x": "X:cm"}, "'cm' is no unit of x, expected no other unit"),
+        ({"x": "X:cm"}, "'cm' is no unit of x, expected m, ft, deg"),
         ({"x": "missing"}, "row 1 has no column 'missing'"),
     ],
 )

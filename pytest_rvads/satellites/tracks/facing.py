@@ -1,0 +1,88 @@
+"""Compares the headings of a log with the direction of motion, and replaces headings that say nothing while a vehicle stands.
+
+The heading of a vehicle is the direction of its body. Some logs also, or only, have the direction in which the centre of the
+vehicle moves. While the vehicle stands, this direction is noise, or zero.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import islice
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pytest_rvads.runs.states import Kind
+from pytest_rvads.satellites.tracks.matching import directions
+from pytest_rvads.satellites.tracks.samples import Log, Samples
+from pytest_rvads.support.errors import RunError
+
+__all__ = ["LEAST_AGREEMENT", "agreement", "with_headings"]
+
+_COMPARED = 100
+"""Largest number of vehicles of a log whose headings are compared with their direction of motion."""
+_SHORTEST_DRIVE = 10.0
+"""Only vehicles that drive at least this distance are compared, because noise hides the direction of a shorter drive [m]."""
+LEAST_AGREEMENT = 0.92
+"""Least cosine of the angle between heading and direction of motion, averaged over a track, at which both agree. With noise or
+slipping, the cosine is larger. If a log states headings in degrees, and 90 degrees are read as 90 rad, the cosine is 0.89."""
+_SLOW, _AROUND = 0.5, 0.25
+"""A vehicle counts as standing if its mean speed from `_AROUND` [s] before a sample to `_AROUND` after it is less than `_SLOW`
+[m/s]: noise of 5 cm hides smaller speeds."""
+
+
+def agreement(log: Log) -> tuple[float, float]:
+    """Return the mean cosine of the angle between heading and direction of motion: of moving, and of standing vehicles.
+
+    Both are medians over vehicles, and 1 without such vehicles. For a standing vehicle, its directions before and after count.
+    """
+    vehicles = islice((vehicle for vehicle in log.vehicles if _is_comparable(vehicle)), _COMPARED)
+    moving, standing = [1.0], [1.0]
+    for vehicle in vehicles:
+        cosines, stands = np.cos(np.asarray(vehicle.heading) - directions(vehicle.points)), _stands(vehicle)
+        moving += [float(cosines[~stands].mean())] if not stands.all() else []
+        standing += [float(cosines[stands].mean())] if stands.any() else []
+    return float(np.median(moving[1:] or moving)), float(np.median(standing[1:] or standing))
+
+
+def with_headings(log: Log) -> Log:
+    """Return the log, in which the direction of motion before and after replaces headings that are noise while vehicles stand.
+
+    Raises:
+        RunError: most headings differ from the direction of motion, so that neither front bumpers nor ways can be derived.
+    """
+    moving, standing = agreement(log)
+    if moving < LEAST_AGREEMENT:
+        raise RunError(
+            f"{log.where}: the heading of most vehicles differs from the direction of motion, expected radians counter-clockwise "
+            "from east, and y pointing north: name degrees by --columns heading=COLUMN:deg, degrees of a compass by "
+            "heading=COLUMN:north"
+        )
+    if standing >= LEAST_AGREEMENT:
+        return log
+    note = (
+        f"{log.where}: the headings of vehicles that stand are not those of their bodies, so the direction of motion before and "
+        "after is taken there: if another column has the direction of the body, name it by --columns heading=COLUMN"
+    )
+    return replace(log, vehicles=tuple(map(_by_motion, log.vehicles)), notes=(*log.notes, note))
+
+
+def _by_motion(vehicle: Samples) -> Samples:
+    if not _is_comparable(vehicle):
+        return vehicle
+    return replace(vehicle, heading=np.where(_stands(vehicle), directions(vehicle.points), vehicle.heading))
+
+
+def _stands(vehicle: Samples) -> NDArray[np.bool_]:
+    """Return in which samples a vehicle stands, shape ``(samples,)``."""
+    times = vehicle.times
+    early, late = (np.clip(times + by, times[0], times[-1]) for by in (-_AROUND, _AROUND))
+    x, y = (np.interp(late, times, values) - np.interp(early, times, values) for values in vehicle.points.T)
+    still: NDArray[np.bool_] = np.hypot(x, y) < _SLOW * (late - early)
+    return still
+
+
+def _is_comparable(vehicle: Samples) -> bool:
+    if vehicle.heading is None or vehicle.kind is Kind.PEDESTRIAN:  # the headings of pedestrians are not used
+        return False
+    return bool(np.hypot(*(vehicle.points - vehicle.points[0]).T).max() >= _SHORTEST_DRIVE)
