@@ -1,4 +1,4 @@
-"""Compares the headings of a log with the direction of motion, and replaces headings that say nothing while a vehicle stands.
+"""Compares the headings of a log with the direction of motion, and drops headings that say nothing while a vehicle stands.
 
 The heading of a vehicle is the direction of its body. Some logs also, or only, have the direction in which the centre of the
 vehicle moves. While the vehicle stands, this direction is noise, or zero.
@@ -46,7 +46,7 @@ def agreement(log: Log) -> tuple[float, float]:
 
 
 def with_headings(log: Log) -> Log:
-    """Return the log, in which the direction of motion before and after replaces headings that are noise while vehicles stand.
+    """Return the log, without its headings if they say nothing while vehicles stand; matching then derives headings.
 
     Raises:
         RunError: most headings differ from the direction of motion, so that neither front bumpers nor ways can be derived.
@@ -61,16 +61,10 @@ def with_headings(log: Log) -> Log:
     if standing >= LEAST_AGREEMENT:
         return log
     note = (
-        f"{log.where}: the headings of vehicles that stand are not those of their bodies, so the direction of motion before and "
-        "after is taken there: if another column has the direction of the body, name it by --columns heading=COLUMN"
+        f"{log.where}: the headings are no directions of bodies, because they change while vehicles stand, so headings are derived "
+        "from positions: if another column has the directions of bodies, name it by --columns heading=COLUMN"
     )
-    return replace(log, vehicles=tuple(map(_by_motion, log.vehicles)), notes=(*log.notes, note))
-
-
-def _by_motion(vehicle: Samples) -> Samples:
-    if not _is_comparable(vehicle):
-        return vehicle
-    return replace(vehicle, heading=np.where(_stands(vehicle), directions(vehicle.points), vehicle.heading))
+    return replace(log, vehicles=tuple(replace(vehicle, heading=None) for vehicle in log.vehicles), notes=(*log.notes, note))
 
 
 def _stands(vehicle: Samples) -> NDArray[np.bool_]:
