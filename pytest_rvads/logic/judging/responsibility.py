@@ -111,7 +111,7 @@ def cause_between(j: Judgement, run: Run) -> Cause | None:
     for atom, _ in j.broken:
         word, agents = word_of(atom), [e.index for e in agents_of(atom)]
         if word is not None and word.cause is not None and j.failed is not None and len(agents) == 2:
-            first, *others = (word.cause(possible, *agents, j.failed) for possible in (run, *once(run, colourings)))
+            first, *others = (word.cause(possible, agents[0], agents[1], j.failed) for possible in (run, *once(run, colourings)))
             if all(other is None or first is None or {*other.agents} == {*first.agents} for other in others):
                 return first
             guilty = dict.fromkeys(name for cause in (first, *others) if cause is not None for name in cause.agents)

@@ -20,7 +20,7 @@ from pytest_rvads.support.errors import MapError
 from pytest_rvads.support.storage import XmlError, open_file, read_xml
 from pytest_rvads.support.wording import one_line
 
-__all__ = ["OsmMap", "Relation", "Way", "parsed", "plane_of_utm", "projected", "read_osm", "transverse"]
+__all__ = ["OsmMap", "Relation", "Way", "mercator", "parsed", "plane_of_utm", "projected", "read_osm"]
 
 MAX_ELEMENTS = 3_000_000
 """Most elements of a file that are read; a file of 20 MB has 400,000."""
@@ -188,11 +188,11 @@ def projected(latitude: Array, longitude: Array) -> Array:
         return points
     origin = _origin(places)
     if origin is None:
-        points[valid] = transverse(places, (0.0, _UTM_31), _UTM_SCALE) - transverse(np.zeros((1, 2)), (0.0, _UTM_31), _UTM_SCALE)
+        points[valid] = _UTM_SCALE * (mercator(places, _UTM_31) - mercator(np.zeros((1, 2)), _UTM_31))
     else:
         near = (np.abs(places - origin) < 3.0).all(axis=1)  # the width of half a zone of UTM
         flat = np.full(places.shape, np.nan)
-        flat[near] = transverse(places[near], origin)
+        flat[near] = mercator(places[near], origin[1]) - mercator(np.array([origin]), origin[1])
         points[valid] = flat
     return points
 
@@ -226,23 +226,12 @@ def plane_of_utm(origin: tuple[float, float]) -> tuple[complex, complex]:
     latitude, longitude = origin
     places = np.array([origin, (latitude + 0.001, longitude)])
     east, north = 500_000.0, 0.0 if latitude >= 0.0 else 10_000_000.0
-    utm, utm_north = _UTM_SCALE * _mercator(places, 6.0 * np.floor(longitude / 6.0) + 3.0) @ [1.0, 1j] + complex(east, north)
-    plane, plane_north = _mercator(places, longitude) @ [1.0, 1j]
+    utm, utm_north = _UTM_SCALE * mercator(places, 6.0 * np.floor(longitude / 6.0) + 3.0) @ [1.0, 1j] + complex(east, north)
+    plane, plane_north = mercator(places, longitude) @ [1.0, 1j]
     return complex((plane_north - plane) / (utm_north - utm)), complex(utm)
 
 
-def transverse(places: Array, origin: tuple[float, float], scale: float = 1.0) -> Array:
-    """Return coordinates of a transverse Mercator projection, shape ``(k, 2)`` [m]: 0 at the origin.
-
-    Args:
-        places: latitudes and longitudes, shape ``(k, 2)`` [degrees].
-        origin: latitude of the origin, and longitude of the middle meridian [degrees].
-        scale: scale on the middle meridian.
-    """
-    return scale * (_mercator(places, origin[1]) - _mercator(np.array([origin]), origin[1]))
-
-
-def _mercator(places: Array, middle: float) -> Array:
+def mercator(places: Array, middle: float) -> Array:
     """Return transverse Mercator coordinates of scale 1, shape ``(k, 2)`` [m], by Krüger's series (Karney 2011, eqs. 7 to 12).
 
     Args:

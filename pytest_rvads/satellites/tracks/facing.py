@@ -61,7 +61,7 @@ def with_headings(log: Log) -> Log:
     if standing >= LEAST_AGREEMENT:
         return log
     note = (
-        f"{log.where}: the headings are no directions of bodies, because they change while vehicles stand, so headings are derived "
+        f"{log.where}: headings change while vehicles stand, so they are no directions of bodies, and headings are derived "
         "from positions: if another column has the directions of bodies, name it by --columns heading=COLUMN"
     )
     return replace(log, vehicles=tuple(replace(vehicle, heading=None) for vehicle in log.vehicles), notes=(*log.notes, note))

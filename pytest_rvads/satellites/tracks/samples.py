@@ -121,9 +121,9 @@ class Log:
                 )
         vehicles, unknown = [], Counter[str]()
         for vehicle in self.vehicles:
-            kind = next((kinds[name] for name in (vehicle.label, *vehicle.label.split()) if name in kinds), None)
-            if kind is not None:
-                vehicle = replace(vehicle, kind=Kind(kind), size=None if kind == Kind.PEDESTRIAN else vehicle.size, ahead=None)
+            named = next((kinds[name] for name in (vehicle.label, *vehicle.label.split()) if name in kinds), None)
+            if named is not None:
+                vehicle = replace(vehicle, kind=Kind(named), size=None if named == Kind.PEDESTRIAN else vehicle.size, ahead=None)
             elif vehicle.label and vehicle.kind is Kind.CAR and not any(word in vehicle.label.lower() for word in _CARS):
                 unknown[vehicle.label] += 1
             vehicles.append(vehicle)

@@ -173,7 +173,7 @@ def columns_of(
             raise RunError(
                 f"{where}: {field!r:.60} is no field of a track, known are {', '.join(all_fields)}{suggest(field, all_fields)}"
             )
-    fields = {}
+    fields: dict[str, Column] = {}
     for field in (*_REQUIRED, *_OPTIONAL):
         chosen = named_columns.get(field) or preset_columns.get(field)
         texts = (chosen,) if chosen else _USUAL_NAMES.get(field, ())

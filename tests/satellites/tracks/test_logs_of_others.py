@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 import pytest_rvads as rvads
 from pytest_rvads.cli import main
@@ -244,10 +245,10 @@ def test_recorded_lights_light_the_entrances(tmp_path: Path, entrances: str, con
     assert rvads.check(run, "red").status == status
 
 
-def missing(stations: np.ndarray, speeds: np.ndarray) -> set[str]:
+def missing(stations: NDArray[np.float64], speeds: NDArray[np.float64]) -> set[str]:
     """Return the kinds of findings about a vehicle with a sample every 0.1 s."""
     way = Itinerary.through(STOP, 0, 2)
-    pose, times = np.array([way.pose(station) for station in stations]), 0.1 * np.arange(len(stations))
+    pose, times = np.array([way.pose(station) for station in stations]), 0.1 * np.arange(len(stations), dtype=np.float64)
     track = Track(Agent("7", STOP.movements[0, 2]), times, stations, speeds, pose)
     return {finding.kind for finding in rvads.validate(Recording("t", STOP, (track,))[0])}
 
