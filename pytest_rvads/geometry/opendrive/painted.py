@@ -26,7 +26,7 @@ _PEDESTRIAN = "1000002"
 """Type of a light for pedestrians (OpenDRIVE, list of signals)."""
 _LIGHT_RANGE = 5.0
 """Largest distance of a light for pedestrians from the painted area of its crosswalk [m]."""
-_MOST_TESTS = 100_000
+_MOST_TESTS = 20_000
 """Most pairs of a light for pedestrians and a crosswalk near it; a town has 1,000."""
 _NEAR = 5.0
 """Distance from the painted area to which the shoulders of roads are looked up [m]."""

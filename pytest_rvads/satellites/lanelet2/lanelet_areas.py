@@ -10,7 +10,7 @@ from collections import Counter, defaultdict
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from heapq import heappop, heappush
-from itertools import combinations
+from itertools import combinations, product
 
 import networkx as nx
 import numpy as np
@@ -160,21 +160,22 @@ class _Finder:
                     if self.crosses([id]):
                         cells[x, y, False].add(name)
 
-        def beside(id: str, at: int, turns: bool) -> set[str]:
-            around = range(-_BESIDE, _BESIDE + 1) if turns else range(-1, 2)
-            places = map(cell_of, self.lanes[id].corners[2 * at : 2 * at + 2])
+        def beside(id: str, at: int, turns: bool, reach: int) -> set[str]:
+            around, places = range(-reach, reach + 1), map(cell_of, self.lanes[id].corners[2 * at : 2 * at + 2])
             return set[str]().union(*(cells.get((x + i, y + k, turns), ()) for x, y in places for i in around for k in around))
 
         def clusters(ids: Iterable[str]) -> set[str]:
             return {self.cluster.get(self.lanes[id].source, "") for id in ids}
 
-        for id in [id for id, lane in self.lanes.items() if lane.source not in self.cluster and self.links.pred[id]]:
-            chain, turns = [id], self.lanes[id].turn in ("left", "right")
-            names = beside(id, 0, turns) - clusters(self.links.pred[id])
+        for reach, (id, lane) in product((1, _BESIDE), self.lanes.items()):
+            chain, turns = [id], lane.turn in ("left", "right")
+            if lane.source in self.cluster or not self.links.pred[id] or (reach > 1 and not turns):
+                continue
+            names = beside(id, 0, turns, reach) - clusters(self.links.pred[id])
             while names and (after := list(self.links.succ[chain[-1]])):
-                found = names & beside(chain[-1], 1, turns) - clusters(after)
+                found = names & beside(chain[-1], 1, turns, reach) - clusters(after)
                 if found:
-                    self.cluster |= dict.fromkeys((self.lanes[lane].source for lane in chain), min(found, key=_order))
+                    self.cluster |= dict.fromkeys((self.lanes[part].source for part in chain), min(found, key=_order))
                 if found or len(after) > 1 or clusters(after) != {""} or len(chain) == _MOST_CHAINED:
                     break
                 chain += after

@@ -150,11 +150,9 @@ class _Reader:
         self.nodes += len(nodes)
         if self.nodes > MAX_SAMPLES:
             raise MapError(f"the bounds of its lanelets have more than {MAX_SAMPLES:,} nodes; cut the map into pieces")
-        points = self.osm.points
-        kept = [node for k, node in enumerate(nodes) if not k or (points[node] != points[nodes[k - 1]]).any()]
-        if len(kept) < 2:
-            return None
-        return Bound(np.array([points[node] for node in kept]), nodes[0], nodes[-1], tuple(order))
+        points = np.array([self.osm.points[node] for node in nodes])
+        points = points[np.append(True, (points[1:] != points[:-1]).any(axis=1))]
+        return Bound(points, nodes[0], nodes[-1], tuple(order)) if len(points) > 1 else None
 
     def _limit(self, id: str, relation: Relation) -> float | None:
         """Return the speed limit of a lanelet by its tag or by an element [m/s]; an unreadable limit gives a warning."""

@@ -143,7 +143,7 @@ def _keeps_left(ground: Ground, members: Members, doubts: list[MapWarning]) -> b
     exits = {"right": sum(places), "left": len(places) - sum(places)}
     agreed = len(places) > 1 and 4 * max(exits.values()) >= 3 * len(places)
     tally = {
-        hand: len(bounds[hand]) + agreed * exits[hand] + (ground.region == hand) * max(len(places), 1)
+        hand: len(bounds[hand]) + agreed * exits[hand] + (ground.region == hand) * max(len(places), 2)
         for hand in ("right", "left")
     }
     most, least = ("left", "right") if tally["left"] > max(tally["right"], 1) else ("right", "left")

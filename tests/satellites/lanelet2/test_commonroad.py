@@ -1,5 +1,6 @@
 """CommonRoad files come out as they say: lanelets, links, intersections, signs, lights and stop lines."""
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -7,6 +8,7 @@ import pytest
 
 from pytest_rvads.geometry.road_map import RoadMap, read_map
 from pytest_rvads.geometry.turns import Turn
+from pytest_rvads.support.errors import MapError
 
 from .commonroad_files import commonroad, lanelet, light
 from .lanelet_files import place
@@ -123,3 +125,26 @@ def test_crosswalk_lies_over_its_arm(read: Read) -> None:
     (zebra,) = road_map.junction(report.id).crossings
     assert (zebra.id, report.arms[zebra.arm].entrances) == ("77", ("11",))
     assert zebra.path.points[:, 1] == pytest.approx(12.5)
+
+
+@pytest.mark.parametrize("id", ["10", "301"])
+def test_lanelet_with_exchanged_bounds_is_read_the_right_way_round(tmp_path: Path, id: str) -> None:
+    text = commonroad()
+    start = text.index(f'<lanelet id="{id}">')
+    end = text.index("</lanelet>", start)
+    names = {"leftBound": "rightBound", "rightBound": "leftBound"}
+    exchanged = re.sub("leftBound|rightBound", lambda match: names[match[0]], text[start:end])
+    path = tmp_path / "cross.xml"
+    path.write_text(text[:start] + exchanged + text[end:])
+    road_map = read_map(path)
+    (report,) = road_map.junctions
+    assert (report.usable, report.ways, len(report.movements), report.left_hand) == (True, 4, 12, False)
+    assert [warning.kind for warning in road_map.warnings] == ["side"]
+    assert road_map.warnings[0].message.endswith(f"with left and right exchanged: {id}")
+
+
+def test_refusal_counts_lanelets_without_cars(tmp_path: Path) -> None:
+    path = tmp_path / "cross.xml"
+    path.write_text(commonroad().replace("</leftBound>", "</leftBound><laneletType>sidewalk</laneletType>"))
+    with pytest.raises(MapError, match="none that a car can drive on.*were left out: 20 sidewalk"):
+        read_map(path)

@@ -1,13 +1,14 @@
 """Each rule of the Lanelet2 reader on a crossing of four roads written by hand."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from pytest_rvads.cli import main
 from pytest_rvads.geometry.analysis import JunctionReport
 from pytest_rvads.geometry.road_map import RoadMap, read_map
 from pytest_rvads.satellites.lanelet2.osm_file import plane_of_utm, projected
@@ -416,3 +417,125 @@ def test_lengths_are_those_of_the_plan(read: Read) -> None:
     right = [way.length for way in report.movements if way.turn == "right"]
     # A right turn is shorter than along its corner and longer than the chord.
     assert all(math.hypot(8.25, 8.25) < length < 16.5 for length in right)
+
+
+def exchange(osm: Osm, *lanelets: str) -> None:
+    """Exchange the left and the right bound of lanelets."""
+    for member in (member for id in lanelets for member in osm.elements[id] if member.get("role") in ("left", "right")):
+        member.set("role", "right" if member.get("role") == "left" else "left")
+
+
+@pytest.mark.parametrize("left_hand", [False, True])
+@pytest.mark.parametrize("roads", [(0,), (0, 1, 2)])
+@pytest.mark.parametrize("kind", ["entries", "exits", "across"])
+def test_lanelet_with_exchanged_bounds_is_turned_back(read: Read, left_hand: bool, roads: tuple[int, ...], kind: str) -> None:
+    crossing = Crossing(left_hand=left_hand)
+    lanelets = [crossing.movements[k, (k + 2) % 4] if kind == "across" else getattr(crossing, kind)[k] for k in roads]
+    exchange(crossing, *lanelets)
+    road_map = read(crossing)
+    report = only(road_map)
+    assert (report.ways, len(report.entrances), len(report.exits), len(report.movements)) == (4, 4, 4, 12)
+    assert report.left_hand == left_hand
+    (message,) = doubts(road_map, "side")
+    assert message.endswith(f"were turned, left for right: {', '.join(sorted(lanelets, key=int))}")
+
+
+def test_chain_of_lanelets_with_exchanged_bounds_is_turned_back(read: Read) -> None:
+    crossing = Crossing()
+    crossing.drop(crossing.entries[0])
+    parts = []
+    for far, near in ((60.0, 40.0), (40.0, 20.0), (20.0, 10.0)):
+        parts.append(crossing.lanelet(*(crossing.way([place(0, far, y), place(0, near, y)]) for y in (0.0, 3.5))))
+    exchange(crossing, *parts[1:])
+    report = only(read(crossing))
+    assert (report.ways, len(report.entrances), len(report.movements)) == (4, 4, 12)
+    # Three lanelets of 20 m, 20 m and 10 m.
+    assert max(report.approach) == pytest.approx(50.0)
+
+
+def test_side_is_that_of_most_evidence(read: Read) -> None:
+    """A two-way street that nothing leads to has a shared bound on its wrong side."""
+    crossing = Crossing()
+    middle, *kerbs = (crossing.way([(200.0, y), (220.0, y)]) for y in (0.0, 3.5, -3.5))
+    crossing.lanelet(kerbs[1], middle)
+    crossing.lanelet(kerbs[0], middle)
+    road_map = read(crossing)
+    assert not only(road_map).left_hand
+    # The middle lines of the four arms, and the four lanes out beside lanes in, against the bound of the street.
+    assert doubts(road_map, "side")[0].startswith("8 of 9 votes")
+    assert middle in doubts(road_map, "side")[0]
+
+
+@pytest.mark.parametrize(("region", "left"), [("gb", True), ("jp", True), ("cn", False), ("de", False)])
+def test_region_decides_where_nothing_else_does(read: Read, region: str, left: bool) -> None:
+    osm = Osm()
+    for k in (0, 1):
+        # A one-way street: no lane has an opposite lane beside it.
+        ways = [osm.way([place(k, -100.0, aside), place(k, 100.0, aside)]) for aside in (1.75, -1.75)]
+        osm.change(osm.lanelet(*ways), "region", region)
+    road_map = read(osm)
+    assert [report.left_hand for report in road_map.junctions] == [left]
+    assert not doubts(road_map, "side")
+
+
+def test_text_tells_the_side_where_traffic_keeps_left(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for left_hand in (True, False):
+        main(["map", str(Crossing(left_hand=left_hand).write(tmp_path / "cross.osm"))])
+        assert ("traffic keeps left" in capsys.readouterr().out) == left_hand
+
+
+def dedicated(osm: Crossing, stations: Sequence[float], **tags: str) -> list[str]:
+    """Add a lane beside the way from road 0 to the next road on its right hand, which shares no lanelet with other ways.
+
+    The lane turns from the right of the lane in to the right of the lane out, in a lanelet per two stations along the turn.
+    """
+    lines = [corner(side, stations) for side in (3.5, 7.0)]
+    turns = [osm.lanelet(*(osm.way(line[k : k + 2]) for line in lines), **tags) for k in range(len(stations) - 1)]
+    before = osm.lanelet(*(osm.way([place(0, 60.0, side), place(0, 10.0, side)]) for side in (3.5, 7.0)))
+    after = osm.lanelet(*(osm.way([place(1, 10.0, -side), place(1, 60.0, -side)]) for side in (3.5, 7.0)))
+    return [before, *turns, after]
+
+
+def corner(side: float, stations: Sequence[float]) -> list[tuple[float, float]]:
+    """Return points from road 0 to road 1 on a quarter of a circle about (10, 10)."""
+    angles = [math.pi * 1.5 - share * math.pi / 2 for share in stations]
+    return [(10.0 + (10.0 - side) * math.cos(angle), 10.0 + (10.0 - side) * math.sin(angle)) for angle in angles]
+
+
+@pytest.mark.parametrize("stations", [(0.0, 1.0), (0.0, 0.5, 1.0), (0.0, 0.3, 0.7, 1.0)])
+@pytest.mark.parametrize("tags", [{}, {"turn_direction": "right"}])
+def test_turn_lane_of_its_own_is_a_movement(read: Read, stations: tuple[float, ...], tags: dict[str, str]) -> None:
+    crossing = Crossing()
+    before, *turns, after = dedicated(crossing, stations, **tags)
+    crossing.regulate("traffic_light", [], turns)
+    report = only(read(crossing))
+    assert (report.ways, len(report.entrances), len(report.exits), len(report.movements)) == (4, 5, 5, 13)
+    (way,) = [way for way in report.movements if way.path.entrance == before]
+    assert (way.turn, way.path.edges, way.path.exit) == ("right", tuple(turns), after)
+    assert signs(report)[before] == "lights"
+
+
+def test_tag_of_a_straight_lane_makes_no_junction(read: Read) -> None:
+    crossing = Crossing()
+    for k in range(4):
+        crossing.change(crossing.entries[k], "turn_direction", "straight")
+    # A road beside the junction, and far from it.
+    for y in (40.0, 400.0):
+        for x in (100.0, 120.0, 140.0):
+            crossing.lanelet(*(crossing.way([(x, y + s), (x + 20.0, y + s)]) for s in (1.75, -1.75)), turn_direction="straight")
+    report = only(read(crossing))
+    assert (report.ways, len(report.entrances), len(report.movements)) == (4, 4, 12)
+
+
+def test_refusal_counts_lanelets_of_an_unknown_subtype(read: Read) -> None:
+    crossing = Crossing()
+    lanelets = [*crossing.entries, *crossing.exits, *crossing.movements.values()]
+    for id in lanelets:
+        crossing.change(id, "subtype", "raod")
+    with pytest.raises(MapError, match=r"none that a car can drive on.*of an unknown subtype were left out: 20 raod"):
+        read(crossing)
+    crossing = Crossing()
+    for id in crossing.movements.values():
+        crossing.change(id, "subtype", "raod")
+    with pytest.raises(MapError, match=r"offers nothing to test.*of an unknown subtype were left out: 12 raod"):
+        read(crossing)
