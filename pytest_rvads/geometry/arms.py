@@ -39,7 +39,7 @@ RoadEnd = tuple[str, str]
 FEWEST, MOST = 3, 8
 """Least and largest number of arms of a junction of the model."""
 LONGEST, MOST_WAYS = 1000.0, 400
-"""Longest movement [m] and most movements of a junction; no road has longer or more, and the work of conflicts grows with them."""
+"""Longest movement [m] and most movements of a junction; no road has more, and the work of conflicts grows with them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -195,8 +195,8 @@ def unusable(
     longest = max(ways, key=lambda way: way.length)
     if longest.length > LONGEST:
         return (
-            f"its movement from lane {longest.path.entrance} to lane {longest.path.exit} is {longest.length:,.0f} m long, expected "
-            f"at most {LONGEST:,.0f} m; check the unit of length and the coordinates there"
+            f"its movement from lane {longest.path.entrance} to lane {longest.path.exit} is {longest.length:,.0f} m long, "
+            f"expected at most {LONGEST:,.0f} m; check the unit of length and the coordinates there"
         )
     if len(ways) > MOST_WAYS:
         return f"it has {len(ways):,} movements, and only junctions of at most {MOST_WAYS} movements can be used"

@@ -155,13 +155,16 @@ def covered(area: NDArray[np.float64], line: Line) -> Stretch | None:
     ends = np.roll(area, -1, axis=0)
     (x0, y0), (x1, y1) = (corners[area[:, 1] != ends[:, 1]].T for corners in (area, ends))
 
+    low, high = area.min(axis=0), area.max(axis=0)
+
     def inside(stations: NDArray[np.float64]) -> NDArray[np.float64]:
         x, y = places = np.array([np.interp(stations, path.stations, path.points[:, axis]) for axis in (0, 1)])
-        near = ((places.T >= area.min(axis=0)) & (places.T <= area.max(axis=0))).all(axis=1)
+        near = ((low <= places.T) & (high >= places.T)).all(axis=1)
         x, y = x[near, None], y[near, None]
         # A point is inside if a ray to the east crosses an odd number of sides.
         crossed = ((y0 > y) != (y1 > y)) & (x < x0 + (y - y0) * (x1 - x0) / (y1 - y0))
-        return stations[near][np.logical_xor.reduce(crossed, axis=1)]
+        found: NDArray[np.float64] = stations[near][np.logical_xor.reduce(crossed, axis=1)]
+        return found
 
     within = inside(np.append(np.arange(0.0, path.length, _SPACING), path.length))
     if not len(within):

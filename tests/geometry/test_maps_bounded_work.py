@@ -36,7 +36,8 @@ def curves(count: int) -> str:
 def test_opendrive(tmp_path: Path) -> None:
     geometry = re.search("<geometry.*?</geometry>", TEXT, re.DOTALL)
     signal = re.search("<signal .*?</signal>", TEXT, re.DOTALL)
-    assert geometry and signal
+    assert geometry
+    assert signal
     speeds = "".join(f'<type s="{k / 1e4}" type="town"><speed max="10"/></type>' for k in range(15_000))
     signals = "".join(signal[0].replace(' id="', f' id="x{k}', 1) for k in range(3000))
     walked = "".join(crosswalk(f"c{k}", 4) for k in range(40))

@@ -43,7 +43,7 @@ _BEND = 1e-6
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(5)
 
 
-def written(  # noqa: PLR0913 - the lanes, the movements and two properties of a junction
+def written(
     id: str,
     entrances: Sequence[tuple[Entrance, Segment]],
     exits: Sequence[tuple[Exit, Segment]],

@@ -77,7 +77,7 @@ def sample_count(road: Road) -> int:
     straight = not curved and all(shape.kind == "line" for shape in road.shapes)
     spacing = _STRAIGHT_SPACING if straight else SPACING
     records = len(road.shapes) + sum(map(len, tables))
-    # Every lane section looks at all pieces, offsets and speed limits of its road, and integrates each polynomial along its length.
+    # Every lane section looks at all pieces, offsets and speed limits of its road, and integrates polynomials along its length.
     cells = sum(min(shape.length / STEP, MOST_CELLS) for shape in road.shapes if shape.kind in ("poly3", "paramPoly3"))
     looks = len(road.sections) * int(len(road.shapes) + len(road.offsets) + len(road.limits) + cells) // _LOOKS_PER_SAMPLE
     return int(road.length / spacing * max(1, lanes, again)) + records * max(1, lanes) + looks

@@ -49,7 +49,7 @@ def painted(draft: Draft) -> tuple[PaintedCrosswalk, ...]:
     low, high = (np.array([side(area, axis=0) for _, _, area in areas]) for side in (np.min, np.max))
     tests = 0
     for id, point in _pedestrian_lights(draft.document.roads.values()):
-        near = ((low <= point + _LIGHT_RANGE) & (high >= point - _LIGHT_RANGE)).all(axis=1).nonzero()[0].tolist()
+        near = np.flatnonzero(((low <= point + _LIGHT_RANGE) & (high >= point - _LIGHT_RANGE)).all(axis=1)).tolist()
         tests += len(near)
         if tests > _MOST_TESTS:
             raise MapError(f"too many crosswalks and lights for pedestrians stand around the light {id!r}; leave some out")

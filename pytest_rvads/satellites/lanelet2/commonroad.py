@@ -148,12 +148,11 @@ class _Reader:
             self.crosswalks += [crosswalk] if crosswalk else []
             self.others[min(_NOT_DRIVABLE & types)] += crosswalk is None
             return
-        bounds = [_bound(_points(element.find(name))) for name in ("leftBound", "rightBound")]
-        if bounds[0] is None or bounds[1] is None:
+        left, right = (_bound(_points(element.find(name))) for name in ("leftBound", "rightBound"))
+        if left is None or right is None:
             self.left_out.append(id)
             return
-        left, right = bounds[0], bounds[1]
-        if all(one.first == other.last for one, other in zip(aligned(left, right), bounds, strict=True)):
+        if all(one.first == other.last for one, other in zip(aligned(left, right), (left, right), strict=True)):
             left, right = right, left
             self.exchanged.append(id)
         lanelet = Lanelet(id, id, left, right, self._limit(id, element))

@@ -133,18 +133,18 @@ class _Finder:
         waiting = list(range(len(links)))  # a heap: the first link that joins two clusters is next
         while waiting:
             a, b, *ends = links[heappop(waiting)]
-            names = {_root(parent, name) for name in ends}
-            if len(names) < 2:
+            clusters = {_root(parent, name) for name in ends}
+            if len(clusters) < 2:
                 continue
-            short = min(self.lanes[a].length, self.lanes[b].length) < _JOINT and crossing >= names
-            near = not crossing.isdisjoint(names) and not small.isdisjoint(names - crossing)
+            short = min(self.lanes[a].length, self.lanes[b].length) < _JOINT and crossing >= clusters
+            near = not crossing.isdisjoint(clusters) and not small.isdisjoint(clusters - crossing)
             if (short or near) and self.approaches.isdisjoint(self.lanes[id].source for id in (a, b)):
-                name, other = sorted(names, key=_order)
+                name, other = sorted(clusters, key=_order)
                 parent[other] = name
                 self.joined.append(other)
-                for number in (number for new in names - crossing for number in around[new]):
+                for number in (number for new in clusters - crossing for number in around[new]):
                     heappush(waiting, number)
-                crossing |= names
+                crossing |= clusters
         self.cluster = {source: _root(parent, name) for source, name in self.cluster.items()}
 
     def take_between(self) -> None:

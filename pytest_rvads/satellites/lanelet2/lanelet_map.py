@@ -40,8 +40,8 @@ _NOT_DRIVABLE = frozenset(
 )
 """Subtypes of lanelets that no car drives on; a lanelet of a subtype for cars is left out if its participants say so."""
 _LEFT = frozenset(
-    "ag ai au bb bd bm bn bs bt bw cc ck cx cy dm fj fk gb gd gg gy hk id ie im in jm je jp ke ki kn ky lc lk ls mo ms mt mu mv mw "
-    "my mz na nf np nr nu nz pg pk pn sb sc sg sh sr sz tc th tk tl to tt tv tz ug uk vc vg vi ws za zm zw".split()
+    "ag ai au bb bd bm bn bs bt bw cc ck cx cy dm fj fk gb gd gg gy hk id ie im in jm je jp ke ki kn ky lc lk ls mo ms mt "  # noqa: SIM905 - a list has a line per code
+    "mu mv mw my mz na nf np nr nu nz pg pk pn sb sc sg sh sr sz tc th tk tl to tt tv tz ug uk vc vg vi ws za zm zw".split()
 )
 """Codes of the regions where traffic keeps left (ISO 3166-1 and ``uk``)."""
 _YES, _NO = frozenset({"yes", "true", "1"}), frozenset({"no", "false", "0"})
@@ -102,8 +102,8 @@ class _Reader:
             raise MapError(none_drivable(len(self.relations), self.warnings))
         rules = self._rules(lanes)
         regions = Counter(region for item in self.relations.values() if (region := item.tags.get("region", "").lower()[:2]))
-        region = next(("left" if name in _LEFT else "right" for name, _ in regions.most_common(1)), None)
-        return network_of(Ground(lanes, link_lanelets(lanes), rules.approaches, region=region), rules, self.warnings)
+        hand = next(("left" if name in _LEFT else "right" for name, _ in regions.most_common(1)), None)
+        return network_of(Ground(lanes, link_lanelets(lanes), rules.approaches, region=hand), rules, self.warnings)
 
     def _lanelets(self, id: str, relation: Relation) -> Iterator[Lanelet]:
         """Yield the lanelets of a relation: none for a broken lanelet or one without cars, two for a two-way lanelet."""

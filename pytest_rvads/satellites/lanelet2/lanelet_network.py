@@ -131,9 +131,9 @@ def _left_out(warnings: Iterable[MapWarning]) -> str:
 def _keeps_left(ground: Ground, members: Members, doubts: list[MapWarning]) -> bool:
     """Return whether traffic keeps left.
 
-    The environment decides, else the majority of the bounds that opposite lanelets share, of the lanes out of junctions, which lie
-    on the left of the nearest lanes in where traffic keeps right, and of the region. Lanes out count only if three quarters of them
-    agree. A doubt is added to `doubts`.
+    The environment decides, else the majority of the bounds that opposite lanelets share, of the lanes out of junctions, and of
+    the region. Lanes out lie on the left of the nearest lanes in where traffic keeps right. They count only if three quarters of
+    them agree. A doubt is added to `doubts`.
     """
     stated = os.environ.get(HAND, "")
     if stated not in ("", "left", "right"):
@@ -159,8 +159,8 @@ def _keeps_left(ground: Ground, members: Members, doubts: list[MapWarning]) -> b
     elif not stated and tally[least]:
         ways = f" (bounds of opposite lanelets: {listed(bounds[least])})" if bounds[least] else ""
         message = (
-            f"{tally[most]} of {sum(tally.values())} votes of bounds, of lanes out of junctions and of the region say that traffic "
-            f"keeps {most}, the others{ways} {least}; {most} was taken, --hand or the variable {HAND} states the side"
+            f"{tally[most]} of {sum(tally.values())} votes of bounds, of lanes out of junctions and of the region say that "
+            f"traffic keeps {most}, the others{ways} {least}; {most} was taken, --hand or the variable {HAND} states the side"
         )
         doubts.append(MapWarning(Doubt.SIDE, message))
     return (stated or most) == "left"

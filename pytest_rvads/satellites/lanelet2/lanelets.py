@@ -180,8 +180,8 @@ def with_centre_lines(lanelets: Iterable[Lanelet]) -> tuple[dict[str, Lanelet], 
         lengths = [float(stations[-1]) for _, stations in bounds]
         if max(lengths) > _LONGEST:
             raise MapError(
-                f"lanelet {lanelet.id!r} is {max(lengths) / 1000:,.1f} km long, expected at most {_LONGEST / 1000:.0f} km; check the "
-                "unit of length and the coordinates of its points"
+                f"lanelet {lanelet.id!r} is {max(lengths) / 1000:,.1f} km long, expected at most {_LONGEST / 1000:.0f} km; check "
+                "the unit of length and the coordinates of its points"
             )
         fractions = np.linspace(0.0, 1.0, max(math.ceil(max(lengths) / _STEP), 2) + 1)
         samples += len(fractions)

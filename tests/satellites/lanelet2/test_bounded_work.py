@@ -1,6 +1,7 @@
 """Small files of lanelets that would cost much are read, or refused in one sentence, within a gigabyte and some seconds."""
 
 import re
+from itertools import pairwise
 from pathlib import Path
 
 from ...bounded import answers
@@ -30,7 +31,7 @@ def crossing_lanes(folder: Path, name: str, length: float) -> Path:
     osm = Osm()
     for road in (0, 1):
         stations = [-length / 2 - 50.0, -length / 2, length / 2, length / 2 + 50.0]
-        for a, b in zip(stations, stations[1:], strict=False):
+        for a, b in pairwise(stations):
             osm.lanelet(*(osm.way([place(road, a, side), place(road, b, side)]) for side in (1.75, -1.75)))
     return osm.write(folder / name)
 
@@ -50,7 +51,7 @@ def many_ways(folder: Path, name: str, count: int) -> Path:
     crossing = Crossing()
     crossing.drop(crossing.entries[0])
     outs = [60.0 - 50.0 * k / count for k in range(count + 1)]
-    parts = [crossing.way([place(0, a, 3.5), place(0, b, 3.5)]) for a, b in zip(outs, outs[1:], strict=False)]
+    parts = [crossing.way([place(0, a, 3.5), place(0, b, 3.5)]) for a, b in pairwise(outs)]
     crossing.lanelet(crossing.middles[0], [parts[0], *parts[:0:-1]])
     return crossing.write(folder / name)
 

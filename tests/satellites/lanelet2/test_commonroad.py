@@ -146,5 +146,5 @@ def test_lanelet_with_exchanged_bounds_is_read_the_right_way_round(tmp_path: Pat
 def test_refusal_counts_lanelets_without_cars(tmp_path: Path) -> None:
     path = tmp_path / "cross.xml"
     path.write_text(commonroad().replace("</leftBound>", "</leftBound><laneletType>sidewalk</laneletType>"))
-    with pytest.raises(MapError, match="none that a car can drive on.*were left out: 20 sidewalk"):
+    with pytest.raises(MapError, match=r"none that a car can drive on.*were left out: 20 sidewalk"):
         read_map(path)
