@@ -82,7 +82,7 @@ def detects(job: Job) -> bool:
     return bool(broken) and not broken <= broken_rules(without, plant)
 
 
-def measure(  # noqa: PLR0913 - what to measure by position, how by keyword
+def measure(
     seeds: int = SEEDS,
     budget: int = BUDGET,
     *,

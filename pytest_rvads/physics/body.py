@@ -115,7 +115,7 @@ class Dynamics:
         """Angle of the front wheels [rad]."""
         self._pull = 0.0
 
-    def forces(  # noqa: PLR0913 - plain numbers, because every step calls it
+    def forces(
         self, cos: float, sin: float, vx: float, vy: float, yaw_rate: float, throttle: float, brake: float, steering: float
     ) -> tuple[float, float, float]:
         """Advance the actuators by one step and return the forces on the body during this step.

@@ -134,7 +134,7 @@ def _packed(columns: Sequence[Column], widths: Sequence[int], room: int) -> list
     return [tuple(page) for page in pages]
 
 
-def _block_lines(  # noqa: PLR0913 - a table and its layout
+def _block_lines(
     corner: str,
     labels: Sequence[str],
     columns: Sequence[Column],
@@ -161,7 +161,7 @@ def _block_lines(  # noqa: PLR0913 - a table and its layout
     return tuple(lines)
 
 
-def _row_lines(  # noqa: PLR0913 - a row and its layout
+def _row_lines(
     label: str,
     cells: Sequence[Cell],
     columns: Sequence[Column],

@@ -259,7 +259,7 @@ _DEFAULTS = {"cls": 0, "scenario": "", "cfg": "", "rotation": 0, "seat": None, "
 """Default values of fields of a simulated item, for fields that the keys of `planned_record` do not contain."""
 
 
-def conclude(  # noqa: PLR0913 - the facts about the end of an item
+def conclude(
     record: Record,
     verdicts: Sequence[Verdict],
     when: str,

@@ -80,9 +80,7 @@ def summary(
     return "\n".join([parts.verdicts + parts.causes, parts.last, ""]) if parts.last else parts.verdicts + parts.causes
 
 
-def summarise(  # noqa: PLR0913 - the properties of a terminal, and the extent of the output
-    report: Report, *, colour: bool, width: int, unicode: bool, full: bool, more: str, head: bool = True
-) -> Summary:
+def summarise(report: Report, *, colour: bool, width: int, unicode: bool, full: bool, more: str, head: bool = True) -> Summary:
     """Return the summary of a report as text in two parts: verdicts and causes.
 
     Args:

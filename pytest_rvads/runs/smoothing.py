@@ -111,7 +111,7 @@ def delay(times: _Values, station: _Values, speed: _Values, straight: NDArray[np
     return (weighted / weight if weight > 0.0 else 0.0), weight
 
 
-def smoothed(  # noqa: PLR0913 - the samples, their accuracy, and the straight parts of the way
+def smoothed(
     times: _Values,
     station: _Values,
     speed: _Values | None,

@@ -89,7 +89,7 @@ class Atlas:
         return tuple(strip for group in self.groups for strip in group)
 
 
-def draw_atlas(  # noqa: PLR0913 - keywords of a search
+def draw_atlas(
     place: Junction,
     setting: Setting,
     *,

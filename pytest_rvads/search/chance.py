@@ -87,7 +87,7 @@ class Spread:
         return interval.high - interval.low + DT
 
 
-def sweep(  # noqa: PLR0913 - the sweep by position, its settings by keyword
+def sweep(
     case: Case,
     rule: str | Rule,
     low: float,

@@ -124,7 +124,7 @@ def _save(folder: Path, run: Run) -> str:
     return ""
 
 
-def _draw(  # noqa: PLR0913 - a failure and its texts
+def _draw(
     folder: Path, item: pytest.Item, run: Run, verdict: Verdict, rule: str | Rule, notes: str, beside: Beside
 ) -> tuple[Path, str]:
     """Write the replay page and the picture of a failure; return the path of the page and the picture."""

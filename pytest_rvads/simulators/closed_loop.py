@@ -37,7 +37,7 @@ _Job = tuple[str, float, int, str | None, Junction | None, Key | None]
 """Autopilot, distance [m], aggression, simulator, junction and movement; the last two are None for the built-in junction."""
 
 
-def closed_vmax(  # noqa: PLR0913 - a test has many parameters
+def closed_vmax(
     distance: float,
     driver: Factory,
     aggression: int = 1,

@@ -161,7 +161,7 @@ class Seat:
             self.excess = requests + 1, max(largest, acceleration, key=abs)
 
 
-def crew(  # noqa: PLR0913 - a run has many parameters
+def crew(
     agents: Sequence[Agent],
     driver: Factory,
     traffic: Factory | None = None,

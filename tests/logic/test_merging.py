@@ -41,7 +41,7 @@ def bend(angle: float, south: float) -> tuple[str, float]:
     return f'<paramPoly3 aU="0" bU="{tangent}" cU="{c[0]}" dU="{d[0]}" aV="0" bV="0" cV="{c[1]}" dV="{d[1]}"/>', length
 
 
-def road(  # noqa: PLR0913 - what the roads differ in
+def road(
     id: int, start: Pose, shape: str, length: float, links: str, lane: str = "driving", type: str = "town", taper: float = 0
 ) -> str:
     inside = f'junction="{1 if id > 9 else -1}"'

@@ -58,7 +58,7 @@ def extremes(records: Iterable[Record]) -> list[str]:
     return list(filled(Extremes(), records).lines())
 
 
-def record(  # noqa: PLR0913 - what a cell is told by
+def record(
     cls: int, cfg: str, rule: str, status: str, *, known: str | None = None, scenario: str = "1111", cause: str = "both in"
 ) -> Record:
     keys = {

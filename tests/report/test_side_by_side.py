@@ -23,7 +23,7 @@ HOSTILE = "<script>alert(1)</script> | `x` [a](javascript:1) \x1b[31m @all\n# he
 BAD = ("FAIL", "OPEN")
 
 
-def record(  # noqa: PLR0913 - what a cell is told by
+def record(
     cls: int, status: str, *, cfg: str = "C", rule: str = "p1", variant: str = "", cause: str = "both in", pet: float = 1.0
 ) -> Record:
     keys = {"junction": "stop4", "cls": cls, "scenario": "1111", "cfg": cfg, "rotation": 0, "rule": rule, "variant": variant}

@@ -65,7 +65,7 @@ class Process(TrafficSystem):
     own_limits = True
     """Whether the limits of real time that a session sets for drivers don't apply; a stack has its own limits."""
 
-    def __init__(  # noqa: PLR0913 - a program has a place and several limits, and most calls use the defaults
+    def __init__(
         self,
         command: str | Sequence[str],
         *,

@@ -69,7 +69,7 @@ class RuleMonitor:
         RunError: the rule is about another kind of junction, or `block` is no whole number from 1 on.
     """
 
-    def __init__(  # noqa: PLR0913 - what a monitor has to know, the rarer part by keyword
+    def __init__(
         self,
         rule: str | Rule | Sequence[str | Rule],
         junction: Junction,

@@ -47,7 +47,7 @@ text{font-family:system-ui,-apple-system,"Segoe UI",Helvetica,Arial,sans-serif}
 """
 
 
-def animated(  # noqa: PLR0913 - a run and its shown part
+def animated(
     run: Run,
     *,
     title: str = "",

@@ -65,7 +65,7 @@ class Track:
     """Ticks and new values; the words ``watching``, ``due``, ``violated`` and ``satisfied`` have colours."""
 
 
-def replay(  # noqa: PLR0913 - a run, and the texts and pictures beside the run
+def replay(
     run: Run,
     title: str,
     notes: str = "",

@@ -196,7 +196,7 @@ def _shade(number: int) -> str:
     return "#" + "".join(f"{int(_DARKER * int(colour[k : k + 2], 16)):02x}" for k in (1, 3, 5))
 
 
-def body(  # noqa: PLR0913 - a vehicle and its look
+def body(
     pose: NDArray[np.float64],
     agent: Agent,
     size: tuple[float, float],

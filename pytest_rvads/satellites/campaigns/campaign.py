@@ -41,7 +41,7 @@ _MOST = 64
 """Largest number of drivers whose names and identities are cached; most campaigns have one driver, and none has thousands."""
 
 
-def campaign(  # noqa: PLR0913 - keywords; a campaign has many settings
+def campaign(
     cases: Iterable[Case],
     rules: str | Rule | Iterable[str | Rule] = "road",
     *,

@@ -208,7 +208,7 @@ def _digest(league: League, driver: Factory, simulator: Simulator) -> str:
     return sha256(json.dumps(key_parts).encode("utf-8", "surrogatepass")).hexdigest()[:12]
 
 
-def _standing(  # noqa: PLR0913 - the results of a driver
+def _standing(
     league: League,
     name: str,
     results: Iterable[Judged],

@@ -177,7 +177,7 @@ def worst_first(sites: Sequence[Site], tallies: Mapping[str, Tally]) -> list[Sit
     return sorted(sites, key=wrong)
 
 
-def town_page(  # noqa: PLR0913 - the content of the page
+def town_page(
     title: str,
     blocks: Sequence[Block],
     maps: Sequence[TownMap],

@@ -209,7 +209,7 @@ def on_map(log: Log, map: str | os.PathLike[str] | None) -> Log:
     return log.moved(turn, turn * (log.utm - utm))
 
 
-def recordings_at(  # noqa: PLR0913 - the log, the junctions, and the settings of an import
+def recordings_at(
     log: Log,
     junctions: Sequence[Junction],
     intake: Intake,

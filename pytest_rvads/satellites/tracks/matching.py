@@ -338,7 +338,7 @@ def delay_of(matches: Sequence[tuple[Samples, Matched]]) -> float:
     return math.fsum(late * weight for late, weight in delays) / weight if weight else 0.0
 
 
-def track_of(  # noqa: PLR0913 - the vehicle, its samples, and their accuracy
+def track_of(
     agent: Agent,
     vehicle: Samples,
     match: Matched,

@@ -48,7 +48,7 @@ if TYPE_CHECKING:
 __all__ = ["critical", "falsify"]
 
 
-def falsify(  # noqa: PLR0913 - keywords; a search has many settings
+def falsify(
     junction: str | Junction,
     *,
     rule: str | Rule,
@@ -110,7 +110,7 @@ def falsify(  # noqa: PLR0913 - keywords; a search has many settings
     return _Searching("@rvads.falsify", place, autopilot, begin)
 
 
-def critical(  # noqa: PLR0913 - keywords; a search has many settings
+def critical(
     junction: str | Junction,
     *,
     map: str | PathLike[str] | None = None,

@@ -32,7 +32,7 @@ class Drive:
         return self.points - back * np.column_stack((np.cos(self.heading), np.sin(self.heading)))
 
 
-def drive(  # noqa: PLR0913 - the properties of a vehicle in a log
+def drive(
     place: Junction,
     key: tuple[int, int],
     name: str = "v",
