@@ -1,24 +1,25 @@
 """Dump what the package says of runs, maps and examples, and compare two dumps.
 
 ``python tools/oracle.py dump FILE [SECTION ...]`` writes one JSON object; ``python tools/oracle.py compare OLD NEW`` prints one
-line per section and exits with 1 if anything differs. A change that must not alter a verdict is proven by two equal dumps, one of
-each side of the change. All sections together take about ten minutes of processor time; recordings and maps of others are read
-from ``../shared`` and are left out where that folder is absent.
+line per section and a line per field that differs, and exits with 1 if anything differs. A change that must not alter a verdict
+is proven by two equal dumps, one of each side of the change. All sections together take about fifteen minutes of processor time;
+recordings and maps of others are read from ``../shared`` and are left out where that folder is absent.
 """
 
 from __future__ import annotations
 
 import argparse
+import csv
 import json
+import os
 import subprocess
 import sys
 import tempfile
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import redirect_stderr, redirect_stdout
-from hashlib import sha256
 from io import StringIO
-from itertools import islice
+from itertools import islice, product
 from pathlib import Path
 from typing import Any
 
@@ -26,30 +27,42 @@ import numpy as np
 
 import pytest_rvads as rvads
 from pytest_rvads.cli import main as command
+from pytest_rvads.drivers.walking import BEHAVIOURS
 from pytest_rvads.logic.rules.book import rules_for
 from pytest_rvads.runs.recording import zones
 from pytest_rvads.satellites.paper.experiment import TABLES, Setup, entries, run_entry
 from pytest_rvads.scenarios.configurations import grid
 from pytest_rvads.scenarios.selection import Selection
+from pytest_rvads.scenarios.walks import walks_of
 
 __all__ = ["SECTIONS", "compare", "dump"]
 
 SHARED = Path(__file__).parents[2] / "shared"
+DATA = Path(rvads.__file__).parent / "geometry" / "data"
+"""The built-in maps, as files."""
 BOOKS = ("paper", "road")
-JUNCTIONS = ("stop3", "stop4", "light3", "light4", "yield4", "right4", "lanes4")
+JUNCTIONS = ("stop3", "stop4", "light3", "light4", "yield4", "right4", "lanes4", "roundabout4")
 STARTS = 3
-"""Simulated starts per junction and traffic policy; seven junctions, seven policies and the rules of both books make some 1,800
+"""Simulated starts per junction and traffic policy; eight junctions, seven policies and the rules of both books make some 2,000
 verdicts."""
+WALKS = 4
+"""Simulated starts, at least, per junction with crosswalks and behaviour of pedestrians."""
+LEAGUE = """\
+junctions = ["stop4", "zebra4"]
+seats = [0]
+cells = 6
+critical = 2
+rules = ["full_stop", "right_first", "no_collision"]
+seed = 1
+[drivers]
+reference = { autopilot = "reference" }
+rolling = { autopilot = "rolling_stop" }
+"""
 CROWD_STEPS, CROWD_STEP = 500, 0.1
 """States of one random crowd, and the time between two of them [s]; four crowds hold 2,000 states."""
 
 Entry = dict[str, Any]
 Entries = Iterator[tuple[str, Entry]]
-
-
-def digest(text: str) -> str:
-    """Return the first 16 hexadecimal digits of the SHA-256 of a text."""
-    return sha256(text.encode()).hexdigest()[:16]
 
 
 def verdicts(name: str, run: rvads.Run) -> Entries:
@@ -60,20 +73,36 @@ def verdicts(name: str, run: rvads.Run) -> Entries:
         run: the run.
 
     Yields:
-        ``"name rule"`` and the verdict, with ticks of instances, the hash of the run, and a digest of the explanation.
+        ``"name rule"`` and the whole verdict, with the instances, their ticks and margins, and the hash of the run.
     """
     for rule in rules_for(BOOKS, run.junction):
         verdict = rvads.check(run, rule)
-        yield (
-            f"{name} {rule.name}",
-            {
-                "status": verdict.outcome.value,
-                "instances": [[sorted(i.binding), i.status, i.trigger, i.failed, i.responsible] for i in verdict.instances],
-                "hash": run.hash,
-                "message": verdict.message,
-                "explanation": digest(verdict.explanation),
-            },
-        )
+        yield f"{name} {rule.name}", {**verdict.record(), "outcome": verdict.outcome.value, "hash": run.hash}
+
+
+def told(folder: Path, *arguments: str) -> Entry:
+    """Run the command ``rvads`` in a folder; return its exit status and what it prints, without the paths of this machine."""
+    before = Path.cwd()
+    with redirect_stdout(StringIO()) as output, redirect_stderr(StringIO()) as errors:
+        os.chdir(folder)
+        try:
+            status = command(list(arguments))
+        finally:
+            os.chdir(before)
+    texts = {"output": output.getvalue(), "errors": errors.getvalue()}
+    places = {str(folder): "FOLDER", str(DATA): "DATA", str(SHARED): "SHARED"}
+    for name, text in texts.items():
+        for path, word in places.items():
+            text = text.replace(path, word)
+        texts[name] = text
+    return {"exit": status, **texts}
+
+
+def of_report(name: str, file: Path) -> Entries:
+    """Yield the records of a report, each with the verdicts of its rule."""
+    for record in json.loads(file.read_text())["records"]:
+        kept = {key: record.get(key) for key in ("status", "hash", "message", "duration", "verdicts")}
+        yield f"{name}{record['nodeid']}", kept
 
 
 def recorded() -> Entries:
@@ -85,15 +114,14 @@ def recorded() -> Entries:
 
 def maps() -> Entries:
     """Read every map of others as ``rvads map --json`` does: one entry per junction, one for the rest of the output."""
-    for file in sorted((SHARED / "maps").glob("*.xodr")):
-        with redirect_stdout(StringIO()) as output, redirect_stderr(StringIO()) as errors:
-            status = command(["map", "--json", str(file)])
+    folder = SHARED / "maps"
+    for file in sorted([*folder.glob("*.xodr"), *folder.glob("lanelet2/*.osm"), *folder.glob("commonroad/*.xml")]):
+        answer = told(file.parent, "map", "--json", str(file))
         # A map without junctions is refused, with a message and no JSON.
-        description = json.loads(output.getvalue() or '{"junctions": []}')
+        description = json.loads(answer.pop("output") or '{"junctions": []}')
         for junction in description.pop("junctions"):
             yield f"{file.name} {junction['id']}", junction
-        message = errors.getvalue().replace(str(file), file.name)
-        yield file.name, {**description, "file": file.name, "exit": status, "errors": message}
+        yield file.name, {**description, "file": file.name, **answer}
 
 
 def cells() -> Entries:
@@ -109,9 +137,7 @@ def examples() -> Entries:
         report = Path(folder, "report.json")
         session = [sys.executable, "-m", "pytest", "examples", "-q", f"--rvads-report={report}", "-o", f"cache_dir={folder}"]
         subprocess.run(session, capture_output=True, check=False, cwd=Path(__file__).parents[1])
-        for record in json.loads(report.read_text())["records"]:
-            told = {key: record.get(key) for key in ("status", "hash", "message", "duration")}
-            yield record["nodeid"], {**told, "verdicts": digest(json.dumps(record.get("verdicts"), sort_keys=True))}
+        yield from of_report("", report)
 
 
 def subjects() -> Entries:
@@ -167,8 +193,78 @@ def crowds() -> Entries:
                 yield f"{place} live {decided.rule} {binding}", {"tick": tick, "verdict": str(decided.verdict)}
 
 
+def walked() -> Entries:
+    """Let a pedestrian of every behaviour meet the reference at each junction with crosswalks, and judge the runs."""
+    for place in (rvads.find(name).walked for name in ("zebra4", "walk4")):
+        for number, behaviour in enumerate(BEHAVIOURS):
+            walks = walks_of({"behaviour": behaviour, "difference": [-1.0, 0.5]})
+            starts = list(Selection(place, grid(("C",), len(place.entrances), place.control), subject="all", pedestrians=walks))
+            for scenario in starts[number :: max(len(starts) // WALKS, 1)]:
+                driver = rvads.traffic(("reference", "stopped", "lgsvl")[number % 3])
+                case = rvads.Case(scenario, driver, rvads.traffic("hesitant"))
+                yield from verdicts(f"{scenario.name} {behaviour}", rvads.simulate(case))
+
+
+def logs() -> Entries:
+    """Write simulated runs as logs with noise, import the logs, and judge the recordings: many verdicts are UNSURE."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        for number, (place, policy) in enumerate(product(("stop4", "yield4", "right4"), ("reference", "rolling_stop"))):
+            junction = rvads.find(place)
+            scenario = rvads.Scenario(junction, "2321", distance=(30, 25, 20, 15), speed=8)
+            run = rvads.simulate(rvads.Case(scenario, rvads.traffic(policy)))
+            for noise in (0.02, 0.1, 0.3):
+                file = folder / f"{place}-{policy}-{noise}.csv"
+                source = ("--junction", place, "-o", "log.npz", "--point", "front", "--position-accuracy", f"{3 * noise:g}")
+                write_log(file, run, np.random.default_rng(number), noise)
+                yield (
+                    f"{file.stem} import",
+                    told(folder, "import", file.name, *source),
+                )
+                yield f"{file.stem} check", told(folder, "check", "log.npz")
+                for part, cut in enumerate(rvads.files.load_recording(folder / "log.npz")):
+                    yield from verdicts(f"{file.stem} #{part}", cut)
+
+
+def write_log(file: Path, run: rvads.Run, rng: np.random.Generator, noise: float) -> None:
+    """Write every tenth state of a run as tracks, with normal noise on each coordinate [m]."""
+    poses, speeds = run.need("pose"), run.need("speed")
+    with file.open("w", newline="") as stream:
+        writer = csv.writer(stream)
+        writer.writerow(["time", "id", "x", "y", "heading", "speed", "length", "width"])
+        for tick in range(0, run.steps, 10):
+            for column, agent in enumerate(run.agents):
+                x, y, heading = map(float, poses[tick, column])
+                if x == x:
+                    x, y = (round(float(value + rng.normal(0.0, noise)), 3) for value in (x, y))
+                    writer.writerow(
+                        [round(tick * run.dt, 2), agent.name, x, y, heading, speeds[tick, column], *(agent.size or ())]
+                    )
+
+
+def campaigns() -> Entries:
+    """Judge a town and a league, search critical starts, and check recorded runs: records, output and exit statuses."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        town = ["town", f"{DATA / 'stop4.xodr'}", f"{DATA / 'light4.xodr'}", "--sample", "30", "-j", "1"]
+        for driver in ("reference", "rolling_stop"):
+            yield f"town {driver}", told(folder, *town, "--autopilot", driver, "-o", driver, "--report", f"{driver}.json")
+            yield from of_report(f"town {driver} ", folder / f"{driver}.json")
+        (folder / "league.toml").write_text(LEAGUE)
+        yield "league", told(folder, "league", "league.toml", "-j", "1", "-o", "league", "--json", "league.json")
+        yield "league page", json.loads((folder / "league.json").read_text())
+        search = ["critical", "stop3", "-j", "1", "--json", "--rules", "full_stop", "right_first", "no_collision"]
+        answer = told(folder, *search, "--autopilot", "late_yielder")
+        for number, entry in enumerate(json.loads(answer.pop("output"))["lines"]):
+            yield f"critical {number}", entry
+        yield "critical", answer
+        if SHARED.is_dir():
+            for book in BOOKS:
+                yield f"check {book}", told(folder, "check", f"{SHARED / 'runs'}", "--rules", book)
+
+
 SECTIONS: dict[str, Callable[[], Entries]] = {
-    function.__name__: function for function in (recorded, maps, cells, examples, subjects, crowds)
+    function.__name__: function for function in (recorded, maps, cells, examples, subjects, walked, crowds, logs, campaigns)
 }
 
 
@@ -178,7 +274,7 @@ def dump(names: list[str]) -> dict[str, dict[str, Entry]]:
 
 
 def compare(old: dict[str, dict[str, Entry]], new: dict[str, dict[str, Entry]]) -> list[str]:
-    """Return one line per section that is in either dump: how many entries differ, in which fields, and the first difference."""
+    """Return one line per section of either dump, with the number of entries that differ, and one line per field that differs."""
     lines = []
     for section in old | new:
         before, after = old.get(section, {}), new.get(section, {})
@@ -190,10 +286,8 @@ def compare(old: dict[str, dict[str, Entry]], new: dict[str, dict[str, Entry]]) 
         ]
         line = f"{section}: {len({key for key, *_ in differences})} of {len(before | after)} entries differ"
         if differences:
-            fields = ", ".join(f"{field} {count}" for field, count in Counter(d[1] for d in differences).most_common())
-            key, field, was, becomes = differences[0]
-            line += f" ({fields}); first: {key}: {field} {was!r} -> {becomes!r}"
-        lines.append(line)
+            line += f" ({', '.join(f'{field} {count}' for field, count in Counter(d[1] for d in differences).most_common())})"
+        lines += [line, *(f"  {key}: {field} {was!r} -> {becomes!r}" for key, field, was, becomes in differences)]
     return lines
 
 
