@@ -4,7 +4,6 @@ The public names stand in ``__init__.pyi`` and are loaded when first used, so th
 The modules ``errors``, ``files`` and ``values`` hold the public names that few tests write.
 """
 
-import warnings
 from importlib import import_module
 
 __version__ = "0.3.0"
@@ -21,15 +20,11 @@ def _homes() -> dict[str, str]:
 
 def __getattr__(name: str) -> object:
     homes = globals().get("_known") or globals().setdefault("_known", _homes())
-    public_modules = {f"{__name__}.{module}" for module, home in homes.items() if home == __name__}
     if name == "__all__":
-        return sorted(name for name, home in homes.items() if home not in public_modules)
+        return sorted(homes)
     if name not in homes:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     home = homes[name]
-    if home in public_modules:
-        told = f"{__name__}.{name} is called {home}.{name}; version 0.4 removes the former name"
-        warnings.warn(told, DeprecationWarning, stacklevel=2)
     value = globals()[name] = import_module(f"{home}.{name}") if home == __name__ else getattr(import_module(home), name)
     return value
 

@@ -59,38 +59,4 @@ from pytest_rvads.logic.conduct.validate import validate as validate
 from pytest_rvads.runs.states import Vehicle as Vehicle
 from pytest_rvads.drivers.stacks.process import Process as Process
 
-# Former names, which version 0.4 removes: `__init__.py` warns of a name from a module that is a public name itself.
-from pytest_rvads.errors import (
-    AutopilotError as AutopilotError,
-    FormulaError as FormulaError,
-    MapError as MapError,
-    MetamorphicViolation as MetamorphicViolation,
-    OpenObligation as OpenObligation,
-    RunError as RunError,
-    ScenarioError as ScenarioError,
-)
-from pytest_rvads.files import (
-    export_run as export_run,
-    load_recording as load_recording,
-    load_run as load_run,
-    load_scenario as load_scenario,
-    read_recorded as read_recorded,
-    read_runs as read_runs,
-    read_tracks as read_tracks,
-    save_recording as save_recording,
-    save_run as save_run,
-    save_scenario as save_scenario,
-)
-from pytest_rvads.values import (
-    Collision as Collision,
-    Decided as Decided,
-    Entrance as Entrance,
-    Exit as Exit,
-    Facts as Facts,
-    Fault as Fault,
-    Finding as Finding,
-    Kpis as Kpis,
-    Movement as Movement,
-)
-
 __version__: str

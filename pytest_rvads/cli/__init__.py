@@ -35,9 +35,6 @@ from pytest_rvads.support.wording import encode_all, page
 
 __all__ = ["answer", "main"]
 
-_STUDIES = {"compare-simulators": "simulators", "power": "power", "simulate": "prediction"}
-"""Former commands that measure the checks or the simulators themselves, and the modules of ``studies`` that replace them."""
-
 _WITH_MAPS = ("atlas", "braking", "check", "classes", "critical", "export", "import", "init", "map", "town")
 """Commands that read a map file."""
 _GROUPS = {
@@ -47,24 +44,13 @@ _GROUPS = {
 }
 """The commands that ``rvads --help`` explains, by group; it only names further commands."""
 
-_RENAMED = {
-    **{(command, "--rule"): "--rules" for command in ("check", "export", "replay", "rules")},
-    ("rules", "--file"): "--rules",
-    ("init", "--stack"): "--sut",
-}
-"""Present names of options, by their command and their former name."""
-
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the tool ``rvads`` with some arguments, by default those of the command line, and return the exit status."""
     words = sys.argv[1:] if arguments is None else arguments
-    if words and words[0] in _STUDIES:
-        replacement = f"python -m studies.{_STUDIES[words[0]]}"
-        warn(f"rvads: rvads {words[0]} is no part of the package any more: run {replacement} in a clone of the project")
-        return 2
     if len(words) > 1 and words[0] == "rules" and words[1] not in ("check", "show") and not words[1].startswith("-"):
         words = ["rules", "show", *words[1:]]
-    return answer(_parser(), _renamed(words))
+    return answer(_parser(), words)
 
 
 def answer(parser: argparse.ArgumentParser, words: Sequence[str] | None = None) -> int:
@@ -113,15 +99,6 @@ def answer(parser: argparse.ArgumentParser, words: Sequence[str] | None = None) 
     except SystemExit as error:  # commands return a status, so this is code of a user
         warn(f"rvads: code that the command called {raised(error)}")
         return 2
-
-
-def _renamed(words: Sequence[str]) -> list[str]:
-    """Return the arguments of a command with former names of options replaced by present names; each causes a warning."""
-    former = {option: name for (command, option), name in _RENAMED.items() if words and command == words[0]}
-    parts = [word.partition("=") for word in words]
-    for option in dict.fromkeys(option for option, _, _ in parts if option in former):
-        warn(f"rvads: warning: {option} of rvads {words[0]} is called {former[option]} now")
-    return [former.get(option, option) + sign + value for option, sign, value in parts]
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -54,7 +54,7 @@ class _Line(msgspec.Struct, frozen=True, omit_defaults=True):
     turn: Turn
     junction: str | None
     limits: Annotated[tuple[tuple[_Length, _Limit | None], ...], msgspec.Meta(max_length=_MOST_POINTS)] = ()
-    """Speed limits; left out of the file if the map states no limit, as in files of earlier versions."""
+    """Speed limits; left out of the file if the map states no limit."""
 
 
 class _Entrance(msgspec.Struct, frozen=True, omit_defaults=True):
@@ -65,7 +65,7 @@ class _Entrance(msgspec.Struct, frozen=True, omit_defaults=True):
     setback: Annotated[float, msgspec.Meta(ge=-INSIDE, le=1e6)]
     approach: _Line | None
     sign_setback: _Length | None = None
-    """Left out of the file if no sign stands before the line, as in files of earlier versions."""
+    """Left out of the file if no sign stands before the line."""
     no_turn_on_red: bool = False
     beyond: _Length | None = None
 
@@ -110,7 +110,7 @@ class JunctionRecord(msgspec.Struct, frozen=True, omit_defaults=True):
     left_hand: bool
     lane_width: Size
     stated: Annotated[list[tuple[Key, Key]], msgspec.Meta(max_length=_MOST_PAIRS)] = []
-    """Left out of the file if the map states no priority, as in files of earlier versions."""
+    """Left out of the file if the map states no priority."""
     joining: Annotated[list[tuple[Key, Key]], msgspec.Meta(max_length=_MOST_PAIRS)] = []
     crosswalks: Annotated[list[_Crosswalk], msgspec.Meta(max_length=MOST_LANES)] = []
     """Left out of the file if nobody walks."""

@@ -10,7 +10,6 @@ times as much to build.
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Iterable
 from dataclasses import dataclass, fields
 from enum import IntEnum, StrEnum
@@ -127,12 +126,6 @@ class Agent:
     def turn(self) -> Turn:
         """Turn type of the agent's way."""
         return self.way.turn
-
-    @property
-    def route(self) -> Way:
-        """The former name of `way`."""
-        warnings.warn("Agent.route is called Agent.way", DeprecationWarning, stacklevel=2)
-        return self.way
 
 
 def crowd(agents: Iterable[Agent]) -> str:

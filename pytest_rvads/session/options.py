@@ -43,7 +43,7 @@ class _Option:
     several: bool = False
     """Whether the flag can be given several times; the ini setting of such an option has one value per line."""
     setting_only: bool = False
-    """Whether the option is an ini setting only. Until version 0.4 its former flag works, with a warning."""
+    """Whether the option is an ini setting only."""
 
 
 def _option(
@@ -353,7 +353,6 @@ class Options:
         if texts["fail_on"] != "any" and not texts["baseline"]:
             raise RvadsError(f"rvads_fail_on={texts['fail_on']} needs something to compare with: add --rvads-baseline=FILE.json")
         values = {name: option.parse(config, _ini_name(name), texts.get(name, "")) for name, option in _DECLARED.items()}
-        _warn_of_former_flags(config)
         return cls(_again(config), **values)
 
 
@@ -378,11 +377,12 @@ _HELP = "--rvads-help"
 
 
 def declare(parser: pytest.Parser) -> None:
-    """Add the ini setting and the flag of every option to pytest's parser, and the hidden former flags of settings."""
+    """Add the ini setting of every option to pytest's parser, and the flag of every option that is not a setting only."""
     group = parser.getgroup("rvads", f"traffic-rule validation (pytest-rvads; documentation: {page()})")
     for name, option in _DECLARED.items():
         ini, keywords = _ini_name(name), _keywords(name, option)
-        group.addoption(_flag(name), **keywords | {"help": _EVERYDAY.get(name, argparse.SUPPRESS)})
+        if not option.setting_only:
+            group.addoption(_flag(name), **keywords | {"help": _EVERYDAY.get(name, argparse.SUPPRESS)})
         if option.several:
             parser.addini(ini, help=f"see {_HELP}", type="linelist", default=[])
         else:
@@ -436,25 +436,13 @@ def _flag(name: str) -> str:
 
 def _read_text(config: pytest.Config, name: str, option: _Option) -> str:
     """Return the text of the flag; without the flag, the text of the ini setting; without both, the default."""
-    flag = config.getoption(_ini_name(name))
+    flag = None if option.setting_only else config.getoption(_ini_name(name))
     if flag is not None and not flag.strip():  # for example an unset variable of a CI job
         raise RvadsError(f"{_flag(name)} needs a value, got {flag!r}: give a value, or leave the option out")
     text: str = flag or config.getini(_ini_name(name)) or option.default
     if option.choices and text and text not in option.choices:
         raise RvadsError(f"{_ini_name(name)} must be one of {', '.join(option.choices)}, got {text!r}")
     return text
-
-
-def _warn_of_former_flags(config: pytest.Config) -> None:
-    """Warn once per session of every flag on the command line whose option is a setting only."""
-    if hasattr(config, "workerinput"):  # the main process has warned
-        return
-    for name, option in _DECLARED.items():
-        value = config.getoption(_ini_name(name)) if option.setting_only else None
-        if value is not None:
-            setting = f"{_ini_name(name)}={value}"
-            told = f"{_flag(name)} is now the setting {_ini_name(name)}: write -o {setting}, or {setting} in the ini file; "
-            config.issue_config_time_warning(DeprecationWarning(f"{told}version 0.4 removes the option"), stacklevel=2)
 
 
 def _again(config: pytest.Config) -> str:

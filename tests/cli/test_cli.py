@@ -3,7 +3,6 @@
 import json
 import os
 import re
-import shutil
 import subprocess
 import sys
 import xml.etree.ElementTree as ET
@@ -308,42 +307,3 @@ def test_a_stream_that_is_closed_is_told_in_one_sentence(closed: str) -> None:
     done = subprocess.run(["sh", "-c", command], capture_output=True, text=True, check=False)
     assert done.returncode == 2
     assert done.stderr == ("rvads: it needs an open standard input and output: redirect what is of no use to /dev/null\n")
-
-
-FORMER = [
-    ("rules --file={own}", "rules --rules={own}", ["--file of rvads rules is called --rules now"]),
-    (
-        "rules check --file {own} --rule p4 --scenario 1111",
-        "rules check --rules {own} --rules p4 --scenario 1111",
-        ["--file of rvads rules is called --rules now", "--rule of rvads rules is called --rules now"],
-    ),
-    ("check {run} --rule p1 --rule p3", "check {run} --rules p1 --rules p3", ["--rule of rvads check is called --rules now"]),
-    ("init {new} --stack ./x", "init {new} --sut ./x", ["--stack of rvads init is called --sut now"]),
-]
-
-
-@pytest.mark.parametrize(("former", "present", "warnings"), FORMER)
-def test_former_name_of_an_option_does_the_same_and_names_the_present_one(
-    kept: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], former: str, present: str, warnings: list[str]
-) -> None:
-    own = tmp_path / "own.rules"
-    own.write_text("[gets_in]\ntext = forall a. F a@j\n", encoding="utf-8")
-    answers = []
-    for words in (present, former):
-        status = main([word.format(own=own, run=kept, new=tmp_path / "new") for word in words.split()])
-        answers.append((status, *capsys.readouterr()))
-        shutil.rmtree(tmp_path / "new", ignore_errors=True)
-    (status, out, err), (same_status, same_out, warned) = answers
-    assert (same_status, same_out) == (status, out)
-    assert status != 2
-    assert [line.removeprefix("rvads: warning: ") for line in warned.removesuffix(err).splitlines()] == warnings
-
-
-@pytest.mark.parametrize(
-    ("command", "module"),
-    [("power", "studies.power"), ("compare-simulators", "studies.simulators"), ("simulate", "studies.prediction")],
-)
-def test_former_command_names_the_module_that_replaces_it(command: str, module: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main([command, "--help"]) == 2
-    assert f"run python -m {module} in a clone" in capsys.readouterr().err
-    assert (Path(__file__).parents[2] / f"{module.replace('.', '/')}.py").is_file()

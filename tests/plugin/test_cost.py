@@ -57,24 +57,3 @@ def test_every_public_name_is_there_and_documented() -> None:
             name
         )  # an alias of a type has none; what the API page says of it is tested there
     assert dir(pytest_rvads) == sorted(pytest_rvads.__all__)
-
-
-def test_a_former_name_works_with_a_warning_that_names_the_new_place() -> None:
-    code = """
-        import warnings
-        import pytest_rvads as rvads
-
-        former = {name for name in rvads._homes() if name not in rvads.__all__}
-        assert len(former) == 26 and not former & set(dir(rvads))
-        for name in sorted(former):
-            with warnings.catch_warnings(record=True, action="always") as caught:
-                exec(f"from pytest_rvads import {name} as value")
-            (warning,) = caught
-            module, _, _ = str(warning.message).partition("; ")[0].rpartition(".")
-            module = module.rpartition(".")[2]
-            assert str(warning.message).startswith(f"pytest_rvads.{name} is called pytest_rvads.{module}.{name};"), warning
-            assert warning.category is DeprecationWarning and warning.filename == "<string>", warning
-            assert value is getattr(getattr(rvads, module), name)
-    """
-    done = subprocess.run([sys.executable, "-c", textwrap.dedent(code)], capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr

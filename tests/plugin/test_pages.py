@@ -197,19 +197,14 @@ def test_the_last_few_sessions_stay(pytester: pytest.Pytester, racing: Path) -> 
     assert {path.name for path in racing.iterdir()} == {"3", "4", "latest", "mine.html", ".gitignore"}
 
 
-@pytest.mark.parametrize("workers", [(), pytest.param(("-n1",), marks=pytest.mark.extended)])
-def test_a_setting_counts_on_the_command_line_and_its_former_option_says_so_once(
-    pytester: pytest.Pytester, racing: Path, workers: tuple[str, ...]
-) -> None:
-    told = "DeprecationWarning: --rvads-keep-sessions is now the setting rvads_keep_sessions: write -o rvads_keep_sessions=2, or "
+def test_a_setting_counts_on_the_command_line_and_is_no_option(pytester: pytest.Pytester, racing: Path) -> None:
     for token in "abc":
         (claimed(racing, token, 9) / "report.json").write_text("{}")
-    result = pytester.runpytest("-k", "class01 and full_stop", "--rvads-keep-sessions=2", *workers)
-    assert result.stdout.str().count(told) == 1
-    assert {path.name for path in racing.iterdir() if path.name.isdecimal()} == {"3", "4"}
-    result = pytester.runpytest("-k", "class01 and full_stop", "-o", "rvads_keep_sessions=1", *workers)
-    assert "keep-sessions" not in result.stdout.str()
-    assert {path.name for path in racing.iterdir() if path.name.isdecimal()} == {"5"}
+    pytester.runpytest("-k", "class01 and full_stop", "-o", "rvads_keep_sessions=1")
+    assert {path.name for path in racing.iterdir() if path.name.isdecimal()} == {"4"}
+    result = pytester.runpytest("--rvads-keep-sessions=2")
+    assert result.ret == pytest.ExitCode.USAGE_ERROR
+    result.stderr.fnmatch_lines(["*unrecognized arguments: --rvads-keep-sessions=2"])
 
 
 @pytest.mark.parametrize("count", ["0", "-1", "x", "1.5"])

@@ -27,12 +27,6 @@ def run_of(zones: list[list[int]]) -> Run:
     return Run("made by hand", junction, agents, np.array(zones, dtype=np.int8), np.zeros((len(zones), 4), dtype=np.int8))
 
 
-def test_former_name_of_a_way_is_read_with_a_warning() -> None:
-    agent = Agent("a0", find("stop4").movements[0, 1])
-    with pytest.warns(DeprecationWarning, match=r"Agent\.route is called Agent\.way"):
-        assert agent.route is agent.way
-
-
 @given(st.floats(-119, 90))
 @settings(derandomize=True, deadline=None)
 def test_every_station_has_one_zone_and_zones_follow_each_other(itinerary: Itinerary, station: float) -> None:
