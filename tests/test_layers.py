@@ -43,6 +43,7 @@ def test_data_flows_one_way() -> None:
         ("rich", {"report/terminal.py", "report/columns.py", "satellites/campaigns/town_output.py"}),
         ("hypothesis", {"search/strategies.py", "search/falsify.py"}),
         ("platformdirs", {"physics/braking.py"}),
+        ("psutil", {"drivers/stacks/descendants.py"}),
         ("pytest", {"plugin.py", "conformance", "fixtures", "session", "clients"}),
     ],
 )

@@ -1,14 +1,12 @@
 """Finds and ends all processes of a stack (an autopilot in another process).
 
-A stack may start processes in other process sessions and leave these processes running. On Linux they are identified in
-``/proc``: by parent, process group and session, and by a mark in the environment, which a process passes on to its children. On
-other systems only the process group is identified.
+A stack may start processes in other process sessions and leave these processes running. They are identified by parent, process
+group and session, and by a mark in the environment, which a process passes on to its children.
 
 The guard is a small process that ends all stacks when this process ends in any way. When this process ends, a stack reads the
 end of its input. Without the guard, a stack that hangs, or that a script started, would go on. The guard reads from a pipe that
 closes at an exit, a signal or a crash of this process. When the pipe closes, the guard ends all stacks that this process has
-reported to the guard. Run as a program, this file is the guard. The file imports only the standard library, because the guard
-runs the file alone.
+reported to the guard. Run as a program, this file is the guard; it imports psutil alone, because the guard runs the file alone.
 """
 
 from __future__ import annotations
@@ -21,10 +19,8 @@ import sys
 import time
 from collections.abc import Sequence
 from contextlib import suppress
-from pathlib import Path
-from typing import NamedTuple
 
-__all__ = ["MARK", "Descendants", "dismiss", "kill", "unwatch", "watch"]
+import psutil
 
 MARK = "RVADS_STACK"
 """Name of the variable that marks the processes of a stack by their environment; each stack has its own value."""
@@ -38,18 +34,6 @@ _inherited: list[subprocess.Popen[str]] = []
 """Guards of the processes from which this process was forked."""
 _watched: dict[int, str] = {}
 """Per stack, the line sent to the guard; a new guard gets all lines if the guard was killed."""
-_PROC = Path("/proc")
-
-
-class _Status(NamedTuple):
-    """Status of a process in ``/proc``."""
-
-    kin: tuple[int, int, int]
-    """Ids of the parent, of the process group and of the session."""
-    start: int
-    """Time at which the process started, because a later process can have the same id."""
-    runs: bool
-    """Whether the process has not ended. A zombie counts as ended, but its children are still recognised by it."""
 
 
 class Descendants:
@@ -61,32 +45,36 @@ class Descendants:
     """
 
     def __init__(self, leader: int, mark: str) -> None:
-        self._leader, self._mark = leader, f"{MARK}={mark}".encode()
+        self._leader, self._mark = leader, mark
         self.groups = {leader}
         """Process groups of the stack; processes that keep forking and exiting can only be ended by a signal to their group."""
-        self._seen: set[tuple[int, int]] = set()
-        """Ids and starts of all processes of the stack so far, by which a process is recognised after the end of its parent."""
+        self._seen: set[psutil.Process] = set()
+        """All processes of the stack so far; a process is recognised after the end of its parent by its id and its start."""
 
     def living(self) -> set[int]:
-        """Return the ids of the running processes of the stack, for `os.kill`; a negative number is the id of a process group."""
-        if not (_PROC / "self" / "stat").exists():
-            return {-self._leader} if _exists(-self._leader) else set()
-        table = {int(entry): status for entry in os.listdir(_PROC) if entry.isdecimal() and (status := _status(entry))}
-        pids = {pid for pid, status in table.items() if self._concerns(pid, status)}
-        while relatives := {pid for pid, status in table.items() if pid not in pids and not pids.isdisjoint(status.kin)}:
-            pids |= relatives
-        self._seen |= {(pid, table[pid].start) for pid in pids}
-        self.groups |= {table[pid].kin[1] for pid in pids} - {0, 1, os.getpgrp()}  # `os.kill` takes 0 and 1 for other groups
-        return {pid for pid in pids if table[pid].runs}
+        """Return the ids of the running processes of the stack; a zombie counts as ended, but its children are recognised."""
+        table = {process: _kin(process) for process in psutil.process_iter(["ppid", "status", "num_threads", "environ"])}
+        ours = {process for process, kin in table.items() if self._concerns(process, kin)}
+        pids = {process.pid for process in ours}
+        while relatives := {process for process, kin in table.items() if process not in ours and not pids.isdisjoint(kin)}:
+            ours |= relatives
+            pids |= {process.pid for process in relatives}
+        self._seen |= ours
+        self.groups |= {table[process][1] for process in ours} - {0, 1, os.getpgrp()}  # `os.kill` takes 0 and 1 for other groups
+        # Threads can outlive the main thread, whose end makes the process look like a zombie.
+        return {p.pid for p in ours if p.info["status"] != psutil.STATUS_ZOMBIE or (p.info["num_threads"] or 0) > 1}
 
-    def _concerns(self, pid: int, status: _Status) -> bool:
-        return (pid, status.start) in self._seen or self._leader in (pid, *status.kin) or self._has_mark(pid)
+    def _concerns(self, process: psutil.Process, kin: tuple[int, int, int]) -> bool:
+        marked = (process.info["environ"] or {}).get(MARK) == self._mark
+        return marked or process in self._seen or self._leader in (process.pid, *kin)
 
-    def _has_mark(self, pid: int) -> bool:
-        try:
-            return self._mark in (_PROC / str(pid) / "environ").read_bytes()
-        except OSError:  # the process has ended, or belongs to another user
-            return False
+
+def _kin(process: psutil.Process) -> tuple[int, int, int]:
+    """Return the ids of the parent, of the process group and of the session of a process; -1 for what has ended."""
+    try:
+        return process.info["ppid"], os.getpgid(process.pid), os.getsid(process.pid)
+    except OSError:
+        return process.info["ppid"], -1, -1
 
 
 def dismiss(stacks: Sequence[Descendants], grace: float) -> None:
@@ -137,7 +125,7 @@ def _send(line: str) -> None:
     if _guard is None or _guard.poll() is not None:
         # The guard has a separate session because Ctrl-C in a terminal goes to all processes of the foreground group.
         _guard = subprocess.Popen(
-            [sys.executable, "-I", "-S", __file__],
+            [sys.executable, "-I", __file__],
             stdin=subprocess.PIPE,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
@@ -185,24 +173,6 @@ def _signal(pids: set[int], number: signal.Signals) -> None:
     for pid in pids:
         with suppress(OSError):  # the process has ended, or belongs to another user
             os.kill(pid, number)
-
-
-def _exists(pid: int) -> bool:
-    try:
-        os.kill(pid, 0)
-    except OSError:
-        return False
-    return True
-
-
-def _status(pid: str) -> _Status | None:
-    """Return the status of a process, or None if the process does not exist."""
-    try:
-        state, *numbers = (_PROC / pid / "stat").read_bytes().rpartition(b")")[2].split()
-    except OSError:
-        return None
-    parent, group, session, threads, start = (int(numbers[k]) for k in (0, 1, 2, 16, 18))
-    return _Status((parent, group, session), start, state not in b"ZX" or threads > 1)  # threads can outlive the main thread
 
 
 def _run_guard() -> None:
