@@ -2,7 +2,7 @@
 
 The reference autopilot obeys, so nothing fails. Where four vehicles arrive at the same time each has another one on its right,
 a cycle: whoever moves first breaks p2, whatever it is. Such a violation is told as unavoidable, and fails no test unless
-``--rvads-unavoidable=fail`` is given.
+``--rvads-strict=unavoidable`` is given.
 """
 
 import pytest_rvads as rvads

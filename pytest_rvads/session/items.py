@@ -54,7 +54,7 @@ class NotJudged(NoVerdict):
 
 
 class Unsure(NoVerdict):
-    """The verdict is UNSURE, and the option ``--rvads-unsure=fail`` lets such a verdict fail the test."""
+    """The verdict is UNSURE, and the option ``--rvads-strict=unsure`` lets such a verdict fail the test."""
 
 
 for _exception in (NoVerdict, NotJudged, Unsure):

@@ -155,7 +155,7 @@ class Session:
                 self.undriven,
                 self.turned,
                 budget.reason if budget else "",
-                self.options.open != "fail",
+                "open" not in self.options.strict,
             )
         )
         self.troubles += [reason.text for reason in causes]

@@ -157,6 +157,14 @@ def _command(config: pytest.Config, name: str, text: str) -> tuple[str, ...] | N
     return (program, *words[1:])
 
 
+def _outcomes(_config: pytest.Config, name: str, text: str) -> frozenset[str]:
+    """Return the outcomes that fail a test besides FAIL and ERROR."""
+    outcomes = frozenset(text.replace(" ", "").split(",")) - {"none"}
+    if unknown := outcomes - {"open", "unavoidable", "unsure"}:
+        raise RvadsError(f"{name} must name outcomes of open, unavoidable, unsure, or none, got {min(unknown)!r:.60}")
+    return outcomes
+
+
 def _folder(_config: pytest.Config, _name: str, text: str) -> str | None:
     return None if text == "none" else text
 
@@ -315,20 +323,13 @@ class Options:
     keep_sessions: int = _option(
         "number of sessions whose subfolders of --rvads-artefacts are kept", _count, "5", "N", setting_only=True
     )
-    unavoidable: str = _option(
-        "effect on the test of a violation that no vehicle could have avoided", _text, "pass", choices=("pass", "fail")
-    )
-    unsure: str = _option(
-        "effect on the test of UNSURE: another reading within the accuracy of the recording would change the verdict",
-        _text,
-        "skip",
-        choices=("skip", "fail"),
-    )
-    open: str = _option(
-        "effect of OPEN on its test: an obligation that is still open at the end of the run",
-        _text,
-        "fail",
-        choices=("fail", "skip", "pass"),
+    strict: frozenset[str] = _option(
+        "outcomes that fail a test besides FAIL, separated by commas, or none: open (an obligation is open when the run ends), "
+        "unavoidable (no vehicle could have kept the rule), unsure (the recording is too inaccurate for a verdict). Outcomes "
+        "that are not named skip the test, and an unavoidable violation passes",
+        _outcomes,
+        "open",
+        metavar="OUTCOMES",
     )
 
     @property

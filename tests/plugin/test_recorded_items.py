@@ -320,13 +320,13 @@ def test_unsure_skips_and_is_counted_and_listed(pytester: pytest.Pytester, files
 
 @pytest.mark.usefixtures("doubted")
 def test_unsure_fails_where_that_is_asked_for(pytester: pytest.Pytester, files: Path) -> None:
-    result = pytester.runpytest("-k", "mon", "--rvads-unsure=fail", "--rvads-report=out.json")
+    result = pytester.runpytest("-k", "mon", "--rvads-strict=unsure", "--rvads-report=out.json")
     result.assert_outcomes(failed=1, skipped=1, deselected=2)
     assert records_of(pytester.path)[0]["status"] == "UNSURE"
     result.stdout.fnmatch_lines(["*full_stop UNSURE: a0 stood for 0.02 s, known to 0.05 s*", "causes of failures"])
-    pytester.makeini("[pytest]\nrvads_unsure = maybe\n")
+    pytester.makeini("[pytest]\nrvads_strict = maybe\n")
     refused = pytester.runpytest()
-    refused.stderr.fnmatch_lines(["ERROR: rvads_unsure must be one of skip, fail, got 'maybe'"])
+    refused.stderr.fnmatch_lines(["ERROR: rvads_strict must name outcomes of open, unavoidable, unsure, or none, got 'maybe'"])
 
 
 @pytest.mark.usefixtures("doubted")
@@ -336,7 +336,7 @@ def test_an_unsure_verdict_that_a_test_passes_over_is_no_pass(pytester: pytest.P
     result.assert_outcomes(passed=1)
     assert result.ret == pytest.ExitCode.NO_TESTS_COLLECTED
     assert [r["status"] for r in records_of(pytester.path)] == ["UNSURE"]
-    pytester.runpytest("--rvads-unsure=fail").assert_outcomes(failed=1)
+    pytester.runpytest("--rvads-strict=unsure").assert_outcomes(failed=1)
 
 
 @pytest.mark.usefixtures("doubted")

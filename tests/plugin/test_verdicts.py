@@ -60,7 +60,7 @@ def test_pass_fail_and_na(files: pytest.Pytester) -> None:
 @pytest.mark.parametrize("unavoidable", ["pass", "fail"])
 def test_unavoidable_violation_raises_where_it_is_to_fail(make: Callable[..., Run], unavoidable: str) -> None:
     """Four arrive at once; a0 goes first, before the vehicle on its right, then each that has nobody on its right any more."""
-    options: Any = SimpleNamespace(unavoidable=unavoidable, unsure="skip", open="fail")
+    options: Any = SimpleNamespace(strict={"unavoidable"} if unavoidable == "fail" else set())
     run = make("stop4", {entrance: (2, 0, 100 * turn, 100 * turn + 100) for turn, entrance in enumerate((0, 3, 2, 1), 1)}, 600)
     asked = Monitor(run, [], options, None)
     with nullcontext() if unavoidable == "pass" else pytest.raises(RuleViolation, match="p2 at t="):
@@ -68,7 +68,7 @@ def test_unavoidable_violation_raises_where_it_is_to_fail(make: Callable[..., Ru
 
 
 @pytest.mark.extended
-@pytest.mark.parametrize(("option", "failed"), [((), 0), (("--rvads-unavoidable=fail",), 1)])
+@pytest.mark.parametrize(("option", "failed"), [((), 0), (("--rvads-strict=open,unavoidable",), 1)])
 def test_unavoidable_violation_passes_by_default(files: pytest.Pytester, option: tuple[str, ...], failed: int) -> None:
     """Four arrive at once at an all-way stop: whoever goes first breaks the rule of the right."""
     files.makepyfile(
@@ -202,8 +202,7 @@ def test_an_open_obligation_fails_by_default(pytester: pytest.Pytester) -> None:
     result = pytester.runpytest()
     result.assert_outcomes(failed=1)
     result.stdout.fnmatch_lines(["*OpenObligation: p2*"])
-    pytester.runpytest("--rvads-open=skip").assert_outcomes(skipped=1)
-    pytester.runpytest("--rvads-open=pass").assert_outcomes(passed=1)
+    pytester.runpytest("--rvads-strict=none").assert_outcomes(skipped=1)
 
 
 @pytest.mark.extended
