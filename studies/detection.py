@@ -19,9 +19,10 @@ from pytest_rvads.drivers.lgsvl import LgsvlLike
 from pytest_rvads.drivers.traffic import traffic
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.rules.book import rules_for
+from pytest_rvads.runs.states import Zone
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario
-from pytest_rvads.search.falsify import avoidable, broken
+from pytest_rvads.search.falsify import broken
 from pytest_rvads.simulators.simulator import Simulator, named, simulate
 from pytest_rvads.support.executors import Progress, spread
 from studies.methods import METHODS
@@ -68,8 +69,10 @@ def autopilot(deficiency: str | None) -> Factory:
 def broken_rules(case: Case, simulator: Simulator | None = None) -> frozenset[str]:
     """Return the paper's rules that a run breaks although they could have been kept; a subject, by its own doing."""
     run = simulate(case, simulator)
-    verdicts = {rule: check(run, rule) for rule in rules_for("paper", run.junction)}
-    return frozenset(rule.name for rule, v in verdicts.items() if broken(run, v) and avoidable(run, rule))
+    arrivals = (run.zone >= Zone.ENTRANCE).argmax(axis=0)
+    circle = len(arrivals) == 4 and len(set(arrivals.tolist())) == 1  # each has somebody on its right: nobody can keep p2
+    verdicts = {rule.name: check(run, rule) for rule in rules_for("paper", run.junction)}
+    return frozenset(name for name, v in verdicts.items() if broken(run, v) and not (circle and name == "p2"))
 
 
 def detects(job: Job) -> bool:

@@ -48,8 +48,6 @@ _GROUPS = {
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the tool ``rvads`` with some arguments, by default those of the command line, and return the exit status."""
     words = sys.argv[1:] if arguments is None else arguments
-    if len(words) > 1 and words[0] == "rules" and words[1] not in ("check", "show") and not words[1].startswith("-"):
-        words = ["rules", "show", *words[1:]]
     return answer(_parser(), words)
 
 

@@ -6,12 +6,10 @@ import argparse
 import json
 import textwrap
 from contextlib import closing
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pytest_rvads.cli.common import Subparsers, lines, make_folder, named_rules, number, progress, say
-from pytest_rvads.support.errors import ScenarioError
+from pytest_rvads.cli.common import Subparsers, lines, make_folder, named_rules, number, say
 from pytest_rvads.support.installed import load
 
 if TYPE_CHECKING:
@@ -19,19 +17,16 @@ if TYPE_CHECKING:
 
 __all__ = ["declare", "list_rules"]
 
-_JUNCTIONS = {("stop", 3): "stop3", ("stop", 4): "stop4", ("lights", 3): "light3", ("lights", 4): "light4"}
-
 
 def declare(commands: Subparsers) -> None:
     """Add the commands ``check``, ``rules`` and ``monitor`` to the parser."""
     rules = commands.add_parser(
         "rules",
         help="list the rules, or show the rule NAME: meaning, formula, source, responsible vehicle",
-        usage="rvads rules [NAME ...] [--rules FILE] [--help]\n       rvads rules check [OPTION ...]",
     )
+    rules.add_argument("names", nargs="*", metavar="NAME", help="name of a rule to show (default: list all rules)")
     rules.add_argument("--rules", action="append", metavar="FILE", help="also list the rules of a file; repeatable")
-    rules.set_defaults(command=_print_rules, names=())
-    _declare_below_rules(rules)
+    rules.set_defaults(command=_print_rules)
     _declare_check(commands)
 
     monitor = commands.add_parser("monitor", help="show the LTL3 monitor of a formula, or monitor words")
@@ -78,70 +73,6 @@ def _rule_entry(rule: Rule) -> str:
         f"requirement: {rule.requirement}" if rule.requirement else "",
     ]
     return "\n".join(filter(None, [*lines, *(f"      {fact}" for fact in facts if fact)]))
-
-
-def _declare_below_rules(rules: argparse.ArgumentParser) -> None:
-    commands = rules.add_subparsers(prog="rvads rules", metavar="COMMAND")
-    show = commands.add_parser("show", help="show some rules; `rvads rules NAME` does the same")
-    show.add_argument("names", nargs="+", metavar="NAME", help="name of a rule")
-    show.add_argument("--rules", action="append", default=argparse.SUPPRESS, metavar="FILE", help="file of rules; repeatable")
-    check = commands.add_parser(
-        "check",
-        help="find scenarios and orders of arrival in which nobody can obey the rules",
-        description="Find scenarios and orders of arrival in which no behaviour satisfies all rules and lets all vehicles "
-        "through. Exit status: 1 if there is such a scenario, else 0.",
-    )
-    check.add_argument(
-        "--rules",
-        action="append",
-        default=argparse.SUPPRESS,
-        metavar="RULE",
-        help="a rule, rulebook or file of rules; repeatable (default: paper)",
-    )
-    check.add_argument("--ways", type=int, choices=(3, 4), default=4, help="entrances of the junction (default: 4)")
-    check.add_argument("--control", choices=("stop", "lights"), help="control of the junction (default: both)")
-    check.add_argument("--scenario", metavar="DIRECTIONS", help="check one scenario, such as 1133; 0 is an empty entrance")
-    check.add_argument(
-        "--arrivals", metavar="SECONDS", help="check one order of arrival, given as a time per entrance, such as 0,0,0.4,2"
-    )
-    check.set_defaults(command=_rules_check)
-
-
-def _rules_check(options: argparse.Namespace) -> int:
-    from pytest_rvads.geometry.control import JunctionControl
-    from pytest_rvads.geometry.finder import find
-    from pytest_rvads.scenarios.classes import parse
-    from pytest_rvads.search.consistency import show, survey
-
-    rules = named_rules(options.rules or ["paper"])
-    code = parse(options.scenario) if options.scenario else None
-    if code and len(code) != options.ways:
-        raise ScenarioError(f"scenario {options.scenario!r} names {len(code)} entrances, expected {options.ways}: see --ways")
-    arrivals = _arrival_times(options.arrivals) if options.arrivals else None
-    contradicted = False
-    for control in (options.control,) if options.control else ("stop", "lights"):
-        controlled_rules = [rule for rule in rules if rule.concerns(JunctionControl(control))]
-        if controlled_rules:
-            result = survey(
-                find(_JUNCTIONS[control, options.ways]),
-                controlled_rules,
-                scenarios=[code] if code else None,
-                arrivals=arrivals,
-                progress=partial(progress, what="pairs"),
-            )
-            say(show(result))
-            contradicted = contradicted or bool(result.contradictions)
-    return 1 if contradicted else 0
-
-
-def _arrival_times(text: str) -> list[float]:
-    try:
-        times = [float(part) for part in text.split(",")]
-    except ValueError:
-        times = [-1.0]
-    if not all(0 <= time < 3600 for time in times):
-        raise ScenarioError(f"--arrivals takes times in seconds, one per entrance, such as 0,0,0.4,2, got {text!r}")
-    return times
 
 
 def _declare_check(commands: Subparsers) -> None:

@@ -12,7 +12,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property, lru_cache
-from itertools import product
 from math import gcd, prod
 from typing import TypeVar
 
@@ -131,13 +130,6 @@ class Orbits:
                 word[j] = word[j - i]
             if length % i == 0:
                 yield self._code(word[1:])
-
-    def every(self) -> Iterator[Directions]:
-        """Yield all scenarios in lexicographic order."""
-        for letters in product(*self.slots):
-            code = tuple(direction for letter in letters for direction in letter)
-            if any(code):
-                yield code
 
     def turns(self, code: Directions) -> tuple[Directions, ...]:
         """Return the rotations of a scenario, the scenario itself first; rotations of a symmetric scenario can be equal."""

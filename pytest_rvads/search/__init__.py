@@ -1,4 +1,4 @@
-"""Searches for faults: falsification, critical starts, metamorphic checks, random draws, contradicting rules, strategies."""
+"""Searches for faults: falsification, critical starts, metamorphic checks, random draws, strategies."""
 
 from importlib import import_module
 

@@ -4,7 +4,7 @@ The scenarios that Hypothesis generates depend on its number of examples. So a s
 same number of examples, in blocks, until the budget of simulations is spent. For this reason, a search with a smaller budget
 simulates the first scenarios of a search with a greater budget.
 
-If no vehicles could have obeyed the rule (see `consistency`), a violation is no counterexample.
+A violation that is UNAVOIDABLE (see `check`) is no counterexample.
 
 Hypothesis is imported only by the functions that search, because its import takes a quarter of a second.
 """
@@ -20,8 +20,6 @@ from functools import partial
 from typing import NamedTuple, Unpack
 from unittest import SkipTest
 
-import numpy as np
-
 from pytest_rvads.drivers.interface import Factory
 from pytest_rvads.drivers.traffic import Policy
 from pytest_rvads.geometry.junction import Junction
@@ -33,11 +31,9 @@ from pytest_rvads.logic.judging.verdicts import Status, Verdict
 from pytest_rvads.logic.rules.book import get_rule, rules_for
 from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.runs.run import Run
-from pytest_rvads.runs.states import Vehicle, Zone
+from pytest_rvads.runs.states import Vehicle
 from pytest_rvads.scenarios.case import Case, Fleet
 from pytest_rvads.scenarios.scenario import Scenario
-from pytest_rvads.search.abstraction import Model
-from pytest_rvads.search.consistency import decide
 from pytest_rvads.search.counterexample import Counterexample
 from pytest_rvads.search.space import Space, explored
 from pytest_rvads.simulators.patience import Choice, Limits, choice, choosing
@@ -45,7 +41,7 @@ from pytest_rvads.simulators.simulator import Simulator, meant, simulate
 from pytest_rvads.support.errors import RunError, ScenarioError
 from pytest_rvads.support.executors import spread
 
-__all__ = ["Search", "avoidable", "look_for", "score"]
+__all__ = ["Search", "look_for", "score"]
 
 _BLOCK = 50
 """Number of examples of a block. In the second half of a block, Hypothesis varies the best scenarios of its first half."""
@@ -292,7 +288,7 @@ class _Trial:
         self.first: int | None = None
         """Number of simulations until the first counterexample or error; None before."""
         self.counts: dict[Scenario, bool] = {}
-        """By scenario, whether its run is a counterexample: the rule is violated, and vehicles could have obeyed it."""
+        """By scenario, whether its run is a counterexample: the rule is violated, and its vehicles could have obeyed it."""
         self.verdicts: dict[Scenario, Verdict] = {}
         self.apart: dict[Scenario, float] = {}
         """By scenario, the shortest post-encroachment time in its run, see `_apart` [s]."""
@@ -322,7 +318,7 @@ class _Trial:
             verdict = self.verdicts[scenario] = check(run, self.rule)
             self.apart[scenario] = _apart(run, scenario.under_test)
             self.triggered = self.triggered or (verdict.status not in (Status.NA, Status.ERROR) and crossed(run))
-            self.counts[scenario] = broken(run, verdict) and avoidable(run, self.rule)
+            self.counts[scenario] = broken(run, verdict)
             if self.first is None and (self.counts[scenario] or verdict.status is Status.ERROR):
                 self.first = self.simulations
         verdict = self.verdicts[scenario]
@@ -357,15 +353,9 @@ def _apart(run: Run, subject: str | None) -> float:
 def broken(run: Run, verdict: Verdict) -> bool:
     """Return whether a run violates a rule.
 
-    A violation that the traffic provoked does not count, nor an obligation that is left open because a collision ended the run.
+    A violation that is provoked by the traffic or unavoidable does not count, nor an obligation that is left open because a
+    collision ended the run.
     """
-    if verdict.provoked:
+    if verdict.provoked or verdict.unavoidable:
         return False
     return verdict.status is Status.FAIL or (verdict.status is Status.OPEN and not cut_short_by(run))
-
-
-def avoidable(run: Run, rule: Rule) -> bool:
-    """Return whether vehicles that arrive in the order of a run can obey a rule, in the discrete model of `consistency`."""
-    arrived = run.zone >= Zone.ENTRANCE
-    arrivals = np.where(arrived.any(axis=0), arrived.argmax(axis=0), run.steps) * run.dt
-    return decide(Model(run.junction, run.agents, [float(time) for time in arrivals]), [rule]).possible

@@ -15,7 +15,6 @@ from pytest_rvads.logic.conduct.predicates import extract
 from pytest_rvads.logic.judging.ground import ground
 from pytest_rvads.logic.rules.rule import parse
 from pytest_rvads.scenarios.case import Case
-from pytest_rvads.search.consistency import survey
 from pytest_rvads.search.relations import RELATIONS, Incomparable, Variant
 from pytest_rvads.search.remap import Symmetry, broken_by, rotations_of
 from pytest_rvads.search.strategies import scenarios
@@ -69,13 +68,6 @@ def test_a_rotated_scenario_has_every_vehicle_on_its_lane() -> None:
     assert second.image == (3, 4, 5, 0, 1, 2)
     there = second.case.scenario.agents()
     assert [(agent.name, agent.way.key) for agent in there] == [("a2.0", (3, 3)), ("a2.1", (4, 1))]
-
-
-def test_survey_uses_existing_movements_only() -> None:
-    found = survey(wide_x(), (), arrivals=[0.0] * 6)
-    assert found.scenarios == (2 + 1) * 3 * (2 + 1) * 3, "one vehicle on each arm, on either of its lanes"
-    with pytest.raises(rvads.errors.ScenarioError, match="one time per entrance"):
-        survey(wide_x(), (), arrivals=[0.0] * 4)
 
 
 def test_generated_scenarios_use_existing_movements_only() -> None:

@@ -15,8 +15,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pytest_rvads.logic.ltl import formula as f
+from pytest_rvads.logic.ltl.boolean import rebuild
 from pytest_rvads.logic.ltl.export import holds_on, label, verdicts_on
-from pytest_rvads.logic.ltl.finite import settle, with_ending
+from pytest_rvads.logic.ltl.finite import settle
 from pytest_rvads.logic.ltl.ltl3 import Machine, Monitor, Truth, encode, run_machine, synthesize
 from pytest_rvads.logic.ltl.parser import parse_ltl
 
@@ -254,6 +255,35 @@ def test_labels_hold_in_exactly_their_letters(formula: f.Formula) -> None:
                 held = {a: np.array([a.name in state]) for a in machine.atoms}
                 code = int(encode(machine, held, 1)[0])
                 assert holds_on(shown, [state]) is (code in letters)
+
+
+ALIVE = f.Atom("alive")
+"""True in every state of the trace, and false in every state after the trace."""
+
+
+def with_ending(formula: f.Formula) -> f.Formula:
+    """Return a formula that has on the trace, followed by states without `ALIVE`, the value of `formula` on the trace alone.
+
+    As in section 4 of the paper, with weak operators released at the end.
+    """
+    if f.is_boolean(formula):
+        return formula
+    parts = tuple(with_ending(c) for c in f.children(formula))
+    ended = f.Not(ALIVE)
+    match formula:
+        case f.Next():
+            return f.Next(f.And((ALIVE, parts[0])))
+        case f.Always():
+            return f.WeakUntil(parts[0], ended)
+        case f.Eventually():
+            return f.Until(ALIVE, f.And((ALIVE, parts[0])))
+        case f.Until():
+            return f.Until(f.And((ALIVE, parts[0])), f.And((ALIVE, parts[1])))
+        case f.WeakUntil():
+            return f.WeakUntil(parts[0], f.Or((parts[1], ended)))
+        case f.Release():
+            return f.WeakUntil(parts[1], f.Or((f.And(parts), ended)))
+    return rebuild(formula, parts)
 
 
 @LAW

@@ -18,7 +18,7 @@ Simulated = Callable[..., list[rvads.Scenario]]
 def _passes(scenario: rvads.Scenario, _rule: object) -> SimpleNamespace:
     """Return a verdict whose margin guides a search away from equal distances."""
     instance = SimpleNamespace(margin=max(scenario.distances) - min(scenario.distances))
-    return SimpleNamespace(status=rvads.Status.PASS, provoked=False, instances=[instance])
+    return SimpleNamespace(status=rvads.Status.PASS, provoked=False, unavoidable=False, instances=[instance])
 
 
 @pytest.fixture(scope="module")

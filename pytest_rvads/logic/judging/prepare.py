@@ -16,7 +16,7 @@ from pytest_rvads.logic.ltl.boolean import evaluate, replaced
 from pytest_rvads.logic.ltl.ltl3 import synthesize
 from pytest_rvads.logic.rules.parts import Kind, agents_of, shape_of, split
 
-__all__ = ["Prepared", "forget", "prepare", "template"]
+__all__ = ["Prepared", "forget", "prepare"]
 
 _MERGE_LIMIT = 6
 """Largest number of atoms of an instance that is compared with other instances by its truth table, of up to 64 rows."""
@@ -29,13 +29,6 @@ class Prepared:
     templates: tuple[Template, ...]
     collapsed: int
     """Number of further instances, which are true because of the junction and the ways alone."""
-
-
-def template(formula: f.Formula) -> tuple[f.Formula, tuple[f.Atom, ...]]:
-    """Return a formula with its atoms replaced by propositions p0, p1, ..., and the atoms in the order of the propositions."""
-    atoms = f.atoms(formula)
-    names = {atom: f.Atom(f"p{k}") for k, atom in enumerate(atoms)}
-    return replaced(formula, names.__getitem__), atoms
 
 
 def prepare(formula: f.Formula, static: Static, bound: tuple[str, ...] = (), *, itinerary: bool = True) -> Prepared:
@@ -70,7 +63,9 @@ def _prepare(formula: f.Formula, static: Static, bound: tuple[str, ...], itinera
     templates = []
     for instances in groups.values():
         representative = instances[0]
-        renamed, atoms = template(representative.formula)
+        atoms = f.atoms(representative.formula)
+        names = {atom: f.Atom(f"p{k}") for k, atom in enumerate(atoms)}
+        renamed = replaced(representative.formula, names.__getitem__)
         members = tuple(_member(instance, bound) for instance in instances)
         templates.append(Template(representative.formula, shape_of(representative.formula), members, synthesize(renamed), atoms))
     return Prepared(tuple(templates), grounding.collapsed)

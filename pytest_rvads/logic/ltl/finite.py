@@ -3,11 +3,6 @@
 The operators U, F and N are strong: the awaited state must come before the run ends, and the next state must exist. The operators
 G, W and R are weak: they are true if they are not violated before the run ends. The negation of a formula is true if the formula
 is false (De Giacomo, Vardi: Linear temporal logic and linear dynamic logic on finite traces, IJCAI 2013).
-
-`settle` evaluates a formula on a finite trace. `with_ending` translates a formula for LTL3 monitors, which read infinite words:
-in the translation the proposition `ALIVE` is true as long as the trace lasts. In the first state in which `ALIVE` is false, the
-monitor of the translation gives the verdict that `settle` gives for the trace before this state (section 4 of the paper, with
-weak operators released at the end).
 """
 
 from __future__ import annotations
@@ -18,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.logic.ltl import formula as f
-from pytest_rvads.logic.ltl.boolean import connect, evaluate, rebuild
+from pytest_rvads.logic.ltl.boolean import connect, evaluate
 
-__all__ = ["ALIVE", "settle", "settle_empty", "with_ending"]
+__all__ = ["settle", "settle_empty"]
 
 
 Truths = NDArray[np.bool_]
@@ -76,32 +71,3 @@ def settle_empty(formula: f.Formula) -> bool:
         case f.Not() | f.And() | f.Or() | f.Implies() | f.Iff():
             return bool(connect(formula, [np.array(settle_empty(part)) for part in f.children(formula)]))
     return isinstance(formula, f.Always | f.WeakUntil | f.Release)
-
-
-ALIVE = f.Atom("alive")
-"""A proposition that is true in every state of the trace, and false in every state after the trace."""
-_ENDED = f.Not(ALIVE)
-
-
-def with_ending(formula: f.Formula) -> f.Formula:
-    """Return a formula for infinite words that has the value of `formula` on a finite trace.
-
-    The infinite word is the trace, with `ALIVE` true in all its states, followed by states in which `ALIVE` is false.
-    """
-    if f.is_boolean(formula):
-        return formula
-    parts = tuple(with_ending(c) for c in f.children(formula))
-    match formula:
-        case f.Next():
-            return f.Next(f.And((ALIVE, parts[0])))
-        case f.Always():
-            return f.WeakUntil(parts[0], _ENDED)
-        case f.Eventually():
-            return f.Until(ALIVE, f.And((ALIVE, parts[0])))
-        case f.Until():
-            return f.Until(f.And((ALIVE, parts[0])), f.And((ALIVE, parts[1])))
-        case f.WeakUntil():
-            return f.WeakUntil(parts[0], f.Or((parts[1], _ENDED)))
-        case f.Release():
-            return f.WeakUntil(parts[1], f.Or((f.And(parts), _ENDED)))
-    return rebuild(formula, parts)
