@@ -36,7 +36,6 @@ from pytest_rvads.scenarios.pedestrians import Pedestrian as Pedestrian
 from pytest_rvads.scenarios.scenario import Scenario as Scenario
 from pytest_rvads.scenarios.senses import Senses as Senses
 from pytest_rvads.search import strategies as strategies
-from pytest_rvads.search.chance import sweep as sweep
 from pytest_rvads.search.metamorphic import equivalent as equivalent
 from pytest_rvads.search.metamorphic import determinate as determinate, rational as rational
 from pytest_rvads.runs.itineraries import Itinerary as Itinerary

@@ -1,4 +1,4 @@
-"""Searches for faults: falsification, critical starts, metamorphic checks, random draws, strategies."""
+"""Searches for faults: falsification, critical starts, metamorphic checks, strategies."""
 
 from importlib import import_module
 

@@ -746,12 +746,6 @@ CHEATS = (
         "an error: nothing was tried",
     ),
     Entry(
-        "sweep_where_nothing_applies",
-        SEARCHES,
-        "sweeps a draw over runs to which the rule never applies",
-        "an error: nothing was tried",
-    ),
-    Entry(
         "compare_where_nothing_applies",
         SEARCHES,
         "compares equivalent scenarios to which no rule applies",

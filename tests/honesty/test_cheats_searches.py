@@ -10,8 +10,6 @@ from pytest_rvads.simulators.loop import usual
 from .attempts import CHECKED, STOPPED, Session
 from .shown import shows
 
-STOP = rvads.Scenario(rvads.find("stop4"), "1000", distance=0.3, duration=1)
-
 
 @shows("search_where_nothing_applies")
 def test_a_search_in_which_a_rule_never_applied_found_nothing_out(pytestconfig: pytest.Config) -> None:
@@ -22,14 +20,6 @@ def test_a_search_in_which_a_rule_never_applied_found_nothing_out(pytestconfig: 
 
     with pytest.raises(rvads.errors.ScenarioError, match="p4 was not triggered in any of"):
         nothing_found(pytestconfig=pytestconfig, rvads_vehicle=rvads.Vehicle(), rvads_simulator=usual())
-
-
-@shows("sweep_where_nothing_applies")
-def test_a_sweep_in_which_a_rule_never_applied_found_nothing_out() -> None:
-    spread = rvads.sweep(rvads.Case(STOP, rvads.Reference), "p4", 0.0, 0.1)
-    assert spread.status == "NA"
-    with pytest.raises(rvads.errors.ScenarioError, match="p4 never applies"):
-        spread.check()
 
 
 @shows("compare_where_nothing_applies")

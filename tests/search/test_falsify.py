@@ -276,8 +276,6 @@ def test_misuse() -> None:
     namesake = rvads.Rule("p1", "forall a. F a@j & true")
     with pytest.raises(rvads.errors.FormulaError, match="'p1' is a shipped rule and "):
         look_for("stop4", rvads.Reference, namesake)
-    with pytest.raises(rvads.errors.FormulaError, match="'p1' is a shipped rule and "):
-        rvads.sweep(rvads.Case(rvads.Scenario(rvads.find("stop4"), "1000"), rvads.Reference), namesake, 0.0, 0.0)
 
 
 class Heedless(rvads.Follower):

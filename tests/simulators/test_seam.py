@@ -74,7 +74,6 @@ def test_every_search_takes_a_case_with_a_subject_and_a_simulator() -> None:
     assert {c.scenario.subject for c in counting.cases} == {0, 1, 2, 3}, "the seat is rotated with the scenario"
     rvads.rational(case("stop4", "2200"), farther=(5.0,), simulator=counting)
     rvads.determinate(case("stop4", "2200"), at=0.5, simulator=counting)
-    rvads.sweep(case("stop4", "2200"), "p2", 0.0, 0.2, simulator=counting).check()
     before = len(counting.cases)
     assert look_for("stop4", rvads.Reference, "speed_limit", traffic="hesitant", subject=1, budget=4, simulator=counting) is None
     assert len(counting.cases) == before + 4
@@ -310,7 +309,6 @@ def test_run_of_another_case_is_refused(answer: Any, wrong: str) -> None:
         lambda: rvads.equivalent(asked, simulator=Wrong()),
         lambda: rvads.rational(asked, simulator=Wrong()),
         lambda: rvads.determinate(asked, simulator=Wrong()),
-        lambda: rvads.sweep(asked, "p1", 0.0, 0.1, simulator=Wrong()),
     ):
         with pytest.raises(rvads.errors.RunError, match=wrong):
             ask()
@@ -407,7 +405,6 @@ def test_default_simulator_is_that_of_the_session(pytester: pytest.Pytester) -> 
             lambda: rvads.equivalent(CASE, "full_stop"),
             lambda: rvads.rational(CASE, "full_stop", farther=(1.0,)),
             lambda: rvads.determinate(CASE, "full_stop", at=0.5),
-            lambda: rvads.sweep(CASE, "full_stop", 0.0, 0.0),
             lambda: look_for("stop4", rvads.Reference, "full_stop", budget=1),
             lambda: closed_vmax(0.3, rvads.Reference),
         ])
@@ -420,7 +417,7 @@ def test_default_simulator_is_that_of_the_session(pytester: pytest.Pytester) -> 
             assert rvads.vmax(20.0) == 1.0
             assert max(find(rvads.strategies.scenarios(), lambda scenario: any(scenario.speeds)).speeds) <= 1.0
     """)
-    pytester.runpytest("--rvads-simulator=own:counting", "-p", "no:cacheprovider").assert_outcomes(passed=8)
+    pytester.runpytest("--rvads-simulator=own:counting", "-p", "no:cacheprovider").assert_outcomes(passed=7)
     assert meant() is usual(), "and outside of sessions it is the one that ships"
 
 
