@@ -92,8 +92,6 @@ class Judged(SimulatedItem, frozen=True, kw_only=True, omit_defaults=True, tag="
     """Hash of the case; a case with a result is not run again."""
     number: Count = 0
     """Position of the case in the campaign."""
-    shape: str = ""
-    """Name of the congruent junction at which the run was simulated instead; empty if simulated at the junction of the case."""
     line: Count = 0
     test: str = ""
     rotation: Count = 0

@@ -36,10 +36,7 @@ argument is wrong or the command did not come to its end, 5 if nothing was judge
 
 _LARGEST = 2**31
 """Largest map file that is read for the digest [bytes]; the map reader has refused larger files before the digest is made."""
-_CHOICES = (
-    *("maps", "cover", "occupancy", "grid", "subject", "traffic", "followers", "junctions"),
-    *("limit", "sample", "seed", "once_per_shape"),
-)
+_CHOICES = ("maps", "cover", "occupancy", "grid", "subject", "traffic", "followers", "junctions", "limit", "sample", "seed")
 """Command-line options that choose the runs; a campaign with other values gets another file of results."""
 
 
@@ -89,9 +86,6 @@ def declare(commands: Subparsers) -> None:
     )
     declare_executor(town)
     town.add_argument(
-        "--once-per-shape", action="store_true", help="simulate only the first of junctions that are equal up to a motion"
-    )
-    town.add_argument(
         "--report", action="append", default=[], metavar="FILE", help="write a report, in the format of its ending; repeatable"
     )
     town.add_argument("-o", "--out", metavar="DIR", help="folder to write to (default: rvads-town)")
@@ -108,7 +102,7 @@ def _town(options: argparse.Namespace) -> int:
             return 0
         folder = Path(options.out or ("rvads-town/only" if options.only else "rvads-town"))
         _announce(order.town)
-        if not order.town.simulated:
+        if not order.town.runs:
             return _nothing_planned(order.town)
         make_folder("-o", folder)
         with terminable(), opened_executor(options) as executor:
@@ -171,7 +165,6 @@ def _order(options: argparse.Namespace, driver: Any) -> Order:
         only=options.only,
         sample=options.sample,
         seed=options.seed,
-        once_per_shape=options.once_per_shape,
     )
     simulator = named(options.simulator, Path.cwd()) if options.simulator else meant()
     return Order(town, simulator, _rerun_command(options), reports)
@@ -204,9 +197,7 @@ def _rerun_command(options: argparse.Namespace) -> str:
 def _announce(town: Town) -> None:
     """Print the number of planned runs and the refused junctions on standard error."""
     refused = [(name, reason) for reason, names in town.refused().items() for name in names]
-    total, simulated = sum(town.counts.values()), town.simulated
-    fewer = f", {simulated} to simulate" if simulated < total else ""
-    warn(f"{plural(len(town.plan.places), 'junction')}, {plural(total, 'run')}{fewer}")
+    warn(f"{plural(len(town.plan.places), 'junction')}, {plural(town.runs, 'run')}")
     if refused:
         warn(f"{plural(len(refused), 'junction')} refused, the first: {refused[0][0]}: {refused[0][1]}")
     left_out = [left_out_scenarios.scenarios for place in town.plan.places if (left_out_scenarios := town.plan.left_out(place))]
@@ -249,7 +240,7 @@ def _judge_town(order: Order, options: argparse.Namespace, folder: Path, executo
                 results=path,
                 simulator=order.simulator,
                 progress=progress,
-                total=town.simulated,
+                total=town.runs,
             )
     except (KeyboardInterrupt, RvadsError) as stopped:
         if path is None or not path.exists():

@@ -71,13 +71,12 @@ def written(order: Order, results: Results, folder: Path, executor: Executor | i
         cut: reason why the campaign was cut off; empty if it came to its end.
     """
     town = order.town
-    judged = town.judged(results)
-    tallies, replays = tallied(judged), Replays()
+    tallies, replays = tallied(results), Replays()
     if not cut:
         with progressing("replays") as progress:
             source = Source(town.case_of, town.plan.rules, lambda name: f"{order.again} {quoted(name)}")
             replays = draw_replays(tallies, source, folder, executor, order.simulator, progress)
-    missing = sum(town.counts.values()) - sum(tally.runs for tally in tallies.values())
+    missing = town.runs - sum(tally.runs for tally in tallies.values())
     notes = (
         [f"INCOMPLETE: {cut or 'results are missing'}, {missing} runs have no result: run it again to continue"]
         if missing
@@ -89,7 +88,7 @@ def written(order: Order, results: Results, folder: Path, executor: Executor | i
     status = exit_status(outcomes | ({Outcome.FLAKY} if replays.flaky else set()), complete=complete)
     report = replace(
         results.report(again=order.again),
-        records=town_records(judged, {key: f"{folder / page}" for key, page in replays.looks.items()}, replays.flaky),
+        records=town_records(results, {key: f"{folder / page}" for key, page in replays.looks.items()}, replays.flaky),
         notes=tuple(notes),
         exitstatus=status,
         complete=complete,

@@ -220,7 +220,6 @@ def _junction_data(site: Site, tally: Tally, looks: Mapping[tuple[str, str], str
     missing = site.planned - tally.runs
     notes = [f"refused: {site.refused}"] if site.refused else []
     notes += [f"{missing} of {site.planned} runs are missing"] if missing > 0 else []
-    notes += [f"{count} of {tally.runs} runs were simulated at {name}, of the same shape" for name, count in tally.shapes.items()]
     notes += [f"{tally.unlisted} more verdicts have causes of their own"] if tally.unlisted else []
     causes = [
         (

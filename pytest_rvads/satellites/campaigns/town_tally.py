@@ -62,14 +62,10 @@ class Tally:
     """The causes by their title and text."""
     unlisted: int = 0
     """Number of verdicts whose causes were not kept, because the tally has too many causes."""
-    shapes: Counter[str] = field(default_factory=Counter)
-    """Number of runs simulated at other junctions of the same shape, by name of the junction."""
 
     def add(self, judged: Judged) -> None:
         """Add the result of a run."""
         self.runs += 1
-        if judged.shape:
-            self.shapes[judged.shape] += 1
         self.table.update((verdict.rule, judged.cfg, verdict.outcome) for verdict in judged.verdicts)
         if all(verdict.outcome in (Outcome.PASS, Outcome.NA) for verdict in judged.verdicts):
             return

@@ -213,23 +213,6 @@ def test_an_error_before_anything_was_judged_leaves_no_page(
 
 
 @pytest.mark.extended
-def test_junctions_of_one_shape_are_simulated_once(capsys: pytest.CaptureFixture[str], folder: Path) -> None:
-    shutil.copy(folder / "stop3.xodr", folder / "twin.xodr")
-    words = ("stop3.xodr", "twin.xodr", "--autopilot", "lgsvl", *SHORT)
-    _, out, _ = ran(capsys, *words, "-o", "each")
-    assert "2 junctions have 1 shape in common: with --once-per-shape each shape is simulated once" in out
-    status, out, err = ran(capsys, *words, "-o", "once", "--once-per-shape")
-    assert status == 1
-    assert "2 junctions, 6 runs, 3 to simulate" in err
-    assert "2 junctions have 1 shape in common: 3 of 6 runs were not simulated" in out
-    each, once = (judged(load(folder / name / "town.json")) for name in ("each", "once"))
-    assert once == each
-    names = sorted(shown(folder / "once"))
-    notes = shown(folder / "once")[names[1]]["notes"]
-    assert f"3 of 3 runs were simulated at {names[0]}, of the same shape" in notes
-
-
-@pytest.mark.extended
 def test_a_junction_that_is_refused_is_shown_with_its_reason(capsys: pytest.CaptureFixture[str], folder: Path) -> None:
     words = ("stop3.xodr", "stop4.xodr", "--autopilot", "reference", *SHORT, "--subject", "3", "--sample", "1")
     status, _, err = ran(capsys, *words)
