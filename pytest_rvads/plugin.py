@@ -19,7 +19,6 @@ from pytest_rvads.fixtures.monitoring import monitor, rule, settle
 from pytest_rvads.fixtures.running import run, rvads_cell, rvads_recorded, rvads_run, rvads_runs
 from pytest_rvads.fixtures.systems import rvads_autopilot, rvads_map, rvads_simulator, rvads_sut, rvads_vehicle
 from pytest_rvads.session import hooks
-from pytest_rvads.session.artefacts import check_library
 from pytest_rvads.session.chosen_driver import code_of_driver, code_of_simulator, offer
 from pytest_rvads.session.closing import Causes, Verdicts
 from pytest_rvads.session.collection.expansion import expand, expand_recorded, idle, is_recorded, unused
@@ -84,8 +83,6 @@ def pytest_configure(config: pytest.Config) -> None:
     """Read the options once and register the marks."""
     try:
         options = config.stash[OPTIONS] = Options.read(config)
-        if options.export:
-            check_library()
         if options.autopilot:
             chosen(options.autopilot, config.invocation_params.dir)  # a wrong name ends the session before anything runs
         simulator = None

@@ -1,4 +1,4 @@
-"""Writes the files on the failures of a session: runs, replay pages, pictures, and exports as OpenSCENARIO XML.
+"""Writes the files on the failures of a session: runs, replay pages and pictures.
 
 The run of a failure is saved under its hash, so several failures of one run share a file. Drawing thousands of pages would take
 minutes, so a process draws the first failures only; ``rvads replay`` draws any other failure from the folder of the session.
@@ -18,8 +18,7 @@ import pytest
 from pytest_rvads.session.options import Options
 from pytest_rvads.session.outputs import FOLDER
 from pytest_rvads.support.errors import RvadsError
-from pytest_rvads.support.installed import load
-from pytest_rvads.support.storage import open_file, slug, write_file
+from pytest_rvads.support.storage import slug, write_file
 from pytest_rvads.support.wording import named_error, one_line, quoted
 
 if TYPE_CHECKING:
@@ -30,20 +29,14 @@ if TYPE_CHECKING:
     from pytest_rvads.report.session_report import Report
     from pytest_rvads.runs.run import Run
 
-__all__ = ["Shown", "beside", "check_library", "export", "look", "show"]
+__all__ = ["Shown", "beside", "look", "show"]
 
 _MOST_PAGES = 20
 """Number of failures after which a process draws only the first failure of every further rule."""
 _MOST_BYTES = 200 * 2**20
 """Disk space for the runs of a session; a run of four vehicles and 30 s takes 0.25 MB [bytes]."""
-_MOST_EXPORTS = 100
-"""Number of failed runs that a process exports."""
-_HEAD = 2**16
-"""Length of the beginning of an exported file that contains the hash of its run [bytes]."""
 _DRAWN: pytest.StashKey[Counter[str]] = pytest.StashKey()
 """Number of failures that this process has drawn, by rule."""
-_EXPORTED = pytest.StashKey[int]()
-"""Number of runs that this process has exported."""
 _BASELINE: pytest.StashKey[Report | None] = pytest.StashKey()
 """The report of the earlier session (baseline), which a process reads when the first failure is shown."""
 
@@ -196,47 +189,3 @@ def _baseline(item: pytest.Item, path: Path) -> Report | None:
         except RvadsError:  # the file was replaced after the main process had read it
             stash[_BASELINE] = None
     return stash[_BASELINE]
-
-
-def check_library() -> None:
-    """Check that the library for exports is installed.
-
-    Raises:
-        RvadsError: the library is missing; the message says how to install it.
-    """
-    load("exports", "xosc").library()
-
-
-def export(item: pytest.Item, folder: Path, name: str, run: Run, verdict: Verdict, map: str | None) -> str:
-    """Export the run of a failed item, unless its file exists, and return the path of the file or the reason for no file.
-
-    Args:
-        item: the failed item.
-        folder: folder of the file.
-        name: name of the run, from which the name of the file is made.
-        run: the run to export.
-        verdict: the verdict on the run.
-        map: map file of the session, for a run that names no map.
-    """
-    path, start = folder / f"{slug(name)}.xosc", item.config.invocation_params.dir
-    shown = path.relative_to(start) if path.is_relative_to(start) else path
-    if _is_export_of(path, run):
-        return shown.as_posix()
-    count = item.config.stash.get(_EXPORTED, 0)
-    if count >= _MOST_EXPORTS:
-        return f"not written: {_MOST_EXPORTS} failures of this process are written already"
-    try:
-        load("exports", "xosc").export_run(run, path, map=map, verdict=verdict)
-    except (RvadsError, OSError) as error:  # an export never costs a verdict
-        return f"not written: {one_line(str(error))}"
-    item.config.stash[_EXPORTED] = count + 1
-    return shown.as_posix()
-
-
-def _is_export_of(path: Path, run: Run) -> bool:
-    """Return whether a file exports this run; an earlier session can have left the export of another run under this name."""
-    try:
-        with open_file(path) as file:
-            return run.hash.encode() in file.read(_HEAD)
-    except OSError:
-        return False

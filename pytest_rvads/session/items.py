@@ -16,9 +16,9 @@ import pytest
 
 from pytest_rvads.drivers.naming import called, stand_in
 from pytest_rvads.logic.outcome import Outcome
-from pytest_rvads.session.artefacts import beside, export, look, show
+from pytest_rvads.session.artefacts import beside, look, show
 from pytest_rvads.session.chosen_driver import where_else
-from pytest_rvads.session.collection.cells import RecordedCell, run_name
+from pytest_rvads.session.collection.cells import RecordedCell
 from pytest_rvads.session.interrupts import OutOfTime
 from pytest_rvads.session.options import OPTIONS
 from pytest_rvads.session.plan import start
@@ -328,7 +328,4 @@ def _explanation(item: pytest.Item, verdict: Verdict, record: Record, report: py
         page = shown.page
         if shown.image:
             show(item, report, shown.image)
-    if (exports := options.export) and run is not None:
-        name = run_name(item.nodeid, cell)
-        lines.append(f"export    {export(item, exports, name, run, verdict, options.map)}")
     return "\n".join((*lines, rerun)), page

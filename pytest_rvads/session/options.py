@@ -249,10 +249,6 @@ class Options:
     seed: int = _option("seed of the samples of --rvads-sample and of limit= in marks", partial(_count, least=0), "0", "S")
     rules: Path | None = _option("file with your rules, see `rvads rules --rules`", _path_from_root)
     keep: Path | None = _option("folder in which every run is saved, as .npz for `rvads check`", _path_from_start)
-    export: Path | None = _option(
-        "folder in which every failed run is saved as OpenSCENARIO XML (.xosc), with its map; needs the extra openscenario",
-        _path_from_start,
-    )
     report: tuple[Path, ...] = _option(
         "also write the verdicts to FILE.json, FILE.html, FILE.md, FILE.csv (by requirement), FILE.xml (JUnit), or in a format "
         "of another package; repeatable",
