@@ -62,8 +62,8 @@ class Verdicts:
                 colour=reporter.hasmarkup,
                 width=shutil.get_terminal_size().columns,
                 unicode=(sys.stdout.encoding or "").lower().startswith("utf"),
-                full=self._session.options.summary == "full",
-                more="--rvads-summary=full shows them all",
+                full=reporter.verbosity >= 2,
+                more="-vv shows them all",
                 head=False,
             )
         except Exception as error:
@@ -84,7 +84,7 @@ class Verdicts:
 
     def fold(self, reporter: pytest.TerminalReporter) -> None:
         """Remove the reports of failures that a cause counts, except one example per cause; `restore` puts the reports back."""
-        if not self.summary or reporter.verbosity >= 2 or self._session.options.summary == "full":
+        if not self.summary or reporter.verbosity >= 2:
             return
         examples = {*self.summary.examples}
         for kind in _FOLDED:

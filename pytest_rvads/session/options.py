@@ -256,12 +256,6 @@ class Options:
         metavar="FILE",
         several=True,
     )
-    summary: str = _option(
-        "summary of the verdicts: 'compact', at most a screen, or 'full', all tables and lines",
-        _text,
-        "compact",
-        choices=("compact", "full"),
-    )
     cov_fail_under: float | None = _option(
         "fail when less than N percent of the (class x configuration x rule) cells that the collected tests expand to, "
         "before -k and -m, were exercised; NA exercises nothing",

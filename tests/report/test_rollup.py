@@ -57,7 +57,7 @@ def rolled_up(report: Report) -> RollUp:
 
 
 def told(report: Report, width: int = 80, full: bool = False) -> str:
-    return summary(report, colour=False, width=width, unicode=False, full=full, more="--rvads-summary=full shows them all")
+    return summary(report, colour=False, width=width, unicode=False, full=full, more="-vv shows them all")
 
 
 def rows(text: str) -> list[str]:
@@ -128,7 +128,7 @@ def test_a_summary_of_three_hundred_junctions_fits_a_screen_or_two_and_keeps_its
     assert max(map(len, table)) <= 80
     names = re.findall(r"^ (J\d+) ", "\n".join(table), re.MULTILINE)
     assert names == [f"J{n}" for n in range(1, 140, 7)], "each with one of five"
-    assert " ... and 280 more junctions: --rvads-summary=full shows them all" in text
+    assert " ... and 280 more junctions: -vv shows them all" in text
     assert "... and 296 more junctions, with no worse verdicts" in text
     whole = told(report, full=True)
     assert set(re.findall(r"^ (J\d+) ", whole, re.MULTILINE)) == {f"J{n}" for n in range(1, 301)}
@@ -201,7 +201,7 @@ def test_tables_of_a_session_together_keep_to_a_screen() -> None:
     text = told(report)
     shown = re.findall(r"^J1   t.py::test_(\d+)$", text, re.MULTILINE)
     assert shown == ["00", "01", "28", "29"], "twelve lines each"
-    assert "... and 26 more tables: --rvads-summary=full shows them all" in text
+    assert "... and 26 more tables: -vv shows them all" in text
     assert len(re.findall(r"^J1   t.py::test_(\d+)$", told(report, full=True), re.MULTILINE)) == 30
 
 
@@ -275,7 +275,7 @@ def test_a_table_that_is_wider_than_some_screens_is_cut_but_for_its_failures() -
     assert len(table) < 60
     shown = re.findall(r"a_rule_with_number_(\d\d)", "\n".join(table))
     assert (shown[0], shown[-1], len(shown) < 20) == ("00", "39", True)
-    assert f" ... and {40 - len(shown)} more columns: --rvads-summary=full shows them all" in table
+    assert f" ... and {40 - len(shown)} more columns: -vv shows them all" in table
     whole = "\n".join(rows(told(Report(tuple(records)), full=True)))
     assert {f"{n:02d}" for n in range(40)} == set(re.findall(r"a_rule_with_number_(\d\d)", whole))
 
