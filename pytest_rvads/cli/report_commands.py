@@ -57,7 +57,6 @@ def declare(commands: Subparsers) -> None:
     )
     merge.add_argument("--cov-arrivals", type=_SECONDS, metavar="SECONDS", help="as --rvads-cov-arrivals, for the merged report")
     merge.add_argument("--baseline", metavar="FILE.json", help="show the changes since an earlier report")
-    merge.add_argument("--baseline-of", choices=("same", "any"), default="same", help="as --rvads-baseline-of (default same)")
     merge.add_argument("--erosion", type=_SECONDS, default=0.5, metavar="SECONDS", help="as --rvads-erosion (default 0.5)")
     merge.set_defaults(command=_print_merged)
     check = actions.add_parser(
@@ -127,8 +126,7 @@ def _print_merged(options: argparse.Namespace) -> int:
         planned = set(report.planned)
         earlier = load(Path(options.baseline))
         lost = {record.nodeid for record in earlier.records if cell_of(record) not in planned}
-        same = options.baseline_of == "same"
-        report = with_baseline(report, compare(report, earlier, options.baseline, options.erosion, lost.__contains__, same=same))
+        report = with_baseline(report, compare(report, earlier, options.baseline, options.erosion, lost.__contains__))
     if options.output:
         save(Path(options.output), report)
     show(report)

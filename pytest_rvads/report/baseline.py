@@ -91,7 +91,7 @@ def compare(
         if package in baseline.versions and baseline.versions[package] != version
     ]
     differences += [f"the simulator was {was} and is {now}" for was, now in simulators if was and now and was != now]
-    how = "not compared, which --rvads-baseline-of=any allows" if same else "compared all the same"
+    how = "not compared, which rvads report compare does all the same" if same else "compared all the same"
     differences += [
         f"{plural(count, 'item')} {difference}: {how}" for difference, count in difference_counts.items() if difference
     ]

@@ -273,12 +273,6 @@ class Options:
         _path_from_start,
         metavar="FILE",
     )
-    baseline_of: str = _option(
-        "with a baseline: compare only items with the same driver, map and formula of the rule, or any items",
-        _text,
-        "same",
-        choices=("same", "any"),
-    )
     erosion: float = _option(
         "with a baseline: report every safety margin that fell by more than SECONDS",
         partial(_number, most=3600.0),

@@ -16,6 +16,7 @@ CONFTEST = driven_by(
             return super().control(seen)
 
     DRIVERS = {{"racer": Racer, "raises": Raises, "reference": rvads.Reference}}
+    DRIVERS |= {{f"pilot as {{name}}": type("Pilot", (driver,), {{}}) for name, driver in DRIVERS.items()}}
 """,
 )
 HEAD = """

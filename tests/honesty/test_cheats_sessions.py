@@ -146,9 +146,9 @@ AGAINST = ("--rvads-baseline=old.json", "--rvads-fail-on=new")
 
 
 def compared(session: Session, before: str, after: str, tests: str = rules(), later: str | None = None) -> pytest.RunResult:
-    """Run a session with one driver, and one with another driver or file that only new failures are to fail."""
-    session(tests, "--rvads-report=old.json", driver=before)
-    return session(tests if later is None else later, *AGAINST, "--rvads-baseline-of=any", driver=after)
+    """Run a session with one version of a driver, and one with another version or file that only new failures are to fail."""
+    session(tests, "--rvads-report=old.json", driver=f"pilot as {before}")
+    return session(tests if later is None else later, *AGAINST, driver=f"pilot as {after}")
 
 
 @shows("break_down_where_it_failed_before")

@@ -187,7 +187,7 @@ OTHERS = {
     "driver": (
         {"driver": "mine.Old"},
         {"driver": "mine.New"},
-        "1 item driven by mine.Old then and by mine.New now: not compared, which --rvads-baseline-of=any allows",
+        "1 item driven by mine.Old then and by mine.New now: not compared, which rvads report compare does all the same",
     ),
     "map": ({"place": "a1"}, {"place": "b2"}, "1 item at a junction that is not the same any more: not compared, which *"),
     "formula": ({"formula": "a1"}, {"formula": "b2"}, "1 item by a rule p1 that is not the same any more: not compared, which *"),
