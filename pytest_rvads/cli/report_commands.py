@@ -57,7 +57,6 @@ def declare(commands: Subparsers) -> None:
     )
     merge.add_argument("--cov-arrivals", type=_SECONDS, metavar="SECONDS", help="as --rvads-cov-arrivals, for the merged report")
     merge.add_argument("--baseline", metavar="FILE.json", help="show the changes since an earlier report")
-    merge.add_argument("--erosion", type=_SECONDS, default=0.5, metavar="SECONDS", help="as --rvads-erosion (default 0.5)")
     merge.set_defaults(command=_print_merged)
     check = actions.add_parser(
         "check",
@@ -85,7 +84,6 @@ def declare(commands: Subparsers) -> None:
         help="also write the comparison, as FILE.html, FILE.md or FILE.json; other formats of reports hold B with the changes "
         "since A; repeatable",
     )
-    compare.add_argument("--erosion", type=_SECONDS, default=0.5, metavar="SECONDS", help="as --rvads-erosion (default 0.5)")
     compare.add_argument(
         "--fail-on",
         metavar="KIND",
@@ -126,7 +124,7 @@ def _print_merged(options: argparse.Namespace) -> int:
         planned = set(report.planned)
         earlier = load(Path(options.baseline))
         lost = {record.nodeid for record in earlier.records if cell_of(record) not in planned}
-        report = with_baseline(report, compare(report, earlier, options.baseline, options.erosion, lost.__contains__))
+        report = with_baseline(report, compare(report, earlier, options.baseline, lost.__contains__))
     if options.output:
         save(Path(options.output), report)
     show(report)
@@ -147,7 +145,7 @@ def _compare(options: argparse.Namespace) -> int:
 
     outputs = list(map(fitting, options.output))
     a, b = ((name, recovered(Path(name))) for name in (options.a, options.b))
-    sessions = side_by_side(a, b, options.erosion)
+    sessions = side_by_side(a, b)
     print(text(sessions, shutil.get_terminal_size().columns))
     for path in outputs:
         save(path, sessions)

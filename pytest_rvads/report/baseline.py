@@ -4,7 +4,7 @@ A safety margin is a time: the time by which the vehicle that a rule obliges kep
 run, or the shortest post-encroachment time of the run. All items of a run share the indicators of the run, so erosion is reported
 once per run, for its first item.
 
-A margin has eroded if it has fallen and is now below its threshold from the literature (`MATTERS`).
+A margin has eroded if it has fallen by more than 0.5 s and is now below its threshold from the literature (`MATTERS`).
 """
 
 from __future__ import annotations
@@ -32,24 +32,24 @@ MATTERS = {"ttc": 4.0, "pet": 5.0, "margin": 5.0}
 - ``margin``: the time that the obliged vehicle waited longer than its rule requires. This time is a gap between two vehicles, as
   a post-encroachment time is, so both have the same threshold.
 """
+_EROSION = 0.5
+"""A margin has eroded only if it fell by more than this [s]: a tenth of the largest threshold in `MATTERS`."""
 _NAMED = 5
 """Largest number of margins that are named per run; further margins are counted."""
 _Fall = tuple[float, float]
 """A safety margin in the baseline and in the session [s]."""
 
 
-def compare(
-    report: Report, baseline: Report, name: str, erosion: float, gone: Callable[[str], bool], *, same: bool = True
-) -> Comparison:
+def compare(report: Report, baseline: Report, name: str, gone: Callable[[str], bool], *, same: bool = True) -> Comparison:
     """Return what changed between a baseline and a session.
+
+    Erosion is reported once per run, for the first item of the run with an eroded margin, and not if an item of the run is NEW.
+    The other items of the run are UNCHANGED.
 
     Args:
         report: the report of the session.
         baseline: the earlier report.
         name: the name of the baseline.
-        erosion: a margin below its threshold in `MATTERS` has eroded if the margin fell by more than `erosion` [s]. Erosion is
-            reported once per run, for the first item of the run with an eroded margin, and not if an item of the run is NEW. The
-            other items of the run are UNCHANGED.
         gone: takes the id of an item of the baseline that has no record in the session. Returns True if the item does not exist
             any more, and False if the item exists and was not selected.
         same: whether items are compared only if their driver, junction and formula are the same as in the baseline. An item for
@@ -72,14 +72,12 @@ def compare(
         change = _item_change(record, earlier, difference if same else "")
         if change.kind == "NEW":
             broken.add(record.ran_as)
-        elif (
-            change.kind == "UNCHANGED" and earlier and _state(record) == "passed" and (falls := _falls(record, earlier, erosion))
-        ):
+        elif change.kind == "UNCHANGED" and earlier and _state(record) == "passed" and (falls := _falls(record, earlier)):
             eroded.setdefault(record.ran_as, _Eroded(len(changes))).add(falls)
         changes.append(change)
-    for run, erosion_of_run in eroded.items():
+    for run, erosion in eroded.items():
         if run not in broken:
-            changes[erosion_of_run.number] = Change("ERODED", changes[erosion_of_run.number].nodeid, erosion_of_run.text())
+            changes[erosion.number] = Change("ERODED", changes[erosion.number].nodeid, erosion.text())
     for nodeid, record in before.items():
         if gone(nodeid):
             changes += [Change("LOST", nodeid, f"was {record.status}, does not exist any more")] if _is_judged(record) else []
@@ -190,13 +188,13 @@ class _Eroded:
         return margins + (f", in {self.items} items of its run" if self.items > 1 else "")
 
 
-def _falls(record: Record, before: Record, least: float) -> list[tuple[str, _Fall]]:
-    """Return the safety margins below their thresholds that fell by more than `least` [s], by name of the margin."""
+def _falls(record: Record, before: Record) -> list[tuple[str, _Fall]]:
+    """Return the eroded safety margins of a test item, with their names."""
     now, then = _margins(record), _margins(before)
     return [
         (f"margin of {record.asks}" if name == "margin" else name, (then[name], value))
         for name, value in now.items()
-        if name in then and value < MATTERS[name] and then[name] - value > least
+        if name in then and value < MATTERS[name] and then[name] - value > _EROSION
     ]
 
 

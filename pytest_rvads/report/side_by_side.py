@@ -90,13 +90,12 @@ class SideBySide:
         )
 
 
-def side_by_side(a: tuple[str, Report], b: tuple[str, Report], erosion: float) -> SideBySide:
+def side_by_side(a: tuple[str, Report], b: tuple[str, Report]) -> SideBySide:
     """Return the comparison of two sessions.
 
     Args:
         a: name and report of the earlier session, or of the session of one controller.
         b: name and report of the later session, or of the session of another controller.
-        erosion: a fall of a safety margin by more than this is reported [s]; see `compare`.
 
     Raises:
         RvadsError: the two sessions have no item in common.
@@ -110,7 +109,7 @@ def side_by_side(a: tuple[str, Report], b: tuple[str, Report], erosion: float) -
         )
     planned = set(later.planned)
     lost = {record.nodeid for record in earlier.records if cell_of(record) not in planned}
-    comparison = compare(later, earlier, "A", erosion, lost.__contains__, same=False)
+    comparison = compare(later, earlier, "A", lost.__contains__, same=False)
     return SideBySide(
         _side(*a),
         _side(*b),

@@ -267,7 +267,7 @@ class Session:
         from pytest_rvads.report.baseline import compare, with_baseline
 
         name = self.options.baseline.name if self.options.baseline else ""
-        return with_baseline(report, compare(report, baseline, name, self.options.erosion, self.planner.no_longer_exists))
+        return with_baseline(report, compare(report, baseline, name, self.planner.no_longer_exists))
 
     def _judge_changes(self, report: Report, exitstatus: int, cut: bool) -> int:
         """Return the exit status; ``--rvads-fail-on`` excuses failures that the baseline has as well, but not if `cut` is set."""

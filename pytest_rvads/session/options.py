@@ -273,12 +273,6 @@ class Options:
         _path_from_start,
         metavar="FILE",
     )
-    erosion: float = _option(
-        "with a baseline: report every safety margin that fell by more than SECONDS",
-        partial(_number, most=3600.0),
-        "0.5",
-        "SECONDS",
-    )
     fail_on: str = _option(
         "failures that fail the session: any; new failures since the baseline; or new failures and eroded margins",
         _text,

@@ -27,7 +27,7 @@ def session(*failing: int) -> Report:
 @pytest.mark.parametrize("width", [375, 1280])
 def test_a_comparison_is_shown_as_text_and_fits(browser: Any, tmp_path: Path, width: int) -> None:
     path = tmp_path / "out.html"
-    save(path, side_by_side((HOSTILE, session(1)), ("new.json", session(*range(2, 25))), 0.5))
+    save(path, side_by_side((HOSTILE, session(1)), ("new.json", session(*range(2, 25)))))
     browser.execute_cdp_cmd(
         "Emulation.setDeviceMetricsOverride", {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": width < 500}
     )

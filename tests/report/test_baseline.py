@@ -30,7 +30,7 @@ def record(
 
 
 def changes(before: list[Any], now: list[Any], gone: bool = False) -> Comparison:
-    return compare(Report(tuple(now)), Report(tuple(before)), "old.json", 0.5, lambda _: gone)
+    return compare(Report(tuple(now)), Report(tuple(before)), "old.json", lambda _: gone)
 
 
 @pytest.mark.parametrize(
@@ -168,7 +168,7 @@ def test_summary_and_report_tell_what_changed_before_the_causes() -> None:
     now = [replace(record(f"t{i}", "FAIL"), simulator="mine") for i in range(12)] + [record("u", "PASS")]
     base = Report(tuple(old), {4: (24, 81)}, versions={"numpy": "1.0", "python": "3.11"})
     report = Report(tuple(now), {4: (24, 81)}, versions={"numpy": "2.0", "python": "3.11"})
-    report = with_baseline(report, compare(report, base, "old.json", 0.5, lambda _: False))
+    report = with_baseline(report, compare(report, base, "old.json", lambda _: False))
     text = summary(report, colour=False, width=100, unicode=False).splitlines()
     text = text[text.index("against old.json: 12 NEW, 1 ADDED") :]
     assert text[:4] == [
@@ -203,7 +203,7 @@ def test_baseline_of_another_driver_map_or_formula_is_told_and_lets_nothing_pass
     assert len(found.versions) == 1
     assert fnmatchcase(found.versions[0], says)
     assert [change.kind for change in changes([old], [replace(record("t", "PASS"), **now)]).changes] == ["LOST"]
-    asked = compare(Report((new,)), Report((old,)), "old.json", 0.5, lambda _: False, same=False)
+    asked = compare(Report((new,)), Report((old,)), "old.json", lambda _: False, same=False)
     assert [change.kind for change in asked.changes] == ["UNCHANGED"]
     assert asked.versions[0].endswith(": compared all the same")
 

@@ -41,7 +41,7 @@ def report(*records: Record, **fields: Any) -> Report:
 
 
 def beside(a: Report, b: Report) -> SideBySide:
-    return side_by_side(("old.json", a), ("new.json", b), 0.5)
+    return side_by_side(("old.json", a), ("new.json", b))
 
 
 def told(found: SideBySide, most: int | None = None) -> dict[str, tuple[str, ...]]:
@@ -155,7 +155,7 @@ def test_too_many_differences_become_a_list() -> None:
 def hostile() -> SideBySide:
     a = report(record(1, "PASS", variant=HOSTILE), began=HOSTILE, command=HOSTILE, versions={HOSTILE: "1"}, notes=(HOSTILE,))
     made = structs.replace(record(1, "FAIL", variant=HOSTILE, cause=HOSTILE), driver=HOSTILE)
-    return side_by_side((HOSTILE, a), (HOSTILE, report(made, versions={HOSTILE: "2"})), 0.5)
+    return side_by_side((HOSTILE, a), (HOSTILE, report(made, versions={HOSTILE: "2"})))
 
 
 def test_pages_and_tables_escape_markup(tmp_path: Path) -> None:
