@@ -72,8 +72,6 @@ def make(page: str, folder: Path) -> list[str]:
         options = [
             "--tb=short",
             "--rvads-artefacts=none",
-            "-o",
-            "rvads_repeat=never",
             "-p",
             "no:cacheprovider",
             "-c",

@@ -249,8 +249,7 @@ def _release(item: pytest.Item) -> None:
 
 def _with_repetition(item: pytest.Item, record: Record, report: pytest.TestReport) -> Record:
     """Simulate the run of a failed item once more; return the record as FLAKY if the second run differs."""
-    repeats = report.failed and item.config.stash[OPTIONS].repeat == "failed"
-    simulate_again = item.stash.get(REPEAT, None) if repeats else None
+    simulate_again = item.stash.get(REPEAT, None) if report.failed else None
     divergence = simulate_again() if simulate_again else None
     if divergence is None:
         return record

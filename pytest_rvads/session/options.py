@@ -285,13 +285,6 @@ class Options:
         partial(_number, most=1e6),
         metavar="SECONDS",
     )
-    repeat: str = _option(
-        "simulate the run of a failed item once more, which detects an autopilot that is not deterministic (FLAKY)",
-        _text,
-        "failed",
-        choices=("failed", "never"),
-        setting_only=True,
-    )
     artefacts: str | None = _option(
         "folder with a subfolder per session, for its page, its report, its failed runs and their replay pages, see "
         "`rvads replay`; or 'none'",

@@ -22,5 +22,5 @@ def test_marks_name_the_deficiency_behind_every_failing_cell(pytester: pytest.Py
 def test_repaired_deficiency_fails_the_example(pytester: pytest.Pytester) -> None:
     source = EXAMPLE.read_text().replace("return LgsvlLike", "return partial(LgsvlLike, i3=False)")
     pytester.makepyfile(test_repaired="from functools import partial\n" + source.replace('"""The', 'TEXT = """The', 1))
-    result = pytester.runpytest("-k", "test_stop and cfgE and p2", "--rvads-artefacts=none", "-o", "rvads_repeat=never")
+    result = pytester.runpytest("-k", "test_stop and cfgE and p2", "--rvads-artefacts=none")
     assert result.parseoutcomes()["failed"] == 8, "a strict xfail that passes is a failure"
