@@ -32,6 +32,8 @@ _OURS = (".html", ".svg", ".json", ".npz", ".part")
 _HASH = re.compile("[0-9a-f]+")
 _ALIVE = 3600.0
 """A session that has written no report counts as running until this time after its last written file [s]."""
+KEPT = 5
+"""Number of sessions whose folders stay."""
 _ATTEMPTS, _PAUSE = 100, 0.02
 """How often a process checks whether another process has made the session's folder, and the pause between checks [s]."""
 
@@ -42,7 +44,7 @@ def sessions(root: Path) -> list[Path]:
     return [numbered[number] for number in sorted(numbered) if _is_session(numbered[number])]
 
 
-def claimed(root: Path, token: str, keep: int) -> Path:
+def claimed(root: Path, token: str, keep: int = KEPT) -> Path:
     """Return the folder of a session. The first process of the session makes the folder and removes the oldest folders.
 
     Args:

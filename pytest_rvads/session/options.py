@@ -291,9 +291,6 @@ class Options:
         _folder,
         ".rvads",
     )
-    keep_sessions: int = _option(
-        "number of sessions whose subfolders of --rvads-artefacts are kept", _count, "5", "N", setting_only=True
-    )
     strict: frozenset[str] = _option(
         "outcomes that fail a test besides FAIL, separated by commas, or none: open (an obligation is open when the run ends), "
         "unavoidable (no vehicle could have kept the rule), unsure (the recording is too inaccurate for a verdict). Outcomes "

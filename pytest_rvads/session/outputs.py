@@ -52,7 +52,7 @@ class SessionFolder:
 
     def __init__(self, config: pytest.Config, options: Options) -> None:
         self._token: str = getattr(config, "workerinput", {}).get(_TOKEN) or uuid4().hex
-        self._start, self._artefacts, self._keep = config.invocation_params.dir, options.artefacts or "", options.keep_sessions
+        self._start, self._artefacts = config.invocation_params.dir, options.artefacts or ""
 
     def make(self) -> Path:
         """Return the path of the folder, which is made if it does not exist.
@@ -62,7 +62,7 @@ class SessionFolder:
         """
         from pytest_rvads.report.folders import claimed
 
-        return claimed(self._start / self._artefacts, self._token, self._keep)
+        return claimed(self._start / self._artefacts, self._token)
 
     def relative(self, path: Path) -> str:
         """Return a path in the folder, relative to the directory in which the session was started."""

@@ -85,6 +85,12 @@ def test_pytests_own_timer_is_left_alone(pytester: pytest.Pytester) -> None:
     result.assert_outcomes(passed=1)
 
 
+def test_a_setting_is_no_option(pytester: pytest.Pytester) -> None:
+    result = pytester.runpytest("--rvads-run-limit=7")
+    assert result.ret == pytest.ExitCode.USAGE_ERROR
+    result.stderr.fnmatch_lines(["*unrecognized arguments: --rvads-run-limit=7"])
+
+
 @pytest.mark.parametrize(
     "does",
     [

@@ -11,14 +11,13 @@ from pathlib import Path
 import pytest
 
 from pytest_rvads.report import folders
-from pytest_rvads.report.folders import INDEX, REPORT, claimed, option, run_file, sessions, used
+from pytest_rvads.report.folders import INDEX, KEPT, REPORT, claimed, option, run_file, sessions, used
 
-KEEP = 5
 LATE = 7200.0
 """Longer ago than any session that may still be running has written something [s]."""
 
 
-def ended(root: Path, token: str, keep: int = KEEP) -> Path:
+def ended(root: Path, token: str, keep: int = KEPT) -> Path:
     """A session that came to its end."""
     folder = claimed(root, token, keep)
     for name in (INDEX, REPORT, "page.html", "page.svg"):
@@ -42,9 +41,9 @@ def test_every_session_has_the_next_number(tmp_path: Path) -> None:
 
 
 def test_the_processes_of_a_session_share_one(tmp_path: Path) -> None:
-    assert claimed(tmp_path, "a", KEEP) == claimed(tmp_path, "a", KEEP) == tmp_path / "1"
-    assert claimed(tmp_path, "b", KEEP) == tmp_path / "2"
-    assert claimed(tmp_path, "a", KEEP) == tmp_path / "1"
+    assert claimed(tmp_path, "a", KEPT) == claimed(tmp_path, "a", KEPT) == tmp_path / "1"
+    assert claimed(tmp_path, "b", KEPT) == tmp_path / "2"
+    assert claimed(tmp_path, "a", KEPT) == tmp_path / "1"
 
 
 def test_the_last_few_stay(tmp_path: Path) -> None:
@@ -99,7 +98,7 @@ def test_links_are_removed_and_not_followed(tmp_path: Path) -> None:
     (tmp_path / "precious").mkdir()
     (tmp_path / "precious" / "run.npz").write_text("mine")
     root = tmp_path / ".rvads"
-    folder = claimed(root, "a", KEEP)
+    folder = claimed(root, "a", KEPT)
     (folder / REPORT).symlink_to(tmp_path / "precious" / "run.npz")
     (folder / "runs").symlink_to(tmp_path / "precious")
     ended(root, "b", keep=1)
@@ -123,7 +122,7 @@ def test_without_links_there_are_numbers(tmp_path: Path, monkeypatch: pytest.Mon
 
 
 def test_dead_sessions_are_removed_and_running_sessions_are_kept(tmp_path: Path) -> None:
-    died = claimed(tmp_path, "a", KEEP)
+    died = claimed(tmp_path, "a", KEPT)
     run_file(died, "0" * 64).parent.mkdir()
     ended(tmp_path, "b", keep=1)
     assert names(tmp_path) == ["1", "2"], "it has written something just now"
@@ -161,14 +160,14 @@ def test_dead_claim_of_a_folder_ends_the_wait(tmp_path: Path, monkeypatch: pytes
     monkeypatch.setattr(folders, "_PAUSE", 0.0)
     (tmp_path / ".a").mkdir()
     with pytest.raises(OSError, match="another process of this session began to make a folder there and did not end"):
-        claimed(tmp_path, "a", KEEP)
-    assert claimed(tmp_path, "b", KEEP).name == "1"
+        claimed(tmp_path, "a", KEPT)
+    assert claimed(tmp_path, "b", KEPT).name == "1"
 
 
 def test_a_folder_that_can_t_be_made_is_told(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("in the way")
     with pytest.raises(OSError, match="file"):
-        claimed(tmp_path / "file", "a", KEEP)
+        claimed(tmp_path / "file", "a", KEPT)
 
 
 def test_session_option_is_quoted_and_unique() -> None:
