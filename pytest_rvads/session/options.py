@@ -195,20 +195,12 @@ class Options:
     sut_rate: float | None = _option(
         "decisions of the stack per simulated second; by default the rate that the stack requests, else 20", _rate, metavar="HZ"
     )
-    sut_timeout: float = _option("longest real time for one decision of the stack", _seconds, "5", "SECONDS")
-    sut_startup: float = _option(
-        "longest real time for the start of the stack, and for its preparation of a scenario",
+    sut_timeout: float = _option(
+        "longest real time for one decision of the stack; three times as long, at least 15 s, for its start and for its "
+        "preparation of a scenario",
         _seconds,
-        "15",
+        "5",
         "SECONDS",
-        setting_only=True,
-    )
-    sut_grace: float = _option(
-        "longest real time until the stack exits after the message bye, and after SIGTERM",
-        partial(_number, most=3600.0),
-        "1",
-        "SECONDS",
-        setting_only=True,
     )
     decision_limit: float = _option(
         "longest real time for one call into a driver; 0 for no limit. A longer call makes the item an ERROR, and after three "

@@ -47,7 +47,8 @@ class Process(TrafficSystem):
         command: the program and its arguments, or one string with both.
         rate: decisions per simulated second [Hz], a divisor of 100; by default the rate in the stack's hello message, or 20.
         timeout: longest real time of a decision [s].
-        startup: longest real time until the process answers the first message, and until it is ready for a scenario [s].
+        startup: longest real time until the process answers the first message, and until it is ready for a scenario [s]; by
+            default three times `timeout`, at least 15 s.
         grace: real time that the processes get to exit after the message ``bye``, and again after SIGTERM, before they are
             killed [s].
         cwd: working directory of the program.
@@ -71,7 +72,7 @@ class Process(TrafficSystem):
         *,
         rate: float | None = None,
         timeout: float = 5.0,
-        startup: float = 15.0,
+        startup: float | None = None,
         grace: float = 1.0,
         cwd: str | Path | None = None,
         env: Mapping[str, str] | None = None,
@@ -84,13 +85,14 @@ class Process(TrafficSystem):
             raise AutopilotError(f"a stack needs a command as for a shell, got {command!r}: {error}") from error
         if not self.command:
             raise AutopilotError("a stack needs a command, such as ['./stack'], got none")
-        for name, limit in (("timeout", timeout), ("startup", startup), ("grace", grace or 1.0)):  # grace may be 0
+        start = timeout if startup is None else startup
+        for name, limit in (("timeout", timeout), ("startup", start), ("grace", grace or 1.0)):  # grace may be 0
             if not (isinstance(limit, Real) and math.isfinite(limit) and limit > 0):
                 raise AutopilotError(f"{name} must be a number of seconds above 0, got {limit!r}")
         self.label: str = one_line(f"stack {shlex.join(self.command)}")
         """Name of the stack in reports."""
         self._period = None if rate is None else _period(rate, self.label)
-        self._limits = startup, timeout
+        self._limits = max(3 * timeout, 15.0) if startup is None else startup, timeout
         self._place = cwd, env, grace
         self.connections: list[Connection] = []
         """Running processes; the first process drives the first vehicle of a run, and so on."""

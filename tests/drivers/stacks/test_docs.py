@@ -29,8 +29,6 @@ def test_page_names_policies_senses_and_options() -> None:
         "sut": "--rvads-sut ",
         "sut_rate": "--rvads-sut-rate ",
         "sut_timeout": "--rvads-sut-timeout ",
-        "sut_startup": "-o rvads_sut_startup=",
-        "sut_grace": "-o rvads_sut_grace=",
     }.items():
         assert name in Options.__dataclass_fields__
         assert f"| `{shown}" in TEXT
