@@ -151,15 +151,10 @@ def test_help_of_pytest_is_short_and_explains_every_option_elsewhere(pytester: p
         f"--rvads-{name}" for name in re.findall(r"`([a-z-]+)`", page.partition("## Further options")[2].partition("## In")[0])
     }
     assert every - set(re.findall(r"^  (--rvads-[a-z-]+)", everyday, re.MULTILINE)) == told - {"--rvads-simulator"}
-    settings = re.findall(r"^  (rvads_\w+)=", result.stdout.str().partition("\nsettings without an option:\n")[2], re.MULTILINE)
-    assert set(re.findall(r"`(rvads_\w+)`", page.partition("## Settings without an option")[2].partition("## In")[0])) == {
-        *settings
-    }
     ini = {f"--{name.replace('_', '-')}" for name in re.findall(r"^  (rvads_\w+)", shown, re.MULTILINE)}
-    assert ini - every == {f"--{name.replace('_', '-')}" for name in settings}
-    assert every < ini
-    assert f"show all {len(every)} options and {len(settings)} further settings" in " ".join(everyday.split())
-    assert len(every) <= 28
+    assert ini == every
+    assert f"show all {len(every)} options of this plugin" in " ".join(everyday.split())
+    assert len(every) <= 24
 
 
 def test_help_of_the_tool_explains_at_most_twelve_commands_and_names_all(capsys: pytest.CaptureFixture[str]) -> None:

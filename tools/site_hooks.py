@@ -28,8 +28,7 @@ _CODE = re.compile(r"(^```.*?^```|`[^`\n]*`)", re.MULTILINE | re.DOTALL)
 _OPTIONS = """\
 # Options
 
-Options of pytest that begin with `--rvads-`, and settings without an option. Each option has a twin in the ini file, for example
-in `pyproject.toml`:
+Options of pytest that begin with `--rvads-`. Each option has a twin in the ini file, for example in `pyproject.toml`:
 
 ```toml
 [tool.pytest.ini_options]
@@ -37,8 +36,7 @@ rvads_map = "maps/town.xodr"
 rvads_cover = "scenario"
 ```
 
-The command line comes before an environment variable, and that before the ini file. `pytest -o NAME=VALUE` gives a setting on the
-command line."""
+The command line comes before an environment variable, and that before the ini file."""
 _REPLAY = re.compile(r"^<!-- replay: ([\w-]+) -->$", re.MULTILINE)
 
 
@@ -118,7 +116,7 @@ def gallery() -> dict[str, str]:
 
 
 def options() -> str:
-    """Return the page of all options and settings."""
+    """Return the page of all options."""
     sections = []
     for action in all_options()._actions:
         found = re.fullmatch(r"(.*?)(?: \((?:ini: \w+)?(?:, )?(?:default ([^()]+))?\))?", str(action.help).replace("%%", "%"))
@@ -126,12 +124,8 @@ def options() -> str:
         value = "|".join(action.choices) if action.choices else action.metavar
         held = f"default `{default}`" if default else "no default"
         told = re.sub(r"\bdocs/([\w-]+\.md)", r"[\1](\1)", f"{text[0].upper()}{text[1:]}.")
-        if action.option_strings:
-            flag = action.option_strings[0]
-            sections.append(f"## {flag}\n\n`{flag}={value}`, in the ini file `{action.dest}`, {held}\n\n{told}")
-        else:
-            setting = action.dest
-            sections.append(f"## {setting.partition('=')[0]}\n\n`-o {setting}`, {held}\n\n{told}")
+        flag = action.option_strings[0]
+        sections.append(f"## {flag}\n\n`{flag}={value}`, in the ini file `{action.dest}`, {held}\n\n{told}")
     return "\n\n".join([_OPTIONS, *sections]) + "\n"
 
 

@@ -1,7 +1,7 @@
-"""The options of the plugin, each an ini setting ``rvads_*`` and mostly a flag ``--rvads-*``, read once into an `Options` object.
+"""The options of the plugin, each a flag ``--rvads-*`` and an ini setting ``rvads_*``, read once into an `Options` object.
 
-A field of `Options` declares an option: its help, its default, the function that makes the value of the field from the text
-of the flag, the ini setting or the default, and whether the option is a setting only.
+A field of `Options` declares an option: its help, its default, and the function that makes the value of the field from the text
+of the flag, the ini setting or the default.
 """
 
 from __future__ import annotations
@@ -42,8 +42,6 @@ class _Option:
     choices: tuple[str, ...] | None
     several: bool = False
     """Whether the flag can be given several times; the ini setting of such an option has one value per line."""
-    setting_only: bool = False
-    """Whether the option is an ini setting only."""
 
 
 def _option(
@@ -52,13 +50,10 @@ def _option(
     default: str = "",
     metavar: str = "",
     choices: tuple[str, ...] | None = None,
-    **kinds: bool,
+    several: bool = False,
 ) -> Any:
-    """Return a dataclass field of `Options`; without `metavar`, the help shows the last word of the option's name.
-
-    `kinds` are the fields `several` and `setting_only` of the declaration.
-    """
-    return field(metadata={"option": _Option(help, parse, default, metavar, choices, **kinds)})
+    """Return a dataclass field of `Options`; without `metavar`, the help shows the last word of the option's name."""
+    return field(metadata={"option": _Option(help, parse, default, metavar, choices, several)})
 
 
 def _text(_config: pytest.Config, _name: str, text: str) -> str | None:
@@ -208,11 +203,8 @@ class Options:
         partial(_number, most=1e6),
         "15",
         "SECONDS",
-        setting_only=True,
     )
-    run_limit: float = _option(
-        "longest real time for a run; 0 for no limit", partial(_number, most=1e6), "300", "SECONDS", setting_only=True
-    )
+    run_limit: float = _option("longest real time for a run; 0 for no limit", partial(_number, most=1e6), "300", "SECONDS")
     speed_limit: float | None = _option(
         "speed limit everywhere, such as 30mph, 50km/h or 13.9 for m/s; by default the speed limits of the map, and 25 mph on "
         "roads without a speed limit",
@@ -338,42 +330,27 @@ _HELP = "--rvads-help"
 
 
 def declare(parser: pytest.Parser) -> None:
-    """Add the ini setting of every option to pytest's parser, and the flag of every option that is not a setting only."""
+    """Add the flag and the ini setting of every option to pytest's parser."""
     group = parser.getgroup("rvads", f"traffic-rule validation (pytest-rvads; documentation: {page()})")
     for name, option in _DECLARED.items():
         ini, keywords = _ini_name(name), _keywords(name, option)
-        if not option.setting_only:
-            group.addoption(_flag(name), **keywords | {"help": _EVERYDAY.get(name, argparse.SUPPRESS)})
+        group.addoption(_flag(name), **keywords | {"help": _EVERYDAY.get(name, argparse.SUPPRESS)})
         if option.several:
             parser.addini(ini, help=f"see {_HELP}", type="linelist", default=[])
         else:
             parser.addini(ini, help=f"see {_HELP}", type="string", default="")
-    settings = sum(option.setting_only for option in _DECLARED.values())
-    counted = f"{len(_DECLARED) - settings} options and {settings} further settings"
-    group.addoption(_HELP, dest="rvads_help", action="store_true", help=f"show all {counted} of this plugin, and exit")
+    shows = f"show all {len(_DECLARED)} options of this plugin, and exit"
+    group.addoption(_HELP, dest="rvads_help", action="store_true", help=shows)
 
 
 def all_options() -> argparse.ArgumentParser:
-    """Return a parser of the plugin's options alone, with their whole help texts.
-
-    A setting without a flag is a positional argument of the parser, because a parser shows no other kind of name.
-    """
+    """Return a parser of the plugin's options alone, with their whole help texts."""
     parser = argparse.ArgumentParser(prog="pytest", usage="pytest [--rvads-OPTION=VALUE ...]", add_help=False)
     group = parser.add_argument_group(
         "rvads", "Each option is also a setting of pytest's ini file, whose name stands in brackets."
     )
-    settings = parser.add_argument_group(
-        "settings without an option",
-        "Settings of pytest's ini file. On the command line, pytest's option -o sets them: -o NAME=VALUE.",
-    )
     for name, option in _DECLARED.items():
-        if option.setting_only:
-            value = f"{{{','.join(option.choices)}}}" if option.choices else option.metavar
-            settings.add_argument(
-                f"{_ini_name(name)}={value}", help=f"{option.help} (default {option.default})".replace("%", "%%")
-            )
-        else:
-            group.add_argument(_flag(name), **_keywords(name, option))
+        group.add_argument(_flag(name), **_keywords(name, option))
     return parser
 
 
@@ -397,7 +374,7 @@ def _flag(name: str) -> str:
 
 def _read_text(config: pytest.Config, name: str, option: _Option) -> str:
     """Return the text of the flag; without the flag, the text of the ini setting; without both, the default."""
-    flag = None if option.setting_only else config.getoption(_ini_name(name))
+    flag = config.getoption(_ini_name(name))
     if flag is not None and not flag.strip():  # for example an unset variable of a CI job
         raise RvadsError(f"{_flag(name)} needs a value, got {flag!r}: give a value, or leave the option out")
     text: str = flag or config.getini(_ini_name(name)) or option.default

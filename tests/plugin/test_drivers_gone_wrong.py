@@ -45,7 +45,7 @@ def session(pytester: pytest.Pytester, does: str, *options: str, classes: tuple[
 
 @pytest.mark.extended
 def test_after_three_runs_that_were_too_late_a_driver_is_not_asked_again(pytester: pytest.Pytester) -> None:
-    *odd, one, two = session(pytester, "time.sleep(600)", "-o", "rvads_decision_limit=0.4", classes=(1, 2, 3, 4, 5))
+    *odd, one, two = session(pytester, "time.sleep(600)", "--rvads-decision-limit=0.4", classes=(1, 2, 3, 4, 5))
     assert [record["status"] for record in odd] == ["ERROR"] * 5
     says = "Odd driving a0 at 0.06 s: no answer within 0.4 s of real time (setting rvads_decision_limit), it was at test_it.py:8"
     assert [record["message"] for record in odd[:3]] == [f"ERROR: {says}"] * 3
@@ -66,7 +66,7 @@ def test_after_three_runs_that_were_too_late_a_driver_is_not_asked_again(pyteste
     ],
 )
 def test_unstoppable_driver_costs_its_worker_and_its_item(pytester: pytest.Pytester, does: str) -> None:
-    odd, one, two = session(pytester, does, "-o", "rvads_decision_limit=0.4", "-n1")
+    odd, one, two = session(pytester, does, "--rvads-decision-limit=0.4", "-n1")
     assert (odd["status"], odd["outcome"]) == ("ERROR", "failed")
     assert "the worker process crashed" in odd["message"]
     assert (one["status"], two["status"]) == ("PASS", "PASS")
@@ -81,14 +81,8 @@ def test_pytests_own_timer_is_left_alone(pytester: pytest.Pytester) -> None:
         def test_it():
             assert choice().limits == (15.0, 7.0, None)
     """)
-    result = pytester.runpytest("-o", "faulthandler_timeout=100", "-o", "rvads_run_limit=7", "-p", "no:cacheprovider")
+    result = pytester.runpytest("-o", "faulthandler_timeout=100", "--rvads-run-limit=7", "-p", "no:cacheprovider")
     result.assert_outcomes(passed=1)
-
-
-def test_a_setting_is_no_option(pytester: pytest.Pytester) -> None:
-    result = pytester.runpytest("--rvads-run-limit=7")
-    assert result.ret == pytest.ExitCode.USAGE_ERROR
-    result.stderr.fnmatch_lines(["*unrecognized arguments: --rvads-run-limit=7"])
 
 
 @pytest.mark.parametrize(
@@ -184,7 +178,7 @@ FAILS = """
 @pytest.mark.parametrize("does", ["return rvads.Control(10**400)", "raise SystemExit", "import time; time.sleep(600)"])
 def test_what_comes_of_the_second_run_of_a_failed_item_costs_no_other_verdict(pytester: pytest.Pytester, does: str) -> None:
     pytester.makepyfile(FAILS.format(does=does))
-    options = ("-p", "no:cacheprovider", "--rvads-report=out.json", "-o", "rvads_decision_limit=0.4")
+    options = ("-p", "no:cacheprovider", "--rvads-report=out.json", "--rvads-decision-limit=0.4")
     result = pytester.runpytest(*options)
     result.assert_outcomes(failed=1, errors=1)
     records = records_of(pytester.path)
@@ -299,7 +293,7 @@ def test_raising_attribute_is_an_error_of_the_driver(pytester: pytest.Pytester, 
             def test_it(self, run):
                 assert run.duration == 1
     """)
-    result = pytester.runpytest("-p", "no:cacheprovider", "--rvads-report=out.json", "-o", "rvads_decision_limit=0.3")
+    result = pytester.runpytest("-p", "no:cacheprovider", "--rvads-report=out.json", "--rvads-decision-limit=0.3")
     assert result.ret == pytest.ExitCode.TESTS_FAILED or (name in ("label", "__qualname__") and "sleep" not in does)
     records = records_of(pytester.path)
     assert {record["status"] for record in records} <= {"PASS", "ERROR", "NA"}, "nothing is skipped"
@@ -336,7 +330,7 @@ def test_late_driver_is_asked_again_in_the_next_test(pytester: pytest.Pytester) 
             def test_it(self, run):
                 assert run.duration == 1
     """)
-    result = pytester.runpytest("-p", "no:cacheprovider", "-o", "rvads_decision_limit=0.3")
+    result = pytester.runpytest("-p", "no:cacheprovider", "--rvads-decision-limit=0.3")
     result.assert_outcomes(errors=3, passed=1)
 
 
