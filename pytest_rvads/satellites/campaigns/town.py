@@ -40,7 +40,7 @@ class Town:
     plan: Plan
 
     @classmethod
-    def of(  # noqa: PLR0913 - the choices of junctions and of runs
+    def of(
         cls,
         maps: Sequence[Path],
         junctions_wanted: Sequence[str],
