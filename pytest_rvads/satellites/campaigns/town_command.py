@@ -96,7 +96,7 @@ def declare(commands: Subparsers) -> None:
 def _town(options: argparse.Namespace) -> int:
     with _driver(options) as driver:
         order = _order(options, driver)
-        if options.list and order.town.simulated:
+        if options.list and order.town.runs:
             for planned in order.town.plan:
                 say(planned.name)
             return 0
