@@ -30,7 +30,7 @@ from pytest_rvads.cli import (
 from pytest_rvads.cli.common import warn
 from pytest_rvads.support.errors import RvadsError
 from pytest_rvads.support.installed import entries, load
-from pytest_rvads.support.tracebacks import raised
+from pytest_rvads.support.tracebacks import located
 from pytest_rvads.support.wording import encode_all, page
 
 __all__ = ["answer", "main"]
@@ -95,7 +95,7 @@ def answer(parser: argparse.ArgumentParser, words: Sequence[str] | None = None) 
         print("rvads: interrupted", file=sys.stderr)
         return 130
     except SystemExit as error:  # commands return a status, so this is code of a user
-        warn(f"rvads: code that the command called {raised(error)}")
+        warn(f"rvads: code that the command called raised {located(error)}")
         return 2
 
 

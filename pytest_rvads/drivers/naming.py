@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pytest_rvads.support.errors import AutopilotError
-from pytest_rvads.support.tracebacks import raised
+from pytest_rvads.support.tracebacks import located
 from pytest_rvads.support.wording import one_line
 
 if TYPE_CHECKING:
@@ -81,7 +81,7 @@ def at(name: str, folder: Path | None = None) -> Any:
     except (ImportError, KeyboardInterrupt):
         raise
     except BaseException as error:  # code of a user may raise any error, and may call sys.exit
-        raise ImportError(f"{module} {raised(error)}") from error
+        raise ImportError(f"{module} raised {located(error)}") from error
     return attrgetter(attribute)(imported)
 
 

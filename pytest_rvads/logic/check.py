@@ -41,8 +41,8 @@ from pytest_rvads.logic.telling.explain import tell
 from pytest_rvads.logic.telling.story import Story
 from pytest_rvads.runs.run import Run, once
 from pytest_rvads.support.errors import RunError, RvadsError, require
-from pytest_rvads.support.tracebacks import place_of
-from pytest_rvads.support.wording import named_error, one_line
+from pytest_rvads.support.tracebacks import located
+from pytest_rvads.support.wording import one_line
 
 __all__ = [
     "Attribution",
@@ -173,7 +173,7 @@ def unjudged(rule: str | Rule, reason: str) -> Verdict:
 def sentence(error: BaseException) -> str:
     """Return the message of an error in a line; errors other than RvadsError and OSError get the names of type, file and line."""
     text = one_line(str(error)) if isinstance(error, RvadsError | OSError) else ""
-    return text or f"{named_error(error)} ({place_of(error)})"
+    return text or located(error)
 
 
 def _worst(rulebook: str, verdicts: Sequence[Verdict]) -> Verdict:

@@ -23,7 +23,7 @@ from pytest_rvads.session.interrupts import OutOfTime
 from pytest_rvads.session.options import OPTIONS
 from pytest_rvads.session.plan import start
 from pytest_rvads.support.errors import RvadsError
-from pytest_rvads.support.tracebacks import in_own_code, place_of
+from pytest_rvads.support.tracebacks import in_own_code, located
 from pytest_rvads.support.wording import named_error, printable, quoted
 
 if TYPE_CHECKING:
@@ -180,7 +180,7 @@ def _completed_record(item: pytest.Item, raised: BaseException | None, report: p
 
     text = str(raised) if raised else report.longrepr if isinstance(report.longrepr, str) else ""
     if isinstance(raised, Exception) and not isinstance(raised, AssertionError | RvadsError):
-        text = f"{named_error(raised)} ({place_of(raised)})"
+        text = located(raised)
     elif raised and not any(map(str.isalnum, text)):
         text = named_error(raised)
     xfail = _xfail_reason(report, raised, text)

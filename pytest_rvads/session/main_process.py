@@ -21,7 +21,7 @@ from pytest_rvads.session.outputs import Outputs, totals
 from pytest_rvads.session.plan import Planner
 from pytest_rvads.session.reasons import Ending, reasons
 from pytest_rvads.support.errors import RvadsError
-from pytest_rvads.support.tracebacks import in_own_code, place_of
+from pytest_rvads.support.tracebacks import in_own_code, located
 from pytest_rvads.support.wording import named_error, plural, printable
 
 if TYPE_CHECKING:
@@ -104,7 +104,7 @@ class Session:
         except (Exception, SystemExit, pytest.skip.Exception, pytest.fail.Exception) as error:
             traces = in_own_code(error)
             told = "".join(format_tb(traces[0] if traces else None)).rstrip()
-            trouble = f"a hook pytest_rvads_verdict raised {named_error(error)} ({place_of(error)})\n{told}"
+            trouble = f"a hook pytest_rvads_verdict raised {located(error)}\n{told}"
             self.troubles += [] if trouble in self.troubles else [trouble]
             self.failures_without_verdict.add("pytest_rvads_verdict")
 

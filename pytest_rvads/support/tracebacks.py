@@ -35,10 +35,10 @@ def place_of(error: BaseException) -> str:
     return place([(entry.filename, entry.lineno) for entry in extract_tb(error.__traceback__)])
 
 
-def raised(error: BaseException) -> str:
-    """Return "raised Type: text (file:line)" with the innermost code of the user, as far as the error came from a file."""
-    line = place_of(error)
-    return f"raised {named_error(error)}" + ("" if line.startswith("<frozen") else f" ({line})")
+def located(error: BaseException) -> str:
+    """Return "Type: text (file:line)" with the innermost code of the user, as far as the error came from a file."""
+    line = place_of(error) if error.__traceback__ else "<frozen"
+    return named_error(error) + ("" if line.startswith("<frozen") else f" ({line})")
 
 
 def in_own_code(error: BaseException) -> list[TracebackType] | None:

@@ -202,6 +202,17 @@ def test_no_rule_is_judged_by_the_predicate_of_another(
     assert statuses == {300: "PASS", 3: "FAIL"}
 
 
+def test_a_rule_asks_its_own_function_also_where_another_one_is_alike(drive: Make) -> None:
+    """They may come to differ: here a global is bound again after both were found to say the same."""
+    run = drive("stop4", {0: (2, -20, [(0, 10.0)])}, 30)
+    functions = [loaded(300), loaded(300)]
+    one, two = (Rule("own", "forall a. G !fast(a)", words=(Word("fast", ("agent",), function),)) for function in functions)
+    assert one == two
+    functions[1].__globals__["LIMIT"] = 3
+    assert (check(run, one).status, check(run, two).status) == ("PASS", "FAIL")
+    assert one != two
+
+
 def recursive(depth: int) -> bool:
     return depth == 0 or recursive(depth - 1)
 
@@ -209,25 +220,34 @@ def recursive(depth: int) -> bool:
 def test_functions_are_equal_by_code_and_values() -> None:
     owner = Over(3)
     alike = [
+        (loaded(3), loaded(3)),
+        (loaded(3), loaded(3, lines=9)),
         (over(3), over(3)),
         (over((3, "m")), over((3, "m"))),  # type: ignore[arg-type]
-        (over(over(3)), over(over(3))),  # type: ignore[arg-type]
+        (over(loaded(3)), over(loaded(3))),  # type: ignore[arg-type]
         (owner.fast, owner.fast),
+        (packed("one"), packed("one")),
+        (packed("one", "limit = 3"), packed("two", "limit = 3")),
         (recursive, FunctionType(recursive.__code__, globals(), "again")),
     ]
     assert [same(one, two) for one, two in alike] == [True] * len(alike)
+    tagged = loaded(3)
+    tagged.unit = "m/s"  # type: ignore[attr-defined]
     apart = [
-        (loaded(3), loaded(3)),  # of no file, so nothing tells what its module holds
+        (loaded(3), loaded(4)),
+        (loaded(3), loaded(3.0)),
+        (loaded(3), tagged),
         (over(3), over(4)),
-        (over(3), over(3.0)),
         (over(Over(3)), over(Over(3))),  # type: ignore[arg-type]
         (over([3]), over([3])),  # type: ignore[arg-type]
         (over(Kilometres(3)), over(Kilometres(3))),
         (over(Limits(3)), over(Limits(3))),  # type: ignore[arg-type]
-        (over(over(3)), over(over(4))),  # type: ignore[arg-type]
+        (over(loaded(3)), over(loaded(4))),  # type: ignore[arg-type]
         (Over(3).fast, Over(3).fast),
         (early, late),
         (partial(early), partial(early)),
+        (packed("one"), packed("two")),
+        (packed("one", "limit = globals()['K']"), packed("one", "limit = globals()['K']")),
         (deep(1500), deep(1500)),
     ]
     assert [same(one, two) for one, two in apart] == [False] * len(apart)

@@ -14,7 +14,7 @@ from functools import partial
 from typing import Any, Generic, NamedTuple, TypeAlias, TypeVar
 
 from pytest_rvads.support.errors import RvadsError
-from pytest_rvads.support.tracebacks import raised
+from pytest_rvads.support.tracebacks import located
 from pytest_rvads.support.wording import one_line
 
 __all__ = ["AHEAD", "Crew", "ExecutorGone", "Failed", "Foreign", "Own", "Part", "Team", "tried"]
@@ -310,7 +310,7 @@ def tried(work: Callable[[Any], Any], job: Any) -> Any:
     except Exception as error:
         return Failed(error)
     except SystemExit as error:  # code of a user; it ends the job, not the process
-        return Failed(RvadsError(f"code that a job called {raised(error)}"))
+        return Failed(RvadsError(f"code that a job called raised {located(error)}"))
 
 
 def _packed(value: object) -> bytes:
