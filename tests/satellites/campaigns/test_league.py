@@ -57,6 +57,7 @@ class Killed(Reference):
         super().__init__()
         Killed.made += 1
         if Killed.made == 2 and Path("kill").exists():
+            time.sleep(2)  # the league writes the result of the first run
             os.kill(os.getppid(), signal.SIGKILL)
             time.sleep(60)
 
