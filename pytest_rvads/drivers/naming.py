@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import os
+import subprocess
 import sys
-from contextlib import suppress
 from functools import cache, partial
 from importlib import import_module
 from operator import attrgetter
@@ -90,21 +89,20 @@ def _import_returns(module: str) -> bool:
 
     A module that ends its process would else end the command, with an exit status of its choice.
     """
-    from multiprocessing import Process
-
-    process = Process(target=_import_and_end, args=(module,))
-    process.start()
-    process.join()
-    return process.exitcode == _RETURNED
-
-
-def _import_and_end(module: str) -> None:
-    sink = os.open(os.devnull, os.O_WRONLY)  # what the module prints is printed by the import that follows
-    os.dup2(sink, 1)
-    os.dup2(sink, 2)
-    with suppress(BaseException):
-        import_module(module)
-    os._exit(_RETURNED)
+    code = "\n".join(
+        (
+            "import importlib, os, sys",
+            f"sys.path[:] = {sys.path!r}",
+            "try:",
+            f"    importlib.import_module({module!r})",
+            "except BaseException:",
+            "    pass",
+            f"os._exit({_RETURNED})",
+        )
+    )
+    # What the module prints is printed by the import that follows. A fork would copy the locks of other threads.
+    done = subprocess.run([sys.executable, "-c", code], stdin=subprocess.DEVNULL, capture_output=True, check=False)
+    return done.returncode == _RETURNED
 
 
 def name_of(driver: Any) -> str:
