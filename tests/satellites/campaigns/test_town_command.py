@@ -46,6 +46,16 @@ class Fickle(Reference):
         return super().control(view)._replace(throttle=self.throttle, brake=0.0)
 """
 
+KEPT = """
+import os, signal, time
+from pathlib import Path
+
+def kept():
+    while not any(len(file.read_bytes().splitlines()) > 1 for file in Path("rvads-town").glob("results-*.jsonl")):
+        time.sleep(0.05)
+"""
+"""Waits in a driver until the command has kept a result: the results file begins with a line about itself."""
+
 
 @pytest.fixture(autouse=True)
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
@@ -166,8 +176,8 @@ def test_what_was_judged_before_an_interrupt_is_kept_and_gone_on_from(
 @pytest.mark.extended
 @pytest.mark.parametrize("number", ["SIGTERM", "SIGHUP"])
 def test_terminated_town_leaves_its_page_and_report(folder: Path, number: str) -> None:
-    ends = DRIVER.format(last=4).replace("raise KeyboardInterrupt", f"os.kill(os.getppid(), signal.{number}); time.sleep(60)")
-    (folder / "impatient.py").write_text(f"import os, signal, time\n{ends}", encoding="utf-8")
+    ends = DRIVER.format(last=4).replace("raise KeyboardInterrupt", "kept(); os.kill(os.getppid(), signal.{number}); time.sleep(60)")
+    (folder / "impatient.py").write_text(f"{KEPT}{ends.format(number=number)}", encoding="utf-8")
     path = os.pathsep.join([str(folder), os.environ.get("PYTHONPATH", "")])
     words = ["-c", "from pytest_rvads.cli import main; raise SystemExit(main())", "town", "stop3.xodr", *SHORT]
     command = [sys.executable, *words, "--autopilot", "impatient:Impatient"]
