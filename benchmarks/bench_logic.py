@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from pytest_rvads.geometry.finder import find
-from pytest_rvads.logic.check import check, extract
+from pytest_rvads.logic.check import check
+from pytest_rvads.logic.conduct.predicates import extract
 from pytest_rvads.logic.judging.ground import ground
 from pytest_rvads.logic.judging.prepare import forget
 from pytest_rvads.logic.ltl.ltl3 import Monitor, encode, run_machine, synthesize

@@ -17,8 +17,6 @@ from pytest_rvads.support.errors import RvadsError
 from pytest_rvads.support.executors import Progress, spread
 from studies.killing import killed_by
 
-__all__ = ["Agreement", "Entries", "Mutant", "Trial", "agree", "differences", "same_order", "text_agreements"]
-
 _SIMULATING = "simulating"
 """What a simulator that can't simulate a case is judged by in place of rules."""
 Entries = Mapping[str, tuple[float | None, float | None]]

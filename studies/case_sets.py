@@ -23,8 +23,6 @@ from studies.mutants import MUTANTS
 from studies.predicted import site_of
 from studies.requests import RULES
 
-__all__ = ["SETS", "class_trials", "recorded_trials"]
-
 LETTERS = "ABCDEFGHIJ"
 """All configurations of the paper."""
 

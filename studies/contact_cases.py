@@ -14,8 +14,6 @@ from pytest_rvads.runs.states import Kind, Vehicle
 from pytest_rvads.scenarios.case import Case, Fleet
 from pytest_rvads.scenarios.scenario import Scenario
 
-__all__ = ["CYCLIST", "TRUCK", "Careless", "contact_cases"]
-
 TRUCK = Vehicle(
     mass=12000.0,
     yaw_inertia=90000.0,

@@ -20,8 +20,6 @@ from pytest_rvads.search.trials import Fault, Setting, fault_of
 from studies.detection import DEFICIENCIES, autopilot
 from studies.mutants import MUTANTS
 
-__all__ = ["Find", "found_by", "junctions_of", "kept_by", "safety_rules", "settings"]
-
 JUNCTIONS = ("stop4", "light4", "yield4", "right4")
 """Where mutants are tried."""
 TRAFFIC = ("reference", "lgsvl")

@@ -33,8 +33,6 @@ from pytest_rvads.simulators.simulator import simulate
 from pytest_rvads.support.executors import Progress, spread
 from studies.mutants import AT_CROSSWALKS
 
-__all__ = ["Found", "cover", "find_all", "found_by", "shown", "table"]
-
 JUNCTIONS = ("zebra4", "walk4")
 BUDGET = 300
 """Runs after which a mutant survives."""

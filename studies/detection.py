@@ -27,8 +27,6 @@ from pytest_rvads.simulators.simulator import Simulator, named, simulate
 from pytest_rvads.support.executors import Progress, spread
 from studies.methods import METHODS
 
-__all__ = ["DEFICIENCIES", "Power", "broken_rules", "interval", "measure"]
-
 DEFICIENCIES: Mapping[str, str] = {
     "I1": "paper_light4",
     "I2": "paper_stop4",

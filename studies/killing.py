@@ -21,8 +21,6 @@ from pytest_rvads.simulators.simulator import named, simulate
 from pytest_rvads.support.executors import Progress, spread
 from studies.mutants import MUTANTS
 
-__all__ = ["CELLS", "Killing", "kill_all", "killed_by"]
-
 CELLS = (
     ("stop4", "1231", "C"),
     ("stop4", "2222", "E"),

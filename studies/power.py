@@ -21,8 +21,6 @@ from studies.killing import kill_all
 from studies.power_tables import plot, table_of_mutants, table_of_power
 from studies.same_runs import HEADING, SameRuns, compare_all, row, summary
 
-__all__ = ["main"]
-
 
 def main(words: Sequence[str] | None = None) -> int:
     """Run the command with these words, by default those of the command line, and return the exit status."""

@@ -10,8 +10,6 @@ from pytest_rvads.report.draw.svg import document, polyline, text
 from studies.detection import Power, interval
 from studies.killing import Killing
 
-__all__ = ["plot", "table_of_mutants", "table_of_power"]
-
 _WIDTH, _ROW, _LEFT, _TOP = 640, 18, 170, 30
 
 

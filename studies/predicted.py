@@ -30,8 +30,6 @@ from studies.agreement import Entries, same_order
 from studies.requests import DEFAULT_WAIT, DURATION, RULES
 from studies.site import build_junction
 
-__all__ = ["Compared", "compare", "site_of", "text_agreement"]
-
 NAMES = {
     "p1": "one-car-in-junction",
     "p2": "right-of-priority",

@@ -13,8 +13,6 @@ from pytest_rvads.simulators.simulator import named
 from studies import requests
 from studies.predicted import compare, text_agreement
 
-__all__ = ["main"]
-
 
 def main(words: Sequence[str] | None = None) -> int:
     """Run the command with these words, by default those of the command line, and return the exit status."""

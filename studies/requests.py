@@ -21,8 +21,6 @@ from pytest_rvads.support.decoding import typed
 from pytest_rvads.support.errors import MapError, RvadsError, ScenarioError
 from studies.site import Lengths, build_junction
 
-__all__ = ["Graph", "answer", "predict", "site_lengths"]
-
 RULES = {JunctionControl.STOP: ("p1", "p2", "p3"), JunctionControl.LIGHTS: ("p4", "p5", "p6")}
 DURATION = {JunctionControl.STOP: 30.0, JunctionControl.LIGHTS: 40.0}
 """Longest run, as in the paper's tables [s]."""

@@ -27,8 +27,6 @@ from studies.critical_power import TRAFFIC, Find, found_by, junctions_of, kept_b
 from studies.detection import DEFICIENCIES
 from studies.mutants import MUTANTS
 
-__all__ = ["HEADING", "SameRuns", "compare", "compare_all", "first_runs", "interval_of_median", "row", "summary"]
-
 SEEDS = 100
 """Number of random orders of a pool."""
 RESAMPLES = 300

@@ -16,8 +16,6 @@ from pytest_rvads.support.errors import ScenarioError, suggest
 from studies.agreement import agree, text_agreements
 from studies.case_sets import SETS, recorded_trials
 
-__all__ = ["main"]
-
 
 def main(words: Sequence[str] | None = None) -> int:
     """Run the command with these words, by default those of the command line, and return the exit status."""

@@ -22,8 +22,6 @@ from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.geometry.ways import Movement, cross
 from pytest_rvads.support.errors import MapError
 
-__all__ = ["TOLERANCE", "Lengths", "build_junction", "fit_shape"]
-
 APPROACH = 120.0
 """Length of approaches and exit roads [m]."""
 TOLERANCE = 2.5

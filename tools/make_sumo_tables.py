@@ -14,8 +14,6 @@ from pytest_rvads.logic.rules.rulebooks import PAPER, ROAD
 from pytest_rvads.scenarios.configurations import grid
 from pytest_rvads.scenarios.selection import Selection
 
-__all__ = ["PAGE", "PLACES", "VARIANTS", "by_class", "totals", "variants", "written"]
-
 PAGE = Path(__file__).parents[1] / "docs" / "sumo.md"
 PLACES = ("stop4", "stop3", "light4", "yield4", "right4")
 GRID = "ACDE"

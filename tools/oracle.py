@@ -35,8 +35,6 @@ from pytest_rvads.scenarios.configurations import grid
 from pytest_rvads.scenarios.selection import Selection
 from pytest_rvads.scenarios.walks import walks_of
 
-__all__ = ["SECTIONS", "compare", "dump"]
-
 SHARED = Path(__file__).parents[2] / "shared"
 DATA = Path(rvads.__file__).parent / "geometry" / "data"
 """The built-in maps, as files."""

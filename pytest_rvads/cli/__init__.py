@@ -33,8 +33,6 @@ from pytest_rvads.support.installed import entries, load
 from pytest_rvads.support.tracebacks import located
 from pytest_rvads.support.wording import encode_all, page
 
-__all__ = ["answer", "main"]
-
 _WITH_MAPS = ("atlas", "braking", "check", "classes", "critical", "export", "import", "init", "map", "town")
 """Commands that read a map file."""
 _GROUPS = {

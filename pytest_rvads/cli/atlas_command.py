@@ -28,8 +28,6 @@ if TYPE_CHECKING:
     from pytest_rvads.search.starts import Line
     from pytest_rvads.search.trials import Setting
 
-__all__ = ["Band", "StripRow", "declare", "draw_strips"]
-
 _ATLAS = """\
 For every two conflicting ways of a junction, find all changes of a verdict over leads of -6 to 6 s, to 0.01 s. Writes a page
 with a strip per pair of ways, and a certificate, which names the simulated starts, the verdicts inferred between these starts,

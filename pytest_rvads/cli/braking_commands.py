@@ -26,8 +26,6 @@ if TYPE_CHECKING:
     from pytest_rvads.simulators.driver_dynamics import DriverDynamics
     from pytest_rvads.simulators.simulator import Simulator
 
-__all__ = ["declare"]
-
 _DISTANCES = (0.01, 0.3, 1.0, 3.0, 5.0, 10.0, 15.0, 20.0)
 """Distances of the braking table: the distances of the configurations, and further distances between them [m]."""
 _CURVE = (0.01, 0.1, 0.2, 0.3, *(0.5 * k for k in range(1, 41)))

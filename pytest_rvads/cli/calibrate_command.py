@@ -17,8 +17,6 @@ from pytest_rvads.support.storage import write_file
 if TYPE_CHECKING:
     from pytest_rvads.simulators.driver_dynamics import Pedal
 
-__all__ = ["declare"]
-
 
 def declare(commands: Subparsers) -> None:
     """Add the command ``rvads calibrate`` to the parser."""

@@ -15,8 +15,6 @@ from pytest_rvads.support.installed import load
 if TYPE_CHECKING:
     from pytest_rvads.logic.rules.rule import Rule
 
-__all__ = ["declare", "list_rules"]
-
 
 def declare(commands: Subparsers) -> None:
     """Add the commands ``check``, ``rules`` and ``monitor`` to the parser."""

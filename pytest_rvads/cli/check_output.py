@@ -23,8 +23,6 @@ from pytest_rvads.report.rollup import AtJunctions, sums
 from pytest_rvads.report.session_report import NOTHING_JUDGED, UNFINISHED, Report, Spool, exit_status
 from pytest_rvads.support.wording import plural
 
-__all__ = ["VERSION", "Output", "Teller", "Totals", "line", "measured", "output", "unsure"]
-
 VERSION = 1
 """Version of the object of ``--json`` and of the lines of ``--jsonl``."""
 _KPIS = "(kpis)"

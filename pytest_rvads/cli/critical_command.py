@@ -36,8 +36,6 @@ if TYPE_CHECKING:
     from pytest_rvads.search.trials import Setting
     from pytest_rvads.support.executors import Progress
 
-__all__ = ["declare"]
-
 _CRITICAL = """\
 For every two conflicting ways of a junction, find the start at which the vehicle under test changes from waiting to going, and
 judge the runs from this start and from less critical starts. A start is found to 0.01 s of the lead: the time by which the

@@ -10,8 +10,6 @@ import pytest_rvads
 from pytest_rvads.cli.common import Subparsers, say
 from pytest_rvads.support.errors import RvadsError
 
-__all__ = ["declare", "pages"]
-
 _START = "README"
 """The name of the page that leads to all other pages; the list of pages begins with it."""
 

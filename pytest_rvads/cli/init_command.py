@@ -20,8 +20,6 @@ from pytest_rvads.support.wording import page
 if TYPE_CHECKING:
     from pytest_rvads.geometry.junction import Junction
 
-__all__ = ["WORKFLOW", "declare", "template"]
-
 WORKFLOW = ".github/workflows/rules.yml"
 """Path in a repository: the workflow file that GitHub runs at every push."""
 

@@ -24,8 +24,6 @@ from pytest_rvads.report.rollup import natural
 from pytest_rvads.support.storage import write_file
 from pytest_rvads.support.wording import plural
 
-__all__ = ["declare", "draw_classes"]
-
 _SHOWN = 100
 _START = "vehicles start up to {:.0f} m before the line"
 _CELL, _LABEL, _RADIUS, _LANE, _HEAD = 124, 90, 42.0, 5.0, 66

@@ -33,8 +33,6 @@ from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.support.errors import RunError, RvadsError
 from pytest_rvads.support.wording import first, markup, one_line
 
-__all__ = ["Picture", "html", "telling"]
-
 _WIDE = 500
 """Width of a picture on a page with enough room [px]."""
 _ROWS = 24

@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from pytest_rvads.report.record import Record
     from pytest_rvads.report.session_report import Report
 
-__all__ = ["declare"]
-
 _NAMED = 3
 """Largest number of failures that an error message names."""
 

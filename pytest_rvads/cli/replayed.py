@@ -27,8 +27,6 @@ from pytest_rvads.scenarios.ids import recalled
 from pytest_rvads.support.errors import FormulaError, RunError, RvadsError
 from pytest_rvads.support.wording import quoted
 
-__all__ = ["Replayed", "failed_run", "run_of_file"]
-
 
 @dataclass(frozen=True, slots=True)
 class Replayed:

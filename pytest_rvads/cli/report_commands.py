@@ -28,8 +28,6 @@ from pytest_rvads.report.session_report import (
 from pytest_rvads.support.errors import RvadsError
 from pytest_rvads.support.wording import first, one_line
 
-__all__ = ["declare", "merge"]
-
 _SHOWN = 10
 """Largest number of contradictions between merged reports that are listed; further contradictions are counted."""
 _COMMANDS = 3

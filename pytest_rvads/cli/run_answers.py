@@ -32,10 +32,9 @@ from pytest_rvads.runs.measured import Kpis
 from pytest_rvads.runs.readers import READERS, files_of, matching, read_runs
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Kind
-from pytest_rvads.support.executors import Failed, gathered
+from pytest_rvads.support.executors import gathered
+from pytest_rvads.support.executors.teams import Failed
 from pytest_rvads.support.storage import slug, write_file
-
-__all__ = ["NOTABLE", "Batch", "Question", "RunAnswer", "judged"]
 
 _SIZE = 4
 """Number of runs of a file that a process gets at a time, if there are several processes."""

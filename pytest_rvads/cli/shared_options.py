@@ -25,19 +25,6 @@ if TYPE_CHECKING:
     from pytest_rvads.search.starts import Line
     from pytest_rvads.search.trials import Setting
 
-__all__ = [
-    "again",
-    "declare_driver",
-    "declare_executor",
-    "declare_starts",
-    "map_of",
-    "opened_driver",
-    "opened_executor",
-    "places",
-    "setting_of",
-    "start_of",
-]
-
 _PATIENCE = 20
 """Longest time for a scheduler to answer, at the beginning and after a lost connection [s]."""
 

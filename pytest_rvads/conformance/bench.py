@@ -25,30 +25,6 @@ from pytest_rvads.simulators.patience import limits
 from pytest_rvads.simulators.simulator import Simulator, answered
 from pytest_rvads.support.errors import ScenarioError
 
-__all__ = [
-    "FAULTY_FROM",
-    "JUNCTIONS",
-    "Bench",
-    "Brakes",
-    "Broken",
-    "Cast",
-    "Cruises",
-    "Hangs",
-    "Look",
-    "NotANumber",
-    "NotTried",
-    "Raises",
-    "Steers",
-    "Witness",
-    "among",
-    "crowd",
-    "meeting",
-    "own_row",
-    "set_back",
-    "straight",
-    "unmade",
-]
-
 FAULTY_FROM = 3
 """Tick (number of a state of the run) from which a driver with a fault shows the fault."""
 _ASLEEP = 30.0

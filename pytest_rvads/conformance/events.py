@@ -20,8 +20,6 @@ from pytest_rvads.scenarios.case import Case, Fleet
 from pytest_rvads.scenarios.pedestrians import Pedestrian
 from pytest_rvads.simulators.walkers import Walker
 
-__all__ = ["crossing", "gone_for_good", "passing", "pedestrians", "running_into"]
-
 SPEED = 8.0
 """Speed of the vehicles that meet [m/s]."""
 LATER = 8.0

@@ -16,17 +16,6 @@ from pytest_rvads.runs.run import DT, Run
 from pytest_rvads.runs.states import SLOT, Colour, Kind, Vehicle, Zone
 from pytest_rvads.scenarios.case import Case, Fleet
 
-__all__ = [
-    "bodies_of_the_fleet",
-    "clock",
-    "ends",
-    "headings_and_places",
-    "integrity",
-    "lights",
-    "speeds_are_progress",
-    "zones_follow_stations",
-]
-
 RATE = (0.1, 0.03)
 """Largest difference between the speed on an approach and the progress of the station: a part [m/s], and a share of the speed."""
 OFFSET = 1.5

@@ -29,17 +29,6 @@ from pytest_rvads.simulators.simulator import Simulator, made_by, named, simulat
 from pytest_rvads.support.errors import MapError, RunError, RvadsError, ScenarioError
 from pytest_rvads.support.wording import one_line
 
-__all__ = [
-    "another_process",
-    "answer",
-    "envelope_is_a_curve",
-    "has_a_name",
-    "impossible_cases",
-    "provenance",
-    "repeatable",
-    "start_places",
-]
-
 PLACE, SPEED, HEADING = 0.1, 0.1, 0.1
 """Largest errors of a start in place [m], speed [m/s] and heading [rad]; small beside the entrance zone of 1 m."""
 _DISTANCES = (0.0, 0.3, 2.0, 10.0, 30.0)

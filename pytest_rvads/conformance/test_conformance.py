@@ -22,8 +22,6 @@ from pytest_rvads.simulators.simulator import Simulator, meant
 from pytest_rvads.support.errors import ScenarioError, require, suggest
 from pytest_rvads.support.wording import one_line
 
-__all__ = ["CHECKS", "demand", "faults", "unsupported"]
-
 _MOST = 3
 """Largest number of sentences that a failed check prints."""
 CHECKS: Mapping[str, tuple[Look, bool]] = MappingProxyType(

@@ -34,8 +34,6 @@ from pytest_rvads.runs.states import Vehicle
 from pytest_rvads.scenarios.case import Case, Fleet
 from pytest_rvads.simulators.simulator import vmax
 
-__all__ = ["brakes_by_its_envelope", "faults", "hanging", "leaving_the_route", "subject_and_traffic", "what_drivers_see"]
-
 _PATIENCE = 1.0
 """Longest real time for a decision of the hanging driver [s]."""
 _BRAKING_FROM = 8.0

@@ -16,8 +16,6 @@ from typing import Any, get_args
 from pytest_rvads.drivers.follower import Follower, lookahead, pursue
 from pytest_rvads.drivers.interface import Acceleration, Command, Control, Observation, TargetSpeed, Trajectory, Waypoint
 
-__all__ = ["PLACE_GAIN", "SPEED_GAIN", "Tracker", "UnfitCommand", "plain"]
-
 MAX_SPEED = 70.0
 """Greatest speed of a command [m/s]; a greater value is a mistake of units."""
 TOLERANCE = 1e-6

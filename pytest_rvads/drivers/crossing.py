@@ -21,20 +21,6 @@ from pytest_rvads.geometry.ways import Key
 from pytest_rvads.runs.itineraries import Itinerary, itinerary
 from pytest_rvads.runs.states import APPROACH, ENTRANCE, EXIT, JUNCTION, VehicleState
 
-__all__ = [
-    "ROLLING",
-    "Meeting",
-    "Meetings",
-    "ahead_in_lane",
-    "conflicts",
-    "exit_blocked",
-    "in_the_way",
-    "may_meet",
-    "may_yield",
-    "not_queued",
-    "runs_through",
-]
-
 ROLLING = 3.0
 """A vehicle before the junction that is at least this fast drives on, so that vehicles behind it are not queued [m/s]."""
 RUNNER = 4.5

@@ -12,9 +12,6 @@ from pytest_rvads.drivers.interface import Autopilot, Control, Observation
 from pytest_rvads.drivers.way_ahead import EASE, AxlePath, Track, axle_path, track
 from pytest_rvads.runs.states import GRAVITY, Vehicle, VehicleState
 
-__all__ = ["STANDING", "Follower", "lookahead", "pursue", "resistance"]
-
-
 _GAIN = 4.0
 """Acceleration per difference between target speed and speed [1/s]."""
 _FIRM = 3.0

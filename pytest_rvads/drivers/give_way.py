@@ -20,8 +20,6 @@ from pytest_rvads.logic.conduct.room import stand_back
 from pytest_rvads.runs.itineraries import LEAVE
 from pytest_rvads.runs.states import APPROACH, ENTRANCE, JUNCTION, Colour, VehicleState
 
-__all__ = ["GiveWay", "clear_of_meetings"]
-
 DRIVE = 2.3
 """Acceleration that the driver expects of its own vehicle when it computes how soon it leaves a stretch [m/s^2]; how soon it can
 arrive is computed with `EAGER`."""

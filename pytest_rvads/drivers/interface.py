@@ -25,26 +25,6 @@ from pytest_rvads.runs.run import DT
 from pytest_rvads.runs.states import Agent, Colour, Vehicle, VehicleState
 from pytest_rvads.support.errors import AutopilotError
 
-__all__ = [
-    "OF_AUTOPILOTS",
-    "OF_SYSTEMS",
-    "Acceleration",
-    "Autopilot",
-    "Command",
-    "Control",
-    "Coordinates",
-    "Drives",
-    "Factory",
-    "Observation",
-    "TargetSpeed",
-    "TrafficSystem",
-    "Trajectory",
-    "Waypoint",
-    "check_factory",
-    "refuse",
-    "spelling",
-]
-
 
 def _number(value: Any) -> bool:
     return isinstance(value, Real) and not isinstance(value, bool)

@@ -21,8 +21,6 @@ from pytest_rvads.geometry.line_of_sight import crosses
 from pytest_rvads.runs.itineraries import itinerary
 from pytest_rvads.runs.states import ENTRANCE, EXIT, JUNCTION, Colour, Kind, VehicleState
 
-__all__ = ["AtCrosswalks"]
-
 BEFORE = 0.5
 """Distance before the painted area at which the driver stops [m]."""
 AHEAD, BARELY, INSIDE = 2.0, 0.2, 0.4

@@ -17,8 +17,6 @@ from pytest_rvads.support.wording import one_line
 if TYPE_CHECKING:
     from pytest_rvads.drivers.interface import Factory
 
-__all__ = ["at", "called", "chosen", "labelled", "name_of", "stand_in"]
-
 _LONGEST = 1000
 """Greatest length of a name; a longer name is cut [characters]."""
 _RETURNED = 42

@@ -17,8 +17,6 @@ from pytest_rvads.runs.runfile import load_run
 from pytest_rvads.runs.states import Agent
 from pytest_rvads.support.errors import RunError, ScenarioError
 
-__all__ = ["Replay"]
-
 _SAME = 1e-6
 """Recorded controls are applied while the sum of the deviations in station [m] and speed [m/s] from the recording is smaller."""
 _AHEAD = 0.2

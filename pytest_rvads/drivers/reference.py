@@ -27,8 +27,6 @@ from pytest_rvads.logic.conduct.room import room
 from pytest_rvads.runs.states import APPROACH, ENTRANCE, JUNCTION
 from pytest_rvads.support.errors import AutopilotError
 
-__all__ = ["Gate", "Reference", "by_zones"]
-
 
 class Gate(Protocol):
     """The protocol for the part of a driver that decides when to enter the junction."""

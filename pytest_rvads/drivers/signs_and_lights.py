@@ -17,8 +17,6 @@ from pytest_rvads.runs.itineraries import ENTRANCE_ZONE
 from pytest_rvads.runs.run import DT
 from pytest_rvads.runs.states import APPROACH, ENTRANCE, JUNCTION, Colour, VehicleState
 
-__all__ = ["HOLD", "PATIENCE", "PATIENCE_STEP", "WAIVER", "Light", "OnYellow", "Queue", "StopSign", "may_get_green"]
-
 _MOVING = 0.15
 """A vehicle that stood before its line and is now faster than this has set off [m/s]."""
 

@@ -16,22 +16,6 @@ from pytest_rvads.geometry.sweep import BEHIND
 from pytest_rvads.logic.conduct.room import PLACES, leaves_room, room, stand_back
 from pytest_rvads.runs.states import ENTRANCE, EXIT, JUNCTION, VehicleState
 
-__all__ = [
-    "CREEP",
-    "STAND_OFF",
-    "Stopping",
-    "behind",
-    "behind_leader",
-    "can_stop",
-    "clear_of_bodies",
-    "clear_of_crossing",
-    "clear_of_standing",
-    "held_back",
-    "no_room",
-    "stop_before",
-    "time_to",
-]
-
 STAND_OFF = 0.35
 """Distance from the driver's stopping point to the stopping line [m]; the stopping point is well inside the entrance zone."""
 MISSED = 0.3

@@ -24,21 +24,6 @@ from pytest_rvads.runs.itineraries import ENTRANCE_ZONE
 from pytest_rvads.runs.states import Colour, Zone
 from pytest_rvads.support.errors import AutopilotError, ScenarioError, suggest
 
-__all__ = [
-    "DEFAULT",
-    "EVERYWHERE",
-    "POLICIES",
-    "Hesitant",
-    "LateYielder",
-    "Policy",
-    "RedLightRunner",
-    "RollingStop",
-    "Stopped",
-    "SumoDriver",
-    "policy_name",
-    "traffic",
-]
-
 ROLL = 2.5
 """Speed at which `RollingStop` crosses its stopping line if no vehicle is in its way [m/s]."""
 NEAR = 5.0

@@ -16,8 +16,6 @@ from typing import NamedTuple
 from pytest_rvads.runs.states import Colour
 from pytest_rvads.support.errors import ScenarioError, suggest
 
-__all__ = ["BEHAVIOURS", "KERB", "RUNNING", "STRIDE", "WALKING", "Approaching", "Behaviour", "Pace", "Sight", "behaviour"]
-
 WALKING, RUNNING = 1.4, 2.5
 """Speeds of walking and running [m/s]."""
 STRIDE = 5.0

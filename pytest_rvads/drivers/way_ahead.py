@@ -19,9 +19,6 @@ from pytest_rvads.geometry.sweep import STEP, Course, Plan, plan, with_roads
 from pytest_rvads.runs.itineraries import Itinerary
 from pytest_rvads.runs.states import Vehicle
 
-__all__ = ["EASE", "AxlePath", "Track", "approach_pace", "axle_path", "fastest", "track"]
-
-
 QUICK = 0.7
 """Largest share of the vehicle's steering rate that a planned path uses."""
 CALM = 0.7

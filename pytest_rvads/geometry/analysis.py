@@ -29,8 +29,6 @@ from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.geometry.ways import Key, Movement
 from pytest_rvads.support.wording import plural
 
-__all__ = ["Cut", "JunctionReport", "LaneEnd", "analyse", "cut", "joints_of", "lifted", "opposite_pairs", "right_of_pairs"]
-
 Pairs = frozenset[tuple[int, int]]
 
 

@@ -19,8 +19,6 @@ from pytest_rvads.geometry.network import Edge, facing
 from pytest_rvads.geometry.paths import Path, Route, walk
 from pytest_rvads.geometry.segment import GAP_LIMIT
 
-__all__ = ["FEWEST", "FIRST", "MOST", "RoadArm", "arms_of", "sort_arms", "turns_in_order", "unusable", "widest_gap"]
-
 FIRST = math.radians(-112.5)
 """Direction from which arms are counted [rad]."""
 _FACING = math.radians(70.0)

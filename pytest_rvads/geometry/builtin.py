@@ -31,8 +31,6 @@ from pytest_rvads.geometry.opendrive.writer import Layout
 from pytest_rvads.geometry.segment import Pose
 from pytest_rvads.support.errors import MapError
 
-__all__ = ["CROSSINGS", "LAYOUTS", "Roundabout", "path_of", "roundabout"]
-
 _RING, _CONNECTING = 100, 200
 """Lowest ids of the roads of the ring, and of the roads in its junctions."""
 

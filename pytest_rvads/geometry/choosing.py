@@ -14,8 +14,6 @@ from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.support.errors import MapError, require
 from pytest_rvads.support.stratified import draw
 
-__all__ = ["EVERY", "Choice", "Kinds", "Refused", "choose", "choose_among", "some"]
-
 EVERY = "*"
 """The text with which a user requests all junctions of a map."""
 _FREE = "no two of its movements meet, so nobody has to give way there: ask for it by its id to drive there all the same"

@@ -14,8 +14,6 @@ from pytest_rvads.geometry.segment import Segment
 from pytest_rvads.geometry.ways import Key, Way
 from pytest_rvads.support.errors import MapError
 
-__all__ = ["JunctionKind", "Line", "Shared", "Stretch", "close", "conflicts_of"]
-
 _SPACING = 0.5
 _PART = 128
 """Number of points of a part of a line; only parts with boxes near each other are compared point by point."""

@@ -13,20 +13,6 @@ from itertools import combinations
 
 from pytest_rvads.geometry.turns import Turn
 
-__all__ = [
-    "JunctionControl",
-    "MapObject",
-    "ObjectKind",
-    "Sign",
-    "control_of",
-    "phase_groups",
-    "setback_of",
-    "sign_of_arm",
-    "sign_setback_of",
-    "signs_of",
-]
-
-
 _AT_LINE = 0.01
 
 

@@ -29,8 +29,6 @@ from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.geometry.ways import CONFLICT_WIDTH, Key
 from pytest_rvads.support.errors import MapError
 
-__all__ = ["REACH", "lay"]
-
 Array = NDArray[np.float64]
 
 REACH = 15.0

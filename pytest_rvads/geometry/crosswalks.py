@@ -24,8 +24,6 @@ from pytest_rvads.geometry.sweep import CAR
 from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.geometry.ways import Key
 
-__all__ = ["MODERATE", "PERSON", "SIDEWALK", "Crossing", "Crosswalk", "Parking", "Side", "covered", "covers", "half", "hull"]
-
 PERSON = 0.6
 """Diameter of a pedestrian [m]: a circle of radius 0.3 m, the larger end of the usual 0.25 to 0.3 m."""
 MODERATE = 7.0

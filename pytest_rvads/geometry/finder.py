@@ -22,8 +22,6 @@ from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.geometry.road_map import RoadMap, read_map
 from pytest_rvads.support.errors import MapError, require, suggest
 
-__all__ = ["Kinds", "called", "find", "load", "name_of", "names", "nearest", "offer"]
-
 _TYPE = re.compile(
     r"(?P<ways>\d+)-way\s+(?P<control>(all-way\s+)?stops?|(traffic\s+)?lights?|none|uncontrolled|yields?|partial)"
     r"(\s+with\s+(at\s+least\s+)?(?P<approach>\d+(\.\d+)?)\s*m(\s+of\s+approach)?)?",

@@ -21,8 +21,6 @@ from pytest_rvads.geometry.segment import Segment, join
 from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.support.errors import MapError
 
-__all__ = ["MetricGraph", "Position", "Ride", "Road"]
-
 _SAME = 1e-9
 
 

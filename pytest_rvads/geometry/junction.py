@@ -29,8 +29,6 @@ from pytest_rvads.geometry.ways import CONFLICT_WIDTH, Arm, Entrance, Exit, Furt
 from pytest_rvads.support.errors import MapError, ScenarioError
 from pytest_rvads.support.wording import shown
 
-__all__ = ["Junction"]
-
 
 # Autopilots receive the tables of a junction, so the tables are read-only. A run must be picklable nevertheless.
 def _table(items: dict[Any, Any]) -> MappingProxyType[Any, Any]:

@@ -9,8 +9,6 @@ from collections.abc import Collection, Mapping, Sequence
 from pytest_rvads.geometry.crosswalks import Crosswalk
 from pytest_rvads.geometry.ways import Entrance, Exit, Further, Key, Movement, centre_lines
 
-__all__ = ["digest_of"]
-
 
 def digest_of(  # noqa: PLR0913 - the fields of a junction, by keyword
     *,

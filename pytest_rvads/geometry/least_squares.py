@@ -8,8 +8,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["BAND", "normal_bands", "pull", "solved"]
-
 BAND = 5
 """Number of unknowns on which the errors of a row depend: the unknown of the row and two on either side."""
 

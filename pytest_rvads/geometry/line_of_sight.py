@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import math
 
-__all__ = ["crosses"]
-
 
 def crosses(
     eye: tuple[float, float], target: tuple[float, float], front: tuple[float, float, float], size: tuple[float, float]

@@ -20,8 +20,6 @@ from pytest_rvads.geometry.control import MapObject
 from pytest_rvads.geometry.segment import Limits
 from pytest_rvads.support.errors import MapError
 
-__all__ = ["HAND", "DeclaredJunction", "Doubt", "Edge", "MapWarning", "Network", "PaintedCrosswalk", "facing", "gathered"]
-
 HAND = "RVADS_HAND"
 """Environment variable in which a user states the side on which traffic keeps, ``left`` or ``right``, for maps of lanelets."""
 _NAME_OR_NUMBER = r"(?:'[^']*'|[^\s']*\d[^\s']*)"

@@ -21,8 +21,6 @@ from pytest_rvads.geometry.segment import GAP_LIMIT, Pose, Segment, join
 from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.support.errors import MapError
 
-__all__ = ["Locator", "Path", "Place", "Route", "Track", "paths_of", "walk"]
-
 _MOST_STEPS = 300_000
 
 _CELL = 8.0

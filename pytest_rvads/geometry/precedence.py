@@ -32,8 +32,6 @@ from pytest_rvads.geometry.segment import Pose
 from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.geometry.ways import Entrance, Key, Movement, Way
 
-__all__ = ["RANK", "Precedence", "Reason"]
-
 RANK = {Sign.STOP: 0, Sign.YIELD: 0, Sign.NONE: 1, Sign.LIGHTS: 1, Sign.PRIORITY: 2}
 """Ranks of signs: a vehicle from an entrance gives way to vehicles from entrances with a sign of higher rank.
 

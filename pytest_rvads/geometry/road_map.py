@@ -35,8 +35,6 @@ from pytest_rvads.support.errors import MapError, suggest
 from pytest_rvads.support.installed import entries, load
 from pytest_rvads.support.wording import plural
 
-__all__ = ["READERS", "WALK_LIMIT", "RoadMap", "describe", "read_file", "read_map"]
-
 WALK_LIMIT = 600.0
 """Longest part of an approach or exit road that becomes geometry [m]."""
 

@@ -22,22 +22,6 @@ from numpy.typing import NDArray
 from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.support.errors import MapError
 
-__all__ = [
-    "ADVISED",
-    "GAP_LIMIT",
-    "LEAST_RADIUS",
-    "NO_LIMIT",
-    "SPEED_LIMIT",
-    "Limits",
-    "Pose",
-    "Segment",
-    "directions",
-    "fixed",
-    "least_radius",
-    "limit_in",
-    "limits_between",
-]
-
 GAP_LIMIT = 1.0
 """Widest gap between two consecutive segments [m]; writers of maps leave gaps."""
 SPEED_LIMIT = 11.176

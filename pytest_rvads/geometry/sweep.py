@@ -21,21 +21,6 @@ from pytest_rvads.geometry.least_squares import BAND, normal_bands, pull, solved
 from pytest_rvads.geometry.segment import LEAST_RADIUS, Segment, join, least_radius
 from pytest_rvads.geometry.ways import Entrance, Exit, Movement
 
-__all__ = [
-    "CAR",
-    "EXIT_LENGTH",
-    "LANE_TOLERANCE",
-    "STEP",
-    "Body",
-    "Course",
-    "Sweep",
-    "course_of",
-    "no_way",
-    "plan",
-    "through",
-    "with_roads",
-]
-
 Array = NDArray[np.float64]
 
 LANE_TOLERANCE = 0.3

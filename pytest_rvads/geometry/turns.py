@@ -12,8 +12,6 @@ from collections.abc import Sequence
 from enum import StrEnum
 from typing import Protocol
 
-__all__ = ["UTURN", "Turn", "turn_word"]
-
 UTURN = "U-turn"
 _BEND = math.radians(44.0)
 """Least change of heading of a turn [rad]; as in SUMO's netconvert, a degree below the angle between the arms of a regular 8-way

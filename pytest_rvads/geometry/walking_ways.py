@@ -16,8 +16,6 @@ from pytest_rvads.geometry.crosswalks import SIDEWALK, Crossing, Crosswalk, Park
 from pytest_rvads.geometry.segment import Segment
 from pytest_rvads.geometry.ways import Entrance, Exit, Further
 
-__all__ = ["walking_ways"]
-
 _BAY, _OFF = 8.0, 1.2
 """Length of a parking place before a crosswalk, and the distance from the kerb to the middle of the place [m]."""
 

@@ -20,8 +20,6 @@ from pytest_rvads.geometry.control import Sign
 from pytest_rvads.geometry.segment import Pose, Segment
 from pytest_rvads.geometry.turns import Turn
 
-__all__ = ["CONFLICT_WIDTH", "Arm", "Entrance", "Exit", "Further", "Key", "Movement", "Way", "centre_lines", "cross"]
-
 CONFLICT_WIDTH = 2.6
 """Width of a movement: distance of centre lines below which two movements are in conflict [m].
 

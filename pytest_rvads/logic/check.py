@@ -26,7 +26,6 @@ from pytest_rvads.logic.conduct.rights import held
 from pytest_rvads.logic.conduct.standing import drives
 from pytest_rvads.logic.conduct.validate import damage
 from pytest_rvads.logic.judging.evaluate import Values
-from pytest_rvads.logic.judging.ground import ground, simplify, unfold
 from pytest_rvads.logic.judging.judge import asked, judge, nearest_miss
 from pytest_rvads.logic.judging.judgement import Judgement, Near, Template
 from pytest_rvads.logic.judging.prepare import prepare
@@ -43,22 +42,6 @@ from pytest_rvads.runs.run import Run, once
 from pytest_rvads.support.errors import RunError, RvadsError, require
 from pytest_rvads.support.tracebacks import located
 from pytest_rvads.support.wording import one_line
-
-__all__ = [
-    "Attribution",
-    "attribute",
-    "check",
-    "companions",
-    "extract",
-    "ground",
-    "other_verdicts",
-    "sentence",
-    "simplify",
-    "unfold",
-    "unjudged",
-    "verdict_by",
-]
-
 
 NOT_RECORDED = "not recorded"
 """First words of the reason of an NA verdict on a run that does not record the values that the rule needs."""

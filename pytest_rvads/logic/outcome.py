@@ -8,8 +8,6 @@ from typing import Any, Literal, NamedTuple
 
 from pytest_rvads.support.wording import plural
 
-__all__ = ["BAD", "Outcome", "Tallied", "counted", "told_in"]
-
 Meaning = Literal["violated", "error", "flaky", "passed", "idle"]
 Mark = Literal["good", "bad", "doubt", "none"]
 BAD: tuple[Meaning, ...] = ("violated", "error", "flaky")

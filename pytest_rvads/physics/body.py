@@ -19,8 +19,6 @@ from pytest_rvads.runs.itineraries import Itinerary
 from pytest_rvads.runs.run import DT, Halt
 from pytest_rvads.runs.states import GRAVITY, Agent, Vehicle, VehicleState
 
-__all__ = ["Body", "Dynamics", "Motion", "World", "WorldMaker", "start"]
-
 _LATERAL_CAP = 0.5
 """Largest share of an axle's lateral velocity that its tyres take away in one step."""
 _REST = 1e-9

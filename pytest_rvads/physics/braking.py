@@ -36,20 +36,6 @@ from pytest_rvads.support.errors import RunError, ScenarioError
 from pytest_rvads.support.installed import code, versions
 from pytest_rvads.support.storage import read_file, write_file
 
-__all__ = [
-    "FASTEST",
-    "RESOLUTION",
-    "STANDING",
-    "VARIABLE",
-    "cached",
-    "check_start",
-    "envelope",
-    "folder",
-    "greatest_safe",
-    "stopping_distance",
-    "vmax",
-]
-
 FASTEST = 30.0
 """Greatest tested speed [m/s]; most roads with junctions allow at most 65 mph."""
 RESOLUTION = 0.01

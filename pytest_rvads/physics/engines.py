@@ -24,8 +24,6 @@ from pytest_rvads.runs.states import Vehicle
 from pytest_rvads.support.errors import RunError, ScenarioError, needs
 from pytest_rvads.support.wording import one_line
 
-__all__ = ["BULLET", "MUJOCO", "BulletWorld", "Engine", "MujocoWorld", "usual"]
-
 _HELPER_MASS = 1e-6
 """Mass of the two links that carry the x and the y joint [kg]; a billionth of a vehicle."""
 _MOST = 40

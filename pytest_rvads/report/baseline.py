@@ -20,8 +20,6 @@ from pytest_rvads.report.record import Record, SimulatedItem
 from pytest_rvads.report.session_report import Change, Comparison, Report
 from pytest_rvads.support.wording import first, plural
 
-__all__ = ["MATTERS", "compare", "with_baseline"]
-
 MATTERS = {"ttc": 4.0, "pet": 5.0, "margin": 5.0}
 """Threshold of each safety margin [s]; a fall of the margin to a value above the threshold does not matter.
 

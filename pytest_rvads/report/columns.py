@@ -16,8 +16,6 @@ from typing import NamedTuple
 from rich.cells import cell_len, chop_cells
 from rich.text import Text
 
-__all__ = ["Block", "Cell", "Column", "blocks", "wrapped"]
-
 _BREAK = re.compile(r"(?<!\d) | (?!(?:m?s|m|m/s|m/s\^2|NA)(?:[ ,:;).]|$))")
 """The spaces at which a text can be broken into lines."""
 

@@ -30,21 +30,6 @@ from pytest_rvads.report.session_report import Cell, Move, Report, cell_of
 from pytest_rvads.runs.measured import APART
 from pytest_rvads.support.wording import first, plural
 
-__all__ = [
-    "BIN",
-    "SIMULTANEOUS",
-    "TOGETHER",
-    "ArrivalCoverage",
-    "Cells",
-    "Coverage",
-    "Requirements",
-    "Tried",
-    "dropped",
-    "measure",
-    "shortfall",
-    "untested",
-]
-
 
 @dataclass(frozen=True, slots=True)
 class Coverage:

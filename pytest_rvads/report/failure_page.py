@@ -34,19 +34,6 @@ from pytest_rvads.runs.runfile import load_run
 from pytest_rvads.support.errors import FormulaError, RunError
 from pytest_rvads.support.storage import slug
 
-__all__ = [
-    "Page",
-    "Timeline",
-    "earlier_run",
-    "facts",
-    "failure_pages",
-    "failure_picture",
-    "moment",
-    "timelines",
-    "usual_rules",
-    "when",
-]
-
 
 def earlier_run(report: Report, beside: Path, here: Path, nodeid: str, run: Run) -> Run | None:
     """Return the run of a test item in an earlier session; None if that run is the same, was not kept, or has another junction.

@@ -10,8 +10,6 @@ from pytest_rvads.logic.judging.verdicts import Status, Verdict
 from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.report.record import Record
 
-__all__ = ["explains", "first_line", "hanging", "signature", "time_of", "verdict_of", "violated"]
-
 _INSTANCES = 3
 """Largest number of unsure instances that are described per test item; further instances are counted."""
 _VARIES = re.compile(r"0x[0-9a-fA-F]+|\d+([.,]\d+)*(e[+-]?\d+)?")

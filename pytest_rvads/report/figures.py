@@ -12,8 +12,6 @@ from pytest_rvads.report.record import Computing, Record, SimulatedItem
 from pytest_rvads.runs.measured import Kpis, PairKpis, VehicleKpis
 from pytest_rvads.support.wording import first, plural
 
-__all__ = ["Excesses", "Extremes", "Makers", "Timing", "Titles", "slowest"]
-
 _Pick = Callable[..., Any]
 _LINES: tuple[tuple[str, tuple[tuple[str, str, _Pick, str], ...]], ...] = (
     ("nearest", (("time to collision", "ttc", min, "s"), ("post-encroachment time", "pet", min, "s"))),

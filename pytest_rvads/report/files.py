@@ -34,9 +34,6 @@ from pytest_rvads.support.installed import load as load_entry
 from pytest_rvads.support.storage import read_file, write_file
 from pytest_rvads.support.wording import printable
 
-__all__ = ["FORMATS", "MOST", "append_summary", "fitting", "junit", "load", "read", "save", "table", "write"]
-
-
 VERSION = 5
 MOST = 2**28
 """Greatest length of a report that is read [bytes]; no session writes a report of this length."""

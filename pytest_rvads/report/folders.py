@@ -18,8 +18,6 @@ from pytest_rvads.support.errors import RunError
 from pytest_rvads.support.storage import write_file
 from pytest_rvads.support.wording import quoted
 
-__all__ = ["ATLAS", "INDEX", "REPORT", "ROOT", "claimed", "option", "run_file", "sessions", "shown", "used"]
-
 ROOT = ".rvads"
 """Default folder of artefacts."""
 INDEX, REPORT = "index.html", "report.json"

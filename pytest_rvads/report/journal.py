@@ -24,8 +24,6 @@ from pytest_rvads.support.decoding import encode
 from pytest_rvads.support.errors import RvadsError
 from pytest_rvads.support.storage import read_file
 
-__all__ = ["Journal", "claim", "journal_of", "recovered"]
-
 _SHOWN = 3
 """Largest number of test items without a verdict that the note on an incomplete session names."""
 

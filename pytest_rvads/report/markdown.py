@@ -11,8 +11,6 @@ from pytest_rvads.report.rollup import WORST
 from pytest_rvads.report.session_report import Report
 from pytest_rvads.support.wording import printable, quoted
 
-__all__ = ["markdown", "section"]
-
 _LINES = 50
 """Largest number of lines of a list that are not folded."""
 _ESCAPES = (

@@ -14,9 +14,6 @@ from pytest_rvads.report.record import Record, RecordedItem
 from pytest_rvads.report.rollup import natural
 from pytest_rvads.support.wording import first
 
-__all__ = ["SAME", "Entry", "Matrices", "Matrix", "Place", "group_of", "member_of", "place_of"]
-
-
 _CLASS = re.compile(r"-class(\d{2,9})-")
 _LONG = 8
 """Length of a configuration's label above which tables show a number, and explain the number below the table."""

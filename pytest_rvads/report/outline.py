@@ -20,8 +20,6 @@ from pytest_rvads.report.session_report import Comparison, Report
 from pytest_rvads.report.triage import ByText, Cause, causes, idle, known, provoked, unavoidable, unsure
 from pytest_rvads.support.wording import first, plural, quoted
 
-__all__ = ["FAILURES", "Block", "Causes", "Changes", "Figures", "Head", "Notes", "RollUp", "Section", "Verdicts", "outline"]
-
 FAILURES = "causes of failures"
 """Title of the block with the causes of failures, which no format folds."""
 _REASONS = 5

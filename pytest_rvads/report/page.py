@@ -23,8 +23,6 @@ from pytest_rvads.report.session_report import LISTED, Report
 from pytest_rvads.report.webpage import webpage
 from pytest_rvads.support.wording import markup, printable, quoted
 
-__all__ = ["page", "rendered"]
-
 _ITEMS = 5000
 """Largest number of test items on a page: failures are taken first, then further items evenly from all junctions and rules."""
 _WEB = re.compile(r"https://[^\\\s]+")

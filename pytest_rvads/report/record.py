@@ -21,20 +21,6 @@ from pytest_rvads.logic.outcome import Outcome, Tallied
 from pytest_rvads.runs.measured import ArrivalDifferences, Divergence, Kpis
 from pytest_rvads.support.decoding import encode
 
-__all__ = [
-    "AgentRecord",
-    "Computing",
-    "Excess",
-    "Record",
-    "RecordedItem",
-    "SimulatedItem",
-    "conclude",
-    "planned_record",
-    "properties",
-    "received",
-    "sent",
-]
-
 Count = Annotated[int, msgspec.Meta(ge=0, le=2**53)]
 """A non-negative integer that every program reads exactly from JSON."""
 

@@ -19,8 +19,6 @@ from pytest_rvads.report.record import Record, RecordedItem, SimulatedItem
 from pytest_rvads.report.session_report import Extent, Move
 from pytest_rvads.support.wording import first, plural
 
-__all__ = ["FEW", "WORST", "AtJunction", "AtJunctions", "Row", "Sums", "natural", "ranked", "sums"]
-
 FEW = 4
 """Largest number of junctions that a report lists singly; a report on more junctions has sums, and the worst junctions."""
 

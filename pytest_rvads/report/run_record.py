@@ -13,8 +13,6 @@ from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.report.record import AgentRecord, Computing, Excess, Record, RecordedItem, SimulatedItem, conclude
 from pytest_rvads.runs.run import Run
 
-__all__ = ["by_rule", "measured", "of_run", "summed", "took_part"]
-
 _SKIPPED = (Outcome.NA, Outcome.UNSURE, Outcome.NOT_RUN)
 
 

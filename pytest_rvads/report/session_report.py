@@ -24,27 +24,6 @@ from pytest_rvads.report.record import Record, RecordedItem, SimulatedItem
 from pytest_rvads.runs.measured import Divergence
 from pytest_rvads.support.decoding import encode
 
-__all__ = [
-    "LISTED",
-    "NOTHING_JUDGED",
-    "UNFINISHED",
-    "Anew",
-    "Cell",
-    "Change",
-    "Comparison",
-    "Drawn",
-    "Extent",
-    "Move",
-    "Report",
-    "Spool",
-    "begun",
-    "cell_of",
-    "exit_status",
-    "in_order",
-    "steady",
-]
-
-
 UNFINISHED = 2
 """Exit status of a session that did not come to its end, for example of an interrupted session."""
 

@@ -20,8 +20,6 @@ from pytest_rvads.report.session_report import Comparison, Report, cell_of
 from pytest_rvads.support.errors import RvadsError
 from pytest_rvads.support.wording import plural
 
-__all__ = ["Ruled", "Shared", "Side", "SideBySide", "changed", "differing", "side_by_side"]
-
 _NUMBER = re.compile(r"\d+(\.\d+)?")
 _WHERE = {(True, False): "only in A", (False, True): "only in B", (True, True): "in both"}
 

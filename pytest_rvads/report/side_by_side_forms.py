@@ -22,8 +22,6 @@ from pytest_rvads.report.side_by_side import Ruled, Shared, SideBySide, changed,
 from pytest_rvads.support.decoding import encode
 from pytest_rvads.support.wording import first, one_line, plural
 
-__all__ = ["save", "sections", "text"]
-
 _TITLE = "rvads: two sessions side by side"
 _MOST = 10
 """Largest number of lines of a section, and of tables, that a terminal shows; further lines and tables are counted."""

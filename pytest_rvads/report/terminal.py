@@ -22,8 +22,6 @@ from pytest_rvads.report.rollup import WORST, Sums
 from pytest_rvads.report.session_report import Report
 from pytest_rvads.support.wording import plural, printable
 
-__all__ = ["Summary", "summarise", "summary"]
-
 _MOST = 10
 """Largest number of causes, and of changes of a kind, that are listed; further causes and changes are counted."""
 _ROWS = 20

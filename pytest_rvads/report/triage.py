@@ -24,23 +24,6 @@ from pytest_rvads.report.record import Record, SimulatedItem
 from pytest_rvads.report.rollup import natural
 from pytest_rvads.support.wording import first, plural
 
-__all__ = [
-    "ByCause",
-    "ByText",
-    "Cause",
-    "Variant",
-    "Variants",
-    "causes",
-    "gravity",
-    "idle",
-    "known",
-    "provoked",
-    "unavoidable",
-    "unsure",
-    "variant_of",
-]
-
-
 Variant = tuple[str, str]
 """A test and its variant; both are empty for a record without a variant."""
 

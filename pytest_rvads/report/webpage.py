@@ -12,8 +12,6 @@ from typing import Any
 
 from pytest_rvads.support.wording import markup, printable
 
-__all__ = ["webpage"]
-
 _FRAME = Template("""\
 <!doctype html>
 <html lang="en">

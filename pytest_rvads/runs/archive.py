@@ -27,8 +27,6 @@ from pytest_rvads.support.errors import MapError, RunError
 from pytest_rvads.support.storage import open_file, read_file, write_file
 from pytest_rvads.support.wording import one_line
 
-__all__ = ["FARTHEST", "MOST_BYTES", "MOST_LANES", "Kept", "Name", "Size", "Step", "check_size", "peek", "unpack"]
-
 FARTHEST = 1e9
 """Largest number in an array of places, speeds or commands."""
 MOST_LANES = _MOST_AGENTS = 100

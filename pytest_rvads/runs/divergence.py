@@ -11,8 +11,6 @@ from pytest_rvads.runs.measured import Divergence
 from pytest_rvads.runs.run import ARRAYS, Run
 from pytest_rvads.runs.states import Colour, Zone
 
-__all__ = ["diverge"]
-
 
 def diverge(one: Run, other: Run) -> Divergence | None:
     """Return the first difference between two runs; None if the runs have the same hash.

@@ -20,8 +20,6 @@ from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.runs.states import APPROACH, ENTRANCE, EXIT, GONE, JUNCTION, Zone
 from pytest_rvads.support.errors import MapError
 
-__all__ = ["ENTRANCE_ZONE", "LEAVE", "Itinerary", "itinerary"]
-
 ENTRANCE_ZONE = 1.0
 """Distance before the stopping line at which the entrance zone begins [m].
 

@@ -24,8 +24,6 @@ from pytest_rvads.geometry.ways import Entrance, Exit, Movement
 from pytest_rvads.runs.archive import FARTHEST, MOST_LANES, Name, Size
 from pytest_rvads.support.errors import RunError
 
-__all__ = ["Count", "JunctionRecord", "Key", "get_junction", "put_junction"]
-
 _MOST_POINTS = 100_000
 """Most points of all centre lines together."""
 _LONGEST = 10_000

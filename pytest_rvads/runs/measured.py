@@ -8,8 +8,6 @@ import msgspec
 
 from pytest_rvads.support.wording import shown
 
-__all__ = ["APART", "ArrivalDifferences", "Divergence", "Kpis", "PairKpis", "VehicleKpis"]
-
 APART = 6.0
 """Longest time between the arrivals of two vehicles that meet at a junction [s]."""
 

@@ -13,8 +13,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["MOST_JUDGED", "NEAR", "NEAR_TIME", "Period", "busy_periods"]
-
 NEAR = 15.0
 """Distance before its stopping line from which on a vehicle is near the junction [m]: two queuing vehicles fit in."""
 NEAR_TIME = 5.0

@@ -36,8 +36,6 @@ from pytest_rvads.support.errors import MapError, RunError
 from pytest_rvads.support.installed import entries, load
 from pytest_rvads.support.storage import read_file
 
-__all__ = ["READERS", "Edge", "files_of", "matching", "read_recorded", "read_runs"]
-
 _MOST_BYTES = 16 * 2**20
 """Largest file [bytes]; a run takes a few kilobytes."""
 _MOST_RUNS = 2000

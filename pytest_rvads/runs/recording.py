@@ -25,8 +25,6 @@ from pytest_rvads.runs.run import DT, Excerpt, Facts, Run
 from pytest_rvads.runs.smoothing import DERIVED, PACE, beside
 from pytest_rvads.runs.states import Agent, Colour, Kind, Zone
 
-__all__ = ["Before", "Changes", "Recording", "Track", "speeds", "stations", "unseen_stand", "zones"]
-
 _Values = NDArray[np.float64]
 _APART = 0.15
 """Longest time between two samples during which no vehicle can stop and set off again unseen [s], see `unseen_stand`."""

@@ -29,8 +29,6 @@ from pytest_rvads.support.decoding import typed
 from pytest_rvads.support.errors import RunError, require
 from pytest_rvads.support.wording import one_line
 
-__all__ = ["FORMAT", "VERSION", "load_recording", "save_recording"]
-
 FORMAT, VERSION = "rvads-recording", 1
 _KEPT = Kept("recording", FORMAT, VERSION, most_bytes=2**30, most_header=2**26)
 """The file format of a recording; the largest file has room for ten million samples."""

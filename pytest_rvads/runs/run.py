@@ -30,8 +30,6 @@ from pytest_rvads.support.decoding import typed
 from pytest_rvads.support.errors import RunError
 from pytest_rvads.support.wording import shown
 
-__all__ = ["ARRAYS", "DT", "FAULT", "LATE", "Collision", "Excerpt", "Facts", "Fault", "Halt", "Positive", "Run", "given", "once"]
-
 DT = 0.01
 """Time between two states, and the physics step [s]."""
 ARRAYS = ("zone", "lights", "station", "speed", "pose", "controls")

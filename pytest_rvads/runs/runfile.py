@@ -29,8 +29,6 @@ from pytest_rvads.runs.states import Agent, Kind
 from pytest_rvads.support.decoding import typed
 from pytest_rvads.support.errors import MapError, RunError, require
 
-__all__ = ["FORMAT", "VERSION", "glance", "load_run", "save_run"]
-
 _MOST = 2**21
 """Largest part of a header that `glance` reads [bytes]."""
 FORMAT, VERSION = "rvads-run", 3

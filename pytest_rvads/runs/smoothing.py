@@ -13,8 +13,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["DERIVED", "QUIET", "beside", "delay", "roughness", "smoothed"]
-
 _Values = NDArray[np.float64]
 
 SURE = 3.0

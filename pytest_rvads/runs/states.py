@@ -23,27 +23,6 @@ from pytest_rvads.geometry.ways import Way
 from pytest_rvads.support.errors import ScenarioError, require
 from pytest_rvads.support.wording import plural
 
-__all__ = [
-    "ABSENT",
-    "APPROACH",
-    "AXLE",
-    "ENTRANCE",
-    "EXIT",
-    "GONE",
-    "GRAVITY",
-    "JUNCTION",
-    "STEADY",
-    "Agent",
-    "Colour",
-    "Kind",
-    "SignalPlan",
-    "Vehicle",
-    "VehicleState",
-    "Zone",
-    "crowd",
-    "usual_body",
-]
-
 AXLE = 0.8
 """The rear axle of a car, as a share of its length behind the front bumper."""
 

@@ -11,17 +11,6 @@ from pytest_rvads.scenarios.orbits import Directions, Orbits
 from pytest_rvads.scenarios.pedestrians import Pedestrian
 from pytest_rvads.support.errors import ScenarioError
 
-__all__ = [
-    "MOST_FOLLOWERS",
-    "check_directions",
-    "check_followers",
-    "check_numbers",
-    "check_rotation",
-    "checked_order",
-    "checked_pedestrians",
-    "within",
-]
-
 MOST_FOLLOWERS = 9
 """Greatest number of vehicles that queue behind each vehicle."""
 

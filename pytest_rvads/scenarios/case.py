@@ -17,8 +17,6 @@ from pytest_rvads.scenarios.pedestrians import cast_of
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.support.errors import ScenarioError, require
 
-__all__ = ["Case", "Fleet"]
-
 
 @dataclass(frozen=True, slots=True)
 class Fleet:

@@ -21,27 +21,8 @@ from operator import index
 
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.geometry.ways import Key
-from pytest_rvads.scenarios.orbits import WAYS, Directions, Orbits, rotate
+from pytest_rvads.scenarios.orbits import Directions, Orbits
 from pytest_rvads.support.errors import ScenarioError
-
-__all__ = [
-    "PAIRED",
-    "WAYS",
-    "Directions",
-    "Pair",
-    "classes",
-    "count_classes",
-    "count_scenarios",
-    "covering",
-    "label",
-    "members",
-    "pairs_at",
-    "parse",
-    "representative",
-    "rotate",
-    "rotations",
-    "seats",
-]
 
 _DIGITS = "0123456789abcdefghijklmnopqrstuvwxyz"
 

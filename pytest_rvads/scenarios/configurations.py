@@ -20,21 +20,6 @@ from pytest_rvads.geometry.control import JunctionControl
 from pytest_rvads.scenarios.orbits import rotate
 from pytest_rvads.support.errors import ScenarioError, suggest
 
-__all__ = [
-    "ARRIVALS",
-    "PAPER",
-    "Configuration",
-    "Envelope",
-    "configuration",
-    "explicit",
-    "explicit_label",
-    "grid",
-    "outside",
-    "per_entrance",
-    "plain",
-    "probe",
-]
-
 Envelope = Callable[[float], float | None]
 """v(d)max: maps the distance to the stopping line [m] to the greatest safe speed [m/s]; None if even 0 m/s is unsafe."""
 

@@ -18,8 +18,6 @@ from numpy.typing import NDArray
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.geometry.segment import Segment
 
-__all__ = ["Fork", "forks", "near"]
-
 _BESIDE = 2.0
 """Distance of centre lines below which two lanes count as one lane [m]: cars, 1.86 m wide, have no room beside each other."""
 _NEAR = 3.0

@@ -61,8 +61,6 @@ from pytest_rvads.scenarios.senses import Senses
 from pytest_rvads.support.decoding import typed
 from pytest_rvads.support.errors import ScenarioError, suggest
 
-__all__ = ["from_id", "recalled", "run_id"]
-
 _ID = re.compile(
     r"(?P<place>[A-Za-z0-9_.]+)-(?P<cls>[A-Za-z0-9_.]+)-as(?P<code>[0-9a-z_]+)(-s(?P<seat>\d+))?(-w(?P<walkers>[0-9a-z._]+))?-cfg(?P<point>[A-Za-z0-9_.]+)(?P<rest>-.*)?"
 )

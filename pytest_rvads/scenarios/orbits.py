@@ -18,8 +18,6 @@ from typing import TypeVar
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.support.errors import ScenarioError
 
-__all__ = ["OCCUPANCIES", "WAYS", "Directions", "Orbits", "rotate"]
-
 T = TypeVar("T")
 Directions = tuple[int, ...]
 WAYS = range(3, 9)

@@ -23,8 +23,6 @@ from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.runs.states import Agent, Colour, Kind, Vehicle
 from pytest_rvads.support.errors import ScenarioError
 
-__all__ = ["CRUISE", "PULL", "Crossed", "Pedestrian", "Setting", "arrival", "cast_of", "settings"]
-
 PULL, CRUISE = 2.0, 8.0
 """Acceleration [m/s^2] and final speed [m/s] of a vehicle that starts slowly, to compute when it would arrive."""
 _APART = 0.8

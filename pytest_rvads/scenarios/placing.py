@@ -20,8 +20,6 @@ from pytest_rvads.scenarios.forks import forks, near
 from pytest_rvads.scenarios.orbits import rotate
 from pytest_rvads.support.errors import ScenarioError
 
-__all__ = ["QUEUE_GAP", "QUEUE_TIME", "fastest_start", "placed", "started"]
-
 QUEUE_GAP = 2.0
 """Gap between two vehicles of a standing queue [m]."""
 QUEUE_TIME = 1.0

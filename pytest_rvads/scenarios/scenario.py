@@ -30,8 +30,6 @@ from pytest_rvads.scenarios.signal_cycle import cycle, first_green, usual_durati
 from pytest_rvads.support.errors import ScenarioError, require
 from pytest_rvads.support.wording import shown
 
-__all__ = ["Scenario"]
-
 _IN_IDS = re.compile(r"[A-Za-z0-9_.-]+")
 
 

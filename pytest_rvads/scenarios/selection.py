@@ -29,8 +29,6 @@ from pytest_rvads.scenarios.senses import IDEAL, Senses
 from pytest_rvads.scenarios.walks import Walk, choices, least, turns
 from pytest_rvads.support.errors import ScenarioError
 
-__all__ = ["CHOOSING", "COVERS", "TOO_SHORT", "TOO_TIGHT", "Selection", "alone", "extended"]
-
 CHOOSING = ("partial", *PAIRED)
 """Covers that choose their scenarios, so that a test can't choose classes or scenarios as well.
 

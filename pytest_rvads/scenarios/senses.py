@@ -10,8 +10,6 @@ from typing import Any
 
 from pytest_rvads.support.errors import ScenarioError, suggest
 
-__all__ = ["IDEAL", "Senses"]
-
 
 @dataclass(frozen=True, slots=True)
 class Senses:

@@ -5,8 +5,6 @@ from __future__ import annotations
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.runs.states import SLOT
 
-__all__ = ["cycle", "first_green", "usual_duration"]
-
 
 def cycle(place: Junction) -> float:
     """Return the duration of a cycle of the lights [s]; 0 at a junction without lights."""

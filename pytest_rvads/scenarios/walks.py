@@ -22,8 +22,6 @@ from pytest_rvads.scenarios.orbits import Directions, Orbits, rotate
 from pytest_rvads.scenarios.pedestrians import Pedestrian
 from pytest_rvads.support.errors import ScenarioError, suggest
 
-__all__ = ["DIFFERENCES", "Walk", "choices", "least", "turns", "walks_of"]
-
 DIFFERENCES = tuple(half / 2 for half in range(-8, 9))
 """Differences of arrivals unless a test names others [s]: every half second from 4 s early to 4 s late."""
 _FIELDS: dict[str, tuple[Any, ...]] = {

@@ -21,8 +21,6 @@ from pytest_rvads.search.trials import Outcomes, Setting, Start, Trial
 from pytest_rvads.support.errors import RunError, ScenarioError
 from pytest_rvads.support.executors import Progress, spread
 
-__all__ = ["LONGEST", "Atlas", "Piece", "Probe", "Strip", "draw_atlas"]
-
 LONGEST = 6.0
 """Greatest lead of either vehicle [s]."""
 _GRID = round(0.5 / STEP)

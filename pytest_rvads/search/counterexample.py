@@ -10,8 +10,6 @@ from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.scenarios.signal_cycle import usual_duration
 from pytest_rvads.support.errors import OpenObligation, RuleViolation
 
-__all__ = ["Counterexample", "pasteable", "violation"]
-
 
 @dataclass(frozen=True, slots=True)
 class Counterexample:

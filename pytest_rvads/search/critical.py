@@ -24,8 +24,6 @@ from pytest_rvads.search.trials import Fault, Setting, Start, Trial, fault_of, r
 from pytest_rvads.support.errors import OpenObligation, RuleViolation, RunError, ScenarioError
 from pytest_rvads.support.executors import Progress, spread
 
-__all__ = ["CriticalStart", "Order", "bisected", "critical_starts", "failing", "failure"]
-
 _FARTHER = tuple(round(seconds / STEP) for seconds in (0.1, 0.3, 1.0, 3.0))
 """Distances of the less critical starts from the critical start that are tried [steps of `STEP`]."""
 _FARTHER_AGAIN = _FARTHER[1:3]

@@ -41,8 +41,6 @@ from pytest_rvads.simulators.simulator import Simulator, meant, simulate
 from pytest_rvads.support.errors import RunError, ScenarioError
 from pytest_rvads.support.executors import spread
 
-__all__ = ["Search", "look_for", "score"]
-
 _BLOCK = 50
 """Number of examples of a block. In the second half of a block, Hypothesis varies the best scenarios of its first half."""
 _FAR_APART = 10.0

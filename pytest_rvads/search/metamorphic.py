@@ -27,9 +27,6 @@ from pytest_rvads.search.relations import RELATIONS, Incomparable, Variant
 from pytest_rvads.simulators.simulator import Simulator, simulate
 from pytest_rvads.support.errors import MetamorphicViolation, RunError, ScenarioError, require, suggest
 
-__all__ = ["Comparison", "Difference", "compare", "determinate", "equivalent", "judged", "rational", "side_by_side"]
-
-
 FARTHER = (1.0, 5.0, 20.0)
 """Distances by which all vehicles start farther from their stopping lines in the runs of `rational` [m]."""
 _BAD = (Status.FAIL, Status.OPEN)

@@ -28,8 +28,6 @@ from pytest_rvads.scenarios.signal_cycle import first_green
 from pytest_rvads.scenarios.walks import turns
 from pytest_rvads.search.remap import broken_by, mirrored, moved, rotations_of
 
-__all__ = ["RELATIONS", "Incomparable", "Variant", "renamed"]
-
 MOTION = (137.0, -59.0, 0.3)
 """Translation x, y [m] and rotation [rad] of the map in the relation ``motion``."""
 _ALIKE = 0.01

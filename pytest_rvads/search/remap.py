@@ -15,9 +15,6 @@ from pytest_rvads.geometry.opendrive.signals import LINE_RANGE
 from pytest_rvads.geometry.opendrive.xmlfile import load
 from pytest_rvads.support.errors import MapError
 
-__all__ = ["Motion", "Symmetry", "broken_by", "mirrored", "moved", "rotations_of"]
-
-
 Motion = tuple[float, float, float]
 """Translation x, y [m] and rotation [rad]; the rotation is applied first."""
 _COEFFICIENTS = "abcd"

@@ -13,8 +13,6 @@ from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.scenarios.arguments import check_numbers
 from pytest_rvads.support.errors import ScenarioError, suggest
 
-__all__ = ["FARTHEST", "NEAREST", "Space", "explored"]
-
 NEAREST, FARTHEST = 0.3, 30.0
 """Least and greatest distance of a vehicle at its start to the stopping line, by default [m]."""
 

@@ -38,8 +38,6 @@ from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.scenarios.walks import least
 from pytest_rvads.support.errors import ScenarioError
 
-__all__ = ["CHANGED", "LONGEST", "STEP", "Begin", "Line", "lines_at"]
-
 LONGEST = 12.0
 """Greatest lead of either vehicle [s]."""
 STEP = 0.01

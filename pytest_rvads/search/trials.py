@@ -26,8 +26,6 @@ from pytest_rvads.simulators.patience import Choice, Limits, choice, choosing
 from pytest_rvads.simulators.simulator import Simulator, meant, simulate
 from pytest_rvads.support.errors import RunError
 
-__all__ = ["Fault", "Outcomes", "Setting", "Start", "Trial", "fault_of", "rank"]
-
 _TIMID = frozenset({"progress"})
 """Rules that a driver breaks by waiting."""
 _MANNERS = frozenset({"full_stop", "keep_lane", "on_lane_allowed", "on_route", "speed_limit"})

@@ -29,8 +29,6 @@ if TYPE_CHECKING:
     from pytest_rvads.report.session_report import Report
     from pytest_rvads.runs.run import Run
 
-__all__ = ["Shown", "beside", "look", "show"]
-
 _MOST_PAGES = 20
 """Number of failures after which a process draws only the first failure of every further rule."""
 _MOST_BYTES = 200 * 2**20

@@ -16,8 +16,6 @@ import pytest
 from pytest_rvads.drivers.naming import chosen
 from pytest_rvads.session.options import OPTIONS
 
-__all__ = ["code_of_driver", "code_of_simulator", "offer", "where_else"]
-
 _SUITE = Path(__file__).parent / "suite"
 """Folder of the tests that come with the plugin."""
 _NAME = "rvads_autopilot"

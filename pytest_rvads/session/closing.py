@@ -24,8 +24,6 @@ from pytest_rvads.support.wording import encode_all, named_error, plural, printa
 if TYPE_CHECKING:
     from pytest_rvads.report.terminal import Summary
 
-__all__ = ["Causes", "Verdicts"]
-
 _FOLDED = {"failed": "f", "error": "E"}
 """By kind of reports that are folded, the letter of pytest's option ``-r`` that requests lines in pytest's short summary."""
 

@@ -11,8 +11,6 @@ import pytest
 if TYPE_CHECKING:
     from pytest_rvads.logic.rules.rule import Rule
 
-__all__ = ["pytest_rvads_grids", "pytest_rvads_junctions", "pytest_rvads_rules", "pytest_rvads_verdict"]
-
 
 @pytest.hookspec
 def pytest_rvads_junctions(config: pytest.Config) -> Mapping[str, tuple[str | Path, str]]:  # type: ignore[empty-body]

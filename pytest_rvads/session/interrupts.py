@@ -28,8 +28,6 @@ from pytest_rvads.simulators.patience import NEVER, Limits
 if TYPE_CHECKING:
     from pytest_rvads.report.record import Record
 
-__all__ = ["BUDGET", "Budget", "OutOfTime", "end_with_parent", "heed", "leave_in_time", "limits", "put_off"]
-
 _POLITE = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
 """Signals that end a session in the same way as Ctrl-C does."""
 _PR_SET_PDEATHSIG = 1

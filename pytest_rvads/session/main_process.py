@@ -28,8 +28,6 @@ if TYPE_CHECKING:
     from pytest_rvads.report.record import Record
     from pytest_rvads.report.session_report import Report
 
-__all__ = ["Session", "has_run"]
-
 
 class Session:
     """A session in the main process, which collects the records of all test items; under xdist the workers send the records."""

@@ -22,8 +22,6 @@ import pytest
 from pytest_rvads.support.errors import RvadsError
 from pytest_rvads.support.wording import page
 
-__all__ = ["OPTIONS", "Options", "all_options", "declare"]
-
 _Parse = Callable[[pytest.Config, str, str], Any]
 """Returns the value of an option from the configuration of the session, the ini name of the option, and its text.
 

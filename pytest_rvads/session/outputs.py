@@ -32,8 +32,6 @@ if TYPE_CHECKING:
     from pytest_rvads.report.triage import Cause
     from pytest_rvads.session.plan import Planner
 
-__all__ = ["FOLDER", "Outputs", "SessionFolder", "annotate", "claim", "totals"]
-
 _TOKEN = "rvads_session"
 """Key under which a worker gets the name of its session from the main process."""
 _MOST_ANNOTATIONS = 10

@@ -22,8 +22,6 @@ if TYPE_CHECKING:
     from pytest_rvads.session.collection.cells import Cell as Parameter
     from pytest_rvads.session.collection.cells import RecordedCell
 
-__all__ = ["DRAWN", "EXTENTS", "LEFT_OUT", "REFUSED", "UNFIT", "Plan", "Planner", "in_part", "start"]
-
 _WIRE = "rvads_plan"
 """Attribute of a worker's first report, or key of its output, that carries the plan to the main process."""
 LEFT_OUT: pytest.StashKey[dict[str, int]] = pytest.StashKey()

@@ -18,8 +18,6 @@ from pytest_rvads.support.wording import plural
 if TYPE_CHECKING:
     from pytest_rvads.report.record import Record
 
-__all__ = ["Ending", "Reason", "reasons"]
-
 _FAILED = int(pytest.ExitCode.TESTS_FAILED)
 _NOTHING = int(pytest.ExitCode.NO_TESTS_COLLECTED)
 

@@ -27,8 +27,6 @@ from pytest_rvads.simulators.simulator import Simulator, named, simulate, vmax
 from pytest_rvads.support.errors import RunError, ScenarioError
 from pytest_rvads.support.executors import Progress, spread
 
-__all__ = ["RED", "closed_by_movement", "closed_envelope", "closed_vmax", "stopped"]
-
 PROBES = 8
 """Number of speeds that are tried before the bisection, because some autopilots stop from a speed but not from a lower speed."""
 RED = 19.9

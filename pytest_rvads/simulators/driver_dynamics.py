@@ -34,19 +34,6 @@ from pytest_rvads.simulators.loop import Planar
 from pytest_rvads.simulators.simulator import Simulator, simulate
 from pytest_rvads.support.errors import RunError
 
-__all__ = [
-    "LENGTH",
-    "LIMIT",
-    "PUBLISHED",
-    "DriverDynamics",
-    "Measured",
-    "Pedal",
-    "Used",
-    "VistaSetting",
-    "calibrated",
-    "settings",
-]
-
 LIMIT, LENGTH = 80 / 3.6, 24.0
 """Speed limit [m/s] and length of the junction [m] of Li et al."""
 PUBLISHED = {"LGSVL": 39.7, "Apollo": 120.0, "Autoware": 165.0, "CARLA": 72.2}

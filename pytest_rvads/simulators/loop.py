@@ -41,8 +41,6 @@ from pytest_rvads.simulators.walkers import Walker
 from pytest_rvads.support.errors import ScenarioError
 from pytest_rvads.support.installed import versions
 
-__all__ = ["Loop", "Planar", "Recorder", "bullet", "mujoco", "usual"]
-
 _STATION = VehicleState._fields.index("station")
 _SPEED = VehicleState._fields.index("speed")
 

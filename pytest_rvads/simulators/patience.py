@@ -31,8 +31,6 @@ from typing import Any, NamedTuple
 from pytest_rvads.support.errors import ScenarioError
 from pytest_rvads.support.tracebacks import place
 
-__all__ = ["NEVER", "Choice", "Limits", "TooLate", "Watch", "choice", "choosing", "limits", "watch"]
-
 _TICK = 0.5
 """Longest time between two checks of the current runs [s]."""
 _GRACE = 3.0

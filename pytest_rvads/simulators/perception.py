@@ -14,8 +14,6 @@ from pytest_rvads.runs.run import DT
 from pytest_rvads.runs.states import Kind, VehicleState, Zone
 from pytest_rvads.scenarios.senses import Senses
 
-__all__ = ["Latency", "Perception", "hidden"]
-
 
 class Perception:
     """The view of one vehicle with imperfect senses.

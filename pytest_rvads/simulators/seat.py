@@ -40,8 +40,6 @@ from pytest_rvads.support.errors import AutopilotError
 from pytest_rvads.support.tracebacks import place_of
 from pytest_rvads.support.wording import one_line, printable
 
-__all__ = ["Seat", "crew"]
-
 _LONGEST = 4096
 """Greatest length of the detail of a fault [characters]."""
 _REASON = 2000

@@ -25,8 +25,6 @@ from pytest_rvads.simulators.patience import TooLate, Watch, choice
 from pytest_rvads.support.errors import RunError, ScenarioError, needs, require, suggest
 from pytest_rvads.support.installed import entries
 
-__all__ = ["Simulator", "answered", "made_by", "meant", "named", "simulate", "simulators", "usable", "vmax"]
-
 
 class Simulator(Protocol):
     """A callable that returns the run of a case, with a name and a braking envelope.

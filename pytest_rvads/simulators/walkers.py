@@ -19,8 +19,6 @@ from pytest_rvads.runs.run import DT
 from pytest_rvads.runs.states import GONE, Colour, Kind, VehicleState
 from pytest_rvads.scenarios.pedestrians import Setting
 
-__all__ = ["Walker"]
-
 
 class Walker:
     """A pedestrian, or a parked vehicle, in a run.

@@ -32,8 +32,6 @@ from msgspec.inspect import (
 from pytest_rvads.support.errors import RvadsError
 from pytest_rvads.support.wording import one_line
 
-__all__ = ["decode", "encode", "typed"]
-
 T = TypeVar("T")
 _WORDS = {"int": "a whole number", "float": "a number", "str": "a text", "bool": "true or false"}
 _WORDS |= {"array": "a list", "object": "an object"}

@@ -10,19 +10,6 @@ import difflib
 from collections.abc import Iterable
 from types import UnionType
 
-__all__ = [
-    "AutopilotError",
-    "FormulaError",
-    "MapError",
-    "OpenObligation",
-    "RuleViolation",
-    "RunError",
-    "RvadsError",
-    "ScenarioError",
-    "require",
-    "suggest",
-]
-
 
 class RvadsError(Exception):
     """Base class of the errors of this library, except violations of rules."""

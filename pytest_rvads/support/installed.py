@@ -17,8 +17,6 @@ from pytest_rvads import __version__
 from pytest_rvads.support.errors import RvadsError
 from pytest_rvads.support.wording import one_line
 
-__all__ = ["ENGINES", "code", "entries", "load", "versions"]
-
 ENGINES = ("pybullet", "mujoco", "libsumo")
 """Packages of the engines of simulators, of which some are not installed everywhere."""
 

@@ -21,19 +21,6 @@ from xml.parsers import expat
 from pytest_rvads.support.errors import RvadsError
 from pytest_rvads.support.wording import one_line
 
-__all__ = [
-    "DEEPEST",
-    "LONGEST_TAG",
-    "XmlError",
-    "check_writable",
-    "number_in",
-    "open_file",
-    "read_file",
-    "read_xml",
-    "slug",
-    "write_file",
-]
-
 _LONGEST = 190
 """Longest name of a file without its ending [bytes]; file systems take 255."""
 _PLAIN = re.compile(r"(?:\w+/)*\w+\.py(?:::\w+)*(?:\[[\w.-]*[\w.]\])?", re.ASCII)

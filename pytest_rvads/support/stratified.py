@@ -14,8 +14,6 @@ from typing import TypeVar
 
 from pytest_rvads.support.errors import RvadsError
 
-__all__ = ["draw"]
-
 T = TypeVar("T")
 _Path = tuple[str, ...]
 

@@ -15,20 +15,6 @@ from html import escape
 from importlib import import_module
 from typing import TextIO
 
-__all__ = [
-    "encode_all",
-    "first",
-    "markup",
-    "named_error",
-    "one_line",
-    "page",
-    "plural",
-    "printable",
-    "quoted",
-    "show_lists",
-    "shown",
-]
-
 _UNFIT = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u2028-\u202e\u2066-\u2069\ud800-\udfff\ufffe\uffff]")
 """Characters that control a terminal, change the direction of writing, or can't be encoded; not line ends and tabs."""
 

@@ -12,8 +12,6 @@ from types import MappingProxyType
 from pytest_rvads.drivers.reference import Reference
 from studies.mutants import action, crosswalks, decision, sight
 
-__all__ = ["AT_CROSSWALKS", "MUTANTS"]
-
 MUTANTS: Mapping[str, type[Reference]] = MappingProxyType(
     {
         "anticipates green": decision.Anticipates,

@@ -10,8 +10,6 @@ from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.drivers.spacing import Stopping
 from pytest_rvads.runs.states import Zone
 
-__all__ = ["Creeps", "Dawdles", "HitsLeader", "LateBrake", "Speeds", "StopsFar", "WeakBrake"]
-
 _CREEP = 0.12
 """How fast the creeping one creeps [m/s]."""
 _LATE = 0.8

@@ -13,17 +13,6 @@ from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.runs.states import Kind, VehicleState
 from studies.mutants.sight import Misled
 
-__all__ = [
-    "BlindTurningRight",
-    "BrakesLate",
-    "FrontOnly",
-    "IgnoresFarSide",
-    "IgnoresOcclusion",
-    "PassesTightly",
-    "StopsOnCrosswalk",
-    "WaitsForEver",
-]
-
 _TOO_FAR = 2.0
 """How far beyond the right place the mutant stops that stops on crosswalks [m]."""
 _LATE = 1.3

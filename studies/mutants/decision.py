@@ -12,23 +12,6 @@ from pytest_rvads.geometry.control import JunctionControl
 from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.runs.states import Colour, VehicleState, Zone
 
-__all__ = [
-    "Anticipates",
-    "Backwards",
-    "Deadlocks",
-    "EqualPatience",
-    "HalfYield",
-    "IgnoresStop",
-    "Jostles",
-    "LeftFirst",
-    "NoRightOnRedStop",
-    "NoRightOnRedYield",
-    "NoYield",
-    "NumberFirst",
-    "ShortStop",
-    "Tailgates",
-]
-
 _SHORT = 1.5
 """Slower than this, the short stop counts as one [m/s]."""
 

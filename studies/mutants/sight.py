@@ -9,20 +9,6 @@ from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.runs.run import DT
 from pytest_rvads.runs.states import Colour, VehicleState, Zone
 
-__all__ = [
-    "BlindAhead",
-    "BlindInside",
-    "BlindLeft",
-    "BlindRight",
-    "LateSight",
-    "Misled",
-    "NoSpeeds",
-    "RunsRed",
-    "ShortSighted",
-    "Unlit",
-    "Yellow",
-]
-
 _REACH = 12.0
 """How far the short-sighted one sees [m]."""
 _LATE = 0.6

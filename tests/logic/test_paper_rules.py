@@ -10,7 +10,8 @@ from typing import Any
 
 import pytest
 
-from pytest_rvads.logic.check import check, extract
+from pytest_rvads.logic.check import check
+from pytest_rvads.logic.conduct.predicates import extract
 from pytest_rvads.logic.judging.evaluate import Values
 from pytest_rvads.logic.judging.prepare import prepare
 from pytest_rvads.logic.judging.responsibility import find_cycle

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 from pytest_rvads.geometry.control import JunctionControl
-from pytest_rvads.logic.check import check, extract, ground, simplify, unfold
+from pytest_rvads.logic.check import check
+from pytest_rvads.logic.conduct.predicates import extract
 from pytest_rvads.logic.judging.evaluate import Values
-from pytest_rvads.logic.judging.ground import domain
+from pytest_rvads.logic.judging.ground import domain, ground, simplify, unfold
 from pytest_rvads.logic.judging.prepare import prepare
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.rules.book import get_rule, load_rules, predicate, rule, rulebook, rules_for

@@ -34,8 +34,6 @@ from pytest_rvads.geometry.control import JunctionControl
 from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.runs.states import Agent, Colour, VehicleState, Zone
 
-__all__ = ["LgsvlLike", "Pilot", "Switches", "listed", "oncoming", "prior_on_red"]
-
 NEAR = 45.0
 """Only vehicles that are at most this far from the junction can have priority [m]: about five seconds at full speed."""
 _SLOW = 0.05

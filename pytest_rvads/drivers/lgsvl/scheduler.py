@@ -21,26 +21,6 @@ from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.runs.states import VehicleState, Zone
 from pytest_rvads.support.errors import AutopilotError
 
-__all__ = [
-    "ADVANCE",
-    "DECIDE",
-    "HOLD",
-    "RAMP",
-    "RATES",
-    "RED_WAIT",
-    "SLOW",
-    "TURN_SHARE",
-    "TURN_WAIT",
-    "Box",
-    "Constants",
-    "Guarded",
-    "Scheduler",
-    "Whole",
-    "ZoneBox",
-    "frame",
-    "zone_of",
-]
-
 RATES = (4.0, 6.0, 8.0)
 """Acceleration per difference between target speed and speed, by aggression [1/s]; the full rate."""
 ADVANCE = 1.0

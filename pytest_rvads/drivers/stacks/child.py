@@ -23,8 +23,6 @@ from pytest_rvads.drivers.stacks.descendants import MARK, Descendants, dismiss, 
 from pytest_rvads.support.errors import AutopilotError
 from pytest_rvads.support.wording import one_line, printable
 
-__all__ = ["Child", "StackError", "StackTimeout", "StandardError"]
-
 _STORED = 2**20
 """Length of the end of the standard error that is stored [bytes]."""
 _TAIL = 4096

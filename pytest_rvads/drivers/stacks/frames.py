@@ -19,8 +19,6 @@ from pytest_rvads.drivers.stacks.child import Child, StackError
 from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.runs.states import Kind, VehicleState
 
-__all__ = ["Binary"]
-
 RESET, READY, OBSERVE, COMMAND, BYE = 1, 2, 3, 4, 5
 """Kinds of frames."""
 ENTRANCES, OTHERS, POINTS = 32, 63, 64

@@ -30,8 +30,6 @@ from pytest_rvads.geometry.segment import Pose, Segment
 from pytest_rvads.runs.itineraries import Itinerary
 from pytest_rvads.runs.states import Colour, VehicleState, Zone
 
-__all__ = ["VERSION", "Format", "Hello", "Json", "hello", "quoted", "read", "reset", "stray"]
-
 VERSION = 2
 """Version of the protocol; a stack of another version is refused."""
 _POINTS = 10_000

@@ -27,8 +27,6 @@ from pytest_rvads.runs.states import Agent
 from pytest_rvads.support.errors import AutopilotError
 from pytest_rvads.support.wording import one_line
 
-__all__ = ["Connection", "Pilot", "Process"]
-
 _DAY = 86400.0
 """Longest compute time of a decision that is accepted in the report of a stack [s]."""
 RATE = 20.0

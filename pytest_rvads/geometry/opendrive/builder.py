@@ -26,8 +26,6 @@ from pytest_rvads.geometry.opendrive.records import Document, JunctionRecord, Ro
 from pytest_rvads.geometry.opendrive.signals import attach
 from pytest_rvads.support.errors import MapError
 
-__all__ = ["build", "read_network"]
-
 MAX_SAMPLES = 1_500_000
 """Most samples of lane centre lines in a map; a town has 70,000."""
 MAX_ROAD = 200_000.0

@@ -15,8 +15,6 @@ from numpy.typing import NDArray
 
 from pytest_rvads.geometry.segment import GAP_LIMIT
 
-__all__ = ["GAP_WARNING", "TAPER", "chained", "continued", "unfolded"]
-
 Array = NDArray[np.float64]
 
 GAP_WARNING = 0.1

@@ -24,8 +24,6 @@ from pytest_rvads.geometry.opendrive.lanes import LaneLine, lane_lines, line_war
 from pytest_rvads.geometry.opendrive.records import Document, Road
 from pytest_rvads.geometry.segment import GAP_LIMIT, Limits
 
-__all__ = ["Chain", "Draft", "LaneEnd", "add_edges", "limits_along"]
-
 LaneEnd = tuple[str, str, int]
 """Road id, ``start`` or ``end``, lane id."""
 _MERGE = 1e-3

@@ -12,21 +12,6 @@ from pytest_rvads.geometry.control import Sign
 from pytest_rvads.geometry.segment import Pose
 from pytest_rvads.support.errors import MapError
 
-__all__ = [
-    "Lane",
-    "Piece",
-    "Post",
-    "add",
-    "add_crosswalk",
-    "add_lanes",
-    "add_plan",
-    "add_regulation",
-    "add_road",
-    "document",
-    "finished",
-    "joined",
-]
-
 _STRAIGHT = 1e-9
 _BROKEN_FROM = 30.0
 """Distance from a junction beyond which a centre line is broken, so that overtaking vehicles are allowed to cross it [m]."""

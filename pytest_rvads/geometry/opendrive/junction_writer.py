@@ -33,8 +33,6 @@ from pytest_rvads.geometry.opendrive.xmlfile import ARM
 from pytest_rvads.geometry.segment import NO_LIMIT, Segment
 from pytest_rvads.geometry.ways import Entrance, Exit, Key
 
-__all__ = ["written"]
-
 Array = NDArray[np.float64]
 _BESIDE = 0.8
 """Distance from the border of a lane to its sign or light [m]."""

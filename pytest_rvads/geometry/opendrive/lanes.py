@@ -17,8 +17,6 @@ from pytest_rvads.geometry.network import Doubt, MapWarning
 from pytest_rvads.geometry.opendrive.records import MOST_CELLS, STEP, Cubic, Lane, Line, Road, Section, Shape, evaluate
 from pytest_rvads.support.errors import MapError
 
-__all__ = ["SPACING", "LaneLine", "borders_at", "lane_lines", "line_warnings", "sample_count"]
-
 Array = NDArray[np.float64]
 
 SPACING = 0.5

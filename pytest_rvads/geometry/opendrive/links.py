@@ -25,8 +25,6 @@ from pytest_rvads.geometry.opendrive.draft import Chain, Draft, LaneEnd
 from pytest_rvads.geometry.opendrive.records import Connection, Document, Road
 from pytest_rvads.geometry.segment import GAP_LIMIT, limits_between
 
-__all__ = ["complete", "link_roads", "link_table", "mend_joints", "turn_links"]
-
 _AHEAD = 0.5
 """Most change of heading between two lanes that are linked without a lane link in the file [rad]."""
 _MOST_NEIGHBOURS = 32

@@ -20,8 +20,6 @@ from pytest_rvads.geometry.opendrive.records import CrosswalkRecord, Road, pose_
 from pytest_rvads.geometry.opendrive.signals import point_of
 from pytest_rvads.support.errors import MapError
 
-__all__ = ["painted"]
-
 _PEDESTRIAN = "1000002"
 """Type of a light for pedestrians (OpenDRIVE, list of signals)."""
 _LIGHT_RANGE = 5.0

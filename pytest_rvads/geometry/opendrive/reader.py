@@ -30,8 +30,6 @@ from pytest_rvads.geometry.opendrive.xmlfile import ARM, integer, limit_of, load
 from pytest_rvads.geometry.segment import Limits
 from pytest_rvads.support.errors import MapError
 
-__all__ = ["read"]
-
 _STOP_LINE = ("stopline", "stop_line", "stop line", "haltlinie", "holdingline")
 _SHAPES = {
     "line": (),

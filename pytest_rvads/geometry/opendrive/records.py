@@ -17,25 +17,6 @@ from numpy.typing import NDArray
 from pytest_rvads.geometry.network import MapWarning
 from pytest_rvads.geometry.segment import Limits
 
-__all__ = [
-    "MOST_CELLS",
-    "STEP",
-    "Connection",
-    "CrosswalkRecord",
-    "Cubic",
-    "Document",
-    "JunctionRecord",
-    "Lane",
-    "Line",
-    "Road",
-    "RoadLink",
-    "Section",
-    "Shape",
-    "Signal",
-    "evaluate",
-    "pose_at",
-]
-
 _RAMPS = frozenset({"entry", "exit", "mwyentry", "mwyexit", "onramp", "offramp", "connectingramp"})
 """Lane types (in lower case) of lanes whose traffic joins other traffic; mwyEntry and mwyExit are entry and exit before version
 1.4."""

@@ -27,8 +27,6 @@ from pytest_rvads.geometry.opendrive.records import Document, Road, Signal, pose
 from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.support.wording import plural
 
-__all__ = ["INSIDE", "LINE_RANGE", "STANDARD", "attach", "kind_of", "point_of"]
-
 Array = NDArray[np.float64]
 SIGNAL_RANGE = 50.0
 """Largest distance of a signal from the junction that the signal regulates [m]."""

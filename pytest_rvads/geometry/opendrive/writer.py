@@ -31,8 +31,6 @@ from pytest_rvads.geometry.segment import Pose
 from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.support.errors import MapError
 
-__all__ = ["Layout", "opendrive"]
-
 _JUNCTION = "1"
 _FACING = math.radians(10.0)
 _ARROWS = {Turn.LEFT: 10, Turn.RIGHT: 20}

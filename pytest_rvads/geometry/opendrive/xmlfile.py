@@ -12,8 +12,6 @@ from pytest_rvads.support.errors import MapError
 from pytest_rvads.support.storage import XmlError, read_file, read_xml
 from pytest_rvads.support.wording import one_line
 
-__all__ = ["ARM", "MAX_BYTES", "MAX_ELEMENTS", "integer", "limit_of", "load", "number", "speed_of", "text_of"]
-
 ARM = "rvads-arm"
 """Code of the ``<userData>`` in which a road names the first road of its arm, in files that the project wrote from lanelets."""
 MAX_BYTES = 128 * 2**20

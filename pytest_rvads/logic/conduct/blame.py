@@ -44,8 +44,6 @@ from pytest_rvads.runs.run import Collision, Run
 from pytest_rvads.runs.states import Colour, Zone
 from pytest_rvads.support.errors import RunError
 
-__all__ = ["STOOD", "blame", "cause_of", "cut_short_by", "disregard", "disregard_at_kerb", "pushed", "stuck", "surprised"]
-
 STOOD = 0.5
 """Least time that a vehicle stands still before an impact to count as a standing vehicle [s]."""
 REACTION = 1.0

@@ -22,23 +22,6 @@ from pytest_rvads.runs.run import DT, Collision, Run, given, once
 from pytest_rvads.runs.states import Zone
 from pytest_rvads.support.errors import RunError
 
-__all__ = [
-    "ABSENT",
-    "APPROACH",
-    "ENTRANCE",
-    "EXIT",
-    "GONE",
-    "JUNCTION",
-    "Block",
-    "Signal",
-    "as_blocks",
-    "assume",
-    "signal",
-    "sized",
-    "tick_of",
-    "unless_equal",
-]
-
 _Value = TypeVar("_Value")
 APPROACH, ENTRANCE, JUNCTION, EXIT, GONE, ABSENT = map(int, Zone)
 """The zones as plain numbers: numpy compares arrays with members of an enumeration several times as slowly."""

@@ -14,9 +14,6 @@ from pytest_rvads.logic.conduct.blocks import ABSENT, Block, as_blocks, signal, 
 from pytest_rvads.logic.conduct.cast import Cast, Pairs
 from pytest_rvads.runs.run import Collision, Run, once
 
-__all__ = ["Box", "close", "collide", "contacts", "couples", "gap", "headings", "overlap", "strikes", "touch", "velocity"]
-
-
 _Size = float | NDArray[np.float64]
 _Body = tuple[NDArray[np.float64], tuple[_Size, _Size]]
 """Poses of a body, shape ``(steps, 3)`` [m, m, rad], and its length and width [m]."""

@@ -24,8 +24,6 @@ from pytest_rvads.runs.run import Facts, Run
 from pytest_rvads.runs.states import Agent, Kind
 from pytest_rvads.support.errors import RunError
 
-__all__ = ["Cast", "Cause", "Ground", "Pairs", "everybody", "ground_of", "in_turn", "lit", "may_owe", "pairs"]
-
 _Value = TypeVar("_Value")
 _Scalar = TypeVar("_Scalar", bound=np.generic)
 

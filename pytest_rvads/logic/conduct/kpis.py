@@ -28,8 +28,6 @@ from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Zone
 from pytest_rvads.support.errors import RunError, require
 
-__all__ = ["Kpis", "arrival_differences", "describe", "kpis"]
-
 WINDOW = 0.1
 """Length of the windows over which accelerations and jerks are averaged [s]: ten steps, so that no single step dominates."""
 _DISCS = 3

@@ -22,8 +22,6 @@ from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import AXLE, usual_body
 from pytest_rvads.support.errors import RunError
 
-__all__ = ["MAX_OFFSET", "NEAR", "beside", "beyond_steering", "lane_allows", "off_lane", "off_route", "too_tight", "wrong_lanes"]
-
 MAX_OFFSET = 3.0
 """Largest offset of a vehicle's front from its itinerary [m]; the largest offset of its rear axle is half as large.
 

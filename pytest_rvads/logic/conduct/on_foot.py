@@ -22,8 +22,6 @@ from pytest_rvads.logic.conduct.standing import STANDSTILL, entered, facing, lat
 from pytest_rvads.logic.conduct.stretches import shared
 from pytest_rvads.runs.states import Colour
 
-__all__ = ["DUE_ON_FOOT", "Places", "Walk", "claims", "places_of", "stepped_on_walk", "takes_crosswalk", "walk", "walkers"]
-
 DUE_ON_FOOT = 3.0
 """Time to the lane of a vehicle below which a pedestrian on the other half of the roadway is due [s]: a lane of 3.5 m at 1.2 m/s,
 which 85 % of pedestrians exceed. "Within one lane of the half of the roadway" says Revised Code of Washington 46.61.235(1)."""

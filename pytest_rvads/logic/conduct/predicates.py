@@ -26,8 +26,6 @@ from pytest_rvads.logic.conduct.presence import judged, together
 from pytest_rvads.runs.run import Run, once
 from pytest_rvads.runs.states import Agent
 
-__all__ = ["Static", "at_entrance", "colour", "extract", "in_junction", "on_approach", "on_exit", "once", "speed", "ticks"]
-
 
 @dataclass(frozen=True, slots=True)
 class Static:

@@ -39,8 +39,6 @@ from pytest_rvads.runs.periods import NEAR, NEAR_TIME
 from pytest_rvads.runs.run import DT, Run, once
 from pytest_rvads.runs.states import Colour, Zone
 
-__all__ = ["colourings", "crossed", "cut_off", "judged", "last_seen", "near", "together", "window", "without_jumps"]
-
 
 def judged(run: Run) -> frozenset[int] | None:
     """Return the columns of the agents that rules are judged for in this run; None if rules are judged for all agents."""

@@ -40,19 +40,6 @@ from pytest_rvads.logic.conduct.standing import entered, facing, lane, lasting, 
 from pytest_rvads.logic.conduct.stretches import contested, neighbours
 from pytest_rvads.runs.states import Agent
 
-__all__ = [
-    "HARD_BRAKING",
-    "HEADWAY",
-    "MIN_GAP",
-    "WINDOW",
-    "Encounter",
-    "Meeting",
-    "brakes_hard",
-    "obstructs",
-    "owes",
-    "unhindered",
-]
-
 HARD_BRAKING = 2.0
 """Deceleration beyond which a vehicle that brakes for another vehicle is impeded [m/s^2]."""
 BEND_BRAKING = 4.0

@@ -22,21 +22,6 @@ from pytest_rvads.logic.conduct.stretches import ahead_by, first_stretch, neighb
 from pytest_rvads.logic.conduct.waiting import QUEUE_GAP, SPARE, circles, lets_pass, lines, partners
 from pytest_rvads.runs.itineraries import LEAVE
 
-__all__ = [
-    "BLOCKING_TIME",
-    "CRAWL",
-    "PASSED",
-    "PATIENCE",
-    "STUCK_TIME",
-    "Lost",
-    "blocks",
-    "idles",
-    "losses",
-    "may_go",
-    "on_crosswalk",
-    "stands_on_crosswalk",
-]
-
 PATIENCE = 10.0
 """Lost time beyond which a vehicle that could go impedes traffic [s]; laws give no number (StVO 3(2), CVC 22400(a))."""
 BLOCKING_TIME = 3.0

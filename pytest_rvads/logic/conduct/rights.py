@@ -35,34 +35,6 @@ from pytest_rvads.logic.conduct.standing import (
 from pytest_rvads.logic.conduct.stretches import Places, ahead_by, contested, contested_places, neighbours, passed, places, roads
 from pytest_rvads.runs.states import Colour
 
-__all__ = [
-    "DUE",
-    "GAP",
-    "PACE",
-    "ROOM",
-    "WAIVER",
-    "came_first",
-    "close_behind",
-    "comes",
-    "comes_first",
-    "coming",
-    "first_at_line",
-    "gives_up",
-    "has_way",
-    "held",
-    "in_turns",
-    "kept_by",
-    "kept_by_walker",
-    "near_crosswalk",
-    "next_to_go",
-    "owed_places",
-    "owes_crossing",
-    "owing",
-    "starting",
-    "waives",
-    "yields",
-]
-
 GREEN, YELLOW, RED = int(Colour.GREEN), int(Colour.YELLOW), int(Colour.RED)
 _ALL_WAY = JunctionControl.STOP
 _LONG_AGO = -(10**9)

@@ -20,8 +20,6 @@ from pytest_rvads.logic.conduct.standing import STOP_PLACE
 from pytest_rvads.runs.itineraries import itinerary
 from pytest_rvads.support.wording import plural
 
-__all__ = ["PLACES", "leaves_room", "narrow_lines", "room", "stand_back"]
-
 _MARGIN = 0.15
 """Least distance between the moving and the standing body [m]: the reference driver keeps 0.1 m, its rear axle errs by 0.03 m."""
 _ASIDE = 1.0

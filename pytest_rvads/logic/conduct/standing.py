@@ -25,36 +25,6 @@ from pytest_rvads.runs.itineraries import itinerary
 from pytest_rvads.runs.run import Facts, Run
 from pytest_rvads.support.errors import RunError
 
-__all__ = [
-    "LINE_TOLERANCE",
-    "NEVER",
-    "SPEED_TOLERANCE",
-    "STANDSTILL",
-    "STOP_PLACE",
-    "TIE",
-    "advance",
-    "arrivals",
-    "arrived",
-    "drives",
-    "entered",
-    "facing",
-    "in_stop_place",
-    "inside",
-    "lane",
-    "lasting",
-    "latched",
-    "leads",
-    "limits_of",
-    "speeding",
-    "standing_time",
-    "stands",
-    "stop_place",
-    "stopped",
-    "stops",
-    "waited",
-    "wt",
-]
-
 TIE = 0.5
 """Difference of arrival times up to which two vehicles arrive at about the same time [s]; statutes give no number."""
 STANDSTILL = 0.1

@@ -19,21 +19,6 @@ from pytest_rvads.runs.itineraries import LEAVE
 from pytest_rvads.runs.run import Run
 from pytest_rvads.support.errors import RunError
 
-__all__ = [
-    "ahead_by",
-    "contested",
-    "contested_places",
-    "first_stretch",
-    "meet",
-    "meeting",
-    "neighbours",
-    "parting",
-    "passed",
-    "places",
-    "roads",
-    "shared",
-]
-
 _SPACING = 0.5
 """Distance between the stations at which two ways are compared [m]."""
 

@@ -16,8 +16,6 @@ from pytest_rvads.runs.run import Run, once
 from pytest_rvads.runs.states import Agent, Colour, Kind, Zone
 from pytest_rvads.support.errors import MapError, RunError, require
 
-__all__ = ["OFFSET_LIMIT", "PROGRESS_TOLERANCE", "Finding", "damage", "impossible", "validate"]
-
 PROGRESS_TOLERANCE = (0.005, 0.3)
 """Largest difference between a step's progress and speed times time: the sum of a distance [m] and a share of the latter.
 

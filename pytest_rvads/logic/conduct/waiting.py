@@ -34,8 +34,6 @@ from pytest_rvads.logic.conduct.rights import (
 from pytest_rvads.logic.conduct.standing import entered, facing, lasting, latched, stands
 from pytest_rvads.logic.conduct.stretches import Places, ahead_by, neighbours, passed, places, roads, shared
 
-__all__ = ["QUEUE_GAP", "Circles", "circles", "due", "lets_pass", "lines", "waits_to_cross"]
-
 AT_LINE = 5.0
 """Distance to the stopping line below which a vehicle is at its line and may wait for its turn [m]."""
 QUEUE_GAP = 15.0

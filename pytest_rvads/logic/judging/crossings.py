@@ -16,8 +16,6 @@ from pytest_rvads.runs.itineraries import itinerary
 from pytest_rvads.runs.run import DT, Run, once
 from pytest_rvads.runs.states import Zone
 
-__all__ = ["LONG_AGO", "Crossings", "Event", "certain", "crossings"]
-
 FINE = 0.02
 """Longest step of a run whose states alone say in which order vehicles came to zones and lights changed [s].
 

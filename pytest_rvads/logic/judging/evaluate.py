@@ -20,8 +20,6 @@ from pytest_rvads.logic.rules.vocabulary import Sort
 from pytest_rvads.runs.run import Run
 from pytest_rvads.support.errors import FormulaError
 
-__all__ = ["OPERATORS", "Part", "Values", "signal_of"]
-
 OPERATORS: Mapping[str, Callable[[Any, Any], NDArray[np.bool_]]] = {
     "=": operator.eq,
     "!=": operator.ne,

@@ -19,8 +19,6 @@ from pytest_rvads.logic.ltl.boolean import Budget, conj, disj, plain, rebuild
 from pytest_rvads.logic.rules.lexicon import HERE, word_of
 from pytest_rvads.logic.rules.vocabulary import Sort
 
-__all__ = ["Grounding", "Instance", "domain", "ground", "simplify", "unfold"]
-
 LIMIT = 100_000
 """Largest number of atoms and constants that the unfolding of a formula visits, which takes a second or two.
 

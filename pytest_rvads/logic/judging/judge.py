@@ -19,8 +19,6 @@ from pytest_rvads.logic.ltl.finite import settle
 from pytest_rvads.logic.ltl.ltl3 import Machine, Truth, encode, run_machine
 from pytest_rvads.logic.rules.parts import Kind, conjuncts
 
-__all__ = ["asked", "judge", "nearest_miss", "unsure", "walk"]
-
 
 def judge(templates: tuple[Template, ...], values: Values) -> list[Judgement]:
     """Return the judgements of all instances of a rule, in the order of the templates.

@@ -14,8 +14,6 @@ from pytest_rvads.logic.ltl.ltl3 import Machine
 from pytest_rvads.logic.rules.parts import Shape
 from pytest_rvads.logic.rules.vocabulary import Sort
 
-__all__ = ["Binding", "Happening", "Hinge", "Judgement", "Member", "Near", "Template", "columns"]
-
 Binding = tuple[tuple[str, f.Element], ...]
 
 

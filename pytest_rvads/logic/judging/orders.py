@@ -27,8 +27,6 @@ from pytest_rvads.logic.rules.vocabulary import FromZones, Sort
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Zone
 
-__all__ = ["about_order", "plain", "reordered"]
-
 _Moments = dict[int, int]
 """Maps the id() of an event to a moment at which the event is taken to happen."""
 MOST = 1024

@@ -16,8 +16,6 @@ from pytest_rvads.logic.ltl.boolean import evaluate, replaced
 from pytest_rvads.logic.ltl.ltl3 import synthesize
 from pytest_rvads.logic.rules.parts import Kind, agents_of, shape_of, split
 
-__all__ = ["Prepared", "forget", "prepare"]
-
 _MERGE_LIMIT = 6
 """Largest number of atoms of an instance that is compared with other instances by its truth table, of up to 64 rows."""
 

@@ -38,8 +38,6 @@ from pytest_rvads.runs.itineraries import itinerary
 from pytest_rvads.runs.recording import zones
 from pytest_rvads.runs.run import Excerpt, Run, once
 
-__all__ = ["SURE", "Reading", "doubted", "tolerance"]
-
 SURE = 3.0
 """Number of standard deviations by which the true value can differ from the measured value."""
 _AFTER = "what happened after a vehicle had left the recording before it was clear"

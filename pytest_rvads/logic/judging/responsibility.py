@@ -29,8 +29,6 @@ from pytest_rvads.logic.rules.parts import Kind, agents_of
 from pytest_rvads.runs.run import Run, once
 from pytest_rvads.support.errors import RunError
 
-__all__ = ["Cycle", "by_walkers", "cause_between", "find_cycle", "is_about", "responsible", "unavoidable", "waits"]
-
 
 def responsible(j: Judgement, run: Run) -> tuple[f.Element, ...]:
     """Return the vehicles that broke a violated instance of a rule, or that still have to wait in an open instance."""

@@ -11,8 +11,6 @@ from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.support.errors import RunError
 from pytest_rvads.support.wording import show_lists, shown
 
-__all__ = ["InstanceVerdict", "NearMiss", "Status", "Verdict"]
-
 
 class Status(StrEnum):
     """The outcome of judging a run by a rule."""

@@ -35,9 +35,6 @@ from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Agent
 from pytest_rvads.support.errors import FormulaError
 
-__all__ = ["Board", "Instances"]
-
-
 _Entry = TypeVar("_Entry")
 
 

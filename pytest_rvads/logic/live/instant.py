@@ -25,8 +25,6 @@ from pytest_rvads.runs.run import Collision, Facts, Run
 from pytest_rvads.runs.states import ABSENT, Agent
 from pytest_rvads.support.errors import RunError
 
-__all__ = ["OF_RUNS", "Decided", "Instant", "Mover", "Seen", "State", "Stream", "row_of", "sizes_of"]
-
 
 class Seen(NamedTuple):
     """The state of a vehicle at an instant; see `RuleMonitor.see`."""

@@ -38,8 +38,6 @@ from pytest_rvads.runs.run import DT, Facts
 from pytest_rvads.runs.states import ABSENT, Agent
 from pytest_rvads.support.errors import RunError
 
-__all__ = ["RuleMonitor"]
-
 
 class RuleMonitor:
     """Judges rules on a run while the run goes on: after every state the verdict says whether a rule can still be kept.

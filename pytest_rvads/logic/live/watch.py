@@ -9,8 +9,6 @@ from pytest_rvads.logic.judging.judgement import Template
 from pytest_rvads.logic.ltl.boolean import holds
 from pytest_rvads.logic.ltl.ltl3 import Machine, Truth
 
-__all__ = ["Fact", "Reading", "Watch"]
-
 
 class Fact:
     """The present truth value of an atom, with the watches (monitors) that read the atom.

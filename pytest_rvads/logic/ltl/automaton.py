@@ -22,8 +22,6 @@ import networkx as nx
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.ltl.boolean import Budget, conj, disj, plain
 
-__all__ = ["Kind", "Nfa", "Node", "Pool", "prefixes"]
-
 _Move = tuple[int, int, int]
 """A move of the automaton: its letters, the obligations for the next state, and the U nodes that it puts off (three masks)."""
 

@@ -21,24 +21,6 @@ from numpy.typing import NDArray
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.support.errors import FormulaError
 
-__all__ = [
-    "LETTER_LIMIT",
-    "Budget",
-    "assign",
-    "conj",
-    "connect",
-    "disj",
-    "evaluate",
-    "holds",
-    "iff",
-    "letters",
-    "neg",
-    "plain",
-    "rebuild",
-    "replaced",
-    "substitute",
-]
-
 LETTER_LIMIT = 1024
 """Largest number of letters of a monitor."""
 _ATOM_LIMIT = 200

@@ -20,8 +20,6 @@ from pytest_rvads.support.decoding import decode
 from pytest_rvads.support.errors import FormulaError
 from pytest_rvads.support.wording import printable
 
-__all__ = ["answer", "describe", "holds_on", "label", "to_dot", "to_hoa", "verdicts_on"]
-
 _MOST_WORK = 100_000_000
 """Largest number of comparisons of letters for the labels of edges; so many comparisons take some 5 s."""
 _COLOURS = {Truth.FALSE: "#f4b6b6", Truth.TRUE: "#b9e3b9", Truth.UNKNOWN: "#ffffff"}

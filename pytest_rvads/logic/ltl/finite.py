@@ -15,9 +15,6 @@ from numpy.typing import NDArray
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.ltl.boolean import connect, evaluate
 
-__all__ = ["settle", "settle_empty"]
-
-
 Truths = NDArray[np.bool_]
 
 

@@ -11,41 +11,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from decimal import Decimal
 
-__all__ = [
-    "FALSE",
-    "TRUE",
-    "Always",
-    "And",
-    "Atom",
-    "Attr",
-    "Binder",
-    "Const",
-    "Element",
-    "Eventually",
-    "Exists",
-    "Forall",
-    "Formula",
-    "Iff",
-    "Implies",
-    "Infix",
-    "Next",
-    "Not",
-    "Number",
-    "Or",
-    "Release",
-    "Term",
-    "Until",
-    "Value",
-    "Var",
-    "WeakUntil",
-    "atoms",
-    "children",
-    "depth",
-    "is_boolean",
-    "size",
-    "walk",
-]
-
 
 class Infix(str):
     """The name of a relation that is written between its two terms, such as a comparison."""

@@ -18,8 +18,6 @@ from lark import Token, Transformer, v_args
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.support.errors import suggest
 
-__all__ = ["LTL", "Build", "Language", "Mistake", "rule_grammar"]
-
 
 @dataclass(frozen=True)
 class Language:

@@ -24,8 +24,6 @@ from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.ltl.automaton import Nfa, Pool, prefixes
 from pytest_rvads.logic.ltl.boolean import Budget, evaluate, holds, letters
 
-__all__ = ["WORK_LIMIT", "Machine", "Monitor", "Truth", "encode", "run_machine", "synthesize"]
-
 WORK_LIMIT = 700_000
 """Largest number of elementary steps in the construction of a monitor; so many steps take a fraction of a second."""
 

@@ -20,8 +20,6 @@ from pytest_rvads.logic.ltl.boolean import replaced, substitute
 from pytest_rvads.logic.ltl.grammar import LTL, Build, Language, Mistake, rule_grammar
 from pytest_rvads.support.errors import FormulaError, suggest
 
-__all__ = ["DEPTH_LIMIT", "LENGTH_LIMIT", "SIZE_LIMIT", "caret", "parse_ltl", "parse_rule"]
-
 LENGTH_LIMIT = 20_000
 """Longest text of a formula [characters]."""
 DEPTH_LIMIT = 150

@@ -29,21 +29,6 @@ from pytest_rvads.logic.rules.vocabulary import Follower, Names, Vocabulary, Wor
 from pytest_rvads.support.errors import FormulaError, require, suggest
 from pytest_rvads.support.storage import read_file
 
-__all__ = [
-    "SHIPPED",
-    "RuleBook",
-    "claim",
-    "current_book",
-    "get_rule",
-    "is_rulebook",
-    "joined",
-    "load_rules",
-    "predicate",
-    "rule",
-    "rulebook",
-    "rules_for",
-]
-
 _SHELF: Mapping[str, tuple[Rule, ...]] = {"paper": PAPER, "road": ROAD, "variants": VARIANTS}
 _Function = Callable[..., NDArray[np.bool_]]
 _MOST_BYTES, _MOST_RULES = 2**20, 1000

@@ -14,8 +14,6 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import Any
 
-__all__ = ["PACKAGE", "PROCESS", "Desk", "desk", "desks", "here", "own_desk"]
-
 PACKAGE = "pytest-rvads"
 """The place of registration that shipped rules and words state, instead of a file and line."""
 

@@ -35,8 +35,6 @@ from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Colour, Zone
 from pytest_rvads.support.errors import RunError
 
-__all__ = ["ATTRIBUTES", "BUILT_IN", "HERE", "at", "word_of"]
-
 HERE = f.Element(Sort.JUNCTION, 0, "j")
 """The junction under test."""
 

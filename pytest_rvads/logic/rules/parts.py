@@ -12,8 +12,6 @@ from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.ltl.boolean import conj
 from pytest_rvads.logic.rules.vocabulary import Sort
 
-__all__ = ["Kind", "Shape", "agents_of", "conjuncts", "outermost", "shape_of", "split"]
-
 
 class Kind(StrEnum):
     """The forms that the formula of a rule can have."""

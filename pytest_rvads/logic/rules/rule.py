@@ -22,8 +22,6 @@ from pytest_rvads.logic.rules.vocabulary import DIRECTIONS, LANGUAGE, Sort, Voca
 from pytest_rvads.support.errors import FormulaError, suggest
 from pytest_rvads.support.wording import one_line
 
-__all__ = ["LONGEST_TIE", "Crosswalks", "Rule", "parse", "untimed"]
-
 _COMPARISONS = ("=", "!=", "<", "<=", ">", ">=")
 _VERTICES = {Sort.ENTRANCE, Sort.EXIT, Sort.VERTEX}
 

@@ -13,8 +13,6 @@ from pytest_rvads.logic.conduct.standing import TIE
 from pytest_rvads.logic.rules.current import PACKAGE
 from pytest_rvads.logic.rules.rule import Crosswalks, Rule
 
-__all__ = ["PAPER", "ROAD", "VARIANTS"]
-
 _rule = partial(Rule, place=PACKAGE)
 _STOP, _LIGHTS, _PARTIAL = JunctionControl.STOP, JunctionControl.LIGHTS, JunctionControl.PARTIAL
 _YIELD, _NONE = JunctionControl.YIELD, JunctionControl.NONE

@@ -10,8 +10,6 @@ import dis
 from collections.abc import Iterator
 from types import CellType, CodeType, FunctionType, MethodType
 
-__all__ = ["codes", "content", "same"]
-
 _PLAIN = (bool, int, float, complex, str, bytes)
 _UNBOUND = object()
 _UNSEEN = {"globals", "eval", "exec", "locals", "vars", "__import__"}

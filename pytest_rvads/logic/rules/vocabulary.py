@@ -22,22 +22,6 @@ from pytest_rvads.logic.rules.sameness import same
 from pytest_rvads.runs.run import Run
 from pytest_rvads.support.errors import FormulaError, suggest
 
-__all__ = [
-    "COLOURS",
-    "DIRECTIONS",
-    "LANGUAGE",
-    "MEASURED",
-    "Attribute",
-    "Follower",
-    "FromZones",
-    "Measured",
-    "Names",
-    "Sort",
-    "Vocabulary",
-    "Word",
-    "sorts_in",
-]
-
 Follower = Callable[[Run], bool]
 """A function that is called with every state in turn, as a run of a single state, and returns the truth of a predicate."""
 

@@ -19,9 +19,6 @@ from pytest_rvads.logic.telling.story import Story, block, bound_names, hangs, h
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Agent
 
-__all__ = ["tell"]
-
-
 _OWN: dict[str, str] = {Sort.ENTRANCE: "its entrance", Sort.LIGHT: "its light"}
 """Names of places in the cause of a violation; their numbers are left out, because they differ among rotations of a scenario."""
 

@@ -17,21 +17,6 @@ from pytest_rvads.logic.rules.vocabulary import Sort
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Agent, Colour, Zone
 
-__all__ = [
-    "Naming",
-    "aside",
-    "clock",
-    "colour_at",
-    "element_name",
-    "literal",
-    "origin",
-    "place",
-    "position",
-    "say",
-    "why",
-    "zone",
-]
-
 Naming = Callable[[f.Element], str]
 """A function that returns the name of an element (vehicle or place) in a text: its own name, or the name of a variable."""
 

@@ -41,8 +41,6 @@ from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Colour, Zone
 from pytest_rvads.support.wording import one_line
 
-__all__ = ["Story", "block", "bound_names", "hangs", "happened", "since"]
-
 _ORDER = (Status.FAIL, Status.OPEN, Status.UNSURE, Status.PASS, Status.NA)
 _WORDS = {Status.FAIL: "fail", Status.OPEN: "open", Status.UNSURE: "unsure", Status.PASS: "pass", Status.NA: "not triggered"}
 

@@ -17,8 +17,6 @@ from pytest_rvads.runs.states import Zone
 from pytest_rvads.support.errors import RunError
 from pytest_rvads.support.wording import markup
 
-__all__ = ["Film", "animated", "filmed", "framed"]
-
 _RATE = 10
 """Keyframes per second; browsers interpolate between keyframes in straight lines."""
 _HOLD, _REST = 2.0, 1.0

@@ -7,8 +7,6 @@ from math import floor, isfinite, log10
 
 from pytest_rvads.report.draw.svg import document, polyline, text
 
-__all__ = ["Curves", "draw_braking", "draw_dynamics", "draw_pedals"]
-
 Curves = Mapping[int, Sequence[tuple[float, float | None]]]
 """By aggression (1 to 3), points (distance [m], speed [m/s]) in the order of distance; the speed is None if no speed is safe."""
 

@@ -21,8 +21,6 @@ from pytest_rvads.geometry.turns import UTURN, turn_word
 from pytest_rvads.geometry.ways import Key
 from pytest_rvads.report.draw.svg import arrow, document, marks, polyline, sign, text, wrap
 
-__all__ = ["draw_map"]
-
 _PANEL, _COLUMNS, _HEAD, _LEGEND = 360.0, 3, 78.0, 900.0
 _LINE, _LETTERS, _LINES = 12.0, 66, 12
 """Text above a panel: height of a line [px], letters per line, most lines."""

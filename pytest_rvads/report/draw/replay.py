@@ -24,8 +24,6 @@ from pytest_rvads.runs.states import Colour, Zone
 from pytest_rvads.support.errors import RunError
 from pytest_rvads.support.wording import markup
 
-__all__ = ["Beside", "Track", "events", "ghost_data", "motion", "opening", "outlines", "replay"]
-
 _SEEN = 0.1
 """Two runs differ visibly if the positions of a vehicle in the two runs are this far apart [m]."""
 _EVERY = 5

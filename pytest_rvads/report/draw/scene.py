@@ -20,8 +20,6 @@ from pytest_rvads.runs.states import Agent, Colour, Kind, Vehicle
 from pytest_rvads.support.errors import MapError, RunError
 from pytest_rvads.support.wording import markup
 
-__all__ = ["STYLE", "Scene", "body", "course", "draw_ways", "inks", "label", "path", "picture", "placed", "size", "still"]
-
 PALETTE = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#7f7f00", "#555555")
 """Okabe and Ito's palette, distinguishable by colour-blind people."""
 _DARKER = 0.62

@@ -12,8 +12,6 @@ from pytest_rvads.geometry.control import Sign
 from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.support.wording import markup
 
-__all__ = ["arrow", "beside", "document", "marks", "polyline", "sign", "text", "wrap"]
-
 Points = NDArray[np.float64]
 _ARROWS = {
     Turn.STRAIGHT: "M0 0H3.2M2.4-.6L3.2 0L2.4.6",

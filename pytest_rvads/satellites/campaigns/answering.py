@@ -25,8 +25,6 @@ from pytest_rvads.support.decoding import encode
 from pytest_rvads.support.errors import RvadsError
 from pytest_rvads.support.installed import code, versions
 
-__all__ = ["Job", "Question", "judge", "undecided"]
-
 
 @dataclass(frozen=True, slots=True)
 class Question:

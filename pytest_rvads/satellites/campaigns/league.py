@@ -29,8 +29,6 @@ from pytest_rvads.support.errors import RvadsError, ScenarioError
 from pytest_rvads.support.storage import read_file
 from pytest_rvads.support.stratified import draw
 
-__all__ = ["Config", "DriverConfig", "League", "about"]
-
 _LARGEST = 2**20
 """Largest configuration that is read [bytes]."""
 _Positive = Annotated[int, Meta(ge=1, le=10**6)]

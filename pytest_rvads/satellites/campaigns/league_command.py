@@ -8,8 +8,6 @@ from pathlib import Path
 from pytest_rvads.cli.common import Subparsers, terminable
 from pytest_rvads.cli.shared_options import declare_executor, opened_executor
 
-__all__ = ["declare"]
-
 _DESCRIPTION = """\
 Judge several drivers on the same drawn cells. CONFIG is a TOML file with the drivers, junctions, maps, seats, traffic and rules,
 the number of cells, the number of lines of critical starts, and a seed. The folder of -o gets league.html, the table of drivers

@@ -39,8 +39,6 @@ from pytest_rvads.support.installed import code, versions
 from pytest_rvads.support.storage import read_file, slug, write_file
 from pytest_rvads.support.wording import plural
 
-__all__ = ["judge_league", "league_page", "sections", "summary"]
-
 _LARGEST = 2**26
 """Largest file of critical starts that is read [bytes]."""
 

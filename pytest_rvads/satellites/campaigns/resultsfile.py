@@ -35,8 +35,6 @@ try:
 except ImportError:  # not a POSIX system: the file is not locked
     fcntl = None  # type: ignore[assignment]
 
-__all__ = ["FORMAT", "VERSION", "Glance", "Head", "Judged", "Results", "joined"]
-
 FORMAT, VERSION = "rvads-campaign", 2
 _HEAD = b'{"format"'
 """Beginning of a line that holds a head."""

@@ -12,8 +12,8 @@ from typing import Any
 
 import msgspec
 
-from pytest_rvads.geometry.choosing import Choice, Kinds, choose_among
-from pytest_rvads.geometry.finder import load, name_of
+from pytest_rvads.geometry.choosing import Choice, choose_among
+from pytest_rvads.geometry.finder import Kinds, load, name_of
 from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.report.record import Record
 from pytest_rvads.report.run_record import by_rule
@@ -27,8 +27,6 @@ from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.selection import TOO_SHORT, TOO_TIGHT
 from pytest_rvads.support.errors import MapError
 from pytest_rvads.support.wording import first, plural
-
-__all__ = ["Town", "tallied", "town_records"]
 
 
 @dataclass(eq=False)

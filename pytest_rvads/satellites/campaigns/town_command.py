@@ -25,8 +25,6 @@ if TYPE_CHECKING:
     from pytest_rvads.satellites.campaigns.town import Town
     from pytest_rvads.satellites.campaigns.town_output import Order
 
-__all__ = ["declare"]
-
 _DESCRIPTION = """\
 Judge a controller at every junction of maps. The folder of -o gets town.html, the map with the verdicts at all
 junctions; town.json, the report; results-*.jsonl, the results so far, so that the same command continues after an interruption;

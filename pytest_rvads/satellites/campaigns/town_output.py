@@ -35,11 +35,10 @@ from pytest_rvads.satellites.campaigns.town_tally import CauseTally, Tally
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.simulators.simulator import Simulator, simulate
 from pytest_rvads.support.errors import RvadsError
-from pytest_rvads.support.executors import Failed, Progress, gathered
+from pytest_rvads.support.executors import Progress, gathered
+from pytest_rvads.support.executors.teams import Failed
 from pytest_rvads.support.storage import slug, write_file
 from pytest_rvads.support.wording import quoted
-
-__all__ = ["INTERRUPTED", "Order", "Replays", "Source", "draw_replays", "progressing", "written"]
 
 MOST = 100
 """Largest number of runs whose replay pages are drawn; a page has some 100 KB, and nobody looks at more pages."""

@@ -20,8 +20,6 @@ from pytest_rvads.report.page import rendered
 from pytest_rvads.satellites.campaigns.town_tally import Tally, TownMark, cell
 from pytest_rvads.support.wording import markup, plural, quoted
 
-__all__ = ["Site", "Spot", "TownMap", "TownPicture", "simplified", "spot", "state", "town_page", "town_picture", "worst_first"]
-
 TOLERANCE = 0.2
 """Largest distance of a drawn line from the centre line of its lane [m]."""
 _MARGIN = 15.0

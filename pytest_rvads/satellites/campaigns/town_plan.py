@@ -21,8 +21,6 @@ from pytest_rvads.scenarios.selection import Selection, alone, extended
 from pytest_rvads.support.errors import RvadsError, ScenarioError
 from pytest_rvads.support.stratified import draw
 
-__all__ = ["LeftOut", "Plan", "Planned", "Request"]
-
 
 @dataclass(frozen=True, slots=True)
 class Request:

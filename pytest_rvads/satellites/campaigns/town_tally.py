@@ -13,8 +13,6 @@ from pytest_rvads.report.run_record import by_rule
 from pytest_rvads.report.triage import Cause, causes, gravity, provoked, unavoidable, unsure
 from pytest_rvads.satellites.campaigns.resultsfile import Judged
 
-__all__ = ["CauseTally", "Tally", "TownMark", "cell"]
-
 TownMark = Mark | Literal["error"]
 """The mark (colour) of runs on a map or in a table cell; ``error``: the runs have no verdict, so the driving is unknown."""
 

@@ -26,8 +26,6 @@ from pytest_rvads.satellites.lanelet2.osm_file import MAX_ELEMENTS, parsed
 from pytest_rvads.support.errors import MapError
 from pytest_rvads.support.wording import one_line
 
-__all__ = ["read_commonroad"]
-
 _SKIPPED = frozenset(
     {"dynamicObstacle", "staticObstacle", "environmentObstacle", "phantomObstacle", "obstacle", "planningProblem"}
 )

@@ -19,8 +19,6 @@ from pytest_rvads.geometry.network import Doubt, MapWarning
 from pytest_rvads.satellites.lanelet2.lanelets import Bound, Conflicts, Lanelet, cell_of, free_ends
 from pytest_rvads.support.wording import first
 
-__all__ = ["Ground", "areas_of", "cut_off", "listed"]
-
 _JOINT = 25.0
 """Length up to which a lanelet between two clusters with crossings joins the clusters [m]."""
 _SMALL = 12.0

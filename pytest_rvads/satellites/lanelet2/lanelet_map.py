@@ -30,8 +30,6 @@ from pytest_rvads.satellites.lanelet2.osm_file import OsmMap, Relation, read_osm
 from pytest_rvads.support.errors import MapError
 from pytest_rvads.support.wording import one_line, plural
 
-__all__ = ["read_lanelet2"]
-
 _DRIVABLE = frozenset({"", "road", "highway", "play_street", "exit"})
 """Subtypes of lanelets for cars."""
 _NOT_DRIVABLE = frozenset(

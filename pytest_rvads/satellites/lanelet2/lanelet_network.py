@@ -22,8 +22,6 @@ from pytest_rvads.satellites.lanelet2.lanelets import Lanelet, conflicts_of, han
 from pytest_rvads.support.errors import MapError
 from pytest_rvads.support.wording import plural
 
-__all__ = ["Regulation", "Rules", "network_of", "none_drivable"]
-
 _ACROSS, _ALONG, _PARALLEL = 5.5, 15.0, math.radians(30.0)
 """Lanes of one direction that end within these distances [m] and this angle [rad] of each other are of one arm."""
 _OPPOSITE_GAP = 20.0

@@ -21,24 +21,6 @@ from pytest_rvads.geometry.network import PaintedCrosswalk
 from pytest_rvads.geometry.opendrive.builder import MAX_SAMPLES
 from pytest_rvads.support.errors import MapError
 
-__all__ = [
-    "Bound",
-    "Conflicts",
-    "Lanelet",
-    "aligned",
-    "cell_of",
-    "conflicts_of",
-    "crosswalk_of",
-    "free_ends",
-    "hand_votes",
-    "intersections",
-    "link_lanelets",
-    "stations_of",
-    "turn_odd",
-    "turned",
-    "with_centre_lines",
-]
-
 _STEP = 0.75
 """Distance between the points of centre lines [m]."""
 _SHORTEST = 0.05

@@ -20,8 +20,6 @@ from pytest_rvads.support.errors import MapError
 from pytest_rvads.support.storage import XmlError, open_file, read_xml
 from pytest_rvads.support.wording import one_line
 
-__all__ = ["OsmMap", "Relation", "Way", "mercator", "parsed", "plane_of_utm", "projected", "read_osm"]
-
 MAX_ELEMENTS = 3_000_000
 """Most elements of a file that are read; a file of 20 MB has 400,000."""
 _ID = re.compile(r"[\w.+-]{1,60}")

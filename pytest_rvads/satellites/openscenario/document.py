@@ -27,20 +27,6 @@ from pytest_rvads.satellites.tracks.lightlog import ENTRANCE, signal_ids
 from pytest_rvads.support.errors import MapError
 from pytest_rvads.support.storage import read_file, write_file
 
-__all__ = [
-    "Actor",
-    "Body",
-    "Document",
-    "Phase",
-    "Trajectory",
-    "body_of",
-    "mapped",
-    "moved_back",
-    "phases_of_plan",
-    "phases_of_run",
-    "put_map",
-]
-
 _TALL = 1.8
 """Height of a pedestrian in pictures of other tools [m]: an adult."""
 

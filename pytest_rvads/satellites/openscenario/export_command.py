@@ -15,8 +15,6 @@ if TYPE_CHECKING:
     from pytest_rvads.scenarios.case import Fleet
     from pytest_rvads.scenarios.scenario import Scenario
 
-__all__ = ["declare"]
-
 
 def declare(commands: Subparsers) -> None:
     """Add the command ``rvads export`` to the parser."""

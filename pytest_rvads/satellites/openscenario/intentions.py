@@ -13,8 +13,6 @@ from pytest_rvads.satellites.openscenario.xosc import Entity, entities_of
 from pytest_rvads.satellites.openscenario.xosctree import Node
 from pytest_rvads.support.errors import RunError
 
-__all__ = ["Drive", "Intention", "intentions", "matched"]
-
 _ACTIONS_READ = ("TeleportAction", "SpeedAction", "AssignRouteAction", "AcquirePositionAction")
 _FARTHEST_POINT = 1.5
 """Largest distance of a start or goal from the centre of its lane [m]."""

@@ -36,8 +36,6 @@ from pytest_rvads.satellites.tracks.lightlog import lights_at
 from pytest_rvads.support.decoding import decode, typed
 from pytest_rvads.support.errors import RunError
 
-__all__ = ["VERSION", "Judged", "Note", "Site", "read_played", "site_of"]
-
 VERSION = 1
 """Version of the fields of `Note`; a file with another version is refused."""
 _SEARCH_RANGE = 0.75

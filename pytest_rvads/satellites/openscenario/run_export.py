@@ -35,8 +35,6 @@ from pytest_rvads.support.errors import RunError, RvadsError, require
 from pytest_rvads.support.storage import write_file
 from pytest_rvads.support.wording import one_line
 
-__all__ = ["export_run", "recorded_map", "vehicles", "write"]
-
 
 class Excerpted(msgspec.Struct, frozen=True):
     """The note of a file that holds an excerpt of a recording.

@@ -40,9 +40,6 @@ from pytest_rvads.support.decoding import decode, encode
 from pytest_rvads.support.errors import RunError, ScenarioError, require
 from pytest_rvads.support.wording import one_line
 
-__all__ = ["VERSION", "ScenarioNote", "load_scenario", "save_scenario"]
-
-
 VERSION = 1
 """Version of the fields of `ScenarioNote`; a file with another version is refused."""
 

@@ -22,8 +22,6 @@ from pytest_rvads.satellites.openscenario.document import Actor, Body, Document
 from pytest_rvads.satellites.openscenario.xosc import LAMPS
 from pytest_rvads.support.errors import RvadsError, needs
 
-__all__ = ["library", "written"]
-
 _MINOR = 2
 _DATE = datetime(2000, 1, 1)
 """Creation date in every file; it is constant so that equal runs give equal files."""

@@ -22,22 +22,6 @@ from pytest_rvads.satellites.tracks.source import Watch
 from pytest_rvads.support.decoding import decode
 from pytest_rvads.support.errors import RunError
 
-__all__ = [
-    "FORMAT",
-    "LAMPS",
-    "Entity",
-    "TrajectoryFile",
-    "entities_of",
-    "lights_of",
-    "log_of",
-    "map_of",
-    "no_trajectories",
-    "note_of",
-    "read_trajectories",
-    "read_xosc",
-]
-
-
 LAMPS = {Colour.NONE: "off;off;off", Colour.RED: "on;off;off", Colour.YELLOW: "off;on;off", Colour.GREEN: "off;off;on"}
 """Per colour, the state of a light in a written file: the lamps from top to bottom, which are red, yellow and green."""
 _COLOUR_OF_STATE = {lamps: colour for colour, lamps in LAMPS.items()}

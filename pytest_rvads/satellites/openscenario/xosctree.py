@@ -23,9 +23,6 @@ from pytest_rvads.support.errors import RunError
 from pytest_rvads.support.storage import number_in, read_xml
 from pytest_rvads.support.wording import one_line
 
-__all__ = ["VERTEX", "Node", "evaluate", "read_tree"]
-
-
 _LONGEST_EXPRESSION, _LONGEST_NUMBER = 1000, 40
 """Greatest length of an expression, and of the value of a parameter inside of an expression [characters]."""
 _PARAMETER = re.compile(r"\$(\w+)")

@@ -51,26 +51,6 @@ from pytest_rvads.support.errors import RunError
 from pytest_rvads.support.executors import Progress, spread
 from pytest_rvads.support.storage import write_file
 
-__all__ = [
-    "FREE",
-    "SHOWN",
-    "Free",
-    "LastFirst",
-    "Room",
-    "Snapshot",
-    "ablation",
-    "p1_margin",
-    "p1_margins",
-    "rooms",
-    "snapshot",
-    "snapshots",
-    "text_ablation",
-    "text_margins",
-    "text_null_models",
-    "text_rooms",
-    "write_snapshots",
-]
-
 Margins = Mapping[tuple[int, int, str], int]
 """Margin of rule p1 in ticks of 0.01 s, see `p1_margin`, by class, row and configuration."""
 Flips = Mapping[str, list[tuple[Key, str, str]]]

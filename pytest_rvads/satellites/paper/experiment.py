@@ -22,26 +22,6 @@ from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.simulators.simulator import named, simulate
 from pytest_rvads.support.errors import RunError
 
-__all__ = [
-    "LIGHT",
-    "ROWS",
-    "STOP",
-    "TABLES",
-    "WAIT",
-    "Entry",
-    "Job",
-    "Key",
-    "Setup",
-    "Table",
-    "crossing_wait",
-    "draw_range",
-    "entries",
-    "judge",
-    "outcome",
-    "run_entry",
-]
-
-
 _DRAW_CLASS = 4
 """Number of the class whose published verdict in configuration J holds only for certain random waiting times."""
 

@@ -17,8 +17,6 @@ if TYPE_CHECKING:
 
     from pytest_rvads.satellites.paper.experiment import Setup
 
-__all__ = ["declare"]
-
 
 def declare(commands: Subparsers) -> None:
     """Add the command ``rvads paper`` to the parser."""

@@ -28,25 +28,10 @@ from pytest_rvads.satellites.paper.experiment import (
     entries,
     judge,
 )
-from pytest_rvads.scenarios.classes import label, parse, rotate
+from pytest_rvads.scenarios.classes import label, parse
+from pytest_rvads.scenarios.orbits import rotate
 from pytest_rvads.support.executors import Progress, spread
 from pytest_rvads.support.wording import page
-
-__all__ = [
-    "FITTED",
-    "MARK",
-    "Shares",
-    "agreement",
-    "compute",
-    "disagreements",
-    "nested",
-    "null_models",
-    "published",
-    "svg_tables",
-    "sweep",
-    "text_sweep",
-    "text_tables",
-]
 
 FITTED = (1, 3)
 """Classes to whose published cells the constants of the LGSVL-like driver were fitted."""

@@ -39,8 +39,6 @@ from pytest_rvads.runs.states import Colour, SignalPlan
 from pytest_rvads.support.errors import RunError, ScenarioError, needs
 from pytest_rvads.support.wording import one_line
 
-__all__ = ["Network", "lane_in", "lane_limit", "lane_out", "netconvert", "network", "program_and_home", "straight"]
-
 _LETTERS = {Colour.YELLOW: "y", Colour.RED: "r"}
 """By colour other than green, the letter for the colour in SUMO's signal programs."""
 _LENGTH_TOLERANCE = 1e-6

@@ -20,8 +20,6 @@ from pytest_rvads.simulators.patience import choice
 from pytest_rvads.support.errors import RunError
 from pytest_rvads.support.wording import one_line
 
-__all__ = ["SumoFailed", "SumoProcess", "acquire", "release"]
-
 _NO_LIMIT = 86400.0
 """Longest real time to wait for an answer of SUMO if the session sets no limit for decisions [s]."""
 _OPTIONS = (

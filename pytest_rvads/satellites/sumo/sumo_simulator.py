@@ -30,8 +30,6 @@ from pytest_rvads.simulators.loop import Loop, usual
 from pytest_rvads.support.errors import ScenarioError, needs, require
 from pytest_rvads.support.installed import versions
 
-__all__ = ["Sumo", "sumo"]
-
 SEED = 23423
 """SUMO's default seed; a run uses the sum of this seed and the seed of the scenario's senses."""
 _SEED_BOUND = 2**31

@@ -21,9 +21,6 @@ from pytest_rvads.satellites.sumo.sumo_process import SumoFailed, acquire, relea
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.support.errors import RunError
 
-__all__ = ["SumoWorld", "departures", "lone_departure"]
-
-
 _EMERGENCY = 9.0
 """SUMO's default for the deceleration of a vehicle in an emergency [m/s^2]."""
 

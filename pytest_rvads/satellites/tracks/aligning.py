@@ -18,8 +18,6 @@ from pytest_rvads.runs.itineraries import Itinerary
 from pytest_rvads.runs.recording import Recording
 from pytest_rvads.satellites.tracks.matching import evenly_spaced
 
-__all__ = ["TOLERATED", "Misalignment", "misalignment_of"]
-
 TOLERATED = 0.5
 """Largest systematic distance of tracks beside the lanes without a warning [m]: less than the room beside a car in its lane."""
 _WEAKEST = 0.05

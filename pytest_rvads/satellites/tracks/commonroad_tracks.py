@@ -17,8 +17,6 @@ from pytest_rvads.support.errors import RunError
 from pytest_rvads.support.storage import number_in, read_xml
 from pytest_rvads.support.wording import one_line
 
-__all__ = ["is_commonroad", "read_commonroad_tracks"]
-
 _OBSTACLES = ("dynamicObstacle", "obstacle")
 _COLUMNS = {"x": "position", "y": "position", "heading": "orientation", "speed": "velocity", "size": "shape"}
 _NUMBERS = ("time/exact", "position/point/x", "position/point/y", "orientation/exact", "velocity/exact")

@@ -23,8 +23,6 @@ from pytest_rvads.runs.states import Agent
 from pytest_rvads.satellites.tracks.matching import Line, Matched, track_of, unbroken
 from pytest_rvads.satellites.tracks.samples import Samples
 
-__all__ = ["CrossingMatcher", "track_on_foot"]
-
 _Values = NDArray[np.float64]
 
 _BESIDE = 1.0

@@ -17,8 +17,6 @@ from pytest_rvads.satellites.tracks.source import Source, Watch, opened
 from pytest_rvads.satellites.tracks.table import TEXTS, Column, Rows, columns_of, log_of, numbers_of
 from pytest_rvads.support.errors import RunError
 
-__all__ = ["is_fcd_table", "read_csv", "read_fcd_table", "read_ind", "read_interaction", "rows_of", "wrong_cells"]
-
 _BATCH = 20_000
 """Number of rows that are converted together."""
 _LONGEST, _COLUMNS = 2**15, 1000

@@ -17,8 +17,6 @@ from pytest_rvads.satellites.tracks.matching import directions
 from pytest_rvads.satellites.tracks.samples import Log, Samples
 from pytest_rvads.support.errors import RunError
 
-__all__ = ["LEAST_AGREEMENT", "agreement", "with_headings"]
-
 _COMPARED = 100
 """Largest number of vehicles of a log whose headings are compared with their direction of motion."""
 _SHORTEST_DRIVE = 10.0

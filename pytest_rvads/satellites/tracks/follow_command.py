@@ -22,8 +22,6 @@ if TYPE_CHECKING:
     from pytest_rvads.logic.rules.rule import Rule
     from pytest_rvads.runs.run import Run
 
-__all__ = ["declare", "follow"]
-
 _MOST_SHOWN = 20
 """Largest number of messages about omitted lines; further omitted lines are only counted."""
 _POLL = 0.2

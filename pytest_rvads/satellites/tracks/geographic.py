@@ -15,8 +15,6 @@ from pytest_rvads.satellites.tracks.samples import Log
 from pytest_rvads.support.errors import MapError, RunError
 from pytest_rvads.support.wording import one_line
 
-__all__ = ["on_plane"]
-
 _FARTHEST = 6.0
 """Largest distance of a track from the middle meridian, and from the origin of a map [degrees]: the width of a zone of UTM."""
 

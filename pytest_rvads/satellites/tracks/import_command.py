@@ -25,8 +25,6 @@ if TYPE_CHECKING:
     from pytest_rvads.satellites.tracks.logformats import Point
     from pytest_rvads.satellites.tracks.samples import Log
 
-__all__ = ["INTAKE", "add_intake", "declare", "intake_of"]
-
 
 INTAKE = ("point", "size", "offset", "position_accuracy", "speed_accuracy", "speed_limit")
 """Names of the parsed options of `add_intake`."""

@@ -47,22 +47,6 @@ from pytest_rvads.satellites.tracks.source import Watch
 from pytest_rvads.support.errors import MapError, RunError, suggest
 from pytest_rvads.support.wording import one_line
 
-__all__ = [
-    "Intake",
-    "check_single_junction",
-    "junctions_of",
-    "label_of",
-    "light_log",
-    "lights_elsewhere",
-    "on_map",
-    "read_tracks",
-    "recording_of",
-    "recordings_at",
-    "recordings_in",
-    "unknown_lights",
-]
-
-
 _Values = NDArray[np.float64]
 _Match = tuple[str, Samples, Matched]
 """Name of an agent, its samples, and its way."""

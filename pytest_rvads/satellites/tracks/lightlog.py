@@ -21,8 +21,6 @@ from pytest_rvads.support.errors import RunError
 from pytest_rvads.support.storage import read_xml
 from pytest_rvads.support.wording import one_line
 
-__all__ = ["ENTRANCE", "changes_of", "lights_at", "limit_lights", "read_lights", "signal_ids", "signals_at", "with_lights"]
-
 _COLOURS = {
     Colour.GREEN: ("green", "g", "1"),
     Colour.YELLOW: ("yellow", "amber", "y", "2"),

@@ -17,9 +17,6 @@ from pytest_rvads.satellites.tracks.table import PRESETS, is_table, read_table
 from pytest_rvads.support.errors import RunError, suggest
 from pytest_rvads.support.installed import entries, load
 
-__all__ = ["FORMATS", "Format", "Point", "Reader", "format_of", "formats", "read_log"]
-
-
 Point = Literal["front", "center", "rear_axle"]
 """The recorded point: the point of a vehicle to which x and y in a log refer."""
 

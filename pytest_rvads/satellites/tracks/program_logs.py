@@ -22,8 +22,6 @@ from pytest_rvads.support.errors import RunError
 from pytest_rvads.support.storage import read_xml
 from pytest_rvads.support.wording import one_line
 
-__all__ = ["read_carla", "read_fcd", "read_osi", "read_rosbag"]
-
 _FCD_COLUMNS = {"speed": "speed", "heading": "angle", "size": "length"}
 _FCD_PERSON = 0.215, 0.478
 """Length and width of a person of SUMO's class ``pedestrian`` (SUMO, Vehicle Type Parameter Defaults) [m]."""

@@ -25,8 +25,6 @@ from pytest_rvads.runs.states import Kind
 from pytest_rvads.support.errors import RunError, suggest
 from pytest_rvads.support.wording import one_line
 
-__all__ = ["FIELDS", "LATEST", "Gather", "Log", "Samples", "kind_of"]
-
 _Values = NDArray[np.float64]
 
 FIELDS = ("time", "x", "y", "heading", "speed")

@@ -14,8 +14,6 @@ from pytest_rvads.support.errors import RunError
 from pytest_rvads.support.storage import XmlError, open_file
 from pytest_rvads.support.wording import one_line
 
-__all__ = ["Source", "Watch", "opened"]
-
 Watch = Callable[[int, int], None]
 """A function that is called with the number of bytes read so far and the number of all bytes."""
 _LONGEST_LINE = 2**22

@@ -25,8 +25,6 @@ from pytest_rvads.support.decoding import decode
 from pytest_rvads.support.errors import RunError
 from pytest_rvads.support.wording import one_line
 
-__all__ = ["GONE_AFTER", "LONGEST", "State", "Stream"]
-
 GONE_AFTER = 2.0
 """Time without a sample after which a vehicle counts as gone [s]."""
 LONGEST = 300.0

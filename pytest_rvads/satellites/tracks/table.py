@@ -23,9 +23,6 @@ from pytest_rvads.satellites.tracks.samples import Gather, Log, kind_of
 from pytest_rvads.support.errors import RunError, suggest
 from pytest_rvads.support.wording import one_line
 
-__all__ = ["PRESETS", "TEXTS", "Column", "Rows", "columns_of", "is_table", "log_of", "numbers_of", "parse_pairs", "read_table"]
-
-
 _REQUIRED = ("time", "id", "x", "y")
 _OPTIONAL = ("heading", "speed", "vx", "vy", "length", "width", "class", "case")
 TEXTS = ("id", "class", "case")

@@ -32,8 +32,6 @@ from pytest_rvads.session.collection.misuse import several
 from pytest_rvads.session.options import Options
 from pytest_rvads.support.errors import ScenarioError, suggest
 
-__all__ = ["Ask", "judged_at"]
-
 _Values = tuple[float | tuple[float, ...], ...]
 """Distances or speeds to run in succession; each is a number for all entrances, or a tuple with a number per entrance."""
 _SEVERAL: dict[str, tuple[Any, str]] = {

@@ -22,22 +22,6 @@ if TYPE_CHECKING:
     from pytest_rvads.scenarios.scenario import Scenario
     from pytest_rvads.scenarios.selection import Selection
 
-__all__ = [
-    "KEYS",
-    "Cell",
-    "Known",
-    "NoRoom",
-    "PlannedRun",
-    "RecordedCell",
-    "Resolved",
-    "Runs",
-    "Selected",
-    "Unfit",
-    "cells_of",
-    "run_name",
-    "runs_of",
-]
-
 KEYS = ("junction", "cls", "scenario", "cfg", "rotation", "seat", "pedestrians", "traffic", "recording", "rule")
 """Keywords that select cells, in ``-m "rvads(cls=7)"`` and in ``@rvads.known(cls=7)``."""
 

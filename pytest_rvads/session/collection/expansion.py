@@ -33,8 +33,6 @@ if TYPE_CHECKING:
     from pytest_rvads.session.collection.recordings import OpenFiles, Recordings
     from pytest_rvads.session.options import Options
 
-__all__ = ["FILES", "expand", "expand_recorded", "idle", "is_recorded", "unused"]
-
 T = TypeVar("T")
 C = TypeVar("C", Cell, RecordedCell)
 _POINTS, _RUNS, _CELLS, _FILES = 10, 5000, 5000, 100

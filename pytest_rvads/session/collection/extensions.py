@@ -17,8 +17,6 @@ import pytest
 from pytest_rvads.logic.rules.current import PROCESS, Desk, desk, own_desk
 from pytest_rvads.support.errors import ScenarioError
 
-__all__ = ["Extensions", "extensions", "open_book", "open_session", "outliving"]
-
 _SESSION: pytest.StashKey[Desk] = pytest.StashKey()
 """The desk (place for registered rules and predicates) of the session, whose rules all test files know."""
 _FILES: pytest.StashKey[dict[str, Any]] = pytest.StashKey()

@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     from pytest_rvads.scenarios.pedestrians import Pedestrian
     from pytest_rvads.scenarios.senses import Senses
 
-__all__ = ["known", "recorded", "register_marks", "scenario"]
-
 
 def scenario(  # noqa: PLR0913 - keywords, each an axis of its own
     junction: str | Iterable[str] | None = None,

@@ -13,8 +13,6 @@ import pytest
 
 from pytest_rvads.support.errors import RvadsError, ScenarioError
 
-__all__ = ["Misuse", "caller", "several", "told_at"]
-
 
 class Misuse(ScenarioError, pytest.Collector.CollectError):
     """A mark has wrong arguments, or selects no run.

@@ -31,8 +31,6 @@ if TYPE_CHECKING:
     from pytest_rvads.geometry.junction import Junction
     from pytest_rvads.runs.run import Run
 
-__all__ = ["OpenFiles", "Recordings"]
-
 _UNKNOWN = "unknown"
 """The name that stands for the junction of a file that can't be read."""
 

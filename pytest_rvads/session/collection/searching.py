@@ -45,8 +45,6 @@ if TYPE_CHECKING:
     from pytest_rvads.search.starts import Line
     from pytest_rvads.session.collection.cells import Cell
 
-__all__ = ["critical", "falsify"]
-
 
 def falsify(
     junction: str | Junction,

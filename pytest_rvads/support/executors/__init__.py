@@ -16,9 +16,7 @@ from queue import SimpleQueue
 from typing import Any, TypeVar
 
 from pytest_rvads.support.errors import RvadsError
-from pytest_rvads.support.executors.teams import DIED, ExecutorGone, Failed, Foreign, Own, Part, Team, tried
-
-__all__ = ["DIED", "Apart", "ExecutorGone", "Failed", "Progress", "apart", "gathered", "spread"]
+from pytest_rvads.support.executors.teams import Failed, Foreign, Own, Part, Team, tried
 
 Progress = Callable[[int, int], None]
 """Called with the number of jobs done and the number of all."""

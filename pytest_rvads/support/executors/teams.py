@@ -17,8 +17,6 @@ from pytest_rvads.support.errors import RvadsError
 from pytest_rvads.support.tracebacks import located
 from pytest_rvads.support.wording import one_line
 
-__all__ = ["AHEAD", "Crew", "ExecutorGone", "Failed", "Foreign", "Own", "Part", "Team", "tried"]
-
 AHEAD = 4
 """Parts (groups of jobs) per worker that are submitted before the oldest part is done; more would wait for a slow job."""
 _Job = TypeVar("_Job")

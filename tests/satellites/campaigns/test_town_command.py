@@ -176,8 +176,10 @@ def test_what_was_judged_before_an_interrupt_is_kept_and_gone_on_from(
 @pytest.mark.extended
 @pytest.mark.parametrize("number", ["SIGTERM", "SIGHUP"])
 def test_terminated_town_leaves_its_page_and_report(folder: Path, number: str) -> None:
-    ends = DRIVER.format(last=4).replace("raise KeyboardInterrupt", "kept(); os.kill(os.getppid(), signal.{number}); time.sleep(60)")
-    (folder / "impatient.py").write_text(f"{KEPT}{ends.format(number=number)}", encoding="utf-8")
+    terminates = f"kept(); os.kill(os.getppid(), signal.{number}); time.sleep(60)"
+    (folder / "impatient.py").write_text(
+        KEPT + DRIVER.format(last=4).replace("raise KeyboardInterrupt", terminates), encoding="utf-8"
+    )
     path = os.pathsep.join([str(folder), os.environ.get("PYTHONPATH", "")])
     words = ["-c", "from pytest_rvads.cli import main; raise SystemExit(main())", "town", "stop3.xodr", *SHORT]
     command = [sys.executable, *words, "--autopilot", "impatient:Impatient"]
