@@ -96,14 +96,7 @@ def agree(
     executor: Executor | int | None = None,
     progress: Progress | None = None,
 ) -> Iterator[Agreement]:
-    """Yield what two simulators say of every case, in order.
-
-    Args:
-        simulators: their names, as options call them.
-        trials: what is tried on both.
-        executor: as for `spread`.
-        progress: called after every case.
-    """
+    """Yield what two simulators say of every case, in order."""
     return spread(partial(_both, simulators), trials, executor, progress, batch=1)
 
 

@@ -39,8 +39,6 @@ def class_trials(junctions: Sequence[str], letters: str = LETTERS, most: int | N
     """Yield the reference autopilot in every class, judged by the rules of the paper and of the road.
 
     Args:
-        junctions: names of built-in ones.
-        letters: configurations.
         most: classes of a junction, evenly from all; None for every one.
     """
     for name in junctions:
@@ -52,12 +50,7 @@ def class_trials(junctions: Sequence[str], letters: str = LETTERS, most: int | N
 
 
 def recorded_trials(path: str | Path) -> Iterator[Trial]:
-    """Yield the predictions of a recorded file, see `predicted.compare`.
-
-    Raises:
-        RunError: the file is not of this format, or does not tell how its runs start.
-        MapError: no junction has the recorded lengths.
-    """
+    """Yield the predictions of a recorded file, see `predicted.compare`."""
     for run in read_recorded(path):
         yield Trial(Case(site_of(run), LgsvlLike), RULES[run.junction.control])
 

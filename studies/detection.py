@@ -93,18 +93,7 @@ def measure(
     executor: Executor | int | None = None,
     progress: Progress | None = None,
 ) -> list[Power]:
-    """Measure every method on every deficiency.
-
-    Args:
-        seeds: repetitions.
-        budget: simulations after which a method gives up.
-        deficiencies: names.
-        among: a traffic policy: the vehicle at entrance 0 alone has the deficiency, and the others drive like that; by default
-            all vehicles have it.
-        simulator: what makes the runs, by name.
-        executor: as for `spread`.
-        progress: called after every scenario that had to be simulated; their number grows as the search goes on.
-    """
+    """Measure every method on every deficiency."""
     known: dict[Job, bool] = {}
     found = []
     for deficiency in deficiencies:

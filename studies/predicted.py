@@ -65,12 +65,7 @@ class Compared:
 def compare(
     path: str | Path, *, simulator: str | None = None, executor: Executor | int | None = None, progress: Progress | None = None
 ) -> list[Compared]:
-    """Simulate every run of a recorded file by the simulator of that name.
-
-    Raises:
-        RunError: the file is not of this format, or does not tell how its runs start.
-        MapError: no junction has the recorded lengths.
-    """
+    """Simulate every run of a recorded file by the simulator of that name."""
     runs = read_recorded(path)
     sites = [site_of(run) for run in runs]
     kinds = [_kinds(run, site) for run, site in zip(runs, sites, strict=True)]
@@ -134,12 +129,7 @@ def text_agreement(found: Sequence[Compared], title: str) -> str:
 
 
 def site_of(run: Run) -> Scenario:
-    """Return the scenario of a recorded run, at a junction with the recorded lengths.
-
-    Raises:
-        RunError: the recording does not tell how the run starts.
-        MapError: no junction has these lengths.
-    """
+    """Return the scenario of a recorded run, at a junction with the recorded lengths."""
     recorded, starts = run.junction, run.provenance["starts"]
     ways = recorded.ways
     first = {agent.name: agent for agent in run.agents}.get("c0")

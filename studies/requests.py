@@ -80,14 +80,7 @@ def answer(line: str, simulator: Simulator | None = None) -> str:
 
 
 def predict(request: Mapping[str, Any], simulator: Simulator | None = None) -> tuple[Run, int]:
-    """Simulate what a request describes, by what `simulate` takes for `simulator`.
-
-    Returns:
-        The run, and the rotation of the request.
-
-    Raises:
-        RvadsError: a field is missing or has a value that does not fit; the message names it.
-    """
+    """Simulate what a request describes, by what `simulate` takes for `simulator`."""
     asked = typed(request, _Request, "request", ScenarioError)
     autopilot = traffic(asked.autopilot or "lgsvl", "autopilot")
     control = JunctionControl(asked.control)
@@ -106,15 +99,7 @@ def predict(request: Mapping[str, Any], simulator: Simulator | None = None) -> t
 
 
 def site_lengths(graph: Graph, order: Sequence[str]) -> Lengths:
-    """Return turn and length of the movements of a recorded graph, by entrance and exit.
-
-    Args:
-        graph: as recorded.
-        order: the entrances counter-clockwise.
-
-    Raises:
-        MapError: the graph is no junction with a movement from every entrance to every other arm.
-    """
+    """Return turn and length of the movements of a recorded graph, by entrance and exit."""
     ways = len(order)
     if ways not in (3, 4) or sorted(order) != sorted(graph.entrances):
         raise MapError(f"order must name the 3 or 4 entrances {sorted(graph.entrances)} of the graph, got {list(order)!r}")

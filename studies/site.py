@@ -63,11 +63,7 @@ class Shape:
 
 
 def fit_shape(lengths: Lengths, ways: int) -> Shape:
-    """Return the shape whose movements have the lengths given, in the sense of least squares.
-
-    Raises:
-        MapError: turns that do not go with arms at right angles, or lengths that no such shape has.
-    """
+    """Return the shape whose movements have the lengths given, in the sense of least squares."""
     quarters = _quarters(lengths, ways)
     keys = sorted(lengths)
     wanted = np.array([lengths[key][1] for key in keys])
@@ -103,17 +99,7 @@ def fit_shape(lengths: Lengths, ways: int) -> Shape:
 
 
 def build_junction(name: str, control: JunctionControl, lengths: Lengths, ways: int) -> Junction:
-    """Return a junction to drive on.
-
-    Args:
-        name: for reports.
-        control: stop signs or lights at all entrances.
-        lengths: of its movements; entrances and exits counted counter-clockwise.
-        ways: number of arms, 3 or 4.
-
-    Raises:
-        MapError: see `fit_shape`; or a movement is missing.
-    """
+    """Return a junction to drive on."""
     shape = fit_shape(lengths, ways)
     turns = {key: turn for key, (turn, _) in lengths.items()}
     movements = {}

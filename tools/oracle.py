@@ -64,15 +64,7 @@ Entries = Iterator[tuple[str, Entry]]
 
 
 def verdicts(name: str, run: rvads.Run) -> Entries:
-    """Judge a run by every rule of both books that concerns the junction of the run.
-
-    Args:
-        name: of the run, unique within the section.
-        run: the run.
-
-    Yields:
-        ``"name rule"`` and the whole verdict, with the instances, their ticks and margins, and the hash of the run.
-    """
+    """Judge a run by every rule of both books that concerns the junction of the run."""
     for rule in rules_for(BOOKS, run.junction):
         verdict = rvads.check(run, rule)
         yield f"{name} {rule.name}", {**verdict.record(), "outcome": verdict.outcome.value, "hash": run.hash}
@@ -149,7 +141,10 @@ def subjects() -> Entries:
             step = len(starts) // STARTS
             for scenario in islice(starts, shift * step // len(policies), None, step):
                 case = rvads.Case(scenario, rvads.Reference, rvads.traffic(policy))
-                yield from verdicts(f"{scenario.name} {policy}", rvads.simulate(case))
+                try:
+                    yield from verdicts(f"{scenario.name} {policy}", rvads.simulate(case))
+                except rvads.errors.ScenarioError as error:  # a follower has no room on the short approaches of a roundabout
+                    yield f"{scenario.name} {policy}", {"error": str(error)}
 
 
 def crowd(place: str, seed: int) -> rvads.Run:

@@ -59,14 +59,7 @@ def on_page_markdown(markdown: str, page: Any, config: Any, files: Files) -> str
 
 
 def linked(markdown: str, source: str, known: set[str], repository: str) -> str:
-    """Return a text in which links to files that the site does not have lead to the repository.
-
-    Args:
-        markdown: the text.
-        source: where the page lies on the site.
-        known: what the site has.
-        repository: its address.
-    """
+    """Return a text in which links to files that the site does not have lead to the repository."""
     folder = "" if source in COPIED else posixpath.join("docs", posixpath.dirname(source))
 
     def target(found: re.Match[str]) -> str:

@@ -50,15 +50,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def answer(parser: argparse.ArgumentParser, words: Sequence[str] | None = None) -> int:
-    """Run the function that the parsed command line names as ``command``, and return the exit status.
-
-    Args:
-        parser: parser that sets ``command`` to a function which takes the parsed options and returns an exit status.
-        words: the arguments; by default the command line of the process.
-
-    Returns:
-        The status of the command; 2 after an error, which is printed in one line; 130 after Ctrl-C.
-    """
+    """Run the function that the parsed command line names as ``command``, and return the exit status."""
     if sys.stdout is None or sys.stdin is None:  # closed by the parent process
         warn("rvads: it needs an open standard input and output: redirect what is of no use to /dev/null")
         return 2
@@ -133,11 +125,7 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _command_list(helps: Mapping[str, str]) -> Iterator[str]:
-    """Yield lines with the commands of each group and their help, and a line with the names of all other commands.
-
-    Args:
-        helps: the help of every command, by name.
-    """
+    """Yield lines with the commands of each group and their help, and a line with the names of all other commands."""
     width = shutil.get_terminal_size().columns - 2
     for title, names in _GROUPS.items():
         yield f"{title}:"

@@ -299,10 +299,8 @@ def draw_strips(rows: Sequence[StripRow], least: float, greatest: float, axis: s
     """Return strips as an SVG element; the style sheet of the page gives the colours.
 
     Args:
-        rows: the strips, from top to bottom.
         least: left end of the axis [s].
         greatest: right end of the axis [s].
-        axis: text of the axis.
     """
     height = _TOP + _ROW * len(rows) + 10
     width = 2 * _LEFT + _WIDE

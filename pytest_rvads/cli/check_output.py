@@ -47,13 +47,7 @@ class Output:
 
 
 def output(options: argparse.Namespace, alone: bool, totals: Totals) -> Output:
-    """Return the output (text, JSON object or JSON lines) that the options choose.
-
-    Args:
-        options: the options of the command.
-        alone: whether a single file is checked.
-        totals: counts the verdicts of all runs.
-    """
+    """Return the output (text, JSON object or JSON lines) that the options choose."""
     if options.json:
         return _Object()
     return _Lines() if options.jsonl else _Text(alone, options.verbose, totals)

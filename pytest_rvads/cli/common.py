@@ -85,11 +85,7 @@ def clear() -> None:
 
 
 def lines() -> Iterator[bytes]:
-    """Yield the lines of standard input, without empty lines.
-
-    Raises:
-        RvadsError: a line is too long; the earlier lines have been yielded.
-    """
+    """Yield the lines of standard input, without empty lines."""
     for number in count(1):
         line = sys.stdin.buffer.readline(LINE_LIMIT + 1)
         if len(line) > LINE_LIMIT:
@@ -101,11 +97,7 @@ def lines() -> Iterator[bytes]:
 
 
 def listed_rules(names: Sequence[str]) -> tuple[str | Rule, ...]:
-    """Return names of rules and rulebooks as they are, with the rules of files (``.rules``) in place of the names of files.
-
-    Raises:
-        FormulaError: a name is unknown, or a file of rules has a mistake.
-    """
+    """Return names of rules and rulebooks as they are, with the rules of files (``.rules``) in place of the names of files."""
     from pytest_rvads.logic.rules.book import load_rules, rules_for
 
     rules = tuple(rule for name in names for rule in (load_rules(name) if name.endswith(".rules") else [name]))
@@ -114,22 +106,14 @@ def listed_rules(names: Sequence[str]) -> tuple[str | Rule, ...]:
 
 
 def named_rules(names: Sequence[str]) -> tuple[Rule, ...]:
-    """Return the rules that names of rules, rulebooks or files of rules (``.rules``) denote, each rule once.
-
-    Raises:
-        FormulaError: a name is unknown, or a file of rules has a mistake.
-    """
+    """Return the rules that names of rules, rulebooks or files of rules (``.rules``) denote, each rule once."""
     from pytest_rvads.logic.rules.book import rules_for
 
     return rules_for(listed_rules(names))
 
 
 def make_folder(option: str, folder: Path) -> None:
-    """Make the folder that an option names, unless the folder exists.
-
-    Raises:
-        RvadsError: the folder can't be made.
-    """
+    """Make the folder that an option names, unless the folder exists."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:

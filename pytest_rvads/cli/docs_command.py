@@ -26,11 +26,7 @@ def declare(commands: Subparsers) -> None:
 
 
 def pages() -> dict[str, Path]:
-    """Return the files of all pages by name; a page in a subfolder of the documentation is named ``folder/page``.
-
-    Raises:
-        RvadsError: the documentation was not installed with the package.
-    """
+    """Return the files of all pages by name; a page in a subfolder of the documentation is named ``folder/page``."""
     package = Path(pytest_rvads.__file__).parent
     for folder in (package / "docs", package.parent / "docs"):  # of an installed package, and of a checkout
         if found := {path.relative_to(folder).with_suffix("").as_posix(): path for path in sorted(folder.rglob("*.md"))}:

@@ -89,12 +89,7 @@ def _fault(place: Junction | None) -> str:
 
 
 def _write_new(folder: Path, texts: Mapping[str, str]) -> list[Path]:
-    """Write files, or no file if one of the files exists.
-
-    Raises:
-        RvadsError: a file exists.
-        OSError: a file can't be written.
-    """
+    """Write files, or no file if one of the files exists."""
     paths = {folder / name: text for name, text in texts.items()}
     for path in paths:
         if os.path.lexists(path):

@@ -93,13 +93,7 @@ def _classes(options: argparse.Namespace) -> int:
 
 
 def draw_classes(ways: int, title: str, rows: Iterable[tuple[str, Sequence[tuple[int, ...]]]]) -> str:
-    """Return an SVG document with a diagram of every scenario of some classes.
-
-    Args:
-        ways: number of entrances.
-        title: the first line.
-        rows: per class, its label and the directions of its scenarios.
-    """
+    """Return an SVG document with a diagram of every scenario of some classes."""
     body = [text(10, 24, title, font_size=15, font_weight="bold")]
     body.append(text(10, 42, "direction: number of arms from entrance to exit, counter-clockwise", font_size=10))
     for d in range(1, ways):

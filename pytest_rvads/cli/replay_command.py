@@ -84,11 +84,7 @@ class _Session:
             return f"its record is damaged, {error}"
 
     def replayed(self, record: Record, page: Path) -> Replayed:
-        """Return the replay of a failure.
-
-        Raises:
-            RvadsError: no rule was violated, or the run of the failure is damaged or was not kept.
-        """
+        """Return the replay of a failure."""
         from pytest_rvads.cli.replayed import failed_run
 
         if why := self.unseen(record):
@@ -159,11 +155,7 @@ def _write_replay(shown: Replayed, page: Path, output: str | None, svg: str | No
 
 
 def _session(which: str | None) -> _Session:
-    """Return a session by its number or folder, or the latest session.
-
-    Raises:
-        RvadsError: no session has this number or folder, or the session has left no report.
-    """
+    """Return a session by its number or folder, or the latest session."""
     from pytest_rvads.report.files import load
     from pytest_rvads.report.folders import REPORT, ROOT, sessions
 
@@ -220,11 +212,7 @@ def _matching_failures(session: _Session, what: str, rule: str | None) -> list[R
 
 
 def _single_failure(chosen: Sequence[Record], session: _Session, what: str, rule: str | None) -> Record:
-    """Return the only failure whose id matches the requested text.
-
-    Raises:
-        RvadsError: no failure matches, or several failures match.
-    """
+    """Return the only failure whose id matches the requested text."""
     from pytest_rvads.report.folders import option
 
     if len(chosen) == 1:

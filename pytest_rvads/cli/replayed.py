@@ -64,14 +64,7 @@ def failed_run(folder: Path, report: Report, record: Record, page: Path, earlier
     """Return the replay of a test item that violated a rule.
 
     Args:
-        folder: folder of the session.
-        report: report of the session.
-        record: record of the item.
-        page: path of the replay page.
         earlier: file and content of the report of an earlier session, whose run of the item is shown, too; or None.
-
-    Raises:
-        RunError: the kept run is damaged, or is another run.
     """
     path = run_file(folder, record.hash or "")
     run, again = load_run(path), f"{report.again} {quoted(record.nodeid)}"
@@ -96,11 +89,7 @@ def run_of_file(file: Path, rule_name: str | None) -> Replayed:
     """Return the replay of the run of a file.
 
     Args:
-        file: file of the run.
         rule_name: name of the rule that judges the run; None to show the run alone.
-
-    Raises:
-        RvadsError: the file is missing, damaged or has several runs, or `rule_name` names no rule or several rules.
     """
     rules = named_rules((rule_name,)) if rule_name else ()
     if len(rules) > 1:

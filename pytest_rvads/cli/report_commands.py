@@ -192,13 +192,6 @@ def merge(reports: Sequence[tuple[str, Report]]) -> Report:
 
     If several sessions ran a test item, the worst verdict counts. A note lists the items whose verdicts or runs differ between
     sessions: the code changed, or the autopilot is not deterministic. An item has run if any session ran the item.
-
-    Args:
-        reports: the name and the content of each report.
-
-    Raises:
-        RvadsError: a report has no records, or two reports are no parts of one session: their projects differ, or the same name
-            means different maps, formulas or code.
     """
     _refuse_strangers(reports)
     records: dict[str, tuple[str, Record]] = {}

@@ -244,13 +244,7 @@ class _Judge:
 
 
 def run_files(names: Sequence[str], complain: Callable[[str], None]) -> list[str]:
-    """Return the files that some names denote, each file once, in the order of the names; files of a folder are sorted.
-
-    Args:
-        names: names of files; of folders, which are searched for files of runs at any depth; and patterns, which some shells do
-            not expand.
-        complain: called with a sentence for each folder or pattern without files.
-    """
+    """Return the files that some names denote, each file once, in the order of the names; files of a folder are sorted."""
     by_path: dict[str, str] = {}
     for name in names:
         files = _matching_files(name)

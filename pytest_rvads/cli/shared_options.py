@@ -38,11 +38,7 @@ def declare_driver(parser: argparse.ArgumentParser) -> None:
 
 @contextmanager
 def opened_driver(options: argparse.Namespace) -> Iterator[Any]:
-    """Yield the driver that the options name; a program that drives is ended when the context ends.
-
-    Raises:
-        AutopilotError: the options name no driver, or the named object is no driver.
-    """
+    """Yield the driver that the options name; a program that drives is ended when the context ends."""
     from pytest_rvads.drivers.naming import chosen
 
     if options.sut is not None:
@@ -74,12 +70,7 @@ def declare_executor(parser: argparse.ArgumentParser) -> None:
 
 @contextmanager
 def opened_executor(options: argparse.Namespace) -> Iterator[Executor | int]:
-    """Yield the executor that the options name, for `spread` and `campaign`; a connection to a scheduler is closed at the end.
-
-    Raises:
-        ScenarioError: the number of processes is less than 1.
-        RvadsError: Dask is not installed, or no scheduler answers at the address.
-    """
+    """Yield the executor that the options name, for `spread` and `campaign`; a connection to a scheduler is closed at the end."""
     if options.workers is not None and options.workers < 1:
         raise ScenarioError(f"--workers must be at least 1, got {options.workers}")
     if options.dask is None:
@@ -123,11 +114,7 @@ def declare_starts(parser: argparse.ArgumentParser) -> None:
 
 
 def setting_of(options: argparse.Namespace, driver: Any) -> Setting:
-    """Return the settings that all runs of a command share: driver, rules, traffic and simulator.
-
-    Raises:
-        RvadsError: a rule, the policy of the traffic or the simulator is unknown.
-    """
+    """Return the settings that all runs of a command share: driver, rules, traffic and simulator."""
     from pytest_rvads.search.trials import Setting
     from pytest_rvads.simulators.simulator import named
 
@@ -136,11 +123,7 @@ def setting_of(options: argparse.Namespace, driver: Any) -> Setting:
 
 
 def map_of(options: argparse.Namespace) -> str | None:
-    """Return the map file that the options name; None if the options name a built-in junction.
-
-    Raises:
-        MapError: the options name neither, or ``--junction`` goes with a built-in junction.
-    """
+    """Return the map file that the options name; None if the options name a built-in junction."""
     from pytest_rvads.geometry.finder import names
 
     place: str = options.place
@@ -154,12 +137,7 @@ def map_of(options: argparse.Namespace) -> str | None:
 
 
 def places(options: argparse.Namespace) -> Iterator[Junction]:
-    """Yield the junctions that the options name; of a whole map, junctions without a line of starts are left out with a warning.
-
-    Raises:
-        MapError: no junction has the name, or the map has no junction in which ways conflict.
-        ScenarioError: a behaviour of pedestrians is unknown, or no junction of the map has a line of starts.
-    """
+    """Yield the junctions that the options name; of a whole map, those without a line of starts are left out with a warning."""
     from pytest_rvads.drivers.walking import behaviour
     from pytest_rvads.geometry.conflicts import JunctionKind
     from pytest_rvads.geometry.finder import find

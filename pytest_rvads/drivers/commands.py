@@ -40,11 +40,7 @@ class UnfitCommand(Exception):
 
 
 def plain(answer: Any) -> Command:
-    """Return the command that an autopilot returned, with its numbers as floats, and throttle and brake clamped to 0..1.
-
-    Raises:
-        UnfitCommand: the answer is no command, or its numbers are not finite or not in range.
-    """
+    """Return the command that an autopilot returned, with its numbers as floats, and throttle and brake clamped to 0..1."""
     match answer:
         case Control():
             throttle, brake, steering = (_finite(value, name) for name, value in zip(Control._fields, answer, strict=True))

@@ -107,11 +107,6 @@ def may_meet(junction: Junction, vehicle: tuple[int, Turn], other_vehicle: tuple
     """Return whether possible movements of two vehicles from different arms share a stretch.
 
     The result is True if the geometry of the junction is unknown.
-
-    Args:
-        junction: the junction.
-        vehicle: number of the entrance and indicated turn of a vehicle.
-        other_vehicle: the same of the other vehicle.
     """
     if junction.starts[vehicle[0]].arm == junction.starts[other_vehicle[0]].arm:
         return False
@@ -121,13 +116,7 @@ def may_meet(junction: Junction, vehicle: tuple[int, Turn], other_vehicle: tuple
 
 @lru_cache(maxsize=4096)
 def may_yield(junction: Junction, vehicle: tuple[int, Turn], other_vehicle: tuple[int, Turn]) -> bool:
-    """Return whether a possible movement of `vehicle` has to give way to a possible movement of `other_vehicle`.
-
-    Args:
-        junction: the junction.
-        vehicle: number of the entrance and indicated turn of a vehicle.
-        other_vehicle: the same of the other vehicle.
-    """
+    """Return whether a possible movement of `vehicle` has to give way to a possible movement of `other_vehicle`."""
     pairs, ways = _settled(junction), junction.by_turn
     return any((way.key, other_way.key) in pairs for way in ways[vehicle] for other_way in ways[other_vehicle])
 

@@ -166,7 +166,6 @@ def pursue(me: VehicleState, back: float, wheelbase: float, x: float, y: float) 
     """Return the angle of the front wheels [rad] at which the rear axle moves on a circle to the point (x, y).
 
     Args:
-        me: the own vehicle.
         back: distance from the reference point to the rear axle [m].
         wheelbase: distance from the rear axle to the front axle [m].
         x: east coordinate of the point [m].

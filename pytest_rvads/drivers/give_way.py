@@ -120,13 +120,7 @@ class GiveWay:
         return prior
 
     def _blocked(self, seen: Observation, other: VehicleState, earlier: bool) -> bool:
-        """Return whether the own vehicle has to wait for `other`.
-
-        Args:
-            seen: the observation.
-            other: another vehicle.
-            earlier: whether `other` was created before the own vehicle.
-        """
+        """Return whether the own vehicle has to wait for `other`."""
         if other.zone >= JUNCTION:
             red = seen.lights[seen.me.entrance] is _RED
             return not all(self._fits(seen, other, m, MARGIN if m.mine or red else 0.0) for m in self._meetings.of(other))
@@ -312,7 +306,6 @@ def _leaves(other: VehicleState, end: float, slow: float) -> float:
     """Return the time until the whole body of `other` has left a stretch of its movement [s]; inf while `other` stands.
 
     Args:
-        other: the other vehicle.
         end: station at which the stretch ends [m].
         slow: highest speed at which the other vehicle takes the narrowest bend of its movement [m/s].
     """

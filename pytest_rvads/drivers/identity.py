@@ -70,10 +70,6 @@ def source(driver: Any, folder: Path) -> str:
 
     The digest covers the source files that `identity` covers, but no arguments. The text of the driver's attribute ``version`` is
     appended. The result is the version of this package for a driver of this package, and empty if the code can't be read.
-
-    Args:
-        driver: the driver, or its factory.
-        folder: the folder to which the path of the file is relative.
     """
     try:
         if isinstance(driver, Process):
@@ -132,13 +128,7 @@ def _sources(module: str, home: str) -> tuple[tuple[Path, str], ...]:
 
 
 def _imported_files(file: Path, folder: Path, text: bytes) -> Iterator[Path]:
-    """Yield the files inside of `folder` that the import statements of a module can refer to.
-
-    Args:
-        file: path of the module.
-        folder: the folder that holds the module or its package.
-        text: content of the module.
-    """
+    """Yield the files inside of `folder` that the import statements of a module can refer to."""
     try:
         tree = ast.parse(text)
     except (SyntaxError, ValueError, RecursionError):

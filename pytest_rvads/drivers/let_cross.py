@@ -102,12 +102,7 @@ class AtCrosswalks:
         ]
 
     def acceleration(self, seen: Observation, traffic: Observation) -> float:
-        """Return the acceleration [m/s^2] with which the own vehicle comes to its crosswalks; inf if nothing holds it up.
-
-        Args:
-            seen: the observation.
-            traffic: the observation without pedestrians and parked vehicles.
-        """
+        """Return the acceleration [m/s^2] with which the own vehicle comes to its crosswalks; inf if nothing holds it up."""
         me, least = seen.me, math.inf
         for crosswalk in self._crosswalks:
             if me.station < crosswalk.path:
@@ -145,8 +140,6 @@ class AtCrosswalks:
         The result is inf if there is no such pedestrian, or if the own vehicle is slow enough.
 
         Args:
-            seen: the observation.
-            crosswalk: the crosswalk.
             distance: distance to the own stop before the crosswalk [m].
         """
         speed, slow = seen.me.speed + CALM / _GAIN, max(math.sqrt(2.0 * CALM * distance), PEEK + CALM / _GAIN)
@@ -163,11 +156,8 @@ class AtCrosswalks:
         """Return whether the own vehicle has to let a pedestrian cross.
 
         Args:
-            seen: the observation.
-            crosswalk: the crosswalk.
             place: station of the own stop [m].
             margin: least time from the own leaving of the crosswalk to the arrival of a pedestrian [s].
-            stops: whether the own vehicle can stop there.
         """
         me, cover = seen.me, crosswalk.cover
         cruise = min(crosswalk.cruise, MODERATE if stops else max(seen.speed_limit, me.speed))
@@ -183,13 +173,7 @@ class AtCrosswalks:
         return owed
 
     def _waived(self, seen: Observation, person: VehicleState, near: bool) -> bool:
-        """Return whether a pedestrian has stood for `WAIVER` while the own vehicle waited, or for `BRIEFLY` in the junction.
-
-        Args:
-            seen: the observation.
-            person: the pedestrian.
-            near: whether the own vehicle is near its stop.
-        """
+        """Return whether a pedestrian has stood for `WAIVER` while the own vehicle waited, or for `BRIEFLY` in the junction."""
         if abs(person.speed) > STANDS:
             self._waited.pop(person.name, None)
         elif near and seen.me.speed < CREEP:
@@ -202,9 +186,7 @@ def _reach(seen: Observation, deceleration: float, *, brakes: bool = False) -> f
     """Return the distance in which the own vehicle stops with a deceleration [m]; -inf if it nearly stands already.
 
     Args:
-        seen: the observation.
         deceleration: the deceleration [m/s^2].
-        brakes: whether the vehicle brakes already, so that the lag of the brake costs no distance.
     """
     speed, lag = seen.me.speed, 0.0 if brakes else seen.vehicle.brake_lag
     return speed * (lag + speed / (2.0 * deceleration)) if speed >= CREEP else -math.inf
@@ -214,10 +196,7 @@ def _crosswalk(seen: Observation, track: Track, cover: Stretch, crossings: Seque
     """Return a crosswalk as the own vehicle meets it.
 
     Args:
-        seen: the first observation.
-        track: the highest speeds on the own way.
         cover: the stretch of the own way inside the painted area [m].
-        crossings: the two ways of pedestrians over the crosswalk.
     """
     way, length = seen.itinerary, seen.me.length
     mine, sides = cover, {}
@@ -240,12 +219,9 @@ def _comes(person: VehicleState, own: Stretch, lane: Stretch, light: Colour, pas
     """Return whether a pedestrian crosses the own side before the own vehicle.
 
     Args:
-        person: the pedestrian.
         own: the own side of the crosswalk, as stations of the pedestrian [m].
         lane: the own lane within the own side [m].
-        light: the colour of the pedestrian's light.
         passed: the time until the own vehicle has left the crosswalk, and the time that it keeps to the pedestrian [s].
-        waits: whether the own vehicle lets pedestrians go who stand beside its lane.
     """
     station, speed, back = person.station, person.speed, person.station - person.length
     if speed < -STANDS:  # the pedestrian has turned back
@@ -268,7 +244,6 @@ def _room(traffic: Observation, cover: Stretch) -> bool:
     """Return whether the own vehicle finds room behind a crosswalk if the vehicles ahead stop.
 
     Args:
-        traffic: the observation without pedestrians and parked vehicles.
         cover: the stretch of the own way inside the painted area [m].
     """
     me, way = traffic.me, traffic.itinerary

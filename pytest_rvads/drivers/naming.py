@@ -32,16 +32,7 @@ def stand_in() -> Factory:
 
 
 def chosen(name: str, folder: Path, option: str = "rvads_autopilot") -> Any:
-    """Return the driver that an option names: a traffic policy such as ``reference``, or ``module:name``.
-
-    Args:
-        name: the value of the option.
-        folder: the working directory of the command, which is searched for modules first.
-        option: the name of the option, for messages.
-
-    Raises:
-        RvadsError: no driver has this name, or the named object can't be called.
-    """
+    """Return the driver that an option names: a traffic policy such as ``reference``, or ``module:name``."""
     if ":" not in name:
         from pytest_rvads.drivers.traffic import traffic
 
@@ -56,16 +47,7 @@ def chosen(name: str, folder: Path, option: str = "rvads_autopilot") -> Any:
 
 
 def at(name: str, folder: Path | None = None) -> Any:
-    """Return the object that a text such as ``package.module:Class.method`` names.
-
-    Args:
-        name: the text, of the form ``module:name``.
-        folder: the folder in which modules are searched first, as with ``python -m``.
-
-    Raises:
-        ImportError: `name` is not of this form, the module does not exist, or the module raises an error at its import.
-        AttributeError: the module has no object of this name.
-    """
+    """Return the object that a text such as ``package.module:Class.method`` names."""
     module, _, attribute = name.partition(":")
     if not all(part.isidentifier() for part in (*module.split("."), *attribute.split("."))):
         raise ImportError("expected module:name, two names that may contain dots")

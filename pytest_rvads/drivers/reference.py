@@ -112,7 +112,6 @@ class Reference(Follower):
         """Return `acceleration` [m/s^2], or the lower acceleration that the line or another vehicle requires.
 
         Args:
-            seen: the observation, without pedestrians and parked vehicles.
             acceleration: the acceleration without other vehicles and without the line [m/s^2].
         """
         zone = seen.me.zone

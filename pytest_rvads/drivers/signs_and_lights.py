@@ -108,15 +108,7 @@ class Queue:
         return None if abs(later) <= self._tie else later < 0
 
     def first(self, seen: Observation) -> tuple[list[VehicleState], int]:
-        """Return the arrived vehicles in the order in which they go, and the number of vehicles that need not wait.
-
-        Returns:
-            The order begins with the vehicles that need not wait for another vehicle. If `tie` is not 0, vehicles that wait only
-            for these vehicles follow. If each vehicle has to wait for another vehicle, the order holds all vehicles. Vehicles are
-            sorted by arrival. Of vehicles that arrived in the same tick, a vehicle without a vehicle to its right comes first,
-            and the others follow in the order of creation. So the drivers of all vehicles compute the same order. Of several
-            vehicles at an entrance, the order holds only the foremost.
-        """
+        """Return the arrived vehicles in the order in which they go, and the number of vehicles that need not wait."""
         since, junction = self._outside, seen.junction
         waiting = [s for s in seen.everybody() if self.arrived(s)]
         if len({s.entrance for s in waiting}) < len(waiting):
@@ -339,11 +331,6 @@ def _comes_first(seen: Observation, other: VehicleState, earlier: bool) -> bool:
 
     The vehicle that is nearer to the junction goes first, for example of two oncoming left turns whose paths intersect. If both
     are equally near, the vehicle that was created first goes first. Both drivers see the same states, so only one of them waits.
-
-    Args:
-        seen: the observation.
-        other: another vehicle.
-        earlier: whether `other` was created before the own vehicle.
     """
     me = seen.me
     if other.turn is not me.turn or (me.entrance, other.entrance) not in seen.junction.opposite:

@@ -68,12 +68,7 @@ class Stopping:
         self._braking = False
 
     def acceleration(self, seen: Observation) -> float:
-        """Return the acceleration for the stop [m/s^2].
-
-        Returns:
-            A negative acceleration to brake, or -inf to hold the vehicle. Before braking begins, a positive upper limit. inf if
-            the vehicle can no longer stop before the junction.
-        """
+        """Return the acceleration for the stop [m/s^2]."""
         me, vehicle = seen.me, seen.vehicle
         line = seen.itinerary.line - me.station
         distance = line - self.back
@@ -155,14 +150,7 @@ def behind(seen: Observation, leader: VehicleState) -> float:
 
 
 def clear_of_bodies(seen: Observation, track: Track, followed: VehicleState | None = None, *, foresees: bool = False) -> float:
-    """Return the acceleration [m/s^2] that keeps the distance to any vehicle on the own way; inf if the way is free.
-
-    Args:
-        seen: the observation.
-        track: the table of the own itinerary.
-        followed: a vehicle that is ignored, because `behind` keeps the distance to it.
-        foresees: whether to ignore a crossing vehicle that will have left the way before the own vehicle arrives.
-    """
+    """Return the acceleration [m/s^2] that keeps the distance to any vehicle on the own way; inf if the way is free."""
     me = seen.me
     x, y, heading, speed = me.x, me.y, me.heading, me.speed
     reach = 3.0 + speed * (REACTION + speed / (2.0 * FOLLOW))
@@ -245,7 +233,6 @@ def _gone_by(speed: float, gap: float, other: VehicleState, along: float) -> boo
     Args:
         speed: own speed [m/s].
         gap: distance to the other vehicle along the own way [m].
-        other: the other vehicle.
         along: component of the other vehicle's velocity along the own heading [m/s].
     """
     if other.speed < 1.0 or along > other.speed * ACROSS:
@@ -299,10 +286,7 @@ def _touch(axle: Pose, back: float, me: VehicleState, other: VehicleState) -> bo
     Two rectangles do not overlap if a line along a side of one of them separates the two (separating axis theorem).
 
     Args:
-        axle: pose of the own rear axle.
         back: distance from the own front to the rear axle [m].
-        me: the own vehicle.
-        other: the other vehicle.
     """
     cos, sin = math.cos(axle.heading), math.sin(axle.heading)
     turned, ahead = other.heading - axle.heading, back - me.length / 2.0
@@ -322,8 +306,6 @@ def _free(places: list[tuple[float, float]], other: VehicleState, room: float) -
     """Return after how many metres the own way comes closer than `room` [m] to the body of `other`; inf if it never does.
 
     Args:
-        places: points of the own way, one per metre.
-        other: the other vehicle.
         room: half the own width, and the free space on each side [m].
     """
     cos, sin = math.cos(other.heading), math.sin(other.heading)

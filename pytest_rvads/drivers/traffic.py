@@ -231,11 +231,7 @@ class Policy:
 
     @classmethod
     def of(cls, what: str | Factory) -> Policy:
-        """Return the traffic policy that has a name, or a traffic policy made of a user's autopilot or traffic system.
-
-        Raises:
-            ScenarioError: no policy has this name, or the object can't be called.
-        """
+        """Return the traffic policy that has a name, or a traffic policy made of a user's autopilot or traffic system."""
         if isinstance(what, str):
             return cls(what, traffic(what))
         if not callable(what):

@@ -157,11 +157,7 @@ the kerb and never goes. ``hidden`` walks steadily out from behind a parked vehi
 
 
 def behaviour(name: str) -> Behaviour:
-    """Return the behaviour that has a name.
-
-    Raises:
-        ScenarioError: there is no such behaviour.
-    """
+    """Return the behaviour that has a name."""
     if name not in tuple(BEHAVIOURS):  # a wrong value need not be hashable
         raise ScenarioError(
             f"pedestrians have the behaviours {', '.join(BEHAVIOURS)}, got {name!r}{suggest(str(name), BEHAVIOURS)}"

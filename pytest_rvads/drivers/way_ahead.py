@@ -55,8 +55,6 @@ def axle_path(itinerary: Itinerary, vehicle: Vehicle, lane_width: float, start: 
     """Return a path of the rear axle on which the body of a vehicle stays in its lane.
 
     Args:
-        itinerary: approach, movement and exit road of the vehicle.
-        vehicle: the vehicle.
         lane_width: width of the lane [m].
         start: station of the front at which the path begins [m].
 
@@ -81,13 +79,8 @@ def approach_pace(line: Segment, start: float, vehicle: Vehicle, lane_width: flo
     """Return how fast a vehicle can drive the planned path of its rear axle on an approach.
 
     Args:
-        line: centre line of the approach.
         start: station of the front at which the path begins [m]; 0 is the end of the approach.
-        vehicle: the vehicle.
         lane_width: width of the lane [m].
-
-    Returns:
-        Stations and speeds; empty if the body stays in the lane while the rear axle follows the centre line.
     """
     planned = plan(Course(line, line.length, 0.0, start, lane_width, 0.0), vehicle.body)
     return _pace(planned, vehicle) if planned else ()
@@ -161,7 +154,6 @@ def _bends(poses: Sequence[Pose], axle: float) -> list[float]:
     """Return the highest speed in bends [m/s] at each pose but the first three and the last three.
 
     Args:
-        poses: poses of the reference point, one per metre.
         axle: distance from the reference point to the rear axle [m].
     """
     # The headings of chords of two metres, four metres apart, are compared, so that neither the corners of a polyline nor the
@@ -180,10 +172,8 @@ def fastest(line: Segment, first: float, last: float, vehicle: Vehicle, lane_wid
     If the rear axle has to leave the centre line in a bend, the speed is also limited by the planned path.
 
     Args:
-        line: the centre line of the road; bends after its end are ignored.
         first: station of the hindmost vehicle [m].
         last: station of the foremost vehicle [m].
-        vehicle: parameters of every vehicle.
         lane_width: width of the lane [m].
     """
     axle = vehicle.rear_axle_offset

@@ -121,9 +121,6 @@ def cut(graph: MetricGraph, id: str) -> Cut:
     """Return the part of a metric graph that is junction `id`.
 
     A path with a gap above `GAP_LIMIT` between two lanes is left out if the junction keeps all its arms without the path.
-
-    Raises:
-        MapError: the lanes of the junction branch too often, see `paths_of`.
     """
     paths, direct = paths_of(graph, id), graph.network.junctions[id].direct
     gaps = [widest_gap(graph, path) for path in paths]
@@ -169,15 +166,7 @@ def analyse(
     joints: frozenset[str] = frozenset(),
     uturns: bool = False,
 ) -> JunctionReport:
-    """Analyse a junction of a map.
-
-    Args:
-        graph: the metric graph of the map.
-        cut: the junction, cut from the graph.
-        objects: signs, lights and stop lines of the junction.
-        joints: ids of junctions that only join two roads, so that approaches continue through the junctions.
-        uturns: keep U-turns, which are left out otherwise.
-    """
+    """Analyse a junction of a map."""
     network, id, paths, pairs, arms = graph.network, cut.id, cut.paths, cut.pairs, cut.arms
 
     def turning(order: Sequence[RoadArm]) -> list[tuple[int, int, float]]:
@@ -332,15 +321,7 @@ def _phases(
     objects: Sequence[Sequence[MapObject]],
     protected: Collection[int],
 ) -> tuple[frozenset[int], ...]:
-    """Return the groups of entrances with lights that have green together.
-
-    Args:
-        network: the network of the map.
-        entrances: the entrances of the junction.
-        opposite: pairs of opposite arms.
-        objects: per entrance, its signs and lights.
-        protected: entrances that allow only the turn across oncoming traffic, and whose lights have an arrow for this turn.
-    """
+    """Return the groups of entrances with lights that have green together."""
     signs = signs_of([{item.kind for item in items} for items in objects])
     lit = [number for number, sign in enumerate(signs) if sign is Sign.LIGHTS]
     lights: dict[str, set[int]] = {}

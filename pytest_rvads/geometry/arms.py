@@ -58,12 +58,7 @@ class RoadArm:
 
 
 def arms_of(graph: MetricGraph, pairs: Sequence[tuple[str, str]]) -> tuple[RoadArm, ...]:
-    """Return the arms of a junction, numbered counter-clockwise.
-
-    Args:
-        graph: the metric graph of the map.
-        pairs: (entrance edge, exit edge) of every way through the junction.
-    """
+    """Return the arms of a junction, numbered counter-clockwise."""
     entering: dict[RoadEnd, list[Edge]] = {}
     leaving: dict[RoadEnd, list[Edge]] = {}
     for id in dict.fromkeys(entrance for entrance, _ in pairs):
@@ -91,14 +86,7 @@ def arms_of(graph: MetricGraph, pairs: Sequence[tuple[str, str]]) -> tuple[RoadA
 
 
 def sort_arms(arms: Sequence[RoadArm], in_order: Callable[[Sequence[RoadArm]], bool]) -> tuple[RoadArm, ...]:
-    """Return the arms counter-clockwise.
-
-    Args:
-        arms: the arms, in any order.
-        in_order: returns whether the turns of all movements agree with an order of the arms. The order of the positions around
-            the centre is tried first, then the order of the directions of the arms. If neither order agrees, the order of the
-            positions is returned.
-    """
+    """Return the arms counter-clockwise."""
     if not arms:
         return ()
     x, y = math.fsum(arm.x for arm in arms) / len(arms), math.fsum(arm.y for arm in arms) / len(arms)
@@ -119,7 +107,6 @@ def turns_in_order(turning: Iterable[tuple[int, int, float]], ways: int) -> bool
 
     Args:
         turning: (entrance arm, exit arm, total change of heading [rad]) of the movements.
-        ways: number of arms.
     """
     table: dict[int, list[tuple[float, int]]] = {}
     for entrance, exit, change in turning:
@@ -167,15 +154,7 @@ def _away(graph: MetricGraph, edge: Edge, *, upstream: bool) -> float:
 def unusable(
     graph: MetricGraph, id: str, arms: Sequence[RoadArm], ways: Sequence[Route], pairs: Sequence[tuple[str, str]]
 ) -> str | None:
-    """Return the first reason why scenarios cannot use junction `id`; None for a usable junction.
-
-    Args:
-        graph: the metric graph of the map.
-        id: the id of the junction.
-        arms: the arms, counter-clockwise.
-        ways: the ways through the junction, without the ways that are left out.
-        pairs: (entrance edge, exit edge) of every way through the junction.
-    """
+    """Return the first reason why scenarios cannot use junction `id`; None for a usable junction."""
     declared = graph.network.junctions[id]
     if declared.type not in ("default", ""):
         return f'it is of type "{declared.type}", and only junctions made of connecting roads (type "default") can be used'

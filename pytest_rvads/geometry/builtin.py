@@ -99,10 +99,6 @@ def roundabout(layout: Roundabout, name: str = "roundabout") -> str:
 
     Args:
         layout: shape of the roundabout.
-        name: name of the map.
-
-    Raises:
-        MapError: no arc leads from an arm onto the ring.
     """
     root = document(name, layout.stop + layout.approach)
     junctions = []

@@ -73,13 +73,6 @@ def choose(
             Without a map, a text is a built-in name, ``"*"`` for all built-in junctions, or a type for the first built-in
             junction of this type, as in `find`, because built-in junctions come in variants.
         map: a map file (OpenDRIVE, Lanelet2 or CommonRoad), or None for the built-in maps.
-        kinds: choose only junctions of these kinds.
-        limit: the largest number of chosen junctions. If more junctions are suitable, a sample of them is drawn, as evenly as
-            possible from every kind (control and number of arms).
-        seed: the seed of the sample.
-
-    Raises:
-        MapError: the map is unreadable, an id is unknown or unusable, or no usable junction fits.
     """
     return choose_among(((text, map) for text in _texts(wanted)), kinds=kinds, limit=limit, seed=seed)
 
@@ -138,12 +131,7 @@ def _refusal(candidate: _Candidate, reason: str) -> Refused:
 
 
 def _junction_of(candidate: _Candidate) -> Junction:
-    """Return the junction of a candidate, with its geometry.
-
-    Raises:
-        MapError: the roads of the junction do not meet, or no two of its ways meet and the request did not name the junction
-            itself.
-    """
+    """Return the junction of a candidate, with its geometry."""
     place = find(candidate.id, candidate.map)
     if place.kind is JunctionKind.CONFLICT_FREE and not candidate.alone:
         raise MapError(_FREE)

@@ -71,13 +71,7 @@ class Line(NamedTuple):
 def conflicts_of(
     ways: Mapping[Key, Way], movements: Collection[Key], courses: Mapping[Key, Line]
 ) -> Mapping[tuple[Key, Key], Shared] | None:
-    """Return, per ordered pair of ways from different starts, the stretches on which the two conflict; None without centre lines.
-
-    Args:
-        ways: all ways.
-        movements: keys of the ways that are movements. Ways that are no movements share nothing with each other.
-        courses: per movement, the line from its approach to its exit road, on which the movement can meet other ways.
-    """
+    """Return, per ordered pair of ways from different starts, the stretches of conflict; None without centre lines."""
     lines = {key: Line(way.path, way.width) for key, way in ways.items() if way.path is not None}
     if len(lines) < len(ways):
         return None
@@ -92,9 +86,6 @@ def _stretches(ways: Mapping[Key, Line]) -> dict[tuple[Key, Key], Shared]:
     """Return, per ordered pair of ways, the stretches on which the two are nearer than half the sum of their widths.
 
     Pairs of ways from the same start are left out, because vehicles of an entrance follow each other.
-
-    Args:
-        ways: the line of every way.
     """
     keys = list(ways)
     lines = [_sample(line) for line in ways.values()]
@@ -124,11 +115,7 @@ def _stretches(ways: Mapping[Key, Line]) -> dict[tuple[Key, Key], Shared]:
 
 
 def close(points: NDArray[np.float64], others: NDArray[np.float64], reach: float) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Return which points of a line lie nearer than `reach` [m] to a point of another line, and which points of the other do.
-
-    Raises:
-        MapError: the lines are so tangled that the comparison would take too long.
-    """
+    """Return which points of a line lie nearer than `reach` [m] to a point of another line, and which points of the other do."""
     near, other_near = np.zeros(len(points), np.bool_), np.zeros(len(others), np.bool_)
     starts, tests = np.arange(0, len(others), _PART), 0
     low, high = np.minimum.reduceat(others, starts), np.maximum.reduceat(others, starts)

@@ -75,13 +75,7 @@ class MapObject:
 
 
 def signs_of(controlled: Sequence[set[ObjectKind]]) -> tuple[Sign, ...]:
-    """Return the sign or light that controls each entrance.
-
-    Args:
-        controlled: per entrance, the kinds of its objects. If an entrance has several kinds, kinds that all entrances have count
-            before other kinds. Among kinds that count alike, a light decides before a stop sign, a stop sign before a yield sign,
-            and a yield sign before a priority sign.
-    """
+    """Return the sign or light that controls each entrance."""
     regulating = {
         ObjectKind.LIGHT: Sign.LIGHTS,
         ObjectKind.STOP: Sign.STOP,
@@ -132,16 +126,7 @@ def phase_groups(
     controllers: Iterable[frozenset[int]] = (),
     protected: Container[int] = (),
 ) -> tuple[frozenset[int], ...]:
-    """Return the groups of entrances that have green together, sorted by the lowest entrance number of each group.
-
-    Args:
-        arms: the arm of every entrance with a light.
-        opposite: pairs of entrances that face each other.
-        controllers: entrances per controller. Controllers count only if the entrances of each controller are opposite or on one
-            arm, if every entrance has one controller, and if a controller has several entrances.
-        protected: entrances with an arrow for a turn across oncoming traffic. These entrances have green while the oncoming
-            traffic has red.
-    """
+    """Return the groups of entrances that have green together, sorted by the lowest entrance number of each group."""
     groups = [group for group in controllers if group]
     fits = all(arms[a] == arms[b] or (a, b) in opposite for group in groups for a in group for b in group)
     covers = sorted(e for group in groups for e in group) == list(range(len(arms)))

@@ -73,19 +73,7 @@ class _Path(NamedTuple):
 def lay(
     graph: MetricGraph, reports: Sequence[JunctionReport], joints: Collection[str]
 ) -> tuple[dict[str, tuple[Crosswalk, ...]], tuple[MapWarning, ...]]:
-    """Return the crosswalks over the arms of the junctions of a map.
-
-    Args:
-        graph: the metric graph of the map.
-        reports: the junctions of the map.
-        joints: ids of junctions that only join two roads.
-
-    Returns:
-        Per id of a junction with crosswalks its crosswalks, arm by arm, and a warning per crosswalk that lies over no arm.
-
-    Raises:
-        MapError: too many crosswalks lie over one arm.
-    """
+    """Return the crosswalks over the arms of the junctions of a map."""
     sites: dict[int, _Site] = {}
     laid: dict[tuple[int, int], list[PaintedCrosswalk]] = {}
     warnings = []
@@ -260,13 +248,6 @@ def _phase(network: Network, report: JunctionReport, arm: int, lights: Set[str],
     an entrance of the arm nor a straight movement over the crosswalk. Among several such groups, a group with a straight movement
     to another arm goes before other groups, because the law lets pedestrians walk beside it (Uniform Vehicle Code 11-202(a)3).
     Then the group with the fewest movements over the crosswalk goes first, then the group with the lowest number.
-
-    Args:
-        network: the network, whose controllers are read.
-        report: the junction.
-        arm: the arm of the crosswalk.
-        lights: ids of the lights for pedestrians.
-        over: the movements that lead over the crosswalk.
     """
     own = {k for k, end in enumerate(report.entrances) if end.arm == arm}
     if any(report.signs[k] is not Sign.LIGHTS for k in own):

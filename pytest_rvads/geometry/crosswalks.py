@@ -128,12 +128,7 @@ def half(crosswalk: Crosswalk, way: Crossing, *, first: bool) -> Stretch:
 
 
 def covers(crosswalks: Sequence[Crosswalk], courses: Mapping[Key, Line]) -> Mapping[tuple[int, Key], Stretch]:
-    """Return, per crosswalk and movement over its painted area, the stretch of the movement inside this area [m].
-
-    Args:
-        crosswalks: the crosswalks of a junction.
-        courses: per movement, the line from its approach to its exit road.
-    """
+    """Return, per crosswalk and movement over its painted area, the stretch of the movement inside this area [m]."""
     stretches = {
         (number, key): covered(crosswalk.area, line)
         for number, crosswalk in enumerate(crosswalks)
@@ -147,7 +142,6 @@ def covered(area: NDArray[np.float64], line: Line) -> Stretch | None:
 
     Args:
         area: corners of the area in order, shape ``(k, 2)`` [m].
-        line: the centre line of a movement.
     """
     path = line.path
     ends = np.roll(area, -1, axis=0)

@@ -47,11 +47,7 @@ class Kinds:
 
     @classmethod
     def of(cls, properties: Mapping[str, Any]) -> Kinds:
-        """Return the condition in a mapping such as ``{"control": ["stop", "lights"], "arms": 4, "approach": 40}``.
-
-        Raises:
-            MapError: a key is unknown, or a value that no junction can have is given.
-        """
+        """Return the condition in a mapping such as ``{"control": ["stop", "lights"], "arms": 4, "approach": 40}``."""
         require(properties, Mapping, "kinds of junctions are a dict such as {'control': 'stop', 'arms': (3, 4)}", MapError)
         for key in properties:
             if key not in _KEYS:
@@ -138,11 +134,7 @@ def find(junction: str, map: str | os.PathLike[str] | None = None) -> Junction:
 
 
 def nearest(map: str | os.PathLike[str], x: float, y: float) -> Junction:
-    """Return the usable junction of `map` whose centre is nearest to the point (`x`, `y`) [m].
-
-    Raises:
-        MapError: the map is unreadable, the coordinates are not finite, or no junction is usable.
-    """
+    """Return the usable junction of `map` whose centre is nearest to the point (`x`, `y`) [m]."""
     if not (math.isfinite(x) and math.isfinite(y)):
         raise MapError(f"the point ({x!r}, {y!r}) is no place on a map, expected two finite coordinates in metres")
     road_map, key = _load(map)
@@ -159,21 +151,13 @@ def nearest(map: str | os.PathLike[str], x: float, y: float) -> Junction:
 
 
 def called(name: str, map: str | os.PathLike[str]) -> Junction:
-    """Return the junction of `map` with this name (``stem.id``) or this id.
-
-    Raises:
-        MapError: the map is unreadable, or no junction has this name or id.
-    """
+    """Return the junction of `map` with this name (``stem.id``) or this id."""
     ids = {name_of(map, report.id): report.id for report in load(map).junctions}
     return find(ids.get(name, name), map)
 
 
 def load(map: str | os.PathLike[str]) -> RoadMap:
-    """Return the content of a map file. The file is read once per process, and again when the file has changed.
-
-    Raises:
-        MapError: the file cannot be used.
-    """
+    """Return the content of a map file. The file is read once per process, and again when the file has changed."""
     return _load(map)[0]
 
 

@@ -98,11 +98,7 @@ class MetricGraph:
         return tuple(self._ends)
 
     def segment(self, id: str) -> Segment:
-        """Return the segment with this id.
-
-        Raises:
-            MapError: no segment has this id.
-        """
+        """Return the segment with this id."""
         self.ends(id)
         if id not in self._segments:  # most segments of a town are never used
             edge = self.edges[id]
@@ -115,33 +111,21 @@ class MetricGraph:
         return self._inside.get(junction, ())
 
     def ends(self, id: str) -> tuple[str, str]:
-        """Return the start vertex and the end vertex of segment `id`.
-
-        Raises:
-            MapError: no segment has this id.
-        """
+        """Return the start vertex and the end vertex of segment `id`."""
         try:
             return self._ends[id]
         except KeyError:
             raise MapError(f"the metric graph has no segment {id!r} among its {len(self._ends)}") from None
 
     def before(self, id: str, eta: float) -> Position:
-        """Return the paper's ``s(-, eta)``, the position `eta` after the beginning of segment `id` [m].
-
-        Raises:
-            MapError: no segment has this id, or the segment is shorter than `eta`.
-        """
+        """Return the paper's ``s(-, eta)``, the position `eta` after the beginning of segment `id` [m]."""
         length = self.segment(id).length
         if not -_SAME <= eta <= length + _SAME:
             raise MapError(f"segment {id!r} is {length:.3f} m long and has no position at {eta:.3f} m")
         return Position(id, min(max(eta, 0.0), length))
 
     def after_end(self, id: str, eta: float) -> Position:
-        """Return the position on segment `id` that lies `eta` [m] back from the end, the paper's ``s(eta, -)``.
-
-        Raises:
-            MapError: no segment has this id, or the segment is shorter than `eta`.
-        """
+        """Return the position on segment `id` that lies `eta` [m] back from the end, the paper's ``s(eta, -)``."""
         return self.before(id, self.segment(id).length - eta)
 
     def distance(self, one: Position, two: Position) -> float:
@@ -196,11 +180,7 @@ class MetricGraph:
             yield Road(u, self._ends[way[-1]][1], tuple(way))
 
     def junction(self, id: str) -> nx.MultiDiGraph:
-        """Return the sub-graph of junction `id`: the edges in the junction, with their vertices.
-
-        Raises:
-            MapError: no segment lies in such a junction.
-        """
+        """Return the sub-graph of junction `id`: the edges in the junction, with their vertices."""
         if not self.inside(id):
             raise MapError(f"no segment of the metric graph lies in a junction {id!r}")
         return self.graph.edge_subgraph((*self._ends[key], key) for key in self.inside(id))

@@ -45,8 +45,6 @@ def solved(bands: NDArray[np.float64], damping: float, right: NDArray[np.float64
     """Return the solution of the damped normal equations, by elimination within their bands.
 
     Args:
-        bands: the bands of the normal matrix, as `normal_bands` returns them.
-        damping: the value added to the diagonal.
         right: the right-hand side, shape ``(unknowns,)``.
     """
     count = len(right)

@@ -59,11 +59,7 @@ class Route(NamedTuple):
 
 
 def paths_of(graph: MetricGraph, junction: str) -> list[Path]:
-    """Return the shortest path from every entrance edge to every exit edge of `junction`.
-
-    Raises:
-        MapError: the lanes of the junction branch so often that the junction can be no intersection.
-    """
+    """Return the shortest path from every entrance edge to every exit edge of `junction`."""
     edges, links, inside = graph.edges, graph.links, dict.fromkeys(graph.inside(junction))
     starts = dict.fromkeys(lane for id in inside for lane in links.pred[id] if lane not in inside)
     # The junction's part of the line graph. An edge outside is two nodes, because a road that returns leads both in and out.
@@ -99,15 +95,6 @@ def walk(graph: MetricGraph, start: str, *, upstream: bool, joints: Container[st
     """Return the edges from an edge along the links of lanes to the next junction or the end of the road.
 
     Where lanes merge or fork, the walk follows the lane that continues straightest.
-
-    Args:
-        graph: the metric graph of the map.
-        start: the edge at which the walk begins.
-        upstream: walk against traffic.
-        joints: ids of junctions of two arms, through which the walk continues.
-
-    Returns:
-        The edges in the order of the walk.
     """
     onward = graph.links.pred if upstream else graph.links.succ
     way = [start]
@@ -193,7 +180,6 @@ class Track:
         """Project a pose on the track, in a window around station `near`.
 
         Args:
-            pose: the pose of the vehicle's reference point.
             near: the station in the middle of the window [m].
             window: half the length of the window [m].
         """
@@ -227,12 +213,8 @@ class Locator:
         """Return the places of a pose near a line and heading along the line, the best first.
 
         Args:
-            pose: the pose of the vehicle's reference point.
             reach: largest distance from the line [m].
             turn: largest heading error [rad].
-
-        Raises:
-            MapError: the pose is not finite, or the reach is beyond 6 m.
         """
         if not all(map(math.isfinite, pose)):
             raise MapError(f"a pose needs finite coordinates and heading, got {tuple(pose)}")

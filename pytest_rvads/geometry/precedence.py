@@ -94,9 +94,6 @@ class Precedence:
         """Return the pairs of conflicting ways of which the first gives way to the second, with the reason.
 
         Two ways with lights that never have green together are left out, because the light decides.
-
-        Args:
-            conflicts: pairs of ways that conflict, in both orders.
         """
         phases = [start.phase if start.sign is Sign.LIGHTS else None for start in self.starts]
         at_once = (

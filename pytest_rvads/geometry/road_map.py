@@ -70,16 +70,7 @@ class RoadMap:
         return Locator(map(self.graph.segment, self.graph.segments))
 
     def track(self, id: str, entrance: int, exit: int) -> Track:
-        """Return the segments of the metric graph from the start of an approach through junction `id` down an exit road.
-
-        Args:
-            id: the id of the junction.
-            entrance: the number of the entrance.
-            exit: the number of the exit.
-
-        Raises:
-            MapError: no junction has this id, or the junction has no such movement.
-        """
+        """Return the segments of the metric graph from the start of an approach through junction `id` down an exit road."""
         report = self.report(id)
         way = next((way for way in report.movements if (way.entrance, way.exit) == (entrance, exit)), None)
         if way is None:
@@ -96,11 +87,7 @@ class RoadMap:
         return self._cut(report, report.id, roads=report.id in self.crossings) if report.usable else None
 
     def entex(self, id: str) -> dict[str, str]:
-        """Return the paper's ``entex`` of junction `id`: per entrance vertex the neighbouring exit vertex.
-
-        Raises:
-            MapError: no junction has this id.
-        """
+        """Return the paper's ``entex`` of junction `id`: per entrance vertex the neighbouring exit vertex."""
         pairs = [(arm.entrances, arm.exits) for arm in self.report(id).arms]
         return {
             self.graph.ends(entrance)[1]: self.graph.ends(exits[0])[0]
@@ -110,11 +97,7 @@ class RoadMap:
         }
 
     def report(self, id: str) -> JunctionReport:
-        """Return the report of junction `id`.
-
-        Raises:
-            MapError: no junction has this id.
-        """
+        """Return the report of junction `id`."""
         for report in self.junctions:
             if report.id == id:
                 return report
@@ -126,16 +109,7 @@ class RoadMap:
         )
 
     def junction(self, id: str, *, name: str | None = None, uturns: bool = False) -> Junction:
-        """Return junction `id` with its geometry.
-
-        Args:
-            id: the id of the ``<junction>``.
-            name: the name in test ids; ``stem.id`` by default.
-            uturns: keep U-turns, which are left out otherwise; their direction is ``n``, the number of arms.
-
-        Raises:
-            MapError: no junction has this id, or the junction is unusable; the message gives the reason.
-        """
+        """Return junction `id` with its geometry."""
         report = self.report(id)
         if uturns:
             report = analyse(self.graph, cut(self.graph, id), report.objects, joints=self.joints, uturns=True)
@@ -203,16 +177,7 @@ class RoadMap:
 
 
 def read_map(path: str | os.PathLike[str], *, uturns: bool = False, clusters: bool = True) -> RoadMap:
-    """Read a map file, by its suffix.
-
-    Args:
-        path: the map file.
-        uturns: keep U-turns at all junctions, which are left out otherwise.
-        clusters: read junctions whose ways lead into each other as one junction, if the union has 3 to 8 arms.
-
-    Raises:
-        MapError: the file cannot be used at all; the message is one sentence.
-    """
+    """Read a map file, by its suffix."""
     graph = MetricGraph(read_file(path))
     try:
         graph = _clustered(graph) if clusters else graph
@@ -250,20 +215,12 @@ Formats of other packages are entry points ``rvads.maps``, named by the suffix.
 
 
 def read_file(path: str | os.PathLike[str]) -> Network:
-    """Return the network of a map file; a file with an unknown suffix is read as OpenDRIVE.
-
-    Raises:
-        MapError: the file cannot be used at all; the message is one sentence.
-    """
+    """Return the network of a map file; a file with an unknown suffix is read as OpenDRIVE."""
     return READERS.get(Path(str(path)).suffix.lower(), read_network)(path)
 
 
 def _clustered(graph: MetricGraph) -> MetricGraph:
-    """Return a metric graph in which each cluster of junctions with `FEWEST` to `MOST` arms in all is one junction.
-
-    Raises:
-        MapError: the lanes of a junction branch too often, see `pytest_rvads.geometry.paths.paths_of`.
-    """
+    """Return a metric graph in which each cluster of junctions with `FEWEST` to `MOST` arms in all is one junction."""
     names = _cluster_names(graph.network)
     if not names:
         return graph

@@ -258,9 +258,7 @@ def with_roads(course: Course, start: float, body: Body) -> Course:
     """Return a course that reaches far enough to hold the bends of the roads in which a body would leave its lane.
 
     Args:
-        course: the way through the junction.
         start: station of the front from which on the approach counts [m].
-        body: the body of a vehicle whose rear axle follows the centre line.
     """
     start = max(start, -course.origin)
     whole = Sweep(course._replace(start=start, behind=math.inf), body, MARGIN, RESERVE)

@@ -21,14 +21,7 @@ _BAY, _OFF = 8.0, 1.2
 
 
 def walking_ways(crosswalks: Sequence[Crosswalk], entrances: int, exits: int, *, left_hand: bool) -> tuple[Further, ...]:
-    """Return the ways in the order that `Junction.walked` describes.
-
-    Args:
-        crosswalks: the crosswalks of the junction.
-        entrances: number of entrances of the junction, from which on the starts of the ways are numbered.
-        exits: number of exits of the junction, from which on the ends of the ways are numbered.
-        left_hand: True where traffic keeps left.
-    """
+    """Return the ways in the order that `Junction.walked` describes."""
     sides = [(number, crosswalk, side) for number, crosswalk in enumerate(crosswalks) for side in Side]
     crossings = [_crossing(entrances + k, exits + k, *row) for k, row in enumerate(sides)]
     places = enumerate(crosswalks, start=len(crossings))

@@ -182,11 +182,7 @@ def cross(
     """Return the entrances and exits of a junction with one lane per arm.
 
     Args:
-        signs: the sign of every arm.
-        phase_groups: the entrances of every phase group.
         setbacks: per arm, distance of the stopping line before the entrance vertex [m]; 0 by default.
-        approaches: per arm, the lane that leads in, if known.
-        roads: per arm, the lane that leads out, if known.
     """
     phases = {entrance: number for number, group in enumerate(phase_groups) for entrance in group}
     return (

@@ -260,12 +260,6 @@ def attribute(judgements: Sequence[Judgement], rule: Rule, values: Values, book:
     subject is to blame for decide before all other instances. A violation by other vehicles alone is provoked. The subject passes
     only if an instance required an action of the subject. A run in which no vehicle moves does not pass, and a subject that never
     moves does not pass. If an instance that binds the subject is UNSURE, the status is neither unavoidable nor provoked.
-
-    Args:
-        judgements: the judgements of the instances.
-        rule: the rule.
-        values: the truth values of the run.
-        book: the book with the companions of the rule.
     """
     run, status = values.run, _overall(judgements)
     subject = run.subject

@@ -119,13 +119,9 @@ class Dynamics:
         """Advance the actuators by one step and return the forces on the body during this step.
 
         Args:
-            cos: cosine of the heading.
-            sin: sine of the heading.
             vx: velocity of the centre of gravity along the map's x [m/s].
             vy: velocity of the centre of gravity along the map's y [m/s].
             yaw_rate: change of the heading [rad/s].
-            throttle: share of the drive force, 0..1.
-            brake: share of the service brake, 0..1.
             steering: wanted angle of the front wheels [rad]; clamped to what the vehicle can turn.
 
         Returns:
@@ -235,11 +231,7 @@ class Body:
         self._motion: Motion | None = None
 
     def sample(self, motion: Motion) -> VehicleState:
-        """Return the next state of the vehicle in the run, for its motion one step after the last sample.
-
-        Raises:
-            Halt: the motion is not finite, or the vehicle was thrown away.
-        """
+        """Return the next state of the vehicle in the run, for its motion one step after the last sample."""
         before, self._motion = self._motion, motion
         if motion == before:
             # The vehicle is at rest, as waiting vehicles are most of the time.

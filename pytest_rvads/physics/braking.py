@@ -58,17 +58,10 @@ def vmax(
 
     Args:
         distance: reference point to stopping line [m].
-        aggression: braking level 1, 2 or 3, which selects the service brake.
-        vehicle: the vehicle; a passenger car by default.
-        engine: the physics engine; the usual engine by default.
         limit: the speed limit; a limit above `FASTEST` counts as `FASTEST` [m/s].
 
     Returns:
         The speed, at most the speed limit [m/s]; None if not even a standing vehicle is safe.
-
-    Raises:
-        ScenarioError: the distance is negative or not finite, or the aggression is unknown.
-        RunError: the stopping distance is not monotone in the speed, so that bisection gives no valid result.
     """
     check_start(distance, aggression)
     return _vmax(float(distance), aggression, vehicle or Vehicle(), engine or usual(), min(limit, FASTEST))
@@ -92,13 +85,6 @@ def envelope(
 
     Args:
         distances: reference point to stopping line [m].
-        vehicle: the vehicle; a passenger car by default.
-        aggressions: braking levels, some of 1, 2 and 3.
-        limit: v(d)max of another simulator; `vmax` by default.
-
-    Raises:
-        ScenarioError: a distance is negative or not finite, or an aggression is unknown.
-        RunError: v(d)max decreases with the distance, or with the aggression.
     """
     limit = limit or vmax
     table = {level: tuple(limit(d, level, vehicle) for d in distances) for level in aggressions}
@@ -119,8 +105,6 @@ def greatest_safe(safe: Callable[[float], bool], limit: float, probes: int = 1) 
     Args:
         safe: tests a speed [m/s].
         limit: greatest speed; returned if all tested speeds are safe [m/s].
-        probes: number of evenly spaced speeds up to `limit` that are tested first. More probes find an unsafe speed below a safe
-            speed. The result is below the first unsafe probe.
 
     Returns:
         The speed [m/s]; None if 0 m/s is not safe.
@@ -156,9 +140,6 @@ def stopping_distance(speed: float, aggression: int, vehicle: Vehicle, engine: E
 
     Args:
         speed: speed at the start [m/s].
-        aggression: braking level 1, 2 or 3, which selects the service brake.
-        vehicle: the vehicle.
-        engine: the physics engine; the usual engine by default.
     """
     dynamics = Dynamics(vehicle, aggression)
     world = (engine or usual()).world([vehicle], [Motion(0.0, 0.0, 0.0, speed, 0.0, 0.0)])
@@ -203,13 +184,7 @@ def _bisected(distance: float, aggression: int, vehicle: Vehicle, engine: Engine
 
 
 def cached(key: Mapping[str, Any], compute: Callable[[], float | None], *libraries: str) -> float | None:
-    """Return the number cached on disk under a key; a number that is not in the cache is computed and stored.
-
-    Args:
-        key: all values that the number depends on, as JSON values; code and versions are added.
-        compute: computes the number; an exception is not cached.
-        libraries: packages that the computation uses; their versions are part of the key.
-    """
+    """Return the number cached on disk under a key; a number that is not in the cache is computed and stored."""
     where = folder()
     if where is None:
         return compute()

@@ -43,16 +43,6 @@ def compare(report: Report, baseline: Report, name: str, gone: Callable[[str], b
 
     Erosion is reported once per run, for the first item of the run with an eroded margin, and not if an item of the run is NEW.
     The other items of the run are UNCHANGED.
-
-    Args:
-        report: the report of the session.
-        baseline: the earlier report.
-        name: the name of the baseline.
-        gone: takes the id of an item of the baseline that has no record in the session. Returns True if the item does not exist
-            any more, and False if the item exists and was not selected.
-        same: whether items are compared only if their driver, junction and formula are the same as in the baseline. An item for
-            which one of the three differs is NEW if the item fails, and LOST if the item was judged in the baseline and does not
-            fail.
     """
     before = {record.nodeid: record for record in baseline.records}
     pairs = ((before[record.nodeid], record) for record in report.records if record.nodeid in before)

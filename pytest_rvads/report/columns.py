@@ -64,7 +64,6 @@ def wrapped(text: str, width: int, indent: int = 0) -> list[str]:
     """Return a text as lines, broken at spaces, but not between a number and its unit; a word longer than a line is cut.
 
     Args:
-        text: a text without line ends.
         width: greatest width of a line [characters].
         indent: indent of all lines except the first [characters].
     """
@@ -83,11 +82,7 @@ def blocks(corner: str, labels: Sequence[str], columns: Sequence[Column], width:
     """Return a table as blocks that are no wider than the terminal.
 
     Args:
-        corner: heading of the column with the names of the rows.
-        labels: names of the rows.
-        columns: columns with a cell per row.
         width: width of the terminal [characters].
-        rule: the character of the line below the headings.
     """
     if not columns:
         return []

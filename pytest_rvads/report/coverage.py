@@ -108,7 +108,6 @@ def shortfall(report: Report, least: float) -> str:
     """Return a sentence if the coverage of a report is below `least`; an empty text if it is not.
 
     Args:
-        report: the report of a session, or of several sessions merged.
         least: least share of the planned cells that has to be exercised [%].
     """
     coverage = measure(report)
@@ -118,12 +117,7 @@ def shortfall(report: Report, least: float) -> str:
 
 
 def dropped(report: Report, most: int | None = None) -> list[str]:
-    """Return a line on left-out starts (faster than the braking envelope v(d)max), and a line on scenarios without room to start.
-
-    Args:
-        report: the report of a session, or of several sessions merged.
-        most: largest number of tests that a line names; further tests are counted.
-    """
+    """Return a line on starts faster than the braking envelope v(d)max, and a line on scenarios without room to start."""
     return [
         f"{sum(tests.values())} {what}{'' if sum(tests.values()) == 1 else 's'} {why} left out: "
         + first([f"{count} of {test}" for test, count in tests.items()], most)
@@ -261,12 +255,7 @@ class ArrivalCoverage:
                 yield name, _named(own), _named(other), tried
 
     def at_junctions(self) -> Iterator[tuple[str, int, int, Tried, Tried]]:
-        """Yield every junction with a tried pair of movements.
-
-        Yields:
-            The name of the junction, the number of tried pairs, the number of all pairs, the differences of all pairs, and the
-            differences of the pair with the largest gap.
-        """
+        """Yield every junction with a tried pair of movements."""
         for name, junction in self._junctions.items():
             if junction.met:
                 every = Tried(sum((tried.counts for tried in junction.met.values()), Counter()))
@@ -318,7 +307,6 @@ def untested(report: Report, most: float) -> str:
     """Return a sentence if the largest untested gap between arrivals is longer than `most`; an empty text if it is not.
 
     Args:
-        report: the report of a session, or of several sessions merged.
         most: greatest length of a gap that is allowed [s].
     """
     coverage = ArrivalCoverage()

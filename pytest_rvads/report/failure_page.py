@@ -36,15 +36,7 @@ from pytest_rvads.support.storage import slug
 
 
 def earlier_run(report: Report, beside: Path, here: Path, nodeid: str, run: Run) -> Run | None:
-    """Return the run of a test item in an earlier session; None if that run is the same, was not kept, or has another junction.
-
-    Args:
-        report: the report of the earlier session.
-        beside: the folder of the report of the earlier session.
-        here: the working directory of this session; kept runs of the earlier session are searched from here and from `beside`.
-        nodeid: the id of the item.
-        run: the run of the item in this session.
-    """
+    """Return the run of a test item in an earlier session; None if that run is the same, was not kept, or is elsewhere."""
     record = next((record for record in report.records if record.nodeid == nodeid), None)
     if record is None or not record.hash or record.hash == run.hash:
         return None
@@ -70,13 +62,7 @@ def _file_names(nodeid: str, rule: str | None) -> list[str]:
 
 
 def facts(record: Record, start: str, rerun: str) -> tuple[tuple[str, str], ...]:
-    """Return the facts about the run of a test item as pairs of a word and a text; unknown facts are left out.
-
-    Args:
-        record: the record of the item.
-        start: the scenario of the run, or the file of the recording.
-        rerun: the command that runs the item once more.
-    """
+    """Return the facts about the run of a test item as pairs of a word and a text; unknown facts are left out."""
     verdict = record.verdicts[-1] if record.verdicts else None
     rule = verdict.rule if verdict is not None else record.rule or ""
     run: tuple[tuple[str, str], ...] = (("recorded", start),)
@@ -125,12 +111,7 @@ def moment(run: Run, verdict: Verdict) -> float:
 
 
 def failure_picture(run: Run, verdict: Verdict) -> str:
-    """Return a picture (SVG) of the state in which the rule was violated.
-
-    Raises:
-        RunError: the run has no positions or no states.
-        MapError: the junction of the run has no geometry.
-    """
+    """Return a picture (SVG) of the state in which the rule was violated."""
     tick = round((moment(run, verdict) - run.start) / run.dt)
     return picture(run, tick, verdict.message, verdict.responsible)
 
@@ -141,17 +122,6 @@ def failure_pages(run: Run, verdict: Verdict, rule: str | Rule, notes: str, besi
     The first page opens at the time that `moment` returns. A simulated run gives one page. Recorded traffic gives a page for each
     instance that no earlier page shows. A page of recorded traffic shows the seconds around its instance, with the vehicles that
     were present in these seconds.
-
-    Args:
-        run: the run.
-        verdict: the failed verdict.
-        rule: the violated rule.
-        notes: text of the pages beside the picture.
-        beside: further texts and pictures; the ghost (an earlier run, drawn below the replay) is left out for recorded traffic.
-
-    Raises:
-        RunError: the run has no positions or no states.
-        MapError: the junction of the run has no geometry.
     """
     beside = _completed(run, rule, notes, beside or Beside())
     if run.excerpt is None:
@@ -244,15 +214,7 @@ class Timeline:
 
 
 def timelines(run: Run, rule: str | Rule) -> tuple[Timeline, ...]:
-    """Return a timeline per choice of vehicles and entrances for a rule; none if the run lacks a quantity that the rule needs.
-
-    Args:
-        run: the run.
-        rule: a rule or the name of a rule.
-
-    Raises:
-        FormulaError: no rule has this name.
-    """
+    """Return a timeline per choice of vehicles and entrances for a rule; none if the run lacks a quantity that the rule needs."""
     rule, run = get_rule(rule), without_jumps(run)
     templates = prepare(rule.formula, extract(run), rule.bound).templates
     try:

@@ -41,11 +41,7 @@ class Makers:
                 runs.add(record.ran_as)
 
     def lines(self, versions: Mapping[str, str]) -> list[str]:
-        """Return a line per system under test and per simulator: name, code or version, and number of runs.
-
-        Args:
-            versions: version by name of package.
-        """
+        """Return a line per system under test and per simulator: name, code or version, and number of runs."""
         lines = []
         for (verb, name, source), runs in sorted(self._runs.items(), key=lambda entry: entry[0][0]):
             engine = _ENGINES.get(name, "") if verb == "simulated" else ""
@@ -191,7 +187,6 @@ def slowest(seconds: Mapping[str, float], most: int, least: float = 0.0) -> list
 
     Args:
         seconds: the time that every run took, by the name of the run [s].
-        most: number of runs that the line names.
         least: least time of a slow run [s].
     """
     ranked = sorted(seconds.items(), key=lambda entry: -entry[1])[:most]

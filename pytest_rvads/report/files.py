@@ -49,11 +49,7 @@ class _Head(msgspec.Struct):
 
 
 def fitting(name: str | Path) -> Path:
-    """Return the path of a report, after a check that the ending of the path names a format.
-
-    Raises:
-        RvadsError: the ending names no format.
-    """
+    """Return the path of a report, after a check that the ending of the path names a format."""
     path = Path(name)
     if path.suffix not in FORMATS:
         raise RvadsError(f"a report is a {', '.join(FORMATS)} file, got {str(path)!r}")
@@ -61,42 +57,25 @@ def fitting(name: str | Path) -> Path:
 
 
 def save(path: Path, report: Report) -> None:
-    """Write a report in the format that the ending of `path` names.
-
-    Raises:
-        RvadsError: the ending names no format.
-        OSError: the file can't be written.
-    """
+    """Write a report in the format that the ending of `path` names."""
     write(path, FORMATS[fitting(path).suffix](report, path.parent))
 
 
 def write(path: Path, content: str | bytes | Iterable[str | bytes]) -> None:
-    """Write the content of a report: a text, bytes, or pieces of a content that can be longer than memory.
-
-    Raises:
-        OSError: the file can't be written.
-    """
+    """Write the content of a report: a text, bytes, or pieces of a content that can be longer than memory."""
     pieces = [content] if isinstance(content, str | bytes) else content
     write_file(path, (piece if isinstance(piece, bytes) else piece.encode("utf-8", "backslashreplace") for piece in pieces))
 
 
 def append_summary(path: Path, report: Report) -> None:
-    """Append a report to the job summary of GitHub Actions; a report that is too long is replaced by a note.
-
-    Raises:
-        OSError: the file can't be written.
-    """
+    """Append a report to the job summary of GitHub Actions; a report that is too long is replaced by a note."""
     text = markdown(report).encode()
     with path.open("ab") as out:
         out.write(text if len(text) <= SUMMARY_LIMIT else b"rvads: too many verdicts for a job summary, see the log\n")
 
 
 def load(path: Path) -> Report:
-    """Read the JSON report of a session that has ended.
-
-    Raises:
-        RvadsError: `read` refuses the file, or the report is incomplete.
-    """
+    """Read the JSON report of a session that has ended."""
     report = read(path)
     if not report.complete:
         raise RvadsError(f"{path} is incomplete, its session has not ended, or died: take the report of a session that ended")
@@ -104,11 +83,7 @@ def load(path: Path) -> Report:
 
 
 def read(path: Path) -> Report:
-    """Read the JSON report of a session, even if the report is incomplete.
-
-    Raises:
-        RvadsError: the file is no report, has another version or is damaged, or a record contradicts itself.
-    """
+    """Read the JSON report of a session, even if the report is incomplete."""
     try:
         content = read_file(path, MOST)
         head = msgspec.json.decode(content, type=_Head)
@@ -179,9 +154,6 @@ def table(report: Report) -> Iterator[str]:
     All rows have the same width. The rows of the outline fill only the columns ``section`` and ``text``. The rows of items leave
     ``section`` empty, and have the message of the item in ``text``. So the rows of the outline change nothing when a user sorts,
     filters or counts the other columns. Texts that spreadsheets would take for formulas begin with an apostrophe.
-
-    Raises:
-        OSError: there is no room for temporary files.
     """
     yield _csv_row(["requirement", *_COLUMNS, "versions", "section", "text"])
     versions = "; ".join(f"{name} {version}" for name, version in report.versions.items())

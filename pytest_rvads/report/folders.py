@@ -43,16 +43,7 @@ def sessions(root: Path) -> list[Path]:
 
 
 def claimed(root: Path, token: str, keep: int = KEPT) -> Path:
-    """Return the folder of a session. The first process of the session makes the folder and removes the oldest folders.
-
-    Args:
-        root: the folder of artefacts, which version control ignores.
-        token: a text that all processes of the session share and no other session has.
-        keep: the number of sessions that stay, this session included; sessions that may be running stay as well.
-
-    Raises:
-        OSError: the folder can't be made.
-    """
+    """Return the folder of a session. The first process of the session makes the folder and removes the oldest folders."""
     part = root / f".{token}"
     for _ in range(_ATTEMPTS):
         if folder := _session_folder(root, token):
@@ -77,35 +68,18 @@ def claimed(root: Path, token: str, keep: int = KEPT) -> Path:
 
 
 def option(folder: Path) -> str:
-    """Return the option by which ``rvads replay`` reads a certain session in place of the latest session.
-
-    Args:
-        folder: the folder of the session, relative to the working directory of the session.
-    """
+    """Return the option by which ``rvads replay`` reads a certain session in place of the latest session."""
     numbered = folder.parent == Path(ROOT) and folder.name.isdecimal()
     return f"--session {folder.name if numbered else quoted(folder.as_posix())}"
 
 
 def shown(folder: Path, name: str) -> Path:
-    """Return the path of the replay page of a failed test item.
-
-    Args:
-        folder: the folder of the session.
-        name: the name of the item as a file name.
-    """
+    """Return the path of the replay page of a failed test item."""
     return folder / f"{name}.html"
 
 
 def run_file(folder: Path, digest: str) -> Path:
-    """Return the path of the file of a run.
-
-    Args:
-        folder: the folder of the session.
-        digest: the hash of the run.
-
-    Raises:
-        RunError: `digest` is no hash, for example in a report that was changed by hand; no path is made from such a text.
-    """
+    """Return the path of the file of a run."""
     if not _HASH.fullmatch(digest):
         raise RunError(f"the hash of a run consists of the digits 0-9 a-f, got {digest[:80]!r}")
     return folder / _RUNS / f"{digest[:16]}.npz"
@@ -144,9 +118,6 @@ def _numbered_anew(root: Path, part: Path, token: str) -> Path:
 
     The marker file is written before the move: the file system does not replace a folder that is not empty, so no session takes
     the number of another session.
-
-    Raises:
-        OSError: the folder can't be moved.
     """
     (part / _MARKER).write_text(token, encoding="utf-8")
     while True:

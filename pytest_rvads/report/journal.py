@@ -106,11 +106,7 @@ def _parsed(lines: Iterable[bytes]) -> dict[str, Record]:
 
 
 def recovered(path: Path) -> Report:
-    """Read a JSON report; if its session has not ended, add the records of the journal and a note on the missing items.
-
-    Raises:
-        RvadsError: the file is no report, has another version or is damaged, or its journal can't be read.
-    """
+    """Read a JSON report; if its session has not ended, add the records of the journal and a note on the missing items."""
     report, journal = read(path), journal_of(path)
     if report.complete:
         if not journal.exists():

@@ -123,12 +123,7 @@ class Matrices:
         return [group.matrix(title) for title, group in self._groups.items()]
 
     def after(self, earlier: Matrices, changed: Container[Place]) -> list[Matrix]:
-        """Return the matrices of this session merged with the matrices of an earlier session, in the order of this session.
-
-        Args:
-            earlier: the matrices of the earlier session.
-            changed: places of the cells in which test items differ.
-        """
+        """Return the matrices of this session merged with the matrices of an earlier session, in the order of this session."""
         matrices = []
         for title in {**self._groups, **earlier._groups}:
             groups = [groups_by_title[title] for groups_by_title in (earlier._groups, self._groups) if title in groups_by_title]

@@ -178,15 +178,7 @@ _SETTLED = {"known failures", "not applicable, skipped or not run"}
 
 
 def outline(report: Report, short: bool = False, tables: bool = False) -> list[Block]:
-    """Return the outline of a report, i.e. its content in blocks, in one pass over its records; empty blocks are left out.
-
-    Args:
-        report: the report of a session, of several sessions merged, or of a campaign.
-        short: whether to name at most three slow runs, or none if all runs were quick, and to leave out requirements, versions
-            and the reasons why test items were not judged.
-        tables: whether a report on many junctions has a table per junction in addition to its sums. A report with too many
-            verdicts for tables has only sums.
-    """
+    """Return the outline of a report, i.e. its content in blocks, in one pass over its records; empty blocks are left out."""
     at_junctions = AtJunctions(report.totals, report.extents)
     matrices, cells, arrivals, requirements = Matrices(), Cells(report.planned), ArrivalCoverage(), Requirements()
     makers, titles, extremes, timing, excesses = Makers(), Titles(), Extremes(), Timing(), Excesses()
@@ -310,12 +302,7 @@ def _worst_lines(junctions: Sequence[AtJunction]) -> Iterator[str]:
 
 
 def refused(report: Report, most: int | None = None) -> list[str]:
-    """Return a line per reason why junctions, movements or scenarios are left out, and a line per test that runs only a sample.
-
-    Args:
-        report: the report of a session, or of several sessions merged.
-        most: largest number of reasons with a line, the most frequent first; the junctions of further reasons are counted.
-    """
+    """Return a line per reason why junctions, movements or scenarios are left out, and a line per sampled test."""
     reasons = sorted(report.refused.items(), key=lambda entry: -len(entry[1]))
     lines = []
     for reason, names in reasons[:most]:

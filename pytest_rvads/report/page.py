@@ -44,13 +44,7 @@ Cells = tuple[tuple[str, str], ...]
 
 
 def page(report: Report, folder: Path) -> str:
-    """Return a report as an HTML page.
-
-    Args:
-        report: the report of a session, or of several sessions merged.
-        folder: the folder of the page, relative to the working directory of the session; links to replay pages start from this
-            folder.
-    """
+    """Return a report as an HTML page."""
     blocks = outline(report, tables=True)
     records = _page_records(report)
     statuses = {record.status for record in records}
@@ -69,15 +63,7 @@ def page(report: Report, folder: Path) -> str:
 
 
 def rendered(title: str, blocks: Iterable[Block | Section], content: object, *part: tuple[str, str], **more: str) -> str:
-    """Return an HTML page that begins with blocks (parts) of a report.
-
-    Args:
-        title: the title of the page.
-        blocks: the blocks of the report; blocks that a script shows (tables, sums and causes) give no markup.
-        content: the data for the script.
-        part: package and name of the source files of the part below the blocks, as `webpage` takes them; or nothing.
-        more: markup by name of its place in the part.
-    """
+    """Return an HTML page that begins with blocks (parts) of a report."""
     shown = list(blocks)
     head = "".join(map(_block_html, shown))
     figures = "".join(_figures_html(block) for block in shown if isinstance(block, Figures))
@@ -146,12 +132,7 @@ def _table_html(columns: Sequence[str], rows: Sequence[Cells]) -> str:
 
 
 def _cell_html(cell: tuple[str, str], heading: str = "") -> str:
-    """Return a table cell as HTML: a link for the path of a replay page, a separate style if two sessions do not differ.
-
-    Args:
-        cell: text and mark of the cell.
-        heading: the attribute with the heading of the cell, if the cell needs one.
-    """
+    """Return a table cell as HTML: a link for the path of a replay page, a separate style if two sessions do not differ."""
     text, mark = cell
     if mark == "look" and text:
         return f'<td{heading}><a href="{markup(quote(text, safe="/#=."))}">replay</a>'
@@ -257,13 +238,7 @@ def _session_option(folder: Path) -> str:
 
 
 def _draw_command(record: Record, report: Report, session: str) -> str:
-    """Return the command that draws the replay of a test item; empty if the replay is drawn or the run is not kept.
-
-    Args:
-        record: the record of the item.
-        report: the report of the session.
-        session: the option that names the session; if the option is empty, the command takes the latest session.
-    """
+    """Return the command that draws the replay of a test item; empty if the replay is drawn or the run is not kept."""
     if record.look and not record.look.startswith(_UNDRAWN):
         return ""
     if not record.hash or not (record.shows if record.failed else report.kept) or not report.again.startswith("pytest"):

@@ -213,17 +213,7 @@ Record: TypeAlias = SimulatedItem | RecordedItem
 def planned_record(
     nodeid: str, line: int, test: str, keys: Mapping[str, Any], ways: int, requirements: Sequence[str] = ()
 ) -> Record:
-    """Return the record of a planned test item, before the item runs.
-
-    Args:
-        nodeid: id of the item.
-        line: line of the test function in its file.
-        test: name of the test function.
-        keys: the fields of the record that identify the item, by name: junction; recording, or cls, scenario, cfg and rotation;
-            seat, pedestrians, traffic, rule, orbit, control and variant, if the item has these.
-        ways: number of arms of the junction.
-        requirements: identifiers of the requirements to which scenario and rule trace.
-    """
+    """Return the record of a planned test item, before the item runs."""
     defaults = {} if "recording" in keys else _DEFAULTS
     kind: type[Record] = RecordedItem if "recording" in keys else SimulatedItem
     return kind(
@@ -259,15 +249,7 @@ def conclude(
     """Return the record of a finished test item.
 
     Args:
-        record: the item's record so far.
-        verdicts: the verdicts of the item, in the order of the test; the record holds verdicts without explanations.
-        when: phase of pytest's report: setup, call or teardown.
-        outcome: pytest's outcome: passed, failed or skipped.
         known: reason of the xfail mark that expected the failure, or None.
-        text: text of the exception, or empty.
-        error: status of a failure that is no failed assertion: ERROR, NOT JUDGED for a test that asked for no verdict, or
-            UNSURE if the session lets UNSURE fail.
-        late: whether the time budget of the session was used up before the item started.
 
     The status is the worst status of the verdicts. A test without rule and monitor is PASS or FAIL by its assertions, also if an
     xfail expected the failure. A skipped test is NOT RUN. A failed test always counts as a failure.
@@ -294,11 +276,7 @@ def sent(record: Record) -> dict[str, Any]:
 
 
 def received(content: Mapping[str, Any]) -> Record:
-    """Return the record from the values that `sent` made of it.
-
-    Raises:
-        msgspec.ValidationError: the content is no record.
-    """
+    """Return the record from the values that `sent` made of it."""
     record: Record = msgspec.convert(content, Record)
     return record
 

@@ -178,12 +178,7 @@ class _Full:
             self._seated.add(_seated(record.scenario, record.seat, turns))
 
     def texts(self, totals: tuple[int, int, int] | None, where: str = "") -> Iterator[str]:
-        """Yield the numbers of exercised classes and scenarios in words.
-
-        Args:
-            totals: numbers of classes, of full scenarios, and of classes with a subject, if they are known.
-            where: phrase on the occupied entrances.
-        """
+        """Yield the numbers of exercised classes and scenarios in words."""
         classes, scenarios, seats = (f"/{total}" for total in totals) if totals else ("", "", "")
         yield f"{_share_of(self._classes, classes, 'class', 'classes')}{where}"
         if self._seated:

@@ -62,12 +62,7 @@ def _by_vehicle(run: Run, name: str, kind: type[Any]) -> dict[str, Any] | None:
 
 
 def by_rule(run_record: Record) -> Iterator[Record]:
-    """Yield a record per verdict on a run, like the records of test items in a session.
-
-    Args:
-        run_record: the record of the run, with the verdict of every rule. The id of each record is the id of the run record,
-            followed by the rule.
-    """
+    """Yield a record per verdict on a run, like the records of test items in a session."""
     kind: type[Record] = RecordedItem if isinstance(run_record, RecordedItem) else SimulatedItem
     shared = {name: getattr(run_record, name) for name in kind.__struct_fields__}
     for verdict in run_record.verdicts:

@@ -36,10 +36,6 @@ def exit_status(outcomes: Collection[Outcome], *, complete: bool = True) -> int:
 
     The status is `UNFINISHED` if the report is incomplete, 1 if any outcome is bad, 0 if no outcome is bad and any outcome judges
     the system under test, and `NOTHING_JUDGED` if no outcome does.
-
-    Args:
-        outcomes: every outcome that occurs in the report.
-        complete: whether everything that was planned has an outcome.
     """
     if not complete:
         return UNFINISHED
@@ -143,11 +139,7 @@ class Comparison:
         )
 
     def lines(self, most: int | None = None) -> Iterator[str]:
-        """Yield a line per package whose version differs, and a line per change of a kind in `LISTED`.
-
-        Args:
-            most: largest number of lines per kind of change; further changes are counted.
-        """
+        """Yield a line per package whose version differs, and a line per change of a kind in `LISTED`."""
         yield from self.versions
         for kind in LISTED:
             changes = [change for change in self.changes if change.kind == kind]

@@ -89,15 +89,7 @@ class SideBySide:
 
 
 def side_by_side(a: tuple[str, Report], b: tuple[str, Report]) -> SideBySide:
-    """Return the comparison of two sessions.
-
-    Args:
-        a: name and report of the earlier session, or of the session of one controller.
-        b: name and report of the later session, or of the session of another controller.
-
-    Raises:
-        RvadsError: the two sessions have no item in common.
-    """
+    """Return the comparison of two sessions."""
     (name_a, earlier), (name_b, later) = a, b
     common = len({record.nodeid for record in earlier.records} & {record.nodeid for record in later.records})
     if not common:

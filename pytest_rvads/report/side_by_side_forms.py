@@ -47,22 +47,13 @@ def save(path: Path, sessions: SideBySide) -> None:
     """Write the comparison of two sessions in the format that the suffix of `path` names.
 
     A format with a row or case per item, which can't show two sessions, shows the later session and the changes.
-
-    Raises:
-        RvadsError: no format has this suffix.
-        OSError: the file can't be written.
     """
     form = _FORMATS.get(fitting(path).suffix)
     write(path, form(sessions) if form else FORMATS[path.suffix](sessions.later, path.parent))
 
 
 def sections(sessions: SideBySide, most: int | None = None) -> Iterator[Section]:
-    """Yield the sections (parts) of the comparison of two sessions, in order; empty sections are left out.
-
-    Args:
-        sessions: the two sessions and their differences.
-        most: largest number of lines of a section, of tables, and of changes of a kind; what exceeds the number is counted.
-    """
+    """Yield the sections (parts) of the comparison of two sessions, in order; empty sections are left out."""
     for letter, side in (("A", sessions.a), ("B", sessions.b)):
         yield Section(f"{letter}: {side.name}", (*(f"note: {note}" for note in side.notes), *side.head), side=True)
     if sessions.comparison.versions:

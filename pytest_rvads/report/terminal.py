@@ -67,12 +67,7 @@ def summary(
     """Return the summary of a report as text, without its notes, which callers print; the causes of failures come last.
 
     Args:
-        report: the report of a session, of several sessions merged, or of a campaign.
-        colour: whether the terminal shows colours.
         width: the width of the terminal [characters].
-        unicode: whether the encoding of the terminal has box characters.
-        full: whether to show everything; by default all tables together fit on a screen, and a list has at most ten entries.
-        more: a phrase that names the output with everything that is left out.
     """
     parts = summarise(report, colour=colour, width=width, unicode=unicode, full=full, more=more)
     return "\n".join([parts.verdicts + parts.causes, parts.last, ""]) if parts.last else parts.verdicts + parts.causes
@@ -82,13 +77,7 @@ def summarise(report: Report, *, colour: bool, width: int, unicode: bool, full: 
     """Return the summary of a report as text in two parts: verdicts and causes.
 
     Args:
-        report: the report of a session, of several sessions merged, or of a campaign.
-        colour: whether the terminal shows colours.
         width: the width of the terminal [characters].
-        unicode: whether the encoding of the terminal has box characters.
-        full: whether to show everything.
-        more: a phrase that names the output with everything that is left out.
-        head: whether to include the time, command and end of the session, which pytest prints itself at the end of a session.
     """
     verdicts, causes = (_Screen(colour, max(width, _NARROWEST), unicode, full, more) for _ in range(2))
     tables: list[RollUp | Verdicts] = []

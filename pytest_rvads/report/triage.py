@@ -190,13 +190,7 @@ class _Group:
         self.grave = min(self.grave, part.grave)
 
     def cause(self, junctions: bool, variants: Variants, seats: set[int | None]) -> Cause:
-        """Return the cause of the collected failures.
-
-        Args:
-            junctions: whether the cause states the number of junctions.
-            variants: the variants of the tests of all records.
-            seats: the entrances of the vehicle under test in all records.
-        """
+        """Return the cause of the collected failures."""
         text, roles = self.first.text, self.first.roles
         if len(self._roles) == 1 and roles:
             text = f"{text} ({roles})"

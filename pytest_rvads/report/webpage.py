@@ -33,18 +33,7 @@ _POLICY = Template(
 
 
 def webpage(sources: Sequence[tuple[str, str]], title: str, data: object, style: str = "", **parts: str) -> str:
-    """Return an HTML page.
-
-    Args:
-        sources: package and name of the source files of the page; if the page has a part, also those of the part. ``NAME.html``
-            is the body, with a ``$place`` for each piece of markup in `parts`, and with ``$part`` for the body of the next
-            source. ``NAME.css`` and ``NAME.js``, which need not exist, are style and script. All scripts follow the common
-            script ``webpage.js``.
-        title: the title of the page.
-        data: the content of the element ``data``, as JSON; the script must insert its texts as text, not as markup.
-        style: CSS that comes before the CSS of the sources.
-        parts: markup by name of its place; the caller has escaped texts from elsewhere with `markup`.
-    """
+    """Return an HTML page."""
     body, script = "", _source_text("pytest_rvads.report", "webpage.js")
     for package, name in reversed(sources):
         body = Template(_source_text(package, f"{name}.html")).substitute(parts, part=body)

@@ -61,12 +61,7 @@ _HEADER = re.compile(
 
 
 def check_size(where: str, sizes: Iterable[tuple[int, int, int]]) -> None:
-    """Raise a `RunError` if runs are too large to be judged together.
-
-    Args:
-        where: the beginning of the message.
-        sizes: ticks, vehicles and entrances of every run.
-    """
+    """Raise a `RunError` if runs are too large to be judged together."""
     ticks = work = 0
     for steps, agents, entrances in sizes:
         if agents > _MOST_AGENTS or entrances > MOST_LANES:
@@ -96,18 +91,7 @@ class Kept:
     """Largest size of the header [bytes]."""
 
     def write(self, label: str, path: Path, text: str, arrays: Mapping[str, NDArray[Any]], lines: Sequence[Segment]) -> None:
-        """Write a header and arrays, and the centre lines to which the header refers as ``line_<k>``.
-
-        Args:
-            label: label of the run or recording, for messages.
-            path: path of the file.
-            text: the header as JSON.
-            arrays: arrays by name.
-            lines: the centre lines.
-
-        Raises:
-            RunError: the file can't be written, or is larger than `read` allows.
-        """
+        """Write a header and arrays, and the centre lines to which the header refers as ``line_<k>``."""
         header = np.frombuffer(text.encode(), dtype=np.uint8)
         entries = {**arrays, "header": header} | {f"line_{k}": line.points for k, line in enumerate(lines)}
         size = sum(array.nbytes for array in entries.values())
@@ -123,16 +107,7 @@ class Kept:
             raise RunError(f"{path}: can't be written: {error.strerror}") from error
 
     def read(self, path: Path, header: type[_Header], make: Callable[[_Header, Mapping[str, NDArray[Any]]], _Value]) -> _Value:
-        """Return the run or recording in a file.
-
-        Args:
-            path: path of the file.
-            header: the type of the header.
-            make: builds the value from header and arrays; raises ``KeyError``, ``ValueError`` or `MapError` for damaged content.
-
-        Raises:
-            RunError: the file is of another kind, damaged, too large, or of another version.
-        """
+        """Return the run or recording in a file."""
         prefix = f"{path}: not a {self.what} kept by rvads"
         try:
             arrays = unpack(read_file(path, self.most_bytes), self.most_bytes)
@@ -164,11 +139,7 @@ def unpack(content: bytes, most: int = MOST_BYTES) -> dict[str, NDArray[Any]]:
     """Return the arrays of an archive by name; the arrays are read-only.
 
     Args:
-        content: content of the file.
         most: largest memory of all arrays together [bytes].
-
-    Raises:
-        ValueError: the archive is damaged, or its arrays would take too much memory.
     """
     count = content.count(_DIRECTORY_ENTRY)
     if count > _MOST_MEMBERS:

@@ -120,11 +120,7 @@ class JunctionRecord(msgspec.Struct, frozen=True, omit_defaults=True):
 
 
 def put_junction(junction: Junction, lines: list[Segment]) -> JunctionRecord:
-    """Return a junction as JSON, and add its centre lines to `lines`, which a file stores as arrays.
-
-    Raises:
-        RunError: the junction has other ways than movements and the ways of `Junction.walked`.
-    """
+    """Return a junction as JSON, and add its centre lines to `lines`, which a file stores as arrays."""
     walked = bool(junction.further)
     if walked and (not junction.crossings or junction.unwalked.walked != junction):
         kinds = ", ".join(sorted({way.kind for way, _, _ in junction.further}))
@@ -162,15 +158,7 @@ def put_junction(junction: Junction, lines: list[Segment]) -> JunctionRecord:
 
 
 def get_junction(record: JunctionRecord, arrays: Mapping[str, NDArray[Any]]) -> Junction:
-    """Return the junction of a file. Equal files give the same object, so that results cached on a junction are computed once.
-
-    Args:
-        record: the junction in the file's header.
-        arrays: the arrays of the file, with the centre lines as ``line_<k>``.
-
-    Raises:
-        ValueError: the parts of the record contradict each other.
-    """
+    """Return the junction of a file. Equal files give the same object, so that results cached on a junction are computed once."""
     lines = tuple((name, a.dtype.str, a.shape, a.tobytes()) for name, a in sorted(arrays.items()) if name.startswith("line_"))
     return _junction(msgspec.msgpack.encode(record), lines)
 

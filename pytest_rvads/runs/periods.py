@@ -47,7 +47,6 @@ def busy_periods(spans: Sequence[Span], lines: Sequence[float], leave: Sequence[
     """Return the busy periods of a junction (times with vehicles near the junction) in order.
 
     Args:
-        spans: samples of every vehicle.
         lines: station of the stopping line of every vehicle [m].
         leave: station from which on every vehicle has left the junction [m].
     """

@@ -205,7 +205,6 @@ def matching(pattern: str, folder: Path | None = None) -> list[Path]:
     """Return the files that a pattern matches, sorted by match; a matched folder stands for its files of runs.
 
     Args:
-        pattern: a glob pattern, in which ``**`` matches any number of folders.
         folder: the folder in which the pattern is matched; None for the working directory.
     """
     base = folder or Path()
@@ -304,11 +303,7 @@ class _Topology:
 
 
 def _expanded(series: _Series[_Value], steps: int, codes: Mapping[_Value, int], where: str) -> NDArray[np.int8]:
-    """Return the codes of the values of a series in every state.
-
-    Raises:
-        RunError: the ticks do not cover the run in order, or a value has no code.
-    """
+    """Return the codes of the values of a series in every state."""
     ticks = [tick for tick, _ in series]
     if not ticks or ticks[0] != 0 or any(b <= a for a, b in pairwise(ticks)) or ticks[-1] >= steps:
         raise RunError(f"{where} must start at tick 0, increase, and stay below {steps}, got the ticks {reprlib.repr(ticks)}")

@@ -194,7 +194,6 @@ class Recording(Sequence[Run]):
         """Return the standard deviation of the speeds of vehicles [m/s], including unknown speeds between samples.
 
         Args:
-            tracks: tracks of a run.
             ticks: times of the states of the run, shape ``(steps,)`` [s].
             speed: interpolated speeds, shape ``(steps, tracks)`` [m/s].
         """

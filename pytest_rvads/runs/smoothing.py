@@ -98,7 +98,6 @@ def delay(times: _Values, station: _Values, speed: _Values, straight: NDArray[np
         times: increasing times of the samples [s].
         station: measured stations [m].
         speed: measured speeds [m/s].
-        straight: which samples lie on a straight part of the way, where the speeds integrate to the stations.
     """
     residual, weighted, weight = station - _driven(times, speed), 0.0, 0.0
     for begin, end in _parts(straight):
@@ -194,7 +193,6 @@ def _along_stretches(
         residual: stations minus the integral of the speeds, shape ``(samples,)`` [m].
         accuracy: standard deviation of a station [m].
         straight: which samples lie on a straight part of the way, shape ``(samples,)``.
-        fit: estimates of the residual at every sample from the samples around it.
         wander: variance of the residual per second that noisy speeds cause [m^2/s].
     """
     value, slope, deviation = fit.value.copy(), fit.slope.copy(), fit.deviation.copy()
@@ -232,10 +230,7 @@ def _fitted(
     Args:
         times: times of the samples, shape ``(samples,)`` [s].
         values: measured values, shape ``(samples,)``.
-        accuracy: standard deviation of a value.
-        degree: degree of the polynomials.
         farthest: greatest half length of the window around every sample, shape ``(samples,)`` [s].
-        wander: variance of the values per second that is no noise of the samples.
     """
     count = len(times)
     best = _Fit(values.copy(), np.gradient(values, times), np.full(count, accuracy))

@@ -181,7 +181,6 @@ class SignalPlan:
 
         Args:
             time: time since the run began [s].
-            entrances: number of entrances of the junction, or of all starts of ways, see `Junction.starts`.
         """
         if not self.groups:
             return (_NONE,) * entrances

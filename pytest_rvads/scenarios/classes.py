@@ -36,11 +36,7 @@ _Choice = tuple[int, int]
 
 
 def parse(directions: str | Sequence[int]) -> Directions:
-    """Read directions from a string such as ``"1133"``, or ``"13_2_0_31"`` for arms with several lanes, or from integers.
-
-    Raises:
-        ScenarioError: `directions` is neither, or has no vehicle.
-    """
+    """Read directions from a string such as ``"1133"``, or ``"13_2_0_31"`` for arms with several lanes, or from integers."""
     digits: object = directions
     if isinstance(directions, str):
         plain = directions.replace("_", "")
@@ -58,12 +54,7 @@ def parse(directions: str | Sequence[int]) -> Directions:
 
 
 def label(code: Directions, lanes: Sequence[int] = ()) -> str:
-    """Return the directions as a string of digits.
-
-    Args:
-        code: the directions.
-        lanes: number of entrances per arm. If an arm has several entrances, ``_`` separates the arms.
-    """
+    """Return the directions as a string of digits."""
     digits = "".join(_DIGITS[d] for d in code)
     if max(lanes, default=1) <= 1:
         return digits
@@ -107,11 +98,7 @@ def classes(ways: int) -> Iterator[Directions]:
 
 
 def pairs_at(place: Junction, *, conflicting: bool = False) -> tuple[Pair, ...]:
-    """Return the pairs of movements from different entrances, in order, or only the pairs that conflict.
-
-    Raises:
-        ScenarioError: conflicting pairs are requested, and the places of the lanes are unknown.
-    """
+    """Return the pairs of movements from different entrances, in order, or only the pairs that conflict."""
     if conflicting and place.conflicts is None:
         raise ScenarioError(f"the conflicts of junction {place.name!r} are not known, since it is not known where its lanes lie")
     pairs = combinations(sorted(place.movements), 2)
@@ -127,15 +114,7 @@ def covering(
     vehicle.
 
     Args:
-        place: the junction.
-        orbits: the scenarios of the junction.
         seat: an entrance with a vehicle in all returned scenarios; None for no such entrance.
-        conflicting: whether to cover only pairs of conflicting movements; the remaining movements are chosen for as many of these
-            pairs as possible.
-        walked: whether to cover also every movement that leads over a crosswalk, only from `seat` if `seat` is an entrance.
-
-    Raises:
-        ScenarioError: no such pair is possible, or conflicting pairs are requested and the conflicts are unknown.
     """
     required = frozenset(pairs_at(place, conflicting=conflicting))
     slots = _placed(place, orbits, seat)
@@ -203,10 +182,6 @@ def _row(sizes: Sequence[int], missing: Collection[tuple[_Choice, _Choice]]) -> 
     """Return a scenario with the first missing pair, and in the other slots the directions that add most missing pairs.
 
     The scenario is given per slot (arm or lane), by the number of a direction among the possible directions in the slot.
-
-    Args:
-        sizes: number of possible directions per slot.
-        missing: the missing pairs, in the order of the search.
     """
     row = dict(next(iter(missing)))
     while len(row) < len(sizes):

@@ -68,7 +68,6 @@ class Configuration:
         before their lines.
 
         Args:
-            seat: entrance of the subject, before rotation.
             rooms: length of the approach of every entrance, before rotation [m].
         """
         if not self.staggered:
@@ -85,11 +84,6 @@ def configuration(label: str, entrances: int, control: JunctionControl = Junctio
     Args:
         label: a letter of the paper, A to J; or for a staggered configuration ``S`` and the distance of the other vehicles [m],
             or a distance per entrance, counter-clockwise from the subject: ``S26_56_56``.
-        entrances: number of entrances.
-        control: the control of the junction, which determines the distance of the subject of a staggered configuration.
-
-    Raises:
-        ScenarioError: no configuration has this label.
     """
     if not _STAGGERED_LABEL.fullmatch(label):
         return _of_paper(label, entrances)
@@ -127,8 +121,6 @@ def grid(names: str | Iterable[str], entrances: int, control: JunctionControl) -
         names: ``"paper"`` for the paper's five configurations of `control` (those of stops, if the control is neither stop nor
             lights), ``"staggered"`` for all staggered configurations, ``"arrivals"`` for the default of tests with a subject, the
             label of a staggered configuration, a string of letters, or a sequence of these.
-        entrances: number of entrances.
-        control: the control of the junction.
     """
     letters, stop = PAPER.get(control, PAPER[JunctionControl.STOP]), control is JunctionControl.STOP
     _, staggered = _AT_STOPS if stop else _ELSEWHERE
@@ -159,10 +151,6 @@ def explicit(distances: Axis, speeds: Axis, entrances: int) -> tuple[Configurati
     Args:
         distances: a number for all entrances [m], a tuple with one number per entrance, or a list of such numbers and tuples.
         speeds: a number for all entrances [m/s], a tuple with one number per entrance, or a list of such numbers and tuples.
-        entrances: number of entrances.
-
-    Raises:
-        ScenarioError: a number is negative or not finite, or a tuple does not have one number per entrance.
     """
     points = product(_points("distances", distances, entrances), _points("speeds", speeds, entrances))
     return tuple(Configuration(explicit_label(d, v), d, v) for d, v in points)
@@ -199,11 +187,7 @@ def probe(point: Configuration, envelope: Envelope) -> str:
 
 
 def per_entrance(name: str, value: float | Sequence[float], entrances: int) -> tuple[float, ...]:
-    """Return `value` as one finite number of 0 or more per entrance.
-
-    Raises:
-        ScenarioError: the number of values is wrong, or a value is negative or not finite.
-    """
+    """Return `value` as one finite number of 0 or more per entrance."""
     value = plain(value)
     if isinstance(value, str) or not isinstance(value, int | float | Sequence):
         raise ScenarioError(f"{name} takes numbers, got {value!r}")

@@ -80,16 +80,7 @@ def run_id(scenario: Scenario, traffic: str | None) -> str:
 
 
 def from_id(id: str, map: str | os.PathLike[str] | None = None) -> Scenario:
-    """Return the scenario of an id; duration, braking level and random draw, which ids leave out, have their defaults.
-
-    Args:
-        id: the id of a test or a run, with or without the rule.
-        map: the map file of a junction that is not built in.
-
-    Raises:
-        ScenarioError: the text is no id, or does not fit the junction; the message says what is expected.
-        MapError: no junction has this name.
-    """
+    """Return the scenario of an id; duration, braking level and random draw, which ids leave out, have their defaults."""
     parts = _ID.fullmatch(id)
     point = parts and _POINT.fullmatch(parts["point"])
     if not (parts and point):
@@ -192,16 +183,7 @@ class _Record(msgspec.Struct, frozen=True):
 
 
 def recalled(record: Mapping[str, Any], place: Junction, where: str) -> Scenario:
-    """Return the scenario that a record of `Scenario.record` describes.
-
-    Args:
-        record: a record of `Scenario.record`; its fields about the junction are ignored.
-        place: the junction of the scenario.
-        where: the beginning of the error message.
-
-    Raises:
-        ScenarioError: a field is missing or impossible.
-    """
+    """Return the scenario that a record of `Scenario.record` describes."""
     start = typed(dict(record), _Record, where, ScenarioError)
     try:
         return Scenario(

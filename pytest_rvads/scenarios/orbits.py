@@ -45,32 +45,14 @@ class Orbits:
 
     @classmethod
     def plain(cls, ways: int, *, partial: bool = False) -> Orbits:
-        """Return the scenarios of the paper: one entrance per arm, with movements to every other arm.
-
-        Args:
-            ways: number of arms.
-            partial: whether scenarios with empty arms are included.
-
-        Raises:
-            ScenarioError: the number of ways is not 3 to 8.
-        """
+        """Return the scenarios of the paper: one entrance per arm, with movements to every other arm."""
         if ways not in WAYS:
             raise ScenarioError(f"the number of ways must be 3 to 8, got {ways!r}")
         return _plain(ways, partial)
 
     @classmethod
     def at(cls, place: Junction, occupancy: str = "arms", *, partial: bool = False) -> Orbits:
-        """Return the abstract scenarios of a junction.
-
-        Args:
-            place: the junction.
-            occupancy: ``"arms"`` for one vehicle on every arm with movements, on any of its lanes; ``"lanes"`` for one vehicle on
-                every lane with movements.
-            partial: whether scenarios with empty arms, or empty lanes, are included.
-
-        Raises:
-            ScenarioError: the occupancy is unknown, or the junction has no movements.
-        """
+        """Return the abstract scenarios of a junction."""
         if occupancy not in OCCUPANCIES:
             raise ScenarioError(f"occupancy must be one of {', '.join(OCCUPANCIES)}, got {occupancy!r}")
         return _at(place, occupancy, partial)

@@ -108,15 +108,7 @@ class Setting(NamedTuple):
 
 
 def cast_of(place: Junction, pedestrians: Sequence[Pedestrian]) -> tuple[Agent, ...]:
-    """Return the agents of pedestrians in their order, each parked vehicle after the first pedestrian whom it hides.
-
-    Args:
-        place: a walked junction, see `Junction.walked`.
-        pedestrians: the pedestrians.
-
-    Raises:
-        ScenarioError: the junction has no such crosswalk.
-    """
+    """Return the agents of pedestrians in their order, each parked vehicle after the first pedestrian whom it hides."""
     return tuple(agent for number in range(len(pedestrians)) for agent in _agents(place, pedestrians, number))
 
 
@@ -161,14 +153,7 @@ def settings(
     A pedestrian who looks at the kerb before going, or whose light forbids to go when the run begins, starts before the kerb.
 
     Args:
-        place: a walked junction.
-        pedestrians: the pedestrians.
         vehicles: the vehicles with their stations [m] and speeds [m/s] at the start, the vehicle under test first.
-        lights: the colours of all lights at the start, see `Junction.starts`; empty without lights.
-
-    Raises:
-        ScenarioError: no vehicle's way leads over the crosswalk.
-        Crossed: the pedestrian would start behind the crossing.
     """
     rows = []
     for number, walker in enumerate(pedestrians):

@@ -51,9 +51,6 @@ def placed(
     """Return the starts of vehicles with their followers, see `Scenario.starts` for gaps and errors.
 
     Args:
-        place: the junction.
-        agents: the vehicles, at each entrance the first vehicle before its followers.
-        bodies: per vehicle, its parameters.
         starts: per vehicle, distance [m] and speed [m/s] of the first vehicle at its entrance.
     """
     rows: list[_Start] = []
@@ -111,18 +108,7 @@ def _check_bodies(place: Junction, starts: Sequence[_Start]) -> None:
 
 
 def started(point: Configuration, place: Junction, rotation: int, subject: int | None, followers: int) -> dict[str, Any]:
-    """Return the arguments of `Scenario` that say how the vehicles start in a configuration: distances, speeds and its label.
-
-    Args:
-        point: the configuration.
-        place: the junction.
-        rotation: number of entrances by which the scenario is moved on.
-        subject: entrance of the vehicle under test, as in `Scenario.subject`.
-        followers: number of vehicles that queue behind each vehicle, and that need room on the approach as well.
-
-    Raises:
-        ScenarioError: the configuration is staggered around a subject, and there is no subject.
-    """
+    """Return the arguments of `Scenario` that say how the vehicles start in a configuration: distances, speeds and its label."""
     queue = followers * (Vehicle().length + QUEUE_GAP + QUEUE_TIME * max(point.speeds))
     if point.staggered:
         if subject is None:
@@ -145,8 +131,6 @@ def fastest_start(place: Junction, entrance: int, distance: float, queue: float 
     All speed limits between the start of the last vehicle and the entrance count, and so do all bends of this stretch.
 
     Args:
-        place: the junction.
-        entrance: number of the entrance.
         distance: distance of the first vehicle from the stopping line [m].
         queue: distance of the last vehicle of the queue from the first vehicle [m].
     """

@@ -190,13 +190,7 @@ class Selection:
                         )
 
     def _walkers(self, placed: Directions, subject: int | None, seen: set[object]) -> Iterator[Pedestrian]:
-        """Yield the pedestrians for the vehicles of a scenario; per class, only the first of those that are equal up to rotation.
-
-        Args:
-            placed: directions as they stand on the map.
-            subject: entrance of the vehicle under test, if any.
-            seen: least images of the scenarios with pedestrians in the class so far.
-        """
+        """Yield the pedestrians for the vehicles of a scenario; per class, only the first of those equal up to rotation."""
         rows = [(entrance, direction) for entrance, direction in enumerate(placed) if direction and subject in (None, entrance)]
         ways = {self.place.leads(entrance, direction).key for entrance, direction in rows}
         for walker in choices(self.place, ways, self.pedestrians):
@@ -212,11 +206,7 @@ class Selection:
         return not any(self.followers) and longest <= self._reach and not near(self.place)
 
     def fitting(self, unfit: Callable[[ScenarioError], object]) -> Iterator[Scenario]:
-        """Yield the scenarios in which every vehicle has room at its start, and no pedestrian would have crossed before.
-
-        Args:
-            unfit: called with the reason for every scenario that is left out.
-        """
+        """Yield the scenarios in which every vehicle has room at its start, and no pedestrian would have crossed before."""
         for scenario in self:
             if self.pedestrians or not self.roomy:
                 try:

@@ -47,9 +47,6 @@ def walks_of(value: object) -> tuple[Walk, ...]:
     Args:
         value: the name of a behaviour, a `Pedestrian`, a dict of the fields of a `Pedestrian` with a value or several values
             each, or several of these; None for no pedestrians.
-
-    Raises:
-        ScenarioError: the value is something else, or a field has a wrong value.
     """
     if value is None:
         return ()
@@ -86,13 +83,7 @@ def _product(given: Mapping[str, Any]) -> Iterator[Walk]:
 
 
 def choices(place: Junction, ways: Collection[Key], walks: Iterable[Walk]) -> Iterator[Pedestrian]:
-    """Yield the pedestrians among `walks` who can meet a vehicle, crosswalk by crosswalk.
-
-    Args:
-        place: the junction.
-        ways: the movements of the vehicles.
-        walks: the pedestrians that a test asks for.
-    """
+    """Yield the pedestrians among `walks` who can meet a vehicle, crosswalk by crosswalk."""
     for number in sorted({number for number, key in place.covers if key in ways}):
         for pedestrian, everywhere in walks:
             if everywhere:
@@ -102,14 +93,7 @@ def choices(place: Junction, ways: Collection[Key], walks: Iterable[Walk]) -> It
 
 
 def least(place: Junction, placed: Directions, seat: int | None, crossing: int) -> tuple[Directions, int, int]:
-    """Return the least image of a scenario with a pedestrian, equal for scenarios that differ by rotation.
-
-    Args:
-        place: a walked junction.
-        placed: directions of the vehicles as they stand on the map.
-        seat: entrance of the vehicle under test, if any.
-        crossing: number of the crosswalk.
-    """
+    """Return the least image of a scenario with a pedestrian, equal for scenarios that differ by rotation."""
     count = len(placed)
     return min(
         (rotate(placed, row), -1 if seat is None else (seat + row) % count, images[crossing]) for row, images in turns(place)
@@ -118,15 +102,7 @@ def least(place: Junction, placed: Directions, seat: int | None, crossing: int) 
 
 @lru_cache(maxsize=256)
 def turns(place: Junction) -> tuple[tuple[int, tuple[int, ...]], ...]:
-    """Return the rotations of a junction that keep lanes, movements, signs and crosswalks, the identity first.
-
-    Args:
-        place: a walked junction, see `Junction.walked`; the comparison of two junctions that are not walked ignores crosswalks.
-
-    Returns:
-        Per rotation, the number of entrances by which vehicles move on, and for each crosswalk the number of its image. An image
-        lies on the rotated arm, under the rotated movements, and has the rotated phase group.
-    """
+    """Return the rotations of a junction that keep lanes, movements, signs and crosswalks, the identity first."""
     rows = zip(place.rotations, Orbits.at(place).rows, strict=True)
     images = ((row, _images(place, arms)) for arms, row in rows)
     return tuple((row, found) for row, found in images if found is not None)

@@ -97,20 +97,7 @@ def draw_atlas(
     executor: Executor | int | None = None,
     progress: Progress | None = None,
 ) -> Atlas:
-    """Return the atlas of a junction: on every line of starts, the leads at which a verdict changes.
-
-    Args:
-        place: the junction.
-        setting: driver, rules and vehicles.
-        probes: number of random starts, drawn from all starts of all lines, that are compared with the strips.
-        behaviours: behaviours of pedestrians, for lines with pedestrians instead of other vehicles; see `lines_at`.
-        seed: seed of the draw; the first probes of a greater number are those of a smaller number.
-        executor: executor or number of processes, as for `campaign`; the answer does not depend on it.
-        progress: called after every group of lines.
-
-    Raises:
-        ScenarioError: the junction has no conflicting ways, or their conflicts are unknown.
-    """
+    """Return the atlas of a junction: on every line of starts, the leads at which a verdict changes."""
     groups = lines_at(place, behaviours=behaviours)
     cut = tuple(spread(partial(_strips, setting), groups, executor, progress, batch=1))
     strips = [strip for group in cut for strip in group if strip.pieces]

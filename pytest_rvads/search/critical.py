@@ -91,12 +91,6 @@ def critical_starts(
     The search of the first line of a group begins at simultaneous arrivals. The search of each further line begins at the
     critical start of the line before, and needs fewer runs if the driver does the same on both lines. An error of the driver or
     of a rule ends the search of its line only.
-
-    Args:
-        groups: groups of lines that are equal up to a rotation, see `lines_at`.
-        setting: driver, rules and vehicles.
-        executor: executor or number of processes, as for `campaign`; the answer does not depend on it.
-        progress: called after every group.
     """
     for found in spread(partial(_search_group, setting), [tuple(group) for group in groups], executor, progress, batch=1):
         yield from found
@@ -126,12 +120,7 @@ def failing(sides: Sequence[CriticalStart]) -> list[CriticalStart]:
 
 
 def failure(sides: Sequence[CriticalStart], setting: Setting) -> RuleViolation | None:
-    """Return the failures of a test of critical starts as a single error, the worst failure first; None if all starts pass.
-
-    Raises:
-        RunError: a run of a line has no verdict.
-        ScenarioError: no line has a start.
-    """
+    """Return the failures of a test of critical starts as a single error, the worst failure first; None if all starts pass."""
     for side in sides:
         if side.error:
             raise RunError(side.error)
@@ -172,7 +161,6 @@ def _turn(trial: Trial, guess: int, apart: int) -> int:
     """Return the least lead at which the subject goes, in steps; a lead beyond the line's end if the subject never goes.
 
     Args:
-        trial: the trial of the line.
         guess: lead at which the search begins [steps].
         apart: first step away from the guess; the steps double until the subject waits at one start and goes at another [steps].
     """

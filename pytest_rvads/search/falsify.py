@@ -77,11 +77,7 @@ class Search:
     def of(
         cls, junction: str | Junction, rule: str | Rule, traffic: str | Factory | None, budget: int, seed: int, space: Space
     ) -> Search:
-        """Check the arguments of a search and return the search; the rule is looked up only when the search begins.
-
-        Raises:
-            RvadsError: an argument has a wrong type or is out of its range.
-        """
+        """Check the arguments of a search and return the search; the rule is looked up only when the search begins."""
         place = explored(junction, space)
         if not isinstance(rule, str | Rule):
             raise ScenarioError(f"rule must be the name of a rule in quotes, or a rule, got {rule!r}")
@@ -129,22 +125,14 @@ class Search:
         return SearchResult(counterexample, trial.rule.name, trial.triggered, trial.simulations)
 
     def parts(self, searches: int) -> list[Search]:
-        """Split the search into searches with consecutive seeds and equal parts of the budget.
-
-        Raises:
-            ScenarioError: the number of searches is not from 1 to the budget.
-        """
+        """Split the search into searches with consecutive seeds and equal parts of the budget."""
         if type(searches) is not int or not 1 <= searches <= self.budget:
             raise ScenarioError(f"searches must be a number from 1 to the budget of {self.budget} simulations, got {searches!r}")
         share, more = divmod(self.budget, searches)
         return [replace(self, seed=self.seed + k, budget=share + (k < more)) for k in range(searches)]
 
     def settled(self, searched: Iterable[SearchResult]) -> Counterexample | None:
-        """Return the counterexample of the first search with a counterexample; None if no search has one.
-
-        Raises:
-            ScenarioError: no search has a counterexample, and the rule did not apply in any simulation with a crossing.
-        """
+        """Return the counterexample of the first search with a counterexample; None if no search has one."""
         failed = []
         for result in searched:
             if result.counterexample is not None:
@@ -183,26 +171,10 @@ def look_for(  # noqa: PLR0913 - keywords; a search has many settings
     lowest seed is returned, so the result does not depend on the executor.
 
     Args:
-        junction: built-in name, or id of a junction in ``map``; or the junction itself.
-        autopilot: drives all vehicles, or only the vehicle under test if ``subject`` is given.
-        rule: the rule to violate.
-        traffic: driver of the other vehicles if ``subject`` is given; the reference autopilot by default.
-        budget: largest number of simulations until a counterexample, and largest number of simulations that simplify it.
-        seed: seed of the search.
-        fleet: the vehicle parameters; passenger cars by default.
         name: name of the search in the example database of Hypothesis; with None, no counterexample is stored.
-        simulator: the simulator of the runs, as for `simulate`.
-        searches: number of searches, with the seeds from `seed` on and equal parts of the budget.
-        executor: executor or number of processes for several searches, as for `campaign`; a single search runs in this process.
-        space: bounds of the scenarios; `strategies.scenarios` explains the bounds.
 
     Returns:
         The simplest counterexample; None if the search found none.
-
-    Raises:
-        RunError: a run ended by a fault; the scenario is in the message.
-        ScenarioError: an argument is out of its range, or the rule did not apply in any simulation with a crossing.
-        FormulaError: the rule is unknown, or has the name of a shipped rule.
     """
     search = Search.of(junction, rule, traffic, budget, seed, space)
     return search.begin(autopilot, fleet or Fleet(), simulator, name, searches, executor)
@@ -220,11 +192,7 @@ def _falsify(search: Search, trial: _Trial, vehicle: Vehicle, name: str | None, 
     """Let Hypothesis try scenarios until the rule is violated, and then simplify the scenario of the violation.
 
     Args:
-        search: the scenarios to search, and the seed.
-        trial: simulates and judges the scenarios.
-        vehicle: parameters of the vehicle whose braking envelope v(d)max bounds the initial speeds.
         name: name of the search in the example database; with None, no counterexample is stored.
-        stored: whether to try only the scenarios that the example database holds.
     """
     from hypothesis import HealthCheck, Phase, Verbosity, given, settings, target
     from hypothesis import seed as seeded
@@ -296,11 +264,7 @@ class _Trial:
         self.simulator = simulator
 
     def judge(self, scenario: Scenario) -> Verdict | None:
-        """Return the verdict on the run of a scenario; None if the budget is spent.
-
-        Raises:
-            RunError: the run can't be judged.
-        """
+        """Return the verdict on the run of a scenario; None if the budget is spent."""
         if scenario in self.errors:
             raise self.errors[scenario]
         if scenario not in self.verdicts:
@@ -333,7 +297,6 @@ def score(verdict: Verdict, apart: float) -> float:
     number is far below, and is the lower the more conditions of the rule's premise were false.
 
     Args:
-        verdict: the verdict on the run.
         apart: the shortest post-encroachment time in the run, see `_apart` [s].
     """
     margins = [i.margin for i in verdict.instances if i.margin is not None]

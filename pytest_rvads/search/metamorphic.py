@@ -109,12 +109,7 @@ def compare(
     relations: str | Iterable[str] = "rotation",
     simulator: Simulator | None = None,
 ) -> Comparison:
-    """Compare the verdicts on a case with the verdicts on its variants as `equivalent` does, and return the differences.
-
-    Raises:
-        ScenarioError: a relation is unknown.
-        RunError: a run ended by a fault.
-    """
+    """Compare the verdicts on a case with the verdicts on its variants as `equivalent` does, and return the differences."""
     checked_rules = rules_for(rules, case.scenario.place)
     variants = [variant for name in _checked_relations(relations) for variant in RELATIONS[name](case)]
     usable = [v for v in variants if isinstance(v, Variant)]
@@ -144,11 +139,7 @@ def compare(
 
 
 def judged(case: Case, rules: Iterable[Rule], simulator: Simulator | None = None) -> tuple[Run, dict[str, Verdict]]:
-    """Return the run of a case, and the verdict of each rule by name.
-
-    Raises:
-        RunError: the run ended by a fault.
-    """
+    """Return the run of a case, and the verdict of each rule by name."""
     run = simulate(case, simulator)
     verdicts = {rule.name: check(run, rule) for rule in rules}
     for verdict in verdicts.values():
@@ -166,16 +157,7 @@ def _checked_relations(relations: str | Iterable[str]) -> tuple[str, ...]:
 
 
 def side_by_side(run: Run, first: Verdict, other_run: Run, second: Verdict, image: Sequence[int], what: str) -> str:
-    """Return a text table of two runs with a row per agent of `run` and the corresponding agent of `other_run`.
-
-    Args:
-        run: the first run.
-        first: the verdict on the first run.
-        other_run: the second run.
-        second: the verdict of the same rule on the second run.
-        image: per entrance of `run`, the corresponding entrance of `other_run`. Pedestrians correspond by their names.
-        what: the change from the first to the second run's scenario, in words.
-    """
+    """Return a text table of two runs with a row per agent of `run` and the corresponding agent of `other_run`."""
     columns: dict[int, list[int]] = {}
     for k, agent in enumerate(other_run.agents):
         columns.setdefault(agent.entrance, []).append(k)

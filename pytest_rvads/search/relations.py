@@ -93,11 +93,6 @@ def _lights_follow(junction: Junction, rotation: int, rows: int) -> bool:
     """Return whether the lights give green to the moved vehicles in the same order as to the vehicles before the rotation.
 
     Which phase comes first in a rotated scenario is defined by `first_green`, and this phase does not fit every junction.
-
-    Args:
-        junction: the junction.
-        rotation: number of entrances by which the original scenario is rotated.
-        rows: number of entrances by which the variant is rotated further.
     """
     groups, count = junction.phase_groups, len(junction.entrances)
     if len(groups) < 2:
@@ -193,13 +188,7 @@ def _walked_alike(case: Case, variant: Variant) -> Variant | Incomparable:
 
 
 def _changed_case(case: Case, image: tuple[int, ...], **changes: Any) -> Case:
-    """Return a case with a changed scenario, in which each vehicle keeps its role and its parameters at its new entrance.
-
-    Args:
-        case: the case.
-        image: per entrance, the entrance to which its vehicle moves.
-        changes: changed fields of the scenario.
-    """
+    """Return a case with a changed scenario, in which each vehicle keeps its role and its parameters at its new entrance."""
     before = case.scenario
     after = before.but(subject=None if before.subject is None else image[before.subject], **changes)
     names = {before.place.vehicle_at(e): after.place.vehicle_at(image_of) for e, image_of in enumerate(image)}
@@ -217,15 +206,7 @@ def _motion_of_points(motion_: tuple[float, float, float]) -> Callable[[float, f
 def _on_other_map(
     what: str, case: Case, after: Junction, place: Callable[[float, float], tuple[float, float]], *, sided: bool
 ) -> Variant | Incomparable:
-    """Return the case on a moved or mirrored map.
-
-    Args:
-        what: the change in words.
-        case: the case.
-        after: the junction on the changed map.
-        place: maps points of the original map to points of the changed map.
-        sided: whether the map is mirrored.
-    """
+    """Return the case on a moved or mirrored map."""
     scenario, before = case.scenario, case.scenario.place
     if scenario.pedestrians and len(before.crossings) != len(after.crossings):
         return Incomparable(what, "the other map has other crosswalks")
@@ -291,12 +272,7 @@ def _nearest(
 
 
 def renamed(factory: Factory, names: Mapping[str, str]) -> Factory:
-    """Return a factory of autopilots, or of a traffic system, that see other names of the vehicles in their observations.
-
-    Args:
-        factory: factory of the autopilots or of the traffic system.
-        names: by name of a vehicle in the run, its name in the observations.
-    """
+    """Return a factory of autopilots, or of a traffic system, that see other names of the vehicles in their observations."""
     return _Renamed(factory, names)
 
 

@@ -38,20 +38,12 @@ _MIRRORED_ATTRIBUTES = {
 
 
 def moved(junction: Junction, motion: Motion) -> Junction:
-    """Return a junction on its translated and rotated map.
-
-    Raises:
-        MapError: the junction has no map file, or the map can't be read.
-    """
+    """Return a junction on its translated and rotated map."""
     return find(junction.id, _rewritten_map(_map_of(junction), motion))
 
 
 def mirrored(junction: Junction) -> Junction:
-    """Return a junction on its mirrored map, with -y instead of y and traffic on the other side.
-
-    Raises:
-        MapError: the junction has no map file, or the map can't be read.
-    """
+    """Return a junction on its mirrored map, with -y instead of y and traffic on the other side."""
     return find(junction.id, _rewritten_map(_map_of(junction), None))
 
 

@@ -32,12 +32,7 @@ class Space(TypedDict, total=False):
 
 
 def explored(junction: str | Junction, space: Space) -> Junction:
-    """Check the bounds of the scenarios of a search, and return the junction.
-
-    Raises:
-        MapError: the junction is unknown or unusable.
-        ScenarioError: a bound is unknown, or out of its range for this junction.
-    """
+    """Check the bounds of the scenarios of a search, and return the junction."""
     names = Space.__annotations__
     for name, value in space.items():
         if name not in names:

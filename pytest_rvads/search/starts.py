@@ -144,11 +144,7 @@ class Line:
         return math.ceil(max(low, -longest) / STEP), math.floor(min(high, longest) / STEP)
 
     def scenario(self, lead: int) -> Scenario:
-        """Return the scenario of the line with a lead in steps of `STEP`; the lead is positive if the subject is early.
-
-        Raises:
-            ScenarioError: a vehicle has no room where it starts.
-        """
+        """Return the scenario of the line with a lead in steps of `STEP`; the lead is positive if the subject is early."""
         subject, other = (way[0] for way in self.ways)
         seconds = lead * STEP
         if self.walker:
@@ -246,20 +242,6 @@ def lines_at(place: Junction, seats: Iterable[int] | None = None, behaviours: Se
     If the subject may have to wait at its stopping line, the pair of ways has a second line, from rest. If the subject may turn
     on red in front of the other vehicle, the pair has a third line, on red. The lines leave out ways on which no car can keep its
     lane (`Junction.tight`).
-
-    Args:
-        place: the junction.
-        seats: entrances of the subject; all entrances by default.
-        behaviours: behaviours of pedestrians. If given, the lines are instead those of every way and each crossing to which the
-            way gives way, with a pedestrian of each behaviour, moving and from rest.
-
-    Returns:
-        Groups of lines. The lines of a group are equal up to a rotation that keeps lanes, movements and signs of the junction,
-        and its crosswalks if pedestrians walk.
-
-    Raises:
-        ScenarioError: the conflicts of the junction are unknown, there are none, a seat is no entrance, or a behaviour is
-            unknown.
     """
     count = len(place.entrances)
     chosen = tuple(range(count)) if seats is None else tuple(seats)

@@ -259,9 +259,7 @@ def nominal_arrival(start: VehicleStart, limit: float, *, stops: bool) -> float:
     than the reference arrive at other times, but the gap between two vehicles with the same driver is about the same.
 
     Args:
-        start: distance and speed at the start.
         limit: the speed limit [m/s].
-        stops: whether the vehicle stops at the line; if not, it passes the line at its peak speed.
     """
     distance, speed = start
     if not distance:

@@ -91,11 +91,7 @@ class Setting:
         return cls(driver, tuple(rules), policy, fleet or Fleet(), meant(simulator), choice().limits)
 
     def judged(self, scenario: Scenario) -> tuple[Run, list[Verdict]]:
-        """Simulate a scenario, and judge the run by every rule.
-
-        Raises:
-            RunError: the run ended by a fault, or a rule can't judge the run.
-        """
+        """Simulate a scenario, and judge the run by every rule."""
         run = self.simulated(scenario)
         if run.fault is not None:
             raise RunError(f"{scenario.name}: {run.fault.reason}")

@@ -55,14 +55,6 @@ def look(item: pytest.Item, run: Run, verdict: Verdict, rule: str | Rule, notes:
     """Save the run of a failure, and draw its replay page and picture if the failure is among the first of the process.
 
     An error while saving or drawing becomes the text of the result, because a picture never costs a verdict.
-
-    Args:
-        item: the failed item.
-        run: the run to show.
-        verdict: the verdict on the run.
-        rule: the violated rule; the page shows its monitors.
-        notes: text of the page beside the picture.
-        around: returns the texts beside the replay on the page; called only if a page is drawn.
     """
     from pytest_rvads.report.folders import option
 
@@ -134,14 +126,6 @@ def beside(item: pytest.Item, options: Options, record: Record, run: Run, start:
     """Return the texts that a page shows beside the replay of a failure: facts, other verdicts, the run of an earlier session.
 
     A rule that can't judge the run has the status ERROR among the other verdicts.
-
-    Args:
-        item: the failed item.
-        options: options of the session.
-        record: record of the item.
-        run: run of the item.
-        start: the start of the run, or the file that the run was recorded in.
-        rerun: the command that runs the item once more.
     """
     from pytest_rvads.logic.check import other_verdicts
     from pytest_rvads.report.draw.replay import Beside

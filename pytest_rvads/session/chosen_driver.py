@@ -78,11 +78,7 @@ class _Selected:
 
     @pytest.hookimpl(tryfirst=True)
     def pytest_collection_modifyitems(self, config: pytest.Config, items: list[pytest.Item]) -> None:
-        """Deselect the bundled test items that no argument of pytest names.
-
-        Raises:
-            pytest.UsageError: an argument names no bundled test item.
-        """
+        """Deselect the bundled test items that no argument of pytest names."""
         named = {name: [item for item in items if _selects(item.nodeid, name)] for name in self._names}
         if missing := [name for name, matches in named.items() if not matches]:
             raise pytest.UsageError(f"not found: {missing[0]}, among the tests that come with the plugin")

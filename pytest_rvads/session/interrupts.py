@@ -181,11 +181,7 @@ class Budget:
         items.sort(key=lambda item: order.get(item.nodeid, len(order)))
 
     def check_deadline(self) -> None:
-        """Skip the current test item if the deadline of the time budget is over.
-
-        Raises:
-            OutOfTime: the deadline is over.
-        """
+        """Skip the current test item if the deadline of the time budget is over."""
         if time.time() > self._deadline:
             raise OutOfTime(self.reason)
 
@@ -218,11 +214,6 @@ def priority(records: Iterable[Record], failed: Mapping[str, Any], history: Mapp
     together, so that a start runs for every variant or for none. Runs with a failure in the last session come first. One run of
     every class comes second, in the configuration that ran least so far; among configurations that ran equally often, the choice
     changes from class to class. All remaining runs come last, the least often executed runs first, and the classes take turns.
-
-    Args:
-        records: records of all items, as known before the items run.
-        failed: node ids that failed in the last session.
-        history: by node id, the number of earlier sessions in which the item ran.
     """
     from pytest_rvads.report.record import RecordedItem
 

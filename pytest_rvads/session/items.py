@@ -76,11 +76,7 @@ REPEAT: pytest.StashKey[Callable[[], Divergence | None]] = pytest.StashKey()
 
 
 def checked_name(driver: Any) -> str:
-    """Return the name of a driver, read within the time limit of a decision, because reading can run code of the driver.
-
-    Raises:
-        NoVerdict: reading took too long.
-    """
+    """Return the name of a driver, read within the time limit of a decision, because reading can run code of the driver."""
     from pytest_rvads.simulators.patience import TooLate, Watch, choice
 
     with suppress(TooLate), Watch(choice().limits) as watch:

@@ -196,12 +196,7 @@ class Session:
         return missing
 
     def _report(self, exitstatus: int, cut: bool) -> Report:
-        """Return the report of the session; its exit status includes the comparison with the baseline and the required coverage.
-
-        Args:
-            exitstatus: exit status so far.
-            cut: whether items are missing, so that the comparison excuses no failure.
-        """
+        """Return the report of the session; its exit status includes the baseline and the required coverage."""
         from pytest_rvads.report.coverage import shortfall, untested
         from pytest_rvads.report.session_report import Report, in_order
         from pytest_rvads.support.installed import ENGINES, versions
@@ -290,11 +285,7 @@ def has_run(report: Report) -> bool:
 
 
 def _load(path: Path | None) -> Report | None:
-    """Return the report of an earlier session (the baseline); None without a path.
-
-    Raises:
-        pytest.UsageError: the file is no report.
-    """
+    """Return the report of an earlier session (the baseline); None without a path."""
     if path is None:
         return None
     from pytest_rvads.report.files import load

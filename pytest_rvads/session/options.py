@@ -291,11 +291,7 @@ class Options:
 
     @classmethod
     def read(cls, config: pytest.Config) -> Options:
-        """Read the options of a session.
-
-        Raises:
-            RvadsError: a value is out of range, or two options exclude each other.
-        """
+        """Read the options of a session."""
         texts = {name: _read_text(config, name, option) for name, option in _DECLARED.items() if not option.several}
         if texts["sut"] and texts["autopilot"]:
             raise RvadsError(

@@ -53,11 +53,7 @@ class SessionFolder:
         self._start, self._artefacts = config.invocation_params.dir, options.artefacts or ""
 
     def make(self) -> Path:
-        """Return the path of the folder, which is made if it does not exist.
-
-        Raises:
-            OSError: the folder can't be made.
-        """
+        """Return the path of the folder, which is made if it does not exist."""
         from pytest_rvads.report.folders import claimed
 
         return claimed(self._start / self._artefacts, self._token)
@@ -140,11 +136,7 @@ class Outputs:
         self._troubles = self._save(begun(list(records), totals(records), list(cells), extents), lambda _: True)
 
     def end(self, report: Report, ran: bool) -> tuple[list[str], bool]:
-        """Write the page and the reports; the JSON reports come last, because they name the files that could not be written.
-
-        Returns:
-            A sentence per file that could not be written, and whether all requested files were written.
-        """
+        """Write the page and the reports; the JSON reports come last, because they name the files that could not be written."""
         troubles = self._troubles
         if self._artefacts and ran:
             troubles = troubles + _attempt("the index of the session", partial(self._write_index, report))
@@ -199,11 +191,6 @@ def annotate(report: Report, root: Path, workspace: Path) -> list[str]:
 
     The commands are errors, or warnings if the session passes in spite of the failures, for example because the baseline has the
     same failures.
-
-    Args:
-        report: the report of the session.
-        root: the folder to which the ids of the test items are relative.
-        workspace: the folder of the repository; tests outside of the repository are annotated without a file.
     """
     from pytest_rvads.report.triage import causes
 

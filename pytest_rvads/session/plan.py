@@ -109,13 +109,7 @@ def start(item: pytest.Item) -> Record | None:
 
 
 def _variant(whole: str, names: Sequence[str], cell: str) -> str:
-    """Return the values of the parameters of a test item other than the cell, as the id of the item names the values.
-
-    Args:
-        whole: the part of the item's id in brackets: the ids of its parameters, joined by dashes; an id can contain dashes.
-        names: names of the parameters, in the same order.
-        cell: id of the cell.
-    """
+    """Return the values of the parameters of a test item other than the cell, as the id of the item names the values."""
     whole, part = f"-{whole}-", f"-{cell}-"
     # The id of another parameter can contain the id of the cell; the cell is the first or the last parameter.
     at = whole.rfind(part) if names[-1] == "rvads_cell" else whole.find(part)

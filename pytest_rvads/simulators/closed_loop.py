@@ -53,21 +53,10 @@ def closed_vmax(
 
     Args:
         distance: reference point to stopping line at the start [m].
-        driver: the autopilot, as for `Case`.
-        aggression: braking level 1, 2 or 3.
-        vehicle: the vehicle; a passenger car by default.
-        simulator: the simulator, as for `simulate`.
-        place: the junction, with `movement`; by default the built-in junction with lights.
-        movement: numbers of the entrance and the exit of the movement.
 
     Returns:
         The greatest speed up to which the vehicle stopped in every test, at most v(d)max of the vehicle [m/s]; None if the
         vehicle drives over the line even from a standstill.
-
-    Raises:
-        ScenarioError: distance or aggression are wrong, see `vmax`; the distance does not fit on the approach; or the junction
-            does not have the movement.
-        RunError: a run ended by a fault.
     """
     vehicle = vehicle or Vehicle()
     where, code = (find("light4"), (0, 2, 0, 0)) if place is None or movement is None else _alone(place, movement)
@@ -124,11 +113,7 @@ def closed_envelope(
     executor: Executor | int | None = None,
     progress: Progress | None = None,
 ) -> dict[int, tuple[float | None, ...]]:
-    """Return v(d)max of the autopilot `name` [m/s] over `distances` [m], by aggression.
-
-    Raises:
-        ScenarioError: the autopilot or the simulator is unknown, or a distance or an aggression is wrong.
-    """
+    """Return v(d)max of the autopilot `name` [m/s] over `distances` [m], by aggression."""
     traffic(name, "autopilot")
     named(simulator)
     jobs: list[_Job] = [(name, float(distance), level, simulator, None, None) for level in aggressions for distance in distances]
@@ -149,10 +134,6 @@ def closed_by_movement(
     """Return v(d)max of the autopilot `name` [m/s] at aggression 1, by movement of a junction and by distance [m].
 
     A distance that is longer than the approach of a movement is left out.
-
-    Raises:
-        ScenarioError: the autopilot or the simulator is unknown, or a distance is wrong.
-        MapError: the positions of the lanes of the junction are unknown.
     """
     traffic(name, "autopilot")
     named(simulator)

@@ -69,19 +69,11 @@ class Measured:
     """By speed at the start, distances [m] and speeds [m/s] of a drive in steps of `DT`."""
 
     def braking(self, speed: float) -> float:
-        """Return the least distance, to 0.1 m, before a red light from which the vehicle stops before the line [m]; inf if none.
-
-        Raises:
-            RunError: the run ended by a fault.
-        """
+        """Return the least distance, to 0.1 m, before a red light from which the vehicle stops before the line [m], or inf."""
         return self._cached("B", speed, 0.0, lambda: self._bisected(speed))
 
     def driving(self, speed: float, distance: float) -> tuple[float, float]:
-        """Return the speed AV [m/s] and time AT [s]; the time to a distance that the vehicle does not reach is inf.
-
-        Raises:
-            RunError: the run ended by a fault.
-        """
+        """Return the speed AV [m/s] and time AT [s]; the time to a distance that the vehicle does not reach is inf."""
         return (
             self._cached("AV", speed, distance, lambda: self._drive(speed, distance)[0]),
             self._cached("AT", speed, distance, lambda: self._drive(speed, distance)[1]),
@@ -149,7 +141,6 @@ def settings(dynamics: DriverDynamics, speed: float, limit: float = LIMIT, lengt
     """Return the starts from which going is only just safe, one per kind of vista of a junction (arXiv 2405.16914).
 
     Args:
-        dynamics: dynamics of the driver.
         speed: speed of the vehicle [m/s].
         limit: speed limit [m/s].
         length: length of the junction [m].
@@ -200,20 +191,7 @@ class Pedal(NamedTuple):
 
 
 def calibrated(driver: Factory, simulator: Simulator | None = None, aggression: int = 1) -> tuple[Pedal, Pedal]:
-    """Return what throttle and brake do in a simulation with a driver.
-
-    Args:
-        driver: the driver, as for `Case`. A driver that commands `Control` presses the pedals itself. For a driver with other
-            commands, the tracking controller presses the pedals.
-        simulator: the simulator, as for `simulate`.
-        aggression: braking level 1, 2 or 3.
-
-    Returns:
-        Throttle and brake.
-
-    Raises:
-        RunError: a run ended by a fault, or the simulator records no speeds or no controls.
-    """
+    """Return what throttle and brake do in a simulation with a driver."""
     samples = np.concatenate([_samples(driver, simulator, aggression, *probe) for probe in _PROBES])
     throttle, brake, acceleration = samples.T
     return _pedal(throttle, acceleration, brake), _pedal(brake, acceleration, throttle)

@@ -91,11 +91,7 @@ class Seat:
         self._latency = Latency(senses, key) if senses.latency or senses.jitter else None
 
     def command(self, step: int, seen: Observation) -> Control:
-        """Return the control for the step that starts in state number `step`.
-
-        Raises:
-            Halt: the autopilot raised, or its answer is not a command.
-        """
+        """Return the control for the step that starts in state number `step`."""
         if self._perception is not None:
             self._perception.watch(seen)
         if step % self._every == 0:
@@ -111,11 +107,7 @@ class Seat:
         return self._tracker.control(command, seen)
 
     def timing(self) -> dict[str, float | str] | None:
-        """Return the measurements of the autopilot, see `Autopilot.timing`; None without measurements or after an error.
-
-        Raises:
-            Halt: the call exceeded a time limit.
-        """
+        """Return the measurements of the autopilot, see `Autopilot.timing`; None without measurements or after an error."""
         try:
             with _asking("timing", self.agent, limited=self._limited):
                 measurements = self.autopilot.timing()
@@ -171,19 +163,9 @@ def crew(
     """Return the seats of a run, with new autopilots.
 
     Args:
-        agents: the vehicles of the run, in creation order.
-        driver: makes the autopilots of all vehicles, or of the subject alone.
         traffic: makes the autopilots of all vehicles but the subject; None in a run without a subject.
         subject: name of the vehicle under test; None if every vehicle is under test.
-        senses: senses of the vehicles that `driver` drives; the other vehicles have ideal senses.
-        key: seeds the random draws together with the scenario's seed and the vehicle's name.
         junction: the junction, which traffic systems get before they make autopilots; None if they do not get it.
-
-    Returns:
-        One seat per agent, in the order of `agents`.
-
-    Raises:
-        Halt: `driver` or `traffic` raised, or made something that can't drive.
     """
     if traffic is None:
         return _hire(driver, agents, junction, senses, key)
@@ -232,16 +214,7 @@ def _autopilots_of(system: Any, agents: Sequence[Agent], junction: Junction | No
 
 @contextmanager
 def _asking(doing: str, agent: Agent, *, limited: bool = True) -> Iterator[None]:
-    """Run code of a driver: an exception ends the run with a fault, and so does exceeding a limit of real time.
-
-    Args:
-        doing: the requested action in words, for the fault's reason.
-        agent: the vehicle that the fault names.
-        limited: whether the limit of a decision holds; a driver in another process (a stack) has limits of its own.
-
-    Raises:
-        Halt: the code raised an exception, or exceeded a time limit.
-    """
+    """Run code of a driver: an exception ends the run with a fault, and so does exceeding a limit of real time."""
     watched = watch()
     watched.asked = object() if limited else None
     try:
@@ -256,12 +229,7 @@ def _asking(doing: str, agent: Agent, *, limited: bool = True) -> Iterator[None]
 
 
 def _fault(error: BaseException, doing: str, agent: Agent, autopilot: Any = None, when: str = "") -> Halt:
-    """Return the `Halt` for an error in code of a driver; call ``abandon()`` of an autopilot that is late or gave no command.
-
-    Raises:
-        KeyboardInterrupt: `error`, because the user interrupted the session.
-        TooLate: `error`, because it belongs to an outer run, within which this run is simulated.
-    """
+    """Return the `Halt` for an error in code of a driver; call ``abandon()`` of an autopilot that is late or gave no command."""
     watch().end_in_child(error)
     if isinstance(error, KeyboardInterrupt):
         raise error

@@ -55,8 +55,6 @@ class Walker:
 
         Args:
             time: time since the run began [s].
-            lights: the colours of all lights.
-            vehicles: the states of all vehicles, in the order of their itineraries.
         """
         if self._pace is None or self.state.zone is GONE or time < self._delay:
             return

@@ -39,11 +39,7 @@ _PLAIN = {IntType: int, FloatType: float, StrType: str}
 
 
 def decode(text: bytes, kind: type[T], where: str, error: type[RvadsError]) -> T:
-    """Return the value of type `kind` that a JSON text holds; see `typed`.
-
-    Raises:
-        RvadsError: an `error`; the text is no JSON, or does not fit `kind`.
-    """
+    """Return the value of type `kind` that a JSON text holds; see `typed`."""
     try:
         return msgspec.json.decode(text, type=kind)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
@@ -75,17 +71,7 @@ def _encodable(value: Any) -> Any:
 
 
 def typed(value: object, kind: type[T], where: str, error: type[RvadsError]) -> T:
-    """Return builtins, as read from JSON, converted to a value of type `kind`.
-
-    Args:
-        value: the value of builtins.
-        kind: a type of msgspec, perhaps with constraints.
-        where: beginning of the message.
-        error: class of the error.
-
-    Raises:
-        RvadsError: an `error` that names the field, the expected value and the value that was got.
-    """
+    """Return builtins, as read from JSON, converted to a value of type `kind`."""
     try:
         return msgspec.convert(value, kind, str_keys=True)
     except msgspec.ValidationError as refused:

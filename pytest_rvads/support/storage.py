@@ -33,11 +33,7 @@ LONGEST_TAG = 2**23
 
 
 def open_file(path: Path) -> BinaryIO:
-    """Open a regular file for reading; a pipe or device, which could be endless, is refused without waiting.
-
-    Raises:
-        OSError: the file can't be read or is not regular; ``strerror`` states the reason.
-    """
+    """Open a regular file for reading; a pipe or device, which could be endless, is refused without waiting."""
     try:
         # Without O_NONBLOCK, the opening of a pipe waits for a writer.
         number = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
@@ -56,11 +52,7 @@ def read_file(path: Path, most: int) -> bytes:
     """Return the content of a regular file.
 
     Args:
-        path: path of the file, see `open_file`.
         most: greatest accepted size [bytes].
-
-    Raises:
-        OSError: the file can't be read, is not regular, or is too large; ``strerror`` states the reason.
     """
     with open_file(path) as file:
         size = os.fstat(file.fileno()).st_size
@@ -75,13 +67,6 @@ def write_file(path: Path, content: bytes | Iterable[bytes]) -> None:
 
     Several processes can write the same file at once, because each process writes a temporary file and renames it. A pipe or
     device, such as ``/dev/stdout``, is written to directly. A symbolic link to a file is replaced. Missing folders are made.
-
-    Args:
-        path: path of the file.
-        content: content of the file; an iterable of pieces for content that does not fit into memory.
-
-    Raises:
-        OSError: the file can't be written, with `path` as its ``filename``; an earlier file is kept.
     """
     place = _place(path)
     pieces = [content] if isinstance(content, bytes) else content
@@ -114,14 +99,7 @@ def _place(path: Path) -> Path:
 
 
 def check_writable(path: Path) -> None:
-    """Check before a long computation that `write_file` may write its result; nothing is written.
-
-    Args:
-        path: path of the file.
-
-    Raises:
-        OSError: the path is a folder, or a folder on the way to the path is a file or takes no new files.
-    """
+    """Check before a long computation that `write_file` may write its result; nothing is written."""
     path = _place(path)
     if path.is_dir():
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
@@ -162,18 +140,7 @@ def read_xml(
     end: Callable[[str], None] | None = None,
     text: Callable[[str], None] | None = None,
 ) -> None:
-    """Read XML and call a function for each element.
-
-    Args:
-        chunks: the content, in pieces; the caller bounds the number of bytes.
-        expected: what the file should be, for the message about a file that is no XML.
-        start: called with the tag of an element, its attributes, and the row of the file that the element begins in.
-        end: called with the tag of an element when the element ends.
-        text: called with text between tags.
-
-    Raises:
-        XmlError: the content is no XML, has a document type declaration or a tag that is too long, or nests elements too deep.
-    """
+    """Read XML and call a function for each element."""
     parser = expat.ParserCreate()
     # By default, expat delays the parsing of a long tag, and its position does not show how long the tag is.
     getattr(parser, "SetReparseDeferralEnabled", bool)(False)

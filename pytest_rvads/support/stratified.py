@@ -26,16 +26,6 @@ def draw(things: Iterable[T], size: int, seed: int, stratum: Callable[[T], tuple
     seed and name decides which group gets one thing more and which things are drawn, so the sample does not depend on the order
     of the things or on the process. Memory grows with the number of strata (innermost groups) and the size, not with the number
     of things.
-
-    Args:
-        things: the things to draw from, which are iterated twice.
-        size: size of the sample, 1 or more.
-        seed: seed of the sample.
-        stratum: returns the names of the groups of a thing, the outermost group first; the same number of names for each thing.
-        name: returns the name of a thing, which no other thing has.
-
-    Raises:
-        RvadsError: the size is below 1, or `things` is an iterator.
     """
     if size < 1:
         raise RvadsError(f"a sample has a size of 1 or more, got {size!r}")

@@ -125,13 +125,7 @@ class Scheduler:
         return True
 
     def leaves(self, state: VehicleState, zone: Guarded, gone: bool) -> bool:
-        """Return whether the called vehicle has completely left the guarded area, so that another vehicle can be called.
-
-        Args:
-            state: state of the vehicle.
-            zone: the guarded area.
-            gone: whether the whole body is past the junction; such a vehicle has left, even if its body never touched the area.
-        """
+        """Return whether the called vehicle has completely left the guarded area, so that another vehicle can be called."""
         inside = zone.holds(state)
         self._inside = self._inside or inside
         if inside or not (self._inside or gone):
@@ -208,13 +202,7 @@ class Whole:
 
 
 def zone_of(junction: Junction, constants: Constants, hidden: bool) -> Box | Whole:
-    """Return the area that the scheduler guards.
-
-    Args:
-        junction: the junction of the scheduler.
-        constants: the free constants, with the box for each number of arms.
-        hidden: whether the scheduler guards a box (deficiency I2) instead of the junction.
-    """
+    """Return the area that the scheduler guards."""
     both = all(arm.entrances and arm.exits for arm in junction.arms)
     if not (hidden and both and junction.ways in (3, 4) and junction.drivable):
         return Whole(junction)
@@ -222,11 +210,7 @@ def zone_of(junction: Junction, constants: Constants, hidden: bool) -> Box | Who
 
 
 def frame(junction: Junction) -> Pose:
-    """Return the frame of a junction's box: as a pose, the point where the arms meet and the direction of the x axis.
-
-    Raises:
-        MapError: the junction has no geometry.
-    """
+    """Return the frame of a junction's box: as a pose, the point where the arms meet and the direction of the x axis."""
     # The point c nearest to the axes of all arms: sum (I - d d') (p - c) = 0, with the heading d and a point p of each axis.
     xx = xy = yy = bx = by = 0.0
     headings = []

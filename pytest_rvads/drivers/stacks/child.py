@@ -112,11 +112,7 @@ class Child:
         return self._exited(0.0) is None
 
     def send(self, data: bytes, limit: float) -> None:
-        """Write `data` to the process. If the process has closed its input, the error is raised when its answer is read.
-
-        Raises:
-            StackTimeout: the process did not read within `limit` seconds.
-        """
+        """Write `data` to the process. If the process has closed its input, the error is raised when its answer is read."""
         deadline = time.monotonic() + limit
         view = memoryview(data)
         while view:
@@ -130,12 +126,7 @@ class Child:
                 return
 
     def line(self, limit: float) -> bytes:
-        """Return the next line that the process writes, without the newline.
-
-        Raises:
-            StackError: the process ended, or the line is too long.
-            StackTimeout: the process wrote no line within `limit` seconds.
-        """
+        """Return the next line that the process writes, without the newline."""
         deadline = time.monotonic() + limit
         searched = 0
         while (end := self._buffer.find(b"\n", searched)) < 0:
@@ -148,12 +139,7 @@ class Child:
         return line
 
     def exactly(self, count: int, limit: float) -> bytes:
-        """Return the next `count` bytes that the process writes.
-
-        Raises:
-            StackError: the process ended.
-            StackTimeout: the process wrote fewer bytes within `limit` seconds.
-        """
+        """Return the next `count` bytes that the process writes."""
         deadline = time.monotonic() + limit
         while len(self._buffer) < count:
             self._fill(deadline, limit)

@@ -88,11 +88,7 @@ def dismiss(stacks: Sequence[Descendants], grace: float) -> None:
 
 
 def kill(stacks: Sequence[Descendants]) -> set[int]:
-    """Send SIGKILL to all processes of stacks, and to the processes that they start meanwhile.
-
-    Returns:
-        Ids of the processes that still run after `_PATIENCE`: processes of another user, or processes that the kernel blocks.
-    """
+    """Send SIGKILL to all processes of stacks, and to the processes that they start meanwhile."""
     deadline = time.monotonic() + _PATIENCE
     while True:
         living = _living(stacks)
@@ -106,8 +102,6 @@ def watch(leader: int, mark: str, grace: float) -> None:
     """Report a stack to the guard, which ends the stack when this process ends.
 
     Args:
-        leader: number of the process of the stack.
-        mark: value of the environment variable `MARK` in all processes of the stack.
         grace: longest time for exiting after SIGTERM [s].
     """
     _watched[leader] = f"{leader} {mark} {grace}\n"

@@ -53,11 +53,7 @@ class Binary(messages.Format):
     bye = HEADER.pack(BYE, 0)
 
     def reset(self, content: dict[str, Any]) -> bytes:
-        """Return the reset frame: a struct, tables of movements, conflicts, yields and path, and the whole content as JSON.
-
-        Raises:
-            StackError: the junction has too many entrances or exits for a frame.
-        """
+        """Return the reset frame: a struct, tables of movements, conflicts, yields and path, and the whole content as JSON."""
         way, place = content["itinerary"], content["map"]
         entrances, exits, crosswalks = place["entrances"], place["exits"], place.get("crosswalks", ())
         if len(crosswalks) > ENTRANCES:
@@ -105,11 +101,7 @@ class Binary(messages.Format):
         return HEADER.pack(RESET, len(body)) + body
 
     def observe(self, seen: Observation, step: int) -> bytes:
-        """Return the observe frame; steps count from 1 in every scenario.
-
-        Raises:
-            StackError: the run has too many vehicles or pedestrians for a frame.
-        """
+        """Return the observe frame; steps count from 1 in every scenario."""
         others, lights = self.others(seen), self.lights(seen)
         if len(others) > OTHERS:
             raise StackError(f"there are {len(others)} other vehicles, {_ROOM.format(OTHERS)}")
@@ -125,11 +117,7 @@ class Binary(messages.Format):
         return HEADER.pack(OBSERVE, len(body)) + body
 
     def command(self, body: bytes) -> tuple[Command, float | None, int]:
-        """Return the command in a frame, the compute time that the stack reports [s], and the step of the answered observation.
-
-        Raises:
-            StackError: the kind of command is unknown, or the trajectory has too many points.
-        """
+        """Return the command in a frame, the compute time that the stack reports [s], and the step of the observation."""
         kind, count, step, _, *values, compute = _COMMAND.unpack_from(body)
         reported = None if compute < 0 else compute
         if kind != _TRAJECTORY:

@@ -70,11 +70,7 @@ class Answer(Struct, tag_field="type", tag="command"):
     trajectory: tuple[Waypoint, ...] | None = None
 
     def command(self) -> Command:
-        """Return the single command in the message.
-
-        Raises:
-            StackError: the message has no command or several commands.
-        """
+        """Return the single command in the message."""
         parts = [name for name in ("trajectory", "target_speed", "acceleration") if getattr(self, name) is not None]
         parts += ["throttle or brake"] if not (self.throttle is self.brake is None) else []
         if len(parts) > 1:
@@ -107,11 +103,7 @@ def hello() -> bytes:
 
 
 def read(line: bytes, kind: type[_Message]) -> _Message:
-    """Return the message of the stack that a line holds.
-
-    Raises:
-        StackError: the line is no JSON object, a message of another type than `kind`, or has a field of the wrong type.
-    """
+    """Return the message of the stack that a line holds."""
     try:
         message = _decode(line)
     except (MsgspecError, ValueError, RecursionError):
@@ -150,9 +142,7 @@ def reset(seen: Observation, period: float, pedestrians: bool = False) -> dict[s
     """Return the content of the message ``reset`` for the run that begins with `seen`, as builtins.
 
     Args:
-        seen: the first observation of the run.
         period: time between two observations [s].
-        pedestrians: whether the stack reads crosswalks.
     """
     itinerary, vehicle = seen.itinerary, seen.vehicle
     return {

@@ -170,11 +170,7 @@ class Pilot(Autopilot):
         """Number of decisions, total compute time [s], longest compute time [s]."""
 
     def control(self, seen: Observation) -> Command:
-        """Return the command with which the process answers an observation.
-
-        Raises:
-            StackError: the process failed.
-        """
+        """Return the command with which the process answers an observation."""
         try:
             if not self._begun:
                 self._connection.reset(reset(seen, self.period, self._connection.pedestrians))
@@ -245,11 +241,7 @@ class Connection:
             raise
 
     def reset(self, content: dict[str, Any]) -> None:
-        """Begin a scenario: send the message ``reset``, and wait until the stack is ready.
-
-        Raises:
-            StackError: the stack did not get ready.
-        """
+        """Begin a scenario: send the message ``reset``, and wait until the stack is ready."""
         self._step = 0
         try:
             early = self.child.pending()
@@ -263,9 +255,6 @@ class Connection:
         """Return the command for an observation, and the compute time [s].
 
         The compute time is the time that the stack reports, or if it reports none, the time until its answer arrived.
-
-        Raises:
-            StackError: no valid command came in time.
         """
         began = time.perf_counter()
         self._step += 1

@@ -39,11 +39,7 @@ _BESIDE = 20.0
 
 
 def read_network(path: str | os.PathLike[str]) -> Network:
-    """Return the network of an OpenDRIVE file.
-
-    Raises:
-        MapError: the file cannot be used at all; the message is one sentence.
-    """
+    """Return the network of an OpenDRIVE file."""
     document = read(path)
     try:
         return build(document)
@@ -52,11 +48,7 @@ def read_network(path: str | os.PathLike[str]) -> Network:
 
 
 def build(document: Document) -> Network:
-    """Build the network of a document.
-
-    Raises:
-        MapError: the map is too large to sample, or coordinates are not finite.
-    """
+    """Build the network of a document."""
     _check_size(document)
     draft = Draft(document)
     leftward = _lane_sides(draft)
@@ -194,10 +186,6 @@ def _kept_sides(draft: Draft, leftward: Mapping[str, bool]) -> dict[str, bool]:
 
     The lanes of a road decide on which side its traffic keeps. If no road of the file states a side, and every one-way road into
     a junction has the opposite road on its right, traffic keeps left on all roads.
-
-    Args:
-        draft: the draft with linked lanes.
-        leftward: per road, whether its lanes run as in left-hand traffic.
     """
     if any(road.rule for road in draft.document.roads.values()) or any(leftward.values()):
         return dict(leftward)

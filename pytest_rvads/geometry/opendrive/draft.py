@@ -85,16 +85,7 @@ class Draft:
 
 
 def add_edges(draft: Draft, road: Road, *, left_hand: bool) -> None:
-    """Add the edges of `road` with the links between these edges.
-
-    Args:
-        draft: the draft.
-        road: the road.
-        left_hand: whether the lanes run as on roads where traffic keeps left.
-
-    Raises:
-        MapError: coordinates are not finite.
-    """
+    """Add the edges of `road` with the links between these edges."""
     if not road.shapes or road.length <= 0:
         if road.drivable:
             lack = "no plan-view geometry" if not road.shapes else "no length"
@@ -221,8 +212,6 @@ def limits_along(road: Road, chain: Iterable[tuple[int, int]], stations: NDArray
     """Return the speed limits along an edge.
 
     Args:
-        road: the road that the edge belongs to.
-        chain: section index and lane id of its lanes, in the direction of travel.
         stations: arc length along the edge at points of it, shape ``(k,)`` [m].
         s: road station at these points, shape ``(k,)`` [m]; the stations rise or fall along the edge.
     """

@@ -109,8 +109,6 @@ def add_lanes(road: Element, lanes: Iterable[Lane], offset: float = 0.0) -> None
     """Add lanes with their marks.
 
     Args:
-        road: the road that gets the lanes.
-        lanes: lane 0 and other lanes, in any order.
         offset: offset of lane 0 from the reference line, to the left [m].
     """
     group = add(road, "lanes")
@@ -144,8 +142,6 @@ def add_regulation(road: Element, posts: Iterable[Post], lines: Iterable[tuple[P
     """Add signs, lights and stop lines.
 
     Args:
-        road: the road that gets the signs, lights and lines.
-        posts: the signs and lights.
         lines: per line its sign or light, the lateral position of its middle [m] and its length across the road [m].
     """
     objects = Element("objects")
@@ -198,8 +194,6 @@ def add_crosswalk(
     """Add a crosswalk to a road that already has its signs and stop lines.
 
     Args:
-        road: the road.
-        id: the id of the crosswalk.
         corners: corners of the painted area [m]: pairs (s, t), counter-clockwise; s may lie before the start of the road.
         lights: the id, the station and the lateral position of every light for pedestrians [m].
     """
@@ -231,11 +225,7 @@ def add_crosswalk(
 
 
 def joined(start: Pose, end: Pose) -> tuple[Piece, ...]:
-    """Return the pieces of a smooth line between two poses: a straight line, an arc with a straight part, or two arcs.
-
-    Raises:
-        MapError: the poses point away from each other.
-    """
+    """Return the pieces of a smooth line between two poses: a straight line, an arc with a straight part, or two arcs."""
     turn = math.remainder(end.heading - start.heading, math.tau)
     dx, dy = end.x - start.x, end.y - start.y
     ux, uy = math.cos(start.heading), math.sin(start.heading)

@@ -57,14 +57,7 @@ def written(
     The project's reader of OpenDRIVE does not find a stopping line that lies more than 10 m before the junction.
 
     Args:
-        id: id of the junction.
-        entrances: the lanes into the junction with their centre lines.
-        exits: the lanes out of the junction with their centre lines.
-        movements: centre lines of the movements by number of the entrance and of the exit.
-        stated: pairs of movements of which, according to the map, the first gives way to the second.
-        crossings: the crosswalks over the arms.
         width: width of all lanes [m].
-        left_hand: whether traffic keeps left.
     """
     lanes: list[tuple[Entrance | Exit, Segment]] = [*entrances, *exits]
     writer = _Writer(document(id, max(float(np.abs(line.points).max()) for _, line in lanes)), width, left_hand)
@@ -118,9 +111,6 @@ class _Writer:
         """Add a road.
 
         Args:
-            id: id of the road.
-            line: centre line of the lane in the direction of travel.
-            against: whether the road runs against the direction of travel.
             headings: headings at the start and the end of a movement [rad]; None for other roads.
         """
         pieces = _cubics(line.points[::-1] if against else line.points, headings)

@@ -82,14 +82,7 @@ def sample_count(road: Road) -> int:
 
 
 def lane_lines(road: Road) -> list[dict[int, LaneLine]]:
-    """Return the centre lines of the drivable lanes of `road`, per lane section by lane id.
-
-    Args:
-        road: the road, with geometry if any lane is drivable.
-
-    Raises:
-        MapError: coordinates are not finite.
-    """
+    """Return the centre lines of the drivable lanes of `road`, per lane section by lane id."""
     with np.errstate(all="ignore"):
         return [
             _section(road, section, start, end) if any(lane.drivable for lane in section.lanes.values()) else {}
@@ -101,7 +94,6 @@ def borders_at(road: Road, s: float) -> dict[int, tuple[float, float]]:
     """Return the offsets of the inner and the outer border of every lane from the reference line, to the left, at a station [m].
 
     Args:
-        road: the road.
         s: the station [m]; the borders at an end of the road also hold beyond this end.
     """
     at = np.array([min(max(s, 0.0), road.length)])
@@ -114,12 +106,7 @@ def borders_at(road: Road, s: float) -> dict[int, tuple[float, float]]:
 
 
 def line_warnings(road: Road, lines: Iterable[Mapping[int, LaneLine]]) -> Iterator[MapWarning]:
-    """Yield the warnings about a road with lanes: gaps and length of the reference line, folds of the centre lines.
-
-    Args:
-        road: the road.
-        lines: the centre lines of the road, per lane section by lane id.
-    """
+    """Yield the warnings about a road with lanes: gaps and length of the reference line, folds of the centre lines."""
     if road.drivable:
         with np.errstate(all="ignore"):
             yield from _shape_warnings(road)

@@ -232,8 +232,6 @@ def _only_continuation(draft: Draft, pairs: list[tuple[str, str]], gap: float = 
     """Return the only pair of lanes whose second lane continues the first lane within a gap; an empty list if several pairs do.
 
     Args:
-        draft: the draft with the lanes.
-        pairs: pairs of ids of lanes.
         gap: widest gap between the two lanes [m].
     """
     near = []

@@ -46,10 +46,6 @@ def read(path: str | os.PathLike[str]) -> Document:
 
     A broken sign, light, stop line or speed limit is left out with a warning. Of two lanes with the same id in one section, the
     lane that is not for driving is left out with a warning.
-
-    Raises:
-        MapError: the file is no readable OpenDRIVE file, a number is malformed, an id is used twice, or the file has no
-            ``<junction>``.
     """
     root = load(path)
     warnings: list[MapWarning] = []

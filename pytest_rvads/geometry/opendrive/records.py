@@ -293,7 +293,6 @@ def pose_at(road: Road, s: float) -> tuple[float, float, float]:
     """Return the point of a reference line at a station [m], and the heading [rad]; beyond its ends the line goes straight on.
 
     Args:
-        road: a road with geometry.
         s: the station [m].
     """
     within = min(max(s, 0.0), road.length)

@@ -189,10 +189,6 @@ def attach(draft: Draft, left_hand: Container[str]) -> list[MapObject]:
 
     Warnings about references to missing signals, signals without entrance, of unknown type or assigned by their place, and
     inverted signals are added to the draft.
-
-    Args:
-        draft: the draft.
-        left_hand: ids of the roads where traffic keeps left.
     """
     return _Attacher(draft, left_hand).attach()
 
@@ -426,7 +422,6 @@ class _Attacher:
         If the last road before a junction is short, its signals stand on the road that leads to the short road.
 
         Args:
-            edge: an edge of the road with the signal.
             distance: distance of the signal from the end of the edge [m].
         """
         seen = {edge.id}
@@ -528,7 +523,6 @@ def _crossings(path: Array, middle: Array, along: Array, half: float) -> Iterato
     Args:
         path: the points of the path, shape ``(k, 2)`` [m].
         middle: the middle of the line [m].
-        along: the unit vector along the line.
         half: half the length of the line [m].
     """
     steps, apart = np.diff(path, axis=0), path - middle

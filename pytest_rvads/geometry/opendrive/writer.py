@@ -178,11 +178,7 @@ class Layout:
         return len(lanes) > 1 and bool(lanes[lane]) and {self.turn(arm, j) for j in lanes[lane]} == {self.across}
 
     def ways_through(self) -> Iterator[tuple[tuple[int, int], tuple[int, int]]]:
-        """Yield the movements, each as arm and lane at its start and arm and lane at its end.
-
-        Raises:
-            MapError: more lanes of an arm allow a direction than lanes lead out in this direction.
-        """
+        """Yield the movements, each as arm and lane at its start and arm and lane at its end."""
         for arm, lanes in enumerate(self.entrances):
             for direction in range(1, self.ways):
                 allowing = [lane for lane, directions in enumerate(lanes) if direction in directions]
@@ -202,10 +198,6 @@ def opendrive(layout: Layout, name: str = "junction") -> str:
 
     Args:
         layout: shape and control of the junction.
-        name: name of the map.
-
-    Raises:
-        MapError: two arms are too close together for a turn between the two.
     """
     root = document(name, layout.stop + layout.approach)
     for arm in range(layout.ways):

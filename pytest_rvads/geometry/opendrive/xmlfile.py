@@ -79,11 +79,7 @@ class _Builder:
 
 
 def load(path: str | os.PathLike[str]) -> Element:
-    """Parse an OpenDRIVE file into elements without namespaces.
-
-    Raises:
-        MapError: the file does not exist, is empty, too large, no XML, cut off, too deep or no OpenDRIVE, or has a DTD.
-    """
+    """Parse an OpenDRIVE file into elements without namespaces."""
     try:
         file = Path(path)
         if not file.is_file():
@@ -109,13 +105,7 @@ def number(element: Element, name: str, place: str, default: float | None = None
     """Return attribute `name` of `element` as a finite number.
 
     Args:
-        element: the element with the attribute.
-        name: name of the attribute.
-        place: place of the element, for the message.
         default: value of a missing or empty attribute; None if the attribute is required.
-
-    Raises:
-        MapError: the attribute is missing, no number, or beyond 1e12.
     """
     text = element.get(name)
     if not text:
@@ -132,11 +122,7 @@ def number(element: Element, name: str, place: str, default: float | None = None
 
 
 def integer(element: Element, name: str, place: str) -> int:
-    """Return attribute `name` of `element` as a whole number of at most six digits.
-
-    Raises:
-        MapError: the attribute is missing or no such number.
-    """
+    """Return attribute `name` of `element` as a whole number of at most six digits."""
     text = element.get(name, "")
     try:
         value = int(text)
@@ -148,15 +134,7 @@ def integer(element: Element, name: str, place: str) -> int:
 
 
 def speed_of(text: str, what: str) -> float:
-    """Return a speed [m/s] from text with or without a unit, such as ``30mph``.
-
-    Args:
-        text: the speed; without a unit in m/s.
-        what: the name of the speed in the message of the error.
-
-    Raises:
-        MapError: the text is no speed above 0 and below `NO_LIMIT`.
-    """
+    """Return a speed [m/s] from text with or without a unit, such as ``30mph``."""
     match = _WITH_UNIT.fullmatch(text)
     speed = float(match[1]) * _UNITS[(match[2] or "").lower()] if match else 0.0
     if not 0.0 < speed < NO_LIMIT:
@@ -165,11 +143,7 @@ def speed_of(text: str, what: str) -> float:
 
 
 def limit_of(element: Element) -> float | None:
-    """Return the speed limit of an element [m/s], None if the element leaves the limit undefined.
-
-    Raises:
-        MapError: the limit is no speed, see `speed_of`.
-    """
+    """Return the speed limit of an element [m/s], None if the element leaves the limit undefined."""
     most = element.get("max", "").strip()
     if most.lower() in ("undefined", ""):
         return None
@@ -177,11 +151,7 @@ def limit_of(element: Element) -> float | None:
 
 
 def text_of(path: Path) -> str:
-    """Return the text of an XML file, in the encoding that its XML declaration names; UTF-8 without a declaration.
-
-    Raises:
-        MapError: the file can't be read, or is larger than `MAX_BYTES`.
-    """
+    """Return the text of an XML file, in the encoding that its XML declaration names; UTF-8 without a declaration."""
     try:
         content = read_file(path, MAX_BYTES)
         declared = _ENCODING.match(content)

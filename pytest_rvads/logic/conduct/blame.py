@@ -112,10 +112,6 @@ def _of_walker(run: Run, vehicle: int, walker: int, tick: int, place: float, com
     """Return the cause of a meeting of a vehicle and a pedestrian on a crosswalk, both given by column, at `tick`.
 
     Args:
-        run: the run.
-        vehicle: column of the vehicle.
-        walker: column of the pedestrian.
-        tick: tick of the meeting.
         place: station before which the vehicle has to stop [m].
         comes: whether the pedestrian claims the crosswalk, shape ``(steps,)``.
     """

@@ -28,16 +28,7 @@ APPROACH, ENTRANCE, JUNCTION, EXIT, GONE, ABSENT = map(int, Zone)
 
 
 def sized(block: Block, columns: Sequence[int], position: str = "station") -> None:
-    """Check that a block holds the positions of all vehicles and the sizes of some vehicles.
-
-    Args:
-        block: the states.
-        columns: the columns of the vehicles whose sizes are needed.
-        position: ``station`` or ``pose``.
-
-    Raises:
-        RunError: the position or a size is not recorded.
-    """
+    """Check that a block holds the positions of all vehicles and the sizes of some vehicles."""
     block.need(position)
     if any(block.cast.agents[column].size is None for column in columns):
         raise RunError("the run holds no size of its vehicles")
@@ -215,11 +206,7 @@ class Block:
         return state
 
     def need(self, name: str) -> NDArray[np.float64]:
-        """Return the array ``station``, ``speed`` or ``pose`` of the block.
-
-        Raises:
-            RunError: the array is not recorded.
-        """
+        """Return the array ``station``, ``speed`` or ``pose`` of the block."""
         array: NDArray[np.float64] | None = getattr(self, name)
         if array is None:
             raise RunError(f"the run holds no {'speeds' if name == 'speed' else 'positions'}")
@@ -302,7 +289,6 @@ def unless_equal(new: Any, old: Any) -> Any:
     """Return `old` if `new` has the same content, else `new`, so that a caller sees by identity whether a value has changed.
 
     Args:
-        new: an array, or a tuple of arrays. An array of floats always counts as changed.
         old: the value before; None if there is no value before.
     """
     if isinstance(new, np.ndarray):
@@ -332,10 +318,6 @@ def as_blocks(run: Run, size: int = 0) -> tuple[Block, ...]:
     """Return a run as consecutive blocks; a run without absent vehicles is one block, unless it is large.
 
     If a run is cut into several blocks, a block holds only the vehicles that are present in at least one of its states.
-
-    Args:
-        run: the run.
-        size: number of states of a block; 0: a number at which signals are computed fast.
     """
     present = run.zone != ABSENT
     most = int(present.sum(axis=1).max(initial=1))

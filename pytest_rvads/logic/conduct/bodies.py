@@ -23,9 +23,6 @@ def contacts(run: Run) -> tuple[Collision, ...]:
     """Return the first contact of every pair of vehicles that touch.
 
     The contacts are computed from poses and sizes if the run does not record contacts.
-
-    Raises:
-        RunError: no contacts were recorded, and the run holds no positions or no sizes.
     """
     return once(run, _contacts) if run.collisions is None else run.collisions
 
@@ -117,11 +114,7 @@ def touch(bodies: Sequence[_Body]) -> NDArray[np.bool_]:
 
 
 def strikes(bodies: Sequence[_Body]) -> NDArray[np.bool_]:
-    """Return in which states the rectangle of a vehicle and the circle of a pedestrian overlap, shape ``(steps,)``.
-
-    Args:
-        bodies: the vehicle and the pedestrian; the diameter of the circle is the length of the pedestrian.
-    """
+    """Return in which states the rectangle of a vehicle and the circle of a pedestrian overlap, shape ``(steps,)``."""
     (centres, halves), (middles, around) = (_box(pose, *size) for pose, size in bodies)
     reach, radius = np.hypot(halves[..., 0], halves[..., 1]), np.hypot(around[:, 0, 0], around[:, 0, 1])
     along = np.abs(((middles - centres)[:, None] * halves).sum(axis=-1)) / reach
@@ -133,9 +126,6 @@ def close(run: Run) -> NDArray[np.bool_]:
     """Return which pairs of agents come so close in some state that they might touch, shape ``(agents, agents)``, symmetric.
 
     A body without a size counts as a point.
-
-    Raises:
-        RunError: the run holds no positions.
     """
     close_pairs = np.zeros((len(run.agents), len(run.agents)), dtype=np.bool_)
     for block in once(run, as_blocks):

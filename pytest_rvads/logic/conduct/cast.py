@@ -62,7 +62,6 @@ class Pairs:
 
         Args:
             truths: a truth value per state and pair, shape ``(n, pairs)``.
-            agents: number of vehicles.
         """
         firsts = np.zeros((len(truths), agents), dtype=np.bool_)
         if len(self):
@@ -74,7 +73,6 @@ class Pairs:
 
         Args:
             truths: a truth value per state and pair, shape ``(n, pairs)``.
-            agents: number of vehicles.
         """
         counts = np.zeros((len(truths), agents), dtype=np.int64)
         if len(self):
@@ -169,11 +167,7 @@ def lit(junction: Junction, entrance: int) -> bool:
 
 
 def ground_of(junction: Junction, way: Key, other: Key) -> Ground | None:
-    """Return the ground on which an agent on way `way` has to give way to an agent on way `other`; None without a ground.
-
-    Raises:
-        RunError: the places of the lanes are unknown, and the ground depends on them.
-    """
+    """Return the ground on which an agent on way `way` has to give way to an agent on way `other`; None without a ground."""
     if junction.control is JunctionControl.STOP:
         return None
     if junction.yields is None:
@@ -211,9 +205,6 @@ def may_owe(run: Run | Cast, agent: int, other: int) -> bool:
     """Return whether it is possible that the agent has to give way to the other agent: on a `Ground`, or in a turn on red.
 
     Pedestrians are owed crosswalks, see `walkers`, and parked vehicles are owed nothing.
-
-    Raises:
-        RunError: the places of the lanes are unknown, and the answer depends on them.
     """
     me, you, junction = run.agents[agent], run.agents[other], run.junction
     if agent == other or junction.control is JunctionControl.STOP or isinstance(you.way, Crossing | Parking):

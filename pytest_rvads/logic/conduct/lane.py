@@ -42,7 +42,6 @@ def beside(way: Itinerary, x: float, y: float, heading: float, station: float, l
     """Return whether a vehicle is off its route.
 
     Args:
-        way: the itinerary of the vehicle.
         x: east coordinate of the reference point [m].
         y: north coordinate of the reference point [m].
         heading: heading of the vehicle [rad].
@@ -79,7 +78,6 @@ class Ways:
         """Return points of centre lines, and the directions of the lines at these points, both of shape ``(places, 2)``.
 
         Args:
-            way: number of the way of every place.
             station: station of every place [m].
         """
         along = station + self._origin.take(way)
@@ -99,7 +97,6 @@ class Ways:
         """Return the stations at which centre lines are nearest to points, shape ``(places,)`` [m].
 
         Args:
-            way: number of the way of every point.
             points: the points, shape ``(places, 2)`` [m].
             station: station of every point, known to some metres [m].
         """
@@ -257,9 +254,6 @@ def lane_allows(run: Run, agent: int) -> NDArray[np.bool_]:
     """Return whether the lane of the agent leads to the arm of its exit, shape ``(steps,)``; true unless it is at its entrance.
 
     The lane of the agent is the lane whose centre line is nearest to its front.
-
-    Raises:
-        RunError: the run does not record positions, or holds no geometry of its junction.
     """
     junction, who = run.junction, run.agents[agent]
     pose, station = run.need("pose")[:, agent], run.need("station")[:, agent]

@@ -68,9 +68,6 @@ def near(run: Run) -> NDArray[np.int64]:
 
     An agent is near from `NEAR` before its stopping line on, or from the distance that it drives in `NEAR_TIME` if this distance
     is longer, until its whole body has left the junction. The ticks of an agent that is never near are (0, 0).
-
-    Raises:
-        RunError: the run does not record positions.
     """
     spans = np.zeros((len(run.agents), 2), dtype=np.int64)
     for column, agent in enumerate(run.agents):

@@ -149,8 +149,6 @@ def losses(
     """Return the time that each vehicle has lost up to every state, see `Lost`.
 
     Args:
-        block: the states.
-        part: how many parts of its way every vehicle had passed before the first state.
         before: the total of each of the four losses before the first state, shape ``(4, agents)`` [s].
         forgotten: the total of each loss when the loss last began anew, shape ``(4, agents)`` [s].
     """

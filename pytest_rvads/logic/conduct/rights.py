@@ -70,11 +70,7 @@ def has_way(block: Block) -> NDArray[np.bool_]:
 
 
 def owing(cast: Cast) -> Pairs:
-    """Return the pairs of vehicles of which the first can owe the second the way (have to give way to the second).
-
-    Raises:
-        RunError: the places of the lanes are unknown, and the answer depends on them.
-    """
+    """Return the pairs of vehicles of which the first can owe the second the way (have to give way to the second)."""
     return pairs(cast, lambda agent, other: may_owe(cast, agent, other))
 
 
@@ -118,13 +114,7 @@ def ready(block: Block) -> NDArray[np.bool_]:
 
 
 def coming(block: Block, both: Pairs, at: Places) -> NDArray[np.bool_]:
-    """Return whether each pair's second vehicle is on the shared stretch, or reaches the stretch within `DUE` at its speed.
-
-    Args:
-        block: the states.
-        both: pairs of vehicles.
-        at: the stretches that the pairs share.
-    """
+    """Return whether each pair's second vehicle is on the shared stretch, or reaches the stretch within `DUE` at its speed."""
     front, reach = block.need("station"), DUE * np.maximum(block.need("speed"), 0.0)
     rear = front - block.cast.length
     near: NDArray[np.bool_] = at.begin_of_two - both.second(front) <= both.second(reach)

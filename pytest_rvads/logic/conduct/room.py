@@ -32,9 +32,6 @@ PLACES = np.arange(0.0, 10.0, 0.25)
 def room(junction: Junction) -> Mapping[tuple[int, Key], NDArray[np.bool_]]:
     """Return for which entrances and movements a car before the line of the entrance is in the way of a car on the movement.
 
-    Args:
-        junction: a junction with geometry.
-
     Returns:
         Per pair of an entrance and a movement, whether a car that stands `PLACES` before the line is in the way, shape
         ``(places,)``. A pair that is not a key has no place in the way.

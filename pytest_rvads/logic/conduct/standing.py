@@ -284,9 +284,6 @@ def limits_of(junction: Junction, way: Key, facts: Facts) -> tuple[tuple[float, 
     """Return the speed limits along the way of a vehicle: pairs of the station where a limit begins [m], and the limit [m/s].
 
     Where the map of the junction states no limit, the limit of the facts of the run applies.
-
-    Raises:
-        RunError: for a part of the way, neither the map nor the facts state a limit.
     """
     stated = itinerary(junction, *way).limits if junction.drivable else ()
     limits = [(station, facts.speed_limit if limit is None else limit) for station, limit in stated or ((0.0, None),)]

@@ -24,11 +24,7 @@ _SPACING = 0.5
 
 
 def shared(run: Run | Cast, agent: int, other: int) -> Shared | None:
-    """Return the stretches that the ways of two agents, given by column, share; None if the ways don't meet.
-
-    Raises:
-        RunError: the run holds no geometry of its junction.
-    """
+    """Return the stretches that the ways of two agents, given by column, share; None if the ways don't meet."""
     stretches = run.junction.stretches
     if stretches is None:
         raise RunError("the run holds no geometry of its junction")
@@ -39,9 +35,6 @@ def contested(run: Run | Cast, agent: int, other: int) -> Shared | None:
     """Return the stretches that the ways of two agents share, with the first `LEAVE` of a common exit road; None if none.
 
     At the beginning of a common exit road, the vehicle that merged is still slow, and the other vehicle can run into it.
-
-    Raises:
-        RunError: the run holds no geometry of its junction.
     """
     common = shared(run, agent, other)
     if common is None or not common.merges:
@@ -56,9 +49,6 @@ def parting(junction: Junction, way: Key, other: Key) -> float:
     """Return the station up to which vehicles on two ways from the same start have no room beside each other [m].
 
     The station is infinite for ways to the same end.
-
-    Raises:
-        RunError: the run holds no geometry of its junction.
     """
     paths = junction.every_way[way].path, junction.every_way[other].path
     if paths[0] is None or paths[1] is None:
@@ -78,11 +68,7 @@ def first_stretch(junction: Junction, way: Key) -> float:
 
 
 def meeting(cast: Cast) -> Pairs:
-    """Return the pairs of agents whose ways through the junction share a stretch.
-
-    Raises:
-        RunError: the run holds no geometry of its junction.
-    """
+    """Return the pairs of agents whose ways through the junction share a stretch."""
     return pairs(cast, lambda agent, other: shared(cast, agent, other) is not None)
 
 
@@ -178,11 +164,7 @@ def meet(block: Block) -> NDArray[np.bool_]:
 
 
 def neighbours(cast: Cast) -> Pairs:
-    """Return the pairs of vehicles whose ways share a stretch, an entrance or an exit.
-
-    Raises:
-        RunError: the run holds no geometry of its junction.
-    """
+    """Return the pairs of vehicles whose ways share a stretch, an entrance or an exit."""
 
     def belong(agent: int, other: int) -> bool:
         me, you = cast.agents[agent], cast.agents[other]

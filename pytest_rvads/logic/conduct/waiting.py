@@ -49,11 +49,7 @@ def lines(cast: Cast) -> NDArray[np.float64]:
 
 
 def partners(cast: Cast) -> Pairs:
-    """Return the pairs of vehicles of which the first can have a reason to let the second vehicle pass.
-
-    Raises:
-        RunError: the run holds no geometry of its junction.
-    """
+    """Return the pairs of vehicles of which the first can have a reason to let the second vehicle pass."""
     if cast.junction.control is JunctionControl.STOP:
         return cast.static(everybody)
     return pairs(cast, lambda agent, other: shared(cast, agent, other) is not None or _first_turn(cast, agent, other) < math.inf)
@@ -282,7 +278,6 @@ def _wait(
     """Return the three arrays of `Circles`, shape ``(n, 3, agents)``.
 
     Args:
-        cast: the vehicles.
         queued: which vehicle is close behind which slow vehicle, shape ``(n, neighbours)``.
         blocked: the pairs of `queued` in which the second vehicle left the first no room at its entry,
             shape ``(n, neighbours)``.

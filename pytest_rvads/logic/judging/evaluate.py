@@ -122,13 +122,7 @@ def _seconds(attribute: str, values: NDArray[Any], dt: float) -> NDArray[Any]:
 
 
 def signal_of(atom: f.Atom, entrances: int, ticks: int) -> Signal[NDArray[np.bool_]] | None:
-    """Return the signal (a quantity per state) with the truth values of an atom; None if the atom has no signal.
-
-    Args:
-        atom: an atom about a vehicle, a light, or two different vehicles.
-        entrances: how many entrances the junction has.
-        ticks: waiting times that differ by at most this count as equal.
-    """
+    """Return the signal (a quantity per state) with the truth values of an atom; None if the atom has no signal."""
     word = word_of(atom)
     if word is not None and isinstance(word.holds, Signal):
         return word.holds

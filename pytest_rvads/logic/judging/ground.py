@@ -120,9 +120,6 @@ def unfold(formula: f.Formula, static: Static) -> Grounding:
     """Return a rule without quantifiers: an instance per choice of elements for the outermost universal variables.
 
     Quantifiers inside the rule become conjunctions and disjunctions inside the instances.
-
-    Raises:
-        FormulaError: there would be too many instances.
     """
     return Grounding(tuple(_unfold(formula, static, (), _budget(formula, static))))
 
@@ -142,8 +139,6 @@ def simplify(grounding: Grounding, static: Static, *, itinerary: bool = True) ->
     """Return the instances of a rule with the predicates evaluated that the static model decides, without true instances.
 
     Args:
-        grounding: the result of `unfold`.
-        static: the static model, the result of `extract`.
         itinerary: whether the known itineraries of the agents decide the predicate ``take`` (turn in a direction). If False,
             ``take`` is replaced by its definition in the paper, a formula about later states.
     """
@@ -156,11 +151,7 @@ def simplify(grounding: Grounding, static: Static, *, itinerary: bool = True) ->
 
 
 def ground(formula: f.Formula, static: Static, *, itinerary: bool = True) -> Grounding:
-    """Return ``simplify(unfold(formula, static), static)``, faster, because true instances are never written out.
-
-    Raises:
-        FormulaError: there would be too many instances.
-    """
+    """Return ``simplify(unfold(formula, static), static)``, faster, because true instances are never written out."""
     instances: list[Instance] = []
     collapsed = _ground(formula, static, itinerary, (), instances, _budget(formula, static))
     return Grounding(tuple(instances), collapsed)

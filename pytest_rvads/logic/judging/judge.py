@@ -37,14 +37,7 @@ def judge(templates: tuple[Template, ...], values: Values) -> list[Judgement]:
 
 
 def _placed(j: Judgement, begin: int, end: int, steps: int) -> Judgement:
-    """Return the judgement of a part of a run with its ticks counted from the start of the whole run.
-
-    Args:
-        j: the judgement, with ticks counted from the start of the part.
-        begin: first tick of the part.
-        end: tick after the last tick of the part.
-        steps: number of states of the whole run.
-    """
+    """Return the judgement of a part of a run with its ticks counted from the start of the whole run."""
     if (begin, end) == (0, steps):
         return j
     trigger, failed = (None if tick is None else begin + tick for tick in (j.trigger, j.failed))

@@ -59,13 +59,7 @@ def _ordered(atom: f.Atom, by_zone: bool) -> bool:
 
 
 def reordered(recorded: Judgement, crossings: Crossings, values: Values) -> Judgement:
-    """Return the judgement of an instance: UNSURE if another possible order of events would give another status.
-
-    Args:
-        recorded: the judgement of the run as recorded.
-        crossings: the events of the run.
-        values: the truth values of the run.
-    """
+    """Return the judgement of an instance: UNSURE if another possible order of events would give another status."""
     template = recorded.template
     agents = [e.index for e in agents_of(template.formula)]
     lights = sorted({e.index for atom in template.atoms for t in atom.terms for e in _lights(t)})

@@ -30,18 +30,7 @@ class Prepared:
 
 
 def prepare(formula: f.Formula, static: Static, bound: tuple[str, ...] = (), *, itinerary: bool = True) -> Prepared:
-    """Return the simplified instances of a rule with their monitors; instances with the same meaning are merged.
-
-    Args:
-        formula: the formula of the rule.
-        static: the static model: the junction, and the agents with their ways.
-        bound: the variables of the agents that are bound to act. By default the agents that have to wait; in a rule that makes no
-            agent wait, the agents of the obligation.
-        itinerary: whether the known itineraries of the agents decide the predicate ``take`` (turn in a direction).
-
-    Raises:
-        FormulaError: a monitor would be too large.
-    """
+    """Return the simplified instances of a rule with their monitors; instances with the same meaning are merged."""
     cached = _few if len(static.agents) <= _FEW else _many
     return cached(formula, static, bound, itinerary)
 

@@ -63,14 +63,7 @@ class Reading:
 
 
 def doubted(recorded: Sequence[Judgement], values: Values, sampled: Run, *, standing: bool = False) -> list[Judgement]:
-    """Return the judgements, in which every instance whose status differs in another reading of the run has become UNSURE.
-
-    Args:
-        recorded: the judgements of the run as recorded.
-        values: the truth values of the run.
-        sampled: the run as recorded; an event happened between two of its samples.
-        standing: whether waiting times count from standstill. The order of events then depends on speeds, too.
-    """
+    """Return the judgements, in which every instance whose status differs in another reading of the run has become UNSURE."""
     run = values.run
     if certain(sampled):
         return _of_lines(recorded, values, standing=standing)
@@ -300,12 +293,7 @@ _ERRORS = (("places", "m", (0.1, 0.2, 0.4, 0.8, 1.6)), ("speeds", "m/s", (0.1, 0
 
 
 def tolerance(run: Run, status_of: Callable[[Run], Status]) -> str:
-    """Return in words with how large an error of the measurements a violation stays definite.
-
-    Args:
-        run: an excerpt of a recording with stations and speeds, on which a rule is violated.
-        status_of: judges the violated instances of the rule on a run.
-    """
+    """Return in words with how large an error of the measurements a violation stays definite."""
     parts = []
     for kind, (noun, unit, errors) in enumerate(_ERRORS):
         held = 0

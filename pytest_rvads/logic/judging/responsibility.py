@@ -162,11 +162,6 @@ def unavoidable(judgements: Iterable[Judgement], templates: Iterable[Template], 
     In a cycle every vehicle must wait for the next vehicle: a vehicle has to break the rule, or all vehicles wait for ever. A
     violation outside a cycle, or violations by several vehicles in the same tick, could have been avoided. A bend is too tight if
     no path of the rear axle keeps the vehicle in its lane.
-
-    Args:
-        judgements: the judgements of the instances of the rule.
-        templates: the instances of the rule and of its companions (the rules that can contradict the rule).
-        values: the truth values of the run.
     """
     owed = list(_owed(templates, values))
     broken = [j for j in judgements if j.status is Status.FAIL]

@@ -75,11 +75,7 @@ class Board:
         return frozenset(fact for mover in movers for fact in self._bodily.get(mover, ()))
 
     def read(self) -> None:
-        """Update the truth values of all atoms to the present state of the run.
-
-        Raises:
-            RunError: a value that an atom asks for is not given.
-        """
+        """Update the truth values of all atoms to the present state of the run."""
         now = self.now
         if now.block.cast is not self._cast:
             self._cast = now.block.cast
@@ -104,12 +100,7 @@ class Board:
         """Return the fact of an atom: its present truth value, which `read` keeps up to date.
 
         Args:
-            atom: the atom; the index of an agent in the atom is its place in `movers`.
-            movers: the vehicles.
             tie: largest difference of waiting times that count as equal [s].
-
-        Raises:
-            RunError: a value that the atom asks for is not given.
         """
         terms = tuple(_key_of(term, movers) for term in atom.terms)
         key = (atom.word or atom.name, terms, tie if atom.name in OPERATORS else 0.0)

@@ -61,11 +61,7 @@ class Decided:
 
 
 def sizes_of(vehicle_size: tuple[float, float] | Sequence[tuple[float, float]], count: int) -> tuple[tuple[float, float], ...]:
-    """Return the length and width of every vehicle [m], given a pair of numbers for all vehicles or a pair per vehicle.
-
-    Raises:
-        RunError: the sizes have another shape, or are not finite and positive.
-    """
+    """Return the length and width of every vehicle [m], given a pair of numbers for all vehicles or a pair per vehicle."""
     sizes = np.asarray(vehicle_size, dtype=np.float64)
     if sizes.shape not in ((2,), (count, 2)) or not (np.isfinite(sizes) & (sizes > 0)).all():
         raise RunError(
@@ -75,11 +71,7 @@ def sizes_of(vehicle_size: tuple[float, float] | Sequence[tuple[float, float]], 
 
 
 def row_of(name: str, values: ArrayLike, shape: tuple[int, ...]) -> list[Any]:
-    """Return the values of an array of a state as a list of numbers or of lists, after a check of their shape.
-
-    Raises:
-        RunError: the numbers have another shape than `shape`, or are not finite; the message gives their `name`.
-    """
+    """Return the values of an array of a state as a list of numbers or of lists, after a check of their shape."""
     row = np.asarray(values, dtype=np.float64)
     if row.shape != shape or not all(map(math.isfinite, row.ravel().tolist())):
         what = f"{shape[0]} finite numbers" if len(shape) == 1 else f"finite numbers of shape {shape}"
@@ -108,7 +100,6 @@ class Stream:
         """Replace the vehicles of the stream, because a vehicle has come or gone.
 
         Args:
-            agents: the vehicles of the next block, in the order of its columns.
             columns: for every vehicle its column in the last block, None for a vehicle that has just come.
         """
         self.cast, self._kept = Cast(self.cast.junction, agents, self._facts), columns
@@ -117,10 +108,8 @@ class Stream:
         """Return the next states as a block on which the given signals are evaluated.
 
         Args:
-            signals: the signals that are evaluated, because later blocks depend on their carries.
             zone: `Zone` of every vehicle, shape ``(n, agents)``.
             lights: `Colour` at every entrance, shape ``(n, entrances)``.
-            **arrays: further arrays of `Block`, as far as they are given.
         """
         last = self._last
         block = Block(self.cast, zone, lights, self.dt, **arrays, tick=self._tick, previous=last, kept=self._kept)

@@ -183,15 +183,7 @@ class Nfa:
 
 
 def prefixes(pool: Pool, root: int, where: tuple[int, ...], full: int, budget: Budget) -> Nfa:
-    """Return the automaton that reads the finite words with a continuation that satisfies the formula of node `root`.
-
-    Args:
-        pool: the nodes.
-        root: number of the node of the formula.
-        where: per guard, the letters in which the guard is true (mask).
-        full: all letters (mask).
-        budget: the limit of the work of the construction.
-    """
+    """Return the automaton that reads the finite words with a continuation that satisfies the formula of node `root`."""
     index, edges = _Explorer(pool.nodes, where, full, budget).states(root)
     live = _live(edges, [n for n, node in enumerate(pool.nodes) if node.kind is Kind.UNTIL])
     budget.spend(len(index))

@@ -95,11 +95,7 @@ class Budget:
     """The result that needs more steps than the limit, for the message."""
 
     def spend(self, work: int) -> None:
-        """Add `work` steps to the steps spent on the formula.
-
-        Raises:
-            FormulaError: the limit is exceeded.
-        """
+        """Add `work` steps to the steps spent on the formula."""
         self.spent += work
         if self.spent > self.limit:
             raise FormulaError(
@@ -178,9 +174,6 @@ def letters(guards: tuple[f.Formula, ...], budget: Budget) -> tuple[int, ...]:
 
     Bit k of a combination is the value of guard k. Guards without a common atom are independent of each other. For guards with
     common atoms, both values of an atom are tried, one atom after the other (Shannon expansion).
-
-    Raises:
-        FormulaError: there are more than `LETTER_LIMIT` combinations, or the search for the combinations exceeds the budget.
     """
     choices = []
     total = 1

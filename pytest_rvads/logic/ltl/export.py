@@ -66,11 +66,7 @@ def label(machine: Machine, letters: frozenset[int]) -> f.Formula:
 
 
 def _edges(machine: Machine) -> list[tuple[int, int, f.Formula]]:
-    """Return the edges of a monitor, sorted by state and target: the state, the target, and the label, a boolean formula.
-
-    Raises:
-        FormulaError: the labels would need more than `_MOST_WORK` comparisons.
-    """
+    """Return the edges of a monitor, sorted by state and target: the state, the target, and the label, a boolean formula."""
     edges: list[tuple[int, int, frozenset[int]]] = []
     for state, row in enumerate(machine.delta.tolist()):
         targets: dict[int, set[int]] = {}
@@ -189,9 +185,6 @@ def _arrays(formula: f.Formula, word: Word) -> dict[f.Atom, Any]:
 
 def answer(line: bytes) -> dict[str, Any]:
     """Return the answer to a line of the input of ``rvads monitor --jsonl``.
-
-    Args:
-        line: a JSON object ``{"id", "formula", "words"}``.
 
     Returns:
         ``{"id", "states", "verdicts", "finite"}``: the number of states of the monitor, its verdicts after every state of every

@@ -22,9 +22,7 @@ def settle(formula: f.Formula, values: Mapping[f.Atom, Truths], steps: int) -> T
     """Return the truth value of a formula at every state of a finite trace, shape ``(steps,)``.
 
     Args:
-        formula: a formula without quantifiers.
         values: per atom, its truth values, shape ``(steps,)``.
-        steps: length of the trace, at least 1.
     """
     if isinstance(formula, f.Atom | f.Const):
         return evaluate(formula, values, (steps,))

@@ -80,14 +80,7 @@ class Machine:
 
 @lru_cache(maxsize=512)
 def synthesize(formula: f.Formula) -> Machine:
-    """Return the minimal LTL3 monitor of a formula without quantifiers.
-
-    Args:
-        formula: the formula; its atoms count as independent propositions.
-
-    Raises:
-        FormulaError: the monitor would be too large; the message contains the size of the formula.
-    """
+    """Return the minimal LTL3 monitor of a formula without quantifiers."""
     budget = Budget(WORK_LIMIT, f.size(formula))
     pool = Pool()
     budget.spend(f.size(formula))
@@ -103,15 +96,7 @@ def synthesize(formula: f.Formula) -> Machine:
 
 
 def _determinise(can: Nfa, may_fail: Nfa, full: int, count: int, budget: Budget) -> tuple[NDArray[np.int32], NDArray[np.int8]]:
-    """Return the tables `delta` and `output` of a deterministic machine with a set of states of each automaton as its state.
-
-    Args:
-        can: the automaton of the prefixes with a continuation that satisfies the formula; the verdict of an empty set is FALSE.
-        may_fail: the same for continuations that violate the formula; the verdict of an empty set is TRUE.
-        full: all letters (mask).
-        count: number of letters.
-        budget: the limit of the work of the construction.
-    """
+    """Return the tables `delta` and `output` of a deterministic machine with a set of states of each automaton as its state."""
     can_subsets = _Subsets(can, full, budget)
     fail_subsets = _Subsets(may_fail, full, budget)
     start = (can_subsets.initial, fail_subsets.initial)
@@ -252,7 +237,6 @@ def run_machine(machine: Machine, letters: NDArray[np.int32]) -> NDArray[np.int3
     before the constant state are computed. If the letters change often, every word is read separately.
 
     Args:
-        machine: the monitor that reads all words.
         letters: the letters of every word, shape ``(words, steps)``.
     """
     words, steps = letters.shape

@@ -53,11 +53,7 @@ def _parser(language: Language | None) -> Lark:
 
 
 def parse_ltl(text: str) -> f.Formula:
-    """Return the formula of a text of propositional LTL; any identifier but ``G F X N U W R true false`` is a proposition.
-
-    Raises:
-        FormulaError: the text is not a formula, too long, or nested too deeply.
-    """
+    """Return the formula of a text of propositional LTL; any identifier but ``G F X N U W R true false`` is a proposition."""
     (formula,) = _parse(None, text)
     return _bounded(formula, text)
 
@@ -66,13 +62,6 @@ def parse_rule(text: str, language: Language) -> f.Formula:
     """Return the formula of a rule, given as definitions ``name(x, y) := ...;`` and a formula, with the definitions written out.
 
     The function does not check sorts of terms and names of predicates.
-
-    Args:
-        text: the text of the rule.
-        language: the language of the rule.
-
-    Raises:
-        FormulaError: the text is not a rule or too long, or the formula is too large or nested too deeply.
     """
     *definitions, formula = _parse(language, text)
     defined: dict[str, _Definition] = {}

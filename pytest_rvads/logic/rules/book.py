@@ -97,9 +97,6 @@ def current_book(book: RuleBook | None = None) -> RuleBook:
     """Return the given book of rules; by default the open book, in which rules are looked up and registered at present.
 
     Within a pytest session, the running test, its test file, or the session has the open book; outside, the process has it.
-
-    Raises:
-        FormulaError: `book` is not a RuleBook.
     """
     require(book, RuleBook | None, "book= takes a RuleBook, or nothing for the one that is open", FormulaError)
     return _on(desk()) if book is None else book
@@ -123,11 +120,7 @@ def joined(book: RuleBook, other: RuleBook) -> RuleBook:
 
 
 def claim(rule: Rule) -> None:
-    """Reserve the name of a rule that judges a test, so that no other rule of the pytest session can have this name.
-
-    Raises:
-        FormulaError: a different rule of the session has the same name. Reports would mix up the two rules.
-    """
+    """Reserve the name of a rule that judges a test, so that no other rule of the pytest session can have this name."""
     index = desk().index
     if index is not None and rule.name not in SHIPPED.rules:
         index.book = _on(index).add(rule)
@@ -233,11 +226,7 @@ def predicate(
 
 
 def rulebook(name: str) -> tuple[Rule, ...]:
-    """Return the rules of a rulebook, a named list of rules: ``"paper"`` or ``"road"``.
-
-    Raises:
-        FormulaError: no rulebook has this name.
-    """
+    """Return the rules of a rulebook, a named list of rules: ``"paper"`` or ``"road"``."""
     if name not in _SHELF:
         raise FormulaError(f"unknown rulebook {name!r}, there are {', '.join(_SHELF)}{suggest(name, _SHELF)}")
     return _SHELF[name]
@@ -249,11 +238,7 @@ def is_rulebook(name: str) -> bool:
 
 
 def get_rule(rule: str | Rule, book: RuleBook | None = None) -> Rule:
-    """Return a rule, given as a Rule or by its name in a book; by default the book is the open book, see `current_book`.
-
-    Raises:
-        FormulaError: no rule has this name, or `book` is not a RuleBook.
-    """
+    """Return a rule, given as a Rule or by its name in a book; by default the book is the open book, see `current_book`."""
     book = current_book(book)
     require(rule, str | Rule, "a rule is a Rule or the name of one, such as 'p1'", FormulaError)
     if isinstance(rule, Rule):
@@ -272,17 +257,7 @@ def get_rule(rule: str | Rule, book: RuleBook | None = None) -> Rule:
 def rules_for(
     spec: str | Rule | Sequence[str | Rule], place: Junction | JunctionControl | None = None, book: RuleBook | None = None
 ) -> tuple[Rule, ...]:
-    """Return the rules that `spec` names, in order and each rule once.
-
-    Args:
-        spec: a rulebook, a rule, or a mixture of both.
-        place: a junction, or the control of a junction with one lane per arm. Of a rulebook, only the rules about this place are
-            returned; a rule that `spec` names directly is always returned.
-        book: the book with the rules; by default the open book, see `current_book`.
-
-    Raises:
-        FormulaError: a name is unknown, or two different rules have the same name; a shipped rule can be one of the two.
-    """
+    """Return the rules that `spec` names, in order and each rule once."""
     expected = "rules are named one by one, or as a list of names and of Rules"
     require(spec, str | Rule | Iterable, expected, FormulaError)
     rules: dict[str, Rule] = {}

@@ -40,12 +40,7 @@ HERE = f.Element(Sort.JUNCTION, 0, "j")
 
 
 def at(place: f.Element, entrances: int) -> Signal[NDArray[np.bool_]]:
-    """Return the signal that is true in the states in which a vehicle is at a place of its way through the junction.
-
-    Args:
-        place: the junction, an entrance, an exit, or a road.
-        entrances: how many entrances the junction has; a road whose number is smaller leads to an entrance.
-    """
+    """Return the signal that is true in the states in which a vehicle is at a place of its way through the junction."""
     match place.sort:
         case Sort.JUNCTION:
             return predicates.in_junction

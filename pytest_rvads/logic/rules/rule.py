@@ -54,13 +54,6 @@ def parse(text: str, vocabulary: Vocabulary = BUILT_IN) -> f.Formula:
     """Return the formula of a rule's text, after a check that all variables are bound, predicates known and sorts right.
 
     The variable ``j``, the junction, is always bound.
-
-    Args:
-        text: the text of the rule.
-        vocabulary: the predicates that the rule may use. Atoms with predicates that users added hold these predicates.
-
-    Raises:
-        FormulaError: the text is not a rule; the message shows the line, a caret and the nearest valid word.
     """
     formula = parse_rule(text, LANGUAGE)
     _Check(text, vocabulary).formula(formula, {"j": Sort.JUNCTION})

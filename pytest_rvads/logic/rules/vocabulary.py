@@ -281,11 +281,7 @@ class Vocabulary(Names[Word]):
         return f"<Vocabulary of {len(self)} words>"
 
     def add(self, word: Word) -> Vocabulary:
-        """Return a vocabulary with a further word (definition of a predicate).
-
-        Raises:
-            FormulaError: a different word of the vocabulary has the same name.
-        """
+        """Return a vocabulary with a further word (definition of a predicate)."""
         registered = self.get(word.name)
         if registered is None:
             return Vocabulary({**self, word.name: word})

@@ -113,13 +113,7 @@ def say(formula: f.Formula, name: Naming = element_name, be: str = "is") -> str:
 
 
 def why(run: Run, atoms: Iterable[f.Atom], seat: Callable[[int], str] = str) -> str:
-    """Return in words why a vehicle has to give way to another vehicle; empty if lights or the order of arrival decide.
-
-    Args:
-        run: the run of the vehicles.
-        atoms: the atoms of an instance; the terms of the first atom ``owes`` or ``obstructs`` are the two vehicles.
-        seat: returns the name of an entrance, given its number.
-    """
+    """Return in words why a vehicle has to give way to another vehicle; empty if lights or the order of arrival decide."""
     words = ((word_of(atom), atom.terms) for atom in atoms)
     pair = next((terms for word, terms in words if word is not None and word.debt), ())
     columns = [term.index for term in pair if isinstance(term, f.Element)]

@@ -138,7 +138,6 @@ def block(story: Story, worst: Judgement | None, miss: NearMiss | None) -> list[
     """Return the lines of the explanation of a verdict.
 
     Args:
-        story: the judgement of the run.
         worst: the violated, open or UNSURE instance to explain; None if there is none.
         miss: the tick in which the rule came closest to being triggered; None if it was triggered.
     """

@@ -60,17 +60,9 @@ def animated(
     Programs that do not animate SVG, and browsers with reduced motion, show the instant `around`.
 
     Args:
-        run: a run with positions.
-        title: text below the picture; the text appears at `around`, or at the beginning without `around`.
-        responsible: names of the highlighted vehicles.
         around: the shown instant on the clock of the recording [s]; None shows the run from its beginning.
         before: shown time before the instant [s].
         after: shown time after the instant [s].
-        width: width of the picture [px].
-
-    Raises:
-        RunError: the run has no positions or no states.
-        MapError: the junction of the run has no geometry.
     """
     if run.pose is None:
         raise RunError(f"run {run.label!r} holds no positions, so there is nothing to draw")
@@ -141,9 +133,6 @@ def filmed(run: Run, scene: Scene, responsible: Collection[str], around: float |
     With `around`, the film begins when a responsible vehicle comes into view, at most 1 s before the vehicle comes to its line.
 
     Args:
-        run: a run with positions.
-        scene: the junction.
-        responsible: names of the responsible vehicles.
         around: the shown instant on the clock of the recording [s]; None shows the run from its beginning.
         before: longest shown time before the instant [s].
         after: longest shown time after the instant [s].

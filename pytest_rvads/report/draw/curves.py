@@ -23,13 +23,7 @@ _LETTER = 12.0
 
 
 def draw_braking(curves: Curves, title: str, beneath: Curves | None = None) -> str:
-    """Return an SVG diagram of the braking envelope v(d)max for distances up to 20 m.
-
-    Args:
-        curves: the curves, drawn as lines without `beneath` and as points with `beneath`; a cross means that no speed is safe.
-        title: text above the diagram.
-        beneath: finer curves for comparison, drawn as thin grey lines.
-    """
+    """Return an SVG diagram of the braking envelope v(d)max for distances up to 20 m."""
     body = [text(_LEFT, 24, title, font_weight="bold"), *_axes()]
     lines = [[_pixel(d, v) for d, v in line if v is not None] for line in (beneath or {}).values()]
     body += [polyline(line, stroke="#aaa", stroke_width=1) for line in lines]
@@ -78,7 +72,6 @@ def draw_dynamics(
     Args:
         braking: speed [m/s] and distance to stop [m]; infinite distances are left out.
         times: per initial speed [m/s] some distances [m] and the times to drive these distances [s]; infinite times are left out.
-        title: text above the diagrams.
     """
     stops = [(v, d) for v, d in braking if isfinite(d)]
     curves = {v: [(0.0, 0.0), *((x, t) for x, t in line if isfinite(t))] for v, line in times.items()}
@@ -94,7 +87,6 @@ def draw_pedals(points: Mapping[str, Sequence[tuple[float, float]]], title: str)
 
     Args:
         points: per pedal some positions, 0..1, and the magnitudes of the accelerations by these positions [m/s^2].
-        title: text above the diagrams.
     """
     body = [text(_LEFT, 24, title, font_weight="bold")]
     for number, (name, line) in enumerate(points.items()):

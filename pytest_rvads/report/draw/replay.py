@@ -76,22 +76,12 @@ def replay(
     """Return an HTML page that replays `run`, state by state.
 
     Args:
-        run: a run with positions.
-        title: heading of the page.
-        notes: text shown beside the picture, such as an explanation.
         marked: highlighted further events (time [s], text), such as a violation.
-        tracks: further rows over time, such as the monitors of a rule.
-        responsible: names of the vehicles to highlight.
         opened: time at which the page opens [s]; all rows over time have a mark at the event of `marked` with this time. By
             default the page opens at the first event of `marked`, or at `opening` if nothing is marked, and the rows have a mark
             at every event of `marked`.
-        beside: further texts and pictures of the page.
 
     Times are on the clock of the recording of which the run is an excerpt. Ticks count from the start of the run.
-
-    Raises:
-        RunError: the run has no positions or no states.
-        MapError: the junction of the run has no geometry.
     """
     if run.pose is None or run.station is None or run.speed is None:
         raise RunError(f"run {run.label!r} holds no positions, so there is nothing to replay")
@@ -260,10 +250,7 @@ def motion(run: Run, every: int, there: NDArray[np.bool_], *names: str) -> list[
     """Return every `every`-th state of every vehicle, with headings without jumps by 2 pi; None for an absent vehicle.
 
     Args:
-        run: the run.
-        every: number of states per returned state.
         there: whether each vehicle is present, shape ``(steps, agents)``.
-        names: names of the arrays of the run; the first is ``pose``.
     """
     series = [run.need(name) for name in names]
     together = np.concatenate([values if values.ndim == 3 else values[..., None] for values in series], axis=2)
@@ -292,14 +279,7 @@ def outlines(ghost: Run | None) -> str:
 
 
 def ghost_data(run: Run, ghost: Run | None, name: str, every: int) -> dict[str, Any] | None:
-    """Return the data of an earlier run for the replay page; None without an earlier run.
-
-    Args:
-        run: the run of the page.
-        ghost: the earlier run.
-        name: name of the earlier run.
-        every: number of states per stored position.
-    """
+    """Return the data of an earlier run for the replay page; None without an earlier run."""
     if ghost is None:
         return None
     drawn = _has_positions(ghost)

@@ -209,12 +209,7 @@ def body(
 
     Args:
         pose: pose of the centre of the front bumper: x [m], y [m], heading [rad].
-        agent: the vehicle.
         size: length and width of the vehicle [m].
-        colour: colour of the body.
-        broken: whether the vehicle is highlighted.
-        style: class of the element.
-        more: markup of elements that move with the vehicle.
     """
     heading, (length, width), name = float(pose[2]), size, markup(agent.name)
     outline = ' class="broken"' if broken else ""
@@ -275,18 +270,7 @@ rect.broken{stroke:#d11f1f;stroke-width:.5;stroke-dasharray:.9 .45}.title{font-s
 
 
 def picture(run: Run, tick: int, title: str, broken: Collection[str] = ()) -> str:
-    """Return an SVG document of a state of a run.
-
-    Args:
-        run: a run with positions.
-        tick: index of the state.
-        title: text above the picture.
-        broken: names of the highlighted vehicles.
-
-    Raises:
-        RunError: the run has no positions.
-        MapError: the junction of the run has no geometry.
-    """
+    """Return an SVG document of a state of a run."""
     if run.pose is None:
         raise RunError(f"run {run.label!r} holds no positions, so there is nothing to draw")
     scene = Scene(run.junction)
@@ -310,11 +294,7 @@ def picture(run: Run, tick: int, title: str, broken: Collection[str] = ()) -> st
 
 
 def draw_ways(junction: Junction) -> str:
-    """Return the ways through a junction as an SVG document, with a colour per turn.
-
-    Raises:
-        MapError: the junction has no geometry.
-    """
+    """Return the ways through a junction as an SVG document, with a colour per turn."""
     scene = Scene(junction)
     words = {key: turn_word(junction, m) for key, m in junction.movements.items()}
     lines = [course(junction.way_through(*key).points, _TURNS[word]) for key, word in words.items()]
@@ -326,7 +306,6 @@ def course(points: NDArray[np.float64], ink: str) -> str:
 
     Args:
         points: points of the line, x and y in the first two columns [m].
-        ink: colour of the line.
     """
     (ax, ay), (bx, by) = points[-2:, :2].tolist()
     transform = f"translate({bx:.2f} {-by:.2f}) rotate({-degrees(atan2(by - ay, bx - ax)):.2f})"
@@ -342,10 +321,7 @@ def still(
     """Return an SVG document of a road with elements on the road.
 
     Args:
-        scene: the road.
-        parts: elements on the road.
         corners: further points that the picture must show [m].
-        legend: words and their colours.
     """
     through = [scene.junction.way_through(*key).points for key in scene.junction.movements]
     points = np.vstack([*through, *np.reshape(corners, (-1, 2))])

@@ -22,14 +22,7 @@ _ARROWS = {
 
 
 def document(width: float, height: float, body: Iterable[str], defs: str = "") -> str:
-    """Return an SVG document with a white background.
-
-    Args:
-        width: width of the document [px].
-        height: height of the document [px].
-        body: elements of the document.
-        defs: definitions, such as markers.
-    """
+    """Return an SVG document with a white background."""
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" width="{width:g}" height="{height:g}" viewBox="0 0 {width:g} {height:g}" '
         f'font-family="sans-serif" font-size="12"><defs>{defs}</defs>'
@@ -104,10 +97,7 @@ def marks(lanes: Sequence[Points], width: float, *, left_hand: bool, centre: boo
     """Yield the marks along the lanes of an arm in one direction, each with whether it is a broken (dashed) line.
 
     Args:
-        lanes: centre lines, from the kerb.
         width: width of a lane [m].
-        left_hand: whether traffic keeps left.
-        centre: whether the last lane has a mark on its side towards the centre of the road.
     """
     inward = -width / 2 if left_hand else width / 2
     for number, lane in enumerate(lanes):

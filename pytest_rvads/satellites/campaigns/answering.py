@@ -59,10 +59,6 @@ def judge(question: Question, job: Job) -> bytes:
     """Return the verdicts of all rules on a case, as a `Judged` in JSON.
 
     If the simulation raises an error, every verdict is ERROR.
-
-    Raises:
-        RvadsError: the code or the versions of packages in this process differ from the code or the versions in the process
-            that started the campaign.
     """
     own_versions = _versions(tuple(question.versions))
     if (code(), own_versions) != (question.code, question.versions):

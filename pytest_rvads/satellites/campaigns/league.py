@@ -80,11 +80,7 @@ class Config(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
     @classmethod
     def read(cls, path: Path) -> Config:
-        """Return the configuration in a TOML file.
-
-        Raises:
-            RvadsError: the file can't be read or is no TOML, or a value is missing, unknown or wrong.
-        """
+        """Return the configuration in a TOML file."""
         try:
             content = tomllib.loads(read_file(path, _LARGEST).decode())
         except OSError as error:

@@ -44,18 +44,7 @@ _LARGEST = 2**26
 
 
 def judge_league(path: Path, folder: Path, report: Path | None, executor: Executor | int | None) -> int:
-    """Judge the drivers of a league, print a line per driver, write the page, and return the exit status.
-
-    Args:
-        path: file of the configuration.
-        folder: folder for the page, the replays and the results so far.
-        report: JSON file to write, if any.
-        executor: executor of the simulations.
-
-    Raises:
-        RvadsError: the configuration is wrong.
-        OSError: a file of results can't be read or written.
-    """
+    """Judge the drivers of a league, print a line per driver, write the page, and return the exit status."""
     config = Config.read(path)
     league = League(config, path)
     simulators = {}

@@ -176,11 +176,7 @@ class Results:
         return line.startswith(self._file.read(len(line)) + self._file.read(1))
 
     def _scan(self) -> Head | None:
-        """Index the lines with results, and return the last head; damaged lines, such as a line that was cut off, are ignored.
-
-        Raises:
-            RvadsError: the file has results of several campaigns.
-        """
+        """Index the lines with results, and return the last head; damaged lines, such as a line that was cut off, are ignored."""
         head: Head | None = None
         self._file.seek(0)
         lines, place = BufferedReader(self._file, 2**20), 0
@@ -317,12 +313,7 @@ class Results:
 
 
 def joined(paths: Sequence[str | os.PathLike[str]]) -> Results:
-    """Return the results of several files of a campaign, for reading; of a case in several files, the first result is taken.
-
-    Raises:
-        RvadsError: a file holds no results of a campaign, or results of another campaign than the first file.
-        OSError: a file can't be read.
-    """
+    """Return the results of several files of a campaign, for reading; of a case in several files, the first result is taken."""
     if len(paths) == 1:
         return Results(paths[0])
     all_results: Results | None = None

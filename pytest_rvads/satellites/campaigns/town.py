@@ -53,18 +53,7 @@ class Town:
         """Return the town of some maps, with the chosen junctions and the planned runs.
 
         Args:
-            maps: map files with different names, because ids contain the names of maps.
-            junctions_wanted: the junctions of each map, see `choose`.
-            request: the runs at each junction.
             kinds: the kinds of junctions to take; None for all kinds.
-            limit: the largest number of junctions; of more junctions, a sample is drawn.
-            only: patterns of ids, see `Plan`.
-            sample: number of cases to draw.
-            seed: seed of the draws of junctions and of cases.
-
-        Raises:
-            MapError: two maps have the same name, a map can't be read, a junction is unknown, or no junction fits.
-            FormulaError: a rule is unknown.
         """
         stems = Counter(name_of(map, "") for map in maps)
         if duplicate := next((map for map in maps if stems[name_of(map, "")] > 1), None):
@@ -141,13 +130,7 @@ class Town:
 def town_records(
     judged: Iterable[Judged], looks: Mapping[tuple[str, str], str], flaky: Mapping[str, Divergence]
 ) -> Collection[Record]:
-    """Return a record per case and rule; every iteration makes the records again, because memory may not hold all records.
-
-    Args:
-        judged: the results of cases.
-        looks: by name of a run and rule, the path of its replay page.
-        flaky: by name of a run, the difference between the run and its repetition; failures of such a run become FLAKY.
-    """
+    """Return a record per case and rule; every iteration makes the records again, because memory may not hold all records."""
 
     def records() -> Iterator[Record]:
         for record in chain.from_iterable(map(by_rule, judged)):

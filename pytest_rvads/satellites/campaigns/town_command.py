@@ -109,11 +109,7 @@ def _town(options: argparse.Namespace) -> int:
 
 @contextmanager
 def _driver(options: argparse.Namespace) -> Iterator[Any]:
-    """Yield the driver under test; if the command only lists the runs and names no driver, yield a placeholder.
-
-    Raises:
-        AutopilotError: the options name no driver, or the named object is no driver.
-    """
+    """Yield the driver under test; if the command only lists the runs and names no driver, yield a placeholder."""
     from pytest_rvads.drivers.naming import stand_in
 
     if options.list and options.autopilot is None and options.sut is None:

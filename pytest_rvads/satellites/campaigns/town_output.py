@@ -60,15 +60,7 @@ class Order:
 
 
 def written(order: Order, results: Results, folder: Path, executor: Executor | int | None, cut: str = "") -> int:
-    """Write replays, page and report, print the summary, and return the exit status.
-
-    Args:
-        order: the request of the command.
-        results: all results of the campaign.
-        folder: folder for the files.
-        executor: executor that simulates the examples.
-        cut: reason why the campaign was cut off; empty if it came to its end.
-    """
+    """Write replays, page and report, print the summary, and return the exit status."""
     town = order.town
     tallies, replays = tallied(results), Replays()
     if not cut:
@@ -158,19 +150,7 @@ def draw_replays(
     simulator: Simulator | None = None,
     progress: Progress | None = None,
 ) -> Replays:
-    """Simulate the example run of every cause of failures again, and write replay pages of its violations.
-
-    Args:
-        tallies: the results, by junction or by driver.
-        source: the cases of the runs, with their rules and commands.
-        folder: the folder in which the folder ``replays`` is made.
-        executor: the executor of the simulations, see `spread`.
-        simulator: the simulator of the runs.
-        progress: function that is called after every run, with the number of finished runs and the number of all runs.
-
-    Raises:
-        OSError: a page can't be written.
-    """
+    """Simulate the example run of every cause of failures again, and write replay pages of its violations."""
     examples = list(_examples(tallies))
     jobs = _replay_jobs(source, examples[:MOST], simulator)
     hashes = {cause.run: cause.hash for cause in examples}
@@ -241,11 +221,7 @@ def _draw(job: _Job) -> _Drawn:
 
 @contextmanager
 def progressing(what: str) -> Iterator[Progress]:
-    """Yield a function that shows progress on standard error, called with the number of finished jobs and of all jobs.
-
-    Args:
-        what: the name of the jobs, such as ``runs``.
-    """
+    """Yield a function that shows progress on standard error, called with the number of finished jobs and of all jobs."""
     if not sys.stderr.isatty():
         yield _Lines(what)
         return

@@ -110,7 +110,6 @@ def simplified(points: NDArray[np.float64], tolerance: float) -> NDArray[np.floa
 
     Args:
         points: points of the line, shape ``(k, 2)``, k >= 2.
-        tolerance: largest distance of a removed point from the returned line, in the unit of the points.
 
     Returns:
         Some of the points in order, including both ends, shape ``(n, 2)``.
@@ -184,17 +183,7 @@ def town_page(
     looks: Mapping[tuple[str, str], str],
     again: str,
 ) -> str:
-    """Return the HTML page of a town.
-
-    Args:
-        title: the title of the page.
-        blocks: the blocks (parts of a report, see `outline`) that the page shows above the map.
-        maps: one or more maps.
-        sites: the requested junctions of the maps, including junctions without runs.
-        tallies: the results of the junctions with runs, by name.
-        looks: by name of a run and rule, the path of the replay relative to the folder of the page.
-        again: the beginning of a command that runs a part of the town again; the page appends ids of runs.
-    """
+    """Return the HTML page of a town."""
     ordered = worst_first(sites, tallies)
     junctions = [_junction_data(site, tallies.get(site.name, Tally()), looks, again) for site in ordered]
     marks = Counter(str(entry["state"]) for entry in junctions)

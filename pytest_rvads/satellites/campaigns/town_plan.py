@@ -92,11 +92,7 @@ class Plan:
         return [place for place in self.junctions if place.name not in self.refused]
 
     def rules(self, place: Junction) -> tuple[Rule, ...]:
-        """Return the rules that judge runs at a junction.
-
-        Raises:
-            FormulaError: a rule is unknown.
-        """
+        """Return the rules that judge runs at a junction."""
         return rules_for(self.request.rules, place)
 
     def left_out(self, place: Junction) -> LeftOut | None:
@@ -156,9 +152,6 @@ class Plan:
         """Return the selected scenarios of a junction, including scenarios in which a vehicle has no room at its start.
 
         With a subject, scenarios without other vehicles (`alone`) are added, unless the cover ``partial`` contains them.
-
-        Raises:
-            ScenarioError: no scenario is possible at the junction.
         """
         request, seat = self.request, self.request.subject
         names = request.grid or ("paper" if seat is None else ARRIVALS,)

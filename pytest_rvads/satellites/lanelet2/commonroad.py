@@ -77,11 +77,7 @@ class _Builder:
 
 
 def read_commonroad(path: str | os.PathLike[str]) -> Network:
-    """Return the network of a CommonRoad file, or of an OpenDRIVE file.
-
-    Raises:
-        MapError: the file cannot be used at all; the message is one sentence.
-    """
+    """Return the network of a CommonRoad file, or of an OpenDRIVE file."""
     builder = _Builder(f"map file {path}")
     try:
         parsed(path, "a CommonRoad file (.xml)", builder.start, builder.end, text=builder.text)

@@ -54,9 +54,6 @@ def areas_of(ground: Ground, conflicts: Conflicts) -> tuple[dict[str, list[str]]
     """Find the junctions of a map, and cut off the long parts of lanelets that lie before or behind their conflicts.
 
     The cuts change `ground`.
-
-    Returns:
-        Per junction the ids of its lanelets; warnings.
     """
     finder = _Finder(ground, conflicts)
     finder.join_small()
@@ -290,11 +287,7 @@ def cut_off(ground: Ground, id: str, name: str, station: float, *, back: bool) -
     """Cut a lanelet in two at the point of its centre line nearest to a station, and change `ground`.
 
     Args:
-        ground: the lanelets of the map.
-        id: id of the lanelet, which has three points or more; a part keeps this id.
-        name: name of the part that is cut off; its id is the id of the lanelet with this name.
         station: station of the cut [m].
-        back: whether the part behind the station is cut off, not the part before the station.
     """
     lane = ground.lanes[id]
     k = int(np.clip(np.abs(lane.stations - station).argmin(), 1, len(lane.points) - 2))

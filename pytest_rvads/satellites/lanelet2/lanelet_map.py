@@ -46,11 +46,7 @@ _YES, _NO = frozenset({"yes", "true", "1"}), frozenset({"no", "false", "0"})
 
 
 def read_lanelet2(path: str | os.PathLike[str]) -> Network:
-    """Return the network of a Lanelet2 file.
-
-    Raises:
-        MapError: the file cannot be used at all; the message is one sentence.
-    """
+    """Return the network of a Lanelet2 file."""
     osm = read_osm(path)
     try:
         return _Reader(osm).network()

@@ -78,11 +78,7 @@ class Rules:
 
 
 def network_of(ground: Ground, rules: Rules, warnings: Iterable[MapWarning]) -> Network:
-    """Return the network of the lanelets of a map.
-
-    Raises:
-        MapError: too many lanelets overlap, no junction is found, or the environment states an unknown side of traffic.
-    """
+    """Return the network of the lanelets of a map."""
     doubts = list(warnings)
     if odd := turn_odd(ground.lanes, ground.links):
         message = f"lanelets that run against the lanelets before and behind them were turned, left for right: {listed(odd)}"

@@ -150,9 +150,6 @@ def with_centre_lines(lanelets: Iterable[Lanelet]) -> tuple[dict[str, Lanelet], 
     """Return the lanelets with centre lines by id, and the ids of lanelets that are left out because they are too short.
 
     A centre line lies midway between the bounds, which are divided into equal fractions.
-
-    Raises:
-        MapError: a lanelet is longer than 20 km, or all lanelets together are too long to sample.
     """
     lanes: dict[str, Lanelet] = {}
     short: list[str] = []
@@ -185,9 +182,6 @@ def link_lanelets(lanes: Mapping[str, Lanelet]) -> nx.DiGraph:
     """Return the links of lanelets: a lanelet follows another lanelet if both its bounds begin where the bounds of the other end.
 
     Lanelets that share no end points are linked if their centre lines meet within 0.6 m and 20 degrees.
-
-    Raises:
-        MapError: so many lanelets begin at one place that they can be no map of roads.
     """
     links = nx.DiGraph()
     links.add_nodes_from(lanes)
@@ -296,11 +290,7 @@ class Conflicts:
 
 
 def conflicts_of(lanes: Mapping[str, Lanelet], links: nx.DiGraph) -> Conflicts:
-    """Return the pairs of lanelets that cross, merge or part.
-
-    Raises:
-        MapError: so many lanelets overlap that the comparison would take too long.
-    """
+    """Return the pairs of lanelets that cross, merge or part."""
     touching: dict[Pair, None] = {}
     tests = 0
     for id in lanes:
@@ -359,7 +349,6 @@ def intersections(line: Array, other: Array, angle: float = 1e-9) -> tuple[Array
     Args:
         line: points of a line, shape ``(k, 2)`` [m].
         other: points of other lines, shape ``(..., m, 2)`` [m].
-        angle: sine of the least angle of an intersection.
 
     Returns:
         Per piece of the line and piece of the other line, the place on either line as the number of a point plus the fraction up
@@ -381,13 +370,7 @@ def _product(one: Array, two: Array) -> Array:
 
 
 def free_ends(lanes: Mapping[str, Lanelet], pairs: Iterable[Pair], members: Collection[str]) -> dict[str, tuple[float, float]]:
-    """Return how long the first and the last part of lanelets are that are in nobody's way [m].
-
-    Args:
-        lanes: the lanelets by id.
-        pairs: the pairs in conflict.
-        members: ids of the lanelets of one junction; only conflicts among these count.
-    """
+    """Return how long the first and the last part of lanelets are that are in nobody's way [m]."""
     near: defaultdict[str, list[float]] = defaultdict(list)
     for lane, other in ((lanes[a], lanes[b]) for a, b in pairs if a in members and b in members):
         for one, close_points in zip((lane, other), close(lane.points, other.points, _NEAR), strict=True):

@@ -123,11 +123,7 @@ class _Builder:
 def parsed(
     path: str | os.PathLike[str], expected: str, start: Start, end: Callable[[str], None], **text: Callable[[str], None]
 ) -> None:
-    """Read an XML file of bounded size and call a function for each element, see `pytest_rvads.support.storage.read_xml`.
-
-    Raises:
-        MapError: the file does not exist, is too large, is no XML or cut off, or has a DTD.
-    """
+    """Read an XML file of bounded size and call a function for each element, see `pytest_rvads.support.storage.read_xml`."""
     try:
         with open_file(Path(path)) as stream:
             size = os.fstat(stream.fileno()).st_size
@@ -144,9 +140,6 @@ def read_osm(path: str | os.PathLike[str]) -> OsmMap:
     """Read a file of OpenStreetMap XML.
 
     Nodes without coordinates, and references to nodes that the file lacks, are left out of the ways.
-
-    Raises:
-        MapError: the file is no readable OpenStreetMap XML, or an id is malformed.
     """
     builder = _Builder(f"map file {path}")
     parsed(path, "a Lanelet2 file (.osm)", builder.start, builder.end)
@@ -217,9 +210,6 @@ def plane_of_utm(origin: tuple[float, float]) -> tuple[complex, complex]:
 
     Args:
         origin: latitude and longitude of the place [degrees].
-
-    Returns:
-        ``turn``, which holds the scale and the convergence of the meridians, and ``utm``, the UTM coordinates of the place.
     """
     latitude, longitude = origin
     places = np.array([origin, (latitude + 0.001, longitude)])

@@ -115,7 +115,6 @@ def body_of(agent: Agent, vehicle: Vehicle | None = None) -> Body:
     reference point is its middle.
 
     Args:
-        agent: the agent.
         vehicle: parameters with which the agent was simulated; None if they are unknown.
     """
     usual = Vehicle()
@@ -138,7 +137,6 @@ def phases_of_run(junction: Junction, lights: NDArray[np.int8], dt: float) -> tu
     """Return the phases of the traffic lights in a run; the result is empty for a junction without lights.
 
     Args:
-        junction: the junction.
         lights: colour in each state, shape ``(steps, starts)``.
         dt: time between two states [s].
     """
@@ -191,11 +189,7 @@ def mapped(junction: Junction, *maps: str | os.PathLike[str] | None) -> Junction
     """Return a junction with `map` set to the path of a map file in which the junction was found unchanged.
 
     Args:
-        junction: the junction.
         maps: map files that are searched before the file that the junction names; None is skipped.
-
-    Raises:
-        MapError: no file holds the junction, or the file holds a different junction of this name.
     """
     candidates = [path_of(junction.name)] if junction.name in LAYOUTS else []
     candidates += [Path(map) for map in (*maps, junction.map) if map is not None]
@@ -223,13 +217,6 @@ def put_map(junction: Junction, folder: Path) -> str:
     """Copy the map file of a junction into a folder, and return the name of the copy.
 
     An equal copy in the folder is not written again. If a file with other content has the name, the copy gets another name.
-
-    Args:
-        junction: a junction that `mapped` returned.
-        folder: the folder for the copy.
-
-    Raises:
-        MapError: the map can't be read or written.
     """
     source = Path(str(junction.map))
     try:

@@ -57,11 +57,7 @@ class Drive:
 
 
 def intentions(root: Node, where: str) -> Mapping[str, Intention]:
-    """Return start, speed and route of each vehicle by name, in the order in which the file declares the vehicles.
-
-    Raises:
-        RunError: an element is not supported, or a required element is missing; the message names the element and its line.
-    """
+    """Return start, speed and route of each vehicle by name, in the order in which the file declares the vehicles."""
     for story in root.walk("Story"):
         for node in _innermost_actions(story):
             hint = ": the file is a run, which rvads check reads" if node.tag == "FollowTrajectoryAction" else ""
@@ -125,11 +121,7 @@ def _intention(entity: Entity, private: Node, where: str) -> Intention:
 
 
 def _world_position(node: Node) -> Node:
-    """Return the ``<WorldPosition>`` inside of an element.
-
-    Raises:
-        RunError: the element has no position, or a position of another kind.
-    """
+    """Return the ``<WorldPosition>`` inside of an element."""
     position = node.first("Position")
     place = position.children[0] if position is not None and position.children else None
     if place is None or place.tag != "WorldPosition":

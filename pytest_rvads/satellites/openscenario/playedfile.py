@@ -117,15 +117,7 @@ def _run_lengths(zone: NDArray[np.int8]) -> list[tuple[int, Zone]]:
 
 
 def read_played(path: str | Path) -> Sequence[Run]:
-    """Return the run of an exported file, or the runs into which the traffic in a file of another tool is cut.
-
-    Args:
-        path: path of the file; the path of the map in the file is relative to the folder of the file.
-
-    Raises:
-        RunError: the file can't be read, no vehicle follows a trajectory, or the vehicles fit several junctions equally well.
-        MapError: the map can't be read.
-    """
+    """Return the run of an exported file, or the runs into which the traffic in a file of another tool is cut."""
     path = Path(path)
     file = read_trajectories(path)
     if file.note is None:
@@ -142,13 +134,7 @@ def site_of(site: Site, map: Path | None, where: str) -> Junction:
     """Return the junction of an exported run or scenario, from the built-in maps or from the map of the file.
 
     Args:
-        site: the junction as the note of the file names it.
         map: path of the map that the file names; None if the file names no map.
-        where: name of the file in messages.
-
-    Raises:
-        RunError: the junction in the map differs from the junction that was exported, or the file names no map.
-        MapError: the junction can't be found.
     """
     if site.name in LAYOUTS and (builtin := _as_exported(find(site.name), site.digest)).digest == site.digest:
         return builtin

@@ -96,11 +96,7 @@ def export_run(run: Run, path: str | Path, *, map: str | os.PathLike[str] | None
 
 
 def write(path: Path, document: Document) -> None:
-    """Write a document to a file.
-
-    Raises:
-        RvadsError: the file can't be written, or `path` is the name of the map in the same folder.
-    """
+    """Write a document to a file."""
     if path.name == document.map:
         raise RvadsError(f"{path}: the map has this name: give the file another name, such as {path.with_suffix('.xosc')}")
     try:

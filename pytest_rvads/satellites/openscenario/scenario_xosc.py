@@ -155,11 +155,7 @@ def load_scenario(path: str | Path, *, junction: str | None = None, map: str | o
 
 
 def _check_note(scenario: Scenario, by_name: Mapping[str, Intention], root: Node, where: str) -> None:
-    """Check that an exported file was not edited: its elements agree with the scenario in its note.
-
-    Raises:
-        ScenarioError: the vehicles, a start or route, the end or the lights differ from the note.
-    """
+    """Check that an exported file was not edited: its elements agree with the scenario in its note."""
     agents = scenario.agents()
     if {agent.name for agent in agents} != by_name.keys():
         raise _contradiction(where, f"vehicles {', '.join(sorted(by_name))}")
@@ -200,11 +196,7 @@ def _candidate_junctions(junction: str | None, map: Path | None, where: str) -> 
 
 
 def _foreign_scenario(by_name: Mapping[str, Intention], root: Node, places: list[Junction], where: str) -> Scenario:
-    """Return the scenario in a file of another tool, at the single junction through which the routes of all vehicles lead.
-
-    Raises:
-        ScenarioError: the routes lead through no junction of `places`, or through several of these junctions.
-    """
+    """Return the scenario in a file of another tool, at the single junction through which the routes of all vehicles lead."""
     fitting: list[tuple[Junction, list[Drive]]] = []
     unplaced = next(iter(by_name))
     for place in places:
@@ -266,11 +258,7 @@ def _scenario_of_drives(place: Junction, drives: list[Drive], root: Node, where:
 
 
 def _check_queues(scenario: Scenario, queues: Mapping[int, list[Drive]], where: str) -> None:
-    """Check that queued vehicles start at the positions and speeds that a `Scenario` gives to followers.
-
-    Raises:
-        ScenarioError: a vehicle starts at another position or speed.
-    """
+    """Check that queued vehicles start at the positions and speeds that a `Scenario` gives to followers."""
     rows = [drive for entrance in sorted(queues) for drive in sorted(queues[entrance], key=lambda drive: drive.distance)]
     lengths = {agent.name: _vehicle_of_length(drive.length) for agent, drive in zip(scenario.agents(), rows, strict=True)}
     for drive, start in zip(rows, scenario.starts(lengths.__getitem__), strict=True):

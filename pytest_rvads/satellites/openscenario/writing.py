@@ -38,11 +38,7 @@ _NOT_IN_XML = re.compile("[^\t\n\r -\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
 def library() -> Any:
-    """Return ``scenariogeneration.xosc``.
-
-    Raises:
-        RvadsError: the library is not installed.
-    """
+    """Return ``scenariogeneration.xosc``."""
     try:
         return import_module("scenariogeneration.xosc")
     except ImportError as error:
@@ -50,11 +46,7 @@ def library() -> Any:
 
 
 def written(document: Document) -> bytes:
-    """Return the content of an OpenSCENARIO file for a document; equal documents give equal bytes.
-
-    Raises:
-        RvadsError: the library is not installed, or a name begins with a dollar sign or has a character that XML excludes.
-    """
+    """Return the content of an OpenSCENARIO file for a document; equal documents give equal bytes."""
     signals = {name for phase in document.phases for name in phase.colours}
     names = (document.title, document.map, *(actor.name for actor in document.actors), *sorted(signals))
     for text in (*names, *document.note):

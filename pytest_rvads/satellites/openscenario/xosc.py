@@ -78,15 +78,6 @@ def read_xosc(path: Path, columns: Mapping[str, str] | None, *, strict: bool, wa
 
     The positions of a vehicle are the positions of the middle of its rear axle. The bounding box in the file gives the distance
     from the rear axle to the front.
-
-    Args:
-        path: path of the file.
-        columns: names of columns of a table, which this format refuses.
-        strict: whether a bad vertex is an error; if not, bad vertices are left out and counted.
-        watch: function that is called with the number of bytes read so far and the number of all bytes.
-
-    Raises:
-        RunError: the file can't be read, no vehicle follows a trajectory, or a vertex is bad and reading is `strict`.
     """
     if columns:
         raise RunError(f"{path.name}: OpenSCENARIO has fixed attributes, leave --columns out")
@@ -94,11 +85,7 @@ def read_xosc(path: Path, columns: Mapping[str, str] | None, *, strict: bool, wa
 
 
 def log_of(file: TrajectoryFile, *, strict: bool = False) -> Log:
-    """Return the content of a file as a log, the form that all formats of tracks share.
-
-    Raises:
-        RunError: no vehicle follows a trajectory, or a vertex is bad and reading is `strict`.
-    """
+    """Return the content of a file as a log, the form that all formats of tracks share."""
     if not file.ways:
         raise no_trajectories(file.where)
     gather = Gather(file.where, _COLUMNS, strict=strict)
@@ -113,11 +100,7 @@ def log_of(file: TrajectoryFile, *, strict: bool = False) -> Log:
 
 
 def read_trajectories(path: Path, watch: Watch | None = None) -> TrajectoryFile:
-    """Return the vehicles, trajectories, speeds, lights, map and note of a file.
-
-    Raises:
-        RunError: the file can't be read; the message names file, line and element.
-    """
+    """Return the vehicles, trajectories, speeds, lights, map and note of a file."""
     root = read_tree(path, watch)
     unsized = _vehicles_without_size(root, path.name)
     entities = [replace(entity, size=None) if entity.name in unsized else entity for entity in entities_of(root)]
@@ -159,12 +142,7 @@ def _vehicles_without_size(root: Node, where: str) -> list[str]:
 
 
 def note_of(root: Node, subject: str) -> str | None:
-    """Return the note of a file that this package exported, as JSON; None for other files.
-
-    Args:
-        root: the root element of the file.
-        subject: what the note is about: ``run``, ``scenario`` or ``excerpt``.
-    """
+    """Return the note of a file that this package exported, as JSON; None for other files."""
     header = root.first("FileHeader")
     properties = () if header is None else header.walk("Property")
     return next((node.text("value") for node in properties if node.attributes.get("name") == f"rvads.{subject}"), None)
@@ -231,11 +209,7 @@ def _speeds(root: Node) -> dict[str, float]:
 
 
 def lights_of(root: Node, end: float) -> dict[str, Changes]:
-    """Return the changes of colour of each signal, by its id, up to the time `end` [s]; a controller repeats its phases.
-
-    Raises:
-        RunError: the phases of a controller have no positive duration, or the state of a signal is not known.
-    """
+    """Return the changes of colour of each signal, by its id, up to the time `end` [s]; a controller repeats its phases."""
     colours_by_signal: dict[str, list[tuple[float, Colour]]] = {}
     state_count = 0
     for controller in root.walk("TrafficSignalController"):

@@ -89,21 +89,13 @@ class Node:
         return node
 
     def text(self, name: str) -> str:
-        """Return an attribute.
-
-        Raises:
-            RunError: the attribute is missing.
-        """
+        """Return an attribute."""
         if name not in self.attributes:
             raise self.refused(f"has no attribute {name!r}")
         return self.attributes[name]
 
     def number(self, name: str, default: float | None = None) -> float:
-        """Return an attribute as a finite number.
-
-        Raises:
-            RunError: the attribute is no finite number, or is missing without a default.
-        """
+        """Return an attribute as a finite number."""
         if default is not None and name not in self.attributes:
             return default
         text = self.text(name)
@@ -198,11 +190,7 @@ class _Builder:
 
 
 def read_tree(path: Path, watch: Watch | None = None) -> Node:
-    """Return the root element of a file.
-
-    Raises:
-        RunError: the file can't be read, is no OpenSCENARIO XML, or is too large.
-    """
+    """Return the root element of a file."""
     with opened(path, watch) as source:
         builder = _Builder(source.where)
         read_xml(source.chunks(), "OpenSCENARIO XML", builder.start, builder.end)
@@ -212,15 +200,7 @@ def read_tree(path: Path, watch: Watch | None = None) -> Node:
 
 
 def evaluate(text: str, parameters: Mapping[str, str]) -> str:
-    r"""Return the value of an attribute that begins with a dollar sign.
-
-    Args:
-        text: ``$name`` or ``${expression}`` with the operators and functions of the standard, on numbers and truth values.
-        parameters: values by name.
-
-    Raises:
-        ValueError: a parameter is unknown, or the expression is malformed or has no finite value.
-    """
+    r"""Return the value of an attribute that begins with a dollar sign."""
     for name in _PARAMETER.findall(text):
         if name not in parameters:
             raise ValueError(f"refers to {name!r}, which is no declared parameter")

@@ -156,14 +156,7 @@ def ablation(
     executor: Executor | int | None = None,
     progress: Progress | None = None,
 ) -> Flips:
-    """Return, by name of a deficiency of the driver, the cells whose verdicts change if only this deficiency is switched off.
-
-    Args:
-        base: the verdicts with all deficiencies.
-        names: the deficiencies to switch off, one at a time.
-        executor: executor or number of processes, as for `spread`.
-        progress: function that is called after every run.
-    """
+    """Return, by name of a deficiency of the driver, the cells whose verdicts change if only this deficiency is switched off."""
     jobs = [(entry, Setup(off=(name,))) for name in names for table in TABLES for entry in entries(table)]
     flips: dict[str, list[tuple[Key, str, str]]] = {name: [] for name in names}
     for (entry, setup), verdicts in zip(jobs, spread(judge, jobs, executor, progress), strict=True):
@@ -267,11 +260,7 @@ def write_snapshots(folder: str | Path) -> list[Path]:
 
 
 def snapshot(run: Run, rule: str, constants: Constants) -> Snapshot:
-    """Return the two pictures of the first violation of `rule` on `run`.
-
-    Raises:
-        RunError: the run does not violate the rule, or does so in its first state.
-    """
+    """Return the two pictures of the first violation of `rule` on `run`."""
     verdict = check(run, rule)
     if verdict.status is not Status.FAIL or verdict.time is None or verdict.time <= 0.0:
         raise RunError(f"run {run.label} has no violation of {rule} to show: {verdict.message}")
@@ -293,11 +282,7 @@ def _margin(entry: Entry) -> int:
 
 
 def _farthest_move(job: tuple[str, float, Mapping[Key, str]]) -> float:
-    """Return the greatest change of a constant in one direction that changes no cell.
-
-    Args:
-        job: name of the constant, sign of the change, and the verdicts to compare with.
-    """
+    """Return the greatest change of a constant in one direction that changes no cell."""
     name, sign, base = job
     free = FREE[name]
     steps = 0

@@ -128,11 +128,7 @@ def judge(job: Job) -> dict[str, str]:
 
 
 def outcome(run: Run, rules: tuple[str, ...]) -> dict[str, str]:
-    """Return the verdict PASS, FAIL or NA per rule; OPEN (an obligation is left at the end) counts as FAIL, as in the paper.
-
-    Raises:
-        RunError: the run can't be judged.
-    """
+    """Return the verdict PASS, FAIL or NA per rule; OPEN (an obligation is left at the end) counts as FAIL, as in the paper."""
     statuses = {}
     for rule in rules:
         verdict = check(run, rule)
@@ -168,9 +164,6 @@ def crossing_wait(setup: Setup | None = None) -> float:
 
     Args:
         setup: settings of the run; the settings of the paper by default.
-
-    Raises:
-        RunError: the run with the longest wait ends before one of the two vehicles enters the junction.
     """
     setup = setup or Setup()
     longest = RED_WAIT[1]

@@ -67,13 +67,7 @@ def compute(
 
     Args:
         setup: settings of all runs (constants, deficiencies, waiting time); the settings of the paper by default.
-        tables: tables to compute; both by default.
         numbers: the paper's numbers of the classes to compute.
-        executor: executor or number of processes, as for `spread`.
-        progress: function that is called after every run.
-
-    Raises:
-        RunError: a run ended by a fault.
     """
     chosen_entries = [entry for table in tables for entry in entries(table) if entry.number in numbers]
     jobs = [(entry, setup or Setup()) for entry in chosen_entries]

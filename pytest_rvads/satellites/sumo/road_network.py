@@ -67,13 +67,7 @@ class Network:
 
 @lru_cache(maxsize=64)
 def network(junction: Junction, plan: SignalPlan) -> Network:
-    """Return the network of a junction with the signal plan of its lights.
-
-    Raises:
-        MapError: the geometry of the junction is not known.
-        ScenarioError: SUMO can't represent the junction.
-        RunError: netconvert is not installed, or failed.
-    """
+    """Return the network of a junction with the signal plan of its lights."""
     files = _plain_files(junction)
     root = netconvert(files, left_hand=junction.left_hand)
     node = next(item for item in root.iter("junction") if item.get("id") == "J")
@@ -109,12 +103,7 @@ def lane_out(junction: Junction, exit: int) -> tuple[str, int]:
 
 
 def lane_limit(way: Segment, end: int) -> float:
-    """Return the speed limit of a lane in SUMO [m/s]: a single limit per lane, which is the limit at one end of the road.
-
-    Args:
-        way: the road, whose limit may change along it.
-        end: 0 for the limit at the start of the road, -1 for the limit at its end.
-    """
+    """Return the speed limit of a lane in SUMO [m/s]: a single limit per lane, which is the limit at one end of the road."""
     return way.limits[end][1] or SPEED_LIMIT if way.limits else SPEED_LIMIT
 
 
@@ -223,11 +212,7 @@ def _network_of(root: Element) -> Network:
 
 
 def node_type(junction: Junction) -> str:
-    """Return SUMO's node type for a junction, such as ``allway_stop`` (page "Networks/PlainXML" of SUMO, node types).
-
-    Raises:
-        ScenarioError: SUMO can't represent the junction.
-    """
+    """Return SUMO's node type for a junction, such as ``allway_stop`` (page "Networks/PlainXML" of SUMO, node types)."""
     signs = {entrance.sign for entrance in junction.entrances}
     lower = {sign for sign in signs if RANK[sign] == min(RANK[s] for s in signs)}
     if Sign.LIGHTS in signs:
@@ -254,14 +239,6 @@ def check_yields(junction: Junction, node: Element, links: Sequence[Key]) -> Non
     Each movement that must give way to another movement in the junction must give way to it in SUMO, and not the other way round.
     In SUMO, further pairs of movements may have to give way: pairs without a conflict in the junction, and undecided pairs. An
     all-way stop is not checked, because at an all-way stop the arrival times decide who gives way.
-
-    Args:
-        junction: the junction with the intended right of way.
-        node: the junction in the network, with a ``request`` per link.
-        links: the movement of each link, in the order of the link numbers.
-
-    Raises:
-        ScenarioError: the network has another right of way.
     """
     if node.get("type") == "allway_stop":
         return
@@ -283,13 +260,7 @@ def _unsupported(junction: Junction, why: str) -> ScenarioError:
 
 
 def signal_program(junction: Junction, plan: SignalPlan, links: Sequence[Key]) -> Element:
-    """Return a signal plan as an element ``tlLogic`` (page "Simulation/Traffic Lights" of SUMO).
-
-    Args:
-        junction: a junction with lights at all entrances.
-        plan: the signal plan of these lights, whose first phase begins at time 0.
-        links: the movement of each link, in the order of the link numbers.
-    """
+    """Return a signal plan as an element ``tlLogic`` (page "Simulation/Traffic Lights" of SUMO)."""
     logic = Element("tlLogic", id="J", type="static", programID="rvads", offset="0")
     for begin, duration in plan.phases():
         colours = plan.colours(begin, len(junction.entrances))
@@ -307,15 +278,7 @@ def _letter(junction: Junction, colours: Sequence[Colour], key: Key) -> str:
 
 
 def netconvert(files: Mapping[str, Element], *, left_hand: bool) -> Element:
-    """Return the network that netconvert makes from files in plain XML.
-
-    Args:
-        files: content of each input file, by the name of its option.
-        left_hand: whether traffic keeps left.
-
-    Raises:
-        RunError: netconvert is not installed, or failed.
-    """
+    """Return the network that netconvert makes from files in plain XML."""
     program, home = program_and_home()
     # File names are given without folders, because netconvert takes a comma in a path for the end of the path.
     names = {option: f"{option}.xml" for option in files}
@@ -358,9 +321,6 @@ def program_and_home() -> tuple[str, str | None]:
     """Return the path of netconvert and the path of SUMO's home, which is None if netconvert was found on the PATH.
 
     netconvert is searched in the package eclipse-sumo, in the folder that SUMO_HOME names, and on the PATH, in this order.
-
-    Raises:
-        RunError: netconvert is not installed.
     """
     spec = find_spec("sumo")
     homes = [*((spec and spec.submodule_search_locations) or ()), os.environ.get("SUMO_HOME", "")]

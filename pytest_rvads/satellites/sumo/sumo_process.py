@@ -94,11 +94,7 @@ class SumoProcess:
             shutil.rmtree(self._folder, ignore_errors=True)
 
     def _options(self, network: Network, routes: str, seed: int) -> list[str]:
-        """Write the files of a simulation, and return the options of SUMO.
-
-        Raises:
-            SumoFailed: the files can't be written.
-        """
+        """Write the files of a simulation, and return the options of SUMO."""
         net, departures = self._folder / network.name, self._folder / "departures.rou.xml"
         try:
             if not net.exists():
@@ -110,11 +106,7 @@ class SumoProcess:
         return [*_OPTIONS, f"--net-file={net.name}", f"--route-files={departures.name}", f"--seed={seed}"]
 
     def _ask(self, **request: Any) -> array[float]:
-        """Send a request to SUMO and return the numbers of its answer.
-
-        Raises:
-            SumoFailed: SUMO gave no answer within the limit for decisions, or the request failed.
-        """
+        """Send a request to SUMO and return the numbers of its answer."""
         limit = choice().limits.decision or _NO_LIMIT
         try:
             self._child.send(json.dumps(request).encode() + b"\n", limit)

@@ -139,12 +139,7 @@ class Sumo:
 
 
 def _columns_driven_by_sumo(case: Case) -> tuple[int, ...]:
-    """Return the columns (positions among the agents of a case) of the vehicles that SUMO drives.
-
-    Raises:
-        ScenarioError: `SumoDriver` has senses that are not ideal, or vehicles of two entrances start where the lanes of these
-            entrances are still one lane.
-    """
+    """Return the columns (positions among the agents of a case) of the vehicles that SUMO drives."""
     scenario, agents = case.scenario, case.vehicles()
     drivers = [case.driver if case.traffic is None or a.name == scenario.under_test else case.traffic for a in agents]
     driven = tuple(column for column, driver in enumerate(drivers) if driver is SumoDriver)

@@ -92,9 +92,6 @@ class SumoWorld:
         """Advance by one time step: the vehicles of the engine move under `forces`, and SUMO moves its vehicles.
 
         SUMO's vehicles react to the positions that the other vehicles had before the step.
-
-        Raises:
-            Halt: SUMO ended or does not answer.
         """
         self._before = self._motions
         if self._plane is not None:
@@ -151,12 +148,7 @@ class SumoWorld:
             self._motions[column] = motion
 
     def _motions_from(self, rows: array[float], first: int) -> list[Motion]:
-        """Return the motions of all vehicles, with new motions of SUMO's vehicles from SUMO's answer.
-
-        Args:
-            rows: the numbers of the answer, four per step and vehicle.
-            first: index in `rows` of the first number of the step.
-        """
+        """Return the motions of all vehicles, with new motions of SUMO's vehicles from SUMO's answer."""
         motions = list(self._motions)
         for column in self._driven:
             x, y, heading, speed = rows[first + 4 * column : first + 4 * column + 4]
@@ -208,10 +200,6 @@ def departures(case: Case, attributes: Mapping[str, str]) -> str:
     """Return the content of SUMO's route file for a case (page "Definition of Vehicles, Vehicle Types, and Routes" of SUMO).
 
     Every vehicle departs at time 0. The vehicles stand in the order of their creation.
-
-    Args:
-        case: the case to simulate.
-        attributes: attributes of the vehicle types, which replace the attributes made from the vehicle parameters.
     """
     scenario, root = case.scenario, Element("routes")
     created = scenario.creation.index

@@ -70,9 +70,6 @@ def misalignment_of(recordings: Sequence[Recording]) -> Misalignment:
     A small shift ``d`` and rotation ``r`` about the centre ``c`` change the lateral distance of a point ``p`` of a track by
     ``n . (d + r J (p - c))``, where ``n`` points to the left of the way and ``J`` turns by 90 degrees. The returned correction
     has the least sum of squares of the lateral distances of points at equal distances along the tracks.
-
-    Args:
-        recordings: recordings with at least one track.
     """
     points, lefts, laterals = [], [], []
     for recording in recordings:

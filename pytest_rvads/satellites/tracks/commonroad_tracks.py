@@ -26,11 +26,7 @@ _INEXACT = "it is missing or not exact, expected a number or a point"
 
 
 def is_commonroad(path: Path) -> bool:
-    """Return whether a file is a CommonRoad scenario, given by the first kilobytes of the file.
-
-    Raises:
-        RunError: the file can't be read.
-    """
+    """Return whether a file is a CommonRoad scenario, given by the first kilobytes of the file."""
     with opened(path) as source:
         return b"<commonRoad" in next(source.chunks(), b"")
 
@@ -40,9 +36,6 @@ def read_commonroad_tracks(path: Path, columns: Mapping[str, str] | None, *, str
 
     A position is the centre of a vehicle; a row in messages is the line of a state. A vehicle is left out if it has no
     trajectory, or if a time, position or orientation is an interval or an area.
-
-    Raises:
-        RunError: the file can't be read, or has a bad state and `strict` is set.
     """
     if columns:
         raise RunError(f"{path.name}: a CommonRoad scenario has fixed elements, leave --columns out")

@@ -51,7 +51,6 @@ class CrossingMatcher:
         """Return each walk of a pedestrian over a crosswalk, in the order of their times.
 
         Args:
-            walker: samples of the pedestrian in the log.
             points: recorded point of the pedestrian on the map, shape ``(samples, 2)`` [m].
             ahead: distance from the recorded point to the front of the body [m].
         """
@@ -86,11 +85,6 @@ def track_on_foot(agent: Agent, walker: Samples, walk: Matched, points: _Values,
     """Return the track of a pedestrian along a crossing, see `track_of`.
 
     Args:
-        agent: name, kind, body and crossing of the pedestrian.
-        walker: samples of the pedestrian in the log.
-        walk: the crossing, and the samples on the crosswalk.
-        points: as for `CrossingMatcher.match`.
-        ahead: as for `CrossingMatcher.match`.
         accuracy: standard deviation of a coordinate [m].
     """
     fronts = points.copy()

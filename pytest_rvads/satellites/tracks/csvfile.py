@@ -35,11 +35,7 @@ def read_csv(
     preset: str | None = None,
     classes: Mapping[str, str] | None = None,
 ) -> Log:
-    """Return the vehicles of a CSV file; `columns_of` explains `columns` and `preset`, and `log_of` explains `classes`.
-
-    Raises:
-        RunError: the file can't be read, lacks a column, or has a bad row and `strict` is set.
-    """
+    """Return the vehicles of a CSV file; `columns_of` explains `columns` and `preset`, and `log_of` explains `classes`."""
     with opened(path, watch) as source:
         rows = rows_of(source)
         names = next(rows, (0, []))[1]
@@ -48,11 +44,7 @@ def read_csv(
 
 
 def is_fcd_table(path: Path) -> bool:
-    """Return whether a file is floating car data of SUMO as CSV, given by the names of its columns.
-
-    Raises:
-        RunError: the file can't be read.
-    """
+    """Return whether a file is floating car data of SUMO as CSV, given by the names of its columns."""
     with opened(path) as source:
         names = next(source.chunks(), b"").partition(b"\n")[0]
     return b"timestep_time" in names and b"vehicle_id" in names
@@ -135,9 +127,6 @@ def rows_of(source: Source) -> Iterator[tuple[int, list[str]]]:
     """Yield the cells of each row of a CSV file with its line number. The first row holds the column names.
 
     Empty lines are skipped. A row is one line. A line with a quote that is not closed gives a row without cells.
-
-    Raises:
-        RunError: the file has no row of column names, or a line or the number of columns exceeds its bound.
     """
     lines = (
         line.decode("utf-8-sig" if number == 0 else "utf-8", "replace") for number, line in enumerate(source.lines(_LONGEST))

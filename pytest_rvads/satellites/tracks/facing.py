@@ -44,11 +44,7 @@ def agreement(log: Log) -> tuple[float, float]:
 
 
 def with_headings(log: Log) -> Log:
-    """Return the log, without its headings if they say nothing while vehicles stand; matching then derives headings.
-
-    Raises:
-        RunError: most headings differ from the direction of motion, so that neither front bumpers nor ways can be derived.
-    """
+    """Return the log, without its headings if they say nothing while vehicles stand; matching then derives headings."""
     moving, standing = agreement(log)
     if moving < LEAST_AGREEMENT:
         raise RunError(

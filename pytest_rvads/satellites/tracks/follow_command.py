@@ -45,9 +45,6 @@ def refuse_without(options: argparse.Namespace) -> None:
     """Check that no option of ``--follow`` is given without ``--follow``.
 
     Without ``--follow``, ``rvads check`` reads files of runs, which hold the junction and the accuracy themselves.
-
-    Raises:
-        RunError: an option of ``--follow`` is given without ``--follow``.
     """
     names = ("map", "junction", "strict", *INTAKE)
     given_options = [f"--{name.replace('_', '-')}" for name in names if getattr(options, name) not in (None, False)]
@@ -184,11 +181,7 @@ def _print_text(answer: dict[str, Any]) -> None:
 
 
 def _lines(file: str) -> Iterator[bytes]:
-    """Yield whole lines: of standard input until its end, or of a growing file without end.
-
-    Raises:
-        RunError: the file can't be read, or a line is too long.
-    """
+    """Yield whole lines: of standard input until its end, or of a growing file without end."""
     if file == "-":
         yield from _whole_lines(lambda: sys.stdin.buffer.readline(LINE_LIMIT + 1), "standard input")
         return

@@ -20,12 +20,7 @@ _FARTHEST = 6.0
 
 
 def on_plane(log: Log, map: str | os.PathLike[str] | None) -> Log:
-    """Return a log in the coordinates of a map, whose vehicles had degrees of longitude and latitude.
-
-    Raises:
-        RunError: the map does not state a projection that is read, or the log is of another place.
-        MapError: the map can't be read.
-    """
+    """Return a log in the coordinates of a map, whose vehicles had degrees of longitude and latitude."""
     if map is not None and Path(map).suffix.lower() == ".osm":
         origin = read_osm(map).origin
         projection, stated = (None if origin is None else (origin, 1.0, (0.0, 0.0))), "no degrees"

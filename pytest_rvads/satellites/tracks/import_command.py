@@ -159,12 +159,7 @@ def _warn_of_gaps(recording: Recording) -> None:
 
 
 def _check_junction(options: argparse.Namespace) -> None:
-    """Check the options ``--junction`` and ``--map``, so that a wrong option is an error before a long file is read.
-
-    Raises:
-        RunError: the junction is not named, or ``all`` is given without a map.
-        MapError: the junction does not exist.
-    """
+    """Check the options ``--junction`` and ``--map``, so that a wrong option is an error before a long file is read."""
     from pytest_rvads.geometry.finder import find
 
     if options.junction is None:
@@ -299,11 +294,7 @@ def add_intake(parser: argparse._ActionsContainer) -> None:
 
 
 def intake_of(options: argparse.Namespace, usual: Point) -> Intake:
-    """Return the settings of an import from the options; `usual` is the recorded point of vehicles without ``--point``.
-
-    Raises:
-        RunError: an option has a value out of its range.
-    """
+    """Return the settings of an import from the options; `usual` is the recorded point of vehicles without ``--point``."""
     from pytest_rvads.satellites.tracks.importing import Intake
 
     return Intake(

@@ -123,11 +123,7 @@ def read_tracks(  # noqa: PLR0913 - the options of a command
 
 
 def check_single_junction(log: Log, recordings: Sequence[Recording]) -> None:
-    """Check that all vehicles of a log pass the same junction.
-
-    Raises:
-        RunError: the vehicles pass several junctions.
-    """
+    """Check that all vehicles of a log pass the same junction."""
     if len(recordings) > 1:
         ids = one_line(", ".join(recording.junction.id for recording in recordings), 200)
         raise RunError(
@@ -136,12 +132,7 @@ def check_single_junction(log: Log, recordings: Sequence[Recording]) -> None:
 
 
 def recordings_in(log: Log, point: Point) -> list[Recording]:
-    """Return the recorded traffic of a log at every junction of its map that a vehicle passes.
-
-    Raises:
-        RunError: the log names no map, or no vehicle passes a junction of the map.
-        MapError: the map can't be read.
-    """
+    """Return the recorded traffic of a log at every junction of its map that a vehicle passes."""
     places = junctions_of(log, None, None)
     return recordings_at(log, places, Intake(point), log.lights, label_of(log, None), by_junction=len(places) > 1)
 
@@ -150,13 +141,8 @@ def junctions_of(log: Log, junction: str | None, map: str | os.PathLike[str] | N
     """Return the named junction, or all usable junctions of the map.
 
     Args:
-        log: the log.
         junction: argument of `find`; ``all`` or None for all usable junctions of the map.
         map: map file; None for the map that the log names, unless `junction` is built in.
-
-    Raises:
-        RunError: neither a junction nor a map is named.
-        MapError: the junction does not exist, or the map has no usable junction.
     """
     if map is None and junction not in names():
         map = log.map
@@ -177,10 +163,6 @@ def on_map(log: Log, map: str | os.PathLike[str] | None) -> Log:
 
     The positions of a log with UTM coordinates, or in degrees, are projected as the nodes of a Lanelet2 file are, or as the
     ``<geoReference>`` of an OpenDRIVE file says; other logs and maps have the same coordinates.
-
-    Raises:
-        RunError: the map does not state how degrees are projected, or headings differ from the direction of motion.
-        MapError: the map can't be read.
     """
     if log.degrees:
         return with_headings(on_plane(log, map))
@@ -203,20 +185,7 @@ def recordings_at(
     by_junction: bool = False,
     watch: Watch | None = None,
 ) -> list[Recording]:
-    """Return a recording per junction that a vehicle of the log passes.
-
-    Args:
-        log: the log.
-        junctions: junctions to which the vehicles are matched.
-        intake: settings that the log does not state.
-        recorded_lights: changes of colour by id of the signal.
-        label: prefix of the labels of the runs.
-        by_junction: whether the id of the junction is added to the label.
-        watch: function that is called with the number of finished junctions and the number of all junctions.
-
-    Raises:
-        RunError: no vehicle passes any of the junctions; the message names the most frequent reason at the last junction.
-    """
+    """Return a recording per junction that a vehicle of the log passes."""
     recordings: list[Recording] = []
     left_out: Sequence[tuple[str, str]] = ()
     for number, junction in enumerate(junctions, start=1):
@@ -263,11 +232,7 @@ def unknown_lights(recording: Recording) -> dict[str, float | None]:
 
 
 def recording_of(log: Log, junction: Junction, intake: Intake, recorded_lights: Mapping[str, Changes], label: str) -> Recording:
-    """Return the recording of a log at a junction; the recording has no tracks if no vehicle passes the junction.
-
-    Raises:
-        RunError: the junction has no geometry.
-    """
+    """Return the recording of a log at a junction; the recording has no tracks if no vehicle passes the junction."""
     if not junction.drivable:
         raise RunError(f"junction {junction.name!r} has no geometry, and tracks are matched to the geometry: give its map")
     if intake.speed_limit is not None:

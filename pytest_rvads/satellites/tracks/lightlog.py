@@ -42,9 +42,6 @@ def read_lights(path: Path) -> dict[str, Changes]:
 
     A file ending in ``.xml`` holds elements ``<tlsState>`` of SUMO, written by ``SaveTLSStates``. Link ``k`` of the traffic light
     ``C`` gets the name ``C_k``, which is the id of its signal in an OpenDRIVE file that SUMO writes.
-
-    Raises:
-        RunError: the file can't be read; the message names row and column.
     """
     return _read_sumo_lights(path) if path.suffix.lower() == ".xml" else _read_csv_lights(path)
 
@@ -149,11 +146,7 @@ def _read_csv_lights(path: Path) -> dict[str, Changes]:
 
 
 def _add_colour(colours_by_signal: dict[str, list[tuple[float, Colour]]], time: str, name: str, colour: str, where: str) -> None:
-    """Add the colour that a signal shows from a time on.
-
-    Raises:
-        RunError: the time is no number or not later than the time before of this signal, or the colour is not known.
-    """
+    """Add the colour that a signal shows from a time on."""
     try:
         seconds = float(time)
     except ValueError:
@@ -172,11 +165,7 @@ def _add_colour(colours_by_signal: dict[str, list[tuple[float, Colour]]], time: 
 
 
 def limit_lights(changes: int, signals: int, where: str) -> None:
-    """Check that a file has no more changes of colour and signals than fit in memory.
-
-    Raises:
-        RunError: the file has more changes or signals.
-    """
+    """Check that a file has no more changes of colour and signals than fit in memory."""
     if changes >= _MOST_CHANGES or signals > _MOST_SIGNALS:
         raise RunError(
             f"{where}: the file has more than {_MOST_CHANGES:,} changes of colour, or more than {_MOST_SIGNALS:,} signals: "

@@ -134,7 +134,6 @@ class Matcher:
         """Yield each pass of a vehicle through the junction, or the reason why the way of the pass is unknown.
 
         Args:
-            vehicle: samples of the vehicle in the log.
             points: middle of the front bumper, shape ``(samples, 2)`` [m].
             heading: heading of the vehicle, shape ``(samples,)`` [rad].
         """
@@ -248,11 +247,7 @@ def unbroken(times: _Values) -> list[slice]:
 
 
 def _pass_starts(inside: NDArray[np.int64]) -> list[int]:
-    """Return the numbers of the points of a track at which its passes through the junction begin.
-
-    Args:
-        inside: numbers of the points that are inside the junction.
-    """
+    """Return the numbers of the points of a track at which its passes through the junction begin."""
     if not len(inside):
         return []
     exits = np.flatnonzero(np.diff(inside) > _SHORTEST_ABSENCE / _STEP)
@@ -337,9 +332,6 @@ def track_of(
     """Return the track of a vehicle along its way: stations, speeds and poses, smoothed according to their accuracy.
 
     Args:
-        agent: name, kind, body and way of the vehicle.
-        vehicle: the vehicle's samples in the log.
-        match: the vehicle's way, and the samples that lie on the way.
         points: middle of the front bumper in all samples, shape ``(samples, 2)`` [m].
         heading: heading in all samples, shape ``(samples,)`` [rad]; None to derive the headings from the way.
         accuracy: standard deviation of a coordinate [m]; with 0, the positions are not smoothed.

@@ -33,9 +33,6 @@ def read_fcd(path: Path, columns: Mapping[str, str] | None, *, strict: bool, wat
     A person can have the id of a vehicle, so the name of a person is its id after the word ``person``. A position is the middle
     of the front, and an angle is given in degrees clockwise from north. A file has the sizes of vehicles only if SUMO was started
     with ``--fcd-output.attributes``.
-
-    Raises:
-        RunError: the file can't be read, or has a bad row and `strict` is set.
     """
     if is_fcd_table(path):
         return read_fcd_table(path, columns, strict=strict, watch=watch)
@@ -116,11 +113,7 @@ _CarlaState = tuple[int, float, float, float, float, float, float, float, float,
 
 
 def read_carla(path: Path, columns: Mapping[str, str] | None, *, strict: bool, watch: Watch | None) -> Log:
-    """Return the vehicles and lights of a CARLA log in the frame of its OpenDRIVE map: the signs of y and yaw are reversed.
-
-    Raises:
-        RunError: the file can't be read, or has a bad record; the message names the line.
-    """
+    """Return the vehicles and lights of a CARLA log in the frame of its OpenDRIVE map: the signs of y and yaw are reversed."""
     if columns:
         raise RunError(f"{path.name}: a trajectory log has fixed fields, leave --columns out")
     with opened(path, watch) as source:
@@ -200,9 +193,6 @@ def read_osi(path: Path, columns: Mapping[str, str] | None, *, strict: bool, wat
     """Return the moving objects in the messages ``GroundTruth`` of OSI, including messages inside of ``SensorView``.
 
     Animals are left out.
-
-    Raises:
-        RunError: the file can't be read, or the extra is not installed.
     """
     if columns:
         raise RunError(f"{path.name}: OSI has fixed fields, leave --columns out")
@@ -274,9 +264,6 @@ def read_rosbag(path: Path, columns: Mapping[str, str] | None, *, strict: bool, 
     """Return the vehicles of a bag: one per topic of type ``nav_msgs/Odometry``, and one per object id in ``TrackedObjects``.
 
     By convention of ROS, odometry refers to ``base_link``, which is the middle of the rear axle. Odometry has no size.
-
-    Raises:
-        RunError: the bag can't be read, has no message of these types, or the extra is not installed.
     """
     if columns:
         raise RunError(f"{path.name}: messages have fixed fields, leave --columns out")

@@ -107,11 +107,7 @@ class Log:
         return replace(self, vehicles=tuple(vehicle.moved(turn, shift) for vehicle in self.vehicles), utm=None)
 
     def of_kinds(self, kinds: Mapping[str, str]) -> Log:
-        """Return the log with a kind of road user for each class in `kinds`; a note names classes of unknown kind.
-
-        Raises:
-            RunError: a kind is not known.
-        """
+        """Return the log with a kind of road user for each class in `kinds`; a note names classes of unknown kind."""
         for name, kind in kinds.items():
             if kind not in tuple(Kind):
                 raise RunError(
@@ -173,17 +169,7 @@ class Gather:
         self.lights: dict[str, Changes] = {}
 
     def add(self, name: str, row: int, numbers: tuple[float, ...]) -> bool:
-        """Add a sample of a vehicle.
-
-        Args:
-            name: id of the vehicle.
-            row: number of the row in the log.
-            numbers: a number per field of `FIELDS`, in SI units; heading and speed are NaN if the log has none.
-
-        Returns:
-            Whether the caller must call `describe`: the sample is the first sample of the id, or comes after a long gap or a
-            jump, so that the id can belong to another vehicle.
-        """
+        """Add a sample of a vehicle."""
         series = self._rows.get(name)
         if series is None:
             series = self._rows[name] = self._new_series(name, row)
@@ -201,13 +187,8 @@ class Gather:
         """Add several samples of a vehicle.
 
         Args:
-            name: id of the vehicle.
             rows: numbers of the rows in the log, shape ``(samples,)``.
             numbers: values of the fields as for `add`, shape ``(samples, 5)``.
-
-        Returns:
-            The number of samples of the vehicle before this call, and the indices in `rows` of the samples for which the caller
-            must call `describe`.
         """
         series = self._rows.get(name)
         if series is None:
@@ -250,10 +231,8 @@ class Gather:
         """Set size and kind of a vehicle from a sample on.
 
         Args:
-            name: id of the vehicle.
             size: length and width [m]. A pedestrian is a circle of the diameter `PERSON` about the middle of its recorded body,
                 and has no size here, because some data sets state 0.
-            kind: kind of road user, or its class in the words of the log, see `kind_of`.
             ahead: distance from the recorded point to the front bumper [m], see `Samples`.
             at: number of the first sample for which size and kind hold; None for the sample that was added last.
         """
@@ -269,17 +248,7 @@ class Gather:
             self._count_vehicles(len(bodies) > 1)
 
     def refuse(self, name: str, row: int, column: str, why: str) -> None:
-        """Leave a vehicle out because of a bad row.
-
-        Args:
-            name: id of the vehicle.
-            row: number of the row in the log.
-            column: field with the bad value.
-            why: the value and the expected value, in words.
-
-        Raises:
-            RunError: a bad row is an error, because reading is strict.
-        """
+        """Leave a vehicle out because of a bad row."""
         message = f"{self.where}: row {row}, column {self._columns.get(column, column)}: {why}"
         if self._strict:
             raise RunError(one_line(message))

@@ -116,16 +116,7 @@ class Stream:
         """Number of vehicles that were judged so far."""
 
     def read(self, line: bytes, where: str) -> Iterator[Run]:
-        """Read a line, and return runs of the vehicles that can be judged now.
-
-        Args:
-            line: a state in JSON, see `State`.
-            where: name of the line in messages.
-
-        Raises:
-            RunError: the line is no state, names an unknown light, or is not later than the line before. The stream stays as it
-                was before the line.
-        """
+        """Read a line, and return runs of the vehicles that can be judged now."""
         state = decode(line, State, where, RunError)
         if self._now is not None and state.t <= self._now:
             raise RunError(f"{where}: the time must be later than {self._now:g} s, got {state.t:g} s")

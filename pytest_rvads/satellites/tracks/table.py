@@ -130,11 +130,7 @@ class Rows:
 
 
 def parse_pairs(text: str | None, option: str, example: str) -> dict[str, str] | None:
-    """Return the pairs of the text of an option, in the form of an example such as ``time=t:ms,id=track``; None without a text.
-
-    Raises:
-        RunError: the text has another form.
-    """
+    """Return the pairs of an option in the form of an example such as ``time=t:ms,id=track``; None without a text."""
     if text is None:
         return None
     pairs = {}
@@ -153,13 +149,8 @@ def columns_of(
 
     Args:
         columns: column per field, with a unit after a colon unless the column has SI units; None if the user names no column.
-        names: names of the columns of the table.
-        where: name of the table in messages.
         preset: key of `PRESETS` for the fields that `columns` does not name; None to take, if `columns` is None as well, the
             preset whose columns the table has. Fields without a preset get the column with a usual name.
-
-    Raises:
-        RunError: a field, column or unit is not known, or a required field has no column.
     """
     table_columns = {name.strip().lower(): name for name in reversed(names)}
     preset_columns = PRESETS.get(preset or (_fitting_preset(table_columns) if columns is None else ""), {})
@@ -217,18 +208,7 @@ def _column(field: str, text: str, table_columns: Mapping[str, str], where: str)
 def log_of(
     chunks: Iterable[Rows], columns: Mapping[str, Column], where: str, *, strict: bool, classes: Mapping[str, str] | None = None
 ) -> Log:
-    """Return the vehicles of a table.
-
-    Args:
-        chunks: the rows of the table in batches.
-        columns: column per field.
-        where: name of the table in messages.
-        strict: whether a bad row is an error.
-        classes: class by id of the vehicle, for a table without a column for the class.
-
-    Raises:
-        RunError: the table is too large, or has a bad row and `strict` is set.
-    """
+    """Return the vehicles of a table."""
     column_names = {field: column.name for field, column in columns.items()}
     column_names.setdefault("speed", column_names.get("vx", "speed"))
     column_names["size"] = column_names.get("length", "length")
@@ -276,15 +256,7 @@ def _body_angle(rows: Rows, columns: Mapping[str, Column], angles: Iterable[str]
 def _add_rows(
     gather: Gather, rows: Rows, columns: Mapping[str, Column], cases: dict[str, int], classes: Mapping[str, str]
 ) -> None:
-    """Add a batch of rows to the vehicles.
-
-    Args:
-        gather: collects the vehicles.
-        rows: the batch.
-        columns: column per field.
-        cases: number of each case (scene of the data set INTERACTION) in the batches so far, to which new cases are added.
-        classes: as for `log_of`.
-    """
+    """Add a batch of rows to the vehicles."""
     nothing = np.full(len(rows.numbers["x"]), np.nan)
     times = rows.numbers["time"] * columns["time"].factor
     names = rows.texts["id"]
@@ -353,11 +325,7 @@ def is_table(source: object) -> bool:
 
 
 def read_table(table: Any, columns: Mapping[str, str] | None, *, strict: bool, preset: str | None = None) -> Log:
-    """Return the vehicles of a table in memory; `columns_of` explains `columns` and `preset`. Messages count rows from 0.
-
-    Raises:
-        RunError: the table lacks a column, its columns differ in length, or a row is bad and `strict` is set.
-    """
+    """Return the vehicles of a table in memory; `columns_of` explains `columns` and `preset`. Messages count rows from 0."""
     names = _column_names(table)
     fields = columns_of(columns, names, _WHERE, preset=preset)
     values = {field: _column_values(table, column.name) for field, column in fields.items()}

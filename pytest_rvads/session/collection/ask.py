@@ -90,16 +90,7 @@ class Ask:
 
     @classmethod
     def of(cls, place: str, arguments: Mapping[str, Any], misspelt: Iterable[str]) -> Ask:
-        """Check the arguments of a mark as far as possible without the junction and the options of the session.
-
-        Args:
-            place: file and line of the mark.
-            arguments: the keywords of `scenario` with their values.
-            misspelt: unknown keywords, which are refused.
-
-        Raises:
-            ScenarioError: an argument of a wrong type, an empty list, or arguments that exclude each other.
-        """
+        """Check the arguments of a mark as far as possible without the junction and the options of the session."""
         checked = dict(arguments)
         for keyword in misspelt:
             raise ScenarioError(f"@rvads.scenario takes {', '.join(checked)}, got {keyword!r}{suggest(keyword, checked)}")
@@ -134,18 +125,7 @@ class Ask:
         watch: Callable[..., Iterable[Configuration]],
         takes_rule: bool,
     ) -> Selected:
-        """Return the runs and rules that the mark selects at each junction.
-
-        Args:
-            folder: folder of the test file.
-            options: options of the session.
-            added: junctions and grids that users add by hooks.
-            watch: yields the configurations that it is given, and shows the progress.
-            takes_rule: whether the test runs over rules.
-
-        Raises:
-            RvadsError: a junction does not exist, or no junction fits the arguments of the mark.
-        """
+        """Return the runs and rules that the mark selects at each junction."""
         sources = [self._source(name, folder, options.map, added) for name in self.junction]
         choice = choose_among(sources, kinds=self.kinds)
         places = [place.limited(options.speed_limit) if options.speed_limit else place for place in choice.junctions]
@@ -177,11 +157,7 @@ class Ask:
         watch: Callable[..., Iterable[Configuration]],
         takes_rule: bool,
     ) -> Resolved:
-        """Return the runs and rules that the mark selects at a junction.
-
-        Raises:
-            ScenarioError: the junction does not fit the mark, or no scenario has room for its vehicles.
-        """
+        """Return the runs and rules that the mark selects at a junction."""
         place = place.walked if self.pedestrians else place
         configurations, left_out = self._configurations(place, options, grids, watch)
         entrances, codes = len(place.entrances), []
@@ -206,11 +182,7 @@ class Ask:
         return resolved
 
     def judged_by(self, place: Junction) -> tuple[Rule, ...]:
-        """Return the rules that judge the runs at a junction.
-
-        Raises:
-            RvadsError: see `judged_at`.
-        """
+        """Return the rules that judge the runs at a junction."""
         return judged_at(self.rules or ("paper" if self.subject is None else "road",), place)
 
     def _source(self, junction: str, folder: Path, default: str | None, added: Extensions) -> tuple[str, str | None]:
@@ -264,11 +236,7 @@ def _reason(error: ScenarioError, place: Junction) -> str:
 
 
 def judged_at(names: Sequence[str | Rule], place: Junction) -> tuple[Rule, ...]:
-    """Return the rules among `names` (rules and rulebooks) that apply to the control of a junction, i.e. to its signs or lights.
-
-    Raises:
-        RvadsError: a rule is unknown, no rule applies to the control of the junction, or a rule has the name of another rule.
-    """
+    """Return the rules among `names` (rules and rulebooks) that apply to the signs or lights of a junction."""
     rules = rules_for(names, place)
     if not rules:
         raise ScenarioError(

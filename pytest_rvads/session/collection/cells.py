@@ -30,12 +30,7 @@ Traced = tuple[str, ...]
 
 
 def run_name(nodeid: str, cell: Cell | RecordedCell) -> str:
-    """Return the id of a test item without the rule; all items of a test that judge one run share this name.
-
-    Args:
-        nodeid: pytest's id of the item.
-        cell: the run and the rule of the item.
-    """
+    """Return the id of a test item without the rule; all items of a test that judge one run share this name."""
     return nodeid.replace(cell.id, cell.run)
 
 
@@ -130,9 +125,7 @@ def runs_of(selection: Selection, policies: Sequence[Policy | None], unfit: Unfi
     """Yield the runs of a selection: each scenario with each traffic policy (driver of the other vehicles).
 
     Args:
-        selection: the scenarios.
         policies: policies of the traffic; without traffic, the only policy is None.
-        unfit: counts the scenarios that are left out.
     """
     for scenario in selection.fitting(unfit.add):
         yield from ((scenario, policy) for policy in policies)
@@ -176,11 +169,7 @@ class Known:
 
     @classmethod
     def of(cls, place: str, name: str, reason: str, where: Mapping[str, Any]) -> Known:
-        """Check the arguments of a mark.
-
-        Raises:
-            ScenarioError: a key is unknown, or a value is neither a word nor a number.
-        """
+        """Check the arguments of a mark."""
         for argument, text in (("name", name), ("reason", reason)):
             if not isinstance(text, str):
                 raise ScenarioError(f"{argument} of @rvads.known must be a text in quotes, got {text!r}")
@@ -232,12 +221,7 @@ class Resolved:
         return self.selection.count() * self.selection.points * len(self.traffic)
 
     def check(self) -> None:
-        """Check that every named scenario exists, and that at least one scenario has room for its vehicles.
-
-        Raises:
-            ScenarioError: a named scenario does not exist, or no scenario has a vehicle that can meet a pedestrian.
-            NoRoom: no scenario has room.
-        """
+        """Check that every named scenario exists, and that at least one scenario has room for its vehicles."""
         if self.selection.scenarios is not None:
             for _ in replace(self.selection, configurations=self.selection.configurations[:1]):
                 pass

@@ -51,9 +51,6 @@ def expand(metafunc: pytest.Metafunc, options: Options) -> None:
     """Expand a test into an item per run and rule that its marks ``@rvads.scenario`` select.
 
     Only the nearest marks count: the marks of the function; without these, of the class; without both, of the module.
-
-    Raises:
-        Misuse: a mark can't be expanded.
     """
     __tracebackhide__ = True
     from pytest_rvads.session.collection.ask import Ask
@@ -77,11 +74,7 @@ def expand(metafunc: pytest.Metafunc, options: Options) -> None:
 
 
 def expand_recorded(metafunc: pytest.Metafunc, options: Options) -> None:
-    """Expand a test into an item per recorded run and rule of its marks; the fixtures of driver and simulator are not set up.
-
-    Raises:
-        Misuse: a mark can't be expanded.
-    """
+    """Expand a test into an item per recorded run and rule of its marks; the fixtures of driver and simulator are not set up."""
     __tracebackhide__ = True
     from pytest_rvads.session.collection.recordings import OpenFiles, Recordings
 
@@ -236,13 +229,7 @@ def _note_known(
 
 
 def _params(cells: Iterable[Cell | RecordedCell], known: Sequence[Known], more: Sequence[None] = ()) -> Iterator[Any]:
-    """Yield a pytest parameter per cell, with a mark for selection by ``-m`` and an xfail for every known deficiency of the cell.
-
-    Args:
-        cells: cells of a test.
-        known: known deficiencies of the test.
-        more: values of further arguments.
-    """
+    """Yield a pytest parameter per cell, with a mark for ``-m`` and an xfail for every known deficiency of the cell."""
     select = pytest.mark.rvads
     for cell in cells:
         marks = [select.with_args(**cell.keys)]
@@ -254,18 +241,7 @@ def _params(cells: Iterable[Cell | RecordedCell], known: Sequence[Known], more: 
 
 
 def _resolve(ask: Ask, test: pytest.Function, options: Options, added: Extensions, takes_rule: bool) -> tuple[Resolved, ...]:
-    """Return the runs and rules that one mark of a test selects at each junction, and note left-out junctions and starts.
-
-    Args:
-        ask: the arguments of the mark.
-        test: the test function.
-        options: options of the session.
-        added: junctions and grids that users add by hooks.
-        takes_rule: whether the test runs over rules.
-
-    Raises:
-        RvadsError: a junction does not exist, no junction fits the mark, or the test would have too many items.
-    """
+    """Return the runs and rules that one mark of a test selects at each junction, and note left-out junctions and starts."""
     stash = test.config.stash
     watch = partial(_watched, test.config, "v(d)max of point", least=_POINTS)
     selected = ask.resolve(test.path.parent, options, added, watch, takes_rule)
@@ -289,11 +265,7 @@ def _resolve(ask: Ask, test: pytest.Function, options: Options, added: Extension
 
 
 def _planned_runs(resolved: Sequence[Resolved], test: pytest.Function, options: Options) -> Iterator[PlannedRun]:
-    """Yield the runs of a test, or a sample of these runs, and note how many runs and scenarios are left out.
-
-    Raises:
-        Misuse: the test would have too many items.
-    """
+    """Yield the runs of a test, or a sample of these runs, and note how many runs and scenarios are left out."""
     stash = test.config.stash
     most = sum(at_junction.runs for at_junction in resolved) if options.sample else 0
     watch = partial(_watched, test.config, f"runs of {test.originalname} to draw from", least=_RUNS, most=most)
@@ -350,15 +322,7 @@ def _note_sample(stash: pytest.Stash, test: str, what: str, taken: int, total: i
 
 
 def _watched(config: pytest.Config, what: str, things: Iterable[T], least: int, most: int = 0) -> Iterator[T]:
-    """Yield the given things one by one; on a terminal, show the number of yielded things in a line that is overwritten.
-
-    Args:
-        config: configuration of the session; workers, pipes and ``-q`` show nothing.
-        what: name of the things, for the line.
-        things: the things to yield.
-        least: least number of things for which the line is shown.
-        most: number of things, if `things` has no length.
-    """
+    """Yield the given things one by one; on a terminal, show the number of yielded things in a line that is overwritten."""
     reporter: Any = config.pluginmanager.get_plugin("terminalreporter")
     capture: Any = config.pluginmanager.get_plugin("capturemanager")
     shown = reporter is not None and reporter.isatty and reporter.verbosity >= 0 and not hasattr(config, "workerinput")

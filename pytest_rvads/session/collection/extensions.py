@@ -40,11 +40,7 @@ def extensions(config: pytest.Config, rules: Path | None) -> Extensions:
     """Call the hooks of users once per process, register the returned rules, and return the junctions and grids.
 
     Args:
-        config: configuration of the session.
         rules: file of ``--rvads-rules``, or None.
-
-    Raises:
-        RvadsError: a hook returns a value of another form, or a name that is taken.
     """
     __tracebackhide__ = True
     if _EXTENSIONS not in config.stash:
@@ -95,13 +91,7 @@ def _register_rules(config: pytest.Config, file: Path | None) -> None:
 
 
 def _merged(hook: str, results: Sequence[Any], taken: Sequence[str]) -> dict[str, Any]:
-    """Merge the dictionaries that the implementations of a hook return into one dictionary.
-
-    Args:
-        hook: name of the hook, for messages.
-        results: a dictionary per implementation.
-        taken: names that are not free.
-    """
+    """Merge the dictionaries that the implementations of a hook return into one dictionary."""
     merged: dict[str, Any] = {}
     for names in results:
         if not isinstance(names, Mapping):

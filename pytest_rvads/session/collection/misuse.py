@@ -30,11 +30,7 @@ def caller() -> str:
 
 @contextmanager
 def told_at(place: str) -> Iterator[None]:
-    """Turn every `RvadsError` that is raised inside the context into a `Misuse`, with `place` in front of the message.
-
-    Raises:
-        Misuse: in place of the `RvadsError`.
-    """
+    """Turn every `RvadsError` that is raised inside the context into a `Misuse`, with `place` in front of the message."""
     try:
         yield
     except RvadsError as error:
@@ -42,11 +38,7 @@ def told_at(place: str) -> Iterator[None]:
 
 
 def several(name: str, value: Any, kind: type | tuple[type, ...], what: str) -> tuple[Any, ...] | None:
-    """Return the value or values of an argument as a tuple, or None for None; numpy integers become Python integers.
-
-    Raises:
-        ScenarioError: a value has another type, or there are no values.
-    """
+    """Return the value or values of an argument as a tuple, or None for None; numpy integers become Python integers."""
     if value is None:
         return None
     single = isinstance(value, (str, kind)) or not isinstance(value, Iterable)

@@ -47,11 +47,7 @@ class OpenFiles:
         self._read = lru_cache(2)(lambda path: self._limited(read_runs(path)))
 
     def runs(self, path: str) -> Sequence[Run]:
-        """Return the runs of a file as a sequence; a sequence of recorded traffic makes a run only when the run is accessed.
-
-        Raises:
-            RvadsError: the file can't be read.
-        """
+        """Return the runs of a file as a sequence; a sequence of recorded traffic makes a run only when the run is accessed."""
         runs: Sequence[Run] = self._read(path)
         return runs
 
@@ -79,14 +75,8 @@ class Recordings:
         """Check the arguments of a mark as far as possible without access to files.
 
         Args:
-            place: file and line of the mark.
-            patterns: files, folders or patterns.
             rules: a rule, a name of a rule or rulebook, or several of these; None for ``"road"``.
             requirement: identifier of a requirement, several identifiers, or None.
-            misspelt: unknown keywords, which are refused.
-
-        Raises:
-            ScenarioError: an argument of a wrong type, or no pattern.
         """
         keywords = ("rules", "requirement")
         for keyword in misspelt:
@@ -108,11 +98,7 @@ class Recordings:
         )
 
     def files(self, folder: Path) -> dict[Path, str]:
-        """Return the recorded files that the mark selects for a test in `folder`, each with its name in ids.
-
-        Raises:
-            ScenarioError: a pattern matches nothing.
-        """
+        """Return the recorded files that the mark selects for a test in `folder`, each with its name in ids."""
         names: dict[Path, str] = {}
         for pattern in self.patterns:
             matches = _matches(pattern, folder) or _matches(pattern, Path.cwd())
@@ -126,11 +112,7 @@ class Recordings:
         return names
 
     def cells(self, files: Iterable[tuple[Path, str]], opened: OpenFiles, takes_rule: bool) -> Iterator[RecordedCell]:
-        """Yield a cell (run and rule of a test item) per recorded run and rule; an unreadable file gives one cell with an error.
-
-        Raises:
-            RvadsError: a rule is unknown, or no rule is about the control of the junction of a file.
-        """
+        """Yield a cell per recorded run and rule; an unreadable file gives one cell with an error."""
         for path, name in files:
             try:
                 place, runs = _junction_and_labels(path, opened)
@@ -155,11 +137,7 @@ class Recordings:
 
 
 def _junction_and_labels(path: Path, opened: OpenFiles) -> tuple[Junction, Sequence[str]]:
-    """Return the junction of a file and the labels of its runs in ids; the label of a single run is empty.
-
-    Raises:
-        RvadsError: the file can't be read, or holds no run.
-    """
+    """Return the junction of a file and the labels of its runs in ids; the label of a single run is empty."""
     place = glance(path)
     if place is not None:
         return place, ("",)

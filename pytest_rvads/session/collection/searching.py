@@ -218,12 +218,7 @@ def _record(item: pytest.Item, sides: Sequence[CriticalStart], setting: Setting)
 
 
 def _map_file(place: str, map: Any) -> Any:
-    """Return the path of a map that is given relative to the test file; `map` itself if there is no such file.
-
-    Args:
-        place: file and line of the decorator.
-        map: the value of the argument ``map``.
-    """
+    """Return the path of a map that is given relative to the test file; `map` itself if there is no such file."""
     if not isinstance(map, str | PathLike):
         return map
     beside = Path(place.rpartition(":")[0]).parent / map

@@ -29,11 +29,7 @@ class Apart(int):
 
 
 def apart(work: Callable[[], _Result]) -> _Result:
-    """Return the result of a function that runs in a process of its own.
-
-    Raises:
-        RvadsError: the function or its result can't be pickled, or its process died.
-    """
+    """Return the result of a function that runs in a process of its own."""
     (result,) = spread(call, [work], Apart(1))
     return result
 
@@ -45,19 +41,7 @@ def spread(
     progress: Progress | None = None,
     batch: int = 4,
 ) -> Generator[_Result, None, None]:
-    """Yield the result of every job, in order; an exception of a job is raised in its place. Closing the generator ends the work.
-
-    Args:
-        work: the function that runs a job; a function of a module, because other processes import the function by name.
-        jobs: the jobs, as values that can be pickled.
-        executor: an executor, or the number of worker processes, by default the number of processors. With 1, the calling process
-            runs the jobs.
-        progress: called after every job.
-        batch: number of jobs that a process gets at a time.
-
-    Raises:
-        RvadsError: a job can't be pickled, a job killed its process, or the executor was shut down.
-    """
+    """Yield the results in the order of the jobs; an exception of a job is raised in its place. Closing ends the work."""
     results: dict[int, _Result | Failed] = {}
     due = 0
     with closing(gathered(work, jobs, executor, batch)) as answers:
@@ -79,16 +63,6 @@ def gathered(
     """Yield the number and the result of every job in the order of completion; closing the generator ends the work.
 
     A job is taken from `jobs` when a worker is free, and is not kept in memory after its result was yielded.
-
-    Args:
-        work: the function that runs a job, see `spread`.
-        jobs: the jobs, as values that can be pickled. An exhausted iterator is asked again after every result, so that it can
-            yield further jobs that depend on results.
-        executor: number of processes or an executor, see `spread`.
-        batch: number of jobs that a process gets at a time.
-
-    Raises:
-        RvadsError: a job can't be pickled, or the executor was shut down.
     """
     kept_apart = isinstance(executor, Apart)
     if not isinstance(executor, Executor):

@@ -81,11 +81,7 @@ class Own:
         return self._crew.submit(_packed(part.jobs))
 
     def submits_again(self, part: Part, error: BaseException) -> bool:
-        """Return whether a part lost by `error` is submitted again; if not, each of its jobs is done alone in a process.
-
-        Raises:
-            RvadsError: `error` is no death of a process, so a job or its result can't be sent between processes.
-        """
+        """Return whether a part lost by `error` is submitted again; if not, each of its jobs is done alone in a process."""
         if not isinstance(error, BrokenProcessPool):
             raise RvadsError(f"a job or its result can't be sent between processes: {_text_of(error)}") from error
         return part.losses < self._tries
@@ -113,12 +109,7 @@ class Foreign:
         """Number of the last submission, now and when the executor last passed `_probe`."""
 
     def submit(self, part: Part) -> Future[Any]:
-        """Submit a part.
-
-        Raises:
-            ExecutorGone: the executor takes no more work.
-            RvadsError: the executor returns no future.
-        """
+        """Submit a part."""
         self._sent = part.sent
         try:
             future = self._executor.submit(_done, self._work, part.jobs, part.sent)
@@ -129,11 +120,7 @@ class Foreign:
         return future
 
     def answers(self, part: Part, future: Future[Any]) -> list[Any]:
-        """Return the answers to the jobs of a part, one per job.
-
-        Raises:
-            RvadsError: the executor returns another object.
-        """
+        """Return the answers to the jobs of a part, one per job."""
         result = future.result()
         if not (isinstance(result, Done) and result.sent == part.sent):
             raise RvadsError(
@@ -142,12 +129,7 @@ class Foreign:
         return result.answers
 
     def submits_again(self, part: Part, error: BaseException) -> bool:
-        """Return whether a part lost by `error` is submitted again; if not, each of its jobs is submitted alone.
-
-        Raises:
-            RvadsError: the executor can't do the jobs.
-            ExecutorGone: the executor takes no more work.
-        """
+        """Return whether a part lost by `error` is submitted again; if not, each of its jobs is submitted alone."""
         if isinstance(error, RvadsError):
             raise error
         if type(error).__name__ == "KilledWorker":  # Dask's, after several workers died; Dask may be missing
@@ -226,11 +208,7 @@ class Crew(Generic[_Job, _Result]):
             return self._pool.submit(_do, job)
 
     def alone(self, job: _Job) -> _Result:
-        """Return the result of a job in a separate process, so that only this job can kill the process.
-
-        Raises:
-            BrokenProcessPool: the job killed the process.
-        """
+        """Return the result of a job in a separate process, so that only this job can kill the process."""
         pool = self._hire(1)
         try:
             result: _Result = pool.submit(_do, job).result()
