@@ -24,6 +24,7 @@ from pytest_rvads.logic.conduct.kpis import arrival_differences, kpis
 from pytest_rvads.logic.conduct.validate import damage, validate
 from pytest_rvads.logic.judging.verdicts import Status, Verdict
 from pytest_rvads.logic.rules.rule import Rule
+from pytest_rvads.logic.telling.phrase import undecided
 from pytest_rvads.report.draw.replay import Beside
 from pytest_rvads.report.failure_page import failure_pages
 from pytest_rvads.report.record import Record, planned_record
@@ -207,7 +208,7 @@ class _Judge:
             self._with_pages(record, self._pages(file, number, run, rule, verdict, verdicts))
             for record, (rule, verdict) in zip(by_rule(run_record), verdicts, strict=True)
         ]
-        judged = None if run.excerpt is None else run.excerpt.judged
+        judged, ways = None if run.excerpt is None else run.excerpt.judged, undecided(run)
         return RunAnswer(
             file,
             run.label,
@@ -215,7 +216,7 @@ class _Judge:
             run.excerpt is not None,
             sum(agent.kind is not Kind.PEDESTRIAN and (judged is None or agent.name in judged) for agent in run.agents),
             tuple(records),
-            tuple(map(str, validate(run))),
+            (*map(str, validate(run)), *([f"verdicts that depend on {ways} are UNSURE"] if ways else [])),
             tuple(_unfit(reason, names, len(verdicts)) for reason, names in reasons.items()),
         )
 

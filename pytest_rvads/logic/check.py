@@ -21,15 +21,15 @@ from pytest_rvads.geometry.crosswalks import Crossing
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.logic.conduct.blame import cut_short_by
 from pytest_rvads.logic.conduct.predicates import extract
-from pytest_rvads.logic.conduct.presence import cut_off, without_jumps
+from pytest_rvads.logic.conduct.presence import cut_off, on_each_way, without_jumps
 from pytest_rvads.logic.conduct.rights import held
 from pytest_rvads.logic.conduct.standing import drives
 from pytest_rvads.logic.conduct.validate import damage
 from pytest_rvads.logic.judging.evaluate import Values
 from pytest_rvads.logic.judging.judge import asked, judge, nearest_miss
 from pytest_rvads.logic.judging.judgement import Judgement, Near, Template
-from pytest_rvads.logic.judging.prepare import prepare
-from pytest_rvads.logic.judging.readings import doubted, tolerance
+from pytest_rvads.logic.judging.prepare import Prepared, prepare
+from pytest_rvads.logic.judging.readings import agreed, doubted, tolerance
 from pytest_rvads.logic.judging.responsibility import Cycle, by_walkers, find_cycle, is_about, unavoidable, waits
 from pytest_rvads.logic.judging.verdicts import Status, Verdict
 from pytest_rvads.logic.outcome import Outcome, counted
@@ -37,6 +37,7 @@ from pytest_rvads.logic.rules.book import RuleBook, current_book, get_rule, is_r
 from pytest_rvads.logic.rules.parts import shape_of
 from pytest_rvads.logic.rules.rule import LONGEST_TIE, Rule
 from pytest_rvads.logic.telling.explain import tell
+from pytest_rvads.logic.telling.phrase import undecided
 from pytest_rvads.logic.telling.story import Story
 from pytest_rvads.runs.run import Run, once
 from pytest_rvads.support.errors import RunError, RvadsError, require
@@ -91,7 +92,8 @@ def check(
 
     A run has limited accuracy if it states a `Run.spread`, is an `Excerpt` of a recording, or has longer steps than a simulation.
     An instance on such a run is UNSURE if other values of the measurements, within the accuracy, would change its status. An
-    UNSURE instance makes the verdict UNSURE, unless other instances already make the verdict FAIL or OPEN.
+    UNSURE instance makes the verdict UNSURE, unless other instances already make the verdict FAIL or OPEN. A vehicle whose way is
+    not decided (`Agent.other_exits`) is judged on each of its possible ways, and an instance that depends on the way is UNSURE.
 
     Returns:
         The verdict. If a fault ended the run, the states before the fault are judged: a violation stands, any other status
@@ -172,20 +174,31 @@ def _judged(rule: Rule, values: Values, book: RuleBook, sampled: Run, *, itinera
     run = values.run
     if not rule.concerns(run.junction):
         return Story(rule, run, Status.NA, reason=_elsewhere(rule, run.junction))
-    prepared = prepare(rule.formula, extract(run), rule.bound, itinerary=itinerary)
-    templates, collapsed = prepared.templates, prepared.collapsed
+
+    def prepared(run: Run) -> Prepared:
+        return prepare(rule.formula, extract(run), rule.bound, itinerary=itinerary)
+
+    def judged(sampled: Run, values: Values) -> list[Judgement]:
+        templates = prepared(values.run).templates
+        return doubted(judge(templates, values), values, sampled, standing=standing) if templates else []
+
+    collapsed, ways = prepared(run).collapsed, once(sampled, on_each_way)
+    try:
+        on_ways = [(way, judged(way, Values(without_jumps(way), values.tie, standing=standing))) for way in ways]
+        judgements = agreed(on_ways, undecided(run)) if ways else judged(sampled, values)
+    except RunError as error:
+        return Story(rule, run, Status.NA, reason=f"{NOT_RECORDED}: {error}", collapsed=collapsed)
+    templates = tuple(j.template for j in judgements)
     if not templates:
         if shape_of(rule.formula).premise is not None or not collapsed:
             reason = "no vehicle is in a position that the rule is about: what is static already excludes every instance"
             return Story(rule, run, Status.NA, reason=reason, collapsed=collapsed)
         return Story(rule, run, Status.PASS, collapsed=collapsed)
-    try:
-        judgements = doubted(judge(templates, values), values, sampled, standing=standing)
-    except RunError as error:
-        return Story(rule, run, Status.NA, reason=f"{NOT_RECORDED}: {error}", collapsed=collapsed)
     attribution = attribute(judgements, rule, values, book)
     story = Story(rule, run, attribution.status, tuple(judgements), values, collapsed=collapsed)
     story.asked, story.unavoidable, story.provoked = attribution.asked, attribution.unavoidable, attribution.provoked
+    if ways and attribution.status in _BROKEN:
+        story.notes.append(f"the verdict does not depend on {undecided(run)}")
     if attribution.status is Status.NA:
         story.reason, story.near = _idle(story, templates, values)
     if attribution.unavoidable or attribution.status is Status.OPEN:

@@ -72,7 +72,8 @@ class Outcome(StrEnum):
     )
     """The traffic, not the vehicle under test, violated the rule or left an obligation open."""
     UNSURE = _Traits("UNSURE", severity=65, meaning="idle", cell="unsure", style="blue", mark="doubt", letter="?")
-    """Other values of the recorded measurements, within their accuracy, would change the verdict."""
+    """Other values of the recorded measurements, within their accuracy, or another possible way of a vehicle would change the
+    verdict."""
     NA = _Traits("NA", severity=80, meaning="idle", cell="NA", style="dim", mark="none", letter="n")
     ERROR = _Traits("ERROR", severity=0, meaning="error", cell="ERROR", style="bold magenta", mark="bad")
     FLAKY = _Traits("FLAKY", severity=10, meaning="flaky", cell="FLAKY", style="bold magenta", mark="bad")

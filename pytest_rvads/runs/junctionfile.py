@@ -36,6 +36,8 @@ _Length = Annotated[float, msgspec.Meta(ge=0.0, le=1e6)]
 
 Key = tuple[Count, Count]
 """A movement: entrance and exit."""
+Exits = Annotated[tuple[Count, ...], msgspec.Meta(max_length=16)]
+"""Exits to which a vehicle may also have gone; left out of the file if its way is decided."""
 _Limit = Annotated[float, msgspec.Meta(gt=0.0, le=NO_LIMIT)]
 """A speed limit in a file [m/s]."""
 _Place = Annotated[float, msgspec.Meta(ge=-FARTHEST, le=FARTHEST)]
@@ -214,3 +216,11 @@ def _build(record: JunctionRecord, arrays: Mapping[str, NDArray[Any]]) -> Juncti
     if wrong := [c.arm for c in crosswalks if c.arm >= junction.ways]:
         raise ValueError(f"it has a crosswalk over arm {wrong[0]}, and its junction has {junction.ways} arms")
     return junction.walked
+
+
+def check_ways(junction: Junction, name: str, route: Key, other_exits: Exits) -> None:
+    """Check that the way of an agent in a file exists, and that movements lead to the other exits."""
+    entrance = route[0]
+    missing = (key for key in (route, *((entrance, exit) for exit in other_exits)) if key not in junction.every_way)
+    for _, exit in missing:
+        raise ValueError(f"{name} goes from entrance {entrance} to exit {exit}, where no way leads")

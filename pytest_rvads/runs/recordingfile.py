@@ -12,7 +12,7 @@ import json
 from collections.abc import Mapping
 from itertools import accumulate, pairwise
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any
 
 import msgspec
 import numpy as np
@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from pytest_rvads.geometry.segment import Segment
 from pytest_rvads.runs.archive import FARTHEST, Kept, Name, Size, Step
 from pytest_rvads.runs.itineraries import itinerary
-from pytest_rvads.runs.junctionfile import Count, JunctionRecord, Key, get_junction, put_junction
+from pytest_rvads.runs.junctionfile import Count, Exits, JunctionRecord, Key, check_ways, get_junction, put_junction
 from pytest_rvads.runs.recording import Changes, Recording, Track
 from pytest_rvads.runs.run import Facts
 from pytest_rvads.runs.states import Agent, Colour, Kind
@@ -39,10 +39,9 @@ _ARRAYS = {"times": (), "station": (), "speed": (), "pose": (3,), "spread": (), 
 """Per array, the shape of one entry, such as the pose of a sample."""
 _Accuracy = Annotated[float, msgspec.Meta(ge=0.0, le=100.0)]
 _Samples = Annotated[int, msgspec.Meta(ge=2, le=100_000_000)]
-T = TypeVar("T")
 
 
-class _Track(msgspec.Struct, frozen=True):
+class _Track(msgspec.Struct, frozen=True, omit_defaults=True):
     name: Name
     route: Key
     """Entrance and exit."""
@@ -52,6 +51,7 @@ class _Track(msgspec.Struct, frozen=True):
     spread: bool
     """Whether the file has the spread of the track."""
     offset: Annotated[float, msgspec.Meta(ge=0.0, le=1e4)]
+    other_exits: Exits = ()
 
 
 class _Light(msgspec.Struct, frozen=True):
@@ -92,8 +92,9 @@ def save_recording(recording: Recording, path: str | Path) -> None:
         recording.label,
         recording.dt,
         [
-            _Track(t.agent.name, t.agent.way.key, t.agent.kind, t.agent.size, len(t.times), t.spread is not None, t.offset)
+            _Track(a.name, a.way.key, a.kind, a.size, len(t.times), t.spread is not None, t.offset, a.other_exits)
             for t in tracks
+            for a in (t.agent,)
         ],
         put_junction(recording.junction, lines),
         [_Light(entrance, len(changes.times)) for entrance, changes in recording.lights.items()],
@@ -151,7 +152,8 @@ def _recording(header: _Header, arrays: Mapping[str, NDArray[Any]]) -> Recording
     tracks = []
     for k, record in enumerate(header.tracks):
         _check_times(record.name, parts["times"][k])
-        agent = Agent(record.name, _way(junction.every_way, record), record.kind, record.size)
+        check_ways(junction, record.name, record.route, record.other_exits)
+        agent = Agent(record.name, junction.every_way[record.route], record.kind, record.size, record.other_exits)
         times, station, speed, pose = (parts[name][k] for name in ("times", "station", "speed", "pose"))
         tracks.append(Track(agent, times, station, speed, pose, next(spreads) if record.spread else None, record.offset))
     for key in {track.route for track in header.tracks}:
@@ -177,13 +179,6 @@ def _recording(header: _Header, arrays: Mapping[str, NDArray[Any]]) -> Recording
         header.dt,
         tuple(header.left_out),
     )
-
-
-def _way(ways: Mapping[Key, T], record: _Track) -> T:
-    if record.route not in ways:
-        entrance, exit = record.route
-        raise ValueError(f"{record.name} goes from entrance {entrance} to exit {exit}, where no way leads")
-    return ways[record.route]
 
 
 def _parts(array: NDArray[Any], lengths: list[int]) -> list[NDArray[Any]]:

@@ -262,7 +262,8 @@ class Run:
     def hash(self) -> str:
         """SHA-256 over states, collisions, fault, agents, facts, excerpt and junction; equal hashes mean equal verdicts."""
         sha = hashlib.sha256()
-        agents = [[a.name, a.way.key, a.kind, a.size] for a in self.agents]
+        # Only a vehicle whose way is not decided has other exits in the hash, so that all other runs keep their hashes.
+        agents = [[a.name, a.way.key, a.kind, a.size, *([a.other_exits] if a.other_exits else [])] for a in self.agents]
         # Facts about steering enter the hash only if a vehicle has them, so that runs of usual cars keep their hashes.
         facts = astuple(self.facts) if self.facts.turning else astuple(self.facts)[:-1]
         head = [self.label, self.dt, agents, facts, self.junction.digest]

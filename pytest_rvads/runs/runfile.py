@@ -23,7 +23,7 @@ from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.geometry.segment import Segment
 from pytest_rvads.runs.archive import FARTHEST, MOST_BYTES, Kept, Name, Size, Step, check_size, peek
 from pytest_rvads.runs.itineraries import itinerary
-from pytest_rvads.runs.junctionfile import JunctionRecord, Key, get_junction, put_junction
+from pytest_rvads.runs.junctionfile import Exits, JunctionRecord, Key, check_ways, get_junction, put_junction
 from pytest_rvads.runs.run import Collision, Excerpt, Facts, Fault, Run
 from pytest_rvads.runs.states import Agent, Kind
 from pytest_rvads.support.decoding import typed
@@ -37,12 +37,13 @@ _ARRAYS = {"zone": "i", "lights": "i", "station": "f", "speed": "f", "pose": "f"
 _KEPT = Kept("run", FORMAT, VERSION, MOST_BYTES, 2**20)
 
 
-class _Agent(msgspec.Struct, frozen=True):
+class _Agent(msgspec.Struct, frozen=True, omit_defaults=True):
     name: Name
     route: Key
     """Entrance and exit."""
     kind: Kind
     size: tuple[Size, Size] | None
+    other_exits: Exits = ()
 
 
 class _Header(msgspec.Struct, frozen=True):
@@ -78,7 +79,7 @@ def save_run(run: Run, path: str | Path) -> None:
         VERSION,
         run.label,
         run.dt,
-        [_Agent(a.name, a.way.key, a.kind, a.size) for a in run.agents],
+        [_Agent(a.name, a.way.key, a.kind, a.size, a.other_exits) for a in run.agents],
         put_junction(run.junction, lines),
         None if run.collisions is None else list(run.collisions),
         run.fault and replace(run.fault, detail=""),
@@ -115,11 +116,10 @@ def _run(header: _Header, arrays: Mapping[str, NDArray[Any]], path: Path) -> Run
     junction = get_junction(header.junction, arrays)
     agents = []
     for agent in header.agents:
-        if agent.route not in junction.every_way:
-            raise ValueError(f"{agent.name} goes from entrance {agent.route[0]} to exit {agent.route[1]}, where no way leads")
+        check_ways(junction, agent.name, agent.route, agent.other_exits)
         if junction.drivable:
             itinerary(junction, *agent.route)  # raises an error about lanes that do not meet
-        agents.append(Agent(agent.name, junction.every_way[agent.route], agent.kind, agent.size))
+        agents.append(Agent(agent.name, junction.every_way[agent.route], agent.kind, agent.size, agent.other_exits))
     if len(set(names)) < len(names):
         raise ValueError(f"the names of vehicles must differ, got {reprlib.repr(names)}")
     if header.facts.subject not in (None, *names):

@@ -90,6 +90,8 @@ class Agent:
     """The kind of road user, such as a car or a pedestrian."""
     size: tuple[float, float] | None = None
     """Length and width of the agent [m]; None if not recorded."""
+    other_exits: tuple[int, ...] = ()
+    """Exits to which a vehicle may also have gone from its entrance, because its recording ends before its way is decided."""
 
     @property
     def entrance(self) -> int:

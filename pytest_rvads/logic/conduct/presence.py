@@ -21,21 +21,23 @@ Because only vehicles that are together have instances about pairs, the cost of 
 with the square of this number.
 
 `without_jumps` prepares coarse recordings by filling in the zones that vehicles pass between two states. `colourings` fills in
-colours of lights that a recording lacks.
+colours of lights that a recording lacks. `on_each_way` puts vehicles whose way is not decided on each of their possible ways.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.logic.conduct.bodies import close
 from pytest_rvads.logic.conduct.cast import lit
-from pytest_rvads.runs.itineraries import LEAVE
+from pytest_rvads.runs.itineraries import LEAVE, itinerary
 from pytest_rvads.runs.periods import NEAR, NEAR_TIME
+from pytest_rvads.runs.recording import zones
 from pytest_rvads.runs.run import DT, Run, once
 from pytest_rvads.runs.states import Colour, Zone
 
@@ -181,3 +183,31 @@ def colourings(run: Run) -> tuple[Run, ...]:
         lights[:, starts] = np.where(lights[:, starts] == Colour.NONE, colours, lights[:, starts])
         runs.append(replace(run, lights=lights))
     return tuple(runs)
+
+
+def on_each_way(run: Run) -> tuple[Run, ...]:
+    """Return the runs in which every vehicle is on one of its possible ways; no runs if all ways are decided.
+
+    In the first run, all vehicles are on the ways of `run`. For any two vehicles whose ways are not decided, there are runs with
+    all combinations of their ways.
+    """
+    doubtful = [column for column, agent in enumerate(run.agents) if agent.other_exits]
+    counts = [1 + len(run.agents[column].other_exits) for column in doubtful]
+    most, bits = max(counts, default=0), range(max((len(doubtful) - 1).bit_length(), 1))
+    pairs = product(bits, product(range(most), repeat=2))
+    choices = dict.fromkeys(tuple(two[k >> bit & 1] % count for k, count in enumerate(counts)) for bit, two in pairs)
+    return tuple(_rerouted(run, dict(zip(doubtful, choice, strict=True))) for choice in choices)
+
+
+def _rerouted(run: Run, choice: Mapping[int, int]) -> Run:
+    """Return a run in which each vehicle of `choice`, by column, is on the way with this number."""
+    agents, zone = list(run.agents), run.zone.copy()
+    for column, number in choice.items():
+        agent = agents[column]
+        key = agent.entrance, (agent.exit, *agent.other_exits)[number]
+        agents[column] = replace(agent, way=run.junction.movements[key], other_exits=())
+        begin, end = run.spans[column]
+        if number and run.station is not None:
+            spread = 0.0 if run.spread is None else run.spread[begin:end, column]
+            zone[begin:end, column] = zones(itinerary(run.junction, *key).borders, run.station[begin:end, column], spread)
+    return replace(run, agents=tuple(agents), zone=zone)

@@ -27,7 +27,7 @@ from pytest_rvads.logic.conduct.standing import STANDSTILL, in_stop_place, stand
 from pytest_rvads.logic.judging.crossings import certain, crossings
 from pytest_rvads.logic.judging.evaluate import Values
 from pytest_rvads.logic.judging.judge import judge, unsure
-from pytest_rvads.logic.judging.judgement import Hinge, Judgement, Template
+from pytest_rvads.logic.judging.judgement import Binding, Hinge, Judgement, Template
 from pytest_rvads.logic.judging.orders import about_order, plain, reordered
 from pytest_rvads.logic.judging.responsibility import by_walkers, is_about
 from pytest_rvads.logic.judging.verdicts import Status
@@ -84,6 +84,31 @@ def doubted(recorded: Sequence[Judgement], values: Values, sampled: Run, *, stan
                 if blame or plain(judgement.status) is not plain(j.status):
                     result[k] = unsure(j, Hinge(reading=reading.words))
     return _of_lines(result, values, standing=standing)
+
+
+def agreed(judged: Sequence[tuple[Run, Sequence[Judgement]]], doubt: str) -> list[Judgement]:
+    """Return the judgements of a run on which the ways of some vehicles are not decided.
+
+    An instance whose status or blame depends on a way is UNSURE. An instance that is kept on some ways and not triggered on the
+    others is left out, unless no other instance is triggered.
+    """
+    outcomes = [dict[Binding, set[tuple[Status, bool, bool]]]() for _ in judged]
+    for found, (run, judgements) in zip(outcomes, judged, strict=True):
+        for j in judgements:
+            for member in j.template.members:
+                found.setdefault(member.binding, set()).add((j.status, *_blame(j, run)))
+    result, kept, doubtful = list[Judgement](), list[Judgement](), set[Binding]()
+    for number, (run, judgements) in enumerate(judged):
+        for j in judgements:
+            binding = j.template.binding
+            on_ways = [found.get(binding, {(Status.NA, False, False)}) for found in outcomes]
+            if all((j.status, *_blame(j, run)) in on_way for on_way in on_ways):
+                result += [] if number else [j]
+            elif not number or binding not in doubtful:
+                broken = any(plain(status) is not Status.PASS for on_way in on_ways for status, *_ in on_way)
+                (result if broken else kept).append(j if j.status is Status.UNSURE else unsure(j, Hinge(reading=doubt)))
+                doubtful.add(binding)
+    return result if any(j.status is not Status.NA for j in result) else result + kept
 
 
 def _of_lines(judgements: Sequence[Judgement], values: Values, *, standing: bool) -> list[Judgement]:

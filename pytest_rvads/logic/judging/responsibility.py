@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from pytest_rvads.geometry.crosswalks import Crossing
 from pytest_rvads.logic.conduct.blame import pushed, stuck, surprised
 from pytest_rvads.logic.conduct.cast import Cause, may_owe
-from pytest_rvads.logic.conduct.presence import colourings, window
+from pytest_rvads.logic.conduct.presence import colourings, on_each_way, window
 from pytest_rvads.logic.conduct.progress import may_go
 from pytest_rvads.logic.conduct.rights import WAIVER, waives
 from pytest_rvads.logic.judging.evaluate import Values
@@ -103,17 +103,20 @@ def waits(j: Judgement, subject: str) -> bool:
 def cause_between(j: Judgement, run: Run) -> Cause | None:
     """Return the vehicles to blame for the collision or meeting that broke an instance, and the reason.
 
-    If the blame depends on the colour of a light that is not recorded, the result names every vehicle that can be to blame. The
-    result is None if the instance was not broken by a collision or meeting of two vehicles.
+    If the blame depends on the colour of a light that is not recorded, or on a way that is not decided, the result names every
+    vehicle that can be to blame. The result is None if the instance was not broken by a collision or meeting of two vehicles.
     """
     for atom, _ in j.broken:
         word, agents = word_of(atom), [e.index for e in agents_of(atom)]
         if word is not None and word.cause is not None and j.failed is not None and len(agents) == 2:
-            first, *others = (word.cause(possible, agents[0], agents[1], j.failed) for possible in (run, *once(run, colourings)))
+            ways = once(run, on_each_way)
+            possible_runs = (run, *once(run, colourings), *ways)
+            first, *others = (word.cause(possible, agents[0], agents[1], j.failed) for possible in possible_runs)
             if all(other is None or first is None or {*other.agents} == {*first.agents} for other in others):
                 return first
             guilty = dict.fromkeys(name for cause in (first, *others) if cause is not None for name in cause.agents)
-            return Cause(tuple(guilty), "are to blame, or one of them is: a colour of a light was not recorded")
+            doubt = "the way of a vehicle is not decided" if ways else "a colour of a light was not recorded"
+            return Cause(tuple(guilty), f"are to blame, or one of them is: {doubt}")
     return None
 
 

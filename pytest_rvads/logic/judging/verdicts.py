@@ -22,7 +22,8 @@ class Status(StrEnum):
     OPEN = "OPEN"
     """An obligation was still open when the run ended."""
     UNSURE = "UNSURE"
-    """Other values of the recorded measurements, within their accuracy, would change the verdict."""
+    """Other values of the recorded measurements, within their accuracy, or another possible way of a vehicle would change the
+    verdict."""
     NA = "NA"
     """The rule does not apply to the run, or was never triggered."""
     ERROR = "ERROR"

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 
-from pytest_rvads.geometry.turns import turn_word
 from pytest_rvads.logic.conduct.lane import too_tight
 from pytest_rvads.logic.conduct.presence import last_seen
 from pytest_rvads.logic.judging.judgement import Judgement, columns
@@ -14,7 +13,7 @@ from pytest_rvads.logic.judging.verdicts import InstanceVerdict, NearMiss, Statu
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.rules.lexicon import word_of
 from pytest_rvads.logic.rules.vocabulary import Sort
-from pytest_rvads.logic.telling.phrase import aside, clock, element_name, literal, say, why
+from pytest_rvads.logic.telling.phrase import aside, clock, element_name, literal, say, turns, why
 from pytest_rvads.logic.telling.story import Story, block, bound_names, hangs, happened, since
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Agent
@@ -190,7 +189,7 @@ def _roles(story: Story, worst: Judgement | None) -> str:
 
     def role(agent: Agent) -> str:
         if agent.way.key in junction.movements:
-            return f"{turn_word(junction, agent.way)} from entrance {seat(agent.entrance)}"
+            return f"{turns(junction, agent)} from entrance {seat(agent.entrance)}"
         return f"{aside(agent.way)} of arm {seat(agent.entrance)}"
 
     roles = ", ".join(f"{name} {role(agent)}" for name, agent in agents)

@@ -158,8 +158,20 @@ def position(run: Run, agent: int, tick: int) -> str:
 def origin(junction: Junction, agent: Agent) -> str:
     """Return where an agent comes from, and its turn or the kind of its way, in words."""
     if agent.way.key in junction.movements:
-        return f"from entrance {agent.entrance}, {turn_word(junction, agent.way)}"
+        return f"from entrance {agent.entrance}, {turns(junction, agent)}"
     return f"{aside(agent.way)} of arm {junction.starts[agent.entrance].arm}"
+
+
+def turns(junction: Junction, agent: Agent) -> str:
+    """Return the turn of a vehicle in words; the turns of all its possible ways if its way is not decided."""
+    ways = (agent.way, *(junction.movements[agent.entrance, exit] for exit in agent.other_exits))
+    return " or ".join(dict.fromkeys(turn_word(junction, way) for way in ways))
+
+
+def undecided(run: Run) -> str:
+    """Return the ways that are not decided in words; empty if all ways are decided."""
+    names = [agent.name for agent in run.agents if agent.other_exits]
+    return f"the undecided way{'s' if len(names) > 1 else ''} of {' and '.join(names)}" if names else ""
 
 
 def aside(way: Way) -> str:

@@ -13,7 +13,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from pytest_rvads.geometry.turns import turn_word
 from pytest_rvads.logic.judging.evaluate import Values
 from pytest_rvads.logic.judging.judge import asked
 from pytest_rvads.logic.judging.judgement import Happening, Judgement, Near, Template
@@ -34,6 +33,7 @@ from pytest_rvads.logic.telling.phrase import (
     place,
     position,
     say,
+    turns,
     why,
     zone,
 )
@@ -213,7 +213,7 @@ def _arrival(run: Run, e: f.Element, tick: int) -> str:
     """Return a line of text with the name, entrance, turn, arrival and waiting time of an agent up to `tick`."""
     agent = run.agents[e.index]
     ticks = np.flatnonzero(run.zone[: tick + 1, e.index] == Zone.ENTRANCE)
-    text = f"{e.name} @ entrance {agent.entrance}, {turn_word(run.junction, agent.way)}"
+    text = f"{e.name} @ entrance {agent.entrance}, {turns(run.junction, agent)}"
     if len(ticks):
         last = int(ticks[-1])
         away = np.flatnonzero(run.zone[:last, e.index] != Zone.ENTRANCE)

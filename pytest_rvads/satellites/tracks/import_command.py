@@ -15,11 +15,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pytest_rvads.cli.common import MAP_FORMATS, Subparsers, progress, say, warn
-from pytest_rvads.geometry.turns import turn_word
 from pytest_rvads.support.errors import RunError
 
 if TYPE_CHECKING:
+    from pytest_rvads.geometry.junction import Junction
     from pytest_rvads.runs.recording import Recording
+    from pytest_rvads.runs.states import Agent
     from pytest_rvads.satellites.tracks.aligning import Misalignment
     from pytest_rvads.satellites.tracks.importing import Intake
     from pytest_rvads.satellites.tracks.logformats import Point
@@ -205,8 +206,7 @@ def _recording_summary(path: Path, recording: Recording, *, stated: bool) -> dic
     from pytest_rvads.satellites.tracks.importing import unknown_lights
 
     junction, tracks = recording.junction, recording.vehicles
-    ways = Counter(track.agent.way.key for track in tracks)
-    arms = {key: (junction.vehicle_at(key[0]).removeprefix("a"), f"{junction.exits[key[1]].arm}") for key in ways}
+    ways = Counter((track.agent.way.key, _way(junction, track.agent)) for track in tracks)
     worst = max(tracks, key=lambda track: track.offset)
     begin, end = min(track.times[0] for track in tracks), max(track.times[-1] for track in tracks)
     step = sorted(float(t.times[-1] - t.times[0]) / (len(t.times) - 1) for t in tracks)[len(tracks) // 2]
@@ -216,10 +216,7 @@ def _recording_summary(path: Path, recording: Recording, *, stated: bool) -> dic
         "junction": junction.name,
         "vehicles": len(tracks),
         "pedestrians": len(recording.tracks) - len(tracks),
-        "movements": {
-            f"{arms[key][0]} to {arms[key][1]}, {turn_word(junction, junction.movements[key])}": count
-            for key, count in sorted(ways.items())
-        },
+        "movements": {way: count for (_, way), count in sorted(ways.items())},
         "offset": {
             "mean": round(math.fsum(track.offset for track in tracks) / len(tracks), 4),
             "worst": round(worst.offset, 4),
@@ -242,6 +239,15 @@ def _recording_summary(path: Path, recording: Recording, *, stated: bool) -> dic
         "periods": len(recording),
         "left_out": dict(recording.left_out),
     }
+
+
+def _way(junction: Junction, agent: Agent) -> str:
+    """Return the way of a vehicle, or its possible ways, in words."""
+    from pytest_rvads.logic.telling.phrase import turns
+
+    arms = dict.fromkeys(f"{junction.exits[exit].arm}" for exit in (agent.exit, *agent.other_exits))
+    doubt = f": {agent.name} crashed before its way was decided" if agent.other_exits else ""
+    return f"{junction.vehicle_at(agent.entrance).removeprefix('a')} to {' or '.join(arms)}, {turns(junction, agent)}{doubt}"
 
 
 def _summary_lines(summary: dict[str, Any], *, verbose: bool) -> list[str]:

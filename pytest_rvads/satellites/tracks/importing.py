@@ -10,7 +10,7 @@ import math
 import os
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, get_args
 
@@ -21,6 +21,7 @@ from pytest_rvads.geometry.control import Sign
 from pytest_rvads.geometry.crosswalks import PERSON
 from pytest_rvads.geometry.finder import find, load, names
 from pytest_rvads.geometry.junction import Junction
+from pytest_rvads.logic.conduct.bodies import contacts
 from pytest_rvads.runs.recording import Changes, Recording, Track
 from pytest_rvads.runs.run import Facts
 from pytest_rvads.runs.smoothing import DERIVED
@@ -79,7 +80,8 @@ def read_tracks(  # noqa: PLR0913 - the options of a command
 
     Every vehicle is matched to the way (path through the junction) that is nearest to its whole track, from 150 m before the
     stopping line to the end of the exit road. In the recording, the vehicle is present from its first to its last sample on this
-    way. A pedestrian is present while it is on a crosswalk of the junction, or on the sidewalk before or behind the crosswalk.
+    way. A vehicle whose way is not decided is in the recording only if it crashes, see `Agent.other_exits`. A pedestrian is
+    present while it is on a crosswalk of the junction, or on the sidewalk before or behind the crosswalk.
 
     Args:
         source: path of a file, or a table: of pandas, polars or pyarrow, or a dictionary of columns.
@@ -241,19 +243,24 @@ def recording_of(log: Log, junction: Junction, intake: Intake, recorded_lights: 
     unsized = [vehicle for vehicle in vehicles if _front_distance(vehicle, intake) is None]
     junction = with_lights(junction, recorded_lights)
     matcher = Matcher(junction)
+    found = [
+        (vehicle, [STANDS] if len(vehicle.times) < 2 else list(matcher.match(vehicle, *front_positions(vehicle, intake))))
+        for vehicle in vehicles
+        if _front_distance(vehicle, intake) is not None
+    ]
+    all_passes = [("", vehicle, match) for vehicle, matches in found for match in matches if isinstance(match, Matched)]
+    walkers = [walker for walker in log.vehicles if walker.kind is Kind.PEDESTRIAN]
+    walks = _walks(junction, walkers, intake) if junction.crossings and all_passes else []
+    crashed = _crashed(all_passes, walks, junction, intake) if any(match.doubt for *_, match in all_passes) else set()
     matched: list[_Match] = []
     left_out = [*log.refused, *((vehicle.name, _UNSIZED) for vehicle in unsized)]
-    for vehicle in vehicles:
-        if _front_distance(vehicle, intake) is None:
-            continue
-        matches = [STANDS] if len(vehicle.times) < 2 else list(matcher.match(vehicle, *front_positions(vehicle, intake)))
-        passes = [match for match in matches if isinstance(match, Matched)]
+    for vehicle, matches in found:
+        passes = [match for match in matches if isinstance(match, Matched) and (not match.doubt or match in crashed)]
         matched += [(_pass_name(vehicle.name, k), vehicle, match) for k, match in enumerate(passes)]
-        reasons = [match for match in matches if isinstance(match, str)]
+        reasons = [match.doubt if isinstance(match, Matched) else match for match in matches]
         if reasons and not passes:
             left_out.append((vehicle.name, next((why for why in reasons if why not in (NEVER, STANDS)), reasons[0])))
-    walkers = [walker for walker in log.vehicles if walker.kind is Kind.PEDESTRIAN]
-    walks = _walks(junction, walkers, intake) if junction.crossings and matched else []
+    walks = walks if matched else []
     on_foot = {walker.name for _, walker, _ in walks}
     reason = _OFF_CROSSWALKS if junction.crossings and matched else _PEDESTRIAN
     left_out += [(walker.name, reason) for walker in walkers if walker.name not in on_foot]
@@ -284,6 +291,38 @@ def recording_of(log: Log, junction: Junction, intake: Intake, recorded_lights: 
     )
 
 
+def _crashed(passes: Sequence[_Match], walks: Sequence[_Match], junction: Junction, intake: Intake) -> set[Matched]:
+    """Return the passes in which a vehicle runs into another body, of all passes near one whose way is not decided.
+
+    A contact also counts if the speeds in a sample lead to it after `_UNSEEN`. Bodies that overlap from the beginning are an
+    error of the log.
+    """
+    numbered = [(f"{k}", vehicle, match) for k, (_, vehicle, match) in enumerate((*passes, *walks))]
+    driven, walked = numbered[: len(passes)], numbered[len(passes) :]
+    both = (*_tracks(driven, junction, intake, 0.0, 0.0), *_tracks_on_foot(walked, junction.walked, intake, 0.0))
+    touched = set[str]()
+    for seconds in (0.0, _UNSEEN):
+        tracks = tuple(_later(track, seconds) for track in both if track.agent.size is not None)
+        recording = Recording("", junction.walked, tracks)
+        for k, period in enumerate(recording.periods):
+            if any(recording.tracks[number].agent.other_exits for number in period.present):
+                run = recording[k]
+                since = dict(zip((agent.name for agent in run.agents), run.spans[:, 0] * run.dt, strict=True))
+                touched.update(*(c.agents for c in contacts(run) if c.time > max(since[name] for name in c.agents)))
+    return {match for name, _, match in driven if name in touched}
+
+
+def _later(track: Track, seconds: float) -> Track:
+    """Return a track in which the body is where its speed takes it within a time."""
+    heading = track.pose[:, 2]
+    ahead = np.column_stack((np.cos(heading), np.sin(heading), np.zeros_like(heading)))
+    return replace(track, pose=track.pose + seconds * track.speed[:, None] * ahead)
+
+
+_UNSEEN = 0.2
+"""Time by which a log can end before the crash that ended it [s]: usual logs have a sample at least every 0.2 s."""
+
+
 def _walks(junction: Junction, walkers: Sequence[Samples], intake: Intake) -> list[_Match]:
     """Return the walks of pedestrians over the crosswalks of a junction."""
     matcher = CrossingMatcher(junction.walked)
@@ -306,7 +345,8 @@ def _uniquely_named(matched: Sequence[_Match]) -> list[_Match]:
 def _tracks(matched: Sequence[_Match], junction: Junction, intake: Intake, accuracy: float, noise: float) -> Iterable[Track]:
     late = delay_of([(vehicle, match) for _, vehicle, match in matched]) if accuracy > 0.0 else 0.0
     for name, vehicle, match in matched:
-        agent = Agent(name, junction.movements[match.way.entrance, match.way.exit], vehicle.kind, vehicle.size or intake.size)
+        way = junction.movements[match.way.entrance, match.way.exit]
+        agent = Agent(name, way, vehicle.kind, vehicle.size or intake.size, match.other_exits)
         points, _ = front_positions(vehicle, intake)
         yield track_of(agent, vehicle, match, points, vehicle.heading, accuracy, late, noise)
 

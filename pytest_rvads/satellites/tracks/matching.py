@@ -1,14 +1,14 @@
 """Finds the way (path through a junction) that a recorded vehicle drove, and computes the vehicle's track along this way.
 
-The way of a vehicle is the way nearest to its whole track. If several ways are equally near, the way is unknown. The track of a
-matched vehicle is computed from the samples of a log: station, speed, and the accuracy of both.
+The way of a vehicle is the way nearest to its whole track. If several ways are equally near, the way is not decided. The track
+of a matched vehicle is computed from the samples of a log: station, speed, and the accuracy of both.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -64,6 +64,10 @@ class Matched:
     """Distance of each of these samples from the way, positive to the left, shape ``(rows,)`` [m]."""
     offset: float
     """Root mean square of the lateral distance over points at equal distances along the track [m]."""
+    other_exits: tuple[int, ...] = ()
+    """Exits of the other ways that are equally near."""
+    doubt: str = ""
+    """The reason why the way is not decided; empty if it is."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -131,7 +135,9 @@ class Matcher:
         self._radius = float(np.hypot(*(inner - self.centre).T).max()) + _DECISIVE_APPROACH
 
     def match(self, vehicle: Samples, points: _Values, heading: _Values) -> Iterator[Matched | str]:
-        """Yield each pass of a vehicle through the junction, or the reason why the way of the pass is unknown.
+        """Yield each pass of a vehicle through the junction, or the reason why nothing is known of its way.
+
+        If several ways from the same entrance are equally near, a pass is on the nearest of them, and has a `Matched.doubt`.
 
         Args:
             points: middle of the front bumper, shape ``(samples, 2)`` [m].
@@ -166,14 +172,13 @@ class Matcher:
         bounds = [0, *(int(picked[cut]) for cut in cuts[1:]), len(points)]
         for begin, end in pairwise(bounds):
             of_pass = (picked >= begin) & (picked < end)
-            chosen = self._choose(station[:, of_pass], offset[:, of_pass])
-            if isinstance(chosen, str):
-                yield chosen
-            else:
-                yield _match_along(chosen, points[begin:end], heading[begin:end], first + begin)
+            chosen, doubt = self._choose(station[:, of_pass], offset[:, of_pass])
+            match = _match_along(chosen[0], points[begin:end], heading[begin:end], first + begin) if chosen else doubt
+            others = tuple(line.way.exit for line in chosen[1:])
+            yield (doubt or match) if isinstance(match, str) else replace(match, other_exits=others, doubt=doubt)
 
-    def _choose(self, station: _Values, offset: _Values) -> Line | str:
-        """Return the way of a pass, or the reason why the way is unknown.
+    def _choose(self, station: _Values, offset: _Values) -> tuple[list[Line], str]:
+        """Return the ways from one entrance that a pass can be on, nearest first, and the reason if it is not a single way.
 
         Args:
             station: stations of the points of the pass on each way, shape ``(ways, points)`` [m].
@@ -188,17 +193,15 @@ class Matcher:
         order = np.argsort(cost, kind="stable")
         best = int(order[0])
         if not near.any() or cost[best] > FAR:
-            return BESIDE
+            return [], BESIDE
         stations_of_best = station[best][on_way[best]]
         if not len(stations_of_best) or stations_of_best[0] >= 0.0:
-            return BEHIND
-        if (
-            len(order) > 1
-            and cost[order[1]] - cost[best] < _LEAST_DIFFERENCE
-            and stations_of_best[-1] < self._lines[best].way.length
-        ):
-            return BEFORE if stations_of_best[-1] <= 0.0 else UNCLEAR
-        return self._lines[best]
+            return [], BEHIND
+        nearest = [self._lines[k] for k in order if cost[k] - cost[best] < _LEAST_DIFFERENCE]
+        if len(nearest) == 1 or stations_of_best[-1] >= self._lines[best].way.length:
+            return nearest[:1], ""
+        doubt = BEFORE if stations_of_best[-1] <= 0.0 else UNCLEAR
+        return (nearest if len({line.way.entrance for line in nearest}) == 1 else []), doubt
 
 
 NEVER = "it never comes near the junction"
