@@ -173,8 +173,7 @@ def read_runs(path: str | Path) -> Sequence[Run]:
     """Read the runs of a file.
 
     A file is a table of recorded runs (``.json``), a run or a recording of this library (``.npz``), or trajectories in
-    OpenSCENARIO XML (``.xosc``). A file that `export_run` wrote gives the same verdicts as the exported run. Other ``.xosc``
-    files are recorded traffic, at all junctions of the named map that a vehicle passes.
+    OpenSCENARIO XML (``.xosc``), which are recorded traffic at all junctions of the named map that a vehicle passes.
 
     A run of a recording is built when the run is indexed.
 

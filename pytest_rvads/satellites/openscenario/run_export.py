@@ -1,7 +1,6 @@
 """Writes a run as OpenSCENARIO XML: a trajectory per vehicle, the phases of the lights, and the map in the same folder.
 
-If the file is read back, the run gets the same verdicts. A property in the header of the file holds what trajectories can't
-express: the ways of the vehicles, `Facts` and collisions. Only writing needs the library scenariogeneration.
+An exported file is read like a file of another tool, as recorded traffic. Only writing needs the library scenariogeneration.
 """
 
 from __future__ import annotations
@@ -28,23 +27,27 @@ from pytest_rvads.satellites.openscenario.document import (
     phases_of_run,
     put_map,
 )
-from pytest_rvads.satellites.openscenario.playedfile import Judged, Note
 from pytest_rvads.satellites.openscenario.writing import library, written
-from pytest_rvads.support.decoding import decode, encode
+from pytest_rvads.support.decoding import encode
 from pytest_rvads.support.errors import RunError, RvadsError, require
 from pytest_rvads.support.storage import write_file
 from pytest_rvads.support.wording import one_line
 
 
-class Excerpted(msgspec.Struct, frozen=True):
-    """The note of a file that holds an excerpt of a recording.
+class _Judged(msgspec.Struct, frozen=True):
+    """The verdict that an exported file quotes."""
 
-    Such a file is read as recorded traffic, like a file of another tool; of its note, only `unsized` is used.
-    """
+    rule: str
+    status: str
+    message: str
+
+
+class _Note(msgspec.Struct, frozen=True):
+    """The property ``rvads.run`` in the header of an exported file; only `unsized` is read again."""
 
     label: str
     hash: str
-    verdict: Judged | None
+    verdict: _Judged | None
     unsized: list[str]
     """Names of the vehicles of unknown size, which have the box of a usual car in the file."""
 
@@ -53,8 +56,8 @@ def export_run(run: Run, path: str | Path, *, map: str | os.PathLike[str] | None
     """Write a run as OpenSCENARIO XML 1.2, and the map of its junction into the same folder; equal runs give equal files.
 
     Every vehicle follows a trajectory of its rear axle, with a vertex per state in which the vehicle moves. The traffic lights
-    are phases of a signal controller. `read_runs` and ``rvads check`` read the file, and give the run the same verdicts. A file
-    of an excerpt of a recording is read as recorded traffic.
+    are phases of a signal controller. `read_runs` and ``rvads check`` read the file as recorded traffic, whose verdicts may
+    differ from those of the run: `save_run` writes the file (``.npz``) that gives the same verdicts.
 
     Args:
         run: the run.
@@ -71,23 +74,23 @@ def export_run(run: Run, path: str | Path, *, map: str | os.PathLike[str] | None
     require(verdict, Verdict | None, "verdict= must be what rvads.check(run, rule) returns", RunError)
     library()
     path = Path(path)
-    if not run.steps or not run.agents:
-        raise RunError(f"run {run.label!r} can't be exported: it has {run.steps} states and {len(run.agents)} vehicles")
+    if run.steps < 2 or not run.agents:
+        raise RunError(
+            f"run {run.label!r} can't be exported: it has {run.steps} states and {len(run.agents)} vehicles, expected at least 2 "
+            "states and a vehicle"
+        )
     run.need("pose")
     place = mapped(run.junction, map, recorded_map(run.provenance))
-    judged = None if verdict is None else Judged(verdict.rule, str(verdict.status), one_line(verdict.message))
+    judged = None if verdict is None else _Judged(verdict.rule, str(verdict.status), one_line(verdict.message))
     title = run.label if judged is None else f"{run.label}: {judged.message}"
     parameters = vehicles(run)
     bodies = [body_of(agent, parameters[agent.name]) for agent in run.agents]
     actors = tuple(actor for k, body in enumerate(bodies) if (actor := _actor(run, k, body)) is not None)
     unsized = [agent.name for agent in run.agents if agent.size is None]
-    note = Note.of(run, judged) if _is_whole(run) else Excerpted(run.label, run.hash, judged, unsized)
-    content = encode(note)
-    decode(content, type(note), f"run {run.label!r:.60} can't be exported", RunError)
     document = Document(
         one_line(title),
         put_map(place, path.parent),
-        ("rvads.run" if isinstance(note, Note) else "rvads.excerpt", content.decode()),
+        ("rvads.run", encode(_Note(run.label, run.hash, judged, unsized)).decode()),
         actors,
         phases_of_run(place, run.lights, run.dt),
         run.duration,
@@ -126,26 +129,19 @@ def _vehicle(provenance: Mapping[str, Any], agent: Agent) -> Vehicle | None:
         return None
 
 
-def _is_whole(run: Run) -> bool:
-    """Return whether a file can hold all of a run: recordings have late arrivals and accuracies, which a file can't hold."""
-    return run.excerpt is None and run.spread is None and not (run.zone == Zone.ABSENT).any()
-
-
 def _actor(run: Run, column: int, body: Body) -> Actor | None:
-    """Return a vehicle with its trajectory while it was present; None for a vehicle with a single state in an excerpt."""
+    """Return a vehicle with its trajectory while it was present; None for a vehicle with a single state."""
     agent, zone, pose = run.agents[column], run.zone[:, column], run.need("pose")[:, column]
     begin, end = run.spans[column].tolist()
     gone = np.flatnonzero(zone == Zone.GONE)
     leaves = end < run.steps or bool(len(gone))
     if len(gone):
         end = int(gone[0]) + 1
-    if end - begin < 2 and not _is_whole(run):
+    if end - begin < 2:
         return None
     axle = pose[begin:end].copy()
     axle[:, 0] -= body.back * np.cos(axle[:, 2])
     axle[:, 1] -= body.back * np.sin(axle[:, 2])
-    if len(axle) == 1:  # a trajectory needs two vertices; the second vertex is after the end of the run and is not read
-        axle = np.vstack((axle, axle))
     rows = _informative_states(axle)
     times = np.round((begin + rows) * run.dt, 9)
     speed = 0.0 if run.speed is None else float(run.speed[begin, column])

@@ -11,20 +11,22 @@ import os
 from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import msgspec
 import numpy as np
 
+from pytest_rvads.geometry.builtin import LAYOUTS
 from pytest_rvads.geometry.finder import find, load, names
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.geometry.segment import Pose
+from pytest_rvads.runs.archive import Name
 from pytest_rvads.runs.itineraries import Itinerary
 from pytest_rvads.runs.states import Colour, Vehicle
 from pytest_rvads.satellites.openscenario.document import Actor, Document, body_of, mapped, moved_back, phases_of_plan, put_map
 from pytest_rvads.satellites.openscenario.intentions import Drive, Intention, intentions, matched
-from pytest_rvads.satellites.openscenario.playedfile import Site, site_of
 from pytest_rvads.satellites.openscenario.run_export import write
 from pytest_rvads.satellites.openscenario.writing import library
 from pytest_rvads.satellites.openscenario.xosc import lights_of, map_of, note_of
@@ -44,11 +46,21 @@ VERSION = 1
 """Version of the fields of `ScenarioNote`; a file with another version is refused."""
 
 
+class _Site(msgspec.Struct, frozen=True):
+    """The junction of an exported scenario."""
+
+    name: Name
+    id: Name
+    """Id of the junction in its map."""
+    digest: str
+    """`Junction.digest`, which shows whether the map file has changed since the export."""
+
+
 class ScenarioNote(msgspec.Struct, frozen=True):
     """The scenario as a property in the header of its file, including values that elements of OpenSCENARIO can't express."""
 
     version: int
-    site: Site
+    site: _Site
     scenario: Mapping[str, Any]
     """Result of `Scenario.record`."""
 
@@ -92,7 +104,7 @@ def save_scenario(
         start = moved_back(_front_pose(way, way.start(distance), body.back), body.back)
         ahead = [way.pose(station) for station in (0.0, way.length / 2, way.length, way.leave)]
         actors.append(Actor(agent.name, body, start, speed, route=(start, *ahead)))
-    site = Site(scenario.place.name, scenario.place.id, scenario.place.digest)
+    site = _Site(scenario.place.name, scenario.place.id, scenario.place.digest)
     note = ScenarioNote(VERSION, site, scenario.record())
     document = Document(
         one_line(scenario.describe()),
@@ -143,7 +155,7 @@ def load_scenario(path: str | Path, *, junction: str | None = None, map: str | o
             content = decode(str(note).encode(), ScenarioNote, f"{path.name}: the property rvads.scenario", RunError)
             if content.version != VERSION:
                 raise ScenarioError(f"{path.name}: the property rvads.scenario has version {content.version}, expected {VERSION}")
-            place = site_of(content.site, map_beside if map is None else Path(map), path.name)
+            place = _site_of(content.site, map_beside if map is None else Path(map), path.name)
             scenario = recalled(content.scenario, place, f"{path.name}: the property rvads.scenario")
             _check_note(scenario, by_name, root, path.name)
             return scenario
@@ -152,6 +164,42 @@ def load_scenario(path: str | Path, *, junction: str | None = None, map: str | o
         )
     except RunError as error:
         raise ScenarioError(str(error)) from error
+
+
+def _site_of(site: _Site, map: Path | None, where: str) -> Junction:
+    """Return the junction of an exported scenario, from the built-in maps or from the map of the file.
+
+    Args:
+        site: the junction as the note of the file names it.
+        map: path of the map that the file names; None if the file names no map.
+        where: name of the file in messages.
+
+    Raises:
+        RunError: the junction in the map differs from the junction that was exported, or the file names no map.
+        MapError: the junction can't be found.
+    """
+    if site.name in LAYOUTS and (builtin := _as_exported(find(site.name), site.digest)).digest == site.digest:
+        return builtin
+    if map is None:
+        raise RunError(f"{where}: the file names no map in <LogicFile>, expected the map of junction {site.name!r}")
+    junction = _as_exported(_with_name(find(site.id, map), site.name), site.digest)
+    if junction.digest != site.digest:
+        raise RunError(
+            f"{where}: junction {site.name!r} of map file {map} has changed since the export: put the original map into the "
+            "folder, or remove the property rvads.scenario, and the file is read like a file of another tool"
+        )
+    return junction
+
+
+def _as_exported(junction: Junction, digest: str) -> Junction:
+    """Return the junction with the ways of pedestrians if the exported junction had these ways."""
+    return junction.walked if junction.walked.digest == digest else junction
+
+
+@lru_cache(maxsize=16)
+def _with_name(junction: Junction, name: str) -> Junction:
+    """Return a junction with another name; equal arguments give the same object, so that values cached in the object are kept."""
+    return junction if junction.name == name else replace(junction, name=name)
 
 
 def _check_note(scenario: Scenario, by_name: Mapping[str, Intention], root: Node, where: str) -> None:

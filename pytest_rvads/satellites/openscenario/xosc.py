@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import cycle
 from pathlib import Path
@@ -13,14 +13,34 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.runs.recording import Changes
+from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Colour, Kind
 from pytest_rvads.satellites.openscenario.xosctree import Node, read_tree
+from pytest_rvads.satellites.tracks.facing import with_headings
+from pytest_rvads.satellites.tracks.importing import recordings_in
 from pytest_rvads.satellites.tracks.lightlog import changes_of, limit_lights
 from pytest_rvads.satellites.tracks.logformats import Format
 from pytest_rvads.satellites.tracks.samples import Gather, Log, kind_of
 from pytest_rvads.satellites.tracks.source import Watch
 from pytest_rvads.support.decoding import decode
 from pytest_rvads.support.errors import RunError
+
+__all__ = [
+    "FORMAT",
+    "LAMPS",
+    "Entity",
+    "TrajectoryFile",
+    "entities_of",
+    "lights_of",
+    "log_of",
+    "map_of",
+    "no_trajectories",
+    "note_of",
+    "read_played",
+    "read_trajectories",
+    "read_xosc",
+]
+
 
 LAMPS = {Colour.NONE: "off;off;off", Colour.RED: "on;off;off", Colour.YELLOW: "off;on;off", Colour.GREEN: "off;off;on"}
 """Per colour, the state of a light in a written file: the lamps from top to bottom, which are red, yellow and green."""
@@ -63,14 +83,10 @@ class TrajectoryFile:
     """Vertices of the trajectory by name of the entity, each of shape ``(vertices, 5)``; `VERTEX` names the columns."""
     reasons: Mapping[str, str]
     """By name of an entity without a readable trajectory, the reason, in words that follow the name and a colon."""
-    speeds: Mapping[str, float]
-    """Initial speed by name of the entity [m/s]; only of entities for which the file states a speed."""
     lights: Mapping[str, Changes]
     """Changes of colour by id of the signal."""
     map: Path | None
     """Path of the OpenDRIVE file; the file names the map by a path relative to its own folder. None if it names no map."""
-    note: str | None
-    """Note about the run, as JSON, if this package exported the file; None for a file of another tool."""
 
 
 def read_xosc(path: Path, columns: Mapping[str, str] | None, *, strict: bool, watch: Watch | None) -> Log:
@@ -100,7 +116,11 @@ def log_of(file: TrajectoryFile, *, strict: bool = False) -> Log:
 
 
 def read_trajectories(path: Path, watch: Watch | None = None) -> TrajectoryFile:
-    """Return the vehicles, trajectories, speeds, lights, map and note of a file."""
+    """Return the vehicles, trajectories, lights and map of a file.
+
+    Raises:
+        RunError: the file can't be read; the message names file, line and element.
+    """
     root = read_tree(path, watch)
     unsized = _vehicles_without_size(root, path.name)
     entities = [replace(entity, size=None) if entity.name in unsized else entity for entity in entities_of(root)]
@@ -124,25 +144,28 @@ def read_trajectories(path: Path, watch: Watch | None = None) -> TrajectoryFile:
         tuple(entities),
         trajectories,
         all_reasons,
-        _speeds(root),
         lights_of(root, end),
         map_of(root, path),
-        note_of(root, "run"),
     )
 
 
-class _Excerpt(msgspec.Struct):
+class _Note(msgspec.Struct):
     unsized: list[str] = []
 
 
 def _vehicles_without_size(root: Node, where: str) -> list[str]:
-    """Return the names of the vehicles of unknown size, which the note of an exported excerpt of a recording lists."""
-    note = note_of(root, "excerpt")
-    return [] if note is None else decode(note.encode(), _Excerpt, f"{where}: the property rvads.excerpt", RunError).unsized
+    """Return the names of the vehicles of unknown size, which the note of an exported run lists."""
+    note = note_of(root, "run")
+    return [] if note is None else decode(note.encode(), _Note, f"{where}: the property rvads.run", RunError).unsized
 
 
 def note_of(root: Node, subject: str) -> str | None:
-    """Return the note of a file that this package exported, as JSON; None for other files."""
+    """Return the note of a file that this package exported, as JSON; None for other files.
+
+    Args:
+        root: the root element of the file.
+        subject: what the note is about: ``run`` or ``scenario``.
+    """
     header = root.first("FileHeader")
     properties = () if header is None else header.walk("Property")
     return next((node.text("value") for node in properties if node.attributes.get("name") == f"rvads.{subject}"), None)
@@ -199,15 +222,6 @@ def _timed(points: NDArray[np.float64], timing: Node, trigger: Node | None) -> N
     return points
 
 
-def _speeds(root: Node) -> dict[str, float]:
-    speeds = {}
-    for private in root.walk("Private"):
-        target = private.first("SpeedAction", "AbsoluteTargetSpeed")
-        if target is not None:
-            speeds[private.text("entityRef")] = target.number("value")
-    return speeds
-
-
 def lights_of(root: Node, end: float) -> dict[str, Changes]:
     """Return the changes of colour of each signal, by its id, up to the time `end` [s]; a controller repeats its phases."""
     colours_by_signal: dict[str, list[tuple[float, Colour]]] = {}
@@ -243,6 +257,17 @@ def _colour(state: Node) -> Colour:
     if lamps not in _COLOUR_OF_STATE:
         raise state.refused(f"has the state {lamps!r:.60}, expected red, yellow, green, off, or three lamps such as 'on;off;off'")
     return _COLOUR_OF_STATE[lamps]
+
+
+def read_played(path: str | Path) -> Sequence[Run]:
+    """Return the runs into which the traffic of a file is cut, at all junctions of the named map that vehicles pass.
+
+    Raises:
+        RunError: the file can't be read, no vehicle follows a trajectory, or the vehicles fit several junctions equally well.
+        MapError: the map can't be read.
+    """
+    recordings = recordings_in(with_headings(log_of(read_trajectories(Path(path)))), FORMAT.point)
+    return recordings[0] if len(recordings) == 1 else [run for recording in recordings for run in recording]
 
 
 def no_trajectories(where: str) -> RunError:
