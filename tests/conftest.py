@@ -16,7 +16,6 @@ from msgspec import structs
 import pytest_rvads
 from pytest_rvads.geometry.finder import find
 from pytest_rvads.geometry.junction import Junction
-from pytest_rvads.geometry.opendrive.writer import Layout, opendrive
 from pytest_rvads.logic import check as checking
 from pytest_rvads.logic.judging.verdicts import Status, Verdict
 from pytest_rvads.logic.rules.current import own_desk
@@ -24,6 +23,7 @@ from pytest_rvads.logic.rules.rule import Rule
 from pytest_rvads.runs.itineraries import Itinerary
 from pytest_rvads.runs.run import Collision, Facts, Run
 from pytest_rvads.runs.states import Agent, Colour, Zone
+from tools.crossings import Layout, opendrive
 
 from .left_patched import Attributes
 

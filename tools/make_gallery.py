@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import re
+import shutil
 import sys
 import tempfile
 from contextlib import chdir, redirect_stdout
@@ -69,6 +70,7 @@ def make(page: str, folder: Path) -> list[str]:
     with tempfile.TemporaryDirectory() as place, chdir(place), open(os.devnull, "w", encoding="utf-8") as nothing:
         for failure in wanted:
             Path(f"{_file(failure)}.py").write_text(failure.code, encoding="utf-8")
+        shutil.copy(PAGE.with_name("five.xodr"), ".")
         options = [
             "--tb=short",
             "--rvads-artefacts=none",

@@ -16,7 +16,7 @@ from typing import Any
 
 from pytest_rvads.geometry.analysis import JunctionReport
 from pytest_rvads.geometry.arms import FEWEST, MOST
-from pytest_rvads.geometry.builtin import LAYOUTS, path_of
+from pytest_rvads.geometry.builtin import NAMES, path_of
 from pytest_rvads.geometry.control import JunctionControl
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.geometry.road_map import RoadMap, read_map
@@ -104,7 +104,7 @@ def _values_of(key: str, properties: Mapping[str, Any], allowed: Iterable[Any], 
 
 def names() -> tuple[str, ...]:
     """Return the names of the built-in junctions."""
-    return tuple(LAYOUTS)
+    return tuple(NAMES)
 
 
 def find(junction: str, map: str | os.PathLike[str] | None = None) -> Junction:
@@ -185,21 +185,21 @@ def offer(road_map: RoadMap) -> str:
 def _builtin(junction: str, kinds: Kinds | None) -> Junction:
     """Return a built-in junction; unlike a user's file, its file is not checked for changes."""
     if kinds is None:
-        if junction not in LAYOUTS:
+        if junction not in NAMES:
             raise MapError(
-                f"unknown junction {junction!r}: the built-in ones are {', '.join(LAYOUTS)}, "
-                f"others need a map file{suggest(junction, LAYOUTS)}"
+                f"unknown junction {junction!r}: the built-in ones are {', '.join(NAMES)}, "
+                f"others need a map file{suggest(junction, NAMES)}"
             )
         candidates: Iterator[str] = iter([junction])
     else:
-        candidates = iter(LAYOUTS)
+        candidates = iter(NAMES)
     for name in candidates:
         road_map, key = _load(path_of(name))
         report = road_map.junctions[0]
         if kinds is None or kinds.fit(report):
             return replace(_junction(road_map, key, report.id, name), map=None)
     raise MapError(
-        f"no built-in junction fits {junction!r}: they are {', '.join(LAYOUTS)}, with 120 m of approach; give a map file"
+        f"no built-in junction fits {junction!r}: they are {', '.join(NAMES)}, with 120 m of approach; give a map file"
     )
 
 

@@ -13,12 +13,11 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from pytest_rvads.geometry.builtin import LAYOUTS, path_of
+from pytest_rvads.geometry.builtin import NAMES, path_of
 from pytest_rvads.geometry.conflicts import JunctionKind, Line, Shared, Stretch, conflicts_of
 from pytest_rvads.geometry.control import JunctionControl, control_of
 from pytest_rvads.geometry.crosswalks import Crosswalk, covers
 from pytest_rvads.geometry.junction_digest import digest_of
-from pytest_rvads.geometry.opendrive.junction_writer import written
 from pytest_rvads.geometry.opendrive.xmlfile import text_of
 from pytest_rvads.geometry.precedence import Precedence, Reason
 from pytest_rvads.geometry.segment import SPEED_LIMIT, Limits, Segment
@@ -27,6 +26,7 @@ from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.geometry.walking_ways import walking_ways
 from pytest_rvads.geometry.ways import CONFLICT_WIDTH, Arm, Entrance, Exit, Further, Key, Movement, Way, centre_lines
 from pytest_rvads.support.errors import MapError, ScenarioError
+from pytest_rvads.support.installed import load
 from pytest_rvads.support.wording import shown
 
 
@@ -412,7 +412,7 @@ class Junction:
     def map_file(self) -> Path | None:
         """The map file, also of a built-in junction; None for a junction without a map."""
         if self.map is None:
-            return path_of(self.name) if self.name in LAYOUTS else None
+            return path_of(self.name) if self.name in NAMES else None
         return Path(self.map)
 
     def opendrive(self) -> str:
@@ -429,18 +429,7 @@ class Junction:
                 f"junction {self.name!r} has no map file, expected one of rvads.find, which reads maps and built-in ones"
             )
         text = text_of(self.map_file)
-        if "<OpenDRIVE" in text:
-            return text
-        return written(
-            self.id,
-            [(lane, self.way_in(k)) for k, lane in enumerate(self.entrances)],
-            [(lane, self.way_out(k)) for k, lane in enumerate(self.exits)],
-            {key: self.way_through(*key) for key in self.movements},
-            self.stated,
-            self.crossings,
-            width=self.lane_width,
-            left_hand=self.left_hand,
-        )
+        return text if "<OpenDRIVE" in text else str(load("map_writers", "xodr")(self))
 
     def turns_on_red(self, start: int, turn: Turn) -> bool:
         """Return whether a vehicle may enter on red after a stop: it turns to the near side, and no sign forbids this."""

@@ -12,7 +12,6 @@ from pytest_rvads.drivers.interface import Control, Observation
 from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.geometry.finder import find
 from pytest_rvads.geometry.junction import Junction
-from pytest_rvads.geometry.opendrive.writer import Layout, opendrive
 from pytest_rvads.geometry.segment import Segment
 from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.logic.check import check
@@ -26,6 +25,7 @@ from pytest_rvads.scenarios.case import Case, Fleet
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.simulators.simulator import simulate
 from pytest_rvads.support.errors import RunError
+from tools.crossings import Layout, opendrive
 
 Make = Callable[..., Run]
 # Lanes of the built-in maps are 3.5 m wide, a body 1.86 m: 0.3 m over the border is 1.75 + 0.3 - 0.93 m beside the centre.

@@ -9,13 +9,13 @@ import pytest
 
 from pytest_rvads.drivers.interface import Observation
 from pytest_rvads.drivers.signs_and_lights import Light, StopSign
-from pytest_rvads.geometry.builtin import CROSSINGS
 from pytest_rvads.geometry.finder import find
 from pytest_rvads.geometry.junction import Junction
-from pytest_rvads.geometry.opendrive.writer import opendrive
 from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.runs.itineraries import Itinerary
 from pytest_rvads.runs.states import Colour, Vehicle, VehicleState, Zone
+from tools.crossings import opendrive
+from tools.make_maps import CROSSINGS
 
 LIGHTS, SIGNS = find("light4"), find("stop4")
 G, Y, R = Colour.GREEN, Colour.YELLOW, Colour.RED

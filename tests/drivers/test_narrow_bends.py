@@ -12,11 +12,9 @@ from pytest_rvads.drivers import reference
 from pytest_rvads.drivers.interface import Autopilot, Control, Observation
 from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.drivers.way_ahead import AxlePath, axle_path, track
-from pytest_rvads.geometry.builtin import CROSSINGS
 from pytest_rvads.geometry.control import Sign
 from pytest_rvads.geometry.finder import find, names
 from pytest_rvads.geometry.junction import Junction
-from pytest_rvads.geometry.opendrive.writer import Layout, opendrive
 from pytest_rvads.geometry.segment import Pose, Segment
 from pytest_rvads.geometry.sweep import CAR, plan, with_roads
 from pytest_rvads.logic.check import check
@@ -30,6 +28,8 @@ from pytest_rvads.scenarios.ids import from_id
 from pytest_rvads.scenarios.placing import started
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.simulators.simulator import simulate
+from tools.crossings import Layout, opendrive
+from tools.make_maps import CROSSINGS
 
 
 @pytest.mark.parametrize("name", names())

@@ -14,9 +14,7 @@ from hypothesis import strategies as st
 
 from pytest_rvads.drivers.interface import Control, Observation
 from pytest_rvads.drivers.reference import Reference
-from pytest_rvads.geometry.builtin import CROSSINGS
 from pytest_rvads.geometry.finder import find
-from pytest_rvads.geometry.opendrive.writer import opendrive
 from pytest_rvads.logic.check import check
 from pytest_rvads.physics.braking import vmax
 from pytest_rvads.runs.states import Zone
@@ -27,6 +25,8 @@ from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.simulators.closed_loop import closed_vmax
 from pytest_rvads.simulators.simulator import simulate
 from pytest_rvads.support.errors import AutopilotError
+from tools.crossings import opendrive
+from tools.make_maps import CROSSINGS
 
 from .conftest import Complain, Judge
 

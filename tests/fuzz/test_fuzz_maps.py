@@ -8,10 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pytest_rvads.geometry.control import JunctionControl
-from pytest_rvads.geometry.opendrive.writer import Layout, opendrive
 from pytest_rvads.geometry.road_map import RoadMap, describe, read_map
 from pytest_rvads.report.draw.map_picture import draw_map
 from pytest_rvads.support.errors import MapError
+from tools.crossings import Layout, opendrive
 
 from .mutations import QUICK, damaged
 

@@ -6,8 +6,8 @@ from xml.etree import ElementTree
 
 import pytest
 
-from pytest_rvads.geometry.opendrive.writer import Layout, opendrive
 from pytest_rvads.geometry.road_map import RoadMap, read_map
+from tools.crossings import Layout, opendrive
 
 Tree = Callable[..., ElementTree.Element]
 Read = Callable[..., RoadMap]

@@ -5,12 +5,12 @@ from pathlib import Path
 
 import pytest
 
-from pytest_rvads.geometry.builtin import LAYOUTS, path_of
+from pytest_rvads.geometry.builtin import NAMES, path_of
 from pytest_rvads.geometry.finder import find
 from pytest_rvads.support.errors import MapError, ScenarioError
 
 
-@pytest.mark.parametrize("name", LAYOUTS)
+@pytest.mark.parametrize("name", NAMES)
 def test_text_of_a_built_in_junction_is_that_of_its_file(name: str) -> None:
     assert find(name).opendrive() == path_of(name).read_text(encoding="utf-8")
 

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pytest_rvads.geometry.opendrive.writer import Layout, opendrive
 from pytest_rvads.geometry.road_map import read_map
 from pytest_rvads.geometry.segment import LEAST_RADIUS, least_radius
 from pytest_rvads.geometry.sweep import CAR
@@ -16,6 +15,7 @@ from pytest_rvads.runs.states import Vehicle, usual_body
 from pytest_rvads.scenarios.configurations import grid
 from pytest_rvads.scenarios.selection import Selection
 from pytest_rvads.support.errors import ScenarioError
+from tools.crossings import Layout, opendrive
 
 from .conftest import Read
 

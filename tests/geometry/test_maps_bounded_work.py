@@ -5,7 +5,7 @@ import re
 from pathlib import Path
 
 from pytest_rvads.geometry.control import JunctionControl
-from pytest_rvads.geometry.opendrive.writer import Layout, opendrive
+from tools.crossings import Layout, opendrive
 
 from ..bounded import answers
 

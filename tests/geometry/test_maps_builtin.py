@@ -7,13 +7,15 @@ from itertools import pairwise
 
 import pytest
 
-from pytest_rvads.geometry.builtin import LAYOUTS, Roundabout, path_of, roundabout
+from pytest_rvads.geometry.builtin import path_of
 from pytest_rvads.geometry.control import JunctionControl
 from pytest_rvads.geometry.finder import find, names
-from pytest_rvads.geometry.opendrive.writer import Layout, opendrive
 from pytest_rvads.geometry.road_map import read_map
 from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.runs.itineraries import Itinerary
+from tools.crossings import Layout, opendrive
+from tools.make_maps import LAYOUTS
+from tools.roundabouts import Roundabout, roundabout
 
 from .conftest import Read
 

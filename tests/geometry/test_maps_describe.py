@@ -10,8 +10,8 @@ from pytest_rvads.cli import main
 from pytest_rvads.geometry.builtin import path_of
 from pytest_rvads.geometry.control import JunctionControl
 from pytest_rvads.geometry.network import Doubt, MapWarning, gathered
-from pytest_rvads.geometry.opendrive.writer import Layout, opendrive
 from pytest_rvads.geometry.road_map import describe, read_map
+from tools.crossings import Layout, opendrive
 
 from .conftest import Read, Tree
 

@@ -18,7 +18,6 @@ from pytest_rvads.geometry.builtin import path_of
 from pytest_rvads.geometry.choosing import choose
 from pytest_rvads.geometry.control import JunctionControl
 from pytest_rvads.geometry.finder import find, load, names, nearest
-from pytest_rvads.geometry.opendrive.writer import Layout, opendrive
 from pytest_rvads.geometry.precedence import Reason
 from pytest_rvads.geometry.road_map import describe, read_map
 from pytest_rvads.logic.check import check
@@ -28,6 +27,7 @@ from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.simulators.simulator import simulate
 from pytest_rvads.support.errors import MapError, ScenarioError
+from tools.crossings import Layout, opendrive
 
 
 @pytest.mark.parametrize(

@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 
 from pytest_rvads.geometry.analysis import JunctionReport, LaneEnd
 from pytest_rvads.geometry.control import JunctionControl
-from pytest_rvads.geometry.opendrive.writer import Layout, opendrive
 from pytest_rvads.geometry.road_map import RoadMap, read_map
+from tools.crossings import Layout, opendrive
 
 FILES = (
     "cubetown",

@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 
 from pytest_rvads.geometry.opendrive import xmlfile as document
-from pytest_rvads.geometry.opendrive.writer import Layout, opendrive
 from pytest_rvads.geometry.opendrive.xmlfile import MAX_BYTES
 from pytest_rvads.geometry.road_map import read_map
 from pytest_rvads.support.errors import MapError
+from tools.crossings import Layout, opendrive
 
 from .conftest import Read
 

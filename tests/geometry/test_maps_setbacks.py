@@ -7,8 +7,8 @@ import pytest
 
 import pytest_rvads as rvads
 from pytest_rvads.geometry.control import JunctionControl
-from pytest_rvads.geometry.opendrive.writer import Layout, opendrive
 from pytest_rvads.scenarios.classes import classes, label
+from tools.crossings import Layout, opendrive
 
 SETBACKS = (0.0, 2.0, 4.0, 8.0)
 CASES = [

@@ -12,9 +12,9 @@ from pytest_rvads.drivers.traffic import RedLightRunner
 from pytest_rvads.geometry.control import JunctionControl, MapObject, ObjectKind, Sign, sign_setback_of
 from pytest_rvads.geometry.opendrive.records import Signal
 from pytest_rvads.geometry.opendrive.signals import kind_of
-from pytest_rvads.geometry.opendrive.writer import Layout, opendrive
 from pytest_rvads.geometry.road_map import RoadMap
 from pytest_rvads.support.errors import MapError
+from tools.crossings import Layout, opendrive
 
 from .conftest import Read, Tree
 

@@ -7,16 +7,17 @@ from xml.etree import ElementTree as ET
 
 import pytest
 
-from pytest_rvads.geometry.builtin import CROSSINGS, LAYOUTS, Roundabout, path_of, roundabout
+from pytest_rvads.geometry.builtin import path_of
 from pytest_rvads.geometry.control import JunctionControl, Sign
 from pytest_rvads.geometry.finder import find
 from pytest_rvads.geometry.junction import Junction
-from pytest_rvads.geometry.opendrive.elements import joined
-from pytest_rvads.geometry.opendrive.writer import Layout, opendrive
 from pytest_rvads.geometry.road_map import read_map
 from pytest_rvads.geometry.segment import Pose
 from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.support.errors import MapError
+from tools.crossings import Layout, joined, opendrive
+from tools.make_maps import CROSSINGS, LAYOUTS
+from tools.roundabouts import Roundabout, roundabout
 
 from .conftest import Read
 

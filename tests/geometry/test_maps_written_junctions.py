@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pytest_rvads.geometry.builtin import LAYOUTS
+from pytest_rvads.geometry.builtin import NAMES
 from pytest_rvads.geometry.control import Sign
 from pytest_rvads.geometry.finder import find
 from pytest_rvads.geometry.junction import Junction
@@ -51,7 +51,7 @@ def lines(junction: Junction) -> list[Segment]:
     return [*map(junction.way_in, entrances), *ways, *map(junction.way_out, exits)]
 
 
-@pytest.mark.parametrize("name", LAYOUTS)
+@pytest.mark.parametrize("name", NAMES)
 def test_built_in_junction_is_read_as_it_was_written(tmp_path: Path, name: str) -> None:
     place = find(name)
     after = reread(place, tmp_path)

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from pytest_rvads.geometry.control import JunctionControl, Sign
 from pytest_rvads.geometry.finder import find, names
 from pytest_rvads.geometry.junction import Junction
-from pytest_rvads.geometry.opendrive.writer import Layout, opendrive
 from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.geometry.ways import CONFLICT_WIDTH, Key
 from pytest_rvads.search.remap import mirrored
+from tools.crossings import Layout, opendrive
 
 JUNCTIONS = [*names(), *(f"{name} in a mirror" for name in ("stop4", "stop3", "light4", "light3"))]
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 import pytest_rvads as rvads
-from pytest_rvads.geometry.opendrive.writer import Layout, opendrive
+from tools.crossings import Layout, opendrive
 
 from .cases import Case, at
 from .drivers import REFERENCE, beside, gated, lawful, lawful_at, paced, stops_at, timed

@@ -3,9 +3,9 @@
 import pytest
 
 from pytest_rvads.cli import main
-from pytest_rvads.geometry.opendrive.writer import Layout, opendrive
 from pytest_rvads.report.coverage import SIMULTANEOUS
 from tests.inner_sessions import records_of
+from tools.crossings import Layout, opendrive
 
 from .attempts import CHECKED, FAILED, NOTHING, Session
 from .shown import shows, shows_each

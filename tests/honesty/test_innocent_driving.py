@@ -9,8 +9,8 @@ from typing import Any
 
 import pytest_rvads as rvads
 from pytest_rvads.drivers.traffic import LateYielder
-from pytest_rvads.geometry.opendrive.writer import Layout, opendrive
 from pytest_rvads.search.remap import mirrored
+from tools.crossings import Layout, opendrive
 
 from .cases import Case, at
 from .drivers import OnCentreLine, gated, lawful

@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 
 from pytest_rvads.geometry.control import JunctionControl
-from pytest_rvads.geometry.opendrive.writer import Layout
 from pytest_rvads.report.session_report import Drawn
 from pytest_rvads.session.plan import Plan
+from tools.crossings import Layout
 
 from .conftest import Lines
 

@@ -2,8 +2,8 @@
 
 import pytest
 
-from pytest_rvads.geometry.opendrive.writer import Layout, opendrive
 from tests.inner_sessions import driven_by, records_of
+from tools.crossings import Layout, opendrive
 
 from .conftest import Lines
 

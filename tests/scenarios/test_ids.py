@@ -6,10 +6,10 @@ import pytest
 from hypothesis import given, settings
 
 import pytest_rvads as rvads
-from pytest_rvads.geometry.opendrive.writer import Layout, opendrive
 from pytest_rvads.scenarios.ids import from_id, recalled
 from pytest_rvads.search import strategies
 from pytest_rvads.support.errors import MapError, RvadsError, ScenarioError
+from tools.crossings import Layout, opendrive
 
 PLACE = rvads.find("stop4")
 

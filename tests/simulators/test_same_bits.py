@@ -12,10 +12,11 @@ from typing import Any
 import pytest
 
 import pytest_rvads as rvads
-from pytest_rvads.geometry.builtin import LAYOUTS, Roundabout, roundabout
-from pytest_rvads.geometry.opendrive.writer import opendrive
 from pytest_rvads.geometry.road_map import read_map
 from pytest_rvads.runs.itineraries import Itinerary
+from tools.crossings import opendrive
+from tools.make_maps import LAYOUTS
+from tools.roundabouts import Roundabout, roundabout
 
 SUM = sum
 

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.geometry.builtin import LAYOUTS, path_of
+from pytest_rvads.geometry.builtin import NAMES, path_of
 from pytest_rvads.geometry.crosswalks import Crossing
 from pytest_rvads.geometry.finder import find
 from pytest_rvads.geometry.junction import Junction
@@ -191,7 +191,7 @@ def mapped(junction: Junction, *maps: str | os.PathLike[str] | None) -> Junction
     Args:
         maps: map files that are searched before the file that the junction names; None is skipped.
     """
-    candidates = [path_of(junction.name)] if junction.name in LAYOUTS else []
+    candidates = [path_of(junction.name)] if junction.name in NAMES else []
     candidates += [Path(map) for map in (*maps, junction.map) if map is not None]
     error_of_last: MapError | None = None
     for path in candidates:

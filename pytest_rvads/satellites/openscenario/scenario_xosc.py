@@ -18,7 +18,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from pytest_rvads.geometry.builtin import LAYOUTS
+from pytest_rvads.geometry.builtin import NAMES
 from pytest_rvads.geometry.finder import find, load, names
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.geometry.segment import Pose
@@ -178,7 +178,7 @@ def _site_of(site: _Site, map: Path | None, where: str) -> Junction:
         RunError: the junction in the map differs from the junction that was exported, or the file names no map.
         MapError: the junction can't be found.
     """
-    if site.name in LAYOUTS and (builtin := _as_exported(find(site.name), site.digest)).digest == site.digest:
+    if site.name in NAMES and (builtin := _as_exported(find(site.name), site.digest)).digest == site.digest:
         return builtin
     if map is None:
         raise RunError(f"{where}: the file names no map in <LogicFile>, expected the map of junction {site.name!r}")

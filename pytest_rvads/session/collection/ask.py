@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from pytest_rvads.drivers.traffic import DEFAULT, Policy
-from pytest_rvads.geometry.builtin import LAYOUTS
+from pytest_rvads.geometry.builtin import NAMES
 from pytest_rvads.geometry.choosing import EVERY, choose_among, some
 from pytest_rvads.geometry.finder import Kinds
 from pytest_rvads.geometry.junction import Junction
@@ -193,7 +193,7 @@ class Ask:
         if junction in added.junctions:
             registered, name = added.junctions[junction]
             return name, registered
-        return junction, None if junction in LAYOUTS else default
+        return junction, None if junction in NAMES else default
 
     def _configurations(
         self,

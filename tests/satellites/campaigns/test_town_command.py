@@ -14,11 +14,11 @@ import pytest
 
 from pytest_rvads.cli import main
 from pytest_rvads.geometry.builtin import path_of
-from pytest_rvads.geometry.opendrive.writer import Layout, opendrive
 from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.report.files import load
 from pytest_rvads.report.session_report import Report
 from pytest_rvads.satellites.campaigns import answering, town_output
+from tools.crossings import Layout, opendrive
 
 SHORT = ("-j", "1", "--grid", "B", "--subject", "none")
 
@@ -176,10 +176,10 @@ def test_what_was_judged_before_an_interrupt_is_kept_and_gone_on_from(
 @pytest.mark.extended
 @pytest.mark.parametrize("number", ["SIGTERM", "SIGHUP"])
 def test_terminated_town_leaves_its_page_and_report(folder: Path, number: str) -> None:
-    terminates = f"kept(); os.kill(os.getppid(), signal.{number}); time.sleep(60)"
-    (folder / "impatient.py").write_text(
-        KEPT + DRIVER.format(last=4).replace("raise KeyboardInterrupt", terminates), encoding="utf-8"
+    ends = DRIVER.format(last=4).replace(
+        "raise KeyboardInterrupt", "kept(); os.kill(os.getppid(), signal.{number}); time.sleep(60)"
     )
+    (folder / "impatient.py").write_text(f"{KEPT}{ends.format(number=number)}", encoding="utf-8")
     path = os.pathsep.join([str(folder), os.environ.get("PYTHONPATH", "")])
     words = ["-c", "from pytest_rvads.cli import main; raise SystemExit(main())", "town", "stop3.xodr", *SHORT]
     command = [sys.executable, *words, "--autopilot", "impatient:Impatient"]

@@ -8,12 +8,12 @@ from typing import Any
 from pytest_rvads.drivers.traffic import traffic
 from pytest_rvads.geometry.control import JunctionControl
 from pytest_rvads.geometry.finder import find
-from pytest_rvads.geometry.opendrive.writer import Layout, opendrive
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Kind, Vehicle
 from pytest_rvads.scenarios.case import Case, Fleet
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.simulators.simulator import simulate
+from tools.crossings import Layout, opendrive
 
 __all__ = ["FAILURES", "LAYOUTS", "TRUCK", "Failure", "write_maps"]
 

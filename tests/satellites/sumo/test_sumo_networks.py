@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import pytest_rvads as rvads
-from pytest_rvads.geometry.builtin import LAYOUTS
+from pytest_rvads.geometry.builtin import NAMES
 from pytest_rvads.runs.itineraries import itinerary
 from pytest_rvads.runs.states import Colour, SignalPlan
 from pytest_rvads.satellites.sumo import road_network
@@ -67,7 +67,7 @@ def ways(root: ET.Element, place: rvads.Junction) -> dict[tuple[int, int], list[
 
 
 @pytest.mark.extended
-@pytest.mark.parametrize("name", LAYOUTS)
+@pytest.mark.parametrize("name", NAMES)
 def test_lanes_follow_the_itineraries(name: str) -> None:
     place = rvads.find(name)
     for (entrance, exit), lanes in ways(made(place), place).items():

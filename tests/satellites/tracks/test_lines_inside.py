@@ -19,13 +19,13 @@ from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.geometry.control import JunctionControl
 from pytest_rvads.geometry.finder import find
 from pytest_rvads.geometry.junction import Junction
-from pytest_rvads.geometry.opendrive.writer import Layout, opendrive
 from pytest_rvads.geometry.road_map import read_map
 from pytest_rvads.logic.check import check
 from pytest_rvads.runs.readers import read_runs
 from pytest_rvads.scenarios.case import Case
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.simulators.simulator import simulate
+from tools.crossings import Layout, opendrive
 
 FORMS = ("signal", "across", "along")
 

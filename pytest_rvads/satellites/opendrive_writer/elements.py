@@ -1,18 +1,26 @@
-"""Writing the elements of OpenDRIVE files: roads, reference lines, lanes with marks, signs, lights and stop lines."""
+"""Writing the elements of OpenDRIVE files: roads, lanes with marks, signs, lights and stop lines."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
 from pytest_rvads.geometry.control import Sign
-from pytest_rvads.geometry.segment import Pose
-from pytest_rvads.support.errors import MapError
 
-_STRAIGHT = 1e-9
+__all__ = [
+    "Lane",
+    "Post",
+    "add",
+    "add_crosswalk",
+    "add_lanes",
+    "add_regulation",
+    "add_road",
+    "document",
+    "finished",
+]
+
 _BROKEN_FROM = 30.0
 """Distance from a junction beyond which a centre line is broken, so that overtaking vehicles are allowed to cross it [m]."""
 _MARK = 0.12
@@ -42,15 +50,6 @@ class Lane:
     """``solid``, ``broken``, ``none``, or ``centre``: solid near the junction where the road starts, broken farther off."""
     links: tuple[int, int] | None = None
     """Ids of the lane that leads into this lane and of the lane that this lane leads to."""
-
-
-@dataclass(frozen=True, slots=True)
-class Piece:
-    """A piece of a reference line: straight, or an arc."""
-
-    start: Pose
-    length: float
-    curvature: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,16 +92,6 @@ def add_road(root: Element, id: int, length: float, *, junction: str = "-1", lef
     road = add(root, "road", id=id, length=length, junction=junction, rule="LHT" if left_hand else "RHT")
     add(road, "link")
     return road
-
-
-def add_plan(road: Element, pieces: Iterable[Piece]) -> None:
-    """Add the reference line of a road, piece by piece."""
-    plan, s = add(road, "planView"), 0.0
-    for piece in pieces:
-        start = piece.start
-        geometry = add(plan, "geometry", s=s, x=start.x, y=start.y, hdg=start.heading, length=piece.length)
-        add(geometry, "arc", curvature=piece.curvature) if piece.curvature else add(geometry, "line")
-        s += piece.length
 
 
 def add_lanes(road: Element, lanes: Iterable[Lane], offset: float = 0.0) -> None:
@@ -222,41 +211,3 @@ def add_crosswalk(
         signals = add(road, "signals") if signals is None else signals
         type = {"dynamic": "yes", "country": "OpenDRIVE", "type": "1000002", "subtype": "-1"}
         add(signals, "signal", id=light, name="pedestrian light", s=s, t=t, zOffset=2.5, orientation="none", **type)
-
-
-def joined(start: Pose, end: Pose) -> tuple[Piece, ...]:
-    """Return the pieces of a smooth line between two poses: a straight line, an arc with a straight part, or two arcs."""
-    turn = math.remainder(end.heading - start.heading, math.tau)
-    dx, dy = end.x - start.x, end.y - start.y
-    ux, uy = math.cos(start.heading), math.sin(start.heading)
-    if abs(turn) < _STRAIGHT:
-        return _beside(start, dx * ux + dy * uy, dy * ux - dx * uy)
-    vx, vy = math.cos(end.heading), math.sin(end.heading)
-    # The distances from the start to the meeting point of the two tangents, and from the meeting point to the end.
-    before, after = (dx * vy - dy * vx) / math.sin(turn), (ux * dy - uy * dx) / math.sin(turn)
-    tangent = min(before, after)
-    if tangent <= 0:
-        raise MapError(f"no arc leads from ({start.x:g}, {start.y:g}) to ({end.x:g}, {end.y:g}) without bending back")
-    lines = [length - tangent if length - tangent > _STRAIGHT else 0.0 for length in (before, after)]
-    first = Pose(start.x + lines[0] * ux, start.y + lines[0] * uy, start.heading)
-    last = Pose(end.x - lines[1] * vx, end.y - lines[1] * vy, end.heading)
-    curvature = 2 * math.sin(turn / 2) / math.hypot(last.x - first.x, last.y - first.y)
-    pieces = (Piece(start, lines[0]), Piece(first, turn / curvature, curvature), Piece(last, lines[1]))
-    return tuple(piece for piece in pieces if piece.length)
-
-
-def _beside(start: Pose, ahead: float, aside: float) -> tuple[Piece, ...]:
-    """Return the pieces of a line to a pose of the same heading: straight, or two arcs if the pose lies to the side."""
-    if ahead <= 0:
-        raise MapError(f"no way leads from ({start.x:g}, {start.y:g}) to a place {-ahead:g} m behind it")
-    if abs(aside) < _STRAIGHT:
-        return (Piece(start, math.hypot(ahead, aside)),)
-    swing = 2 * math.atan2(aside, ahead)
-    curvature = 2 * math.sin(swing) / ahead
-    x, y, heading = start
-    middle = Pose(
-        x + (ahead * math.cos(heading) - aside * math.sin(heading)) / 2,
-        y + (ahead * math.sin(heading) + aside * math.cos(heading)) / 2,
-        heading + swing,
-    )
-    return Piece(start, swing / curvature, curvature), Piece(middle, swing / curvature, -curvature)

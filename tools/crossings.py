@@ -8,29 +8,29 @@ continuous headings and no gaps.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from xml.etree.ElementTree import Element
 
 from pytest_rvads.geometry.control import JunctionControl, Sign, control_of, phase_groups
-from pytest_rvads.geometry.opendrive.elements import (
+from pytest_rvads.geometry.segment import Pose
+from pytest_rvads.geometry.turns import Turn
+from pytest_rvads.satellites.opendrive_writer.elements import (
     Lane,
-    Piece,
     Post,
     add,
     add_crosswalk,
     add_lanes,
-    add_plan,
     add_regulation,
     add_road,
     document,
     finished,
-    joined,
 )
-from pytest_rvads.geometry.segment import Pose
-from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.support.errors import MapError
 
+__all__ = ["Layout", "Piece", "add_plan", "joined", "opendrive"]
+
+_STRAIGHT = 1e-9
 _JUNCTION = "1"
 _FACING = math.radians(10.0)
 _ARROWS = {Turn.LEFT: 10, Turn.RIGHT: 20}
@@ -43,6 +43,15 @@ Between the edge of the line, which is 0.3 m wide, and the crosswalk lies more t
 """
 _FLARE = 0.5
 """Length of a crosswalk on either side of the lanes [m]: the corners of a junction widen the roadway behind the stop line."""
+
+
+@dataclass(frozen=True, slots=True)
+class Piece:
+    """A piece of a reference line: straight, or an arc."""
+
+    start: Pose
+    length: float
+    curvature: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -351,3 +360,55 @@ def _at(layout: Layout, angle: float, aside: float) -> tuple[float, float]:
     """Return the point `aside` to the left of the axis at the vertex of the arm in direction `angle`, seen outward."""
     x, y = layout.stop, aside
     return x * math.cos(angle) - y * math.sin(angle), x * math.sin(angle) + y * math.cos(angle)
+
+
+def add_plan(road: Element, pieces: Iterable[Piece]) -> None:
+    """Add the reference line of a road, piece by piece."""
+    plan, s = add(road, "planView"), 0.0
+    for piece in pieces:
+        start = piece.start
+        geometry = add(plan, "geometry", s=s, x=start.x, y=start.y, hdg=start.heading, length=piece.length)
+        add(geometry, "arc", curvature=piece.curvature) if piece.curvature else add(geometry, "line")
+        s += piece.length
+
+
+def joined(start: Pose, end: Pose) -> tuple[Piece, ...]:
+    """Return the pieces of a smooth line between two poses: a straight line, an arc with a straight part, or two arcs.
+
+    Raises:
+        MapError: the poses point away from each other.
+    """
+    turn = math.remainder(end.heading - start.heading, math.tau)
+    dx, dy = end.x - start.x, end.y - start.y
+    ux, uy = math.cos(start.heading), math.sin(start.heading)
+    if abs(turn) < _STRAIGHT:
+        return _beside(start, dx * ux + dy * uy, dy * ux - dx * uy)
+    vx, vy = math.cos(end.heading), math.sin(end.heading)
+    # The distances from the start to the meeting point of the two tangents, and from the meeting point to the end.
+    before, after = (dx * vy - dy * vx) / math.sin(turn), (ux * dy - uy * dx) / math.sin(turn)
+    tangent = min(before, after)
+    if tangent <= 0:
+        raise MapError(f"no arc leads from ({start.x:g}, {start.y:g}) to ({end.x:g}, {end.y:g}) without bending back")
+    lines = [length - tangent if length - tangent > _STRAIGHT else 0.0 for length in (before, after)]
+    first = Pose(start.x + lines[0] * ux, start.y + lines[0] * uy, start.heading)
+    last = Pose(end.x - lines[1] * vx, end.y - lines[1] * vy, end.heading)
+    curvature = 2 * math.sin(turn / 2) / math.hypot(last.x - first.x, last.y - first.y)
+    pieces = (Piece(start, lines[0]), Piece(first, turn / curvature, curvature), Piece(last, lines[1]))
+    return tuple(piece for piece in pieces if piece.length)
+
+
+def _beside(start: Pose, ahead: float, aside: float) -> tuple[Piece, ...]:
+    """Return the pieces of a line to a pose of the same heading: straight, or two arcs if the pose lies to the side."""
+    if ahead <= 0:
+        raise MapError(f"no way leads from ({start.x:g}, {start.y:g}) to a place {-ahead:g} m behind it")
+    if abs(aside) < _STRAIGHT:
+        return (Piece(start, math.hypot(ahead, aside)),)
+    swing = 2 * math.atan2(aside, ahead)
+    curvature = 2 * math.sin(swing) / ahead
+    x, y, heading = start
+    middle = Pose(
+        x + (ahead * math.cos(heading) - aside * math.sin(heading)) / 2,
+        y + (ahead * math.sin(heading) + aside * math.cos(heading)) / 2,
+        heading + swing,
+    )
+    return Piece(start, swing / curvature, curvature), Piece(middle, swing / curvature, -curvature)

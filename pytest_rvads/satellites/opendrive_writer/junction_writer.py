@@ -9,7 +9,6 @@ the road names the first road of its arm in ``<userData>``.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
 from itertools import pairwise
 from xml.etree.ElementTree import Element
 
@@ -17,8 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.geometry.control import Sign
-from pytest_rvads.geometry.crosswalks import Crosswalk
-from pytest_rvads.geometry.opendrive.elements import (
+from pytest_rvads.geometry.junction import Junction
+from pytest_rvads.geometry.opendrive.xmlfile import ARM
+from pytest_rvads.geometry.segment import NO_LIMIT, Segment
+from pytest_rvads.geometry.ways import Entrance, Exit
+from pytest_rvads.satellites.opendrive_writer.elements import (
     Lane,
     Post,
     add,
@@ -29,9 +31,6 @@ from pytest_rvads.geometry.opendrive.elements import (
     document,
     finished,
 )
-from pytest_rvads.geometry.opendrive.xmlfile import ARM
-from pytest_rvads.geometry.segment import NO_LIMIT, Segment
-from pytest_rvads.geometry.ways import Entrance, Exit, Key
 
 Array = NDArray[np.float64]
 _BESIDE = 0.8
@@ -41,26 +40,18 @@ _BEND = 1e-6
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(5)
 
 
-def written(
-    id: str,
-    entrances: Sequence[tuple[Entrance, Segment]],
-    exits: Sequence[tuple[Exit, Segment]],
-    movements: Mapping[Key, Segment],
-    stated: Collection[tuple[Key, Key]],
-    crossings: Collection[Crosswalk],
-    *,
-    width: float,
-    left_hand: bool,
-) -> str:
+def written(place: Junction) -> str:
     """Return an OpenDRIVE document with one junction, as text.
 
     The project's reader of OpenDRIVE does not find a stopping line that lies more than 10 m before the junction.
-
-    Args:
-        width: width of all lanes [m].
     """
+    id = place.id
+    entrances = [(lane, place.way_in(k)) for k, lane in enumerate(place.entrances)]
+    exits = [(lane, place.way_out(k)) for k, lane in enumerate(place.exits)]
+    movements = {key: place.way_through(*key) for key in place.movements}
     lanes: list[tuple[Entrance | Exit, Segment]] = [*entrances, *exits]
-    writer = _Writer(document(id, max(float(np.abs(line.points).max()) for _, line in lanes)), width, left_hand)
+    root = document(id, max(float(np.abs(line.points).max()) for _, line in lanes))
+    writer = _Writer(root, place.lane_width, place.left_hand)
     arms = [lane.arm for lane, _ in lanes]
     for number, (lane, line) in enumerate(lanes):
         inbound = isinstance(lane, Entrance)
@@ -71,7 +62,7 @@ def written(
         start = line.pose(line.length if inbound else 0.0)
         heading = start.heading + (math.pi if inbound else 0.0)
         turn = np.array([(math.cos(heading), -math.sin(heading)), (math.sin(heading), math.cos(heading))])
-        for crosswalk in crossings if number == arms.index(lane.arm) else ():
+        for crosswalk in place.crossings if number == arms.index(lane.arm) else ():
             if crosswalk.arm == lane.arm:
                 add_crosswalk(road, crosswalk.id, ((crosswalk.area - start[:2]) @ turn).tolist())
         add(road, "userData", code=ARM, value=arms.index(lane.arm))
@@ -88,7 +79,7 @@ def written(
             junction, "connection", id=numbers[key], incomingRoad=ends[0], connectingRoad=numbers[key], contactPoint="start"
         )
         add(row, "laneLink", **{"from": -writer.along}, to=writer.along)
-    for yielding, prior in sorted(stated):
+    for yielding, prior in sorted(place.stated):
         add(junction, "priority", high=numbers[prior], low=numbers[yielding])
     for phase in sorted({lane.phase for lane, _ in entrances if lane.phase is not None}):
         controller = add(writer.root, "controller", id=phase, name=f"phase {phase}", sequence=phase)
