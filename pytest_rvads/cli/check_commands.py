@@ -1,50 +1,77 @@
-"""The commands ``rvads check``, ``rvads rules`` and ``rvads monitor``, which judge runs without simulation."""
+"""The commands ``rvads check`` and ``rvads rules``, which judge runs without simulation."""
 
 from __future__ import annotations
 
 import argparse
-import json
 import textwrap
 from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pytest_rvads.cli.common import Subparsers, lines, make_folder, named_rules, number, say
+from pytest_rvads.cli.common import Subparsers, make_folder, named_rules, number, say
+from pytest_rvads.support.errors import FormulaError
 from pytest_rvads.support.installed import load
 
 if TYPE_CHECKING:
+    from pytest_rvads.logic.ltl.ltl3 import Machine
     from pytest_rvads.logic.rules.rule import Rule
 
 
 def declare(commands: Subparsers) -> None:
-    """Add the commands ``check``, ``rules`` and ``monitor`` to the parser."""
+    """Add the commands ``check`` and ``rules`` to the parser."""
     rules = commands.add_parser(
         "rules",
-        help="list the rules, or show the rule NAME: meaning, formula, source, responsible vehicle",
+        help="list the rules, or show the rule NAME: meaning, formula, source, responsible vehicle, monitor",
     )
     rules.add_argument("names", nargs="*", metavar="NAME", help="name of a rule to show (default: list all rules)")
     rules.add_argument("--rules", action="append", metavar="FILE", help="also list the rules of a file; repeatable")
+    rules.add_argument("--dot", action="store_true", help="print only the monitors of the named rules, for Graphviz")
     rules.set_defaults(command=_print_rules)
     _declare_check(commands)
 
-    monitor = commands.add_parser("monitor", help="show the LTL3 monitor of a formula, or monitor words")
-    what = monitor.add_mutually_exclusive_group(required=True)
-    what.add_argument("formula", nargs="?", metavar="FORMULA", help="formula whose monitor is shown, such as 'G(a -> F b)'")
-    what.add_argument(
-        "--jsonl",
-        action="store_true",
-        help="read JSON objects with id, formula and words, one per line, and answer each object with a line",
-    )
-    monitor.set_defaults(command=_monitor)
-
 
 def _print_rules(options: argparse.Namespace) -> int:
+    from pytest_rvads.logic.ltl.export import to_dot
     from pytest_rvads.logic.rules.book import get_rule, load_rules
 
     for file in options.rules or ():
         load_rules(file)
-    say("\n".join(_rule_entry(get_rule(name)) for name in options.names) if options.names else list_rules())
+    if options.dot and not options.names:
+        raise FormulaError("--dot draws the monitors of named rules, got no name: write such as rvads rules p2 --dot")
+    if options.dot:
+        say("".join(to_dot(_automaton(get_rule(name))) for name in options.names).rstrip())
+    elif options.names:
+        say("\n".join(f"{_rule_entry(rule)}\n{_automaton_entry(rule)}" for rule in map(get_rule, options.names)))
+    else:
+        say(list_rules())
     return 0
+
+
+def _automaton(rule: Rule) -> Machine:
+    """Return the monitor of an instance of a rule, the rule for certain vehicles and entrances.
+
+    Raises:
+        FormulaError: the monitor is too large, or differs between runs, because the rule has a quantifier inside.
+    """
+    from pytest_rvads.logic.ltl import formula as f
+    from pytest_rvads.logic.ltl.ltl3 import synthesize
+
+    body = rule.formula
+    while isinstance(body, f.Forall):
+        body = body.body
+    if any(isinstance(part, f.Forall | f.Exists) for part, _ in f.walk(body)):
+        raise FormulaError(f"rule {rule.name!r} has a quantifier inside, so its monitor depends on the vehicles of the run")
+    return synthesize(body)
+
+
+def _automaton_entry(rule: Rule) -> str:
+    from pytest_rvads.logic.ltl.export import describe
+
+    try:
+        text = describe(_automaton(rule))
+    except FormulaError as error:
+        text = f"monitor: none is shown: {error}"
+    return textwrap.indent(text, " " * 6)
 
 
 def list_rules() -> str:
@@ -138,16 +165,3 @@ def _check_runs(options: argparse.Namespace) -> int:
         for batch in batches:
             teller.tell(batch)
     return totals.exit_status(for_program=for_program)
-
-
-def _monitor(options: argparse.Namespace) -> int:
-    from pytest_rvads.logic.ltl.export import answer, describe
-    from pytest_rvads.logic.ltl.ltl3 import synthesize
-    from pytest_rvads.logic.ltl.parser import parse_ltl
-
-    if not options.jsonl:
-        say(describe(synthesize(parse_ltl(options.formula))))
-        return 0
-    for line in lines():
-        print(json.dumps(answer(line), allow_nan=False), flush=True)
-    return 0

@@ -9,7 +9,6 @@ import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -19,6 +18,23 @@ from pytest_rvads.support.wording import printable
 if TYPE_CHECKING:
     from pytest_rvads.logic.rules.rule import Rule
     from pytest_rvads.report.session_report import Report
+
+__all__ = [
+    "LINE_LIMIT",
+    "MAP_FORMATS",
+    "Subparsers",
+    "clear",
+    "listed_rules",
+    "make_folder",
+    "named_rules",
+    "number",
+    "progress",
+    "progress_for",
+    "say",
+    "show",
+    "terminable",
+    "warn",
+]
 
 LINE_LIMIT = 2**20
 """Longest line of input that is read [bytes]; the output for a line can take a hundred times as much memory."""
@@ -82,18 +98,6 @@ def clear() -> None:
     """Erase the progress bar, so that a line can be printed in its place."""
     if sys.stderr.isatty():
         print("\r\x1b[K", end="", file=sys.stderr, flush=True)
-
-
-def lines() -> Iterator[bytes]:
-    """Yield the lines of standard input, without empty lines."""
-    for number in count(1):
-        line = sys.stdin.buffer.readline(LINE_LIMIT + 1)
-        if len(line) > LINE_LIMIT:
-            raise RvadsError(f"line {number} of standard input is too long, expected at most {LINE_LIMIT:,} bytes")
-        if not line:
-            return
-        if line.strip():
-            yield line
 
 
 def listed_rules(names: Sequence[str]) -> tuple[str | Rule, ...]:

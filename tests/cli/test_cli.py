@@ -12,7 +12,6 @@ from pathlib import Path
 import pytest
 
 from pytest_rvads.cli import main
-from pytest_rvads.cli.common import LINE_LIMIT
 from pytest_rvads.drivers.reference import Reference
 from pytest_rvads.geometry.finder import find
 from pytest_rvads.logic.check import check
@@ -63,7 +62,7 @@ def test_pictures_are_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]
         ["map", __file__],
         ["check", "nowhere.json"],
         ["check", __file__],
-        ["monitor", "G(p -> "],
+        ["rules", "--dot"],
         ["rules", "--rules", "nowhere.rules"],
         ["classes", "3", "--svg", "/dev/null/c.svg"],
     ],
@@ -76,7 +75,7 @@ def test_bad_input_is_one_line_and_status_2(arguments: list[str], capsys: pytest
     assert err.count("\n") == 1
 
 
-@pytest.mark.parametrize("arguments", [[], ["nonsense"], ["classes"], ["monitor"]])
+@pytest.mark.parametrize("arguments", [[], ["nonsense"], ["classes"], ["monitor", "G p"]])
 def test_wrong_usage_is_argparse_s(arguments: list[str]) -> None:
     with pytest.raises(SystemExit) as stop:
         main(arguments)
@@ -183,32 +182,6 @@ def test_a_run_that_could_not_be_judged_is_no_success(
     assert err.splitlines()[-1].endswith("can't be judged: speed of a1 at 0.03 s is not a finite number")
 
 
-@pytest.mark.extended
-def test_monitor_answers_line_by_line() -> None:
-    lines = [
-        {"id": 1, "formula": "[](p -> X q)", "words": [[["p"], ["q"]], [["p"], []], []]},
-        {"id": 2, "formula": "G(", "words": []},
-        {"id": 3, "formula": "p U q", "words": [[[]]]},
-    ]
-    text = "\n".join(map(json.dumps, lines)).encode() + b"\n\xff\nnonsense\n"
-    utf8 = {**os.environ, "PYTHONIOENCODING": "utf-8:strict"}
-    done = subprocess.run([RVADS, "monitor", "--jsonl"], input=text, capture_output=True, check=True, env=utf8)
-    one, two, three, latin, four = map(json.loads, done.stdout.splitlines())
-    assert (one["verdicts"], one["finite"]) == ([["?", "?"], ["?", "F"], []], [True, False, True])
-    assert two["id"] == 2
-    assert "error" in two
-    assert three["verdicts"] == [["F"]], "anticipation: neither holds now, so no continuation helps"
-    assert "error" in latin
-    assert "error" in four
-
-
-def test_a_line_without_an_end_is_not_waited_for() -> None:
-    with Path("/dev/zero").open("rb") as endless:
-        done = subprocess.run([RVADS, "monitor", "--jsonl"], stdin=endless, capture_output=True, timeout=60)
-    told = f"rvads: line 1 of standard input is too long, expected at most {LINE_LIMIT:,} bytes\n"
-    assert (done.returncode, done.stdout, done.stderr.decode()) == (2, b"", told)
-
-
 def test_rules_of_a_file_run_like_others(pytester: pytest.Pytester) -> None:
     pytester.makefile(".rules", own="[gets_in]\ntext = forall a. F a@j\ntitle = everybody gets in\n")
     pytester.makeini("[pytest]\nrvads_rules = own.rules\n")
@@ -244,6 +217,24 @@ def test_a_rule_is_shown_by_its_name(tmp_path: Path, capsys: pytest.CaptureFixtu
     shown = capsys.readouterr().out
     assert re.findall(r"^  (\w+)", shown, re.MULTILINE) == ["full_stop", "calm"]
     assert "!a@j W stopped(a)" in shown
+    assert "      1  F  no continuation satisfies the formula\n           stays when true" in shown
+
+
+def test_automaton_of_a_rule_is_drawn_for_graphviz(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "own.rules"
+    file.write_text("[nested]\ntext = forall a. G(a@j -> exists a'. stopped(a'))\n", "utf-8")
+    assert main(["rules", "keep_lane", "--dot"]) == 0
+    assert capsys.readouterr().out.splitlines()[4:] == [
+        '  0 [label="0\\n?", fillcolor="#ffffff"];',
+        '  1 [label="1\\nF", fillcolor="#f4b6b6"];',
+        '  0 -> 0 [label="!off_lane(a)"];',
+        '  0 -> 1 [label="off_lane(a)"];',
+        '  1 -> 1 [label="true"];',
+        "}",
+    ]
+    assert main(["rules", "nested", "--rules", str(file)]) == 0
+    assert "rule 'nested' has a quantifier inside" in capsys.readouterr().out
+    assert main(["rules", "nested", "--rules", str(file), "--dot"]) == 2
 
 
 def test_classes_of_a_junction_by_name(capsys: pytest.CaptureFixture[str]) -> None:
@@ -276,7 +267,7 @@ ASCII = os.environ | {"PYTHONIOENCODING": "ascii", "PYTHONPATH": os.pathsep.join
 @pytest.mark.extended
 @pytest.mark.parametrize(
     "arguments",
-    [["rules", "--rules", "größer.rules"], ["rules"], ["map", "größe.xodr"], ["check", "→.npz"], ["monitor", "G größer"]],
+    [["rules", "--rules", "größer.rules"], ["rules"], ["map", "größe.xodr"], ["check", "→.npz"]],
 )
 def test_every_answer_can_be_written_in_every_encoding(arguments: list[str], tmp_path: Path) -> None:
     from pytest_rvads.geometry.builtin import path_of

@@ -1,24 +1,13 @@
-"""Writes monitors as text for readers, for Graphviz and in the HOA format, and gives verdicts of formulas on given words.
-
-A word is a sequence of states, each given by its true propositions. ``rvads monitor --jsonl`` reads a formula and words per line.
-"""
+"""Writes monitors as text for readers and for Graphviz."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import Any
-
-import numpy as np
-from msgspec import Struct
-
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.ltl.boolean import conj, disj, neg
-from pytest_rvads.logic.ltl.finite import settle, settle_empty
-from pytest_rvads.logic.ltl.ltl3 import Machine, Truth, encode, run_machine, synthesize
-from pytest_rvads.logic.ltl.parser import parse_ltl
-from pytest_rvads.support.decoding import decode
+from pytest_rvads.logic.ltl.ltl3 import Machine, Truth
 from pytest_rvads.support.errors import FormulaError
-from pytest_rvads.support.wording import printable
+
+__all__ = ["describe", "label", "to_dot"]
 
 _MOST_WORK = 100_000_000
 """Largest number of comparisons of letters for the labels of edges; so many comparisons take some 5 s."""
@@ -28,9 +17,6 @@ _MEANING = {
     Truth.TRUE: "every continuation satisfies the formula",
     Truth.UNKNOWN: "still undecided",
 }
-
-Word = Sequence[Sequence[str]]
-"""Per state, the propositions that are true in the state."""
 
 
 def label(machine: Machine, letters: frozenset[int]) -> f.Formula:
@@ -78,7 +64,7 @@ def _edges(machine: Machine) -> list[tuple[int, int, f.Formula]]:
     if work > _MOST_WORK:
         raise FormulaError(
             f"the monitor has {machine.states} states and {len(edges)} edges over {count} letters, too many to be written out: "
-            "ask `rvads monitor --jsonl` for its verdicts, or write out its parts"
+            "write out its parts"
         )
     return [(state, target, label(machine, letters)) for state, target, letters in edges]
 
@@ -112,93 +98,5 @@ def to_dot(machine: Machine) -> str:
     return "\n".join([*lines, "}"]) + "\n"
 
 
-def to_hoa(machine: Machine) -> str:
-    """Return a monitor in the Hanoi Omega-Automata format, version 1; the name of a state is its verdict, T, F or ?."""
-    names = " ".join(f'"{_quoted(str(a))}"' for a in machine.atoms)
-    index = {a: k for k, a in enumerate(machine.atoms)}
-    lines = [
-        "HOA: v1",
-        f'name: "LTL3 monitor of {_quoted(str(machine.formula))}"',
-        f"States: {machine.states}",
-        "Start: 0",
-        f"AP: {len(machine.atoms)} {names}".rstrip(),
-        "acc-name: all",
-        "Acceptance: 0 t",
-        "properties: trans-labels explicit-labels deterministic complete",
-        "--BODY--",
-    ]
-    edges = _edges(machine)
-    for state in range(machine.states):
-        lines.append(f'State: {state} "{Truth(int(machine.output[state]))}"')
-        lines += [f"[{_hoa(g, index.__getitem__)}] {t}" for s, t, g in edges if s == state]
-    return "\n".join([*lines, "--END--"]) + "\n"
-
-
 def _quoted(text: str) -> str:
     return text.replace("\\", "\\\\").replace('"', '\\"')
-
-
-def _hoa(guard: f.Formula, number: Callable[[f.Atom], int]) -> str:
-    match guard:
-        case f.Atom():
-            return str(number(guard))
-        case f.Const(value):
-            return "t" if value else "f"
-        case f.Not(body):
-            return f"!{_hoa(body, number)}" if isinstance(body, f.Atom) else f"!({_hoa(body, number)})"
-        case f.And(parts) | f.Or(parts):
-            return (" & " if isinstance(guard, f.And) else " | ").join(f"({_hoa(p, number)})" for p in parts)
-        case f.Implies(left, right):
-            return f"!({_hoa(left, number)}) | ({_hoa(right, number)})"
-        case f.Iff(left, right):
-            a, b = _hoa(left, number), _hoa(right, number)
-            return f"(({a}) & ({b})) | (!({a}) & !({b}))"
-    raise TypeError(f"not a boolean formula: {guard}")
-
-
-class _Named(Struct, frozen=True):
-    id: str | int | float | None = None
-
-
-class _Task(Struct, frozen=True):
-    formula: str
-    words: list[list[list[str]]] = []
-
-
-def verdicts_on(machine: Machine, word: Word) -> list[Truth]:
-    """Return the LTL3 verdict after every non-empty prefix of a word."""
-    if not word:
-        return []
-    letters = encode(machine, _arrays(machine.formula, word), len(word))
-    return [Truth(v) for v in machine.output[run_machine(machine, letters[None, :])[0]].tolist()]
-
-
-def holds_on(formula: f.Formula, word: Word) -> bool:
-    """Return the truth of a formula on a finite word, by finite-trace semantics; in an empty word no proposition is true."""
-    return bool(settle(formula, _arrays(formula, word), len(word))[0]) if word else settle_empty(formula)
-
-
-def _arrays(formula: f.Formula, word: Word) -> dict[f.Atom, Any]:
-    states = [frozenset(state) for state in word]
-    return {a: np.array([a.name in state for state in states], dtype=np.bool_) for a in f.atoms(formula)}
-
-
-def answer(line: bytes) -> dict[str, Any]:
-    """Return the answer to a line of the input of ``rvads monitor --jsonl``.
-
-    Returns:
-        ``{"id", "states", "verdicts", "finite"}``: the number of states of the monitor, its verdicts after every state of every
-        word, and the truth of the formula on every word. ``{"id", "error"}`` if the line can't be read or the formula is refused.
-        The id, a text or number, is None if the id can't be read.
-    """
-    name = None
-    try:
-        name = decode(line, _Named, "task", FormulaError).id
-        task = decode(line, _Task, "task", FormulaError)
-        formula = parse_ltl(task.formula)
-        machine = synthesize(formula)
-        verdicts = [[str(v) for v in verdicts_on(machine, word)] for word in task.words]
-        finite = [holds_on(formula, word) for word in task.words]
-    except FormulaError as error:
-        return {"id": name, "error": printable(str(error))}
-    return {"id": name, "states": machine.states, "verdicts": verdicts, "finite": finite}
