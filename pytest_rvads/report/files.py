@@ -1,7 +1,6 @@
 """Writes the report of a session in any format, and reads reports in JSON.
 
-Formats of this module are JSON, the traceability table (comma-separated values), and JUnit XML for servers of continuous
-integration.
+Formats of this module are JSON, the traceability table (comma-separated values), and JUnit XML of reports that are no sessions.
 """
 
 from __future__ import annotations
@@ -9,7 +8,6 @@ from __future__ import annotations
 import csv
 import io
 import re
-from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack
 from dataclasses import fields, replace
@@ -17,7 +15,7 @@ from functools import lru_cache, partial
 from pathlib import Path
 from tempfile import SpooledTemporaryFile
 from typing import IO, Any
-from xml.sax.saxutils import escape, quoteattr
+from xml.sax.saxutils import quoteattr
 
 import msgspec
 
@@ -25,7 +23,7 @@ from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.report.markdown import markdown
 from pytest_rvads.report.outline import outline
 from pytest_rvads.report.page import page
-from pytest_rvads.report.record import Record, properties
+from pytest_rvads.report.record import properties
 from pytest_rvads.report.session_report import Report
 from pytest_rvads.support.decoding import decode, encode
 from pytest_rvads.support.errors import RvadsError
@@ -146,16 +144,17 @@ _NUMBER = re.compile(r"[+-]?\d+(\.\d*)?(e[+-]?\d+)?", re.ASCII | re.IGNORECASE)
 
 
 def table(report: Report) -> Iterator[str]:
-    """Yield a report as comma-separated values: a row per requirement and test item, then a row per line of its outline.
+    """Yield a report as comma-separated values: a row per requirement and test item.
 
     Items without a requirement come last, with the first column empty. Rows of a requirement wait on disk until the rows of all
     requirements before it are yielded.
 
-    All rows have the same width. The rows of the outline fill only the columns ``section`` and ``text``. The rows of items leave
-    ``section`` empty, and have the message of the item in ``text``. So the rows of the outline change nothing when a user sorts,
-    filters or counts the other columns. Texts that spreadsheets would take for formulas begin with an apostrophe.
+    Texts that spreadsheets would take for formulas begin with an apostrophe.
+
+    Raises:
+        OSError: there is no room for temporary files.
     """
-    yield _csv_row(["requirement", *_COLUMNS, "versions", "section", "text"])
+    yield _csv_row(["requirement", *_COLUMNS, "versions", "message"])
     versions = "; ".join(f"{name} {version}" for name, version in report.versions.items())
     with ExitStack() as files:
         waiting: dict[str, IO[str]] = {}
@@ -164,12 +163,10 @@ def table(report: Report) -> Iterator[str]:
             for requirement in record.requirements or ("",):
                 if requirement not in waiting:
                     waiting[requirement] = files.enter_context(SpooledTemporaryFile(_WAITING, "w+", encoding="utf-8", newline=""))
-                waiting[requirement].write(_csv_row([requirement, *cells, versions, "", record.message]))
+                waiting[requirement].write(_csv_row([requirement, *cells, versions, record.message]))
         for requirement in sorted(waiting, key=lambda name: (name == "", name)):
             waiting[requirement].seek(0)
             yield from iter(partial(waiting[requirement].read, _WAITING), "")
-    empty = [""] * (2 + len(_COLUMNS))
-    yield from (_csv_row([*empty, block.title, line]) for block in outline(report) for line in block.plain())
 
 
 def _csv_row(cells: Iterable[object]) -> str:
@@ -194,39 +191,21 @@ _ERRORS = (Outcome.ERROR, Outcome.FLAKY, Outcome.NOT_JUDGED)
 
 
 def junit(report: Report) -> Iterator[str]:
-    """Yield a report as a test suite in JUnit XML: a test case per item with its properties, and the outline as output."""
-    kinds = Counter(_kind(record) for record in report.records)
-    counts = {"tests": kinds.total(), "failures": kinds["failure"], "errors": kinds["error"], "skipped": kinds["skipped"]}
-    attributes = " ".join(f'{name}="{count}"' for name, count in counts.items())
-    yield f'<?xml version="1.0" encoding="utf-8"?>\n<testsuites>\n<testsuite name="rvads" {attributes}>\n'
-    yield from map(_case, report.records)
-    lines = (line for block in outline(report) for line in (block.title, *block.plain(), ""))
-    yield f"<system-out>{escape(_clean(chr(10).join(lines)))}</system-out>\n</testsuite>\n</testsuites>\n"
+    """Yield a report as JUnit XML, a case per item with its properties; that of a session is written by pytest itself."""
 
+    def quoted(value: object) -> str:
+        text = "" if value is None else str(value)
+        return quoteattr("\n".join(printable(line, len(line)) for line in text.split("\n")))  # XML can't hold all characters
 
-def _kind(record: Record) -> str:
-    """Return the name of JUnit's XML element for the result of a test item; an empty text for an item that passed."""
-    if record.failed:
-        return "error" if record.status in _ERRORS else "failure"
-    return "" if record.outcome == "passed" else "skipped"
-
-
-def _case(record: Record) -> str:
-    file, _, name = record.nodeid.partition("::")
-    place, name = (file.removesuffix(".py").replace("/", "."), name) if name else (record.junction, record.nodeid)
-    elements = "".join(f"<property name={_quoted(key)} value={_quoted(value)}/>" for key, value in properties(record))
-    ending = f"<{kind} message={_quoted(record.known or record.message or record.status)}/>" if (kind := _kind(record)) else ""
-    head = f"<testcase classname={_quoted(place)} name={_quoted(name)}>"
-    return f"{head}<properties>{elements}</properties>{ending}</testcase>\n"
-
-
-def _quoted(value: object) -> str:
-    return quoteattr(_clean("" if value is None else str(value)))
-
-
-def _clean(text: str) -> str:
-    """Return a text without the characters that XML can't hold."""
-    return "\n".join(printable(line, len(line)) for line in text.split("\n"))
+    yield '<?xml version="1.0" encoding="utf-8"?>\n<testsuites>\n<testsuite name="rvads">\n'
+    for record in report.records:
+        kind = "failure" if record.failed else "" if record.outcome == "passed" else "skipped"
+        kind = "error" if record.failed and record.status in _ERRORS else kind
+        end = f"<{kind} message={quoted(record.known or record.message or record.status)}/>" if kind else ""
+        elements = "".join(f"<property name={quoted(key)} value={quoted(value)}/>" for key, value in properties(record))
+        head = f"<testcase classname={quoted(record.junction)} name={quoted(record.nodeid)}>"
+        yield f"{head}<properties>{elements}</properties>{end}</testcase>\n"
+    yield "</testsuite>\n</testsuites>\n"
 
 
 FORMATS: dict[str, Callable[[Report, Path], Any]] = {

@@ -130,9 +130,11 @@ def _reports(config: pytest.Config, name: str, _text: str) -> tuple[Path, ...]:
         return ()
     from pytest_rvads.report.files import FORMATS
 
+    formats = [ending for ending in FORMATS if ending != ".xml"]
     for path in paths:
-        if Path(path).suffix not in FORMATS:
-            raise RvadsError(f"{name} must name a {', '.join(FORMATS)} file, got {path!r}")
+        if Path(path).suffix not in formats:
+            hint = f": pytest writes JUnit XML, --junitxml={path}" if Path(path).suffix == ".xml" else ""
+            raise RvadsError(f"{name} must name a {', '.join(formats)} file, got {path!r}{hint}")
     return tuple(config.invocation_params.dir / path for path in paths)
 
 
@@ -232,7 +234,7 @@ class Options:
     rules: Path | None = _option("file with your rules, see `rvads rules --rules`", _path_from_root)
     keep: Path | None = _option("folder in which every run is saved, as .npz for `rvads check`", _path_from_start)
     report: tuple[Path, ...] = _option(
-        "also write the verdicts to FILE.json, FILE.html, FILE.md, FILE.csv (by requirement), FILE.xml (JUnit), or in a format "
+        "also write the verdicts to FILE.json, FILE.html, FILE.md, FILE.csv (by requirement), or in a format "
         "of another package; repeatable",
         _reports,
         metavar="FILE",
@@ -315,7 +317,7 @@ _EVERYDAY = {
     "map": "map file for junctions that are not built in",
     "rules": "file with your rules",
     "sample": "run only N runs of every test",
-    "report": "also write the verdicts to FILE.html, FILE.json, FILE.md, FILE.csv or FILE.xml",
+    "report": "also write the verdicts to FILE.html, FILE.json, FILE.md or FILE.csv",
     "baseline": "earlier FILE.json: report what changed since then",
     "fail_on": "failures that fail the session",
 }

@@ -134,7 +134,7 @@ def test_requirements_are_traced_to_verdicts(pytester: pytest.Pytester) -> None:
     )
     assert pytester.runpytest("--rvads-report=trace.csv").ret == 0
     with pytester.path.joinpath("trace.csv").open(encoding="utf-8", newline="") as file:
-        rows = [row for row in csv.DictReader(file) if row["item"]]  # the others are about the session
+        rows = list(csv.DictReader(file))
     assert [(r["requirement"], r["rule"], r["verdict"]) for r in rows] == [
         ("REQ-7", "gets_in", "PASS"),
         ("SYS-1", "gets_in", "PASS"),
@@ -143,6 +143,8 @@ def test_requirements_are_traced_to_verdicts(pytester: pytest.Pytester) -> None:
         ("SYS-2", "p4", "NA"),
         ("", "p1", "PASS"),
     ]
+    refused = pytester.runpytest("--rvads-report=out.xml")
+    refused.stderr.fnmatch_lines(["*rvads_report must name a *got 'out.xml': pytest writes JUnit XML, --junitxml=out.xml"])
     assert {(r["junction"], r["class"], r["scenario"], r["configuration"]) for r in rows} == {("stop4", "1", "1111", "B")}
     assert len({r["run"] for r in rows}) == 1, "one run, whichever test it was simulated for"
     assert all("numpy " in r["versions"] and "pytest-rvads " in r["versions"] for r in rows)

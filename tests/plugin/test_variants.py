@@ -65,7 +65,7 @@ def test_each_version_of_a_controller_has_rows_of_its_own(pytester: pytest.Pytes
 
     records = records_of(pytester.path)
     with (pytester.path / "out.csv").open(encoding="utf-8", newline="") as file:
-        rows = [row for row in csv.DictReader(file) if row["item"]]
+        rows = list(csv.DictReader(file))
     cases = [
         {p.get("name"): p.get("value") for p in case.iter("property")}
         for case in ET.parse(pytester.path / "out.xml").iter("testcase")

@@ -323,7 +323,7 @@ def test_code_spans_are_quoted() -> None:
 def test_no_cell_is_a_formula(text: str, cell: str) -> None:
     one = replace(record(1, "C", "p1", "PASS"), message=text, requirements=(text,), simulator=text, scenario=text)
     rows = list(csv.DictReader(io.StringIO("".join(table(Report((one,), TOTALS))), newline="")))
-    assert {rows[0][column] for column in ("requirement", "text", "simulator", "scenario")} == {cell}
+    assert {rows[0][column] for column in ("requirement", "message", "simulator", "scenario")} == {cell}
     assert rows[0]["class"] == "1"
 
 
