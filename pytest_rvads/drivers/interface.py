@@ -4,18 +4,14 @@
 type, so that a type checker refuses an object that is no driver.
 
 A driver need not derive from `rvads.Autopilot`: any object with the methods of `Drives` or `Coordinates` is a driver. An ability
-is an attribute or method of a driver that the simulation uses, such as ``period``. An attribute whose name is similar to the name
-of an ability, and whose value has the type of the ability, is an error, so that ``periode = 0.05`` is not ignored silently.
+is an attribute or method of a driver that the simulation uses, such as ``period``.
 """
 
 from __future__ import annotations
 
-import difflib
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
-from inspect import getattr_static
-from numbers import Real
 from typing import Any, NamedTuple, Protocol
 
 from pytest_rvads.geometry.junction import Junction
@@ -25,31 +21,22 @@ from pytest_rvads.runs.run import DT
 from pytest_rvads.runs.states import Agent, Colour, Vehicle, VehicleState
 from pytest_rvads.support.errors import AutopilotError
 
-
-def _number(value: Any) -> bool:
-    return isinstance(value, Real) and not isinstance(value, bool)
-
-
-def _word(value: Any) -> bool:
-    return isinstance(value, str)
-
-
-def _method(value: Any) -> bool:
-    return callable(value) or isinstance(value, staticmethod | classmethod)
-
-
-OF_AUTOPILOTS: Mapping[str, Callable[[Any], bool]] = {
-    "control": _method,
-    "period": _number,
-    "label": _word,
-    "timing": _method,
-    "abandon": _method,
-}
-"""By name of an ability of an autopilot, a check of its value; `rvads.Autopilot` describes the abilities."""
-OF_SYSTEMS: Mapping[str, Callable[[Any], bool]] = {"autopilots": _method, "prepare": _method, "label": _word}
-"""By name of an ability of a traffic system, a check of its value; `rvads.TrafficSystem` describes the abilities."""
-_ALIKE = 0.8
-"""Least similarity (ratio of `difflib`) of the name of an ability and a misspelling of it, such as ``label`` and ``lable``."""
+__all__ = [
+    "Acceleration",
+    "Autopilot",
+    "Command",
+    "Control",
+    "Coordinates",
+    "Drives",
+    "Factory",
+    "Observation",
+    "TargetSpeed",
+    "TrafficSystem",
+    "Trajectory",
+    "Waypoint",
+    "check_factory",
+    "wrong_label",
+]
 
 
 def check_factory(factory: Any) -> None:
@@ -66,63 +53,11 @@ def check_factory(factory: Any) -> None:
         )
 
 
-def spelling(driver: Any, abilities: Mapping[str, Callable[[Any], bool]], base: type) -> str:
-    """Return an error message about a wrong label or a misspelt ability of a driver; an empty text if the driver is fine.
-
-    Args:
-        driver: an autopilot or a traffic system.
-        abilities: `OF_AUTOPILOTS` or `OF_SYSTEMS`.
-        base: the base class with the defaults of the abilities; the driver does not define an ability that it inherits from
-            `base`.
-    """
+def wrong_label(driver: Any) -> str:
+    """Return an error message about the label of a driver that is no text; an empty text if the label is fine."""
     label = getattr(driver, "label", None)
-    if not (label is None or isinstance(label, str) or callable(label)):
-        return f"its label must be a text, got an object of type {type(label).__name__}"
-    defaults = vars(base)
-    own = {name for name in abilities if hasattr(driver, name) and getattr_static(driver, name, None) is not defaults.get(name)}
-    return _question(dir(driver), lambda name: getattr_static(driver, name, None), abilities, own)
-
-
-def refuse(cls: type, abilities: Mapping[str, Callable[[Any], bool]]) -> None:
-    """Raise an error if the body of a class defines an attribute whose name is a misspelling of an ability.
-
-    Raises:
-        AutopilotError: a name is misspelt.
-    """
-    question = _question(vars(cls), vars(cls).get, abilities, abilities.keys() & vars(cls).keys())
-    if question:
-        raise AutopilotError(f"class {cls.__qualname__} {question}")
-
-
-def _question(
-    names: Iterable[str], look: Callable[[str], Any], abilities: Mapping[str, Callable[[Any], bool]], own: Iterable[str]
-) -> str:
-    """Return an error message about the first of `names` that is probably a misspelt ability; an empty text if none is.
-
-    A name is no misspelling if it is a longer word (``controller``), begins with another letter (``aiming``, ``_period``), names
-    a class (``Timing``), or if the driver also defines the ability. A name with the letters of an ability in another order, or
-    with capitals, is a misspelling even if its value has not the type of the ability.
-
-    Args:
-        names: names of attributes of a driver.
-        look: returns the value of an attribute by its name.
-        abilities: `OF_AUTOPILOTS` or `OF_SYSTEMS`.
-        own: names of the attributes that the driver defines.
-    """
-    missing = {name: sort for name, sort in abilities.items() if name not in own}
-    for name in names:
-        if name in abilities:
-            continue
-        small = name[:1].lower() + name[1:]
-        for ability, sort in missing.items():
-            if small[:1] != ability[0] or abs(len(small) - len(ability)) > 1:
-                continue
-            if difflib.SequenceMatcher(None, small, ability).ratio() >= _ALIKE:
-                value = look(name)
-                fits = isinstance(value, property) or sort(value) or sorted(small) == sorted(ability)
-                if fits and not isinstance(value, type):
-                    return f"has {name!r}: is it misspelt for {ability!r}? Spell it so, or give it another name"
-    return ""
+    fine = label is None or isinstance(label, str) or callable(label)
+    return "" if fine else f"its label must be a text, got an object of type {type(label).__name__}"
 
 
 class Observation(NamedTuple):
@@ -256,19 +191,12 @@ class Autopilot(ABC):
 
     A subclass needs only the method `control`. All other attributes and methods have defaults. An object of another class with
     such attributes and methods is accepted as an autopilot, too.
-
-    Raises:
-        AutopilotError: a subclass misspells the name of an ability.
     """
 
     period: float = DT
     """Time between two calls of `control`, a whole multiple of the step of 0.01 s [s]; a command holds until the next call."""
     label: str | None = None
     """Name of the driver in records and messages; None for the name of the class."""
-
-    def __init_subclass__(cls, **arguments: Any) -> None:
-        super().__init_subclass__(**arguments)
-        refuse(cls, OF_AUTOPILOTS)
 
     @abstractmethod
     def control(self, seen: Observation, /) -> Command:
@@ -302,17 +230,10 @@ class TrafficSystem(ABC):
     """A base class of traffic systems, which create and coordinate all autopilots of a run, as a scheduler does.
 
     Each run gets a new traffic system.
-
-    Raises:
-        AutopilotError: a subclass misspells the name of an ability.
     """
 
     label: str | None = None
     """Name of the driver in records; None for the name of the class."""
-
-    def __init_subclass__(cls, **arguments: Any) -> None:
-        super().__init_subclass__(**arguments)
-        refuse(cls, OF_SYSTEMS)
 
     def prepare(self, junction: Junction, /) -> None:  # noqa: B027 - not abstract, because most systems need no junction
         """Prepare for the junction of the run, such as a plan that all vehicles share; by default, do nothing.

@@ -18,16 +18,12 @@ from typing import Any
 
 from pytest_rvads.drivers.commands import Tracker, UnfitCommand, plain
 from pytest_rvads.drivers.interface import (
-    OF_AUTOPILOTS,
-    OF_SYSTEMS,
     Acceleration,
-    Autopilot,
     Command,
     Control,
     Factory,
     Observation,
-    TrafficSystem,
-    spelling,
+    wrong_label,
 )
 from pytest_rvads.drivers.naming import name_of
 from pytest_rvads.geometry.junction import Junction
@@ -62,7 +58,7 @@ class Seat:
         key: seeds the random draws of the senses together with their seed and the vehicle's name.
 
     Raises:
-        Halt: the autopilot has no method ``control``, an ability is misspelt or raises, or the period is no multiple of the step.
+        Halt: the autopilot has no method ``control``, its label is no text, it raises, or the period is no multiple of the step.
     """
 
     def __init__(self, agent: Agent, autopilot: Any, senses: Senses = IDEAL, key: str = "") -> None:
@@ -71,7 +67,7 @@ class Seat:
         self._watch = watch()
         with _asking(f"making {type(autopilot).__qualname__} for {agent.name}", agent):
             self.name = name_of(autopilot)
-            objection = spelling(autopilot, OF_AUTOPILOTS, Autopilot)
+            objection = wrong_label(autopilot)
             if not objection and not callable(getattr(autopilot, "control", None)):
                 objection = "an autopilot needs a method control(seen: Observation) -> Command"
             if not objection:
@@ -202,10 +198,10 @@ def _autopilots_of(system: Any, agents: Sequence[Agent], junction: Junction | No
         with _asking(f"{name}.prepare", first, limited=limited):
             prepare(junction)
     with _asking(f"{name}.autopilots", first, limited=limited):
-        misspelt = spelling(system, OF_SYSTEMS, TrafficSystem)
-        autopilots = [] if misspelt else list(islice(system.autopilots(tuple(agents)), len(agents) + 1))
-    if misspelt:
-        raise Halt(first.name, f"{name} can't coordinate {len(agents)} agents: {one_line(misspelt, _REASON)}")
+        objection = wrong_label(system)
+        autopilots = [] if objection else list(islice(system.autopilots(tuple(agents)), len(agents) + 1))
+    if objection:
+        raise Halt(first.name, f"{name} can't coordinate {len(agents)} agents: {objection}")
     if len(autopilots) != len(agents):
         count = f"{len(autopilots)}" if len(autopilots) < len(agents) else "more"
         raise Halt(first.name, f"{name}.autopilots returned {count} autopilots, expected one for each of {len(agents)} agents")
