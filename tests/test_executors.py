@@ -196,24 +196,14 @@ def test_a_pool_of_others_that_broke_is_told() -> None:
         list(spread(fatal, range(20), pool))
 
 
-class Forgetful(ThreadPoolExecutor):
-    """Cancels some of what is handed to it, as a scheduler that starts anew does."""
-
-    lost = 3
+class Cancelling(ThreadPoolExecutor):
+    """Cancels what is handed to it, as a scheduler that starts anew does."""
 
     def submit(self, work: Any, /, *arguments: Any, **_: Any) -> "Future[Any]":
-        if self.lost:
-            self.lost -= 1
-            future: Future[Any] = Future()
-            future.cancel()
-            future.set_running_or_notify_cancel()
-            return future
-        return super().submit(work, *arguments)
-
-
-def test_what_an_executor_lost_is_handed_to_it_again() -> None:
-    with Forgetful(2) as pool:
-        assert list(spread(square, range(30), pool, batch=2)) == [k * k for k in range(30)]
+        future: Future[Any] = Future()
+        future.cancel()
+        future.set_running_or_notify_cancel()
+        return future
 
 
 class Lacking(ThreadPoolExecutor):
@@ -232,12 +222,8 @@ def test_a_module_that_an_executor_lacks_is_named() -> None:
         list(spread(square, range(3), pool))
 
 
-class Silent(Forgetful):
-    lost = 10**6
-
-
-def test_an_executor_that_loses_everything_is_given_up() -> None:
-    with Silent(2) as pool, pytest.raises(ExecutorGone, match="CancelledError"):
+def test_executor_that_cancels_jobs_is_given_up() -> None:
+    with Cancelling(2) as pool, pytest.raises(ExecutorGone, match="CancelledError"):
         list(spread(square, range(30), pool))
 
 
@@ -273,52 +259,3 @@ def running(process: int) -> bool:
         return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
     except FileNotFoundError:
         return False
-
-
-class Babbles(Executor):
-    """Answers every job with the same thing."""
-
-    def __init__(self, answer: Any) -> None:
-        self._answer = answer
-
-    def submit(self, work: Any, /, *arguments: Any, **_: Any) -> "Future[Any]":
-        future: Future[Any] = Future()
-        future.set_result(self._answer)
-        return future
-
-
-class Forgets(Executor):
-    """Gives the same for every call of `submit`: nothing, or one future."""
-
-    def __init__(self, made: Any) -> None:
-        self._made = made
-
-    def submit(self, work: Any, /, *arguments: Any, **_: Any) -> Any:
-        return self._made
-
-
-@pytest.mark.parametrize("answer", [None, 5, "text", [], [1, 4], [1] * 9, {"a": 1}])
-def test_executor_that_answers_nonsense_is_told(answer: Any) -> None:
-    with pytest.raises(RvadsError, match=r"the executor Babbles answered .*, expected what the function given to its submit"):
-        list(spread(square, (1, 2), Babbles(answer)))
-
-
-def test_executor_that_repeats_an_answer_is_told() -> None:
-    with ThreadPoolExecutor(1) as pool:
-        first: list[Future[Any]] = []
-
-        class Repeats(Executor):
-            def submit(self, work: Any, /, *arguments: Any, **_: Any) -> "Future[Any]":
-                future: Future[Any] = Future()
-                first.append(pool.submit(work, *arguments))
-                future.set_result(first[0].result())
-                return future
-
-        with pytest.raises(RvadsError, match="the executor Repeats answered "):
-            list(spread(square, (1, 2), Repeats(), batch=1))
-
-
-@pytest.mark.parametrize(("made", "says"), [(None, "returned None, expected a"), (Future(), "one future for two")])
-def test_executor_without_a_future_for_every_call_is_told(made: Any, says: str) -> None:
-    with pytest.raises(RvadsError, match=says):
-        list(spread(square, (1, 2), Forgets(made), batch=1))

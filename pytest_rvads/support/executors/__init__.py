@@ -10,7 +10,7 @@ import os
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence, Sized
 from concurrent.futures import CancelledError, Executor, Future
 from contextlib import closing
-from itertools import count, islice
+from itertools import islice
 from operator import call
 from queue import SimpleQueue
 from typing import Any, TypeVar
@@ -100,13 +100,10 @@ def _completed(team: Team, parts: Iterator[Part]) -> Iterator[tuple[Part, list[A
     """Yield parts (groups of jobs) with their answers in the order of completion; parts of dead processes are submitted again."""
     flying: dict[Future[Any], Part] = {}
     done: SimpleQueue[Future[Any]] = SimpleQueue()
-    numbers = count(1)
 
     def launch(part: Part) -> None:
-        part = part._replace(sent=next(numbers))
         future = team.submit(part)
-        if flying.setdefault(future, part) is not part:
-            raise RvadsError("submit of the executor returned one future for two calls, expected one for each")
+        flying[future] = part
         future.add_done_callback(done.put)
 
     try:

@@ -11,6 +11,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from functools import partial
+from itertools import count
 from typing import Any, Generic, NamedTuple, TypeAlias, TypeVar
 
 from pytest_rvads.support.errors import RvadsError
@@ -25,12 +26,8 @@ _Result = TypeVar("_Result")
 
 _UNKNOWN = 512
 """Number of parts that are submitted and not done at the same time, if an executor does not state its number of workers."""
-_TRIES = 3
-"""How often a part that a user's executor has lost is submitted again."""
 DIED = "died, perhaps for lack of memory, or because its driver hung or ended it"
 """What is told of a process that gave no answer."""
-_ANSWER = 60.0
-"""Longest time for an executor that has lost a part to do another job [s]; during this time, Dask looks for its scheduler."""
 
 
 class ExecutorGone(RvadsError):
@@ -54,16 +51,6 @@ class Part(NamedTuple):
     jobs: tuple[Any, ...]
     losses: int = 0
     """How often the part was lost, for example because it was in flight when a process died."""
-    sent: int = 0
-    """Number of parts submitted before; new for each submission, so that no executor returns a cached result for a lost part."""
-
-
-class Done(NamedTuple):
-    """The answers to the jobs of a part, from a user's executor."""
-
-    sent: int
-    """Number of the part, see `Part.sent`."""
-    answers: list[Any]
 
 
 class Own:
@@ -105,39 +92,34 @@ class Foreign:
         workers = getattr(executor, "_max_workers", None)  # set by executors of the standard library
         self.ahead = AHEAD * workers if isinstance(workers, int) else _UNKNOWN
         self._work, self._executor = work, executor
-        self._sent = self._sound = 0
-        """Number of the last submission, now and when the executor last passed `_probe`."""
+        self._numbers = count()
+        """Numbers of the submissions; Dask would return the result of an earlier submission with equal arguments."""
 
     def submit(self, part: Part) -> Future[Any]:
-        """Submit a part."""
-        self._sent = part.sent
+        """Submit a part.
+
+        Raises:
+            ExecutorGone: the executor takes no more work.
+        """
         try:
-            future = self._executor.submit(_done, self._work, part.jobs, part.sent)
+            return self._executor.submit(_done, self._work, part.jobs, next(self._numbers))
         except Exception as error:  # each executor has its own exceptions
             raise self._gone(error) from error
-        if not hasattr(future, "add_done_callback"):
-            raise RvadsError(f"submit of {self._name} returned {future!r:.60}, expected a concurrent.futures.Future")
-        return future
 
-    def answers(self, part: Part, future: Future[Any]) -> list[Any]:
+    def answers(self, _: Part, future: Future[Any]) -> list[Any]:
         """Return the answers to the jobs of a part, one per job."""
-        result = future.result()
-        if not (isinstance(result, Done) and result.sent == part.sent):
-            raise RvadsError(
-                f"{self._name} answered {result!r:.60}, expected what the function given to its submit returns for these jobs"
-            )
-        return result.answers
+        answers: list[Any] = future.result()
+        return answers
 
-    def submits_again(self, part: Part, error: BaseException) -> bool:
-        """Return whether a part lost by `error` is submitted again; if not, each of its jobs is submitted alone."""
-        if isinstance(error, RvadsError):
-            raise error
+    def submits_again(self, _: Part, error: BaseException) -> bool:
+        """Return False, as each job of a part that killed several workers of Dask is submitted alone.
+
+        Raises:
+            RvadsError: the executor can't do the jobs.
+            ExecutorGone: the executor takes no more work.
+        """
         if type(error).__name__ == "KilledWorker":  # Dask's, after several workers died; Dask may be missing
             return False
-        if isinstance(error, CancelledError) and part.losses <= _TRIES:
-            if part.sent > self._sound:
-                self._probe(error)
-            return True
         if isinstance(error, CancelledError | BrokenExecutor):
             raise self._gone(error) from error
         cause = error.__cause__ if isinstance(error.__cause__, ImportError) else error
@@ -148,22 +130,13 @@ class Foreign:
 
     def alone(self, job: Any) -> Any:
         """Return the answer to a job that may kill its process."""
-        for losses in range(1, _TRIES + 2):
-            part = Part(0, (job,), losses, self._sent + 1)
-            try:
-                return self.answers(part, self.submit(part))[0]
-            except (Exception, CancelledError) as error:
-                if not self.submits_again(part, error):
-                    break
-        return _dead()
-
-    def _probe(self, error: BaseException) -> None:
-        """Raise `ExecutorGone` if the executor does no job within `_ANSWER`, because it could wait for its scheduler for ever."""
+        part = Part(0, (job,))
+        future = self.submit(part)
         try:
-            self._executor.submit(_done, self._work, (), self._sent).result(_ANSWER)
-        except (Exception, CancelledError):
-            raise self._gone(error) from error
-        self._sound = self._sent
+            return future.result()[0]
+        except (Exception, CancelledError) as error:
+            self.submits_again(part, error)
+            return _dead()
 
     def close(self) -> None:
         """Leave the executor running, because its owner shuts it down."""
@@ -265,8 +238,8 @@ def _answers(work: Callable[[Any], Any], jobs: Sequence[Any]) -> list[Any]:
     return [_picklable(tried(work, job)) for job in jobs]
 
 
-def _done(work: Callable[[Any], Any], jobs: Sequence[Any], sent: int) -> Done:
-    return Done(sent, _answers(work, jobs))
+def _done(work: Callable[[Any], Any], jobs: Sequence[Any], _number: int) -> list[Any]:
+    return _answers(work, jobs)
 
 
 def _picklable(answer: Any) -> Any:
