@@ -31,7 +31,7 @@ from pytest_rvads.runs.states import Agent, Vehicle, Zone, crowd
 from pytest_rvads.scenarios.pedestrians import Setting
 from pytest_rvads.scenarios.scenario import Scenario
 from pytest_rvads.support.errors import RunError, RvadsError
-from pytest_rvads.support.wording import first, markup, one_line
+from pytest_rvads.support.wording import markup, one_line
 
 _WIDE = 500
 """Width of a picture on a page with enough room [px]."""
@@ -41,8 +41,6 @@ _SHORT = 24
 """Largest number of letters of a cell that is not broken into lines."""
 _TRAIL = 3.0
 """Length of the trails of recorded traffic [s]."""
-_HITS = 3
-"""Largest number of collisions that a line names; further collisions are counted."""
 _MARKS = {"good": ("✓", "#00694d"), "bad": ("✗", "#b3261e"), "doubt": ("!", "#8a5a00"), "none": ("–", "#5f6368")}
 """Sign and colour by mark of an outcome; white letters have a contrast above 5 on every colour."""
 _WHEN = {JunctionControl.STOP: " in a tie", JunctionControl.LIGHTS: " on the same green"}
@@ -217,7 +215,7 @@ def telling(run: Run) -> tuple[int, str]:
 def _events(run: Run) -> list[str]:
     """Return the collisions of a run, the vehicles that left their routes, and the fault, in words."""
     hits = [f"{c.agents[0]} and {c.agents[1]} collide at {run.start + c.time:.2f} s" for c in run.collisions or ()]
-    texts = [first(hits, _HITS)] if hits else ["collisions were not recorded" if run.collisions is None else "no collision"]
+    texts = hits or ["collisions were not recorded" if run.collisions is None else "no collision"]
     texts += [f"{name} left its route" for name in run.facts.strayed]
     if run.fault:
         texts.append(f"ended at {run.start + run.fault.time:.2f} s by a fault: {run.fault.reason}")

@@ -26,12 +26,10 @@ from pytest_rvads.report.session_report import (
     steady,
 )
 from pytest_rvads.support.errors import RvadsError
-from pytest_rvads.support.wording import first, one_line
+from pytest_rvads.support.wording import one_line
 
 _SHOWN = 10
 """Largest number of contradictions between merged reports that are listed; further contradictions are counted."""
-_COMMANDS = 3
-"""Largest number of commands of merged sessions that are named; further commands are counted."""
 _PERCENT, _SECONDS = number("percentage", 0, 100), number("number of seconds", 0, 3600)
 
 
@@ -226,7 +224,7 @@ def merge(reports: Sequence[tuple[str, Report]]) -> Report:
         refused=_refused_names([report for _, report in reports]),
         drawn=tuple(dict.fromkeys(drawn for _, report in reports for drawn in report.drawn)),
         began=min((report.began for _, report in reports if report.began), default=""),
-        command=first(list(dict.fromkeys(report.command for _, report in reports if report.command)), _COMMANDS),
+        command=", ".join(dict.fromkeys(report.command for _, report in reports if report.command)),
     )
 
 

@@ -18,7 +18,7 @@ from msgspec import structs
 from pytest_rvads.logic.outcome import BAD, Outcome
 from pytest_rvads.report.record import Record, SimulatedItem
 from pytest_rvads.report.session_report import Change, Comparison, Report
-from pytest_rvads.support.wording import first, plural
+from pytest_rvads.support.wording import plural
 
 MATTERS = {"ttc": 4.0, "pet": 5.0, "margin": 5.0}
 """Threshold of each safety margin [s]; a fall of the margin to a value above the threshold does not matter.
@@ -32,8 +32,6 @@ MATTERS = {"ttc": 4.0, "pet": 5.0, "margin": 5.0}
 """
 _EROSION = 0.5
 """A margin has eroded only if it fell by more than this [s]: a tenth of the largest threshold in `MATTERS`."""
-_NAMED = 5
-"""Largest number of margins that are named per run; further margins are counted."""
 _Fall = tuple[float, float]
 """A safety margin in the baseline and in the session [s]."""
 
@@ -172,7 +170,7 @@ class _Eroded:
 
     def text(self) -> str:
         """Return a line on the safety margins that fell."""
-        margins = first([f"{name} {then:.2f} -> {now:.2f} s" for name, (then, now) in self.falls.items()], _NAMED)
+        margins = ", ".join(f"{name} {then:.2f} -> {now:.2f} s" for name, (then, now) in self.falls.items())
         return margins + (f", in {self.items} items of its run" if self.items > 1 else "")
 
 

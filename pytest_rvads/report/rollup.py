@@ -17,13 +17,11 @@ from pytest_rvads.logic.outcome import Outcome, Tallied, counted, told_in
 from pytest_rvads.report.coverage import TOGETHER
 from pytest_rvads.report.record import Record, RecordedItem, SimulatedItem
 from pytest_rvads.report.session_report import Extent, Move
-from pytest_rvads.support.wording import first, plural
+from pytest_rvads.support.wording import plural
 
 FEW = 4
 """Largest number of junctions that a report lists singly; a report on more junctions has sums, and the worst junctions."""
 
-_IDLE = 10
-"""Largest number of never applicable rules that a line names; further rules are counted."""
 _NEAR = 2.0
 """Two vehicles met if less than this time passed between their stays on a shared stretch [s]."""
 _TOGETHER, _AFTER, _BEFORE, _ALONE = "together with others", "after others", "before others", "alone"
@@ -135,7 +133,7 @@ class AtJunction:
         name = f"{self.junction} as recorded" if self._recorded else self.junction
         exercised = ", ".join([*self._covered(), plural(len(self.runs), "run"), plural(verdicts.total(), "verdict")])
         idle = sorted(rule for rule, counts in self.counts.items() if set(counts) == {Outcome.NA})
-        return f"{name}: {exercised}: {counted(verdicts)}" + (f"  (never applicable: {first(idle, _IDLE)})" if idle else "")
+        return f"{name}: {exercised}: {counted(verdicts)}" + (f"  (never applicable: {', '.join(idle)})" if idle else "")
 
     def _covered(self) -> Iterator[str]:
         """Yield the numbers of exercised scenarios in words; also of partial scenarios and of pairs, if tests asked for these."""

@@ -127,8 +127,8 @@ def test_erosion_is_told_once_per_run() -> None:
 def test_rules_of_a_run_tell_their_margins_together() -> None:
     found = changes(run_of(7, "a", margin=-3.0, pet=4.0), run_of(7, "a", margin=-1.0, pet=2.0))
     (change,) = (one for one in found.changes if one.kind == "ERODED")
-    margins = ", ".join(f"margin of p{number} 3.00 -> 1.00 s" for number in range(1, 5))
-    assert change.text == f"pet 4.00 -> 2.00 s, {margins} and 3 more, in 7 items of its run"
+    margins = ", ".join(f"margin of p{number} 3.00 -> 1.00 s" for number in range(1, 8))
+    assert change.text == f"pet 4.00 -> 2.00 s, {margins}, in 7 items of its run"
 
 
 def test_a_run_in_which_something_fails_is_new_and_not_eroded() -> None:
