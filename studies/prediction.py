@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from pytest_rvads.cli import answer
-from pytest_rvads.cli.common import lines, progress, say
+from pytest_rvads.cli.common import progress, say
 from pytest_rvads.simulators.simulator import named
 from studies import requests
 from studies.predicted import compare, text_agreement
@@ -34,7 +34,7 @@ def _predict(options: argparse.Namespace) -> int:
         for name in options.recorded:
             say(text_agreement(compare(name, simulator=options.simulator, progress=progress), name))
         return 0
-    for line in lines():
+    for line in filter(bytes.strip, sys.stdin.buffer):
         print(requests.answer(line.decode("utf-8", errors="replace"), simulator), flush=True)
     return 0
 

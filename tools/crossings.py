@@ -28,8 +28,6 @@ from pytest_rvads.satellites.opendrive_writer.elements import (
 )
 from pytest_rvads.support.errors import MapError
 
-__all__ = ["Layout", "Piece", "add_plan", "joined", "opendrive"]
-
 _STRAIGHT = 1e-9
 _JUNCTION = "1"
 _FACING = math.radians(10.0)
@@ -373,11 +371,7 @@ def add_plan(road: Element, pieces: Iterable[Piece]) -> None:
 
 
 def joined(start: Pose, end: Pose) -> tuple[Piece, ...]:
-    """Return the pieces of a smooth line between two poses: a straight line, an arc with a straight part, or two arcs.
-
-    Raises:
-        MapError: the poses point away from each other.
-    """
+    """Return the pieces of a smooth line between two poses: a straight line, an arc with a straight part, or two arcs."""
     turn = math.remainder(end.heading - start.heading, math.tau)
     dx, dy = end.x - start.x, end.y - start.y
     ux, uy = math.cos(start.heading), math.sin(start.heading)

@@ -27,8 +27,6 @@ from pytest_rvads.satellites.opendrive_writer.elements import (
 from pytest_rvads.support.errors import MapError
 from tools.crossings import Piece, add_plan, joined
 
-__all__ = ["Roundabout", "roundabout"]
-
 _RING, _CONNECTING = 100, 200
 """Lowest ids of the roads of the ring, and of the roads in its junctions."""
 
@@ -97,10 +95,6 @@ def roundabout(layout: Roundabout, name: str = "roundabout") -> str:
 
     Args:
         layout: shape of the roundabout.
-        name: name of the map.
-
-    Raises:
-        MapError: no arc leads from an arm onto the ring.
     """
     root = document(name, layout.stop + layout.approach)
     junctions = []

@@ -48,11 +48,7 @@ def _print_rules(options: argparse.Namespace) -> int:
 
 
 def _automaton(rule: Rule) -> Machine:
-    """Return the monitor of an instance of a rule, the rule for certain vehicles and entrances.
-
-    Raises:
-        FormulaError: the monitor is too large, or differs between runs, because the rule has a quantifier inside.
-    """
+    """Return the monitor of an instance of a rule, the rule for certain vehicles and entrances."""
     from pytest_rvads.logic.ltl import formula as f
     from pytest_rvads.logic.ltl.ltl3 import synthesize
 
@@ -103,7 +99,7 @@ def _rule_entry(rule: Rule) -> str:
 def _declare_check(commands: Subparsers) -> None:
     check = commands.add_parser(
         "check",
-        help="judge runs that were recorded (.json), kept by --rvads-keep (.npz), or exported (.xosc)",
+        help="judge runs that were recorded (.json), kept by --rvads-keep (.npz), or driven elsewhere (.xosc)",
         description="Exit status: 0 if no rule is violated or open, 1 if a rule is violated or open, 2 if a file or run can't be "
         "read or judged, 5 if nothing was judged: no rule applies, or every verdict is UNSURE. An UNSURE verdict is counted and "
         "listed, and neither passes nor fails.",

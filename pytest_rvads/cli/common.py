@@ -19,23 +19,6 @@ if TYPE_CHECKING:
     from pytest_rvads.logic.rules.rule import Rule
     from pytest_rvads.report.session_report import Report
 
-__all__ = [
-    "LINE_LIMIT",
-    "MAP_FORMATS",
-    "Subparsers",
-    "clear",
-    "listed_rules",
-    "make_folder",
-    "named_rules",
-    "number",
-    "progress",
-    "progress_for",
-    "say",
-    "show",
-    "terminable",
-    "warn",
-]
-
 LINE_LIMIT = 2**20
 """Longest line of input that is read [bytes]; the output for a line can take a hundred times as much memory."""
 

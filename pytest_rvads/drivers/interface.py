@@ -21,23 +21,6 @@ from pytest_rvads.runs.run import DT
 from pytest_rvads.runs.states import Agent, Colour, Vehicle, VehicleState
 from pytest_rvads.support.errors import AutopilotError
 
-__all__ = [
-    "Acceleration",
-    "Autopilot",
-    "Command",
-    "Control",
-    "Coordinates",
-    "Drives",
-    "Factory",
-    "Observation",
-    "TargetSpeed",
-    "TrafficSystem",
-    "Trajectory",
-    "Waypoint",
-    "check_factory",
-    "wrong_label",
-]
-
 
 def check_factory(factory: Any) -> None:
     """Check that an object is a factory of autopilots.

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-__all__ = ["NAMES", "path_of"]
-
 NAMES = (
     "stop4",
     "stop3",

@@ -26,7 +26,6 @@ from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.geometry.walking_ways import walking_ways
 from pytest_rvads.geometry.ways import CONFLICT_WIDTH, Arm, Entrance, Exit, Further, Key, Movement, Way, centre_lines
 from pytest_rvads.support.errors import MapError, ScenarioError
-from pytest_rvads.support.installed import load
 from pytest_rvads.support.wording import shown
 
 
@@ -428,6 +427,8 @@ class Junction:
             raise MapError(
                 f"junction {self.name!r} has no map file, expected one of rvads.find, which reads maps and built-in ones"
             )
+        from pytest_rvads.support.installed import load  # it needs the types of the whole package, which need this module's
+
         text = text_of(self.map_file)
         return text if "<OpenDRIVE" in text else str(load("map_writers", "xodr")(self))
 

@@ -150,9 +150,6 @@ def table(report: Report) -> Iterator[str]:
     requirements before it are yielded.
 
     Texts that spreadsheets would take for formulas begin with an apostrophe.
-
-    Raises:
-        OSError: there is no room for temporary files.
     """
     yield _csv_row(["requirement", *_COLUMNS, "versions", "message"])
     versions = "; ".join(f"{name} {version}" for name, version in report.versions.items())

@@ -7,8 +7,6 @@ from pytest_rvads.logic.ltl.boolean import conj, disj, neg
 from pytest_rvads.logic.ltl.ltl3 import Machine, Truth
 from pytest_rvads.support.errors import FormulaError
 
-__all__ = ["describe", "label", "to_dot"]
-
 _MOST_WORK = 100_000_000
 """Largest number of comparisons of letters for the labels of edges; so many comparisons take some 5 s."""
 _COLOURS = {Truth.FALSE: "#f4b6b6", Truth.TRUE: "#b9e3b9", Truth.UNKNOWN: "#ffffff"}

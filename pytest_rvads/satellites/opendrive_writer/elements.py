@@ -9,18 +9,6 @@ from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
 from pytest_rvads.geometry.control import Sign
 
-__all__ = [
-    "Lane",
-    "Post",
-    "add",
-    "add_crosswalk",
-    "add_lanes",
-    "add_regulation",
-    "add_road",
-    "document",
-    "finished",
-]
-
 _BROKEN_FROM = 30.0
 """Distance from a junction beyond which a centre line is broken, so that overtaking vehicles are allowed to cross it [m]."""
 _MARK = 0.12

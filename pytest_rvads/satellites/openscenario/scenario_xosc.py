@@ -170,13 +170,7 @@ def _site_of(site: _Site, map: Path | None, where: str) -> Junction:
     """Return the junction of an exported scenario, from the built-in maps or from the map of the file.
 
     Args:
-        site: the junction as the note of the file names it.
         map: path of the map that the file names; None if the file names no map.
-        where: name of the file in messages.
-
-    Raises:
-        RunError: the junction in the map differs from the junction that was exported, or the file names no map.
-        MapError: the junction can't be found.
     """
     if site.name in NAMES and (builtin := _as_exported(find(site.name), site.digest)).digest == site.digest:
         return builtin

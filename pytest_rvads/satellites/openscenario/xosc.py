@@ -25,23 +25,6 @@ from pytest_rvads.satellites.tracks.source import Watch
 from pytest_rvads.support.decoding import decode
 from pytest_rvads.support.errors import RunError
 
-__all__ = [
-    "FORMAT",
-    "LAMPS",
-    "Entity",
-    "TrajectoryFile",
-    "entities_of",
-    "lights_of",
-    "log_of",
-    "map_of",
-    "no_trajectories",
-    "note_of",
-    "read_played",
-    "read_trajectories",
-    "read_xosc",
-]
-
-
 LAMPS = {Colour.NONE: "off;off;off", Colour.RED: "on;off;off", Colour.YELLOW: "off;on;off", Colour.GREEN: "off;off;on"}
 """Per colour, the state of a light in a written file: the lamps from top to bottom, which are red, yellow and green."""
 _COLOUR_OF_STATE = {lamps: colour for colour, lamps in LAMPS.items()}
@@ -116,11 +99,7 @@ def log_of(file: TrajectoryFile, *, strict: bool = False) -> Log:
 
 
 def read_trajectories(path: Path, watch: Watch | None = None) -> TrajectoryFile:
-    """Return the vehicles, trajectories, lights and map of a file.
-
-    Raises:
-        RunError: the file can't be read; the message names file, line and element.
-    """
+    """Return the vehicles, trajectories, lights and map of a file."""
     root = read_tree(path, watch)
     unsized = _vehicles_without_size(root, path.name)
     entities = [replace(entity, size=None) if entity.name in unsized else entity for entity in entities_of(root)]
@@ -160,12 +139,7 @@ def _vehicles_without_size(root: Node, where: str) -> list[str]:
 
 
 def note_of(root: Node, subject: str) -> str | None:
-    """Return the note of a file that this package exported, as JSON; None for other files.
-
-    Args:
-        root: the root element of the file.
-        subject: what the note is about: ``run`` or ``scenario``.
-    """
+    """Return the note of a file that this package exported, as JSON; None for other files."""
     header = root.first("FileHeader")
     properties = () if header is None else header.walk("Property")
     return next((node.text("value") for node in properties if node.attributes.get("name") == f"rvads.{subject}"), None)
@@ -260,12 +234,7 @@ def _colour(state: Node) -> Colour:
 
 
 def read_played(path: str | Path) -> Sequence[Run]:
-    """Return the runs into which the traffic of a file is cut, at all junctions of the named map that vehicles pass.
-
-    Raises:
-        RunError: the file can't be read, no vehicle follows a trajectory, or the vehicles fit several junctions equally well.
-        MapError: the map can't be read.
-    """
+    """Return the runs into which the traffic of a file is cut, at all junctions of the named map that vehicles pass."""
     recordings = recordings_in(with_headings(log_of(read_trajectories(Path(path)))), FORMAT.point)
     return recordings[0] if len(recordings) == 1 else [run for recording in recordings for run in recording]
 

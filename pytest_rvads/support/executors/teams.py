@@ -96,11 +96,7 @@ class Foreign:
         """Numbers of the submissions; Dask would return the result of an earlier submission with equal arguments."""
 
     def submit(self, part: Part) -> Future[Any]:
-        """Submit a part.
-
-        Raises:
-            ExecutorGone: the executor takes no more work.
-        """
+        """Submit a part."""
         try:
             return self._executor.submit(_done, self._work, part.jobs, next(self._numbers))
         except Exception as error:  # each executor has its own exceptions
@@ -112,12 +108,7 @@ class Foreign:
         return answers
 
     def submits_again(self, _: Part, error: BaseException) -> bool:
-        """Return False, as each job of a part that killed several workers of Dask is submitted alone.
-
-        Raises:
-            RvadsError: the executor can't do the jobs.
-            ExecutorGone: the executor takes no more work.
-        """
+        """Return False, as each job of a part that killed several workers of Dask is submitted alone."""
         if type(error).__name__ == "KilledWorker":  # Dask's, after several workers died; Dask may be missing
             return False
         if isinstance(error, CancelledError | BrokenExecutor):
