@@ -10,7 +10,7 @@ from pathlib import Path
 
 from pytest_rvads.cli import answer
 from pytest_rvads.cli.common import progress
-from pytest_rvads.cli.shared_options import declare_executor, opened_executor
+from pytest_rvads.cli.shared_options import opened_executor, share
 from pytest_rvads.drivers.traffic import traffic
 from pytest_rvads.simulators.simulator import named
 from pytest_rvads.support.errors import ScenarioError
@@ -48,7 +48,7 @@ def main(words: Sequence[str] | None = None) -> int:
     )
     power.add_argument("--seeds", type=int, default=100, help="repetitions (default: 100)")
     power.add_argument("--budget", type=int, default=40, help="simulations after which a search gives up (default: 40)")
-    declare_executor(power)
+    share(power, "workers")
     power.add_argument("--svg", metavar="FILE", help="draw the plot")
     power.set_defaults(command=_power)
     return answer(power, words)

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from pytest_rvads.cli import answer
 from pytest_rvads.cli.common import progress, say
-from pytest_rvads.cli.shared_options import declare_executor, opened_executor
+from pytest_rvads.cli.shared_options import opened_executor, share
 from pytest_rvads.simulators.simulator import named
 from pytest_rvads.support.errors import ScenarioError, suggest
 from studies.agreement import agree, text_agreements
@@ -33,7 +33,7 @@ def main(words: Sequence[str] | None = None) -> int:
     )
     compare.add_argument("--recorded", metavar="FILE", nargs="+", default=[], help="also the runs of recorded files, predicted")
     compare.add_argument("--strict", action="store_true", help="exit 1 when an outcome differs")
-    declare_executor(compare)
+    share(compare, "workers")
     compare.set_defaults(command=_compare)
     return answer(compare, words)
 

@@ -65,13 +65,13 @@ def test_the_failure_shown_is_the_one_printed(pytester: pytest.Pytester, monkeyp
     for line in shown.replace(f"simulated by {rvads.bullet.name}", f"simulated by {usual().name}").splitlines():
         assert line in printed or line.startswith("---"), line
     if page == "README.md":
-        assert main(shlex.split("replay full_stop --svg failure.svg")) == 0
+        assert main(shlex.split("replay full_stop -o failure.svg")) == 0
         drawn = (pytester.path / "failure.svg").read_bytes()
         assert (ROOT / "docs" / "failure.svg").read_bytes() == drawn, "run the README's failing test, draw it as it says"
 
 
 def test_the_picture_is_drawn_by_the_command_that_the_readme_names() -> None:
-    assert "`rvads replay full_stop --svg failure.svg`" in PAGES["README.md"]
+    assert "`rvads replay full_stop -o failure.svg`" in PAGES["README.md"]
     assert len(PAGES["README.md"].splitlines()) <= 120
 
 

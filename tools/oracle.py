@@ -241,11 +241,11 @@ def campaigns() -> Entries:
         folder = Path(name)
         town = ["town", f"{DATA / 'stop4.xodr'}", f"{DATA / 'light4.xodr'}", "--sample", "30", "-j", "1"]
         for driver in ("reference", "rolling_stop"):
-            yield f"town {driver}", told(folder, *town, "--autopilot", driver, "-o", driver, "--report", f"{driver}.json")
-            yield from of_report(f"town {driver} ", folder / f"{driver}.json")
+            yield f"town {driver}", told(folder, *town, "--autopilot", driver, "-o", driver)
+            yield from of_report(f"town {driver} ", folder / driver / "town.json")
         (folder / "league.toml").write_text(LEAGUE)
-        yield "league", told(folder, "league", "league.toml", "-j", "1", "-o", "league", "--json", "league.json")
-        yield "league page", json.loads((folder / "league.json").read_text())
+        yield "league", told(folder, "league", "league.toml", "-j", "1", "-o", "league")
+        yield "league page", json.loads((folder / "league" / "league.json").read_text())
         search = ["critical", "stop3", "-j", "1", "--json", "--rules", "full_stop", "right_first", "no_collision"]
         answer = told(folder, *search, "--autopilot", "late_yielder")
         for number, entry in enumerate(json.loads(answer.pop("output"))["lines"]):

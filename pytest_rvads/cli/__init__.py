@@ -16,12 +16,10 @@ from textwrap import wrap
 
 from pytest_rvads import __version__
 from pytest_rvads.cli import (
-    atlas_command,
-    braking_commands,
-    calibrate_command,
     check_commands,
     critical_command,
     docs_command,
+    dynamics_command,
     init_command,
     map_commands,
     replay_command,
@@ -33,12 +31,10 @@ from pytest_rvads.support.installed import entries, load
 from pytest_rvads.support.tracebacks import located
 from pytest_rvads.support.wording import encode_all, page
 
-_WITH_MAPS = ("atlas", "braking", "check", "classes", "critical", "export", "import", "init", "map", "town")
-"""Commands that read a map file."""
 _GROUPS = {
     "start": ("init", "map", "rules", "docs"),
     "judge": ("check", "replay", "report", "import", "town"),
-    "measure": ("critical", "atlas", "dynamics"),
+    "measure": ("critical", "dynamics"),
 }
 """The commands that ``rvads --help`` explains, by group; it only names further commands."""
 
@@ -92,20 +88,23 @@ def answer(parser: argparse.ArgumentParser, words: Sequence[str] | None = None) 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="rvads",
-        usage="rvads [--help] [--version] COMMAND ...",
+        usage="rvads [--help] [--version] [--hand left|right] COMMAND ...",
         description="Validate autonomous-driving controllers against traffic rules.",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action="version", version=f"rvads {__version__}")
+    parser.add_argument(
+        "--hand",
+        choices=("left", "right"),
+        help="side on which traffic keeps, for maps of lanelets that do not show the side (also the variable RVADS_HAND)",
+    )
     commands = parser.add_subparsers(prog="rvads", required=True, metavar="COMMAND", help=argparse.SUPPRESS)
     for module in (
         init_command,
         map_commands,
         check_commands,
-        braking_commands,
-        calibrate_command,
+        dynamics_command,
         critical_command,
-        atlas_command,
         report_commands,
         replay_command,
         docs_command,
@@ -113,12 +112,6 @@ def _parser() -> argparse.ArgumentParser:
         module.declare(commands)
     for name in entries("commands"):
         load("commands", name).declare(commands)
-    for name in _WITH_MAPS:
-        commands.choices[name].add_argument(
-            "--hand",
-            choices=("left", "right"),
-            help="side on which traffic keeps, for maps of lanelets that do not show the side (also the variable RVADS_HAND)",
-        )
     helps = {action.dest: action.help or "" for action in commands._choices_actions}
     parser.epilog = "\n".join([*_command_list(helps), f"documentation: {page()}"])
     return parser

@@ -8,7 +8,8 @@ from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pytest_rvads.cli.common import Subparsers, make_folder, named_rules, number, say
+from pytest_rvads.cli.common import Subparsers, make_folder, named_rules, say
+from pytest_rvads.cli.shared_options import processes, share
 from pytest_rvads.support.errors import FormulaError
 from pytest_rvads.support.installed import load
 
@@ -23,8 +24,9 @@ def declare(commands: Subparsers) -> None:
         "rules",
         help="list the rules, or show the rule NAME: meaning, formula, source, responsible vehicle, monitor",
     )
-    rules.add_argument("names", nargs="*", metavar="NAME", help="name of a rule to show (default: list all rules)")
-    rules.add_argument("--rules", action="append", metavar="FILE", help="also list the rules of a file; repeatable")
+    rules.add_argument(
+        "names", nargs="*", metavar="NAME|FILE", help="rule to show (default: list all rules), or file of rules to read first"
+    )
     rules.add_argument("--dot", action="store_true", help="print only the monitors of the named rules, for Graphviz")
     rules.set_defaults(command=_print_rules)
     _declare_check(commands)
@@ -34,14 +36,15 @@ def _print_rules(options: argparse.Namespace) -> int:
     from pytest_rvads.logic.ltl.export import to_dot
     from pytest_rvads.logic.rules.book import get_rule, load_rules
 
-    for file in options.rules or ():
+    for file in (name for name in options.names if name.endswith(".rules")):
         load_rules(file)
-    if options.dot and not options.names:
+    names = [name for name in options.names if not name.endswith(".rules")]
+    if options.dot and not names:
         raise FormulaError("--dot draws the monitors of named rules, got no name: write such as rvads rules p2 --dot")
     if options.dot:
-        say("".join(to_dot(_automaton(get_rule(name))) for name in options.names).rstrip())
-    elif options.names:
-        say("\n".join(f"{_rule_entry(rule)}\n{_automaton_entry(rule)}" for rule in map(get_rule, options.names)))
+        say("".join(to_dot(_automaton(get_rule(name))) for name in names).rstrip())
+    elif names:
+        say("\n".join(f"{_rule_entry(rule)}\n{_automaton_entry(rule)}" for rule in map(get_rule, names)))
     else:
         say(list_rules())
     return 0
@@ -107,26 +110,16 @@ def _declare_check(commands: Subparsers) -> None:
     check.add_argument(
         "files", nargs="+", metavar="FILE", help="file, folder (searched at any depth) or quoted pattern such as 'drives/*.npz'"
     )
-    check.add_argument(
-        "--rules", action="append", metavar="RULE", help="a rule, rulebook or file of rules; repeatable (default: road)"
-    )
+    share(check, "rules")
     form = check.add_mutually_exclusive_group()
-    form.add_argument(
-        "--json",
-        action="store_true",
-        help="print one JSON object: run, rule, status and instances; exit 0 whatever the verdicts",
-    )
+    share(form, "json", help="print one JSON object: run, rule, status and instances; exit 0 whatever the verdicts")
     form.add_argument("--jsonl", action="store_true", help="as --json, but print a line per run as soon as the run is judged")
+    help = "write a report, in the format of its ending, or into a folder the page and a replay page per failure; repeatable"
+    share(check, "output", action="append", default=[], help=help)
+    share(check, "workers", metavar="N", help="number of processes (default: 1)")
     check.add_argument(
-        "--html", metavar="DIR", help="write the page of the verdicts and a replay page per failure to this folder"
+        "-v", "--verbose", action="store_true", help="print all verdicts, warnings and key performance indicators of every run"
     )
-    check.add_argument(
-        "--report", action="append", default=[], metavar="FILE", help="write a report, in the format of its ending; repeatable"
-    )
-    check.add_argument("--kpis", action="store_true", help="also print the key performance indicators of every run")
-    processes = number("number of processes", 1, 1000, int)
-    check.add_argument("-j", "--jobs", type=processes, default=1, metavar="N", help="number of processes (default: 1)")
-    check.add_argument("-v", "--verbose", action="store_true", help="print all verdicts and warnings, also of many runs")
     load("streams", "follow").declare(check)
     check.set_defaults(command=_check_runs)
 
@@ -140,23 +133,25 @@ def _check_runs(options: argparse.Namespace) -> int:
     from pytest_rvads.cli.check_output import Teller, Totals
     from pytest_rvads.cli.run_answers import Question, judged, run_files
 
+    folder: str | None = None
     reports: list[Path] = []
-    if options.report:
+    if options.output:
         from pytest_rvads.report.files import fitting
 
-        reports += map(fitting, options.report)
+        folder = next((name for name in options.output if not Path(name).suffix or Path(name).is_dir()), None)
+        reports += [fitting(name) for name in options.output if name != folder]
     names = tuple(options.rules or ["road"])
     named_rules(names)  # mistakes in rules are reported before any file is read
-    if options.html is not None:
-        make_folder("--html", Path(options.html))
-        reports.append(Path(options.html) / "index.html")
+    if folder is not None:
+        make_folder("-o", Path(folder))
+        reports.append(Path(folder) / "index.html")
     totals, for_program = Totals(), options.json or options.jsonl
     files = run_files(options.files, totals.trouble)
     alone = len(options.files) == len(files) == 1
-    question = Question(names, options.kpis, alone and not for_program, options.html)
+    question = Question(names, options.verbose, alone and not for_program, folder)
     with (
         Teller(options, totals, len(files), reports, alone=alone) as teller,
-        closing(judged(files, question, options.jobs)) as batches,
+        closing(judged(files, question, processes(options, 1))) as batches,
     ):
         for batch in batches:
             teller.tell(batch)

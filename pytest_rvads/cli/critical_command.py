@@ -9,6 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from pytest_rvads.cli.all_lines import search_all
 from pytest_rvads.cli.common import Subparsers, progress, say, terminable, warn
 from pytest_rvads.cli.shared_options import (
     again,
@@ -18,9 +19,11 @@ from pytest_rvads.cli.shared_options import (
     opened_executor,
     places,
     setting_of,
+    share,
     start_of,
 )
 from pytest_rvads.logic.outcome import Outcome
+from pytest_rvads.report.folders import ROOT, STARTS
 from pytest_rvads.report.session_report import NOTHING_JUDGED, exit_status
 from pytest_rvads.support.errors import RvadsError, ScenarioError
 from pytest_rvads.support.executors import apart
@@ -40,7 +43,10 @@ _CRITICAL = """\
 For every two conflicting ways of a junction, find the start at which the vehicle under test changes from waiting to going, and
 judge the runs from this start and from less critical starts. A start is found to 0.01 s of the lead: the time by which the
 vehicle arrives before the other vehicle or the pedestrian. Exit status: 0 when all runs passed, 1 when a run failed, 2 when an
-argument is wrong, 5 when no start could be simulated."""
+argument is wrong, 5 when no start could be simulated. With --all-lines, find all changes of a verdict over leads of -6 to 6 s,
+and write a page with a strip per pair of ways. --json prints a certificate, which names the simulated starts, the verdicts
+inferred between these starts, and the random starts that were compared with the inferred verdicts. Exit status: 0, also for a
+driver that fails; 1 when a random start differs from the certificate, or a run has no verdict."""
 
 
 def declare(commands: Subparsers) -> None:
@@ -49,23 +55,33 @@ def declare(commands: Subparsers) -> None:
         "critical", help="find the starts at which a driver changes from waiting to going", description=_CRITICAL
     )
     declare_starts(critical)
-    critical.add_argument("--start", metavar="ID", help="simulate this start alone, and say why the run fails")
-    critical.add_argument("-o", "--output", metavar="FILE", help="with --start: replay page to write")
-    critical.add_argument("--json", action="store_true", help="print one JSON object: two entries per line of starts")
+    alone = critical.add_mutually_exclusive_group()
+    alone.add_argument("--start", metavar="ID", help="simulate this start alone, and say why the run fails")
+    alone.add_argument("--all-lines", action="store_true", help="find all changes of a verdict on all lines, and write a page")
+    critical.add_argument(
+        "--probes", type=int, default=250, metavar="N", help="with --all-lines: random starts to compare (default: 250)"
+    )
+    page = f"{ROOT}/{STARTS}"
+    share(critical, "output", help=f"with --start: replay page to write; with --all-lines: page to write (default: {page})")
+    share(critical, "json", help="print one JSON object: two entries per line of starts, with --all-lines the certificate")
     critical.set_defaults(command=_critical)
 
 
 def _critical(options: argparse.Namespace) -> int:
     from pytest_rvads.search.starts import lines_at
 
-    if options.output and not options.start:
-        raise ScenarioError("-o writes the replay of one start: name the start by --start")
+    if options.output and not (options.start or options.all_lines):
+        raise ScenarioError("-o writes the replay of one start, or the page of all lines: give --start ID or --all-lines")
+    if options.probes < 0:
+        raise ScenarioError(f"--probes must be a number of random starts, 0 or more, got {options.probes}")
     if options.json and options.start:
         raise ScenarioError("--json prints lines of starts, and --start simulates one start: leave one of the two out")
     with opened_driver(options) as driver, terminable(), opened_executor(options) as executor:
         setting = setting_of(options, driver)
         if options.start:
             return _one_start(options, setting)
+        if options.all_lines:
+            return search_all(options, setting, executor)
         entries: list[dict[str, Any]] = []
         stopped: BaseException | None = None
         for place in places(options):

@@ -13,6 +13,7 @@ from string import Template
 from typing import TYPE_CHECKING
 
 from pytest_rvads.cli.common import MAP_FORMATS, Subparsers, say
+from pytest_rvads.cli.shared_options import share
 from pytest_rvads.geometry.control import JunctionControl, Sign
 from pytest_rvads.support.errors import MapError, RunError, RvadsError, ScenarioError
 from pytest_rvads.support.wording import page
@@ -33,13 +34,11 @@ def declare(commands: Subparsers) -> None:
     )
     init.add_argument("folder", metavar="DIR", nargs="?", default=".", help="folder for the files (default: working directory)")
     drives = init.add_mutually_exclusive_group()
-    drives.add_argument("--sut", metavar="COMMAND", help="let your program drive, in C++ or any language; it starts in DIR")
+    share(drives, "sut", help="let your program drive, in C++ or any language; it starts in DIR")
     drives.add_argument("--recordings", metavar="FILE", help="judge recorded runs of a file, folder or pattern; nothing drives")
     drives.add_argument("--ci", choices=("github",), help="write a workflow for GitHub Actions instead of tests")
-    init.add_argument(
-        "--map", metavar="FILE", help=f"drive at a junction of this map file ({MAP_FORMATS}), not at the built-in all-way stop"
-    )
-    init.add_argument("--junction", metavar="ID", help="junction of --map (default: the first usable junction)")
+    share(init, "map", help=f"drive at a junction of this map file ({MAP_FORMATS}), not at the built-in all-way stop")
+    share(init, "junction", help="junction of --map (default: the first usable junction)")
     init.set_defaults(command=_init)
 
 

@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from pytest_rvads.cli.common import MAP_FORMATS, Subparsers, say, warn
+from pytest_rvads.cli.shared_options import share
 from pytest_rvads.geometry.segment import NO_LIMIT
 from pytest_rvads.report.draw.svg import document, text
 from pytest_rvads.report.rollup import natural
@@ -42,23 +43,17 @@ def declare(commands: Subparsers) -> None:
     classes = commands.add_parser(
         "classes", help="list the structural equivalence classes of an n-way junction, or of a named junction"
     )
-    subject = classes.add_mutually_exclusive_group(required=True)
-    subject.add_argument("place", nargs="?", metavar="N|NAME", help="number of ways, 3 to 8, or a junction as for --junction")
-    subject.add_argument("--junction", metavar="NAME", help="built-in name, or id of a junction in --map")
-    classes.add_argument("--map", metavar="FILE", help=f"map file ({MAP_FORMATS}) of the junction, if --junction is an id")
-    classes.add_argument("--occupancy", choices=("arms", "lanes"), default="arms", help="a vehicle on each arm, or on each lane")
+    classes.add_argument(
+        "place", metavar="N|JUNCTION", help="number of ways, 3 to 8; built-in name, or id of a junction in --map"
+    )
+    share(classes, "map", "occupancy", "svg")
     classes.add_argument("--all", action="store_true", help=f"list all classes, not only the first {_SHOWN}")
-    classes.add_argument("--svg", metavar="OUT", help="also draw the classes into this file")
     classes.set_defaults(command=_classes)
 
     map_ = commands.add_parser("map", help="show the junctions of a map file, and warnings on doubtful parts of the file")
     map_.add_argument("file", metavar="FILE", help=f"map file ({MAP_FORMATS}), or the name or type of a built-in junction")
-    map_.add_argument("--json", action="store_true", help="print one JSON object")
-    map_.add_argument("--svg", metavar="OUT", help="also draw the junctions into this file")
+    share(map_, "json", "svg")
     map_.add_argument("--uturns", action="store_true", help="include U-turns, which are left out otherwise")
-    map_.add_argument(
-        "--no-clusters", dest="clusters", action="store_false", help="read the junctions of a cluster as separate junctions"
-    )
     map_.set_defaults(command=_map)
 
 
@@ -68,10 +63,7 @@ def _classes(options: argparse.Namespace) -> int:
     from pytest_rvads.scenarios.orbits import Orbits
     from pytest_rvads.support.errors import ScenarioError
 
-    name = options.junction or ("" if options.place.isdecimal() else options.place)
-    place = find(name, options.map) if name else None
-    if place is None and options.map:
-        raise ScenarioError("--map is the file of the junction that --junction names: name the junction, or leave --map out")
+    place = None if options.place.isdecimal() and not options.map else find(options.place, options.map)
     orbits = Orbits.at(place, options.occupancy) if place else Orbits.plain(int(options.place))
     lanes, total = place.lanes if place else (), orbits.count
     if options.svg and place and not place.one_lane_each:
@@ -162,7 +154,7 @@ def _map(options: argparse.Namespace) -> int:
 
     is_file = Path(options.file).suffix.lower() in READERS or Path(options.file).exists()
     file = options.file if is_file else str(find(options.file).map_file)
-    road_map = read_map(file, uturns=options.uturns, clusters=options.clusters)
+    road_map = read_map(file, uturns=options.uturns)
     description = describe(road_map)
     description["warnings"] += gathered(narrow_lines(road_map))
     if options.svg:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pytest_rvads.cli.common import Subparsers, progress, say, warn
+from pytest_rvads.cli.shared_options import share
 from pytest_rvads.support.errors import RunError, RvadsError
 from pytest_rvads.support.wording import first, one_line, plural, quoted
 
@@ -37,17 +38,15 @@ def declare(commands: Subparsers) -> None:
         help="id of a failed item, or a part of the id that no other id has; or the file of a run that --rvads-keep wrote",
     )
     parser.add_argument("--session", metavar="N|DIR", help="number or folder of the session (default: the latest in .rvads)")
-    parser.add_argument(
-        "--rules",
-        action="append",
+    share(
+        parser,
+        "rules",
         default=[],
-        metavar="RULE",
         help="only failures of this rule; or the rule that judges the file of a run; or a file of your rules (.rules)",
     )
     parser.add_argument("--all", action="store_true", help="draw every failure that has no page yet")
-    parser.add_argument("--baseline", metavar="FILE.json", help="report of an earlier session; its run is drawn faintly below")
-    parser.add_argument("-o", "--output", metavar="FILE", help="page to write (default: in the folder of the session)")
-    parser.add_argument("--svg", metavar="FILE", help="write an animated picture of the seconds around the violation instead")
+    share(parser, "baseline", help="report of an earlier session; its run is drawn faintly below")
+    share(parser, "output", help="page to write (default: in the folder of the session), or an animated picture (.svg)")
     parser.set_defaults(command=_replay)
 
 
@@ -99,8 +98,8 @@ def _replay(options: argparse.Namespace) -> int:
     from pytest_rvads.runs.readers import READERS
 
     what = options.what or ""
-    if options.all and (options.output or options.svg):
-        raise RvadsError("--all writes many pages, each into the folder of the session: leave --output and --svg out")
+    if options.all and options.output:
+        raise RvadsError("--all writes many pages, each into the folder of the session: leave --output out")
     for name in options.rules:
         if name.endswith(".rules"):
             load_rules(name)
@@ -110,7 +109,7 @@ def _replay(options: argparse.Namespace) -> int:
     if Path(what).suffix.lower() in READERS and "::" not in what:
         return _draw_file(options, Path(what))
     session = _session(options.session)
-    if not (what or options.all or options.rule or options.output or options.svg):
+    if not (what or options.all or options.rule or options.output):
         return _print_failures(session)
     if options.baseline:
         session = replace(session, earlier=(Path(options.baseline), load(Path(options.baseline))))
@@ -120,7 +119,7 @@ def _replay(options: argparse.Namespace) -> int:
     record = _single_failure(chosen, session, what, options.rule)
     page = session.page(record)
     shown = session.replayed(record, Path(options.output) if options.output else page)
-    _write_replay(shown, page, options.output, options.svg)
+    _write_replay(shown, Path(options.output or page))
     if page.exists():
         _link_pages(session)
     return 0
@@ -133,21 +132,20 @@ def _draw_file(options: argparse.Namespace, file: Path) -> int:
     if options.session or options.all or options.baseline:
         raise RvadsError(f"{file} is the file of a run, which belongs to no session: leave --session, --all and --baseline out")
     page = Path(f"{file.stem}{f'-{options.rule}' if options.rule else ''}.html")
-    _write_replay(run_of_file(file, options.rule), page, options.output, options.svg)
+    _write_replay(run_of_file(file, options.rule), Path(options.output or page))
     return 0
 
 
-def _write_replay(shown: Replayed, page: Path, output: str | None, svg: str | None) -> None:
-    """Write the page of a replay, or an animated picture, or both, and print the paths and the message of the verdict."""
+def _write_replay(shown: Replayed, path: Path) -> None:
+    """Write the page of a replay, or an animated picture (.svg), and print the path and the message of the verdict."""
     from pytest_rvads.support.storage import write_file
 
     if shown.doubt:
         warn(f"rvads: {shown.doubt}")
-    if svg:
-        write_file(Path(svg), shown.animation().encode())
-        say(svg)
-    if output or not svg:
-        path = Path(output) if output else page
+    if path.suffix == ".svg":
+        write_file(path, shown.animation().encode())
+        say(path.as_posix())
+    else:
         write_file(path, shown.page().encode())
         say(f"{path.as_posix()}{'' if shown.time is None else f'#t={shown.time:.2f}'}")
     if shown.verdict is not None:

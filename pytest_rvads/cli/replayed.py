@@ -97,7 +97,7 @@ def run_of_file(file: Path, rule_name: str | None) -> Replayed:
     runs = read_runs(file)
     if len(runs) != 1:
         raise RunError(
-            f"{file} holds {len(runs)} runs, expected one run: `rvads check {quoted(str(file))} --html DIR` draws several runs"
+            f"{file} holds {len(runs)} runs, expected one run: `rvads check {quoted(str(file))} -o DIR` draws several runs"
         )
     run, verdict = runs[0], check(runs[0], rules[0]) if rules else None
     again = f"rvads replay {quoted(str(file))}{f' --rules {rule_name}' if rule_name else ''}"

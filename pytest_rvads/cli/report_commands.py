@@ -1,4 +1,4 @@
-"""The command ``rvads report``: merges, checks and compares reports of sessions in JSON, and makes reports of campaigns.
+"""The command ``rvads report``: merges reports of sessions or results of campaigns into a report, checks and compares reports.
 
 Several sessions, such as the shards of a CI job, are merged into one report.
 """
@@ -9,9 +9,11 @@ import argparse
 import shutil
 from collections import Counter
 from collections.abc import Sequence
+from contextlib import ExitStack
 from pathlib import Path
 
 from pytest_rvads.cli.common import Subparsers, number, say, show, warn
+from pytest_rvads.cli.shared_options import share
 from pytest_rvads.logic.outcome import Outcome
 from pytest_rvads.report.record import Record, SimulatedItem
 from pytest_rvads.report.session_report import (
@@ -35,16 +37,19 @@ _PERCENT, _SECONDS = number("percentage", 0, 100), number("number of seconds", 0
 
 def declare(commands: Subparsers) -> None:
     """Add the command ``rvads report`` to the parser."""
-    report = commands.add_parser("report", help="merge, compare or check the reports of sessions; make the reports of a campaign")
+    report = commands.add_parser("report", help="merge, compare or check the reports of sessions and campaigns")
     actions = report.add_subparsers(required=True, metavar="ACTION")
     merge = actions.add_parser(
         "merge",
-        help="merge several reports, such as the shards of a CI job, into one report, and print its summary",
+        help="merge reports, such as the shards of a CI job, or results of a campaign into one report, and print its summary",
         description="Exit status: the status of a session with all items; 1 if reports contradict each other or coverage is too "
-        "low; 2 if a report is missing, damaged or incomplete.",
+        "low; 2 if a report is missing, damaged or incomplete, or the campaign did not come to its end. A case that is in "
+        "several files of results counts once.",
     )
-    merge.add_argument("files", nargs="+", metavar="FILE.json", help="written by --rvads-report")
-    merge.add_argument("-o", "--output", metavar="OUT", help="write the merged report, in the format of its ending")
+    merge.add_argument(
+        "files", nargs="+", metavar="FILE", help="written by --rvads-report (.json), or by rvads.campaign or rvads town (.jsonl)"
+    )
+    share(merge, "output", action="append", default=[], help="write a report, in the format of its ending; repeatable")
     merge.add_argument(
         "--cov-fail-under",
         type=_PERCENT,
@@ -52,7 +57,7 @@ def declare(commands: Subparsers) -> None:
         help="as --rvads-cov-fail-under, for the merged report [%%]",
     )
     merge.add_argument("--cov-arrivals", type=_SECONDS, metavar="SECONDS", help="as --rvads-cov-arrivals, for the merged report")
-    merge.add_argument("--baseline", metavar="FILE.json", help="show the changes since an earlier report")
+    share(merge, "baseline")
     merge.set_defaults(command=_print_merged)
     check = actions.add_parser(
         "check",
@@ -69,16 +74,19 @@ def declare(commands: Subparsers) -> None:
         "two controllers. Exit status: 0 if the sessions were compared, whatever the differences; 1 if there is a difference "
         "that --fail-on names; 2 if a report is missing or damaged, or the two reports have no item in common.",
     )
-    compare.add_argument("a", metavar="A.json", help="report of the earlier session, or of one controller (--rvads-report)")
-    compare.add_argument("b", metavar="B.json", help="report of the later session, or of another controller")
     compare.add_argument(
-        "-o",
-        "--output",
-        metavar="OUT",
+        "files",
+        nargs=2,
+        metavar="FILE.json",
+        help="reports of the earlier and of the later session, or of two controllers (--rvads-report)",
+    )
+    share(
+        compare,
+        "output",
         action="append",
         default=[],
-        help="also write the comparison, as FILE.html, FILE.md or FILE.json; other formats of reports hold B with the changes "
-        "since A; repeatable",
+        help="also write the comparison, as FILE.html, FILE.md or FILE.json; other formats of reports hold the later session "
+        "with the changes; repeatable",
     )
     compare.add_argument(
         "--fail-on",
@@ -90,47 +98,36 @@ def declare(commands: Subparsers) -> None:
         "judged in A and is not in B); repeatable",
     )
     compare.set_defaults(command=_compare)
-    make = actions.add_parser(
-        "make",
-        help="make the reports of a campaign from its results, and print its summary",
-        description="Takes the results of a campaign, or of parts of a campaign that ran separately; a case that is in several "
-        "files counts once. Exit status: 0 if all is well, 1 if something is wrong, 2 if the campaign did not come to its end, "
-        "5 if nothing was judged.",
-    )
-    make.add_argument("files", nargs="+", metavar="RESULTS.jsonl", help="written by rvads.campaign or rvads town")
-    make.add_argument(
-        "-o",
-        "--output",
-        metavar="OUT",
-        action="append",
-        default=[],
-        help="write a report, in the format of its ending; repeatable",
-    )
-    make.set_defaults(command=_make)
 
 
 def _print_merged(options: argparse.Namespace) -> int:
     from pytest_rvads.report.baseline import compare, with_baseline
     from pytest_rvads.report.coverage import shortfall, untested
-    from pytest_rvads.report.files import load, save
+    from pytest_rvads.report.files import fitting, load, save
     from pytest_rvads.report.journal import recovered
+    from pytest_rvads.support.installed import load as installed
 
-    report = merge([(name, recovered(Path(name))) for name in options.files])
-    if options.baseline:
-        planned = set(report.planned)
-        earlier = load(Path(options.baseline))
-        lost = {record.nodeid for record in earlier.records if cell_of(record) not in planned}
-        report = with_baseline(report, compare(report, earlier, options.baseline, lost.__contains__))
-    if options.output:
-        save(Path(options.output), report)
-    show(report)
-    gates = (
-        "" if options.cov_fail_under is None else shortfall(report, options.cov_fail_under),
-        "" if options.cov_arrivals is None else untested(report, options.cov_arrivals),
-    )
-    for note in filter(None, (*report.notes, *gates)):
-        warn(f"rvads: {note}")
-    return report.ended or int(any(gates))
+    paths = list(map(fitting, options.output))
+    with ExitStack() as stack:
+        if any(name.endswith(".jsonl") for name in options.files):
+            report: Report = stack.enter_context(installed("results", "campaign")(options.files)).report()
+        else:
+            report = merge([(name, recovered(Path(name))) for name in options.files])
+        if options.baseline:
+            planned = set(report.planned)
+            earlier = load(Path(options.baseline))
+            lost = {record.nodeid for record in earlier.records if cell_of(record) not in planned}
+            report = with_baseline(report, compare(report, earlier, options.baseline, lost.__contains__))
+        for path in paths:
+            save(path, report)
+        show(report)
+        gates = (
+            "" if options.cov_fail_under is None else shortfall(report, options.cov_fail_under),
+            "" if options.cov_arrivals is None else untested(report, options.cov_arrivals),
+        )
+        for note in filter(None, (*report.notes, *gates)):
+            warn(f"rvads: {note}")
+        return report.ended or int(any(gates))
 
 
 def _compare(options: argparse.Namespace) -> int:
@@ -140,28 +137,12 @@ def _compare(options: argparse.Namespace) -> int:
     from pytest_rvads.report.side_by_side_forms import save, text
 
     outputs = list(map(fitting, options.output))
-    a, b = ((name, recovered(Path(name))) for name in (options.a, options.b))
+    a, b = ((name, recovered(Path(name))) for name in options.files)
     sessions = side_by_side(a, b)
     print(text(sessions, shutil.get_terminal_size().columns))
     for path in outputs:
         save(path, sessions)
     return int(sessions.comparison.count(*map(str.upper, options.fail_on)) > 0)
-
-
-def _make(options: argparse.Namespace) -> int:
-    from pytest_rvads.report.files import fitting, save
-    from pytest_rvads.support.installed import load
-
-    paths = list(map(fitting, options.output))
-    with load("results", "campaign")(options.files) as results:
-        report = results.report()
-        for path in paths:
-            save(path, report)
-        show(report)
-        for note in report.notes:
-            warn(f"rvads: {note}")
-        ended: int = report.ended
-    return ended
 
 
 def _check_reports(options: argparse.Namespace) -> int:

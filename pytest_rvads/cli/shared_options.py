@@ -1,6 +1,6 @@
 """The options that several commands share, and the things that the options name: driver, executor, starts of two vehicles.
 
-The library distributed (Dask) is imported only for ``--dask``. Callers of `rvads.campaign` in Python pass an executor instead.
+The library distributed (Dask) is imported only for ``-j ADDRESS``. Callers of `rvads.campaign` pass an executor.
 """
 
 from __future__ import annotations
@@ -25,15 +25,50 @@ if TYPE_CHECKING:
     from pytest_rvads.search.starts import Line
     from pytest_rvads.search.trials import Setting
 
+_SHARED: dict[str, tuple[tuple[str, ...], dict[str, Any]]] = {
+    "autopilot": (("--autopilot",), {"metavar": "NAME", "help": "driver: module:name, reference, or a traffic policy"}),
+    "sut": (("--sut",), {"metavar": "COMMAND", "help": "driver: a program that speaks the protocol of stacks"}),
+    "simulator": (("--simulator",), {"metavar": "NAME", "help": "simulator of the runs, a name or module:name"}),
+    "traffic": (("--traffic",), {"metavar": "POLICY", "help": "driver of the other vehicles (default: reference)"}),
+    "occupancy": (
+        ("--occupancy",),
+        {"choices": ("arms", "lanes"), "default": "arms", "help": "a vehicle per arm or per lane (default: arms)"},
+    ),
+    "rules": (
+        ("--rules",),
+        {"action": "append", "metavar": "RULE", "help": "a rule, rulebook or file of rules; repeatable (default: road)"},
+    ),
+    "map": (("--map",), {"metavar": "FILE", "help": f"map file ({MAP_FORMATS}) of the junction"}),
+    "junction": (("--junction",), {"metavar": "ID", "help": "junction: an id in the map, or a built-in name"}),
+    "workers": (
+        ("-j", "--workers"),
+        {
+            "metavar": "N|ADDRESS",
+            "help": "number of processes (default: one per processor), or the Dask scheduler whose workers are used, such as "
+            "tcp://10.0.0.1:8786",
+        },
+    ),
+    "baseline": (("--baseline",), {"metavar": "FILE.json", "help": "report of an earlier session, to compare with"}),
+    "strict": (("--strict",), {"action": "store_true", "help": "stop at the first line that can't be read"}),
+    "json": (("--json",), {"action": "store_true", "help": "print one JSON object"}),
+    "svg": (("--svg",), {"metavar": "OUT", "help": "also draw the answer into this file"}),
+    "output": (("-o", "--output"), {"metavar": "OUT", "help": "file to write"}),
+}
+"""The options that several commands have, each declared once: flags, and settings of `argparse`."""
 _PATIENCE = 20
 """Longest time for a scheduler to answer, at the beginning and after a lost connection [s]."""
 
 
+def share(parser: argparse._ActionsContainer, *names: str, **changed: Any) -> None:
+    """Add options that several commands have; `changed` replaces settings of `argparse` that differ at this command."""
+    for name in names:
+        flags, settings = _SHARED[name]
+        parser.add_argument(*flags, **(settings | changed))
+
+
 def declare_driver(parser: argparse.ArgumentParser) -> None:
     """Add the options ``--autopilot`` and ``--sut``, which name the driver of the vehicle under test, to a command."""
-    drives = parser.add_mutually_exclusive_group()
-    drives.add_argument("--autopilot", metavar="NAME", help="driver: module:name, reference, or a traffic policy")
-    drives.add_argument("--sut", metavar="COMMAND", help="driver: a program that speaks the protocol of stacks")
+    share(parser.add_mutually_exclusive_group(), "autopilot", "sut")
 
 
 @contextmanager
@@ -59,32 +94,21 @@ def opened_driver(options: argparse.Namespace) -> Iterator[Any]:
         )
 
 
-def declare_executor(parser: argparse.ArgumentParser) -> None:
-    """Add the options ``-j`` and ``--dask``, which choose the executor of the simulations, to a command."""
-    where = parser.add_mutually_exclusive_group()
-    where.add_argument("-j", "--workers", type=int, metavar="N", help="processes (default: one per processor)")
-    where.add_argument(
-        "--dask", metavar="ADDRESS", help="use the workers of this Dask scheduler instead, such as tcp://10.0.0.1:8786"
-    )
-
-
 @contextmanager
 def opened_executor(options: argparse.Namespace) -> Iterator[Executor | int]:
     """Yield the executor that the options name, for `spread` and `campaign`; a connection to a scheduler is closed at the end."""
-    if options.workers is not None and options.workers < 1:
-        raise ScenarioError(f"--workers must be at least 1, got {options.workers}")
-    if options.dask is None:
-        yield Apart(options.workers or os.cpu_count() or 1)
+    if options.workers is None or options.workers.lstrip("-").isdecimal():
+        yield Apart(processes(options))
         return
     if not find_spec("distributed"):
-        raise RvadsError(needs("--dask", "distributed", "dask"))
+        raise RvadsError(needs("-j ADDRESS", "distributed", "dask"))
     from distributed import Client
 
     try:
-        client = Client(options.dask, timeout=_PATIENCE, set_as_default=False)
+        client = Client(options.workers, timeout=_PATIENCE, set_as_default=False)
     except (OSError, ValueError) as error:
         raise RvadsError(
-            f"no Dask scheduler answers at {options.dask!r} ({type(error).__name__}: {error}): expected an address such as "
+            f"no Dask scheduler answers at {options.workers!r} ({type(error).__name__}: {error}): expected an address such as "
             "tcp://10.0.0.1:8786, as `dask scheduler` prints it"
         ) from error
     try:
@@ -93,12 +117,28 @@ def opened_executor(options: argparse.Namespace) -> Iterator[Executor | int]:
         client.close(timeout=_PATIENCE)
 
 
+def declare_rules(parser: argparse.ArgumentParser) -> None:
+    """Add the option ``--rules`` to a command whose other arguments stand before its options: it takes several rules at once."""
+    help = "rules, rulebooks or files of rules (default: road)"
+    share(parser, "rules", action="extend", nargs="+", help=help)
+
+
+def processes(options: argparse.Namespace, usual: int | None = None) -> int:
+    """Return the number of processes that ``-j`` states, by default `usual` or one per processor."""
+    text = options.workers or str(usual or os.cpu_count() or 1)
+    if not text.lstrip("-").isdecimal():
+        raise ScenarioError(f"--workers must be a number of processes for this command, got {text!r}")
+    if int(text) < 1:
+        raise ScenarioError(f"--workers must be at least 1, got {text}")
+    return int(text)
+
+
 def declare_starts(parser: argparse.ArgumentParser) -> None:
     """Add the options for junctions, driver, traffic, simulator, rules and executor to a command about starts of two vehicles."""
     parser.add_argument("place", metavar="JUNCTION|MAP", help=f"built-in junction, or map file ({MAP_FORMATS})")
-    parser.add_argument("--junction", metavar="ID", help="id of a junction of the map (default: all with conflicting ways)")
+    share(parser, "junction", help="id of a junction of the map (default: all with conflicting ways)")
     declare_driver(parser)
-    parser.add_argument("--traffic", metavar="POLICY", default="reference", help="driver of the other vehicle")
+    share(parser, "traffic", default="reference")
     parser.add_argument(
         "--pedestrians",
         nargs="+",
@@ -106,11 +146,8 @@ def declare_starts(parser: argparse.ArgumentParser) -> None:
         metavar="BEHAVIOUR",
         help="instead of another vehicle, meet a pedestrian on a crosswalk; a behaviour such as steady or darts",
     )
-    parser.add_argument("--simulator", metavar="NAME", help="simulator of the runs, a name or module:name")
-    parser.add_argument(
-        "--rules", nargs="+", default=["road"], metavar="RULE", help="rules, rulebooks or files of rules (default: road)"
-    )
-    declare_executor(parser)
+    share(parser, "simulator", "workers")
+    declare_rules(parser)
 
 
 def setting_of(options: argparse.Namespace, driver: Any) -> Setting:
@@ -119,7 +156,7 @@ def setting_of(options: argparse.Namespace, driver: Any) -> Setting:
     from pytest_rvads.simulators.simulator import named
 
     simulator = named(options.simulator, Path.cwd()) if options.simulator else None
-    return Setting.of(driver, named_rules(options.rules), options.traffic, simulator=simulator)
+    return Setting.of(driver, named_rules(options.rules or ["road"]), options.traffic, simulator=simulator)
 
 
 def map_of(options: argparse.Namespace) -> str | None:
@@ -167,19 +204,19 @@ def places(options: argparse.Namespace) -> Iterator[Junction]:
         raise ScenarioError(f"{map} has no junction with a line of starts, for the reasons above: use another map")
 
 
+def program(options: argparse.Namespace) -> list[str]:
+    """Return the first words of a command line that repeats a command, with the side of traffic if one was stated."""
+    return ["rvads", *(["--hand", options.hand] if getattr(options, "hand", None) else [])]
+
+
 def again(options: argparse.Namespace, place: Junction, id: str) -> str:
     """Return the command that simulates the start with the id `id` once more."""
-    words = ["rvads", "critical", options.place, *(["--junction", place.id] if place.map else []), *_driver_words(options)]
+    words = [*program(options), "critical", options.place, *(["--junction", place.id] if place.map else [])]
+    words += [word for name in ("autopilot", "sut") if (value := getattr(options, name)) for word in (f"--{name}", value)]
     words += ["--traffic", options.traffic] if options.traffic != "reference" else []
     words += ["--simulator", options.simulator] if options.simulator else []
-    words += ["--rules", *options.rules] if options.rules != ["road"] else []
-    words += ["--hand", options.hand] if getattr(options, "hand", None) else []
+    words += ["--rules", *options.rules] if options.rules else []
     return shlex.join([*words, "--start", id])
-
-
-def _driver_words(options: argparse.Namespace) -> list[str]:
-    """Return the options for the driver as arguments of a command line."""
-    return [word for name in ("autopilot", "sut") if (value := getattr(options, name)) for word in (f"--{name}", value)]
 
 
 def start_of(line: Line, lead: int, setting: Setting) -> dict[str, Any]:

@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 from urllib.parse import quote
 
 from pytest_rvads.logic.outcome import Outcome
-from pytest_rvads.report.folders import ATLAS, option, sessions
+from pytest_rvads.report.folders import STARTS, option, sessions
 from pytest_rvads.report.matrix import SAME, member_of, place_of
 from pytest_rvads.report.outline import FAILURES, Block, Causes, Changes, Figures, Head, Notes, RollUp, Section, Verdicts, outline
 from pytest_rvads.report.record import Record, SimulatedItem
@@ -59,7 +59,7 @@ def page(report: Report, folder: Path) -> str:
         "matrices": [_matrix_data(block) for block in blocks if isinstance(block, Verdicts)],
         "statuses": {outcome: outcome.mark for outcome in Outcome.worst_first() if outcome in statuses},
     }
-    return rendered("rvads verdicts", blocks, content, ("pytest_rvads.report", "items"), atlas=_atlas_link(folder))
+    return rendered("rvads verdicts", blocks, content, ("pytest_rvads.report", "items"), starts=_starts_link(folder))
 
 
 def rendered(title: str, blocks: Iterable[Block | Section], content: object, *part: tuple[str, str], **more: str) -> str:
@@ -219,11 +219,11 @@ def _item_data(record: Record, folder: Path, report: Report, session: str) -> di
     }
 
 
-def _atlas_link(folder: Path) -> str:
-    """Return a link to a page of `rvads atlas` in the folder of the page or of all sessions; empty if there is no such page."""
-    for path in (folder / ATLAS, folder.parent / ATLAS):
+def _starts_link(folder: Path) -> str:
+    """Return a link to the page of critical starts in the folder of the page or of all sessions; empty if there is none."""
+    for path in (folder / STARTS, folder.parent / STARTS):
         if path.is_file():
-            return f'<p><a href="{os.path.relpath(path, folder).replace(os.sep, "/")}">atlas of starts</a></p>'
+            return f'<p><a href="{os.path.relpath(path, folder).replace(os.sep, "/")}">critical starts</a></p>'
     return ""
 
 

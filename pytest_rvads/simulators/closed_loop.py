@@ -16,7 +16,6 @@ from pytest_rvads.drivers.traffic import traffic
 from pytest_rvads.geometry.control import Sign
 from pytest_rvads.geometry.finder import find
 from pytest_rvads.geometry.junction import Junction
-from pytest_rvads.geometry.ways import Key
 from pytest_rvads.physics.braking import STANDING, cached, greatest_safe
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Vehicle, Zone
@@ -31,8 +30,8 @@ PROBES = 8
 """Number of speeds that are tried before the bisection, because some autopilots stop from a speed but not from a lower speed."""
 RED = 19.9
 """Time for which entrance 1 of the built-in junction with lights has red [s]."""
-_Job = tuple[str, float, int, str | None, Junction | None, Key | None]
-"""Autopilot, distance [m], aggression, simulator, junction and movement; the last two are None for the built-in junction."""
+_Job = tuple[str, float, int, str | None]
+"""Autopilot, distance [m], aggression and simulator."""
 
 
 def closed_vmax(
@@ -116,49 +115,20 @@ def closed_envelope(
     """Return v(d)max of the autopilot `name` [m/s] over `distances` [m], by aggression."""
     traffic(name, "autopilot")
     named(simulator)
-    jobs: list[_Job] = [(name, float(distance), level, simulator, None, None) for level in aggressions for distance in distances]
+    jobs: list[_Job] = [(name, float(distance), level, simulator) for level in aggressions for distance in distances]
     speeds = list(spread(_speed_of_job, jobs, executor, progress))
     count = len(distances)
     return {level: tuple(speeds[k * count : (k + 1) * count]) for k, level in enumerate(aggressions)}
 
 
-def closed_by_movement(
-    name: str,
-    distances: Sequence[float],
-    place: Junction,
-    *,
-    simulator: str | None = None,
-    executor: Executor | int | None = None,
-    progress: Progress | None = None,
-) -> dict[Key, dict[float, float | None]]:
-    """Return v(d)max of the autopilot `name` [m/s] at aggression 1, by movement of a junction and by distance [m].
-
-    A distance that is longer than the approach of a movement is left out.
-    """
-    traffic(name, "autopilot")
-    named(simulator)
-    jobs: list[_Job] = [
-        (name, float(distance), 1, simulator, place, key)
-        for key in sorted(place.movements)
-        for distance in distances
-        if distance <= place.approach(key[0])
-    ]
-    speeds: dict[Key, dict[float, float | None]] = {key: {} for key in sorted(place.movements)}
-    for (_, distance, _, _, _, key), speed in zip(jobs, spread(_speed_of_job, jobs, executor, progress), strict=True):
-        if key is not None:
-            speeds[key][distance] = speed
-    return speeds
-
-
 def _speed_of_job(job: _Job) -> float | None:
-    name, distance, aggression, simulator, place, movement = job
+    name, distance, aggression, simulator = job
     vehicle, plant = Vehicle(), named(simulator)
 
     def compute() -> float | None:
-        return closed_vmax(distance, traffic(name), aggression, vehicle, plant, place=place, movement=movement)
+        return closed_vmax(distance, traffic(name), aggression, vehicle, plant)
 
     if not isinstance(plant, Planar):  # another simulator can change its answers without a change of the cache's key
         return compute()
     key = {"what": name, "distance": distance, "aggression": aggression, "vehicle": asdict(vehicle)}
-    where = {} if place is None else {"junction": place.digest, "movement": movement}
-    return cached({**key, **where}, compute, plant.engine.library)
+    return cached(key, compute, plant.engine.library)

@@ -142,7 +142,7 @@ def test_what_never_got_done_is_open_in_json(make: Make, tmp_path: Path, capsys:
 def test_a_rule_may_be_called_as_the_indicators(folder: Path, tmp_path: Path, capsys: Read) -> None:
     own = tmp_path / "own.rules"
     own.write_text("[kpis]\ntext = forall a. F a@j\n", encoding="utf-8")
-    main(["check", str(folder / "d1.npz"), "--rules", str(own), "--json", "--kpis"])
+    main(["check", str(folder / "d1.npz"), "--rules", str(own), "--json", "-v"])
     _, found = json.loads(capsys.readouterr().out).values()
     assert found["kpis"]["status"] == "PASS"
     assert {v["agent"]: v["waiting"] for v in found["(kpis)"]["vehicles"]} == {"a0": 0.4, "a2": 2.4}, "ticks 10 to 50, 10 to 250"
@@ -177,7 +177,7 @@ def test_of_many_runs_what_is_wrong_is_printed_and_the_sums(folder: Path, capsys
 
 def test_reports_of_all_formats_hold_a_record_per_run_and_rule(folder: Path, tmp_path: Path, capsys: Read) -> None:
     paths = [tmp_path / f"out{ending}" for ending in FORMATS]
-    reports = [word for path in paths for word in ("--report", str(path))]
+    reports = [word for path in paths for word in ("-o", str(path))]
     assert main(["check", str(folder), "--rules", "p1", "--rules", "p4", *reports]) == 2
     printed = capsys.readouterr().out
     report = load(tmp_path / "out.json")
@@ -196,7 +196,7 @@ def test_reports_of_all_formats_hold_a_record_per_run_and_rule(folder: Path, tmp
     for path in paths:
         assert "8 verdicts on 4 runs: 2 pass, 2 fail, 4 na" in path.read_text(encoding="utf-8").lower()
     assert main(["report", "compare", str(tmp_path / "out.json"), str(tmp_path / "out.json")]) == 0
-    assert main(["check", str(folder), "--report", "out.txt"]) == 2
+    assert main(["check", str(folder), "-o", "out.txt"]) == 2
     assert "a report is a .json" in capsys.readouterr().err
 
 
@@ -408,6 +408,6 @@ def test_whoever_is_interrupted_leaves_nobody_behind(busy: list[str], how: signa
 
 
 def test_what_only_following_asks_for_is_refused_without_it(tmp_path: Path, capsys: Read) -> None:
-    wrong = ["--map", "m.xodr", "--junction", "2", "--strict", "--position-accuracy", "0.1"]
+    wrong = ["--map", "m.xodr", "--junction", "2", "--strict", "--accuracy", "0.1"]
     assert main(["check", str(tmp_path), *wrong]) == 2
-    assert "--map, --junction, --strict, --position-accuracy can't be given without --follow" in capsys.readouterr().err
+    assert "--map, --junction, --strict, --accuracy can't be given without --follow" in capsys.readouterr().err

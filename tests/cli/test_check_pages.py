@@ -82,7 +82,7 @@ def test_the_page_is_that_of_a_test(pytester: pytest.Pytester, capsys: pytest.Ca
         """
     )
     pytester.runpytest("--rvads-keep=kept").assert_outcomes(failed=1)
-    assert main(["check", "kept", "--rules", "p3", "--html", "pages"]) == 1
+    assert main(["check", "kept", "--rules", "p3", "-o", "pages"]) == 1
     (tested,) = (pytester.path / ".rvads" / "1").glob("test_it*.html")
     ((name, time),) = links(pytester.path / "pages" / "index.html")
     checked = (pytester.path / "pages" / name).read_text(encoding="utf-8")
@@ -99,7 +99,7 @@ def test_traffic_is_shown_around_each_violation_with_the_time_of_the_log(
     traffic: Run, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     save_run(traffic, tmp_path / "busy.npz")
-    assert main(["check", str(tmp_path / "busy.npz"), "--rules", "full_stop", "--html", str(tmp_path / "pages")]) == 1
+    assert main(["check", str(tmp_path / "busy.npz"), "--rules", "full_stop", "-o", str(tmp_path / "pages")]) == 1
     # v0 has driven 60 m at 5 m/s when it comes to the entrance; the others follow every 4 s.
     violated = START + ROAD / SPEED + 4.0 * np.arange(20)
     assert f"at t={violated[0]:.2f}"[:-1] in capsys.readouterr().out
@@ -191,7 +191,7 @@ def test_what_is_unsure_is_shown_at_what_it_hangs_on(traffic: Run) -> None:
 def test_without_positions_the_index_explains(make: Make, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     run = make("stop4", {0: (2, 10, 50, 200), 1: (2, 30, 150, 300)}, 400)
     save_run(replace(run, label="<b>drive</b>"), tmp_path / "run.npz")
-    assert main(["check", str(tmp_path / "run.npz"), "--rules", "p1", "--html", str(tmp_path / "pages")]) == 1
+    assert main(["check", str(tmp_path / "run.npz"), "--rules", "p1", "-o", str(tmp_path / "pages")]) == 1
     assert [path.name for path in (tmp_path / "pages").iterdir()] == ["index.html"]
     (item,) = items(tmp_path / "pages" / "index.html")
     assert "holds no positions, so there is nothing to replay" in item["why"]
@@ -213,7 +213,7 @@ def test_an_index_is_written_whatever_ends_it(
         return check(run, rule)
 
     monkeypatch.setattr("pytest_rvads.logic.check.check", interrupted)
-    assert main(["check", str(tmp_path), "--rules", "p1", "--html", str(tmp_path / "pages")]) == 130
+    assert main(["check", str(tmp_path), "--rules", "p1", "-o", str(tmp_path / "pages")]) == 130
     assert "1 verdict on 1 run: 1 fail" in (tmp_path / "pages" / "index.html").read_text(encoding="utf-8")
     assert "INCOMPLETE" in (tmp_path / "pages" / "index.html").read_text(encoding="utf-8")
     assert len(items(tmp_path / "pages" / "index.html")) == 1
@@ -221,8 +221,8 @@ def test_an_index_is_written_whatever_ends_it(
 
 def test_a_folder_that_can_not_be_made_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "file").write_text("")
-    assert main(["check", str(tmp_path / "none.npz"), "--html", str(tmp_path / "file" / "pages")]) == 2
+    assert main(["check", str(tmp_path / "none.npz"), "-o", str(tmp_path / "file" / "pages")]) == 2
     assert capsys.readouterr().err == (
-        f"rvads: --html must name a folder to write to, got '{tmp_path}/file/pages', which can't be made (Not a directory): name "
+        f"rvads: -o must name a folder to write to, got '{tmp_path}/file/pages', which can't be made (Not a directory): name "
         "another folder\n"
     )

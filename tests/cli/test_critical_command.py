@@ -1,4 +1,4 @@
-"""``rvads critical``, ``rvads atlas`` and ``rvads dynamics``: tables, JSON, pages and exit statuses."""
+"""``rvads critical``, with ``--all-lines``, and ``rvads dynamics``: tables, JSON, pages and exit statuses."""
 
 import json
 import math
@@ -12,7 +12,7 @@ from xml.etree import ElementTree
 import pytest
 
 import pytest_rvads as rvads
-from pytest_rvads.cli import atlas_command, main
+from pytest_rvads.cli import all_lines, main
 from pytest_rvads.geometry.builtin import path_of
 from pytest_rvads.logic.check import check
 from pytest_rvads.logic.judging.verdicts import Status
@@ -154,13 +154,13 @@ def test_pedestrian_takes_the_place_of_the_other_vehicle(
     assert from_id(start["id"]).pedestrians[0].difference == start["lead"]
     main(["critical", *walked, "--start", start["id"]])
     assert f"p0 steady from the near side of crosswalk 0, {abs(start['lead']):g} s" in capsys.readouterr().out
-    main(["atlas", *walked, "--probes", "2", "--json", "atlas.json", "-o", "atlas.html"])
-    (certificate,) = json.loads(Path("atlas.json").read_text())["atlases"]
+    main(["critical", *walked, "--all-lines", "--probes", "2", "--json", "-o", "lines.html"])
+    (certificate,) = json.loads(capsys.readouterr().out)["atlases"]
     ((strip,),) = certificate["groups"]
     assert (certificate["pedestrians"], strip["title"]) == (["steady"], "0->2 meets 0n.steady")
     turn = next(piece["from"] for piece in strip["pieces"] if piece["order"] == "goes")
     assert turn == start["lead"], "both searches find the same turn"
-    assert "the arrival of the pedestrian minus" in Path("atlas.html").read_text()
+    assert "the arrival of the pedestrian minus" in Path("lines.html").read_text()
 
 
 @pytest.mark.parametrize(("answer", "status"), [(passing, 0), (colliding, 1), (not_asked, 5)])
@@ -188,26 +188,32 @@ def test_exit_status_is_5_if_no_start_has_room(capsys: Read, choose: Callable[[S
         (("critical", "stop5", "--autopilot", "reference"), r"'stop5' is no built-in junction \(.*stop4.*\) and no file"),
         (("critical", "stop3", "--autopilot", "reference", "--junction", "1"), "--junction names a junction of a map"),
         (("critical", "stop3", "--autopilot", "reference", "--rules", "no_colision"), "did you mean 'no_collision'"),
-        (("critical", "stop3", "--autopilot", "reference", "-o", "replay.html"), "-o writes the replay of one start: .*--start"),
+        (
+            ("critical", "stop3", "--autopilot", "reference", "-o", "replay.html"),
+            "-o writes the replay of one start, .* give --start",
+        ),
         (("critical", "stop3"), "no driver is named"),
         (("critical", "stop3", "--autopilot", "referense"), "did you mean 'reference'"),
         (("critical", "stop3", "--autopilot", "reference", "-j", "0"), "--workers must be at least 1, got 0"),
         (("critical", "stop3", "--autopilot", "reference", "--start", "nonsense"), "'nonsense' is no id of a scenario"),
         ((*CRITICAL, "--start", ""), "--start needs a value, got ''"),
         ((*CRITICAL, "--start="), "--start needs a value, got ''"),
-        (("atlas", "stop3", "--autopilot", "reference", "-o", ""), "-o needs a value, got ''"),
+        (("critical", "stop3", "--all-lines", "--autopilot", "reference", "-o", ""), "-o needs a value, got ''"),
         (("critical", STOP4, "--autopilot", "reference", "--junction", ""), "--junction needs a value, got ''"),
         (("critical", "stop3", "--sut", "./no_such_program"), "--sut must be the command of a program that exists"),
         (("dynamics", "--sut", "no_such_program"), "--sut must be the command of a program that exists"),
-        (("calibrate", "--sut", "no_such_program"), "--sut must be the command of a program that exists"),
+        (("dynamics", "pedals", "--sut", "no_such_program"), "--sut must be the command of a program that exists"),
         (("critical", "stop5", "--autopilot", "reference", "--start", START), "'stop5' is no built-in junction"),
         (("critical", "stop4", "--autopilot", "reference", "--start", START), "--start is at junction 'stop3', .* names 'stop4'"),
         ((*CRITICAL, "--start", START, "--json"), "--json prints lines of starts, .* leave one of the two out"),
         ((*CRITICAL, "--pedestrians", "stedy"), "pedestrians have the behaviours .* did you mean 'steady'"),
         (("critical", STOP4, "--autopilot", "reference", "--pedestrians", "stedy"), "did you mean 'steady'"),
-        (("atlas", STOP4, "--autopilot", "reference", "-o", "/"), "-o must name a file to write, got '/', .*: name another file"),
-        (("atlas", "stop5", "--autopilot", "reference"), "'stop5' is no built-in junction"),
-        (("atlas", "stop3", "--autopilot", "reference", "--probes", "-1"), "--probes must be a number .* got -1"),
+        (
+            ("critical", STOP4, "--all-lines", "--autopilot", "reference", "-o", "/"),
+            "-o must name a file to write, got '/', .*: name another file",
+        ),
+        (("critical", "stop5", "--all-lines", "--autopilot", "reference"), "'stop5' is no built-in junction"),
+        (("critical", "stop3", "--autopilot", "reference", "--probes", "-1"), "--probes must be a number .* got -1"),
         (("dynamics",), "no driver is named"),
     ],
 )
@@ -219,10 +225,10 @@ def test_wrong_arguments_are_refused_in_one_line(capsys: Read, arguments: Sequen
     assert re.search(message, err)
 
 
-@pytest.mark.parametrize("command", ["critical", "atlas"])
-def test_map_without_a_line_of_starts_is_refused(command: str, capsys: Read, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("option", [(), ("--all-lines",)])
+def test_map_without_a_line_of_starts_is_refused(option: tuple[str, ...], capsys: Read, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(starts, "lines_at", lines_at)
-    assert main([command, STOP4, "--autopilot", "reference", "--pedestrians", "steady"]) == 2
+    assert main(["critical", STOP4, *option, "--autopilot", "reference", "--pedestrians", "steady"]) == 2
     reason, refused = capsys.readouterr().err.splitlines()
     assert "no way of junction 'stop4.1' from seats [0, 1, 2, 3] gives way to pedestrians" in reason
     assert refused == f"rvads: {STOP4} has no junction with a line of starts, for the reasons above: use another map"
@@ -261,24 +267,27 @@ def test_interrupted_search_shows_the_lines_before(capsys: Read, monkeypatch: py
 
 
 @pytest.mark.usefixtures("interrupted")
-def test_interrupted_atlas_has_the_junctions_before(tmp_path: Path, capsys: Read, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_interrupted_search_of_all_lines_has_the_junctions_before(
+    tmp_path: Path, capsys: Read, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(atlas, "lines_at", lambda place, **_: (GROUP[:1] if place.name == "stop3" else GROUP[1:],))
-    monkeypatch.setattr(atlas_command, "places", lambda _: map(rvads.find, ("stop3", "stop4")))
-    page, file = tmp_path / "atlas.html", tmp_path / "atlas.json"
-    assert main(["atlas", *CRITICAL[1:], "--probes", "0", "-o", str(page), "--json", str(file)]) == 130
-    assert [certificate["junction"] for certificate in json.loads(file.read_text("utf-8"))["atlases"]] == ["stop3"]
+    monkeypatch.setattr(all_lines, "places", lambda _: map(rvads.find, ("stop3", "stop4")))
+    page = tmp_path / "lines.html"
+    assert main([*CRITICAL, "--all-lines", "--probes", "0", "-o", str(page), "--json"]) == 130
+    out, err = capsys.readouterr()
+    assert [certificate["junction"] for certificate in json.loads(out)["atlases"]] == ["stop3"]
     assert "no_collision FAIL from +0.50 to +0.99 s" in page.read_text("utf-8")
-    assert capsys.readouterr().err.splitlines()[-2:] == [
-        "rvads: INCOMPLETE: the atlas ends before junction stop4",
+    assert err.splitlines()[-2:] == [
+        "rvads: INCOMPLETE: the search ended before junction stop4",
         "rvads: interrupted",
     ]
 
 
-def test_atlas_repeats_a_failing_start_of_every_row(make: Make, tmp_path: Path, choose: Callable[[Sequence[Line]], None]) -> None:
+def test_page_repeats_a_failing_start_of_every_row(make: Make, tmp_path: Path, choose: Callable[[Sequence[Line]], None]) -> None:
     choose(GROUP)
-    page = tmp_path / "atlas.html"
+    page = tmp_path / "lines.html"
     with judged_by([passing, colliding, colliding], make):
-        main(["atlas", *CRITICAL[1:], "--probes", "0", "-o", str(page)])
+        main([*CRITICAL, "--all-lines", "--probes", "0", "-o", str(page)])
     text = page.read_text("utf-8")
     assert text.count('<rect class="band') == 2 + 3, "the strips of the two colliding seats share a row"
     assert re.findall("<li>(.*?)<code", text) == ["1-&gt;2 meets 0-&gt;2: no_collision FAIL from +0.50 to +0.99 s"]
@@ -331,11 +340,11 @@ def test_one_start_that_no_rule_is_about_has_exit_status_5(capsys: Read) -> None
     assert "none of the rules is about junction 'stop3': choose others by --rules" in capsys.readouterr().err
 
 
-def test_atlas_with_an_error_on_a_line_draws_the_other_lines(
+def test_page_with_an_error_on_a_line_draws_the_other_lines(
     make: Make, tmp_path: Path, capsys: Read, choose: Callable[[Sequence[Line]], None]
 ) -> None:
     choose(GROUP)
-    page, file = tmp_path / "atlas.html", tmp_path / "atlas.json"
+    page = tmp_path / "lines.html"
     with judged_by(colliding, make), pytest.MonkeyPatch.context() as patch:
         judged = Setting.judged
 
@@ -345,9 +354,10 @@ def test_atlas_with_an_error_on_a_line_draws_the_other_lines(
             return judged(self, scenario)
 
         patch.setattr(Setting, "judged", divides_by_zero)
-        status = main(["atlas", *CRITICAL[1:], "--probes", "40", "-o", str(page), "--json", str(file)])
-    assert status == 1
-    failing, *others = json.loads(file.read_text("utf-8"))["atlases"][0]["groups"][0]
+        command = [*CRITICAL, "--all-lines", "--probes", "40", "-o", str(page)]
+        assert main([*command, "--json"]) == 1
+        failing, *others = json.loads(capsys.readouterr().out)["atlases"][0]["groups"][0]
+        assert main(command) == 1
     assert (failing["error"], failing["pieces"]) == ("the driver divides by zero", [])
     assert [(strip["error"], len(strip["pieces"])) for strip in others] == [("", 3)] * len(others)
     summary, told, *_ = capsys.readouterr().out.splitlines()
@@ -359,19 +369,20 @@ def test_atlas_with_an_error_on_a_line_draws_the_other_lines(
     assert "0-&gt;1 meets 2-&gt;1: ERROR: the driver divides by zero" in text
 
 
-def test_atlas_writes_a_page_and_a_certificate(make: Make, tmp_path: Path, capsys: Read) -> None:
-    page, file = tmp_path / "atlas.html", tmp_path / "atlas.json"
+def test_all_lines_write_a_page_and_a_certificate(make: Make, tmp_path: Path, capsys: Read) -> None:
+    page = tmp_path / "lines.html"
     with judged_by(colliding, make):
-        status = main(["atlas", *CRITICAL[1:], "--probes", "40", "--seed", "3", "-o", str(page), "--json", str(file)])
-    assert status == 0
+        command = [*CRITICAL, "--all-lines", "--probes", "40", "-o", str(page)]
+        assert main([*command, "--json"]) == 0
+        certificates = json.loads(capsys.readouterr().out)
+        assert main(command) == 0
     out = capsys.readouterr().out.splitlines()
-    certificates = json.loads(file.read_text("utf-8"))
     assert certificates["version"] == 1
     (certificate,) = certificates["atlases"]
     ((strip,),) = certificate["groups"]
     assert certificate["driver"] == "reference"
     assert certificate["digest"] == rvads.find("stop3").digest
-    assert (certificate["probes"], certificate["seed"], certificate["differing"]) == (40, 3, [])
+    assert (certificate["probes"], certificate["differing"]) == (40, [])
     spans = [(piece["from"], piece["to"], piece["order"], piece["status"], piece["rule"]) for piece in strip["pieces"]]
     assert spans == [
         (-6.0, 0.49, "waits", "PASS", ""),
@@ -388,22 +399,21 @@ def test_atlas_writes_a_page_and_a_certificate(make: Make, tmp_path: Path, capsy
     assert strip["pieces"][1]["rerun"].startswith(
         "rvads critical stop3 --autopilot reference --rules no_collision --start stop3-"
     )
-    assert out[1:] == [f"wrote {page}", f"wrote {file}"]
+    assert out[1:] == [f"wrote {page}"]
     text = page.read_text("utf-8")
     assert text.count('<rect class="band') == 3
     assert "0-&gt;1 meets 2-&gt;1" in text
     assert "no_collision FAIL from +0.50 to +0.99 s" in text
 
 
-def test_atlas_with_a_differing_probe_has_exit_status_1(make: Make, tmp_path: Path) -> None:
+def test_differing_probe_has_exit_status_1(make: Make, tmp_path: Path, capsys: Read) -> None:
     def narrow(lead: int) -> tuple[bool, Mapping[str, Status]]:
         """Fail between two starts of the grid, 0.00 and 0.50 s."""
         return False, {"no_collision": Status.FAIL if 5 <= lead < 45 else Status.PASS}
 
-    file = tmp_path / "atlas.json"
     with judged_by(narrow, make):
-        assert main(["atlas", *CRITICAL[1:], "-o", str(tmp_path / "atlas.html"), "--json", str(file)]) == 1
-    (certificate,) = json.loads(file.read_text("utf-8"))["atlases"]
+        assert main([*CRITICAL, "--all-lines", "-o", str(tmp_path / "lines.html"), "--json"]) == 1
+    (certificate,) = json.loads(capsys.readouterr().out)["atlases"]
     assert certificate["probes"] == 250
     assert certificate["differing"]
     for probe in certificate["differing"]:
@@ -411,11 +421,11 @@ def test_atlas_with_a_differing_probe_has_exit_status_1(make: Make, tmp_path: Pa
         assert 0.05 <= probe["lead"] < 0.45
 
 
-def test_page_of_an_atlas_does_not_depend_on_when_it_is_written(make: Make, tmp_path: Path) -> None:
+def test_page_of_all_lines_does_not_depend_on_when_it_is_written(make: Make, tmp_path: Path) -> None:
     pages = [tmp_path / name for name in ("a.html", "b.html")]
     for page in pages:
         with judged_by(colliding, make):
-            main(["atlas", *CRITICAL[1:], "--probes", "0", "-o", str(page)])
+            main([*CRITICAL, "--all-lines", "--probes", "0", "-o", str(page)])
     assert pages[0].read_bytes() == pages[1].read_bytes()
 
 

@@ -18,8 +18,8 @@ COMMANDS = {
     "town": ("town", MAP, "--sample", "1", "-j", "1"),
     "critical": ("critical", "stop3", "-j", "1", "--rules", "full_stop"),
     "start": ("critical", "stop3", "--start", START),
-    "atlas": ("atlas", "stop3", "-j", "1", "--probes", "0", "--rules", "full_stop"),
-    "calibrate": ("calibrate",),
+    "all_lines": ("critical", "stop3", "--all-lines", "-j", "1", "--probes", "0", "--rules", "full_stop"),
+    "pedals": ("dynamics", "pedals"),
     "dynamics": ("dynamics",),
 }
 EXITS = """
@@ -122,7 +122,7 @@ def test_module_that_ends_in_any_way_at_its_import_is_refused(
 ) -> None:
     Path("exiting.py").write_text(EXITS.format(end=end))
     words = ("--autopilot", "reference") if option == "--simulator" else ()
-    assert reason in sentence(capsys, "calibrate", *words, option, "exiting:Mine")
+    assert reason in sentence(capsys, *COMMANDS["pedals"], *words, option, "exiting:Mine")
 
 
 def test_module_of_a_driver_in_a_league_is_named_with_its_entry(capsys: pytest.CaptureFixture[str]) -> None:
@@ -141,7 +141,7 @@ def test_driver_that_ends_its_process_is_no_pass(command: str) -> None:
 
 
 @pytest.mark.parametrize("driver", ["Exits", "ExitsEarly"])
-@pytest.mark.parametrize("command", ["start", "calibrate"])
+@pytest.mark.parametrize("command", ["start", "pedals"])
 def test_driver_that_exits_is_a_fault(command: str, driver: str, capsys: pytest.CaptureFixture[str]) -> None:
     status = main([*COMMANDS[command], "--autopilot", f"ending:{driver}"])
     assert status == (1 if command == "start" else 2)
@@ -151,8 +151,8 @@ def test_driver_that_exits_is_a_fault(command: str, driver: str, capsys: pytest.
 
 def test_simulator_that_exits_is_an_error(capsys: pytest.CaptureFixture[str]) -> None:
     words = ("--simulator", "ending:simulator")
-    assert "called raised SystemExit: 0 (ending.py:" in sentence(capsys, "braking", *words)
-    assert "called raised SystemExit: 0 (ending.py:" in sentence(capsys, "calibrate", "--autopilot", "reference", *words)
+    assert "called raised SystemExit: 0 (ending.py:" in sentence(capsys, "dynamics", "braking", *words)
+    assert "called raised SystemExit: 0 (ending.py:" in sentence(capsys, *COMMANDS["pedals"], "--autopilot", "reference", *words)
 
 
 def test_driver_that_hangs_and_catches_everything_ends_its_process() -> None:

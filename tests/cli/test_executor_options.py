@@ -8,13 +8,13 @@ from typing import Any
 import pytest
 
 from pytest_rvads.cli import main, shared_options
-from pytest_rvads.cli.shared_options import declare_executor, opened_executor
+from pytest_rvads.cli.shared_options import opened_executor, share
 from pytest_rvads.support.errors import RvadsError
 
 
 def parsed(*arguments: str) -> argparse.Namespace:
     parser = argparse.ArgumentParser()
-    declare_executor(parser)
+    share(parser, "workers")
     return parser.parse_args(arguments)
 
 
@@ -27,9 +27,8 @@ def test_processes_are_counted(arguments: tuple[str, ...], executor: int | None)
 def test_a_command_takes_processes_or_a_scheduler(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["paper", "-j", "0"]) == 2
     assert "--workers must be at least 1, got 0" in capsys.readouterr().err
-    with pytest.raises(SystemExit, match="2"):
-        main(["paper", "-j", "2", "--dask", "tcp://127.0.0.1:8786"])
-    assert "not allowed with argument" in capsys.readouterr().err
+    assert main(["check", "run.npz", "-j", "tcp://127.0.0.1:8786"]) == 2
+    assert "--workers must be a number of processes for this command" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:1", "nowhere at all"])
@@ -38,7 +37,7 @@ def test_where_no_scheduler_answers_it_is_said(address: str, monkeypatch: pytest
     monkeypatch.setattr(shared_options, "_PATIENCE", 0.5)
     with (
         pytest.raises(RvadsError, match=f"no Dask scheduler answers at '{address}' .*expected an address"),
-        opened_executor(parsed("--dask", address)),
+        opened_executor(parsed("-j", address)),
     ):
         pass
 
@@ -49,5 +48,5 @@ def test_a_missing_library_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr(shared_options, "find_spec", find)
     assert util.find_spec is not find
-    with pytest.raises(RvadsError, match=r"pip install 'pytest-rvads\[dask\]'"), opened_executor(parsed("--dask", "x")):
+    with pytest.raises(RvadsError, match=r"pip install 'pytest-rvads\[dask\]'"), opened_executor(parsed("-j", "x")):
         pass

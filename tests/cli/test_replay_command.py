@@ -292,8 +292,7 @@ def make_slower(session: Path) -> Callable[[], Run]:
             "no session of pytest has left anything in nowhere: run pytest in this folder first, or name ",
         ),
         (("--session", "0"), "there is no session 0 in .rvads, there are 1"),
-        (("--all", "-o", "x.html"), "--all writes many pages, each into the folder of the session: leave --output and --svg out"),
-        (("--all", "--svg", "x.svg"), "--all writes many pages"),
+        (("--all", "-o", "x.html"), "--all writes many pages, each into the folder of the session: leave --output out"),
         ((UNDRAWN, "--rules", "none.rules"), "none.rules: can't be read: No such file or directory"),
         ((UNDRAWN, "--baseline", "none.json"), "none.json can't be read as a report of --rvads-report: "),
         (("none.npz",), "none.npz: can't be read: No such file or directory"),
@@ -428,7 +427,7 @@ def test_a_file_is_judged_by_one_rule_that_there_is(session: Path, said: Said, r
 
 
 def test_an_animated_picture_is_of_the_moment(session: Path, said: Said) -> None:
-    status, out, _ = said(UNDRAWN, "--svg", "out/a.svg")
+    status, out, _ = said(UNDRAWN, "-o", "out/a.svg")
     record = report_of(session)[UNDRAWN]
     assert (status, out) == (0, ["out/a.svg", f"  {record['message']}"])
     (verdict,) = record["verdicts"]
@@ -436,4 +435,4 @@ def test_an_animated_picture_is_of_the_moment(session: Path, said: Said) -> None
     told = {"title": verdict["message"], "responsible": tuple(verdict["responsible"]), "around": verdict["time"]}
     assert Path("out/a.svg").read_text(encoding="utf-8") == animated(run, **told)
     assert not page_of(session, UNDRAWN).exists()
-    assert said(UNDRAWN, "--svg", "b.svg", "-o", "b.html")[1][:2] == ["b.svg", "b.html#t=1.68"]
+    assert said(UNDRAWN, "-o", "b.html")[1][0] == "b.html#t=1.68"

@@ -138,5 +138,5 @@ def test_states_of_a_stream_without_lights(tmp_path: Path, capsys: pytest.Captur
     stream.write_text("\n".join(map(json.dumps, lines)) + "\n")
     with stream.open() as opened, pytest.MonkeyPatch.context() as patch:
         patch.setattr("sys.stdin", opened)
-        main(["check", "--follow", "-", "--junction", "light4", "--rules", "progress", "--json", "--position-accuracy", "0"])
+        main(["check", "--follow", "-", "--junction", "light4", "--rules", "progress", "--json", "--accuracy", "0"])
     assert json.loads(capsys.readouterr().out.splitlines()[0])["status"] == "UNSURE"

@@ -92,13 +92,13 @@ def test_texts_of_margins_and_rooms() -> None:
 
 
 def test_null_models_are_printed_without_a_simulation(capsys: pytest.CaptureFixture[str]) -> None:
-    assert cli.main(["paper", "--null-models"]) == 0
+    assert cli.main(["paper", "null-models"]) == 0
     assert "by rule and configuration        117 of 120" in capsys.readouterr().out.splitlines()
 
 
-@pytest.mark.parametrize("wrong", [["--json"], ["--strict"], ["--svg", "x.svg"]])
+@pytest.mark.parametrize("wrong", [["--json"], ["--simulator", "bullet"], ["--svg", "x.svg"]])
 def test_options_of_the_tables_are_refused_with_evidence(wrong: list[str], capsys: pytest.CaptureFixture[str]) -> None:
-    assert cli.main(["paper", "--null-models", *wrong]) == 2
+    assert cli.main(["paper", "null-models", *wrong]) == 2
     assert "options of the tables" in capsys.readouterr().err
 
 
@@ -152,10 +152,10 @@ def test_command_writes_two_pictures_per_rule(
     pictures: dict[str, Snapshot], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr("pytest_rvads.satellites.paper.evidence.snapshots", lambda: pictures)
-    assert cli.main(["paper", "--snapshots", str(tmp_path / "new")]) == 0
+    assert cli.main(["paper", "snapshots", "--svg", str(tmp_path / "new")]) == 0
     written = capsys.readouterr().out.splitlines()
     assert [Path(name).name for name in written] == [f"p{k}-{moment}.svg" for k in range(1, 7) for moment in ("before", "broken")]
     assert (tmp_path / "new" / "p3-broken.svg").read_text() == pictures["p3"].broken
     (tmp_path / "file").write_text("")
-    assert cli.main(["paper", "--snapshots", str(tmp_path / "file")]) == 2
+    assert cli.main(["paper", "snapshots", "--svg", str(tmp_path / "file")]) == 2
     assert capsys.readouterr().err.count("\n") == 1

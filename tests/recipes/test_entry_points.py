@@ -94,9 +94,9 @@ def test_map_format_of_another_package_is_read_by_its_suffix(tmp_path: Path) -> 
             ("import", "x.beacons", "--format", "bacons"),
             "is no format of tracks, known are csv, .*beacons.*did you mean 'beacons'",
         ),
-        (("braking", "--simulator", "mine"), "simulator 'mine' needs the package no_such_library"),
-        (("braking", "--simulator", "gone"), "simulator 'gone' can't be loaded: No module named 'no_such_module'"),
-        (("braking", "--simulator", "men"), "there is bullet, mujoco, gone, mine, sumo, .*did you mean 'mine'"),
+        (("dynamics", "braking", "--simulator", "mine"), "simulator 'mine' needs the package no_such_library"),
+        (("dynamics", "braking", "--simulator", "gone"), "simulator 'gone' can't be loaded: No module named 'no_such_module'"),
+        (("dynamics", "braking", "--simulator", "men"), "there is bullet, mujoco, gone, mine, sumo, .*did you mean 'mine'"),
     ],
 )
 def test_names_of_another_package_are_known_to_commands(tmp_path: Path, words: tuple[str, ...], message: str) -> None:
@@ -113,12 +113,14 @@ def test_report_format_of_another_package_is_written_by_sessions_check_town_and_
     (tmp_path / "cross.xodr").write_bytes(path_of("stop4").read_bytes())
     names = ("out/session.words", "out/session.octets", "out/session.json")
     run(tmp_path, *(f"--rvads-report={name}" for name in names), "--rvads-keep=kept", program=PYTEST)
-    run(tmp_path, "check", "kept", "--rules", "p1", "--report", "out/check.words")
+    run(tmp_path, "check", "kept", "--rules", "p1", "-o", "out/check.words")
     town = ("town", "cross.xodr", "--autopilot", "reference", "--rules", "p1", "--sample", "1")
-    run(tmp_path, *town, "--report", "out/town.words")
+    run(tmp_path, *town, "-o", "town")
+    (results,) = (tmp_path / "town").glob("results-*.jsonl")
+    run(tmp_path, "report", "merge", str(results), "-o", "out/town.words")
     run(tmp_path, "report", "compare", names[2], names[2], "-o", "out/comparison.words")
     written = {path.stem: path.read_text(encoding="utf-8") for path in (tmp_path / "out").glob("*.words")}
     assert written == {"session": "2 items, out", "check": "1 items, out", "town": "1 items, out", "comparison": "2 items, out"}
     assert (tmp_path / "out/session.octets").read_bytes() == b"\xff\x02"
-    refused = run(tmp_path, "check", "kept", "--report", "check.wirds")
+    refused = run(tmp_path, "check", "kept", "-o", "check.wirds")
     assert "a report is a .json, .html, .md, .csv, .xml, .octets, .words file, got 'check.wirds'" in refused.stderr

@@ -229,9 +229,9 @@ def test_nothing_breaks_the_tables_or_the_folds_of_markdown(text: str) -> None:
     assert "\n- began " in rendered
 
 
-def test_page_links_to_an_atlas_in_the_folder_of_artefacts(tmp_path: Path) -> None:
+def test_page_links_to_critical_starts_in_the_folder_of_artefacts(tmp_path: Path) -> None:
     folder = tmp_path / ".rvads" / "3"
     folder.mkdir(parents=True)
-    assert "atlas of starts" not in page(ONE, folder)
-    (tmp_path / ".rvads" / "atlas.html").touch()
-    assert '<a href="../atlas.html">atlas of starts</a>' in page(ONE, folder)
+    assert "critical starts" not in page(ONE, folder)
+    (tmp_path / ".rvads" / "critical.html").touch()
+    assert '<a href="../critical.html">critical starts</a>' in page(ONE, folder)

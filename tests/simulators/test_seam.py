@@ -117,13 +117,13 @@ def test_a_search_starts_within_the_envelope_of_what_simulates() -> None:
 @pytest.mark.extended
 @pytest.mark.usefixtures("own")
 def test_commands_take_a_simulator(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["braking", "--simulator", "own:counting", "--json"]) == 0
+    assert main(["dynamics", "braking", "--simulator", "own:counting", "--json"]) == 0
     assert {speed for row in json.loads(capsys.readouterr().out).values() for speed in row.values()} == {1.0}
     arguments = ["--deficiency", "I3", "--seeds", "1", "--budget", "1", "--workers", "1"]
     assert power.main(["--simulator", "own:counting", *arguments]) == 0
     assert Path("runs").read_text()
     for command, words in (
-        (main, ["braking"]),
+        (main, ["dynamics", "braking"]),
         (power.main, arguments),
         (power.main, ["--mutants"]),
         (prediction.main, ["--jsonl"]),

@@ -1,4 +1,4 @@
-"""`rvads braking`: table, picture, JSON, and the closed loop of a named autopilot."""
+"""`rvads dynamics braking`: table, picture, JSON, and the closed loop of a named autopilot."""
 
 import json
 from pathlib import Path
@@ -7,7 +7,7 @@ from xml.etree import ElementTree
 import pytest
 
 from pytest_rvads import cli
-from pytest_rvads.cli import braking_commands as driving
+from pytest_rvads.cli import dynamics_command as driving
 from pytest_rvads.cli.common import progress
 from pytest_rvads.report.draw.curves import draw_braking
 from pytest_rvads.simulators.closed_loop import closed_envelope
@@ -30,7 +30,7 @@ def test_an_unknown_autopilot_is_refused_before_any_run() -> None:
 
 
 def test_the_command_names_the_nearest_autopilot(capsys: pytest.CaptureFixture[str]) -> None:
-    assert cli.main(["braking", "--autopilot", "lsgvl"]) == 2
+    assert cli.main(["dynamics", "braking", "--autopilot", "lsgvl"]) == 2
     out, err = capsys.readouterr()
     assert out == ""
     assert err.count("\n") == 1
@@ -45,7 +45,7 @@ def test_the_command_answers_for_an_autopilot(
     monkeypatch.setattr(driving, "_CURVE", (0.3, 10.0))
     monkeypatch.setenv("RVADS_CACHE", str(tmp_path / "cache"))
     picture = tmp_path / "lgsvl.svg"
-    assert cli.main(["braking", "--autopilot", "lgsvl", "--json", "--svg", str(picture)]) == 0
+    assert cli.main(["dynamics", "braking", "--autopilot", "lgsvl", "--json", "--svg", str(picture)]) == 0
     out, err = capsys.readouterr()
     assert err == "", "nothing but JSON"
     table = json.loads(out)
@@ -53,7 +53,7 @@ def test_the_command_answers_for_an_autopilot(
     assert all(table[level]["0.3"] > 0 for level in "123")
     words = [node.text for node in ElementTree.parse(picture).getroot().iter(f"{SVG}text")]
     assert words.count("×") == 3
-    assert cli.main(["braking", "--autopilot", "lgsvl"]) == 0
+    assert cli.main(["dynamics", "braking", "--autopilot", "lgsvl"]) == 0
     out, err = capsys.readouterr()
     assert "  0.01          none          none          none" in out.splitlines()
     assert err.splitlines() == ["2/6 runs", "3/6 runs", "5/6 runs", "6/6 runs"], "a line per quarter, where nobody watches"

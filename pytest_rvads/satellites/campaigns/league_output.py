@@ -43,7 +43,7 @@ _LARGEST = 2**26
 """Largest file of critical starts that is read [bytes]."""
 
 
-def judge_league(path: Path, folder: Path, report: Path | None, executor: Executor | int | None) -> int:
+def judge_league(path: Path, folder: Path, executor: Executor | int | None) -> int:
     """Judge the drivers of a league, print a line per driver, write the page, and return the exit status."""
     config = Config.read(path)
     league = League(config, path)
@@ -74,8 +74,7 @@ def judge_league(path: Path, folder: Path, report: Path | None, executor: Execut
         "drivers": drivers,
     }
     write_file(folder / "league.html", league_page(content, f"rvads league: {path.stem}").encode())
-    if report is not None:
-        write_file(report, msgspec.json.format(encode(content), indent=1) + b"\n")
+    write_file(folder / "league.json", msgspec.json.format(encode(content), indent=1) + b"\n")
     say(f"look: {folder / 'league.html'}")
     statuses = {outcome for driver in drivers for counts in driver["verdicts"].values() for outcome in counts}
     statuses |= {Outcome(side["status"]) for driver in drivers for side in driver["sides"]}

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pytest_rvads.cli.common import MAP_FORMATS, Subparsers, listed_rules, make_folder, say, terminable, warn
-from pytest_rvads.cli.shared_options import declare_driver, declare_executor, opened_driver, opened_executor
+from pytest_rvads.cli.shared_options import declare_driver, declare_rules, opened_driver, opened_executor, program, share
 from pytest_rvads.geometry.network import HAND
 from pytest_rvads.report.session_report import NOTHING_JUDGED
 from pytest_rvads.support.errors import RvadsError, ScenarioError
@@ -45,14 +45,10 @@ def declare(commands: Subparsers) -> None:
     town = commands.add_parser("town", help="judge a controller at all junctions of maps", description=_DESCRIPTION)
     town.add_argument("maps", nargs="+", metavar="MAP", help=f"map file ({MAP_FORMATS})")
     declare_driver(town)
-    town.add_argument("--simulator", metavar="NAME", help="simulator of the runs, a name or module:name")
-    town.add_argument(
-        "--rules", nargs="+", default=["road"], metavar="RULE", help="rules, rulebooks or files of rules (default: road)"
-    )
+    share(town, "simulator")
+    declare_rules(town)
     town.add_argument("--cover", choices=COVERS, default="conflicts", help="choice of scenarios (default: conflicts)")
-    town.add_argument(
-        "--occupancy", choices=("arms", "lanes"), default="arms", help="a vehicle per arm or per lane (default: arms)"
-    )
+    share(town, "occupancy", "traffic", "workers")
     town.add_argument(
         "--grid", nargs="+", metavar="NAME", help="configurations, such as CD, arrivals, staggered, S21 (default: alternating)"
     )
@@ -63,7 +59,6 @@ def declare(commands: Subparsers) -> None:
         help="entrance of the vehicle under test among traffic; all: each entrance in turn; none: the driver drives all vehicles "
         "(default: all)",
     )
-    town.add_argument("--traffic", metavar="POLICY", help="driver of the vehicles beside the subject (default: reference)")
     town.add_argument("--followers", type=int, default=0, metavar="N", help="number of vehicles that queue behind each vehicle")
     town.add_argument(
         "--junctions",
@@ -82,11 +77,7 @@ def declare(commands: Subparsers) -> None:
         metavar="GLOB",
         help="run only the ids that match, even if they were judged before; without -o the output goes to rvads-town/only",
     )
-    declare_executor(town)
-    town.add_argument(
-        "--report", action="append", default=[], metavar="FILE", help="write a report, in the format of its ending; repeatable"
-    )
-    town.add_argument("-o", "--out", metavar="DIR", help="folder to write to (default: rvads-town)")
+    share(town, "output", metavar="DIR", help="folder to write to (default: rvads-town)")
     town.add_argument("--list", action="store_true", help="print the ids of the runs, and simulate nothing")
     town.set_defaults(command=_town)
 
@@ -98,7 +89,7 @@ def _town(options: argparse.Namespace) -> int:
             for planned in order.town.plan:
                 say(planned.name)
             return 0
-        folder = Path(options.out or ("rvads-town/only" if options.only else "rvads-town"))
+        folder = Path(options.output or ("rvads-town/only" if options.only else "rvads-town"))
         _announce(order.town)
         if not order.town.runs:
             return _nothing_planned(order.town)
@@ -123,7 +114,6 @@ def _order(options: argparse.Namespace, driver: Any) -> Order:
     """Return the town and the settings that the options ask for; a wrong option raises an error before a run is simulated."""
     from pytest_rvads.drivers.traffic import DEFAULT, Policy
     from pytest_rvads.geometry.control import JunctionControl
-    from pytest_rvads.report.files import fitting
     from pytest_rvads.satellites.campaigns.town import Town
     from pytest_rvads.satellites.campaigns.town_output import Order
     from pytest_rvads.satellites.campaigns.town_plan import Request
@@ -131,7 +121,6 @@ def _order(options: argparse.Namespace, driver: Any) -> Order:
     from pytest_rvads.scenarios.configurations import grid
     from pytest_rvads.simulators.simulator import meant, named
 
-    reports = tuple(map(fitting, options.report))
     subject = _subject(options.subject)
     if options.traffic is not None and subject is None:
         raise ScenarioError("--traffic drives the vehicles beside a subject: give --subject N or all, or leave --traffic out")
@@ -140,7 +129,7 @@ def _order(options: argparse.Namespace, driver: Any) -> Order:
             raise ScenarioError(f"--{name} must be at least 1, got {count}")
     check_followers(options.followers)
     grid(options.grid or "paper", 4, JunctionControl.STOP)
-    rules = listed_rules(options.rules)
+    rules = listed_rules(options.rules or ["road"])
     request = Request(
         driver,
         rules,
@@ -161,7 +150,7 @@ def _order(options: argparse.Namespace, driver: Any) -> Order:
         seed=options.seed,
     )
     simulator = named(options.simulator, Path.cwd()) if options.simulator else meant()
-    return Order(town, simulator, _rerun_command(options), reports)
+    return Order(town, simulator, _rerun_command(options))
 
 
 def _subject(text: str) -> int | str | None:
@@ -177,14 +166,13 @@ def _rerun_command(options: argparse.Namespace) -> str:
 
     The command keeps the options of this town but for the options that select some of its junctions and runs.
     """
-    words = ["rvads", "town", *options.maps]
+    words = [*program(options), "town", *options.maps]
     for name in ("autopilot", "sut", "simulator", "cover", "occupancy", "subject", "traffic"):
         value, usual = getattr(options, name), {"cover": "conflicts", "occupancy": "arms", "subject": "all"}.get(name)
         words += [f"--{name}", value] if value not in (None, usual) else []
     words += ["--followers", str(options.followers)] if options.followers else []
-    words += ["--rules", *options.rules] if options.rules != ["road"] else []
+    words += ["--rules", *options.rules] if options.rules else []
     words += ["--grid", *options.grid] if options.grid else []
-    words += ["--hand", options.hand] if options.hand else []
     return f"{shlex.join(words)} --only"
 
 

@@ -49,14 +49,12 @@ _OTHERWISE = "the same start gave another run when it was simulated again, so it
 
 @dataclass(frozen=True, slots=True)
 class Order:
-    """What a command ``rvads town`` asks for: the town, the simulator, and the reports to write."""
+    """What a command ``rvads town`` asks for: the town, the simulator, and how to run cases again."""
 
     town: Town
     simulator: Simulator
     again: str
     """The beginning of a command that runs a part of the town again; ids of runs are appended."""
-    reports: tuple[Path, ...] = ()
-    """Paths of reports that are written in addition to the report in the folder of the town."""
 
 
 def written(order: Order, results: Results, folder: Path, executor: Executor | int | None, cut: str = "") -> int:
@@ -95,8 +93,7 @@ def written(order: Order, results: Results, folder: Path, executor: Executor | i
     ]
     page = town_page(title, blocks, town.pictures(), town.sites(), tallies, replays.looks, order.again)
     write_file(folder / "town.html", page.encode())
-    for path in (folder / "town.json", *order.reports):
-        save(path, report)
+    save(folder / "town.json", report)
     show(report)
     for note in notes:
         say(note)

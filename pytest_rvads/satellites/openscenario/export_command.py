@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pytest_rvads.cli.common import Subparsers, say
+from pytest_rvads.cli.shared_options import share
 from pytest_rvads.support.errors import RunError, ScenarioError
 
 if TYPE_CHECKING:
@@ -26,17 +27,17 @@ def declare(commands: Subparsers) -> None:
     parser.add_argument(
         "source", metavar="RUN|CASE", help="file of a run (.npz), or id of a scenario, such as stop4-class07-as1133-cfgD"
     )
-    parser.add_argument("--xosc", metavar="OUT", required=True, help="file to write (.xosc)")
+    share(parser, "output", required=True, help="file to write (.xosc)")
     parser.add_argument("--scenario", action="store_true", help="write the initial scenario of a run, without its trajectories")
-    parser.add_argument("--rules", metavar="RULE", help="judge the run by this rule and quote the verdict in the file")
-    parser.add_argument("--map", metavar="FILE", help="map file of the junction, unless it is built in or named by the run")
+    share(parser, "rules", action="store", help="judge the run by this rule and quote the verdict in the file")
+    share(parser, "map", help="map file of the junction, unless it is built in or named by the run")
     parser.set_defaults(command=_export)
 
 
 def _export(options: argparse.Namespace) -> int:
     from pytest_rvads.runs.readers import READERS
 
-    source, output = Path(options.source), Path(options.xosc)
+    source, output = Path(options.source), Path(options.output)
     is_file = source.exists() or source.suffix.lower() in READERS
     if options.rules and (options.scenario or not is_file):
         raise ScenarioError(

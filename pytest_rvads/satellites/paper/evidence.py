@@ -1,11 +1,11 @@
 """Evidence for the replication of the paper's tables.
 
-``rvads paper --margins`` prints by how many ticks each verdict of rule p1 is decided. ``--ablation`` prints which cells change if
+``rvads paper margins`` prints by how many ticks each verdict of rule p1 is decided. ``ablation`` prints which cells change if
 a deficiency of the driver is switched off, and how far each constant that the paper does not fix can change without a change of
-verdicts (its room). ``--null-models`` prints how well cells can be guessed without a simulation. ``docs/replication.md`` quotes
+verdicts (its room). ``null-models`` prints how well cells can be guessed without a simulation. ``docs/replication.md`` quotes
 this evidence.
 
-``--snapshots`` draws a violation of each of p1 to p6 as in the paper's figures: the state before the violation and the state of
+``snapshots`` draws a violation of each of p1 to p6 as in the paper's figures: the state before the violation and the state of
 the violation, with the scheduler's zone shaded. None of the five deficiencies of the driver violates p3, because the scheduler's
 queue is first in, first out. So the violation of p3 is shown for a faulty driver, whose scheduler calls the last vehicle first.
 """

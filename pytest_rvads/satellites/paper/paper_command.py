@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pytest_rvads.cli.common import Subparsers, progress, progress_for
-from pytest_rvads.cli.shared_options import declare_executor, opened_executor
+from pytest_rvads.cli.shared_options import opened_executor, share
 from pytest_rvads.support.errors import ScenarioError
 from pytest_rvads.support.storage import write_file
 
@@ -20,20 +20,20 @@ if TYPE_CHECKING:
 
 def declare(commands: Subparsers) -> None:
     """Add the command ``rvads paper`` to the parser."""
-    paper = commands.add_parser("paper", help="simulate the two tables of the paper, and mark cells that differ from the paper")
-    paper.add_argument("--json", action="store_true", help="print one JSON object and nothing else")
-    paper.add_argument("--svg", metavar="OUT", help="also draw the tables into this file")
-    paper.add_argument("--simulator", metavar="NAME", help="simulator of the runs, a name or module:name")
-    paper.add_argument("--strict", action="store_true", help="exit with 1 if a cell is not as published")
-    instead = paper.add_mutually_exclusive_group()
-    instead.add_argument(
-        "--sweep", action="store_true", help="show the shares of every verdict over the range of the random draw"
+    paper = commands.add_parser(
+        "paper", help="simulate the two tables of the paper, and mark cells that differ from the paper (exit status 1 if any)"
     )
-    instead.add_argument("--margins", action="store_true", help="show the margins of p1, and how far each free constant can move")
-    instead.add_argument("--ablation", action="store_true", help="show the cells that flip if a deficiency is switched off")
-    instead.add_argument("--null-models", action="store_true", help="show how many cells a model without a simulation gets right")
-    instead.add_argument("--snapshots", metavar="DIR", help="draw a violation of each of p1 to p6 into this folder")
-    declare_executor(paper)
+    share(paper, "json", "svg", "simulator", "workers")
+    paper.add_argument(
+        "what",
+        nargs="?",
+        choices=("tables", "sweep", "margins", "ablation", "null-models", "snapshots"),
+        default="tables",
+        help="instead of the tables, show the shares of every verdict over the range of the random draw (sweep), the margins of "
+        "p1 and how far each free constant can move (margins), the cells that flip if a deficiency is switched off (ablation), "
+        "or how many cells a model without a simulation gets right (null-models); or draw a violation of each of p1 to p6 "
+        "into the folder of --svg (snapshots)",
+    )
     paper.set_defaults(command=_paper)
 
 
@@ -45,18 +45,18 @@ def _paper(options: argparse.Namespace) -> int:
 def _tables(options: argparse.Namespace, executor: Executor | int | None) -> int:
     from pytest_rvads.satellites.paper import tables
 
-    if options.sweep:
+    if options.what == "sweep":
         shares = tables.sweep(_setup(options), executor=executor, progress=progress_for(options))
         print(json.dumps(tables.nested(shares)) if options.json else tables.text_sweep(shares))
         return 0
-    if options.margins or options.ablation or options.null_models or options.snapshots:
+    if options.what != "tables":
         return _evidence(options, executor)
     verdicts = tables.compute(_setup(options), executor=executor, progress=progress_for(options))
     # The tables are printed before the picture is written, so that an error of writing does not suppress the tables.
     print(json.dumps(tables.nested(verdicts)) if options.json else tables.text_tables(verdicts), flush=True)
     if options.svg:
         write_file(Path(options.svg), tables.svg_tables(verdicts).encode())
-    return 1 if options.strict and tables.disagreements(verdicts) else 0
+    return int(bool(tables.disagreements(verdicts)))
 
 
 def _setup(options: argparse.Namespace) -> Setup:
@@ -72,16 +72,17 @@ def _evidence(options: argparse.Namespace, executor: Executor | int | None) -> i
     """Print the evidence for the reproduction of the tables as text, or draw violations of the rules."""
     from pytest_rvads.satellites.paper import evidence, tables
 
-    if options.json or options.svg or options.strict or options.simulator:
+    if options.json or options.simulator or (options.svg is None) == (options.what == "snapshots"):
         raise ScenarioError(
-            "--json, --svg, --strict and --simulator are options of the tables: leave these options out, or print the tables"
+            "--json and --simulator are options of the tables, and --svg is the picture of the tables or the folder of "
+            "snapshots: give only options that belong together"
         )
-    if options.null_models:
+    if options.what == "null-models":
         print(evidence.text_null_models())
-    elif options.snapshots:
-        for path in evidence.write_snapshots(options.snapshots):
+    elif options.what == "snapshots":
+        for path in evidence.write_snapshots(options.svg):
             print(path)
-    elif options.ablation:
+    elif options.what == "ablation":
         base = tables.compute(executor=executor, progress=progress)
         print(evidence.text_ablation(evidence.ablation(base, executor=executor, progress=progress)))
     else:

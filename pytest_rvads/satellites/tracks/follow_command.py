@@ -14,6 +14,7 @@ from types import FrameType
 from typing import TYPE_CHECKING, Any
 
 from pytest_rvads.cli.common import LINE_LIMIT, MAP_FORMATS, named_rules, say, warn
+from pytest_rvads.cli.shared_options import share
 from pytest_rvads.satellites.tracks.import_command import INTAKE, add_intake, intake_of
 from pytest_rvads.support.errors import RunError
 
@@ -35,10 +36,10 @@ def declare(check: argparse.ArgumentParser) -> None:
         action="store_true",
         help="judge states as FILE grows (- for standard input): a state per line, in JSON; print each verdict when it is final",
     )
-    check.add_argument("--map", metavar="FILE", help=f"with --follow, the map file ({MAP_FORMATS}) of a junction given by id")
-    check.add_argument("--junction", metavar="NAME", help="with --follow, the junction: a built-in name, or an id in --map")
+    share(check, "map", help=f"with --follow, the map file ({MAP_FORMATS}) of a junction given by id")
+    share(check, "junction", help="with --follow, the junction: a built-in name, or an id in --map")
     add_intake(check.add_argument_group("with --follow, as with rvads import"))
-    check.add_argument("--strict", action="store_true", help="with --follow, stop at the first line that is no state")
+    share(check, "strict", help="with --follow, stop at the first line that is no state")
 
 
 def refuse_without(options: argparse.Namespace) -> None:

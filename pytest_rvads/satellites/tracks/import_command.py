@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pytest_rvads.cli.common import MAP_FORMATS, Subparsers, progress, say, warn
+from pytest_rvads.cli.shared_options import share
 from pytest_rvads.support.errors import RunError
 
 if TYPE_CHECKING:
@@ -27,10 +28,10 @@ if TYPE_CHECKING:
     from pytest_rvads.satellites.tracks.samples import Log
 
 
-INTAKE = ("point", "size", "offset", "position_accuracy", "speed_accuracy", "speed_limit")
+INTAKE = ("point", "size", "offset", "accuracy", "speed_limit")
 """Names of the parsed options of `add_intake`."""
 _MOST_SHOWN = 3
-"""Without ``-v``, largest number of reasons for omitted vehicles that are shown, and largest number of reused ids."""
+"""Largest number of reasons for omitted vehicles that are shown, and largest number of reused ids."""
 
 
 def declare(commands: Subparsers) -> None:
@@ -41,15 +42,13 @@ def declare(commands: Subparsers) -> None:
         description="Matches every vehicle of a log to a way through a junction and writes the recording for `rvads check`.",
     )
     parser.add_argument("tracks", metavar="TRACKS", help="file of tracks, or the folder of a bag")
-    parser.add_argument(
-        "--map", metavar="FILE", help=f"map file ({MAP_FORMATS}) of the junction; tracks have the coordinates of this map"
-    )
-    parser.add_argument(
-        "--junction",
-        metavar="ID",
+    share(parser, "map", help=f"map file ({MAP_FORMATS}) of the junction; tracks have the coordinates of this map")
+    share(
+        parser,
+        "junction",
         help="id in --map, built-in name, type or place; all for every junction of --map; not needed if the log names its map",
     )
-    parser.add_argument("-o", "--output", metavar="OUT", required=True, help="file to write (.npz); a folder for --junction all")
+    share(parser, "output", required=True, help="file to write (.npz); a folder for --junction all")
     parser.add_argument(
         "--format",
         metavar="NAME",
@@ -68,10 +67,8 @@ def declare(commands: Subparsers) -> None:
     parser.add_argument(
         "--lights", metavar="FILE", help="file of lights: CSV with time, signal or entrance, colour; or <tlsState> of SUMO"
     )
-    parser.add_argument("--label", metavar="NAME", help="prefix of the names of the runs (default: the name of the file)")
-    parser.add_argument("--strict", action="store_true", help="stop at a bad row; otherwise the vehicle of the row is left out")
-    parser.add_argument("--json", action="store_true", help="print one JSON object")
-    parser.add_argument("-v", "--verbose", action="store_true", help="list every omitted vehicle")
+    share(parser, "strict", help="stop at a bad row; otherwise the vehicle of the row is left out")
+    share(parser, "json", help="print one JSON object, which has the reason of every omitted vehicle")
     parser.set_defaults(command=_import)
 
 
@@ -110,7 +107,7 @@ def _import(options: argparse.Namespace) -> int:
         junctions=junctions,
         intake=intake,
         recorded_lights=lights,
-        label=label_of(log, options.label),
+        label=label_of(log),
         by_junction=all_junctions,
         watch=watch,
     )
@@ -127,14 +124,14 @@ def _import(options: argparse.Namespace) -> int:
         _warn_of_gaps(recording)
     correction = misalignment.as_json() | {"applied": options.align}
     summaries = [
-        _recording_summary(path, recording, stated=options.position_accuracy is not None) | {"misalignment": correction}
+        _recording_summary(path, recording, stated=intake.position_accuracy is not None) | {"misalignment": correction}
         for path, recording in files
     ]
     if options.json:
         print(json.dumps(summaries if all_junctions else summaries[0]))
         return 0
     for summary in summaries:
-        say("\n  ".join(_summary_lines(summary, verbose=options.verbose)))
+        say("\n  ".join(_summary_lines(summary)))
     return 0
 
 
@@ -250,7 +247,7 @@ def _way(junction: Junction, agent: Agent) -> str:
     return f"{junction.vehicle_at(agent.entrance).removeprefix('a')} to {' or '.join(arms)}, {turns(junction, agent)}{doubt}"
 
 
-def _summary_lines(summary: dict[str, Any], *, verbose: bool) -> list[str]:
+def _summary_lines(summary: dict[str, Any]) -> list[str]:
     """Return the summary of an imported recording as lines of text."""
     offset, accuracy, clock, left_out = summary["offset"], summary["accuracy"], summary["clock"], summary["left_out"]
     origin = "stated" if accuracy["stated"] else "estimated"
@@ -275,11 +272,9 @@ def _summary_lines(summary: dict[str, Any], *, verbose: bool) -> list[str]:
     reasons = Counter(left_out.values()).most_common()
     if left_out:
         lines.append(f"left out: {len(left_out)}")
-        lines += [f"  {count}: {why}" for why, count in reasons[: None if verbose else _MOST_SHOWN]]
-        if len(reasons) > _MOST_SHOWN and not verbose:
-            lines.append(f"  and {sum(count for _, count in reasons[_MOST_SHOWN:])} for other reasons: -v lists them")
-    if verbose:
-        lines += [f"  {name}: {why}" for name, why in left_out.items()]
+        lines += [f"  {count}: {why}" for why, count in reasons[:_MOST_SHOWN]]
+        if len(reasons) > _MOST_SHOWN:
+            lines.append(f"  and {sum(count for _, count in reasons[_MOST_SHOWN:])} for other reasons: --json lists them")
     return lines
 
 
@@ -293,9 +288,8 @@ def add_intake(parser: argparse._ActionsContainer) -> None:
     parser.add_argument("--size", metavar="L,W", help="length and width of vehicles without a size in the log [m]")
     parser.add_argument("--offset", metavar="X,Y", help="add this to every position [m]; write --offset=-5,2")
     parser.add_argument(
-        "--position-accuracy", type=float, metavar="M", help="standard deviation of a coordinate [m] (default: estimated)"
+        "--accuracy", metavar="M[,M/S]", help="standard deviation of a coordinate [m] and of a speed [m/s] (default: estimated)"
     )
-    parser.add_argument("--speed-accuracy", type=float, metavar="M/S", help="standard deviation of a speed [m/s]")
     parser.add_argument("--speed-limit", type=float, metavar="M/S", help="speed limit at the junction [m/s]")
 
 
@@ -307,10 +301,18 @@ def intake_of(options: argparse.Namespace, usual: Point) -> Intake:
         options.point or usual,
         _numbers(options.size, "--size L,W"),
         _numbers(options.offset, "--offset=X,Y") or (0.0, 0.0),
-        options.position_accuracy,
-        options.speed_accuracy,
+        *_accuracy(options.accuracy),
         options.speed_limit,
     )
+
+
+def _accuracy(text: str | None) -> tuple[float | None, float | None]:
+    """Return the standard deviations of a coordinate [m] and of a speed [m/s]; None for one that is to be estimated."""
+    position, _, speed = (text or "").partition(",")
+    try:
+        return float(position) if position else None, float(speed) if speed else None
+    except ValueError:
+        raise RunError(f"--accuracy takes a number of metres, or such a number and a speed [m/s], got {text!r:.60}") from None
 
 
 def _numbers(text: str | None, option: str) -> tuple[float, float] | None:

@@ -136,7 +136,7 @@ def check_single_junction(log: Log, recordings: Sequence[Recording]) -> None:
 def recordings_in(log: Log, point: Point) -> list[Recording]:
     """Return the recorded traffic of a log at every junction of its map that a vehicle passes."""
     places = junctions_of(log, None, None)
-    return recordings_at(log, places, Intake(point), log.lights, label_of(log, None), by_junction=len(places) > 1)
+    return recordings_at(log, places, Intake(point), log.lights, label_of(log), by_junction=len(places) > 1)
 
 
 def junctions_of(log: Log, junction: str | None, map: str | os.PathLike[str] | None) -> list[Junction]:
@@ -201,7 +201,7 @@ def recordings_at(
     return recordings
 
 
-def label_of(log: Log, label: str | None) -> str:
+def label_of(log: Log, label: str | None = None) -> str:
     """Return the prefix of the labels of runs: `label`, or without a label the name of the log's file up to its first dot."""
     return one_line(label or log.where.partition(".")[0], 200) or "tracks"
 

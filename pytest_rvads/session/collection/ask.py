@@ -215,7 +215,7 @@ class Ask:
             points = f"distances={axes[0][0]!r}, speeds={axes[0][1]!r}" if self.distances else f"grid={names!r}"
             raise ScenarioError(
                 f"every point of {points} is too fast to stop before the line "
-                "(`rvads braking` lists v(d)max): lower the speeds, or say probe=True to run them all the same"
+                "(`rvads dynamics braking` lists v(d)max): lower the speeds, or say probe=True to run them all the same"
             )
         return tuple(dict.fromkeys((*paper, *stopping))), len(explicit_points) - len(stopping)
 

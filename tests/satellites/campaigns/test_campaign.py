@@ -263,7 +263,7 @@ def test_no_cases_are_nothing_judged() -> None:
 def test_reports_are_made_of_results(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path, whole = tmp_path / "results.jsonl", tmp_path / "report.json"
     rvads.campaign(cases(), executor=1, results=path).close()
-    assert main(["report", "make", str(path), "-o", str(whole), "-o", str(tmp_path / "report.csv")]) == 0
+    assert main(["report", "merge", str(path), "-o", str(whole), "-o", str(tmp_path / "report.csv")]) == 0
     out = capsys.readouterr().out
     assert f"{FEW} runs, {RULES * FEW} verdicts" in out
     report = json.loads(whole.read_text())
@@ -277,11 +277,11 @@ def test_parts_of_a_campaign_make_one_report_in_which_nothing_counts_twice(
     parts = [str(tmp_path / f"{part}.jsonl") for part in range(2)]
     rvads.campaign(cases(distances=[4, 5, 6]), executor=1, results=parts[0]).close()
     rvads.campaign(cases(distances=[6, 7]), executor=1, results=parts[1]).close()
-    assert main(["report", "make", *parts]) == 0
+    assert main(["report", "merge", *parts]) == 0
     assert f"4 runs, {4 * RULES} verdicts" in capsys.readouterr().out
     other = str(tmp_path / "other.jsonl")
     rvads.campaign(cases(distances=[4]), "no_collision", executor=1, results=other).close()
-    assert main(["report", "make", *parts, other]) == 2
+    assert main(["report", "merge", *parts, other]) == 2
     assert "holds results of another campaign than" in capsys.readouterr().err
 
 
@@ -289,7 +289,7 @@ def test_parts_of_a_campaign_make_one_report_in_which_nothing_counts_twice(
 def test_what_is_no_file_of_results_is_refused(tmp_path: Path, content: bytes, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "results.jsonl"
     path.write_bytes(content)
-    assert main(["report", "make", str(path)]) == 2
+    assert main(["report", "merge", str(path)]) == 2
     assert "holds no results of a campaign of version 2" in capsys.readouterr().err
     if content:
         with pytest.raises(rvads.RvadsError, match="holds no results"):
@@ -304,7 +304,7 @@ def test_results_of_several_campaigns_in_one_file_are_refused(tmp_path: Path, ca
         rvads.campaign(cases(driver, [4]), "no_collision", executor=1, results=parts[-1]).close()
     both = tmp_path / "both.jsonl"
     both.write_bytes(b"".join(part.read_bytes() for part in parts))
-    assert main(["report", "make", str(both)]) == 2
+    assert main(["report", "merge", str(both)]) == 2
     assert "both.jsonl holds results of several campaigns (driver" in capsys.readouterr().err
 
 
@@ -312,7 +312,7 @@ def test_no_command_is_told_that_nobody_could_run(capsys: pytest.CaptureFixture[
     path, page = tmp_path / "results.jsonl", tmp_path / "report.md"
     one = rvads.Case(rvads.Scenario(rvads.find("stop4"), "2000", distance=15.0, speed=5.0, duration=8.0), rvads.RollingStop)
     rvads.campaign([one], "full_stop", executor=1, results=path).close()
-    assert main(["report", "make", str(path), "-o", str(page)]) == 1
+    assert main(["report", "merge", str(path), "-o", str(page)]) == 1
     assert f'first: "{one.scenario.name}-full_stop"' in capsys.readouterr().out
     assert "| first |" in page.read_text()
 

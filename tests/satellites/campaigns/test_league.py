@@ -115,8 +115,8 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def judged(text: str, out: str = "out") -> tuple[int, dict[str, Any]]:
     """Return the exit status and the JSON object of a league with a configuration."""
     Path("league.toml").write_text(text, encoding="utf-8")
-    status = main(["league", "league.toml", "-j", "1", "-o", out, "--json", "league.json"])
-    return status, json.loads(Path("league.json").read_text(encoding="utf-8"))
+    status = main(["league", "league.toml", "-j", "1", "-o", out])
+    return status, json.loads((Path(out) / "league.json").read_text(encoding="utf-8"))
 
 
 def never(*_: object, **__: object) -> None:
@@ -227,10 +227,10 @@ def test_interrupted_league_has_the_page_of_what_was_judged(folder: Path, number
     code = (
         "import signal; from pytest_rvads.cli import main; signal.signal(2, signal.default_int_handler); raise SystemExit(main())"
     )
-    words = [sys.executable, "-c", code, "league", "league.toml", "-j", "1", "-o", "out", "--json", "league.json"]
+    words = [sys.executable, "-c", code, "league", "league.toml", "-j", "1", "-o", "out"]
     done = subprocess.run(words, env={**os.environ, "PYTHONPATH": path}, capture_output=True, text=True, timeout=60, check=False)
     assert done.returncode == 2, done.stderr
-    league = json.loads(Path("league.json").read_text())
+    league = json.loads(Path("out/league.json").read_text())
     assert [(driver["runs"], driver["notes"]) for driver in league["drivers"]] == [
         (3, []),
         (0, ["INCOMPLETE: interrupted"]),
@@ -343,7 +343,7 @@ def test_name_of_a_driver_is_text_on_the_page_and_stays_in_the_folder(folder: Pa
     page = Page(folder / "out" / "league.html")
     assert page.tags.count("script") == 2, "the data and the script of the page"
     assert "../../<script>alert(1)</script>\\x1b[31m" in page.cells
-    assert {path.name for path in folder.iterdir()} == {"league.toml", "league.json", "league_pilots.py", "out"}
+    assert {path.name for path in folder.iterdir()} == {"league.toml", "league_pilots.py", "out"}
     assert len(page.links) == 1
     assert (folder / "out" / unquote(page.links[0].partition("#")[0])).is_file()
 

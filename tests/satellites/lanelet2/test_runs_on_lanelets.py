@@ -65,9 +65,9 @@ def test_option_states_the_side_of_traffic(
     monkeypatch.setenv("RVADS_HAND", "right")  # the command changes the variable, and the fixture restores it
     path = str(Crossing(left_hand=True).write(tmp_path / "cross.osm"))
     for hand in ("right", "left"):
-        assert main(["map", path, "--hand", hand]) == 0
+        assert main(["--hand", hand, "map", path]) == 0
         assert ("traffic keeps right, as --hand or RVADS_HAND says" in capsys.readouterr().err) == (hand == "right")
-    assert main(["init", str(tmp_path / "first"), "--map", path, "--hand", "left"]) == 0
+    assert main(["--hand", "left", "init", str(tmp_path / "first"), "--map", path]) == 0
     assert f"next: cd {tmp_path / 'first'} && RVADS_HAND=left pytest" in capsys.readouterr().out
 
 

@@ -68,7 +68,7 @@ def test_file_has_pedestrians_as_pedestrians(run: Run, tmp_path: Path) -> None:
 
 def test_command_exports_a_kept_run_of_a_map_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     rvads.files.save_run(rvads.simulate(rvads.Case(scenario("file"), Drives)), tmp_path / "kept.npz")
-    assert main(["export", str(tmp_path / "kept.npz"), "--xosc", str(tmp_path / "out" / "run.xosc")]) == 0
+    assert main(["export", str(tmp_path / "kept.npz"), "-o", str(tmp_path / "out" / "run.xosc")]) == 0
     assert "2 vehicles, 5 pedestrians at zebra4.1, " in capsys.readouterr().out
     entities = read_trajectories(tmp_path / "out" / "run.xosc").entities
     assert [entity.name for entity in entities if entity.kind is rvads.Kind.PEDESTRIAN] == ["p0", "p1", "p1+1", "p1+2", "p2"]

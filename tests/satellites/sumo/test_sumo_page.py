@@ -60,9 +60,10 @@ def test_sessions_print_the_output_of_the_page(pytester: pytest.Pytester, monkey
 
 @pytest.mark.extended
 def test_braking_limits_of_sumo_equal_those_of_the_package(capsys: pytest.CaptureFixture[str]) -> None:
-    assert "`rvads braking --simulator sumo` and `--autopilot sumo` print the same as `rvads braking`." in " ".join(PAGE.split())
+    told = "`rvads dynamics braking --simulator sumo` and `--autopilot sumo` print the same as `rvads dynamics braking`."
+    assert told in " ".join(PAGE.split())
     printed = []
     for options in ([], ["--simulator", "sumo"]):
-        assert main(["braking", *options]) == 0
+        assert main(["dynamics", "braking", *options]) == 0
         printed.append(capsys.readouterr().out)
     assert printed[0] == printed[1]

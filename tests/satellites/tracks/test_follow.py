@@ -76,7 +76,7 @@ def test_at_half_the_rate_and_at_unequal_times_it_is_the_same() -> None:
 
 def test_followed_log_of_unsure_verdicts_is_no_success() -> None:
     # 3 m leave open whether it stood before the line or rolled, and a speed that is worked out from such places is as vague.
-    told, beside = judge(log({"careful": 0.0}, 18.0), "--position-accuracy", "3", status=5)
+    told, beside = judge(log({"careful": 0.0}, 18.0), "--accuracy", "3", status=5)
     assert {answer["status"] for answer in told} == {"UNSURE"}
     assert "every verdict that applies is UNSURE" in beside
 

@@ -361,11 +361,13 @@ def test_colours_of_pedestrian_lights(tmp_path: Path) -> None:
 
 def test_command_counts_pedestrians(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     write(tmp_path / "t.csv", table([person(STRAIGHT), person(COURSES["along the kerb"][0], name="by")]))
-    assert main(["import", str(tmp_path / "t.csv"), "--junction", "zebra4", "-o", str(tmp_path / "t.npz"), "-v"]) == 0
+    command = ["import", str(tmp_path / "t.csv"), "--junction", "zebra4", "-o", str(tmp_path / "t.npz")]
+    assert main(command) == 0
     text = capsys.readouterr().out
     assert "t.npz: 1 vehicle and 1 pedestrian at zebra4, 1 busy period" in text
     assert "1 from 2 to 0, straight\n" in text
-    assert "by: it is a pedestrian who walks over no crosswalk" in text
+    assert main([*command, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["left_out"]["by"].startswith("it is a pedestrian who walks over no crosswalk")
     recording = load_recording(tmp_path / "t.npz")
     assert walks(recording) == [("p", 0, "near")]
     assert recording[0].hash == read_tracks(tmp_path / "t.csv", ZEBRA)[0].hash

@@ -146,7 +146,7 @@ def test_command_prints_a_summary(log: Path, lights: Path, tmp_path: Path, capsy
     assert "1 from 0 to 1, right" in text
     assert "m accurate (estimated)" in text
     assert "lights at entrances 0, 1, 2, 3" in text
-    assert main([*command, "--json", "--position-accuracy", "0.1"]) == 0
+    assert main([*command, "--json", "--accuracy", "0.1"]) == 0
     summary = json.loads(capsys.readouterr().out)
     assert (summary["vehicles"], summary["accuracy"]) == (count, {"position": 0.1, "speed": 0.0, "stated": True})
     assert sum(summary["movements"].values()) == count
@@ -189,11 +189,12 @@ def test_omitted_vehicles_are_counted_and_listed(log: Path, tmp_path: Path, caps
     with log.open("a", encoding="utf-8") as file:
         file.write("\n0,parked,0,0,0,0,4,2,car\n1,parked,0,0,0,0,4,2,car\n1,walks,0,0,0,1,1,1,pedestrian")
     command = ["import", str(log), "--junction", "light4", "-o", str(tmp_path / "out.npz")]
-    assert main([*command, "-v"]) == 0
-    text = capsys.readouterr().out
-    assert "left out: 2" in text
-    assert "parked: it does not move" in text
-    assert "walks: it is a pedestrian" in text
+    assert main(command) == 0
+    assert "left out: 2" in capsys.readouterr().out
+    assert main([*command, "--json"]) == 0
+    left_out = json.loads(capsys.readouterr().out)["left_out"]
+    assert left_out["parked"].startswith("it does not move")
+    assert left_out["walks"].startswith("it is a pedestrian")
 
 
 @pytest.mark.parametrize(
@@ -203,7 +204,7 @@ def test_omitted_vehicles_are_counted_and_listed(log: Path, tmp_path: Path, caps
         (["--size", "0,0"], "size must be a length and a width from 0.1 to 100 m"),
         (["--offset", "1"], "--offset=X,Y takes two numbers in metres"),
         (["--columns", "x"], "--columns takes pairs such as time=t:ms"),
-        (["--position-accuracy", "-1"], "position_accuracy must be a standard deviation from 0 to 10"),
+        (["--accuracy", "-1"], "position_accuracy must be a standard deviation from 0 to 10"),
         (["--speed-limit", "-1"], "speed_limit of facts"),
         (["--point", "nose"], "point must be front, center, rear_axle"),
     ],

@@ -1,8 +1,8 @@
-"""The commands ``rvads braking`` and ``rvads dynamics``, which measure how vehicles and their drivers brake and accelerate.
+"""The command ``rvads dynamics``, which measures how vehicles and their drivers brake and accelerate.
 
-``rvads braking`` shows the braking envelope v(d)max of a simulator, and the part of the envelope that an autopilot reaches.
-``rvads dynamics`` measures how a driver brakes and accelerates. It also shows the settings at junctions that follow: the starts
-that are only just safe, after Li and others (arXiv 2405.16914).
+``braking`` shows the braking envelope v(d)max of a simulator, and the part of the envelope that an autopilot reaches.
+``pedals`` shows what throttle and brake of a driver do, for shims of drivers of others. ``driving`` measures a driver, and shows
+the settings at junctions that follow: the starts that are only just safe, after Li and others (arXiv 2405.16914).
 """
 
 from __future__ import annotations
@@ -10,22 +10,30 @@ from __future__ import annotations
 import argparse
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pytest_rvads.cli.common import MAP_FORMATS, Subparsers, progress_for, say
-from pytest_rvads.cli.shared_options import declare_driver, opened_driver
+from pytest_rvads.cli.common import Subparsers, progress_for, say
+from pytest_rvads.cli.shared_options import declare_driver, opened_driver, share
 from pytest_rvads.support.errors import ScenarioError
 from pytest_rvads.support.executors import apart
 from pytest_rvads.support.storage import write_file
 
 if TYPE_CHECKING:
     from pytest_rvads.drivers.interface import Factory
-    from pytest_rvads.simulators.driver_dynamics import DriverDynamics
+    from pytest_rvads.simulators.driver_dynamics import DriverDynamics, Pedal
     from pytest_rvads.simulators.simulator import Simulator
 
+_DESCRIPTION = """\
+driving measures three functions of arXiv 2405.16914: B(v), the distance to stop from speed v; AV(v, x), the speed x metres
+after a start with speed v; AT(v, x), the time for these x metres. A lone vehicle drives toward a red light for B, and toward a
+green light for AV and AT. braking shows v(d)max, the greatest speed from which a vehicle stops before its line at distance d,
+for each aggression (braking level 1, 2 or 3 of the vehicle): of the simulated vehicle, or with --autopilot the v(d)max that a
+traffic policy reaches. pedals measures the acceleration of a lone vehicle by the position of its pedals, and at full pedal. A
+shim, which seats a driver of another simulator, multiplies the driver's pedal by a ratio: the acceleration at full pedal in the
+other simulator, divided by the acceleration at full pedal here."""
 _DISTANCES = (0.01, 0.3, 1.0, 3.0, 5.0, 10.0, 15.0, 20.0)
 """Distances of the braking table: the distances of the configurations, and further distances between them [m]."""
 _CURVE = (0.01, 0.1, 0.2, 0.3, *(0.5 * k for k in range(1, 41)))
@@ -37,37 +45,26 @@ _WAYS = (5.0, 10.0, 24.0, 40.0, 60.0)
 
 
 def declare(commands: Subparsers) -> None:
-    """Add the commands ``braking`` and ``dynamics`` to the parser."""
-    braking = commands.add_parser(
-        "braking",
-        help="show v(d)max, the greatest safe speed by distance to the stopping line",
-        description="Shows v(d)max, the greatest speed from which a vehicle stops before its line at distance d, for each "
-        "aggression (braking level 1, 2 or 3 of the vehicle).",
-    )
-    braking.add_argument("--json", action="store_true", help="print one JSON object: aggression, distance, speed")
-    braking.add_argument(
-        "--autopilot", metavar="NAME", help="show the v(d)max that an autopilot reaches, such as reference or lgsvl"
-    )
-    braking.add_argument(
-        "--junction", metavar="NAME", help="show the v(d)max of --autopilot per movement and lane of a junction, at aggression 1"
-    )
-    braking.add_argument("--map", metavar="FILE", help=f"map file ({MAP_FORMATS}) of the junction, if --junction is an id")
-    braking.add_argument("--simulator", metavar="NAME", help="show the v(d)max of this simulator, a name or module:name")
-    braking.add_argument("--svg", metavar="OUT", help="also draw the curves into this file")
-    braking.set_defaults(command=_braking)
-
-    dynamics = commands.add_parser(
-        "dynamics",
-        help="measure how a driver brakes and accelerates",
-        description="Measures three functions of arXiv 2405.16914: B(v), the distance to stop from speed v; AV(v, x), the speed "
-        "x metres after a start with speed v; AT(v, x), the time for these x metres. A lone vehicle drives toward a red light "
-        "for B, and toward a green light for AV and AT.",
+    """Add the command ``dynamics`` to the parser."""
+    dynamics = commands.add_parser("dynamics", help="measure how a driver brakes and accelerates", description=_DESCRIPTION)
+    dynamics.add_argument(
+        "what", nargs="?", choices=("driving", "braking", "pedals"), default="driving", help="what is measured (default: driving)"
     )
     declare_driver(dynamics)
-    dynamics.add_argument("--simulator", metavar="NAME", help="simulator of the runs, a name or module:name")
-    dynamics.add_argument("--json", action="store_true", help="print one JSON object")
-    dynamics.add_argument("--svg", metavar="OUT", help="also draw B and AT into this file")
-    dynamics.set_defaults(command=_dynamics)
+    share(dynamics, "simulator")
+    dynamics.add_argument(
+        "--aggression", type=int, choices=(1, 2, 3), default=1, help="with pedals: braking level of the vehicle (default: 1)"
+    )
+    share(dynamics, "json", "svg")
+    dynamics.set_defaults(command=_measure)
+
+
+def _measure(options: argparse.Namespace) -> int:
+    if options.what == "braking":
+        if options.sut:
+            raise ScenarioError("`rvads dynamics braking` takes a traffic policy by --autopilot: leave --sut out")
+        return _braking(options)
+    return _pedals(options) if options.what == "pedals" else _driving(options)
 
 
 def _braking(options: argparse.Namespace) -> int:
@@ -75,8 +72,6 @@ def _braking(options: argparse.Namespace) -> int:
     from pytest_rvads.report.draw.curves import draw_braking
     from pytest_rvads.simulators.simulator import named, vmax
 
-    if options.junction or options.map:
-        return _print_by_movement(options)
     limit = partial(vmax, simulator=named(options.simulator, Path.cwd()))
     curves = envelope(_DISTANCES, limit=limit)
     title = "v(d)max of the plant, full service brake"
@@ -101,38 +96,7 @@ def _braking(options: argparse.Namespace) -> int:
     return 0
 
 
-def _print_by_movement(options: argparse.Namespace) -> int:
-    """Print the speeds v(d)max from which an autopilot stops before the line, a row per movement."""
-    from pytest_rvads.geometry.finder import find
-    from pytest_rvads.simulators.closed_loop import closed_by_movement
-
-    if not (options.junction and options.autopilot) or options.svg:
-        raise ScenarioError(
-            "--junction goes with --autopilot and without --svg: v(d)max of the plant is the same on every lane, and a junction "
-            "of --map has to be named"
-        )
-    place = find(options.junction, options.map)
-    speeds_of = closed_by_movement(
-        options.autopilot, _DISTANCES, place, simulator=options.simulator, progress=progress_for(options)
-    )
-    rows = []
-    for key, speeds in speeds_of.items():
-        entrance, exit, turn = place.entrances[key[0]], place.exits[key[1]], str(place.movements[key].turn)
-        lanes = {"entrance": entrance.arm, "lane": entrance.lane, "exit": exit.arm, "exit_lane": exit.lane}
-        rows.append({**lanes, "turn": turn, "vmax": {str(d): v for d, v in speeds.items()}})
-    if options.json:
-        print(json.dumps(rows))
-        return 0
-    say(f"v(d)max that the autopilot {options.autopilot} reaches at {place.name}, to stop before the line, aggression 1 [m/s]")
-    say(f"{'from':>5}{'to':>6}  {'turn':9} d [m]" + "".join(f"{d:>7.2f}" for d in _DISTANCES))
-    for row, speeds in zip(rows, speeds_of.values(), strict=True):
-        ends = f"{row['entrance']}.{row['lane']:<3}{row['exit']:>4}.{row['exit_lane']}"
-        cells = ("-" if d not in speeds else "none" if (v := speeds[d]) is None else f"{v:.2f}" for d in _DISTANCES)
-        say(f"{ends:>11}  {row['turn']:9}      " + "".join(f"{cell:>7}" for cell in cells))
-    return 0
-
-
-def _dynamics(options: argparse.Namespace) -> int:
+def _driving(options: argparse.Namespace) -> int:
     from pytest_rvads.report.draw.curves import draw_dynamics
     from pytest_rvads.simulators.simulator import meant, named
 
@@ -211,3 +175,44 @@ def _table(result: dict[str, Any]) -> Sequence[str]:
     distances = ", ".join(f"{name} {distance:g} m" for name, distance in published.items())
     lines.append(f"published xa at a crossing with yield signs from ve = 0, with a limit of {limit:.2f} m/s: {distances}")
     return lines
+
+
+def _pedals(options: argparse.Namespace) -> int:
+    from pytest_rvads.report.draw.curves import draw_pedals
+    from pytest_rvads.simulators.driver_dynamics import calibrated
+    from pytest_rvads.simulators.simulator import meant, named
+
+    simulator = named(options.simulator, Path.cwd()) if options.simulator else meant()
+    with opened_driver(options) as driver:
+        measured = apart(partial(calibrated, driver, simulator, options.aggression))
+    pedals = dict(zip(("throttle", "brake"), measured, strict=True))
+    if options.json:
+        print(json.dumps({"version": 1, "aggression": options.aggression} | {name: _plain(p) for name, p in pedals.items()}))
+    else:
+        for line in _pedal_table(pedals):
+            say(line)
+    if options.svg:
+        points = {name: [(used.position, abs(used.acceleration)) for used in pedal.used] for name, pedal in pedals.items()}
+        write_file(Path(options.svg), draw_pedals(points, f"pedals of {options.autopilot or options.sut}").encode())
+    return 0
+
+
+def _plain(pedal: Pedal) -> dict[str, object]:
+    full = None if pedal.full is None else round(pedal.full, 3)
+    return {
+        "full": full,
+        "largest": round(pedal.largest, 3),
+        "used": [[round(number, 3) for number in row] for row in pedal.used],
+    }
+
+
+def _pedal_table(pedals: dict[str, Pedal]) -> Iterator[str]:
+    yield f"{'pedal':10}{'position':>10}{'acceleration [m/s^2]':>22}{'time [s]':>10}"
+    for name, pedal in pedals.items():
+        for used in pedal.used:
+            yield f"{name:10}{used.position:10.2f}{used.acceleration:22.2f}{used.seconds:10.2f}"
+    for name, pedal in pedals.items():
+        if pedal.full is None:
+            yield f"{name}: never pressed"
+        else:
+            yield f"{name}: {pedal.full:.2f} m/s^2 at full pedal, pressed up to {pedal.largest:.2f}"

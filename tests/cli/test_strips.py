@@ -7,7 +7,7 @@ from xml.etree import ElementTree
 
 import pytest
 
-from pytest_rvads.cli.atlas_command import Band, StripRow, _page, draw_strips
+from pytest_rvads.cli.all_lines import Band, StripRow, _page, draw_strips
 from pytest_rvads.report.draw.curves import draw_dynamics
 
 

@@ -1,4 +1,4 @@
-"""The command ``rvads atlas``: finds all starts of two vehicles at which a verdict changes, and writes a page and JSON.
+"""The search ``rvads critical --all-lines``: all starts of two vehicles at which a verdict changes, as a page and as JSON.
 
 The page shows strips, drawn as SVG: rows of coloured bands over a common axis. The axis is the lead of the subject (the vehicle
 under test): how much earlier than the other vehicle the subject would arrive at its line [s].
@@ -14,25 +14,22 @@ from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from pytest_rvads.cli.common import Subparsers, progress, say, terminable, warn
-from pytest_rvads.cli.shared_options import again, declare_starts, opened_driver, opened_executor, places, setting_of, start_of
+from pytest_rvads.cli.common import progress, say, warn
+from pytest_rvads.cli.shared_options import again, places, start_of
 from pytest_rvads.logic.outcome import Mark, Outcome
-from pytest_rvads.report.folders import ATLAS, ROOT
-from pytest_rvads.support.errors import RvadsError, ScenarioError
+from pytest_rvads.report.folders import ROOT, STARTS
+from pytest_rvads.support.errors import RvadsError
 from pytest_rvads.support.storage import check_writable, write_file
 from pytest_rvads.support.wording import markup, plural
 
 if TYPE_CHECKING:
+    from concurrent.futures import Executor
+
     from pytest_rvads.report.outline import Block, Section
     from pytest_rvads.search.atlas import Atlas, Strip
     from pytest_rvads.search.starts import Line
     from pytest_rvads.search.trials import Setting
 
-_ATLAS = """\
-For every two conflicting ways of a junction, find all changes of a verdict over leads of -6 to 6 s, to 0.01 s. Writes a page
-with a strip per pair of ways, and a certificate, which names the simulated starts, the verdicts inferred between these starts,
-and the random starts that were compared with the inferred verdicts. Exit status: 0, also for a driver that fails; 1 when a
-random start differs from the certificate, or a run has no verdict; 2 when an argument is wrong."""
 _HELP = (
     "A strip holds all starts of two vehicles. At a lead of +1 s, the subject would reach its line 1 s before the other vehicle "
     "if both kept their speeds; where the two have green at different times, 1 s before its light turns yellow. From rest, the "
@@ -56,74 +53,49 @@ _Scale = Callable[[float], float]
 """Maps seconds to pixels."""
 
 
-def declare(commands: Subparsers) -> None:
-    """Add the command ``rvads atlas`` to the parser."""
-    atlas = commands.add_parser("atlas", help="find all changes of a verdict for two vehicles", description=_ATLAS)
-    declare_starts(atlas)
-    atlas.add_argument("--probes", type=int, default=250, metavar="N", help="random starts to compare (default: 250)")
-    atlas.add_argument("--seed", type=int, default=0, metavar="S", help="seed of the random starts (default: 0)")
-    page = f"{ROOT}/{ATLAS}"
-    atlas.add_argument("-o", "--output", metavar="FILE", default=page, help=f"page to write (default: {page})")
-    atlas.add_argument("--json", metavar="FILE", help="also write the certificate into this file")
-    atlas.set_defaults(command=_atlas)
-
-
-def _atlas(options: argparse.Namespace) -> int:
+def search_all(options: argparse.Namespace, setting: Setting, executor: Executor | int | None) -> int:
+    """Search all lines of starts for changes of a verdict, print what was found, write the page, and return the exit status."""
     from pytest_rvads.search.atlas import draw_atlas
 
-    if options.probes < 0:
-        raise ScenarioError(f"--probes must be a number of random starts, 0 or more, got {options.probes}")
-    for option, path in (("-o", options.output), ("--json", options.json)):
-        if path:
-            _check_output(option, Path(path))
-    with opened_driver(options) as driver, terminable(), opened_executor(options) as executor:
-        setting, shown = setting_of(options, driver), partial(progress, what="groups")
-        atlases: list[Atlas] = []
-        stopped: BaseException | None = None
-        for place in places(options):
-            try:
-                atlas = draw_atlas(
-                    place,
-                    setting,
-                    probes=options.probes,
-                    behaviours=options.pedestrians,
-                    seed=options.seed,
-                    executor=executor,
-                    progress=shown,
-                )
-            except (KeyboardInterrupt, RvadsError) as error:  # the atlases of the junctions before are written
-                stopped = error
-                if atlases:
-                    warn(f"rvads: INCOMPLETE: the atlas ends before junction {place.name}")
-                break
+    page = Path(options.output or f"{ROOT}/{STARTS}")
+    try:
+        check_writable(page)
+    except OSError as error:
+        raise RvadsError(
+            f"-o must name a file to write, got {str(page)!r}, which can't be written ({error.strerror}): name another file"
+        ) from error
+    atlases: list[Atlas] = []
+    stopped: BaseException | None = None
+    for place in places(options):
+        try:
+            atlas = draw_atlas(
+                place,
+                setting,
+                probes=options.probes,
+                behaviours=options.pedestrians,
+                executor=executor,
+                progress=partial(progress, what="groups"),
+            )
+        except (KeyboardInterrupt, RvadsError) as error:  # what was found at the junctions before is shown
+            stopped = error
+            if atlases:
+                warn(f"rvads: INCOMPLETE: the search ended before junction {place.name}")
+            break
+        atlases.append(atlas)
+        if not options.json:
             say(_summary(atlas))
             for line, reason in _errors(atlas):
                 say(f"{line}: ERROR: {reason}")
-            atlases.append(atlas)
     if atlases:
-        _write(atlases, setting, options)
+        certificates = [_certificate(atlas, setting, options) for atlas in atlases]
+        write_file(page, _page(certificates).encode())
+        if options.json:
+            print(json.dumps({"version": 1, "atlases": certificates}))
+        else:
+            say(f"wrote {page}")
     if stopped:
         raise stopped
     return 1 if any(atlas.differing or any(_errors(atlas)) for atlas in atlases) else 0
-
-
-def _check_output(option: str, path: Path) -> None:
-    try:
-        check_writable(path)
-    except OSError as error:
-        raise RvadsError(
-            f"{option} must name a file to write, got {str(path)!r}, which can't be written ({error.strerror}): name another file"
-        ) from error
-
-
-def _write(atlases: Sequence[Atlas], setting: Setting, options: argparse.Namespace) -> None:
-    """Write the page and the certificates of atlases (all changes of a verdict at a junction)."""
-    certificates = [_certificate(atlas, setting, options) for atlas in atlases]
-    write_file(Path(options.output), _page(certificates).encode())
-    say(f"wrote {options.output}")
-    if options.json:
-        write_file(Path(options.json), json.dumps({"version": 1, "atlases": certificates}).encode())
-        say(f"wrote {options.json}")
 
 
 def _errors(atlas: Atlas) -> Iterator[tuple[Line, str]]:
@@ -154,7 +126,6 @@ def _certificate(atlas: Atlas, setting: Setting, options: argparse.Namespace) ->
         "summary": _summary(atlas),
         "groups": [[_strip(strip, setting, options) for strip in group] for group in atlas.groups],
         "probes": atlas.probes,
-        "seed": options.seed,
         "differing": [
             {"line": str(probe.line), "error": probe.error, **start_of(probe.line, probe.lead, setting)}
             for probe in atlas.differing
@@ -211,7 +182,7 @@ def _page(certificates: Sequence[Mapping[str, Any]]) -> str:
         parts.append(f"<h2>{markup(certificate['junction'])}</h2><p>{markup(summary)}</p>")
         strips = draw_strips(rows, -LONGEST, LONGEST, "lead of the subject")
         parts.append(f"<div class=scroll>{strips}</div>{_failures(certificate)}")
-    return rendered("atlas of starts", blocks, None, ("pytest_rvads.report", "atlas"), strips="".join(parts))
+    return rendered("critical starts", blocks, None, ("pytest_rvads.report", "all_lines"), strips="".join(parts))
 
 
 def _rows(group: Sequence[Mapping[str, Any]]) -> Iterator[StripRow]:

@@ -1,4 +1,4 @@
-"""``rvads calibrate``: what the pedals of a driver do, held against the parameters of the simulated vehicle."""
+"""``rvads dynamics pedals``: what the pedals of a driver do, held against the parameters of the simulated vehicle."""
 
 import json
 from pathlib import Path
@@ -55,14 +55,14 @@ def test_calibration_is_a_table_json_and_a_drawing(
         "    def control(self, seen):\n"
         "        return rvads.Control(0.0, 0.5, self.steer(seen))\n"
     )
-    assert main(["calibrate", "--autopilot", "mine:Brakes", "--json", "--aggression", "2", "--svg", "pedals.svg"]) == 0
+    assert main(["dynamics", "pedals", "--autopilot", "mine:Brakes", "--json", "--aggression", "2", "--svg", "pedals.svg"]) == 0
     result = json.loads(capsys.readouterr().out)
     assert (result["version"], result["aggression"]) == (1, 2)
     assert result["throttle"] == {"full": None, "largest": 0.0, "used": []}
     assert result["brake"]["full"] == pytest.approx(-FULL_BRAKE[1], rel=0.01)
     words = [element.text for element in ElementTree.parse("pedals.svg").iter() if element.text]
     assert {"pedals of mine:Brakes", "position of the throttle, 1 = full", "position of the brake, 1 = full"} <= set(words)
-    assert main(["calibrate", "--autopilot", "mine:Brakes"]) == 0
+    assert main(["dynamics", "pedals", "--autopilot", "mine:Brakes"]) == 0
     *_, throttle, brake = capsys.readouterr().out.splitlines()
     assert throttle == "throttle: never pressed"
     assert brake == "brake: -4.00 m/s^2 at full pedal, pressed up to 0.50"
@@ -73,7 +73,7 @@ def test_calibration_of_a_failing_driver_is_one_error(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     Path("theirs.py").write_text("class Late:\n    def control(self, seen):\n        raise KeyError('plan')\n")
-    assert main(["calibrate", "--autopilot", "theirs:Late"]) == 2
+    assert main(["dynamics", "pedals", "--autopilot", "theirs:Late"]) == 2
     assert "no calibration: Late driving a0 raised KeyError: 'plan'" in capsys.readouterr().err
-    assert main(["calibrate"]) == 2
+    assert main(["dynamics", "pedals"]) == 2
     assert "no driver is named" in capsys.readouterr().err
