@@ -5,28 +5,22 @@ __all__: list[str]
 from pytest_rvads import errors as errors, files as files, values as values
 from pytest_rvads.drivers.follower import Follower as Follower
 from pytest_rvads.drivers.reference import Reference as Reference
-from pytest_rvads.drivers.traffic import RollingStop as RollingStop, SumoDriver as SumoDriver
+from pytest_rvads.drivers.traffic import RollingStop as RollingStop
 from pytest_rvads.drivers.lgsvl import LgsvlLike as LgsvlLike
 from pytest_rvads.drivers.playback import Replay as Replay
 from pytest_rvads.drivers.traffic import traffic as traffic
 from pytest_rvads.satellites.campaigns.campaign import campaign as campaign
-from pytest_rvads.satellites.campaigns.resultsfile import Results as Results
 from pytest_rvads.session.collection.marks import known as known, recorded as recorded, scenario as scenario
 from pytest_rvads.session.collection.searching import critical as critical
 from pytest_rvads.session.collection.searching import falsify as falsify
-from pytest_rvads.support.errors import RuleViolation as RuleViolation, RvadsError as RvadsError
+from pytest_rvads.support.errors import RuleViolation as RuleViolation
 from pytest_rvads.logic.check import check as check
-from pytest_rvads.logic.live.instant import Seen as Seen
 from pytest_rvads.logic.live.rule_monitor import RuleMonitor as RuleMonitor
-from pytest_rvads.logic.rules.book import RuleBook as RuleBook, predicate as predicate, rule as rule
+from pytest_rvads.logic.rules.book import predicate as predicate, rule as rule
 from pytest_rvads.logic.rules.rule import Rule as Rule
-from pytest_rvads.logic.rules.book import load_rules as load_rules
-from pytest_rvads.logic.rules.vocabulary import Word as Word
 from pytest_rvads.logic.judging.verdicts import Status as Status, Verdict as Verdict
 from pytest_rvads.geometry.finder import find as find
 from pytest_rvads.geometry.junction import Junction as Junction
-from pytest_rvads.geometry.control import Sign as Sign
-from pytest_rvads.geometry.turns import Turn as Turn
 from pytest_rvads.simulators.patience import limits as limits
 from pytest_rvads.simulators.loop import bullet as bullet, mujoco as mujoco
 from pytest_rvads.satellites.sumo.sumo_simulator import Sumo as Sumo, sumo as sumo
@@ -38,11 +32,9 @@ from pytest_rvads.scenarios.senses import Senses as Senses
 from pytest_rvads.search import strategies as strategies
 from pytest_rvads.search.metamorphic import equivalent as equivalent
 from pytest_rvads.search.metamorphic import determinate as determinate, rational as rational
-from pytest_rvads.runs.itineraries import Itinerary as Itinerary
 from pytest_rvads.logic.conduct.kpis import kpis as kpis
-from pytest_rvads.runs.recording import Recording as Recording
 from pytest_rvads.runs.run import Run as Run
-from pytest_rvads.runs.states import Agent as Agent, Colour as Colour, Kind as Kind, VehicleState as VehicleState, Zone as Zone
+from pytest_rvads.runs.states import Agent as Agent, Colour as Colour, Kind as Kind, Zone as Zone
 from pytest_rvads.drivers.interface import (
     Acceleration as Acceleration,
     Autopilot as Autopilot,

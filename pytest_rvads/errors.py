@@ -1,4 +1,4 @@
-"""All exceptions of the package. `RvadsError` and `RuleViolation` are also names of ``pytest_rvads`` itself."""
+"""All exceptions of the package. `RuleViolation` is also a name of ``pytest_rvads`` itself."""
 
 from pytest_rvads.support.errors import (
     AutopilotError,

@@ -1,5 +1,6 @@
-"""The functions that read and write files of runs, recordings and scenarios."""
+"""The functions that read and write files of runs, recordings, scenarios and rules."""
 
+from pytest_rvads.logic.rules.book import load_rules
 from pytest_rvads.runs.readers import read_recorded, read_runs
 from pytest_rvads.runs.recordingfile import load_recording, save_recording
 from pytest_rvads.runs.runfile import load_run, save_run
@@ -10,6 +11,7 @@ from pytest_rvads.satellites.tracks.importing import read_tracks
 __all__ = [
     "export_run",
     "load_recording",
+    "load_rules",
     "load_run",
     "load_scenario",
     "read_recorded",

@@ -31,7 +31,7 @@ def judged(place: str, rules: Iterable[Rule], simulator: rvads.Sumo = rvads.sumo
     points = grid(GRID, len(junction.entrances), junction.control)
     found = {}
     for scenario in Selection(junction, points, senses=(rvads.Senses(seed=seed),)):
-        run = rvads.simulate(rvads.Case(scenario, rvads.SumoDriver), simulator)
+        run = rvads.simulate(rvads.Case(scenario, rvads.traffic("sumo")), simulator)
         for rule in rules:
             found[rule.name, scenario.number, scenario.configuration] = rvads.check(run, rule)
     return found

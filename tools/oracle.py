@@ -155,7 +155,7 @@ def crowd(place: str, seed: int) -> rvads.Run:
     station, speed, pose = np.full(shape, np.nan), np.full(shape, np.nan), np.full((*shape, 3), np.nan)
     agents = []
     for vehicle, first in enumerate(np.sort(rng.integers(0, CROWD_STEPS // 2, shape[1])).tolist()):
-        way = rvads.Itinerary.through(junction, *ways[rng.integers(len(ways))])
+        way = rvads.values.Itinerary.through(junction, *ways[rng.integers(len(ways))])
         speeds = np.repeat(rng.choice([0.0, 0.05, 1.0, 3.0, 5.0, 9.0], 200), rng.integers(3, 25, 200))[: CROWD_STEPS - first]
         along = way.line - 14.0 + np.concatenate(([0.0], np.cumsum(speeds[:-1]) * CROWD_STEP))
         present = slice(first, first + int(np.searchsorted(along, way.leave)))
@@ -180,7 +180,7 @@ def crowds() -> Entries:
         monitor = rvads.RuleMonitor(BOOKS, run.junction, dt=run.dt)
         for tick in range(run.steps):
             state = zip(run.agents, run.need("station")[tick], run.need("speed")[tick], run.need("pose")[tick], strict=True)
-            seen = [rvads.Seen(agent, float(s), float(v), *map(float, pose)) for agent, s, v, pose in state if s == s]
+            seen = [rvads.values.Seen(agent, float(s), float(v), *map(float, pose)) for agent, s, v, pose in state if s == s]
             for decided in monitor.see(seen, run.lights[tick]):
                 binding = sorted(decided.binding.items())
                 yield f"{place} live {decided.rule} {binding}", {"tick": tick, "verdict": str(decided.verdict)}

@@ -199,7 +199,7 @@ class SumoDriver(Autopilot):
             AutopilotError: always.
         """
         raise AutopilotError(
-            "SUMO's driver drives in the simulator sumo alone: add --rvads-simulator sumo, and name rvads.SumoDriver itself"
+            "SUMO's driver drives in the simulator sumo alone: add --rvads-simulator sumo, and name rvads.traffic('sumo') itself"
         )
 
 

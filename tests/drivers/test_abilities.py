@@ -16,7 +16,7 @@ from pytest_rvads.runs.states import Agent
 from pytest_rvads.search.relations import renamed
 from pytest_rvads.simulators.seat import crew
 
-AGENTS = [Agent(f"a{k}", Movement(k, (k + 2) % 4, rvads.Turn.STRAIGHT, 10.0, "m")) for k in range(2)]
+AGENTS = [Agent(f"a{k}", Movement(k, (k + 2) % 4, rvads.values.Turn.STRAIGHT, 10.0, "m")) for k in range(2)]
 CONTROL = rvads.Control(brake=1.0)
 
 
@@ -90,7 +90,7 @@ def test_a_base_gives_the_defaults() -> None:
 
 def test_subject_is_matched_by_name_and_not_by_entrance() -> None:
     """Two stand at entrance 0, one behind the other."""
-    agents = [AGENTS[0], Agent("a0+1", Movement(0, 2, rvads.Turn.STRAIGHT, 10.0, "m")), AGENTS[1]]
+    agents = [AGENTS[0], Agent("a0+1", Movement(0, 2, rvads.values.Turn.STRAIGHT, 10.0, "m")), AGENTS[1]]
     seats = crew(agents, Able, rvads.Reference, "a0+1")
     assert [seat.name for seat in seats] == ["Reference", "able", "Reference"]
 

@@ -137,7 +137,7 @@ def test_turn_follows_from_the_path_and_not_from_its_label(drive: Make) -> None:
     """a1 stops at red and goes straight on; the recording calls that a right turn, for which it need not wait."""
     run = drive("light4", {1: (2, -0.5, [(0, 0.0), (200, 8.0)])}, 600, CROSS, subject="a1")
     assert verdicts(run)["red"] == "FAIL a1"
-    way = replace(run.junction.movements[run.agents[0].way.key], turn=rvads.Turn.RIGHT)
+    way = replace(run.junction.movements[run.agents[0].way.key], turn=rvads.values.Turn.RIGHT)
     renamed = replace(run, agents=(replace(run.agents[0], way=way),))
     assert verdicts(renamed)["red"] in ("FAIL a1", "ERROR")
 

@@ -88,7 +88,7 @@ def test_a_front_that_swings_out_has_not_left_its_lane(tmp_path: Path) -> None:
     path.write_text(opendrive(Layout(stop=7.0)), encoding="utf-8")
     case = Case(at(rvads.find("1", path), "1000"), OnCentreLine, STOPPED)
     run = case.run()
-    way = rvads.Itinerary.through(run.junction, 0, 1)
+    way = rvads.values.Itinerary.through(run.junction, 0, 1)
     poses, stations = run.need("pose")[:, 0], run.need("station")[:, 0]
     swing = max(abs(way.project(x, y, s)[1]) for (x, y, _), s in zip(poses[::10], stations[::10], strict=True))
     assert swing > 0.82, "without this much room to the border of the lane nothing was tried"

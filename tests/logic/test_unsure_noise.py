@@ -7,9 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pytest_rvads import Agent, Case, Itinerary, LgsvlLike, Run, Scenario, Status, check, find, simulate, validate
+from pytest_rvads import Agent, Case, LgsvlLike, Run, Scenario, Status, check, find, simulate, validate
 from pytest_rvads.logic.rules.book import rules_for
 from pytest_rvads.runs.recording import Recording, Track
+from pytest_rvads.values import Itinerary
 from studies.mutants import MUTANTS
 
 KEPT = {Status.PASS, Status.NA, None}

@@ -57,7 +57,7 @@ def jam(label: str, arrivals: Sequence[float]) -> Recording:
     """Vehicles that each come from 100 m before the first entrance of an all-way stop, 10 m/s fast, from a time on."""
     junction = rvads.find("stop4")
     key = junction.leads(0, 2).key
-    way = rvads.Itinerary.through(junction, *key)
+    way = rvads.values.Itinerary.through(junction, *key)
     tracks = []
     for number, begin in enumerate(arrivals):
         times = begin + np.arange(0.0, 20.0, 0.1)

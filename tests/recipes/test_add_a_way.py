@@ -214,7 +214,7 @@ def test_live_monitors_find_the_same_violation(drive: Make) -> None:
     found = []
     for tick in range(run.steps):
         seen = [
-            rvads.Seen(agent, float(run.station[tick, k]), float(run.speed[tick, k]), *map(float, run.pose[tick, k]))
+            rvads.values.Seen(agent, float(run.station[tick, k]), float(run.speed[tick, k]), *map(float, run.pose[tick, k]))
             for k, agent in enumerate(run.agents)
         ]
         found += [(one.rule, one.time) for one in monitor.see(seen, run.lights[tick]) if one.verdict is Truth.FALSE]

@@ -30,7 +30,7 @@ def follow_crawls(_first: rvads.Run, agent: int) -> Callable[[rvads.Run], bool]:
     return follow
 
 
-CRAWLS = rvads.Word("crawls", ("agent",), crawls, "{0} has crawled", "{0} has not crawled", follow_crawls)
+CRAWLS = rvads.values.Word("crawls", ("agent",), crawls, "{0} has crawled", "{0} has not crawled", follow_crawls)
 
 
 def test_one_value_is_enough(drive: Callable[..., rvads.Run]) -> None:
@@ -48,7 +48,7 @@ def test_one_value_is_enough(drive: Callable[..., rvads.Run]) -> None:
     ten = rvads.RuleMonitor(rule, run.junction, run.agents, block=10)
     said = [str(ten.step(zone, speed=speed)) for zone, speed in zip(run.zone[:110], run.speed[:110], strict=True)]
     assert said == ["?"] * 109 + ["F"]
-    blind = rvads.Rule("brisk", rule.text, words=(rvads.Word("crawls", ("agent",), crawls),))
+    blind = rvads.Rule("brisk", rule.text, words=(rvads.values.Word("crawls", ("agent",), crawls),))
     alone = rvads.RuleMonitor(blind, run.junction, run.agents)
     for zone, speed in zip(run.zone, run.speed, strict=True):
         assert str(alone.step(zone, speed=speed)) == "?", "without `follow` it sees one state only"

@@ -366,7 +366,7 @@ def test_a_damaged_report_names_the_place(tmp_path: Path, place: tuple[Any, ...]
         inner = inner[key]
     inner[place[-1]] = value
     (tmp_path / "r.json").write_text(json.dumps(content).replace('"DEEP"', "[" * 9999 + "]" * 9999), encoding="utf-8")
-    with pytest.raises(rvads.RvadsError, match=r"r\.json (is a damaged report|can't be read)") as refused:
+    with pytest.raises(rvads.errors.RvadsError, match=r"r\.json (is a damaged report|can't be read)") as refused:
         load(tmp_path / "r.json")
     assert says in str(refused.value)
     assert "\n" not in str(refused.value)

@@ -117,7 +117,7 @@ MISTAKES: dict[str, tuple[Callable[[Any], object], str]] = {
 @pytest.mark.parametrize("mistake", MISTAKES)
 def test_arguments_of_wrong_type_are_refused(mistake: str) -> None:
     wrong, says = MISTAKES[mistake]
-    with pytest.raises(rvads.RvadsError, match=says):
+    with pytest.raises(rvads.errors.RvadsError, match=says):
         wrong(rvads)
 
 

@@ -110,9 +110,9 @@ def test_moved_and_mirrored_maps_have_the_same_junction() -> None:
     (variant,) = RELATIONS["mirror"](Case(scenario, rvads.Reference))
     assert isinstance(variant, Variant)
     mirrored_turn = {
-        rvads.Turn.LEFT: rvads.Turn.RIGHT,
-        rvads.Turn.RIGHT: rvads.Turn.LEFT,
-        rvads.Turn.STRAIGHT: rvads.Turn.STRAIGHT,
+        rvads.values.Turn.LEFT: rvads.values.Turn.RIGHT,
+        rvads.values.Turn.RIGHT: rvads.values.Turn.LEFT,
+        rvads.values.Turn.STRAIGHT: rvads.values.Turn.STRAIGHT,
     }
     by_entrance = {agent.entrance: agent for agent in variant.case.agents()}
     for agent in scenario.agents():

@@ -165,5 +165,5 @@ def test_scenarios_of_a_seed_do_not_depend_on_the_loaded_modules(tmp_path: Path)
     ],
 )
 def test_misuse(call: Callable[[], object], says: str) -> None:
-    with pytest.raises(rvads.RvadsError, match=says):
+    with pytest.raises(rvads.errors.RvadsError, match=says):
         call()

@@ -7,6 +7,7 @@ import pytest
 
 import pytest_rvads as rvads
 from pytest_rvads.drivers.interface import Command, Observation
+from pytest_rvads.geometry.turns import Turn
 from pytest_rvads.runs.run import DT, Run
 from pytest_rvads.runs.states import Kind, VehicleState, Zone
 from pytest_rvads.simulators.perception import hidden
@@ -88,7 +89,7 @@ def test_parked_vehicle_hides_the_pedestrian_until_the_line_of_sight_is_free() -
 
 
 def person(name: str, x: float, y: float) -> VehicleState:
-    return VehicleState(name, 4, rvads.Turn.STRAIGHT, Zone.JUNCTION, 1.0, x, y, math.pi / 2, 1.4, 0.0, 0.6, 0.6, Kind.PEDESTRIAN)
+    return VehicleState(name, 4, Turn.STRAIGHT, Zone.JUNCTION, 1.0, x, y, math.pi / 2, 1.4, 0.0, 0.6, 0.6, Kind.PEDESTRIAN)
 
 
 @pytest.mark.parametrize(("ahead", "gone"), [(Kind.CAR, True), (Kind.TRUCK, True), (Kind.PEDESTRIAN, False)])

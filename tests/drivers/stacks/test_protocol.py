@@ -205,7 +205,7 @@ def test_a_vehicle_keeps_its_number_while_others_come_and_go() -> None:
     talk = messages.Json()
     talk.begin(messages.reset(seen, 0.05))
 
-    def ids(others: tuple[rvads.VehicleState, ...]) -> list[int]:
+    def ids(others: tuple[rvads.values.VehicleState, ...]) -> list[int]:
         content = json.loads(talk.observe(seen._replace(others=others), 1))
         assert {one["kind"] for one in (content["me"], *content["others"])} == {"car"}
         return [one["id"] for one in (content["me"], *content["others"])]
@@ -218,7 +218,7 @@ def test_a_vehicle_keeps_its_number_while_others_come_and_go() -> None:
     assert ids((third,)) == [0, 1], "numbers begin anew with every scenario"
 
 
-def replace_state(state: rvads.VehicleState, **values: Any) -> rvads.VehicleState:
+def replace_state(state: rvads.values.VehicleState, **values: Any) -> rvads.values.VehicleState:
     return state._replace(**values)
 
 

@@ -113,7 +113,7 @@ def test_an_interrupted_campaign_goes_on_where_it_was(tmp_path: Path, alone: lis
         rvads.campaign(cases(), executor=2, results=path, progress=interrupt)
     with path.open("ab") as file:
         file.write(b'\n{"case":"cut of')  # as a crash leaves it
-    with rvads.Results(path) as half:
+    with rvads.values.Results(path) as half:
         assert half.exitstatus == 2
         assert "INCOMPLETE" in half.report().notes[0]
         assert len(half) == 3
@@ -157,11 +157,13 @@ def test_results_of_something_else_are_not_mixed_in(tmp_path: Path) -> None:
         "simulator": (partial(Steady, 7.0), "no_collision", Renamed()),
     }
     for what, (driver, rules, simulator) in others.items():
-        with pytest.raises(rvads.RvadsError, match=rf"holds results of another campaign \(.*{what}.*\): name another file"):
+        with pytest.raises(
+            rvads.errors.RvadsError, match=rf"holds results of another campaign \(.*{what}.*\): name another file"
+        ):
             rvads.campaign(cases(driver), rules, executor=1, results=path, simulator=simulator)
     two = [*cases(partial(Steady, 7.0), [4]), *cases(partial(Steady, 8.0), [4])]
     with pytest.raises(
-        rvads.RvadsError, match=r"two different drivers of a campaign have the name .*Steady: give each driver a name"
+        rvads.errors.RvadsError, match=r"two different drivers of a campaign have the name .*Steady: give each driver a name"
     ):
         rvads.campaign(two, executor=1)
 
@@ -197,7 +199,7 @@ def test_a_file_that_is_written_to_is_not_written_to_by_another_campaign(tmp_pat
 
     def begin_another(done: int, _: int) -> None:
         if done == 1:
-            with pytest.raises(rvads.RvadsError, match="another campaign writes to"):
+            with pytest.raises(rvads.errors.RvadsError, match="another campaign writes to"):
                 rvads.campaign(cases(), executor=1, results=path)
 
     rvads.campaign(cases(), executor=1, results=path, progress=begin_another).close()
@@ -226,7 +228,7 @@ def test_a_case_that_kills_its_process_is_an_error_and_costs_no_other() -> None:
 
 
 def test_what_can_not_travel_says_what_to_do() -> None:
-    with pytest.raises(rvads.RvadsError, match=r"can't travel to another process .*executor=1"):
+    with pytest.raises(rvads.errors.RvadsError, match=r"can't travel to another process .*executor=1"):
         rvads.campaign(cases(lambda: rvads.Reference()), executor=2)
     assert len(rvads.campaign(cases(lambda: rvads.Reference()), "no_collision", executor=1)) == FEW
 
@@ -236,7 +238,7 @@ def fast(run: rvads.Run, agent: int) -> NDArray[np.bool_]:
 
 
 def test_rules_and_words_of_users_travel() -> None:
-    word = rvads.Word("fast", ("agent",), fast)
+    word = rvads.values.Word("fast", ("agent",), fast)
     mine = rvads.Rule("slow", "forall a. G !fast(a)", words=(word,))
     beside = rvads.campaign(cases(partial(Steady, 6.0), [20.0], speed=5.0), mine, executor=2)
     assert [judged.verdicts[0].status for judged in beside] == [Outcome.FAIL]
@@ -245,7 +247,7 @@ def test_rules_and_words_of_users_travel() -> None:
 
 def test_a_worker_with_other_code_answers_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     question = answering.Question(("no_collision",), rvads.bullet, Limits(), "0" * 64, {"pytest-rvads": "0.0"})
-    with pytest.raises(rvads.RvadsError, match=r"a worker has other code .*install the same version"):
+    with pytest.raises(rvads.errors.RvadsError, match=r"a worker has other code .*install the same version"):
         answering.judge(question, answering.Job(0, "0" * 64, next(cases()), "driver", None))
 
 
@@ -292,7 +294,7 @@ def test_what_is_no_file_of_results_is_refused(tmp_path: Path, content: bytes, c
     assert main(["report", "merge", str(path)]) == 2
     assert "holds no results of a campaign of version 2" in capsys.readouterr().err
     if content:
-        with pytest.raises(rvads.RvadsError, match="holds no results"):
+        with pytest.raises(rvads.errors.RvadsError, match="holds no results"):
             rvads.campaign(cases(), executor=1, results=path)
         assert path.read_bytes() == content
 
@@ -324,7 +326,7 @@ def test_a_result_that_was_damaged_later_is_missed(tmp_path: Path, alone: list[J
     third = next(k for k, line in enumerate(lines) if alone[2].case.encode() in line)
     lines[third] = lines[third].replace(b'"verdicts":', b'"verdicts"?')
     path.write_bytes(b"\n".join(lines))
-    with rvads.Results(path) as damaged:
+    with rvads.values.Results(path) as damaged:
         assert (len(damaged), damaged.exitstatus, damaged.report().complete) == (FEW - 1, 2, False)
     with rvads.campaign(cases(), executor=1, results=path) as results:
         assert (list(results), results.exitstatus) == (alone, 0)
@@ -346,11 +348,11 @@ def test_a_full_disk_ends_a_campaign_that_goes_on_when_there_is_room(tmp_path: P
     path, usual = tmp_path / "results.jsonl", resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (12_000, usual[1]))
     try:
-        with pytest.raises(rvads.RvadsError, match=r"no result can be added to .*make room, then run the campaign again"):
+        with pytest.raises(rvads.errors.RvadsError, match=r"no result can be added to .*make room, then run the campaign again"):
             rvads.campaign(cases(), executor=1, results=path)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, usual)
-    with rvads.Results(path) as half:
+    with rvads.values.Results(path) as half:
         assert 0 < len(half) < FEW
     with rvads.campaign(cases(), executor=1, results=path) as results:
         assert list(results) == alone
@@ -358,10 +360,10 @@ def test_a_full_disk_ends_a_campaign_that_goes_on_when_there_is_room(tmp_path: P
 
 def test_results_are_not_written_to_what_is_no_file(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe")
-    with pytest.raises(rvads.RvadsError, match="is no regular file"):
+    with pytest.raises(rvads.errors.RvadsError, match="is no regular file"):
         rvads.campaign(cases(), executor=1, results=tmp_path / "pipe")
     with pytest.raises(OSError, match="expected a regular file"):
-        rvads.Results(tmp_path / "pipe")
+        rvads.values.Results(tmp_path / "pipe")
 
 
 HASHES = """

@@ -117,7 +117,10 @@ def test_a_campaign_whose_scheduler_was_killed_ends_and_goes_on_where_it_was(
         here.scheduler.kill()
         died.append(time.monotonic())
 
-    with here.client() as client, pytest.raises(rvads.RvadsError, match=r"gone.*results are kept in .* run the campaign again"):
+    with (
+        here.client() as client,
+        pytest.raises(rvads.errors.RvadsError, match=r"gone.*results are kept in .* run the campaign again"),
+    ):
         rvads.campaign(cases(), executor=client.get_executor(), results=path, progress=at(BEFORE, die))
     assert time.monotonic() - died[0] < 20
     here.stop()

@@ -23,7 +23,7 @@ from .with_sumo import needs_sumo, signed
 
 pytestmark = needs_sumo
 
-STOP, YIELD, NONE, PRIORITY, LIGHTS = (rvads.Sign(s) for s in ("stop", "yield", "none", "priority", "lights"))
+STOP, YIELD, NONE, PRIORITY, LIGHTS = (rvads.values.Sign(s) for s in ("stop", "yield", "none", "priority", "lights"))
 SHOW = """
 import json, sys, libsumo
 libsumo.start(["sumo", "--net-file", sys.argv[1], "--step-length", "0.01", "--no-step-log", "--xml-validation", "never"])

@@ -31,7 +31,7 @@ pytestmark = needs_sumo
 PRINT = """
 import pytest_rvads as rvads
 scenario = rvads.Scenario(rvads.find("stop4"), "1133", distance=20.0, speed=10.0)
-print(rvads.simulate(rvads.Case(scenario, rvads.SumoDriver), rvads.sumo).hash)
+print(rvads.simulate(rvads.Case(scenario, rvads.traffic("sumo")), rvads.sumo).hash)
 """
 
 
@@ -75,7 +75,7 @@ def test_too_fast_start_of_a_sumo_driver_is_refused() -> None:
         rvads.errors.RunError, match=r"^SUMO lets a0 depart at \(1.75, -75.00\) with 11.18 m/s, expected .* with 15.00 m/s"
     ):
         simulated("stop4", "2000", distance=60.0, speed=15.0)
-    run = among("2020", rvads.Reference, rvads.SumoDriver, distance=60.0, speed=[15.0, 0.0, 5.0, 0.0])
+    run = among("2020", rvads.Reference, rvads.traffic("sumo"), distance=60.0, speed=[15.0, 0.0, 5.0, 0.0])
     assert run.fault is None
     assert run.need("speed")[0] == pytest.approx([15.0, 5.0])
 
@@ -145,7 +145,9 @@ def test_provenance_names_the_simulator_and_its_versions() -> None:
 
 
 @pytest.mark.extended
-@pytest.mark.parametrize(("driver", "traffic"), [(rvads.Reference, rvads.SumoDriver), (rvads.SumoDriver, rvads.Reference)])
+@pytest.mark.parametrize(
+    ("driver", "traffic"), [(rvads.Reference, rvads.traffic("sumo")), (rvads.traffic("sumo"), rvads.Reference)]
+)
 def test_drivers_of_the_package_and_of_sumo_share_a_run(driver: Any, traffic: Any) -> None:
     run = among("2222", driver, traffic)
     assert (run.fault, run.collisions, run.provenance["end"]) == (None, (), "left")
@@ -157,7 +159,7 @@ def test_vehicle_of_sumo_waits_for_a_vehicle_in_the_junction() -> None:
     """A standing vehicle blocks a vehicle of SUMO, which alone would pass the junction within ten seconds."""
     alone = simulated("stop4", "0200", speed=0.0)
     assert (alone.provenance["end"], alone.steps < 1300) == ("left", True)
-    run = among("2200", Stuck, rvads.SumoDriver, duration=20.0)
+    run = among("2200", Stuck, rvads.traffic("sumo"), duration=20.0)
     assert (run.provenance["end"], run.collisions) == ("duration", ())
     ours, theirs = run.station[-1]
     assert ours == pytest.approx(16.75, abs=1.5), "the ways cross there"
@@ -166,7 +168,7 @@ def test_vehicle_of_sumo_waits_for_a_vehicle_in_the_junction() -> None:
 
 def test_overlapping_boxes_end_the_run_with_a_collision() -> None:
     """A vehicle of SUMO stops at the line, and its follower drives into it."""
-    run = among("2000", rvads.SumoDriver, Rammer, followers=1, speed=5.0)
+    run = among("2000", rvads.traffic("sumo"), Rammer, followers=1, speed=5.0)
     assert run.provenance["end"] == "collision"
     assert run.collisions[0].agents == ("a0", "a0+1")
     assert run.collisions[0].speed == pytest.approx(8.0, abs=0.6)
@@ -176,7 +178,7 @@ def test_overlapping_boxes_end_the_run_with_a_collision() -> None:
 
 def test_driver_of_sumo_is_refused_in_other_simulators() -> None:
     scenario = rvads.Scenario(rvads.find("stop4"), "2000")
-    run = rvads.simulate(rvads.Case(scenario, rvads.SumoDriver), usual())
+    run = rvads.simulate(rvads.Case(scenario, rvads.traffic("sumo")), usual())
     assert "SUMO's driver drives in the simulator sumo alone" in run.fault.reason
     assert "add --rvads-simulator sumo" in run.fault.reason
     assert rvads.check(run, "no_collision").status == "ERROR"
@@ -194,7 +196,7 @@ def test_senses_that_are_not_ideal_are_refused_for_the_driver_of_sumo() -> None:
     blurred = rvads.Senses(delay=0.2)
     with pytest.raises(ScenarioError, match=r"^SUMO's driver has ideal senses .*got senses with delay00.20 in stop4"):
         simulated("stop4", "2000", senses=blurred)
-    assert among("2020", rvads.Reference, rvads.SumoDriver, senses=blurred).fault is None
+    assert among("2020", rvads.Reference, rvads.traffic("sumo"), senses=blurred).fault is None
 
 
 def test_missing_libsumo_names_the_package_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -266,7 +268,7 @@ def signalling(processes: list[SumoProcess], number: int) -> Callable[[], rvads.
 @pytest.mark.parametrize("times", [1, 2])
 def test_killed_sumo_is_a_fault(processes: list[SumoProcess], times: int) -> None:
     for _ in range(times):
-        run = among("2020", signalling(processes, signal.SIGKILL), rvads.SumoDriver)
+        run = among("2020", signalling(processes, signal.SIGKILL), rvads.traffic("sumo"))
         assert run.fault.time == pytest.approx(1.0)
         assert "SUMO (libsumo): it was killed by signal SIGKILL" in run.fault.reason
         verdict = rvads.check(run, "no_collision")
@@ -277,7 +279,7 @@ def test_killed_sumo_is_a_fault(processes: list[SumoProcess], times: int) -> Non
 @pytest.mark.extended
 def test_hanging_sumo_is_a_fault(processes: list[SumoProcess]) -> None:
     with rvads.limits(decision=0.5):
-        run = among("2020", signalling(processes, signal.SIGSTOP), rvads.SumoDriver)
+        run = among("2020", signalling(processes, signal.SIGSTOP), rvads.traffic("sumo"))
     assert "SUMO (libsumo): " in run.fault.reason
     assert "no answer within 0.5 s of real time (setting rvads_decision_limit)" in run.fault.reason
     with pytest.raises(ProcessLookupError):

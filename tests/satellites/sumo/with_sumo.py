@@ -27,10 +27,10 @@ def simulated(junction: str | rvads.Junction, directions: Any, simulator: rvads.
     """Return a run in which SUMO drives every vehicle, by default from 20 m before the line at 10 m/s."""
     place = rvads.find(junction) if isinstance(junction, str) else junction
     scenario = rvads.Scenario(place, directions, **{"distance": 20.0, "speed": 10.0, **more})
-    return rvads.simulate(rvads.Case(scenario, rvads.SumoDriver), simulator)
+    return rvads.simulate(rvads.Case(scenario, rvads.traffic("sumo")), simulator)
 
 
-def signed(base: str, *signs: rvads.Sign, **more: Any) -> rvads.Junction:
+def signed(base: str, *signs: rvads.values.Sign, **more: Any) -> rvads.Junction:
     """Return a built-in junction with other signs."""
     place = rvads.find(base)
     lanes = tuple(replace(lane, sign=sign, phase=None) for lane, sign in zip(place.entrances, signs, strict=True))
