@@ -131,7 +131,7 @@ def _check_runs(options: argparse.Namespace) -> int:
         return status
     following.refuse_without(options)
     from pytest_rvads.cli.check_output import Teller, Totals
-    from pytest_rvads.cli.run_answers import Question, judged, run_files
+    from pytest_rvads.cli.run_answers import Judge, judged, run_files
 
     folder: str | None = None
     reports: list[Path] = []
@@ -148,10 +148,10 @@ def _check_runs(options: argparse.Namespace) -> int:
     totals, for_program = Totals(), options.json or options.jsonl
     files = run_files(options.files, totals.trouble)
     alone = len(options.files) == len(files) == 1
-    question = Question(names, options.verbose, alone and not for_program, folder)
+    judge = Judge(names, options.verbose, alone and not for_program, folder)
     with (
         Teller(options, totals, len(files), reports, alone=alone) as teller,
-        closing(judged(files, question, processes(options, 1))) as batches,
+        closing(judged(files, judge, processes(options, 1))) as batches,
     ):
         for batch in batches:
             teller.tell(batch)

@@ -46,20 +46,6 @@ NOTABLE = (*_SHOWN, Status.ERROR)
 
 
 @dataclass(frozen=True, slots=True)
-class Question:
-    """The settings by which a command judges every run: its rules, and whether indicators and replay pages are made."""
-
-    rules: tuple[str, ...]
-    """Names of rules, as on the command line."""
-    kpis: bool = False
-    """Whether performance indicators are computed for every run."""
-    alone: bool = False
-    """Whether a single file is checked; then indicators are computed for every run that is no excerpt of a recording."""
-    pages: str | None = None
-    """Folder of the pages of failures."""
-
-
-@dataclass(frozen=True, slots=True)
 class _Part:
     """A part of a file: some of its runs."""
 
@@ -129,12 +115,12 @@ class _Parts(Iterator[_Part]):
         return self.issued[-1]
 
 
-def judged(files: Sequence[str], question: Question, processes: int = 1) -> Generator[Batch, None, None]:
+def judged(files: Sequence[str], judge: Judge, processes: int = 1) -> Generator[Batch, None, None]:
     """Yield the verdicts on the runs of files in order, as soon as possible; closing the iterator ends the processes."""
     size = _SIZE if processes > 1 else 1  # a single process answers after each run
     parts, batches = _Parts(files, size), dict[_Part, Batch]()
     awaited = deque(_Part(file, 0, size) for file in files)
-    with closing(gathered(_Judge(question), parts, processes, batch=1)) as answers:
+    with closing(gathered(judge, parts, processes, batch=1)) as answers:
         for number, answer in answers:
             part = parts.issued[number]
             batches[part] = Batch(part.file, 0, error=f"{part.file}: {answer.error}") if isinstance(answer, Failed) else answer
@@ -146,16 +132,23 @@ def judged(files: Sequence[str], question: Question, processes: int = 1) -> Gene
                 yield batch
 
 
-class _Judge:
+@dataclass
+class Judge:
     """Judges the runs of parts of files; the runs of the last file stay in memory if the file holds several runs."""
 
-    def __init__(self, question: Question) -> None:
-        self._question = question
-        self._last_read: tuple[str, Sequence[Run]] | None = None
+    rules: tuple[str, ...]
+    """Names of rules, as on the command line."""
+    kpis: bool = False
+    """Whether performance indicators are computed for every run."""
+    alone: bool = False
+    """Whether a single file is checked; then indicators are computed for every run that is no excerpt of a recording."""
+    pages: str | None = None
+    """Folder of the pages of failures."""
+    _last_read: tuple[str, Sequence[Run]] | None = None
 
     @cached_property
     def _rules(self) -> tuple[Rule, ...]:
-        return named_rules(self._question.rules)
+        return named_rules(self.rules)
 
     def __call__(self, part: _Part) -> Batch:
         """Return the verdicts on the runs in a part of a file; for an unreadable file or run, return the error."""
@@ -187,13 +180,13 @@ class _Judge:
         reasons: dict[str, list[str]] = {}
         verdicts: list[tuple[Rule, Verdict]] = []
         for rule in self._rules:
-            if not (rule.walked_at(run.junction) or rule.name in self._question.rules):
+            if not (rule.walked_at(run.junction) or rule.name in self.rules):
                 continue
             verdict = verdict_by(run, rule)
             if verdict.status is Status.ERROR:
                 reasons.setdefault(verdict.reason, []).append(rule.name)
             verdicts.append((rule, verdict))
-        wants_kpis = self._question.kpis or (self._question.alone and run.excerpt is None)
+        wants_kpis = self.kpis or (self.alone and run.excerpt is None)
         place, fit = run.junction, not damage(run)
         keys = {"junction": place.name, "control": place.control.value, "recording": run.label}
         run_record = replace(
@@ -227,7 +220,7 @@ class _Judge:
         self, file: str, number: int, run: Run, rule: Rule, verdict: Verdict, verdicts: Sequence[tuple[Rule, Verdict]]
     ) -> tuple[str, ...]:
         """Write the replay pages of a verdict; return their names with their opening times, or the reason why no page exists."""
-        if self._question.pages is None or verdict.status not in _SHOWN:
+        if self.pages is None or verdict.status not in _SHOWN:
             return ()
         again = f"rvads check {quote(file)} --rules {rule.name}"
         notes = f"{verdict.explanation}\nrecorded  {file}\nrerun     {again}"
@@ -237,8 +230,8 @@ class _Judge:
         try:
             for page in failure_pages(run, verdict, rule, notes, beside):
                 name = f"{slug(f'{run.label}-{rule.name}-{number}.{len(pages)}-{file}')}.html"
-                write_file(Path(self._question.pages) / name, page.html.encode())
-                pages.append(f"{Path(self._question.pages) / name}#t={page.time:.2f}")
+                write_file(Path(self.pages) / name, page.html.encode())
+                pages.append(f"{Path(self.pages) / name}#t={page.time:.2f}")
         except Exception as error:
             pages.append(f"not drawn: {sentence(error)}\n{notes}")
         return tuple(pages)

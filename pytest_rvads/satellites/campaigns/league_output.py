@@ -28,7 +28,7 @@ from pytest_rvads.report.session_report import exit_status
 from pytest_rvads.satellites.campaigns.campaign import Keys, campaign
 from pytest_rvads.satellites.campaigns.league import Config, League, about
 from pytest_rvads.satellites.campaigns.resultsfile import Judged, Results
-from pytest_rvads.satellites.campaigns.town_output import INTERRUPTED, Replays, Source, draw_replays, progressing
+from pytest_rvads.satellites.campaigns.town_output import INTERRUPTED, Replays, draw_replays, progressing
 from pytest_rvads.satellites.campaigns.town_tally import Tally, cell
 from pytest_rvads.search.critical import Order, critical_starts
 from pytest_rvads.search.trials import Fault, Setting
@@ -119,15 +119,19 @@ def _judged(league: League, name: str, simulator: Simulator, folder: Path, execu
                 if result.nodeid not in cases:
                     raise RvadsError(f"{file} is damaged: {result.nodeid!r:.60} is no run of this league: remove the file")
                 tally.add(result)
-            source = Source(
-                lambda names: {run: cases[run] for run in names},
-                lambda place: rules_for(league.rules, place),
-                lambda run: league.again(name, run),
-            )
             replays = Replays()
             if executor is not None and INTERRUPTED not in notes:
                 with progressing(f"replays of {name}") as progress:
-                    replays = draw_replays({name: tally}, source, folder / key, executor, simulator, progress)
+                    replays = draw_replays(
+                        {name: tally},
+                        lambda names: {run: cases[run] for run in names},
+                        lambda place: rules_for(league.rules, place),
+                        lambda run: league.again(name, run),
+                        folder / key,
+                        executor,
+                        simulator,
+                        progress,
+                    )
             replays = replace(replays, notes=(*dict.fromkeys(notes), *replays.notes))
             return _standing(league, name, judged, tally, replays, sides, key)
 

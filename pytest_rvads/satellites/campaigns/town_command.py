@@ -23,7 +23,7 @@ from pytest_rvads.support.wording import first, plural
 
 if TYPE_CHECKING:
     from pytest_rvads.satellites.campaigns.town import Town
-    from pytest_rvads.satellites.campaigns.town_output import Order
+    from pytest_rvads.simulators.simulator import Simulator
 
 _DESCRIPTION = """\
 Judge a controller at every junction of maps. The folder of -o gets town.html, the map with the verdicts at all
@@ -84,18 +84,18 @@ def declare(commands: Subparsers) -> None:
 
 def _town(options: argparse.Namespace) -> int:
     with _driver(options) as driver:
-        order = _order(options, driver)
-        if options.list and order.town.runs:
-            for planned in order.town.plan:
+        town, simulator = _asked(options, driver)
+        if options.list and town.runs:
+            for planned in town.plan:
                 say(planned.name)
             return 0
         folder = Path(options.output or ("rvads-town/only" if options.only else "rvads-town"))
-        _announce(order.town)
-        if not order.town.runs:
-            return _nothing_planned(order.town)
+        _announce(town)
+        if not town.runs:
+            return _nothing_planned(town)
         make_folder("-o", folder)
         with terminable(), opened_executor(options) as executor:
-            return _judge_town(order, options, folder, executor)
+            return _judge_town(town, simulator, options, folder, executor)
 
 
 @contextmanager
@@ -110,12 +110,11 @@ def _driver(options: argparse.Namespace) -> Iterator[Any]:
             yield driver
 
 
-def _order(options: argparse.Namespace, driver: Any) -> Order:
-    """Return the town and the settings that the options ask for; a wrong option raises an error before a run is simulated."""
+def _asked(options: argparse.Namespace, driver: Any) -> tuple[Town, Simulator]:
+    """Return the town and the simulator that the options ask for; a wrong option raises an error before a run is simulated."""
     from pytest_rvads.drivers.traffic import DEFAULT, Policy
     from pytest_rvads.geometry.control import JunctionControl
     from pytest_rvads.satellites.campaigns.town import Town
-    from pytest_rvads.satellites.campaigns.town_output import Order
     from pytest_rvads.satellites.campaigns.town_plan import Request
     from pytest_rvads.scenarios.arguments import check_followers
     from pytest_rvads.scenarios.configurations import grid
@@ -149,8 +148,7 @@ def _order(options: argparse.Namespace, driver: Any) -> Order:
         sample=options.sample,
         seed=options.seed,
     )
-    simulator = named(options.simulator, Path.cwd()) if options.simulator else meant()
-    return Order(town, simulator, _rerun_command(options))
+    return town, named(options.simulator, Path.cwd()) if options.simulator else meant()
 
 
 def _subject(text: str) -> int | str | None:
@@ -200,7 +198,9 @@ def _nothing_planned(town: Town) -> int:
     return NOTHING_JUDGED
 
 
-def _judge_town(order: Order, options: argparse.Namespace, folder: Path, executor: Executor | int | None) -> int:
+def _judge_town(
+    town: Town, simulator: Simulator, options: argparse.Namespace, folder: Path, executor: Executor | int | None
+) -> int:
     """Simulate and judge the runs, write page and reports, and return the exit status.
 
     If the campaign is interrupted, page and reports show the results so far.
@@ -209,18 +209,18 @@ def _judge_town(order: Order, options: argparse.Namespace, folder: Path, executo
     from pytest_rvads.satellites.campaigns.resultsfile import Results
     from pytest_rvads.satellites.campaigns.town_output import progressing, written
 
-    town = order.town
-    path = None if options.only else folder / f"results-{_results_digest(order, options)}.jsonl"
+    again = _rerun_command(options)
+    path = None if options.only else folder / f"results-{_results_digest(town, simulator, options)}.jsonl"
     if path is not None and path.exists():
         warn(f"{path} has results of this town: cases with a result are not simulated again")
     try:
         with progressing("runs") as progress:
             results = campaign(
                 town.cases(),
-                order.town.plan.request.rules,
+                town.plan.request.rules,
                 executor=executor,
                 results=path,
-                simulator=order.simulator,
+                simulator=simulator,
                 progress=progress,
                 total=town.runs,
             )
@@ -236,12 +236,12 @@ def _judge_town(order: Order, options: argparse.Namespace, folder: Path, executo
             if not len(results):
                 raise stopped
             warn(f"rvads: {cut}")
-            return written(order, results, folder, executor, cut)
+            return written(town, simulator, again, results, folder, executor, cut)
     with results:
-        return written(order, results, folder, executor)
+        return written(town, simulator, again, results, folder, executor)
 
 
-def _results_digest(order: Order, options: argparse.Namespace) -> str:
+def _results_digest(town: Town, simulator: Simulator, options: argparse.Namespace) -> str:
     """Return a digest of all that results depend on: maps, driver, simulator, rules, code, and options that choose runs.
 
     The digest is part of the name of the file of results.
@@ -250,10 +250,10 @@ def _results_digest(order: Order, options: argparse.Namespace) -> str:
     from pytest_rvads.support.installed import code
     from pytest_rvads.support.storage import read_file
 
-    key_parts: list[Any] = [sha256(read_file(map, _LARGEST)).hexdigest() for map in order.town.maps]
-    key_parts += [code(), identity(order.town.plan.request.driver), identity(order.simulator)]
-    key_parts += [rule if isinstance(rule, str) else f"{rule.name} {identity(rule)}" for rule in order.town.plan.request.rules]
-    key_parts += [identity(order.town.plan.request.traffic.factory)] if order.town.plan.request.traffic else []
+    key_parts: list[Any] = [sha256(read_file(map, _LARGEST)).hexdigest() for map in town.maps]
+    key_parts += [code(), identity(town.plan.request.driver), identity(simulator)]
+    key_parts += [rule if isinstance(rule, str) else f"{rule.name} {identity(rule)}" for rule in town.plan.request.rules]
+    key_parts += [identity(town.plan.request.traffic.factory)] if town.plan.request.traffic else []
     key_parts.append([getattr(options, name) for name in _CHOICES])
     key_parts += [hand] if (hand := os.environ.get(HAND)) else []
     return sha256(json.dumps(key_parts).encode("utf-8", "surrogatepass")).hexdigest()[:12]

@@ -11,8 +11,8 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
-from typing import NamedTuple
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
@@ -47,24 +47,29 @@ INTERRUPTED = "INCOMPLETE: interrupted"
 _OTHERWISE = "the same start gave another run when it was simulated again, so its verdicts mean little"
 
 
-@dataclass(frozen=True, slots=True)
-class Order:
-    """What a command ``rvads town`` asks for: the town, the simulator, and how to run cases again."""
-
-    town: Town
-    simulator: Simulator
-    again: str
-    """The beginning of a command that runs a part of the town again; ids of runs are appended."""
-
-
-def written(order: Order, results: Results, folder: Path, executor: Executor | int | None, cut: str = "") -> int:
-    """Write replays, page and report, print the summary, and return the exit status."""
-    town = order.town
+def written(
+    town: Town,
+    simulator: Simulator,
+    again: str,
+    results: Results,
+    folder: Path,
+    executor: Executor | int | None,
+    cut: str = "",
+) -> int:
+    """Write replays, page and report, print the summary, and return the exit status; ids after `again` repeat runs."""
     tallies, replays = tallied(results), Replays()
     if not cut:
         with progressing("replays") as progress:
-            source = Source(town.case_of, town.plan.rules, lambda name: f"{order.again} {quoted(name)}")
-            replays = draw_replays(tallies, source, folder, executor, order.simulator, progress)
+            replays = draw_replays(
+                tallies,
+                town.case_of,
+                town.plan.rules,
+                lambda name: f"{again} {quoted(name)}",
+                folder,
+                executor,
+                simulator,
+                progress,
+            )
     missing = town.runs - sum(tally.runs for tally in tallies.values())
     notes = (
         [f"INCOMPLETE: {cut or 'results are missing'}, {missing} runs have no result: run it again to continue"]
@@ -76,7 +81,7 @@ def written(order: Order, results: Results, folder: Path, executor: Executor | i
     outcomes = {outcome for tally in tallies.values() for outcome in tally.outcomes}
     status = exit_status(outcomes | ({Outcome.FLAKY} if replays.flaky else set()), complete=complete)
     report = replace(
-        results.report(again=order.again),
+        results.report(again=again),
         records=town_records(results, {key: f"{folder / page}" for key, page in replays.looks.items()}, replays.flaky),
         notes=tuple(notes),
         exitstatus=status,
@@ -91,7 +96,7 @@ def written(order: Order, results: Results, folder: Path, executor: Executor | i
         Notes((*notes, *map(str, report.drawn))),
         *(block for block in outline(report) if isinstance(block, Head | Figures)),
     ]
-    page = town_page(title, blocks, town.pictures(), town.sites(), tallies, replays.looks, order.again)
+    page = town_page(title, blocks, town.pictures(), town.sites(), tallies, replays.looks, again)
     write_file(folder / "town.html", page.encode())
     save(folder / "town.json", report)
     show(report)
@@ -113,61 +118,54 @@ class Replays:
     """Sentences on replay pages that could not be drawn, with the reasons."""
 
 
-class Source(NamedTuple):
-    """Where replays get their runs from."""
-
-    case_of: Callable[[Collection[str]], Mapping[str, Case]]
-    """Returns the case of each of the named runs."""
-    rules: Callable[[Junction], tuple[Rule, ...]]
-    """Returns the rules that judge runs at a junction."""
-    again: Callable[[str], str]
-    """Returns the command that simulates a run, given by name, again."""
-
-
-class _Job(NamedTuple):
-    name: str
-    case: Case
-    rules: tuple[Rule, ...]
-    notes: str
-    simulator: Simulator | None
-
-
-class _Drawn(NamedTuple):
-    name: str
-    hash: str
-    pages: tuple[tuple[str, float, str], ...]
-    """Per replay page: name of the rule, time of the violation [s], HTML."""
-
-
 def draw_replays(
     tallies: Mapping[str, Tally],
-    source: Source,
+    case_of: Callable[[Collection[str]], Mapping[str, Case]],
+    rules_at: Callable[[Junction], tuple[Rule, ...]],
+    again: Callable[[str], str],
     folder: Path,
     executor: Executor | int | None = None,
     simulator: Simulator | None = None,
     progress: Progress | None = None,
 ) -> Replays:
-    """Simulate the example run of every cause of failures again, and write replay pages of its violations."""
+    """Simulate the example run of every cause of failures again, and write replay pages of its violations.
+
+    `case_of` gives the cases of runs by name, `again` the command that simulates a run once more.
+    """
     examples = list(_examples(tallies))
-    jobs = _replay_jobs(source, examples[:MOST], simulator)
+    rules_of_run: dict[str, set[str]] = {}
+    for cause in examples[:MOST]:
+        rules_of_run.setdefault(cause.run, set()).add(cause.rule)
+    cases = case_of(rules_of_run)
+    names = sorted(cases)
+    jobs = [
+        (
+            cases[name],
+            tuple(rule for rule in rules_at(cases[name].scenario.place) if rule.name in rules_of_run[name]),
+            again(name),
+        )
+        for name in names
+    ]
     hashes = {cause.run: cause.hash for cause in examples}
     looks: dict[tuple[str, str], str] = {}
     flaky: dict[str, Divergence] = {}
     troubles: list[str] = []
     notes = []
     try:
-        for finished, (number, answer) in enumerate(gathered(_draw, jobs, executor, batch=1), start=1):
+        for finished, (number, answer) in enumerate(gathered(partial(_draw, simulator), jobs, executor, batch=1), start=1):
+            name = names[number]
             if progress is not None:
                 progress(finished, len(jobs))
             if isinstance(answer, Failed):
-                troubles.append(f"{jobs[number].name}: {sentence(answer.error)}")
+                troubles.append(f"{name}: {sentence(answer.error)}")
                 continue
-            if answer.hash != hashes[answer.name]:
-                flaky[answer.name] = Divergence("hash", text=_OTHERWISE)
-            for rule, time, html in answer.pages:
-                look = f"replays/{slug(f'{answer.name}-{rule}')}.html"
+            hash, pages = answer
+            if hash != hashes[name]:
+                flaky[name] = Divergence("hash", text=_OTHERWISE)
+            for rule, time, html in pages:
+                look = f"replays/{slug(f'{name}-{rule}')}.html"
                 write_file(folder / look, html.encode())
-                looks[answer.name, rule] = f"{look}#t={time:.2f}"
+                looks[name, rule] = f"{look}#t={time:.2f}"
     except KeyboardInterrupt:
         notes.append(INTERRUPTED)
     if len(examples) > MOST:
@@ -177,19 +175,6 @@ def draw_replays(
     if flaky:
         notes.append(f"{len(flaky)} runs were different when they were simulated again, the first: {min(flaky)}")
     return Replays(looks, flaky, tuple(notes))
-
-
-def _replay_jobs(source: Source, examples: Sequence[CauseTally], simulator: Simulator | None) -> list[_Job]:
-    """Return the runs to simulate again for replays, by name of the run."""
-    rules_of_run: dict[str, set[str]] = {}
-    for cause in examples:
-        rules_of_run.setdefault(cause.run, set()).add(cause.rule)
-    cases = source.case_of(rules_of_run)
-    jobs = []
-    for name in sorted(cases):
-        rules = tuple(rule for rule in source.rules(cases[name].scenario.place) if rule.name in rules_of_run[name])
-        jobs.append(_Job(name, cases[name], rules, f"again     {source.again(name)}", simulator))
-    return jobs
 
 
 def _examples(tallies: Mapping[str, Tally]) -> Iterator[CauseTally]:
@@ -202,18 +187,19 @@ def _examples(tallies: Mapping[str, Tally]) -> Iterator[CauseTally]:
         yield from (group[turn] for group in groups if turn < len(group))
 
 
-def _draw(job: _Job) -> _Drawn:
-    """Simulate and judge a run, and draw replay pages of its violations."""
-    run = simulate(job.case, job.simulator)
+def _draw(simulator: Simulator | None, job: tuple[Case, Sequence[Rule], str]) -> tuple[str, list[tuple[str, float, str]]]:
+    """Simulate and judge a run; return its hash, and per replay page the rule, the time of the violation [s] and the HTML."""
+    case, rules, again = job
+    run = simulate(case, simulator)
     pages = []
-    for rule in job.rules:
+    for rule in rules:
         try:
             verdict = check(run, rule)
-            page = next(failure_pages(run, verdict, rule, f"{verdict.explanation}\n{job.notes}"))
+            page = next(failure_pages(run, verdict, rule, f"{verdict.explanation}\nagain     {again}"))
         except RvadsError:  # a run that a fault ended at its start has no page
             continue
         pages.append((rule.name, page.time, page.html))
-    return _Drawn(job.name, run.hash, tuple(pages))
+    return run.hash, pages
 
 
 @contextmanager
