@@ -193,11 +193,7 @@ class SumoDriver(Autopilot):
     label = "sumo"
 
     def control(self, _seen: Observation) -> Command:
-        """Raise an error, because SUMO moves its vehicles by itself.
-
-        Raises:
-            AutopilotError: always.
-        """
+        """Raise an error, because SUMO moves its vehicles by itself."""
         raise AutopilotError(
             "SUMO's driver drives in the simulator sumo alone: add --rvads-simulator sumo, and name rvads.traffic('sumo') itself"
         )
