@@ -231,7 +231,7 @@ class Options:
         metavar="N",
     )
     seed: int = _option("seed of the samples of --rvads-sample and of limit= in marks", partial(_count, least=0), "0", "S")
-    rules: Path | None = _option("file with your rules, see `rvads rules --rules`", _path_from_root)
+    rules: Path | None = _option("file with your rules, see `rvads rules FILE`", _path_from_root)
     keep: Path | None = _option("folder in which every run is saved, as .npz for `rvads check`", _path_from_start)
     report: tuple[Path, ...] = _option(
         "also write the verdicts to FILE.json, FILE.html, FILE.md, FILE.csv (by requirement), or in a format "
