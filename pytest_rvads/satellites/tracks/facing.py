@@ -6,6 +6,8 @@ vehicle moves. While the vehicle stands, this direction is noise, or zero.
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import islice
 
@@ -13,20 +15,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pytest_rvads.runs.states import Kind
-from pytest_rvads.satellites.tracks.matching import directions
+from pytest_rvads.satellites.tracks.matching import STEP, Line, directions
 from pytest_rvads.satellites.tracks.samples import Log, Samples
 from pytest_rvads.support.errors import RunError
+
+__all__ = ["LEAST_AGREEMENT", "agreement", "faced", "with_headings"]
 
 _COMPARED = 100
 """Largest number of vehicles of a log whose headings are compared with their direction of motion."""
 _SHORTEST_DRIVE = 10.0
-"""Only vehicles that drive at least this distance are compared, because noise hides the direction of a shorter drive [m]."""
+"""Headings in motion are compared of vehicles that drive at least this distance, because noise hides the direction of a shorter
+drive [m]."""
 LEAST_AGREEMENT = 0.92
 """Least cosine of the angle between heading and direction of motion, averaged over a track, at which both agree. With noise or
 slipping, the cosine is larger. If a log states headings in degrees, and 90 degrees are read as 90 rad, the cosine is 0.89."""
+_NEAR = 0.5
+"""Ways whose distances from a vehicle differ by less than this are equally near [m]."""
 _SLOW, _AROUND = 0.5, 0.25
 """A vehicle counts as standing if its mean speed from `_AROUND` [s] before a sample to `_AROUND` after it is less than `_SLOW`
-[m/s]: noise of 5 cm hides smaller speeds."""
+[m/s], and as moving from twice that speed on: noise of 5 cm hides smaller speeds."""
 
 
 def agreement(log: Log) -> tuple[float, float]:
@@ -34,11 +41,11 @@ def agreement(log: Log) -> tuple[float, float]:
 
     Both are medians over vehicles, and 1 without such vehicles. For a standing vehicle, its directions before and after count.
     """
-    vehicles = islice((vehicle for vehicle in log.vehicles if _is_comparable(vehicle)), _COMPARED)
     moving, standing = [1.0], [1.0]
-    for vehicle in vehicles:
-        cosines, stands = np.cos(np.asarray(vehicle.heading) - directions(vehicle.points)), _stands(vehicle)
-        moving += [float(cosines[~stands].mean())] if not stands.all() else []
+    for vehicle, reach in islice(_comparable(log), _COMPARED):
+        cosines, speeds = np.cos(np.asarray(vehicle.heading) - directions(vehicle.points)), _speeds(vehicle)
+        moves, stands = speeds >= 2 * _SLOW, speeds < _SLOW
+        moving += [float(cosines[moves].mean())] if reach >= _SHORTEST_DRIVE and moves.any() else []
         standing += [float(cosines[stands].mean())] if stands.any() else []
     return float(np.median(moving[1:] or moving)), float(np.median(standing[1:] or standing))
 
@@ -61,16 +68,38 @@ def with_headings(log: Log) -> Log:
     return replace(log, vehicles=tuple(replace(vehicle, heading=None) for vehicle in log.vehicles), notes=(*log.notes, note))
 
 
-def _stands(vehicle: Samples) -> NDArray[np.bool_]:
-    """Return in which samples a vehicle stands, shape ``(samples,)``."""
+def faced(vehicle: Samples, lines: Sequence[Line], offset: tuple[float, float]) -> Samples:
+    """Return a vehicle that never moves with the heading of the nearest way, if its own headings are those of no way there.
+
+    Args:
+        vehicle: any vehicle; a vehicle that moves is returned as it is.
+        lines: the ways through the junction.
+        offset: numbers added to x and y of the vehicle [m].
+    """
+    if np.hypot(*(vehicle.points - vehicle.points[0]).T).max() >= STEP:
+        return vehicle
+    point = vehicle.points.mean(axis=0, keepdims=True) + offset
+    places = sorted((abs(float(aside[0])), k, at) for k, (at, aside) in enumerate(line.project(point) for line in lines))
+    aheads = [lines[k].way.centre(at)[1][0] for apart, k, at in places if apart <= places[0][0] + _NEAR]
+    headings = [math.atan2(*ahead[::-1]) for ahead in aheads]
+    if vehicle.heading is not None and any(np.cos(vehicle.heading - ahead).mean() >= LEAST_AGREEMENT for ahead in headings):
+        return vehicle
+    return replace(vehicle, heading=np.full(len(vehicle.times), headings[0]))
+
+
+def _speeds(vehicle: Samples) -> NDArray[np.float64]:
+    """Return the mean speed of a vehicle around each sample, shape ``(samples,)`` [m/s]."""
     times = vehicle.times
     early, late = (np.clip(times + by, times[0], times[-1]) for by in (-_AROUND, _AROUND))
     x, y = (np.interp(late, times, values) - np.interp(early, times, values) for values in vehicle.points.T)
-    still: NDArray[np.bool_] = np.hypot(x, y) < _SLOW * (late - early)
-    return still
+    speeds: NDArray[np.float64] = np.hypot(x, y) / (late - early)
+    return speeds
 
 
-def _is_comparable(vehicle: Samples) -> bool:
-    if vehicle.heading is None or vehicle.kind is Kind.PEDESTRIAN:  # the headings of pedestrians are not used
-        return False
-    return bool(np.hypot(*(vehicle.points - vehicle.points[0]).T).max() >= _SHORTEST_DRIVE)
+def _comparable(log: Log) -> Iterator[tuple[Samples, float]]:
+    """Yield the vehicles with headings that move, each with its greatest distance from its first place [m]."""
+    for vehicle in log.vehicles:
+        if vehicle.heading is not None and vehicle.kind is not Kind.PEDESTRIAN:  # the headings of pedestrians are not used
+            reach = float(np.hypot(*(vehicle.points - vehicle.points[0]).T).max())
+            if reach >= STEP:
+                yield vehicle, reach

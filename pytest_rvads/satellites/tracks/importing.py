@@ -28,13 +28,14 @@ from pytest_rvads.runs.smoothing import DERIVED
 from pytest_rvads.runs.states import AXLE, Agent, Kind
 from pytest_rvads.satellites.lanelet2.osm_file import plane_of_utm, read_osm
 from pytest_rvads.satellites.tracks.crossing_tracks import CrossingMatcher, track_on_foot
-from pytest_rvads.satellites.tracks.facing import with_headings
+from pytest_rvads.satellites.tracks.facing import faced, with_headings
 from pytest_rvads.satellites.tracks.geographic import on_plane
 from pytest_rvads.satellites.tracks.lightlog import lights_at, read_lights, signals_at, with_lights
 from pytest_rvads.satellites.tracks.logformats import Point, read_log
 from pytest_rvads.satellites.tracks.matching import (
     NEVER,
-    STANDS,
+    ONCE,
+    STEP,
     Matched,
     Matcher,
     accuracy_of,
@@ -243,11 +244,8 @@ def recording_of(log: Log, junction: Junction, intake: Intake, recorded_lights: 
     unsized = [vehicle for vehicle in vehicles if _front_distance(vehicle, intake) is None]
     junction = with_lights(junction, recorded_lights)
     matcher = Matcher(junction)
-    found = [
-        (vehicle, [STANDS] if len(vehicle.times) < 2 else list(matcher.match(vehicle, *front_positions(vehicle, intake))))
-        for vehicle in vehicles
-        if _front_distance(vehicle, intake) is not None
-    ]
+    facing = [faced(vehicle, matcher.lines, intake.offset) for vehicle in vehicles if _front_distance(vehicle, intake) is not None]
+    found = [(vehicle, list(matcher.match(vehicle, *front_positions(vehicle, intake)))) for vehicle in facing]
     all_passes = [("", vehicle, match) for vehicle, matches in found for match in matches if isinstance(match, Matched)]
     walkers = [walker for walker in log.vehicles if walker.kind is Kind.PEDESTRIAN]
     walks = _walks(junction, walkers, intake) if junction.crossings and all_passes else []
@@ -259,21 +257,21 @@ def recording_of(log: Log, junction: Junction, intake: Intake, recorded_lights: 
         matched += [(_pass_name(vehicle.name, k), vehicle, match) for k, match in enumerate(passes)]
         reasons = [match.doubt if isinstance(match, Matched) else match for match in matches]
         if reasons and not passes:
-            left_out.append((vehicle.name, next((why for why in reasons if why not in (NEVER, STANDS)), reasons[0])))
+            left_out.append((vehicle.name, next((why for why in reasons if why not in (NEVER, ONCE)), reasons[0])))
     walks = walks if matched else []
     on_foot = {walker.name for _, walker, _ in walks}
     reason = _OFF_CROSSWALKS if junction.crossings and matched else _PEDESTRIAN
     left_out += [(walker.name, reason) for walker in walkers if walker.name not in on_foot]
     junction = junction.walked if walks else junction
-    accuracy = intake.position_accuracy
-    if accuracy is None:
-        accuracy = accuracy_of([(vehicle, match) for _, vehicle, match in matched])
+    accuracy, measured = intake.position_accuracy, [(vehicle, match) for _, vehicle, match in matched]
+    if accuracy is None:  # some logs repeat the position of a vehicle that stands, without noise
+        accuracy = accuracy_of([pair for pair in measured if np.ptp(pair[1].station) >= STEP] or measured)
     accuracy_on_foot = intake.position_accuracy
     if accuracy_on_foot is None:
         accuracy_on_foot = max(accuracy, accuracy_of([(walker, walk) for _, walker, walk in walks]))
     noise = intake.speed_accuracy
     if noise is None:
-        noise = noise_of([(vehicle, match) for _, vehicle, match in matched]) if accuracy > 0.0 else 0.0
+        noise = noise_of(measured) if accuracy > 0.0 else 0.0
     derived = any(vehicle.speed is None for _, vehicle, _ in matched)
     named = _uniquely_named([*matched, *walks])
     return Recording(

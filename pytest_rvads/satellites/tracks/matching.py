@@ -21,6 +21,21 @@ from pytest_rvads.runs.smoothing import QUIET, delay, roughness, smoothed
 from pytest_rvads.runs.states import Agent
 from pytest_rvads.satellites.tracks.samples import Samples
 
+__all__ = [
+    "NEVER",
+    "ONCE",
+    "STEP",
+    "Line",
+    "Matched",
+    "Matcher",
+    "accuracy_of",
+    "delay_of",
+    "directions",
+    "noise_of",
+    "track_of",
+    "unbroken",
+]
+
 _Values = NDArray[np.float64]
 
 _FOLLOWED_APPROACH = 150.0
@@ -28,13 +43,15 @@ _FOLLOWED_APPROACH = 150.0
 FAR = 3.0
 """Largest root mean square of the distances between the points of a track and its way [m]: about the width of a lane, because
 some vehicles change lanes late."""
+_STANDING = 1.75
+"""Largest distance from its way of a vehicle that never moves [m]: half the width of a lane. Farther away it is parked."""
 _FARTHEST_SAMPLE = 6.0
 """Largest distance between a sample and a way [m]; a sample farther away lies on another road."""
 _DECISIVE_APPROACH = 50.0
 """Distance before the entrance vertex from which a track is compared with ways [m]; earlier, the vehicle can change lanes."""
 _LEAST_DIFFERENCE = 0.5
 """If the root mean square distances of a track from the two nearest ways differ by less than this [m], its way is unknown."""
-_STEP = 2.0
+STEP = 2.0
 """Distance between the points of a track that are compared with ways [m]; a vehicle that stands adds no points."""
 _GAP = 2.0
 """A track is cut at a gap between samples that is longer than this [s] and longer than five usual times between samples."""
@@ -129,7 +146,7 @@ class Matcher:
     """Matches vehicles to the ways through a junction."""
 
     def __init__(self, junction: Junction) -> None:
-        self._lines = [Line.of(Itinerary.through(junction, *key)) for key in sorted(junction.movements)]
+        self.lines = [Line.of(Itinerary.through(junction, *key)) for key in sorted(junction.movements)]
         inner = np.vstack([movement.path.points for movement in junction.movements.values() if movement.path is not None])
         self.centre = inner.mean(axis=0)
         self._radius = float(np.hypot(*(inner - self.centre).T).max()) + _DECISIVE_APPROACH
@@ -151,23 +168,23 @@ class Matcher:
 
     def _passes(self, points: _Values, heading: _Values, first: int) -> Iterator[Matched | str]:
         """Yield the passes, or reasons, of a part of a track without gaps, whose first sample has the number `first`."""
-        picked = evenly_spaced(points)
-        if len(picked) < 2:
-            yield STANDS
+        if len(points) < 2:
+            yield ONCE
             return
-        projections = [line.project(points[picked], heading[picked]) for line in self._lines]
+        picked = evenly_spaced(points)
+        projections = [line.project(points[picked], heading[picked]) for line in self.lines]
         station, offset = (np.array(values) for values in zip(*projections, strict=True))  # (ways, picked)
         # A point counts as inside the junction if its projection onto the nearest way lies between entrance and exit.
         nearest = np.abs(offset).argmin(axis=0)
         column = np.arange(len(picked))
-        lengths = np.array([line.way.length for line in self._lines])
+        lengths = np.array([line.way.length for line in self.lines])
         nearest_station = station[nearest, column]
         inside = (
             (np.abs(offset[nearest, column]) <= _FARTHEST_SAMPLE) & (nearest_station > 0.0) & (nearest_station < lengths[nearest])
         )
         cuts = _pass_starts(np.flatnonzero(inside))
         if not cuts and not bool(((np.abs(offset) <= _FARTHEST_SAMPLE) & (station <= 0.0)).any()):
-            yield NEVER
+            yield BEHIND if bool((np.abs(offset) <= _FARTHEST_SAMPLE).any()) else NEVER
             return
         bounds = [0, *(int(picked[cut]) for cut in cuts[1:]), len(points)]
         for begin, end in pairwise(bounds):
@@ -184,28 +201,31 @@ class Matcher:
             station: stations of the points of the pass on each way, shape ``(ways, points)`` [m].
             offset: distances of the points from each way, positive to the left, shape ``(ways, points)`` [m].
         """
-        ends = np.array([line.way.end for line in self._lines])[:, None]
-        starts = np.array([max(-line.way.origin, -_DECISIVE_APPROACH) for line in self._lines])[:, None]
+        ends = np.array([line.way.end for line in self.lines])[:, None]
+        starts = np.array([max(-line.way.origin, -_DECISIVE_APPROACH) for line in self.lines])[:, None]
         on_way = (np.abs(offset) <= _FARTHEST_SAMPLE) & (station > starts) & (station < ends)
         near = on_way.any(axis=0)
         apart = np.minimum(np.abs(offset[:, near]), _OFF_DISTANCE)
         cost = np.sqrt((apart**2).sum(axis=1) / max(apart.shape[1], 1))
         order = np.argsort(cost, kind="stable")
         best = int(order[0])
-        if not near.any() or cost[best] > FAR:
-            return [], BESIDE
+        if not near.any():
+            return [], NEVER
+        if cost[best] > (FAR if offset.shape[1] > 1 else _STANDING):
+            return [], BESIDE if offset.shape[1] > 1 else PARKED
         stations_of_best = station[best][on_way[best]]
         if not len(stations_of_best) or stations_of_best[0] >= 0.0:
             return [], BEHIND
-        nearest = [self._lines[k] for k in order if cost[k] - cost[best] < _LEAST_DIFFERENCE]
-        if len(nearest) == 1 or stations_of_best[-1] >= self._lines[best].way.length:
+        nearest = [self.lines[k] for k in order if cost[k] - cost[best] < _LEAST_DIFFERENCE]
+        if len(nearest) == 1 or stations_of_best[-1] >= self.lines[best].way.length:
             return nearest[:1], ""
         doubt = BEFORE if stations_of_best[-1] <= 0.0 else UNCLEAR
         return (nearest if len({line.way.entrance for line in nearest}) == 1 else []), doubt
 
 
 NEVER = "it never comes near the junction"
-STANDS = "it does not move"
+ONCE = "it is seen once"
+PARKED = f"it stands more than {_STANDING:g} m beside every way through the junction"
 BEFORE = "its way is not known: the track ends before the junction"
 BEHIND = "its way is not known: the track begins in the junction or behind it"
 UNCLEAR = "its way is not known: the track ends in the junction, and several ways are equally near"
@@ -217,7 +237,7 @@ _OFF_DISTANCE = 10.0
 def directions(points: _Values) -> _Values:
     """Return the headings of a vehicle, derived from its positions, shape ``(samples,)`` [rad].
 
-    A standing vehicle keeps its heading; the headings of a vehicle that never moves by `_STEP` are 0.
+    A standing vehicle keeps its heading; the headings of a vehicle that never moves by `STEP` are 0.
 
     Args:
         points: positions of the vehicle, shape ``(samples, 2)`` [m].
@@ -232,10 +252,10 @@ def directions(points: _Values) -> _Values:
 
 
 def evenly_spaced(points: _Values) -> NDArray[np.int64]:
-    """Return the numbers of samples of a track that are at least `_STEP` apart, beginning with the first sample."""
+    """Return the numbers of samples of a track that are at least `STEP` apart, beginning with the first sample."""
     picked, (x, y) = [0], points[0].tolist()
     for k, (px, py) in enumerate(points.tolist()):
-        if (px - x) ** 2 + (py - y) ** 2 >= _STEP**2:
+        if (px - x) ** 2 + (py - y) ** 2 >= STEP**2:
             picked.append(k)
             x, y = px, py
     return np.array(picked)
@@ -253,7 +273,7 @@ def _pass_starts(inside: NDArray[np.int64]) -> list[int]:
     """Return the numbers of the points of a track at which its passes through the junction begin."""
     if not len(inside):
         return []
-    exits = np.flatnonzero(np.diff(inside) > _SHORTEST_ABSENCE / _STEP)
+    exits = np.flatnonzero(np.diff(inside) > _SHORTEST_ABSENCE / STEP)
     return [0, *((inside[exits] + inside[exits + 1]) // 2).tolist()]
 
 

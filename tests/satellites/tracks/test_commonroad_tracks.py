@@ -151,7 +151,7 @@ def test_command_imports_a_public_scenario(shared: Path, tmp_path: Path, capsys:
         assert (vehicle.times[0], vehicle.times[-1]) == (0.0, pytest.approx(0.1 * int(last.findtext("time/exact", ""))))
         assert vehicle.points[-1].tolist() == place
     assert main(["import", str(path), "-o", str(tmp_path / "out.npz")]) == 0
-    assert "10 vehicles at USA_Lanker_1_3_T_1.11530" in capsys.readouterr().out
+    assert "16 vehicles at USA_Lanker_1_3_T_1.11530" in capsys.readouterr().out
     recording = load_recording(tmp_path / "out.npz")
     assert len(recording.tracks) + len(recording.left_out) == len(obstacles) == 36
     assert all(math.dist(a[:2], b[:2]) < 3.0 for track in recording.tracks for a, b in pairwise(track.pose))

@@ -109,7 +109,7 @@ def test_of_many_bad_lines_the_first_are_told_and_then_their_number() -> None:
 def test_followed_log_without_verdicts_is_no_success() -> None:
     told, beside = judge(['{"t": 1}', '{"t": 2, "vehicles": [{"id": "x", "x": 900, "y": 900, "heading": 0}]}'], status=5)
     assert told == []
-    assert "1 left out, it does not move" in beside
+    assert "1 left out, it never comes near the junction" in beside
     assert "nothing was judged" in beside
 
 

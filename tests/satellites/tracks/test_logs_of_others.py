@@ -91,6 +91,73 @@ def test_vehicle_that_stands_is_judged_whatever_the_angles(angles: dict[str, Cal
     assert [rvads.check(run, "full_stop").status for run in recording] == ["PASS", "FAIL", "PASS"]
 
 
+LANES = find("lanes4")
+"""Entrances 1 and 5 lead one way, to the left; entrance 2 leads two ways."""
+
+
+def opposite(vehicle: Drive) -> np.ndarray:
+    return np.full(len(vehicle.times), vehicle.heading[0] + math.pi)
+
+
+def still(way: tuple[int, int], name: str, station: float, aside: float = 0.0) -> Drive:
+    """Return a vehicle that stands for the whole recording, `aside` metres to the left of its way."""
+    x, y, heading = Itinerary.through(LANES, *way).pose(station)
+    points = np.full((100, 2), (x - aside * math.sin(heading), y + aside * math.cos(heading)))
+    return Drive(name, 0.1 * np.arange(100), points, np.full(100, heading), np.zeros(100), math.nan)
+
+
+@pytest.mark.parametrize(
+    "angles",
+    [
+        {},
+        {"heading": of_body},
+        {"heading": of_motion},
+        {"yaw": zero_at_rest},
+        {"heading": opposite},
+        {"yaw": zero_at_rest, "heading": of_motion},
+        {"heading": of_motion, "yaw": of_body},
+    ],
+    ids=lambda angles: "-".join(angle.__name__ for angle in angles.values()) or "none",
+)
+@pytest.mark.parametrize("driven", [True, False])
+def test_vehicles_that_stand_are_kept_where_their_place_decides(
+    angles: dict[str, Callable[[Drive], np.ndarray]], driven: bool
+) -> None:
+    """Whether anybody drives or not; the lane of entrance 2 leads two ways, and nobody knows which of them the vehicle takes."""
+    standing = [still((1, 3), "first", -0.5), still((1, 3), "second", -7.0), still((5, 1), "opposite", -0.5)]
+    undecided = [still((2, 2), "forks", -0.5), still((2, 2), "parked", -20.0, -2.5), still((2, 2), "behind", 40.0)]
+    if angles.get("heading") is opposite:
+        driven = False
+    drives = [*standing, *undecided, *([drive(LANES, (3, 0), "drives")] if driven else [])]
+    recording = read_tracks(table(drives, angles), LANES)
+    kept = {track.agent.name: track for track in recording.tracks}
+    assert kept.keys() == {"first", "second", "opposite", *(["drives"] if driven else [])}
+    for vehicle in standing:
+        assert np.allclose(kept[vehicle.name].pose[:, :2], vehicle.points, atol=0.05)
+        assert np.cos(kept[vehicle.name].pose[:, 2] - vehicle.heading).min() > 0.9
+    reasons = dict(recording.left_out)
+    assert reasons.keys() == {"forks", "parked", "behind"}
+    assert "the track ends before the junction" in reasons["forks"]
+    assert "it stands more than 1.75 m beside every way" in reasons["parked"]
+    assert "the track begins in the junction or behind it" in reasons["behind"]
+
+
+def test_vehicle_that_sets_off_at_the_end_has_its_front_at_the_line() -> None:
+    stations = np.concatenate((np.full(100, -0.4), np.arange(-0.4, 3.0, 0.3)))
+    poses = np.array([Itinerary.through(LANES, 1, 3).pose(station) for station in stations])
+    starts = Drive("s", 0.1 * np.arange(len(stations)), poses[:, :2], poses[:, 2], np.gradient(stations, 0.1), math.nan)
+    recording = read_tracks(table([starts, drive(LANES, (3, 0))], {"heading": of_motion}), LANES, position_accuracy=0.0)
+    (track,) = (track for track in recording.tracks if track.agent.name == "s")
+    assert np.allclose(track.station[:90], -0.4, atol=0.05)
+
+
+def test_positions_that_a_log_repeats_say_nothing_of_its_noise() -> None:
+    noisy = drive(LANES, (3, 0), "v")
+    points = noisy.points + np.random.default_rng(1).normal(0.0, 0.2, noisy.points.shape)
+    drives = [replace(noisy, points=points), *(still((1, 3), f"{k}", -7.0 * k - 0.5) for k in range(3))]
+    assert read_tracks(table(drives, {}), LANES).position_accuracy == pytest.approx(0.2, rel=0.3)
+
+
 def test_degrees_of_a_compass_of_the_motion() -> None:
     compass = {"bearing": lambda v: (90.0 - np.degrees(of_motion(v))) % 360.0}
     columns = {name: name for name in ("time", "id", "x", "y", "length", "width")} | {"heading": "bearing:north"}

@@ -11,7 +11,7 @@ from pytest_rvads.runs.itineraries import Itinerary
 from pytest_rvads.runs.recording import Recording
 from pytest_rvads.satellites.tracks.importing import read_tracks
 from pytest_rvads.satellites.tracks.logformats import Point
-from pytest_rvads.satellites.tracks.matching import BEFORE, BEHIND, BESIDE, NEVER, STANDS, UNCLEAR
+from pytest_rvads.satellites.tracks.matching import BEFORE, BEHIND, BESIDE, NEVER, ONCE, PARKED, UNCLEAR
 from pytest_rvads.support.errors import RunError
 
 from .drives import LENGTH, WIDTH, Drive, drive, write_csv
@@ -118,14 +118,16 @@ def test_omitted_vehicles_have_reasons(tmp_path: Path) -> None:
         "beside", way.times, way.points + 5.0 * np.array([-np.sin(way.heading[0]), np.cos(way.heading[0])]), *way_rest(way)
     )
     against = Drive("against", way.times, way.points[::-1], way.heading + np.pi, way.speed, 0.0)
-    drives = [way, before, inside, behind, parked, away, beside, against]
+    once = cut(way, way.times == way.times[9], "once")
+    drives = [way, before, inside, behind, parked, away, beside, against, once]
     recording = read_tracks(write_csv(tmp_path / "t.csv", drives, back=0.0), STOP, point="front")
     assert [track.agent.name for track in recording.tracks] == ["passes"]
     reason = reasons(recording)
     assert reason["ends before"] == BEFORE
     assert reason["ends early inside"] == UNCLEAR
     assert reason["begins inside"] == BEHIND
-    assert reason["parked"] == STANDS
+    assert reason["parked"] == PARKED
+    assert reason["once"] == ONCE
     assert reason["away"] == NEVER
     assert reason["against"] == reason["beside"] == BESIDE
 
