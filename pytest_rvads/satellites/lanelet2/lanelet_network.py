@@ -161,16 +161,21 @@ def _keeps_left(ground: Ground, members: Members, doubts: list[MapWarning]) -> b
 
 
 def _sides_of_exits(ground: Ground, members: Members) -> Iterator[bool]:
-    """Yield, per lane into a junction, whether the nearest opposite lane out of the junction lies on the left."""
+    """Yield, per lane into a junction, whether the nearest opposite lane out of the junction lies on the left.
+
+    A lanelet that leads over the junction counts at one of its ends alone, because its bounds may be exchanged.
+    """
     for ids in members.values():
-        inside = set(ids)
+        inside, ends = set(ids), dict[str, int]()
         before, after = ({lane for id in ids for lane in links[id]} - inside for links in (ground.links.pred, ground.links.succ))
         exits = [_edge(ground.lanes[id]) for id in sorted(after - before)]
         for entrance in (_edge(ground.lanes[id]) for id in sorted(before - after)):
-            rows = [facing(entrance, exit) for exit in exits]
-            opposite = [(gap, left) for gap, angle, left in rows if gap <= _OPPOSITE_GAP and angle <= _PARALLEL]
+            rows = [(*facing(entrance, exit), exit.id) for exit in exits]
+            opposite = [(gap, left, id) for gap, angle, left, id in rows if gap <= _OPPOSITE_GAP and angle <= _PARALLEL]
             if opposite:
-                yield min(opposite)[1]
+                _, left, id = min(opposite)
+                if all(ends.setdefault(ground.lanes[one].source, end) == end for one, end in ((entrance.id, -1), (id, 0))):
+                    yield left
 
 
 def _edge(lane: Lanelet, road: tuple[str, bool] = ("", True), junction: str | None = None, kinks: float = 0.0) -> Edge:

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Sequence
-from itertools import pairwise
+from itertools import pairwise, product
 from pathlib import Path
 
 import numpy as np
@@ -464,6 +464,19 @@ def test_side_is_that_of_most_evidence(read: Read) -> None:
     # The middle lines of the four arms, and the four lanes out beside lanes in, against the bound of the street.
     assert doubts(road_map, "side")[0].startswith("8 of 9 votes")
     assert middle in doubts(road_map, "side")[0]
+
+
+@pytest.mark.parametrize("number", range(4))
+def test_exchanged_lane_beside_lanes_of_one_way_decides_no_side(read: Read, number: int) -> None:
+    """Two one-way roads of two lanes cross without a node, so that a lanelet leads to the junction and away from it."""
+    roads, lanes = Osm(), []
+    for road, aside in product((0, 1), (0.0, -4.0)):
+        lines = [[place(road, -60.0, aside + by), place(road, 60.0, aside + by)] for by in (3.5, 0.0)]
+        lanes.append(roads.lanelet(*(roads.way(line) for line in lines)))
+    assert not only(read(roads)).left_hand
+    exchange(roads, lanes[number])
+    assert not only(read(roads)).left_hand
+    assert "right was taken" in doubts(read(roads), "side")[0]
 
 
 @pytest.mark.parametrize(("region", "left"), [("gb", True), ("jp", True), ("cn", False), ("de", False)])
