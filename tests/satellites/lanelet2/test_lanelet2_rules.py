@@ -479,6 +479,28 @@ def test_exchanged_lane_beside_lanes_of_one_way_decides_no_side(read: Read, numb
     assert "right was taken" in doubts(read(roads), "side")[0]
 
 
+@pytest.mark.parametrize("tags", [{}, {"turn_direction": "left"}, {"turn_direction": "u_turn"}], ids=str)
+@pytest.mark.parametrize(("outer", "out"), [(7.0, -3.5), (7.0, -7.0), (3.5, -3.5)])
+def test_u_turn_is_left_out_with_a_warning(read: Read, tags: dict[str, str], outer: float, out: float) -> None:
+    """From a lane of its own into the lane out, into a lane out of its own, or from the lane in into the neighbouring lane out."""
+    crossing = Crossing()
+    for left, right in ((3.5, 7.0), (-3.5, -7.0)):
+        if right in (outer, out):  # a lane in, or out, beside those of the crossing
+            lines = [[place(0, 60.0, y), place(0, 10.0, y)] for y in (left, right)]
+            crossing.lanelet(*(crossing.way(line if right > 0 else line[::-1]) for line in lines))
+    bounds = [(outer - 3.5, out + 3.5, 2.0), (outer, out, 6.0)]
+    lines = [
+        [place(0, 10.0, start), *(place(0, 10.0 - deep, y) for y in (start * 0.6, end * 0.6 - 0.01)), place(0, 10.0, end)]
+        for start, end, deep in bounds
+    ]
+    crossing.lanelet(*map(crossing.way, lines), **tags)
+    road_map = read(crossing)
+    report = only(road_map)
+    assert (report.ways, len(report.entrances), len(report.movements)) == (4, 4, 12)
+    own = ", and no traffic enters by 1 lane without another way" if outer > 3.5 else ""
+    assert doubts(road_map, "table")[-1].startswith(f"1 U-turn of junction {report.id!r} is left out{own}")
+
+
 @pytest.mark.parametrize(("region", "left"), [("gb", True), ("jp", True), ("cn", False), ("de", False)])
 def test_region_decides_where_nothing_else_does(read: Read, region: str, left: bool) -> None:
     osm = Osm()
