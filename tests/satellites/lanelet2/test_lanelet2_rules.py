@@ -482,7 +482,7 @@ def test_exchanged_lane_beside_lanes_of_one_way_decides_no_side(read: Read, numb
 @pytest.mark.parametrize("tags", [{}, {"turn_direction": "left"}, {"turn_direction": "u_turn"}], ids=str)
 @pytest.mark.parametrize(("outer", "out"), [(7.0, -3.5), (7.0, -7.0), (3.5, -3.5)])
 def test_u_turn_is_left_out_with_a_warning(read: Read, tags: dict[str, str], outer: float, out: float) -> None:
-    """From a lane of its own into the lane out, into a lane out of its own, or from the lane in into the neighbouring lane out."""
+    """From a lane of its own into the lane out, into a lane out of its own, or from the lane in into the neighbouring lane."""
     crossing = Crossing()
     for left, right in ((3.5, 7.0), (-3.5, -7.0)):
         if right in (outer, out):  # a lane in, or out, beside those of the crossing
