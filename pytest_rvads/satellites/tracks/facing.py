@@ -19,8 +19,6 @@ from pytest_rvads.satellites.tracks.matching import STEP, Line, directions
 from pytest_rvads.satellites.tracks.samples import Log, Samples
 from pytest_rvads.support.errors import RunError
 
-__all__ = ["LEAST_AGREEMENT", "agreement", "faced", "with_headings"]
-
 _COMPARED = 100
 """Largest number of vehicles of a log whose headings are compared with their direction of motion."""
 _SHORTEST_DRIVE = 10.0
@@ -72,8 +70,6 @@ def faced(vehicle: Samples, lines: Sequence[Line], offset: tuple[float, float]) 
     """Return a vehicle that never moves with the heading of the nearest way, if its own headings are those of no way there.
 
     Args:
-        vehicle: any vehicle; a vehicle that moves is returned as it is.
-        lines: the ways through the junction.
         offset: numbers added to x and y of the vehicle [m].
     """
     if np.hypot(*(vehicle.points - vehicle.points[0]).T).max() >= STEP:

@@ -244,7 +244,9 @@ def recording_of(log: Log, junction: Junction, intake: Intake, recorded_lights: 
     unsized = [vehicle for vehicle in vehicles if _front_distance(vehicle, intake) is None]
     junction = with_lights(junction, recorded_lights)
     matcher = Matcher(junction)
-    facing = [faced(vehicle, matcher.lines, intake.offset) for vehicle in vehicles if _front_distance(vehicle, intake) is not None]
+    facing = [
+        faced(vehicle, matcher.lines, intake.offset) for vehicle in vehicles if _front_distance(vehicle, intake) is not None
+    ]
     found = [(vehicle, list(matcher.match(vehicle, *front_positions(vehicle, intake)))) for vehicle in facing]
     all_passes = [("", vehicle, match) for vehicle, matches in found for match in matches if isinstance(match, Matched)]
     walkers = [walker for walker in log.vehicles if walker.kind is Kind.PEDESTRIAN]

@@ -21,21 +21,6 @@ from pytest_rvads.runs.smoothing import QUIET, delay, roughness, smoothed
 from pytest_rvads.runs.states import Agent
 from pytest_rvads.satellites.tracks.samples import Samples
 
-__all__ = [
-    "NEVER",
-    "ONCE",
-    "STEP",
-    "Line",
-    "Matched",
-    "Matcher",
-    "accuracy_of",
-    "delay_of",
-    "directions",
-    "noise_of",
-    "track_of",
-    "unbroken",
-]
-
 _Values = NDArray[np.float64]
 
 _FOLLOWED_APPROACH = 150.0

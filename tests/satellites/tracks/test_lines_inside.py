@@ -128,6 +128,23 @@ def test_lines_where_ways_have_met_are_counted(tmp_path: Path) -> None:
     assert message.startswith("3 stop lines of junction '1' lie up to 11.0 m behind the end of the lane, where ways have met")
 
 
+@pytest.mark.parametrize("stop", [8.0, 25.0])
+@pytest.mark.parametrize("left_hand", [False, True])
+def test_line_is_used_up_to_the_place_where_ways_first_meet(tmp_path: Path, stop: float, left_hand: bool) -> None:
+    """From there on, a vehicle that waits is in the way of vehicles from other lanes: centre lines are nearer than 2.6 m."""
+    bare = find("1", saved(layout(stop=stop, left_hand=left_hand), tmp_path / "bare.xodr"))
+    paths = [(way.entrance, way.path.points, way.path.stations) for way in bare.movements.values() if way.path is not None]
+    others = np.vstack([points for entrance, points, _ in paths if entrance != 0])
+    near = [np.hypot(*(points[:, None] - others).T).min(axis=0) < 2.6 for _, points, _ in paths]
+    meet = min(float(path[2][close].min()) for path, close in zip(paths, near, strict=True) if path[0] == 0 and close.any())
+    for depth, used in ((meet - 0.6, True), (meet + 0.6, False)):
+        place = find("1", saved(lined({(0, 2): depth}, stop=stop, left_hand=left_hand), tmp_path / "x.xodr"))
+        line = place.entrances[0]
+        assert (line.setback, line.beyond) == (
+            (pytest.approx(-depth, abs=1e-3), None) if used else (0.0, pytest.approx(depth, abs=1e-3))
+        )
+
+
 def test_lines_that_no_traffic_crosses_are_counted(tmp_path: Path) -> None:
     root = lined({(0, 2): 2.0})
     road = next(road for road in root.iter("road") if road.get("junction") == "1")
