@@ -182,10 +182,10 @@ def _judged(rule: Rule, values: Values, book: RuleBook, sampled: Run, *, itinera
         templates = prepared(values.run).templates
         return doubted(judge(templates, values), values, sampled, standing=standing) if templates else []
 
-    collapsed, ways = prepared(run).collapsed, once(sampled, on_each_way)
+    collapsed, ways = prepared(run).collapsed, undecided(run)
     try:
-        on_ways = [(way, judged(way, Values(without_jumps(way), values.tie, standing=standing))) for way in ways]
-        judgements = agreed(on_ways, undecided(run)) if ways else judged(sampled, values)
+        on_ways = ((on, judged(on, Values(without_jumps(on), values.tie, standing=standing))) for on in on_each_way(sampled))
+        judgements = agreed(on_ways, ways) if ways else judged(sampled, values)
     except RunError as error:
         return Story(rule, run, Status.NA, reason=f"{NOT_RECORDED}: {error}", collapsed=collapsed)
     templates = tuple(j.template for j in judgements)
@@ -198,7 +198,7 @@ def _judged(rule: Rule, values: Values, book: RuleBook, sampled: Run, *, itinera
     story = Story(rule, run, attribution.status, tuple(judgements), values, collapsed=collapsed)
     story.asked, story.unavoidable, story.provoked = attribution.asked, attribution.unavoidable, attribution.provoked
     if ways and attribution.status in _BROKEN:
-        story.notes.append(f"the verdict does not depend on {undecided(run)}")
+        story.notes.append(f"the verdict does not depend on {ways}")
     if attribution.status is Status.NA:
         story.reason, story.near = _idle(story, templates, values)
     if attribution.unavoidable or attribution.status is Status.OPEN:

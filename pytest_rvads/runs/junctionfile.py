@@ -36,7 +36,7 @@ _Length = Annotated[float, msgspec.Meta(ge=0.0, le=1e6)]
 
 Key = tuple[Count, Count]
 """A movement: entrance and exit."""
-Exits = Annotated[tuple[Count, ...], msgspec.Meta(max_length=16)]
+Exits = Annotated[tuple[Count, ...], msgspec.Meta(max_length=5)]
 """Exits to which a vehicle may also have gone; left out of the file if its way is decided."""
 _Limit = Annotated[float, msgspec.Meta(gt=0.0, le=NO_LIMIT)]
 """A speed limit in a file [m/s]."""

@@ -26,7 +26,7 @@ colours of lights that a recording lacks. `on_each_way` puts vehicles whose way 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from itertools import product
 
@@ -185,18 +185,18 @@ def colourings(run: Run) -> tuple[Run, ...]:
     return tuple(runs)
 
 
-def on_each_way(run: Run) -> tuple[Run, ...]:
-    """Return the runs in which every vehicle is on one of its possible ways; no runs if all ways are decided.
+def on_each_way(run: Run) -> Iterator[Run]:
+    """Yield the runs in which every vehicle is on one of its possible ways; no runs if all ways are decided.
 
     In the first run, all vehicles are on the ways of `run`. For any two vehicles whose ways are not decided, there are runs with
-    all combinations of their ways.
+    all combinations of their ways. The runs are not cached, because together they can be larger than memory.
     """
     doubtful = [column for column, agent in enumerate(run.agents) if agent.other_exits]
     counts = [1 + len(run.agents[column].other_exits) for column in doubtful]
     most, bits = max(counts, default=0), range(max((len(doubtful) - 1).bit_length(), 1))
     pairs = product(bits, product(range(most), repeat=2))
     choices = dict.fromkeys(tuple(two[k >> bit & 1] % count for k, count in enumerate(counts)) for bit, two in pairs)
-    return tuple(_rerouted(run, dict(zip(doubtful, choice, strict=True))) for choice in choices)
+    yield from (_rerouted(run, dict(zip(doubtful, choice, strict=True))) for choice in choices)
 
 
 def _rerouted(run: Run, choice: Mapping[int, int]) -> Run:

@@ -86,23 +86,24 @@ def doubted(recorded: Sequence[Judgement], values: Values, sampled: Run, *, stan
     return _of_lines(result, values, standing=standing)
 
 
-def agreed(judged: Sequence[tuple[Run, Sequence[Judgement]]], doubt: str) -> list[Judgement]:
+def agreed(judged: Iterable[tuple[Run, Sequence[Judgement]]], doubt: str) -> list[Judgement]:
     """Return the judgements of a run on which the ways of some vehicles are not decided.
 
     An instance whose status or blame depends on a way is UNSURE. An instance that is kept on some ways and not triggered on the
     others is left out, unless no other instance is triggered.
     """
-    outcomes = [dict[Binding, set[tuple[Status, bool, bool]]]() for _ in judged]
-    for found, (run, judgements) in zip(outcomes, judged, strict=True):
-        for j in judgements:
+    told = [[(j, (j.status, *_blame(j, run))) for j in judgements] for run, judgements in judged]
+    outcomes = [dict[Binding, set[tuple[Status, bool, bool]]]() for _ in told]
+    for found, judgements in zip(outcomes, told, strict=True):
+        for j, outcome in judgements:
             for member in j.template.members:
-                found.setdefault(member.binding, set()).add((j.status, *_blame(j, run)))
+                found.setdefault(member.binding, set()).add(outcome)
     result, kept, doubtful = list[Judgement](), list[Judgement](), set[Binding]()
-    for number, (run, judgements) in enumerate(judged):
-        for j in judgements:
+    for number, judgements in enumerate(told):
+        for j, outcome in judgements:
             binding = j.template.binding
             on_ways = [found.get(binding, {(Status.NA, False, False)}) for found in outcomes]
-            if all((j.status, *_blame(j, run)) in on_way for on_way in on_ways):
+            if all(outcome in on_way for on_way in on_ways):
                 result += [] if number else [j]
             elif not number or binding not in doubtful:
                 broken = any(plain(status) is not Status.PASS for on_way in on_ways for status, *_ in on_way)

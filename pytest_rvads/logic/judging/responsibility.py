@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
@@ -109,12 +110,12 @@ def cause_between(j: Judgement, run: Run) -> Cause | None:
     for atom, _ in j.broken:
         word, agents = word_of(atom), [e.index for e in agents_of(atom)]
         if word is not None and word.cause is not None and j.failed is not None and len(agents) == 2:
-            ways = once(run, on_each_way)
-            possible_runs = (run, *once(run, colourings), *ways)
+            possible_runs = chain((run,), once(run, colourings), on_each_way(run))
             first, *others = (word.cause(possible, agents[0], agents[1], j.failed) for possible in possible_runs)
             if all(other is None or first is None or {*other.agents} == {*first.agents} for other in others):
                 return first
             guilty = dict.fromkeys(name for cause in (first, *others) if cause is not None for name in cause.agents)
+            ways = any(agent.other_exits for agent in run.agents)
             doubt = "the way of a vehicle is not decided" if ways else "a colour of a light was not recorded"
             return Cause(tuple(guilty), f"are to blame, or one of them is: {doubt}")
     return None

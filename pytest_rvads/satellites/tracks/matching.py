@@ -205,9 +205,11 @@ class Matcher:
         if len(nearest) == 1 or stations_of_best[-1] >= self.lines[best].way.length:
             return nearest[:1], ""
         doubt = BEFORE if stations_of_best[-1] <= 0.0 else UNCLEAR
-        return (nearest if len({line.way.entrance for line in nearest}) == 1 else []), doubt
+        return (nearest if len({line.way.entrance for line in nearest}) == 1 and len(nearest) <= _MOST_WAYS else []), doubt
 
 
+_MOST_WAYS = 6
+"""Most ways between which a vehicle can be undecided, because all combinations of the ways of two vehicles are judged."""
 NEVER = "it never comes near the junction"
 ONCE = "it is seen once"
 PARKED = f"it stands more than {_STANDING:g} m beside every way through the junction"

@@ -147,7 +147,7 @@ def test_any_two_vehicles_are_on_all_combinations_of_their_ways(number: int) -> 
     run = meeting()
     agents = tuple(replace(run.agents[0], name=f"v{k}") for k in range(number))
     crowd = replace(run, agents=agents, zone=run.zone[:, [0] * number], station=None, speed=None, pose=None)
-    runs = on_each_way(crowd)
+    runs = list(on_each_way(crowd))
     assert len(runs) <= 9 * max((number - 1).bit_length(), 1)
     assert not any(agent.other_exits for possible in runs for agent in possible.agents)
     for one, other in product(range(number), repeat=2):
