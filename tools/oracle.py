@@ -208,7 +208,7 @@ def logs() -> Entries:
             run = rvads.simulate(rvads.Case(scenario, rvads.traffic(policy)))
             for noise in (0.02, 0.1, 0.3):
                 file = folder / f"{place}-{policy}-{noise}.csv"
-                source = ("--junction", place, "-o", "log.npz", "--point", "front", "--position-accuracy", f"{3 * noise:g}")
+                source = ("--junction", place, "-o", "log.npz", "--point", "front", "--accuracy", f"{3 * noise:g}")
                 write_log(file, run, np.random.default_rng(number), noise)
                 yield (
                     f"{file.stem} import",
