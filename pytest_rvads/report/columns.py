@@ -1,20 +1,19 @@
 """Lays out a table as text no wider than a terminal: in blocks of columns, each of which repeats the names of all rows.
 
 Wide texts are wrapped at their spaces. If not even the longest words fit beside each other, each row becomes a list. Only a word
-that is longer than a line is broken. rich.table.Table lays out the lines of a block; it does not split a table into blocks.
+that is longer than a line is broken. The class rich.table.Table is not used here, because it does not split a table into blocks
+and takes six times as long for the lines of a block.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Hashable, Iterator, Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
-from itertools import groupby
+from itertools import groupby, zip_longest
 from typing import NamedTuple
 
 from rich.cells import cell_len, chop_cells
-from rich.console import Console
-from rich.table import Table
 from rich.text import Text
 
 _BREAK = re.compile(r"(?<!\d) | (?!(?:m?s|m|m/s|m/s\^2|NA)(?:[ ,:;).]|$))")
@@ -24,8 +23,6 @@ _GAPS = 3, 2
 """Gap between columns if all columns fit in one block, and gap if the columns need several blocks [characters]."""
 _PLEASANT = 20
 """Width above which the texts of a column are wrapped, as far as their words allow [characters]."""
-_PAPER = Console(width=10_000, color_system=None, legacy_windows=False)
-"""Lays out lines, which the caller prints; it is wider than every block."""
 _INDENT = 2
 """Indent of a line that continues the line above [characters]."""
 
@@ -141,30 +138,44 @@ def _block_lines(
     rule: str,
 ) -> tuple[Text, ...]:
     """Return the lines of one block of a table."""
-    above: list[tuple[str, list[Cell]]] = []
+    lines: list[Text] = []
     last = len(columns[page[0]].heads) - 1
     for level in range(last + 1):
         heads = [columns[i].heads[level] for i in page]
         if level < last:  # neighbouring columns with the same heading show the heading once
             heads = [head if not k or columns[page[k - 1]].heads[level] != head else "" for k, head in enumerate(heads)]
-        if level == last or any(heads):
-            above.append((corner if level == last else "", list(map(Cell, heads))))
-    below = [(label, [columns[i].cells[number] for i in page]) for number, label in enumerate(labels)]
+        if level < last and not any(heads):
+            continue
+        cells = [Cell(head) for head in heads]
+        lines += _row_lines(corner if level == last else "", cells, columns, page, label_width, widths, gap)
+    lines.append(Text(rule * (1 + label_width + sum(gap + widths[i] for i in page))))
+    for number, label in enumerate(labels):
+        lines += _row_lines(label, [columns[i].cells[number] for i in page], columns, page, label_width, widths, gap)
+    return tuple(lines)
 
-    def grid(rows: Sequence[tuple[str, Sequence[Cell]]]) -> Iterator[Text]:
-        table = Table(box=None, padding=(0, 0, 0, gap), pad_edge=False, show_header=False)
-        table.add_column(width=1 + label_width)
-        for i in page:
-            table.add_column(width=widths[i], justify="right" if columns[i].right else "left")
-        for label, cells in rows:
-            texts = [Text("\n".join(wrapped(cell.text, widths[i])), cell.style) for cell, i in zip(cells, page, strict=True)]
-            table.add_row(Text("\n".join(f" {line}" for line in wrapped(label, label_width, _INDENT))), *texts)
-        for segments in _PAPER.render_lines(table, pad=False):
-            line = Text.assemble(*((segment.text, segment.style or "") for segment in segments))
-            line.rstrip()
-            yield line
 
-    return *grid(above), Text(rule * (1 + label_width + sum(gap + widths[i] for i in page))), *grid(below)
+def _row_lines(
+    label: str,
+    cells: Sequence[Cell],
+    columns: Sequence[Column],
+    page: Sequence[int],
+    label_width: int,
+    widths: Sequence[int],
+    gap: int,
+) -> list[Text]:
+    """Return the lines of a row of a table; each cell can take several lines."""
+    texts = [wrapped(cell.text, widths[i]) for cell, i in zip(cells, page, strict=True)]
+    lines = []
+    for name, *parts in zip_longest(wrapped(label, label_width, _INDENT), *texts, fillvalue=""):
+        line = Text(f" {name}{' ' * (label_width - cell_len(name))}")
+        for part, cell, i in zip(parts, cells, page, strict=True):
+            pad = " " * (widths[i] - cell_len(part))
+            line.append(" " * gap + (pad if columns[i].right else ""))
+            line.append(part, style=cell.style)
+            line.append("" if columns[i].right else pad)
+        line.rstrip()
+        lines.append(line)
+    return lines
 
 
 def _as_list(corner: str, labels: Sequence[str], columns: Sequence[Column], width: int) -> Block:
