@@ -16,6 +16,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import Enum, auto
 from functools import reduce
+from operator import and_, or_
 
 import networkx as nx
 
@@ -77,7 +78,8 @@ class Pool:
             case f.Not(body):
                 return self.add(body, not positive)
             case f.Next(body):
-                return self._next(self.add(body, positive))
+                a = self.add(body, positive)
+                return a if self.nodes[a].kind in (Kind.TRUE, Kind.FALSE) else self._number(Node(Kind.NEXT, (a,)))
             # The negation of a U b is the R of the negations of a and b, and vice versa.
             case f.Always(body) | f.Eventually(body):  # F a = true U a, and G a = false R a
                 a, until = self.add(body, positive), isinstance(formula, f.Eventually) is positive
@@ -133,9 +135,6 @@ class Pool:
             self.guards.append(formula)
         return self._number(Node(Kind.GUARD, (k,), positive))
 
-    def _next(self, a: int) -> int:
-        return a if self.nodes[a].kind in (Kind.TRUE, Kind.FALSE) else self._number(Node(Kind.NEXT, (a,)))
-
     def _lasting(self, until: bool, a: int, b: int) -> int:
         """Return the number of the node of ``a U b`` if `until`, and of ``a R b`` if not."""
         left_node, right_node = self.nodes[a], self.nodes[b]
@@ -171,22 +170,28 @@ class Nfa:
     @property
     def universal(self) -> int:
         """The state from which the automaton reads every word, or -1 if no state reads every word."""
-        return next((q for q, moves in enumerate(self.moves) if len(moves) == 1 and moves[0] == (self._full, q)), -1)
-
-    @property
-    def _full(self) -> int:
-        letters_of_moves = 0
-        for moves in self.moves:
-            for letters, _ in moves:
-                letters_of_moves |= letters
-        return letters_of_moves
+        all_letters = reduce(or_, (letters for moves in self.moves for letters, _ in moves), 0)
+        return next((q for q, moves in enumerate(self.moves) if moves == ((all_letters, q),)), -1)
 
 
 def prefixes(pool: Pool, root: int, where: tuple[int, ...], full: int, budget: Budget) -> Nfa:
     """Return the automaton that reads the finite words with a continuation that satisfies the formula of node `root`."""
-    index, edges = _Explorer(pool.nodes, where, full, budget).states(root)
-    live = _live(edges, [n for n, node in enumerate(pool.nodes) if node.kind is Kind.UNTIL])
-    budget.spend(len(index))
+    edges = _Explorer(pool.nodes, where, full, budget).states(root)
+    # A live state accepts some infinite word: it reaches a strongly connected component in which no U is put off forever.
+    live = [False] * len(edges)
+    untils = sum(1 << n for n, node in enumerate(pool.nodes) if node.kind is Kind.UNTIL)
+    graph = nx.DiGraph()
+    graph.add_nodes_from(range(len(edges)))
+    graph.add_edges_from((state, target) for state, moves in enumerate(edges) for _, target, _ in moves)
+    components = nx.condensation(graph)
+    for component in reversed(list(nx.topological_sort(components))):  # targets of a component come before the component
+        states = components.nodes[component]["members"]
+        inner = [off for s in states for _, target, off in edges[s] if target in states]
+        good = bool(inner) and reduce(and_, inner, untils) == 0
+        if good or any(live[target] for s in states for _, target, _ in edges[s]):
+            for s in states:
+                live[s] = True
+    budget.spend(len(edges))
     return _merge(edges, live, budget)
 
 
@@ -200,11 +205,8 @@ class _Explorer:
     budget: Budget
     memo: dict[int, list[_Move]] = field(default_factory=dict)
 
-    def states(self, root: int) -> tuple[dict[int, int], list[list[_Move]]]:
-        """Return the states reachable from a node: their numbers by obligations (mask), and the moves of every state.
-
-        The second part of a move is the number of its target state.
-        """
+    def states(self, root: int) -> list[list[_Move]]:
+        """Return the moves of every state reachable from a node; the second part of a move is the number of its target state."""
         start = self.obligations(root)
         index = {start: 0}
         order = [start]
@@ -224,33 +226,33 @@ class _Explorer:
                 numbered.append((letters, index[target], off))
             self.budget.spend(20 + 4 * len(numbered))
             edges.append(numbered)
-        return index, edges
+        return edges
 
     def unfold(self, n: int) -> list[_Move]:
         """Return the moves by which the formula of a node can be satisfied."""
-        if n not in self.memo:
-            self.memo[n] = self._unfold(n)
-        return self.memo[n]
-
-    def _unfold(self, n: int) -> list[_Move]:
+        if n in self.memo:
+            return self.memo[n]
         node, now = self.nodes[n], (self.full, 0, 0)
         match node.kind:
             case Kind.GUARD:
                 letters = self.where[node.parts[0]] if node.positive else self.full & ~self.where[node.parts[0]]
-                return [(letters, 0, 0)] if letters else []
+                moves = [(letters, 0, 0)] if letters else []
             case Kind.AND:
-                return reduce(self.both, map(self.unfold, node.parts), [now])
+                moves = reduce(self.both, map(self.unfold, node.parts), [now])
             case Kind.OR:
-                return self.prune([move for part in node.parts for move in self.unfold(part)])
+                moves = self.prune([move for part in node.parts for move in self.unfold(part)])
             case Kind.NEXT:
-                return [(self.full, self.obligations(node.parts[0]), 0)]
+                moves = [(self.full, self.obligations(node.parts[0]), 0)]
             case Kind.UNTIL:
                 later = [(self.full, 1 << n, 1 << n)]
-                return self.prune(self.unfold(node.parts[1]) + self.both(self.unfold(node.parts[0]), later))
+                moves = self.prune(self.unfold(node.parts[1]) + self.both(self.unfold(node.parts[0]), later))
             case Kind.RELEASE:
                 later = [(self.full, 1 << n, 0)]
-                return self.both(self.unfold(node.parts[1]), self.prune(self.unfold(node.parts[0]) + later))
-        return [now] if node.kind is Kind.TRUE else []
+                moves = self.both(self.unfold(node.parts[1]), self.prune(self.unfold(node.parts[0]) + later))
+            case _:
+                moves = [now] if node.kind is Kind.TRUE else []
+        self.memo[n] = moves
+        return moves
 
     def obligations(self, n: int) -> int:
         """Return the nodes (mask) of which node `n` is the conjunction; node `n` itself if it is no conjunction."""
@@ -265,10 +267,7 @@ class _Explorer:
         return self.prune([(a & d, b | e, c | g) for a, b, c in moves for d, e, g in others if a & d])
 
     def prune(self, moves: list[_Move]) -> list[_Move]:
-        """Return the moves without those letters on which another move leaves fewer obligations and puts off fewer U nodes.
-
-        Moves without letters are left out.
-        """
+        """Return the moves without those letters on which another move leaves fewer obligations and puts off fewer U nodes."""
         merged: dict[tuple[int, int], int] = {}
         for letters, target, off in moves:
             merged[target, off] = merged.get((target, off), 0) | letters
@@ -283,30 +282,6 @@ class _Explorer:
             if letters:
                 minimal.append((letters, target, off))
         return minimal
-
-
-def _live(edges: list[list[_Move]], untils: list[int]) -> list[bool]:
-    """Return, per state, whether some infinite word is accepted from the state.
-
-    The state reaches a strongly connected component in which no U is put off forever.
-    """
-    graph = nx.DiGraph()
-    graph.add_nodes_from(range(len(edges)))
-    graph.add_edges_from((state, target) for state, moves in enumerate(edges) for _, target, _ in moves)
-    components = nx.condensation(graph)
-    live = [False] * len(edges)
-    all_untils = sum(1 << u for u in untils)
-    for component in reversed(list(nx.topological_sort(components))):  # targets of a component come before the component
-        states = components.nodes[component]["members"]
-        inner = [off for s in states for _, target, off in edges[s] if target in states]
-        missing = all_untils
-        for off in inner:
-            missing &= off
-        good = bool(inner) and missing == 0
-        if good or any(live[target] for s in states for _, target, _ in edges[s]):
-            for s in states:
-                live[s] = True
-    return live
 
 
 def _merge(edges: list[list[_Move]], live: list[bool], budget: Budget) -> Nfa:

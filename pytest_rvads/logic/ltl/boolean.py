@@ -48,10 +48,7 @@ def replaced(formula: f.Formula, by: Callable[[f.Atom], f.Formula]) -> f.Formula
 
 
 def substitute(formula: f.Formula, terms: Mapping[str, f.Term]) -> f.Formula:
-    """Return a formula with its free variables replaced by terms.
-
-    A quantified variable gets a new name if a term contains a variable of the same name.
-    """
+    """Return a formula with its free variables replaced by terms; a quantified variable is renamed if a term has its name."""
     match formula:
         case f.Atom(name, arguments, at, word):
             return f.Atom(name, tuple(_substitute(t, terms) for t in arguments), at, word)
@@ -86,16 +83,14 @@ class Budget:
     """A limit of the work for a formula, counted in steps; a formula that needs more steps is refused."""
 
     limit: int
-    """Largest number of steps."""
     size: int
     """Size of the formula, for the message."""
     spent: int = 0
-    """Number of steps so far."""
     what: str = "a monitor too large to build"
     """The result that needs more steps than the limit, for the message."""
 
     def spend(self, work: int) -> None:
-        """Add `work` steps to the steps spent on the formula."""
+        """Count `work` further steps."""
         self.spent += work
         if self.spent > self.limit:
             raise FormulaError(
@@ -170,14 +165,23 @@ def iff(left: f.Formula, right: f.Formula) -> f.Formula:
 
 
 def letters(guards: tuple[f.Formula, ...], budget: Budget) -> tuple[int, ...]:
-    """Return every combination of truth values of `guards` that is possible for some truth values of the atoms.
+    """Return the combinations of truth values of `guards` that are possible; bit k of a combination is the value of guard k.
 
-    Bit k of a combination is the value of guard k. Guards without a common atom are independent of each other. For guards with
-    common atoms, both values of an atom are tried, one atom after the other (Shannon expansion).
+    For guards with common atoms, both values of an atom are tried, one atom after the other (Shannon expansion).
     """
+    group_of: dict[f.Atom, list[int]] = {}
+    for k, guard in enumerate(guards):
+        merged = [k]
+        atoms = f.atoms(guard)
+        for group in {id(group_of[a]): group_of[a] for a in atoms if a in group_of}.values():
+            merged += group
+        for a in (*atoms, *(a for g in merged for a in f.atoms(guards[g]))):
+            group_of[a] = merged
+    # Guards of different groups have no common atom, and are independent of each other.
+    groups = [sorted(group) for group in {id(group): group for group in group_of.values()}.values()]
     choices = []
     total = 1
-    for members in _groups(guards):
+    for members in groups:
         memo: dict[tuple[f.Formula, ...], frozenset[int]] = {}
         cells = _cells(tuple(guards[k] for k in members), memo, budget, 0)
         total *= len(cells)
@@ -188,19 +192,6 @@ def letters(guards: tuple[f.Formula, ...], budget: Budget) -> tuple[int, ...]:
             )
         choices.append([sum((code >> i & 1) << k for i, k in enumerate(members)) for code in sorted(cells)])
     return tuple(sorted(sum(parts) for parts in product(*choices)))
-
-
-def _groups(guards: tuple[f.Formula, ...]) -> list[list[int]]:
-    """Return the numbers of the guards in groups, such that guards of different groups have no common atom."""
-    group_of: dict[f.Atom, list[int]] = {}
-    for k, guard in enumerate(guards):
-        merged = [k]
-        atoms = f.atoms(guard)
-        for group in {id(group_of[a]): group_of[a] for a in atoms if a in group_of}.values():
-            merged += group
-        for a in (*atoms, *(a for g in merged for a in f.atoms(guards[g]))):
-            group_of[a] = merged
-    return [sorted(group) for group in {id(g): g for g in group_of.values()}.values()]
 
 
 def _cells(

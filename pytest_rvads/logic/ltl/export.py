@@ -18,11 +18,7 @@ _MEANING = {
 
 
 def label(machine: Machine, letters: frozenset[int]) -> f.Formula:
-    """Return a boolean formula over the guards that is true for the given letters of a monitor and false for its other letters.
-
-    The formula is a disjunction of conjunctions of few guards. Its value for combinations of guards that never occur is
-    arbitrary.
-    """
+    """Return a disjunction of conjunctions of few guards that is true for the given letters and false for the other letters."""
     codes = {machine.codes[i] for i in letters}
     excluded = set(machine.codes) - codes
     if not excluded:

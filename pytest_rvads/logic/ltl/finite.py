@@ -19,11 +19,7 @@ Truths = NDArray[np.bool_]
 
 
 def settle(formula: f.Formula, values: Mapping[f.Atom, Truths], steps: int) -> Truths:
-    """Return the truth value of a formula at every state of a finite trace, shape ``(steps,)``.
-
-    Args:
-        values: per atom, its truth values, shape ``(steps,)``.
-    """
+    """Return the truth value of a formula at every state of a finite trace, from those of its atoms, shape ``(steps,)``."""
     if isinstance(formula, f.Atom | f.Const):
         return evaluate(formula, values, (steps,))
     parts = [settle(child, values, steps) for child in f.children(formula)]

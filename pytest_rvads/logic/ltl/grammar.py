@@ -24,7 +24,6 @@ class Language:
     """The sorts, letters, values and relations that a parser of rules has to know; other predicates are checked after parsing."""
 
     sorts: tuple[str, ...]
-    """Sorts of variables."""
     letters: Mapping[str, str]
     """Maps the letters of a variable to its sort: ``x``, or ``x.part`` for a part of the element that ``x`` stands for."""
     values: tuple[str, ...]
@@ -47,10 +46,7 @@ class Language:
         return re.compile(rf"([A-Za-z_]+)\d*'*(?:\.({'|'.join(self.parts)})\d*'*)?")
 
     def sort_of(self, name: str) -> str | None:
-        """Return the sort that the letters of a variable such as ``x'`` or ``x.part2`` imply, or None if they imply no sort.
-
-        Digits and primes after the letters make further variables of the same sort.
-        """
+        """Return the sort that the letters of a variable such as ``x'`` or ``x.part2`` imply, or None if they imply no sort."""
         match = self._name.fullmatch(name)
         return self.letters.get(".".join(filter(None, match.groups()))) if match else None
 
@@ -159,11 +155,7 @@ def _unary(kind: Callable[[f.Formula], f.Formula]) -> Callable[..., f.Formula]:
 
 @v_args(inline=True)
 class Build(Transformer[Token, Any]):
-    """Builds the syntax tree of a formula bottom-up while the parser runs, so that deeply nested text causes no recursion.
-
-    Args:
-        language: the language of the rules; None for formulas of propositions.
-    """
+    """Builds the syntax tree of a formula bottom-up while the parser runs, so that deeply nested text causes no recursion."""
 
     def __init__(self, language: Language | None = None) -> None:
         super().__init__()

@@ -70,7 +70,7 @@ class Machine:
 
     @property
     def states(self) -> int:
-        """Number of states of the monitor."""
+        """Number of states."""
         return len(self.output)
 
     def letter(self, code: int) -> int:
@@ -221,7 +221,7 @@ class Monitor:
 
 
 def encode(machine: Machine, values: Mapping[f.Atom, NDArray[np.bool_]], steps: int) -> NDArray[np.int32]:
-    """Return the letter that a monitor reads in every state, shape ``(steps,)``, from the truth values of the monitor's atoms."""
+    """Return the letter that a monitor reads in every state, shape ``(steps,)``, from the truth values of its atoms."""
     codes = np.zeros(steps, dtype=np.int64)
     for k, guard in enumerate(machine.guards):
         codes |= evaluate(guard, values, (steps,)).astype(np.int64) << k
@@ -231,13 +231,10 @@ def encode(machine: Machine, values: Mapping[f.Atom, NDArray[np.bool_]], steps: 
 
 
 def run_machine(machine: Machine, letters: NDArray[np.int32]) -> NDArray[np.int32]:
-    """Return the state of the monitor after every letter of many words, shape ``(words, steps)``.
+    """Return the state of the monitor after every letter of many words; both have the shape ``(words, steps)``.
 
     While a letter repeats, a monitor of LTL comes to a constant state, because its language is star-free. Only the repetitions
     before the constant state are computed. If the letters change often, every word is read separately.
-
-    Args:
-        letters: the letters of every word, shape ``(words, steps)``.
     """
     words, steps = letters.shape
     states = np.zeros((words, steps), dtype=np.int32)

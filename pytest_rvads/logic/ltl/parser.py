@@ -61,7 +61,7 @@ def parse_ltl(text: str) -> f.Formula:
 def parse_rule(text: str, language: Language) -> f.Formula:
     """Return the formula of a rule, given as definitions ``name(x, y) := ...;`` and a formula, with the definitions written out.
 
-    The function does not check sorts of terms and names of predicates.
+    Sorts of terms and names of predicates are not checked.
     """
     *definitions, formula = _parse(language, text)
     defined: dict[str, _Definition] = {}
@@ -77,16 +77,13 @@ def _parse(language: Language | None, text: str) -> tuple[Any, ...]:
     try:
         parsed: tuple[Any, ...] = _parser(language).parse(text)  # type: ignore[assignment]
     except UnexpectedInput as error:
-        raise FormulaError(_unexpected(error, text, _keywords(language))) from None
+        keywords: tuple[str, ...] = ("true", "false")
+        if language is not None:
+            keywords = ("forall", "exists", *language.relations, *keywords, *language.keywords)
+        raise FormulaError(_unexpected(error, text, keywords)) from None
     except Mistake as error:
         raise FormulaError(caret(error.message, text, error.at)) from None
     return parsed
-
-
-def _keywords(language: Language | None) -> tuple[str, ...]:
-    if language is None:
-        return ("true", "false")
-    return ("forall", "exists", *language.relations, "true", "false", *language.keywords)
 
 
 def _bounded(formula: f.Formula, text: str) -> f.Formula:
@@ -144,14 +141,10 @@ class _Definition(NamedTuple):
     parameters: tuple[f.Var, ...]
     body: f.Formula
     size: int
-    """Size of the body."""
 
 
 def _expand(formula: f.Formula, defined: Mapping[str, _Definition], text: str) -> f.Formula:
-    """Return a formula with the predicates that the text defines replaced by their definitions.
-
-    The sizes of the formula and of the result are checked against the limits.
-    """
+    """Return a formula with the predicates that the text defines replaced by their definitions; neither exceeds the limits."""
     _bounded(formula, text)
     used = (defined[node.name].size - 1 for node, _ in f.walk(formula) if isinstance(node, f.Atom) and node.name in defined)
     size = f.size(formula) + sum(used)

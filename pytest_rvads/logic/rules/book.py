@@ -304,18 +304,13 @@ def load_rules(path: str | Path) -> tuple[Rule, ...]:
                 )
         if not section.get("text"):
             raise FormulaError(f"{path}: rule {name!r} has no text: add `text = ` and a formula")
+        properties: dict[str, Any] = {**section, "bound": section.get("bound", "").replace(",", " ").split()}
         try:
-            rules.append(_rule(name, section, path))
+            properties["tie"] = float(section.get("tie", "0"))
+        except ValueError:
+            raise FormulaError(f"{path}: rule {name!r}: tie must be a number of seconds, got {section['tie']!r}") from None
+        try:
+            rules.append(rule(name, **properties, place=f"{path}, section [{name}]"))
         except FormulaError as error:
             raise FormulaError(f"{path}: {error}") from None
     return tuple(rules)
-
-
-def _rule(name: str, section: dict[str, str], path: Path) -> Rule:
-    properties: dict[str, Any] = {key: value for key, value in section.items() if key != "text"}
-    try:
-        properties["tie"] = float(section.get("tie", "0"))
-    except ValueError:
-        raise FormulaError(f"rule {name!r}: tie must be a number of seconds, got {section['tie']!r}") from None
-    properties["bound"] = section.get("bound", "").replace(",", " ").split()
-    return rule(name, section["text"], **properties, place=f"{path}, section [{name}]")

@@ -43,7 +43,14 @@ class Desk:
         """
         if self.outlived:
             return False
-        return (self.test and not _imported(frame)) or frame.f_globals.get("__file__", self.file) == self.file
+        if frame.f_globals.get("__file__", self.file) == self.file:
+            return True
+        if not self.test:
+            return False
+        # Code also runs while its module is imported if it stands inside a class or function of the module.
+        while frame.f_back is not None and frame.f_back.f_globals is frame.f_globals:
+            frame = frame.f_back
+        return frame.f_code.co_name != "<module>"
 
 
 PROCESS = Desk()
@@ -88,10 +95,3 @@ def _caller() -> FrameType:
     while frame.f_back is not None and frame.f_globals.get("__name__", "").partition(".")[0] == __name__.partition(".")[0]:
         frame = frame.f_back
     return frame
-
-
-def _imported(frame: FrameType) -> bool:
-    """Return whether code runs while its module is imported, also inside a class or function of the module."""
-    while frame.f_back is not None and frame.f_back.f_globals is frame.f_globals:
-        frame = frame.f_back
-    return frame.f_code.co_name == "<module>"

@@ -51,10 +51,6 @@ def at(place: f.Element, entrances: int) -> Signal[NDArray[np.bool_]]:
     return predicates.on_exit
 
 
-def _at(run: Run, agent: f.Element, place: f.Element) -> NDArray[np.bool_]:
-    return at(place, len(run.junction.entrances))(run, agent.index)
-
-
 def _may_be_at(static: Static, thing: f.Element, place: f.Element) -> bool | None:
     if thing.sort != Sort.AGENT:
         return place.sort == Sort.ENTRANCE and place.index == thing.index
@@ -70,16 +66,12 @@ def _may_be_at(static: Static, thing: f.Element, place: f.Element) -> bool | Non
 
 
 def _take(agent: f.Term, entrance: f.Term, direction: f.Term, itinerary: bool) -> f.Formula:
-    """Return the formula "the agent is at the entrance and turns in the direction".
-
-    Without a known itinerary, the formula says as in the paper that the agent stays at the entrance until it is in the junction.
-    """
+    """Return the formula "the agent is at the entrance and turns in the direction"."""
     at_entrance, turns = f.Atom("@", (agent, entrance)), f.Atom("turn", (agent, direction))
-    return (
-        f.And((at_entrance, turns))
-        if itinerary
-        else f.And((at_entrance, turns, f.Until(at_entrance, f.Atom("@", (agent, HERE)))))
-    )
+    if itinerary:
+        return f.And((at_entrance, turns))
+    # As in the paper, an agent without a known itinerary stays at the entrance until it is in the junction.
+    return f.And((at_entrance, turns, f.Until(at_entrance, f.Atom("@", (agent, HERE)))))
 
 
 def _conflict(static: Static, agent: f.Element, other: f.Element) -> bool | None:
@@ -102,14 +94,6 @@ def _over_crossing(static: Static, agent: f.Element, other: f.Element) -> bool |
     return None if crossed and isinstance(walker.way, Crossing) else False
 
 
-def _takes_turns(static: Static, agent: f.Element, other: f.Element) -> bool:
-    return static.by_arrival is None or (agent.index, other.index) in static.by_arrival
-
-
-def _one_lane(static: Static, agent: f.Element) -> bool | None:
-    return True if agent.index not in static.choosing else None
-
-
 def _no_geometry(_run: Run, *_agents: int) -> NDArray[np.bool_]:
     raise RunError("the run holds no geometry of its junction")  # with geometry, the static model decides the predicate
 
@@ -125,18 +109,10 @@ def _from_right(static: Static, element: f.Element, other: f.Element) -> bool:
     return _between(element, other, static.right_of)
 
 
-def _blame(run: Run, agent: int, other: int, tick: int) -> Cause:
-    return blame(run, agent, other, tick)
-
-
 def _cause(run: Run, agent: int, other: int, _tick: int) -> Cause | None:
     pair = {run.agents[agent].name, run.agents[other].name}
     hit = next((c for c in contacts(run) if set(c.agents) == pair), None)
     return None if hit is None else cause_of(run, hit)
-
-
-def _takes_owed_way(run: Run, agent: int, other: int) -> NDArray[np.bool_]:
-    return np.asarray(owes(run, agent, other) & (run.zone[:, agent] >= Zone.JUNCTION))
 
 
 _word = partial(Word, place=PACKAGE)
@@ -147,7 +123,7 @@ BUILT_IN = Vocabulary.of(
     _word(
         "@",
         ("agent or light or object", "entrance or exit or junction or road or vertex"),
-        _at,
+        lambda run, agent, place: at(place, len(run.junction.entrances))(run, agent.index),
         decide=_may_be_at,
         static="light or object",
         turns_on=(Measured.ALONG,),
@@ -177,7 +153,7 @@ BUILT_IN = Vocabulary.of(
         symmetric=True,
         turns_on=(Measured.ALONG,),
         present=True,
-        cause=_blame,
+        cause=blame,
         any_way=True,
     ),
     _word(
@@ -215,7 +191,7 @@ BUILT_IN = Vocabulary.of(
         apart=True,
         turns_on=_MOVES,
         debt=True,
-        pending=_takes_owed_way,
+        pending=lambda run, agent, other: owes(run, agent, other) & (run.zone[:, agent] >= Zone.JUNCTION),
     ),
     *(
         _word(
@@ -293,7 +269,7 @@ BUILT_IN = Vocabulary.of(
         lane_allows,
         "{0} is in a lane that leads where it goes",
         "{0} is in a lane that does not lead where it goes",
-        decide=_one_lane,
+        decide=lambda s, agent: None if agent.index in s.choosing else True,
         turns_on=(Measured.SIDES,),
     ),
     *(
@@ -354,7 +330,14 @@ BUILT_IN = Vocabulary.of(
         apart=True,
         symmetric=True,
     ),
-    _word("takes_turns", _TWO, decide=_takes_turns, static="agent", apart=True, symmetric=True),
+    _word(
+        "takes_turns",
+        _TWO,
+        decide=lambda s, one, two: s.by_arrival is None or (one.index, two.index) in s.by_arrival,
+        static="agent",
+        apart=True,
+        symmetric=True,
+    ),
     _word("stop_sign", ("entrance",), decide=lambda s, entrance: entrance.index in s.signs, static="entrance"),
     _word(
         "entex",
@@ -408,8 +391,5 @@ ATTRIBUTES = {
 
 
 def word_of(atom: f.Atom) -> Word | None:
-    """Return the definition of an atom's predicate: the user's definition that the atom holds, or the shipped definition.
-
-    A comparison has no definition, and the result is None.
-    """
+    """Return the definition of an atom's predicate, which a user or the package defined; None for a comparison."""
     return atom.word if isinstance(atom.word, Word) else BUILT_IN.get(atom.name)

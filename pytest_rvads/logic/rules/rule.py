@@ -34,20 +34,17 @@ def untimed(formula: f.Formula, sorts: Mapping[str, str] | None = None) -> f.Ato
     sorts = sorts or {}
     match formula:
         case f.Atom():
-            return None if _static(formula, sorts) else formula
+            if formula.name in ("=", "!="):
+                static = all(isinstance(term, f.Var) for term in formula.terms)
+            else:
+                word, first = word_of(formula), formula.terms[0] if formula.terms else None
+                static = word is not None and isinstance(first, f.Var) and sorts.get(first.name) in sorts_in(word.static)
+            return None if static else formula
         case f.Forall(variables, body) | f.Exists(variables, body):
             return untimed(body, {**sorts, **{v.name: v.sort for v in variables}})
         case f.Next() | f.Always() | f.Eventually() | f.Until() | f.WeakUntil() | f.Release():
             return None
     return next((atom for child in f.children(formula) if (atom := untimed(child, sorts))), None)
-
-
-def _static(atom: f.Atom, sorts: Mapping[str, str]) -> bool:
-    """Return whether the value of an atom is the same in every state."""
-    if atom.name in ("=", "!="):
-        return all(isinstance(term, f.Var) for term in atom.terms)
-    word, first = word_of(atom), atom.terms[0] if atom.terms else None
-    return word is not None and isinstance(first, f.Var) and sorts.get(first.name) in sorts_in(word.static)
 
 
 def parse(text: str, vocabulary: Vocabulary = BUILT_IN) -> f.Formula:
@@ -250,8 +247,14 @@ class Rule:
 
     def _read(self) -> f.Formula:
         """Parse the text of the rule, store the formula and the predicates in it, and return the formula."""
+        vocabulary = BUILT_IN if desk().book is None else desk().book.vocabulary
         try:
-            formula = parse(self.text, self._vocabulary())
+            if self.words:
+                own_words = BUILT_IN
+                for word in self.words:
+                    own_words = own_words.add(word)
+                vocabulary = Vocabulary({**vocabulary, **own_words})
+            formula = parse(self.text, vocabulary)
         except FormulaError as error:
             raise FormulaError(f"rule {self.name!r}: {error}") from None
         object.__setattr__(self, "_formula", formula)
@@ -270,13 +273,6 @@ class Rule:
                 "write G(...) around what always has to hold"
             )
         return formula
-
-    def _vocabulary(self) -> Vocabulary:
-        book_words = BUILT_IN if desk().book is None else desk().book.vocabulary
-        own_words = BUILT_IN
-        for word in self.words:
-            own_words = own_words.add(word)
-        return Vocabulary({**book_words, **own_words}) if self.words else book_words
 
     def __repr__(self) -> str:
         return f"<Rule {self.name}: {one_line(self.title or self.text)}>"

@@ -20,11 +20,9 @@ _IMPORT = dis.opmap["IMPORT_NAME"]
 def same(value: object, other: object) -> bool:
     """Return whether two functions, or two values that functions work with, are the same.
 
-    Identical values are the same. Equal numbers and equal strings are the same. Two tuples are the same if their values are the
-    same. Two methods are the same if their object is identical and their functions are the same. Two functions are the same if
-    their code (apart from line numbers), their defaults, attributes, closures and globals are the same. Two functions with import
-    statements must belong to the same package as well. Two different objects of any other kind are not the same, because their
-    contents can change later.
+    Two functions are the same if their code (apart from line numbers), their defaults, attributes, closures and globals are the
+    same. Two functions with import statements must belong to the same package as well. Two different objects are not the same,
+    apart from numbers, strings, tuples and methods, because their contents can change later.
     """
     try:
         return _same(value, other, set())
@@ -33,15 +31,11 @@ def same(value: object, other: object) -> bool:
 
 
 def _same(value: object, other: object, assumed: set[tuple[int, int]]) -> bool:
-    """Return whether two values are the same, see `same`.
-
-    A pair of functions in `assumed`, whose comparison has begun, counts as the same, because functions can be recursive.
-    """
     if value is other:
         return True
     match value, other:
         case FunctionType(), FunctionType():
-            if (id(value), id(other)) in assumed:
+            if (id(value), id(other)) in assumed:  # their comparison has begun: functions can be recursive
                 return True
             assumed.add((id(value), id(other)))
             return _bare(value.__code__) == _bare(other.__code__) and _same(_works_with(value), _works_with(other), assumed)
