@@ -26,7 +26,6 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.geometry.conflicts import Shared
 from pytest_rvads.geometry.control import JunctionControl, Sign
 from pytest_rvads.geometry.crosswalks import MODERATE, Crossing
 from pytest_rvads.geometry.line_of_sight import crosses
@@ -111,9 +110,7 @@ def _crossed(run: Run, vehicle: int, walker: int) -> Places | None:
 def _of_walker(run: Run, vehicle: int, walker: int, tick: int, place: float, comes: NDArray[np.bool_]) -> Cause:
     """Return the cause of a meeting of a vehicle and a pedestrian on a crosswalk, both given by column, at `tick`.
 
-    Args:
-        place: station before which the vehicle has to stop [m].
-        comes: whether the pedestrian claims the crosswalk, shape ``(steps,)``.
+    The vehicle has to stop before the station `place` [m] while the pedestrian `comes`, shape ``(steps,)``.
     """
     driver, person = run.agents[vehicle].name, run.agents[walker].name
     starts = run.junction.starts
@@ -121,8 +118,17 @@ def _of_walker(run: Run, vehicle: int, walker: int, tick: int, place: float, com
     # A stop at the sign would have let the vehicle see a pedestrian there, and none on the crosswalk of its exit.
     faults = _RIGHTS[: 2 if own_arm else 1]
     fault = next((reason for asks, reason in faults if asks(run, vehicle, walker, tick)), "")
-    if not fault and _passed_up(run, vehicle, place, tick, _since(run, walker, comes, tick)):
-        fault = f"drove on though it could have stopped for {person}"
+    if not fault:
+        if comes[tick]:
+            before = np.flatnonzero(~comes[:tick])
+            since = int(before[-1]) + 1 if len(before) else 0
+        else:  # on the crosswalk without a claim
+            since = min(int(run.entered[walker]), tick)
+        station, speed = run.need("station")[:, vehicle], run.need("speed")[:, vehicle]
+        stood = ((np.abs(speed) <= STANDSTILL) & (station < place))[since : tick + 1].any()
+        noticed = max(since + round(REACTION / run.dt), int(run.spans[vehicle, 0]))  # before, a recorded vehicle can be absent
+        if stood or (noticed < tick and place - station[noticed] > max(speed[noticed], 0.0) ** 2 / (2 * BRAKING)):
+            fault = f"drove on though it could have stopped for {person}"
     if not fault and (hiding := _hurried_past(run, vehicle, walker, place, tick)):
         fault = f"drove faster than {MODERATE:g} m/s past {hiding}, which hid {person}"
     if run.facing[tick, walker] in (Colour.YELLOW, Colour.RED):  # an unrecorded light is no reason
@@ -136,62 +142,35 @@ def _of_walker(run: Run, vehicle: int, walker: int, tick: int, place: float, com
     return Cause((person,), came)
 
 
-def _since(run: Run, walker: int, comes: NDArray[np.bool_], tick: int) -> int:
-    """Return since when a pedestrian has claimed the crosswalk at `tick`, or has been on it without a claim."""
-    if not comes[tick]:
-        return min(int(run.entered[walker]), tick)
-    before = np.flatnonzero(~comes[:tick])
-    return int(before[-1]) + 1 if len(before) else 0
-
-
-def _passed_up(run: Run, vehicle: int, place: float, tick: int, since: int) -> bool:
-    """Return whether a vehicle could have stopped before a station and did not: it stood there, or had the room to brake.
-
-    The vehicle brakes with `BRAKING`, from `REACTION` after the tick `since` on.
-    """
-    station, speed = run.need("station")[:, vehicle], run.need("speed")[:, vehicle]
-    if ((np.abs(speed) <= STANDSTILL) & (station < place))[since : tick + 1].any():
-        return True
-    noticed = max(since + round(REACTION / run.dt), int(run.spans[vehicle, 0]))  # before, a recorded vehicle can be absent
-    return noticed < tick and bool(place - station[noticed] > max(speed[noticed], 0.0) ** 2 / (2 * BRAKING))
-
-
 def _hurried_past(run: Run, vehicle: int, walker: int, place: float, tick: int) -> str:
     """Return the name of the standing vehicle past which a vehicle hurried to a meeting at `tick` with a hidden pedestrian.
 
     The vehicle hurried if it was faster than `MODERATE` when the pedestrian came into view, and could no longer stop before the
-    station `place` by braking with `BRAKING` after `REACTION`. The result is empty if the vehicle did not hurry. Ticks at which
-    the pedestrian is absent from the run do not count: a pedestrian who is not recorded yet is not known to be hidden.
+    station `place` [m] by braking with `BRAKING` after `REACTION`. The result is empty if the vehicle did not hurry.
     """
     if run.pose is None:
         return ""
     station, speed = run.need("station")[:, vehicle], run.need("speed")[:, vehicle]
+    third_vehicles = [
+        (column, agent.name, agent.size)
+        for column, agent in enumerate(run.agents)
+        if column not in (vehicle, walker) and agent.size is not None and not isinstance(agent.way, Crossing)
+    ]
+    # A pedestrian who is not recorded yet is not known to be hidden.
     first = int(run.spans[[vehicle, walker], 0].max())
     for now in range(tick, first - 1, -1):
         if place - station[now] > speed[now] * (REACTION + speed[now] / (2 * BRAKING)):
             return ""
-        if station[now] < place and (hiding := _hides(run, vehicle, walker, now)):
-            return hiding if speed[now] > MODERATE else ""
-    return ""
-
-
-def _hides(run: Run, vehicle: int, walker: int, tick: int) -> str:
-    """Return the name of a standing vehicle between the front of a vehicle and a pedestrian at `tick`; empty if none is there."""
-    poses = run.need("pose")[tick]
-    eye, target = tuple(poses[vehicle, :2]), tuple(poses[walker, :2])
-    for column, agent in enumerate(run.agents):
-        if column in (vehicle, walker) or agent.size is None or isinstance(agent.way, Crossing):
-            continue
-        if run.here[tick, column] and _stood(run, column, tick, 0.0) and crosses(eye, target, tuple(poses[column]), agent.size):
-            return agent.name
+        eye, target = tuple(run.pose[now, vehicle, :2]), tuple(run.pose[now, walker, :2])
+        for column, name, size in third_vehicles if station[now] < place else ():
+            stands = run.here[now, column] and _stood(run, column, now, 0.0)
+            if stands and crosses(eye, target, tuple(run.pose[now, column]), size):
+                return name if speed[now] > MODERATE else ""
     return ""
 
 
 def surprised(run: Run, agent: int, other: int, tick: int) -> bool:
-    """Return whether `agent` met `other` (both given by column) in the junction at `tick`, and could not have let `other` pass.
-
-    The agent could not have let `other` pass if `other` lacked the right of way and entered at most `REACTION` before `tick`.
-    """
+    """Return whether `other` lacked the right of way and entered at most `REACTION` before it met `agent` in the junction."""
     entered = _entered(run, other, tick)
     if entered is None or (tick - entered) * run.dt > REACTION:
         return False
@@ -210,10 +189,7 @@ def pushed(run: Run, agent: int, tick: int) -> bool:
 
 
 def cut_short_by(run: Run) -> tuple[str, ...]:
-    """Return the names of the vehicles that left their routes or are to blame for a collision at the end of the run.
-
-    Such events end a run early. The result is empty if nothing ended the run early.
-    """
+    """Return the names of the vehicles that ended the run early: they left their routes, or are to blame for a collision."""
     last = [c for c in run.collisions or () if tick_of(run, c) >= run.steps - 2]
     return tuple(dict.fromkeys((*run.facts.strayed, *(name for c in last for name in cause_of(run, c).agents))))
 
@@ -259,7 +235,6 @@ def _in_the_wrong_lane(run: Run, agent: int, other: int, tick: int) -> bool:
 
 
 def _backs(run: Run, agent: int, _other: int, tick: int) -> bool:
-    """Return whether `agent` drove backwards just before the impact."""
     before = max(tick - round(IMPACT / run.dt), 0)
     return run.speed is not None and bool(run.speed[before, agent] < -STANDSTILL)
 
@@ -283,8 +258,10 @@ def _cuts_in(run: Run, agent: int, other: int, tick: int) -> bool:
         common = shared(run, agent, other)
     except RunError:
         return False
-    since = None if common is None else _merged(run, agent, common, tick)
-    return since is not None and (tick - since) * run.dt < MIN_GAP and _behind(run, other, agent, tick)
+    if common is None or not common.merges or run.station is None:
+        return False
+    merged = np.flatnonzero(run.station[: tick + 1, agent] >= common.mine.start)
+    return len(merged) > 0 and (tick - int(merged[0])) * run.dt < MIN_GAP and _behind(run, other, agent, tick)
 
 
 def _on_red(run: Run, agent: int, _other: int, tick: int) -> bool:
@@ -377,17 +354,6 @@ def _clear(run: Run, agent: int, other: int, tick: int) -> bool:
         return common is None or bool(run.need("station")[tick, agent] - run.size(agent)[0] > common.mine.end)
     except RunError:
         return False
-
-
-def _merged(run: Run, agent: int, common: Shared, tick: int) -> int | None:
-    """Return the tick at which the agent came into the exit lane in which both ways end.
-
-    The result is None if the ways have different exits, or the agent has not come into the exit lane by `tick`.
-    """
-    if not common.merges or run.station is None:
-        return None
-    merged = np.flatnonzero(run.station[: tick + 1, agent] >= common.mine.start)
-    return int(merged[0]) if len(merged) else None
 
 
 def _entered(run: Run, agent: int, tick: int) -> int | None:

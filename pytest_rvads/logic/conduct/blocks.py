@@ -64,10 +64,7 @@ class Signal(Generic[_Value]):
     def __call__(self, states: Block | Run, *columns: int) -> NDArray[Any]: ...
 
     def __call__(self, states: Block | Run, *columns: int) -> Any:
-        """Return the value of the signal on a block or a run, for all vehicles or pairs, or for the vehicle or pair in `columns`.
-
-        For two vehicles that are no pair of this signal, the value is `otherwise` in every state.
-        """
+        """Return the value on a block or a run, for all vehicles or pairs, or for the vehicle or pair in `columns`."""
         if not isinstance(states, Block):
             blocks = once(states, as_blocks)
             if len(blocks) > 1:
@@ -166,7 +163,7 @@ class Block:
 
     @property
     def junction(self) -> Junction:
-        """The junction that the vehicles drive through."""
+        """The junction of the cast."""
         return self.cast.junction
 
     @property
@@ -286,11 +283,7 @@ def _fresh(signal: Signal[Any], cast: Cast, dt: float) -> tuple[NDArray[Any], ..
 
 
 def unless_equal(new: Any, old: Any) -> Any:
-    """Return `old` if `new` has the same content, else `new`, so that a caller sees by identity whether a value has changed.
-
-    Args:
-        old: the value before; None if there is no value before.
-    """
+    """Return `old` if `new` has the same content, else `new`, so that a caller sees by identity whether a value has changed."""
     if isinstance(new, np.ndarray):
         return old if old is not None and new.dtype.kind in "bi" and new.tobytes() == old.tobytes() else new
     if isinstance(new, tuple) and old is not None:

@@ -20,10 +20,7 @@ _Body = tuple[NDArray[np.float64], tuple[_Size, _Size]]
 
 
 def contacts(run: Run) -> tuple[Collision, ...]:
-    """Return the first contact of every pair of vehicles that touch.
-
-    The contacts are computed from poses and sizes if the run does not record contacts.
-    """
+    """Return the first contact of every pair of vehicles that touch, as recorded or else computed from poses and sizes."""
     return once(run, _contacts) if run.collisions is None else run.collisions
 
 
@@ -79,10 +76,7 @@ def _recorded_or_bodies(block: Block, columns: Sequence[int]) -> None:
 
 @signal(pairs=couples, needs=_recorded_or_bodies)
 def collide(block: Block) -> NDArray[np.bool_]:
-    """Return whether the bodies of each pair of vehicles touch.
-
-    If a simulator recorded the contacts, a pair touches only in the state of its first contact.
-    """
+    """Return whether the bodies of each pair of vehicles touch; a recorded contact counts in its first state only."""
     if block.touching is None:
         touching: NDArray[np.bool_] = overlap(block)
         return touching
@@ -96,14 +90,7 @@ def collide(block: Block) -> NDArray[np.bool_]:
 
 
 def touch(bodies: Sequence[_Body]) -> NDArray[np.bool_]:
-    """Return in which states the rectangles of two bodies overlap, shape ``(steps,)``.
-
-    The test looks for an axis that separates the two rectangles (Gottschalk 1996).
-
-    Args:
-        bodies: for each of the two bodies, its poses, shape ``(steps, 3)`` [m, m, rad], and its length and width [m], which may
-            be arrays of the shape ``(steps,)``.
-    """
+    """Return in which states no axis separates the rectangles of two bodies, shape ``(steps,)`` (Gottschalk 1996)."""
     centres, halves = zip(*(_box(pose, *size) for pose, size in bodies), strict=True)
     apart, sides = centres[1] - centres[0], np.concatenate(halves, axis=1)
     units = sides / np.hypot(sides[..., :1], sides[..., 1:])
@@ -123,10 +110,7 @@ def strikes(bodies: Sequence[_Body]) -> NDArray[np.bool_]:
 
 
 def close(run: Run) -> NDArray[np.bool_]:
-    """Return which pairs of agents come so close in some state that they might touch, shape ``(agents, agents)``, symmetric.
-
-    A body without a size counts as a point.
-    """
+    """Return which pairs of agents come so close in some state that they might touch, shape ``(agents, agents)``, symmetric."""
     close_pairs = np.zeros((len(run.agents), len(run.agents)), dtype=np.bool_)
     for block in once(run, as_blocks):
         both, (_, numbers), columns = block.cast.static(couples), _close(block), np.array(list(block.columns), dtype=np.int64)
@@ -166,7 +150,19 @@ def _close(block: Block) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     pose, both, (half, radius, squares) = block.need("pose"), block.cast.static(couples), block.cast.static(_circles)
     centre = pose[..., :2] - half[:, None] * headings(block)
     if len(pose) > _BLOCK:
-        rows, numbers = np.nonzero(np.repeat(_near(block, centre, radius), _BLOCK, axis=0)[: len(pose)])
+        starts, place, recorded = np.arange(0, len(centre), _BLOCK), centre.copy(), block.zone != ABSENT
+        for column in np.flatnonzero(recorded.any(axis=0) & ~recorded.all(axis=0)).tolist():
+            ticks = np.flatnonzero(recorded[:, column])
+            place[: ticks[0], column], place[ticks[-1] :, column] = centre[ticks[0], column], centre[ticks[-1], column]
+        moved = np.hypot(*np.moveaxis(np.diff(place, axis=0, prepend=place[:1]), -1, 0))
+        moved[starts] = 0.0
+        # The distance of a vehicle from its place at the start of a span is at most the distance that it moves in the span.
+        wide = np.add.reduceat(moved, starts, axis=0) + radius
+        present, place = np.logical_or.reduceat(block.here, starts, axis=0), place[starts]
+        apart = place[:, both.agents] - place[:, both.others]
+        near_in_span = np.hypot(apart[..., 0], apart[..., 1]) <= both.first(wide) + both.second(wide)
+        near_in_span &= both.first(present) & both.second(present)
+        rows, numbers = np.nonzero(np.repeat(near_in_span, _BLOCK, axis=0)[: len(pose)])
         apart = centre[rows, both.agents[numbers]] - centre[rows, both.others[numbers]]
         near = np.einsum("ij,ij->i", apart, apart) <= squares[numbers]
         rows, numbers = rows[near], numbers[near]
@@ -175,24 +171,6 @@ def _close(block: Block) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         rows, numbers = np.nonzero(np.einsum("ijk,ijk->ij", apart, apart) <= squares)
     present = block.here[rows, both.agents[numbers]] & block.here[rows, both.others[numbers]]
     return rows[present], numbers[present]
-
-
-def _near(block: Block, centre: NDArray[np.float64], reach: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return which pairs of circles might touch in which spans of `_BLOCK` ticks, shape ``(spans, pairs)``."""
-    both, starts = block.cast.static(couples), np.arange(0, len(centre), _BLOCK)
-    place, recorded = centre.copy(), block.zone != ABSENT
-    for column in np.flatnonzero(recorded.any(axis=0) & ~recorded.all(axis=0)).tolist():
-        ticks = np.flatnonzero(recorded[:, column])
-        place[: ticks[0], column], place[ticks[-1] :, column] = centre[ticks[0], column], centre[ticks[-1], column]
-    moved = np.hypot(*np.moveaxis(np.diff(place, axis=0, prepend=place[:1]), -1, 0))
-    moved[starts] = 0.0
-    # The distance of a vehicle from its place at the start of a span is at most the distance that it moves in the span.
-    wide = np.add.reduceat(moved, starts, axis=0) + reach
-    present, place = np.logical_or.reduceat(block.here, starts, axis=0), place[starts]
-    apart = place[:, both.agents] - place[:, both.others]
-    near: NDArray[np.bool_] = np.hypot(apart[..., 0], apart[..., 1]) <= both.first(wide) + both.second(wide)
-    near &= both.first(present) & both.second(present)
-    return near
 
 
 def _box(pose: NDArray[np.float64], length: _Size, width: _Size) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

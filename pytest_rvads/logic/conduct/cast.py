@@ -31,10 +31,9 @@ _MINOR = (Sign.STOP, Sign.YIELD)
 
 
 class Pairs:
-    """Pairs of vehicles; a vehicle is given by its column in the arrays of a block of states.
+    """Pairs of vehicles, given by their columns in a block of states, in increasing order.
 
     Args:
-        pairs: the columns of the first and the second vehicle of every pair, in increasing order.
         ordered: whether (1, 2) and (2, 1) are two different pairs.
     """
 
@@ -58,22 +57,14 @@ class Pairs:
         return _gathered(values, self.others)
 
     def any(self, truths: NDArray[np.bool_], agents: int) -> NDArray[np.bool_]:
-        """Return whether each vehicle is the first vehicle of a pair for which `truths` is true, shape ``(n, agents)``.
-
-        Args:
-            truths: a truth value per state and pair, shape ``(n, pairs)``.
-        """
+        """Return whether each vehicle, ``(n, agents)``, is first in a pair for which `truths`, ``(n, pairs)``, is true."""
         firsts = np.zeros((len(truths), agents), dtype=np.bool_)
         if len(self):
             firsts[:, self._firsts] = np.logical_or.reduceat(truths, self._starts, axis=1)
         return firsts
 
     def count(self, truths: NDArray[np.bool_], agents: int) -> NDArray[np.int64]:
-        """Return, per vehicle, the number of pairs with this vehicle first for which `truths` is true, shape ``(n, agents)``.
-
-        Args:
-            truths: a truth value per state and pair, shape ``(n, pairs)``.
-        """
+        """Return in how many pairs for which `truths` is true each vehicle is first, in shapes as in `any`."""
         counts = np.zeros((len(truths), agents), dtype=np.int64)
         if len(self):
             counts[:, self._firsts] = np.add.reduceat(truths, self._starts, axis=1, dtype=np.int64)
@@ -90,13 +81,7 @@ _FEW = 1000
 
 
 class Cast:
-    """The vehicles of a block of consecutive states, with a cache of values that depend on the vehicles and not on their states.
-
-    Args:
-        junction: the junction that the vehicles drive through.
-        agents: the vehicles, in the order of the columns.
-        facts: the facts of the run, such as a speed limit.
-    """
+    """The vehicles of a block of consecutive states, with a cache of values that do not depend on their states."""
 
     def __init__(self, junction: Junction, agents: Sequence[Agent], facts: Facts) -> None:
         self.junction, self.agents, self.facts = junction, tuple(agents), facts

@@ -48,7 +48,15 @@ def kpis(run: Run) -> Kpis:
         The indicators, times in s and lengths in m.
     """
     require(run, Run, "kpis takes a run, such as rvads.simulate(case) returns", RunError)
-    missing = _unavailable(run)
+    sized = all(agent.size for agent in run.agents)
+    recorded = {
+        "delay": run.station is not None and run.facts.speed_limit is not None,
+        "deceleration": run.speed is not None,
+        "jerk": run.speed is not None,
+        "ttc": run.pose is not None and run.speed is not None and sized,
+        "pet": run.station is not None and run.junction.drivable and sized,
+    }
+    missing = tuple(name for name, available in recorded.items() if not available)
     columns, judged_columns = range(len(run.agents)), judged(run)
 
     def measure(name: str, function: Callable[..., float | None], *where: int) -> float | None:
@@ -81,12 +89,9 @@ def kpis(run: Run) -> Kpis:
 def arrival_differences(run: Run) -> ArrivalDifferences | None:
     """Measure how much later or earlier than a vehicle under test each other vehicle arrived at its stopping line.
 
-    The vehicle under test is the subject of the run. In a run without a subject every vehicle is under test, and two vehicles
-    give two differences. A difference is measured for two vehicles whose movements conflict and that arrived at most `APART`
-    after each other. An excerpt of a recording has the differences of the pairs of vehicles whose indicators it has, see `kpis`.
-
-    Returns:
-        The differences; None if the conflicts of the junction are not known, because its centre lines are not recorded.
+    In a run without a subject every vehicle is under test, and two vehicles give two differences. A difference is measured for
+    two vehicles whose movements conflict and that arrived at most `APART` after each other. The result is None if the conflicts
+    of the junction are not known, because its centre lines are not recorded.
     """
     if run.junction.conflicts is None:
         return None
@@ -108,26 +113,11 @@ def arrival_differences(run: Run) -> ArrivalDifferences | None:
 
 @lru_cache(maxsize=256)
 def _conflicting_movements(junction: Junction) -> tuple[frozenset[tuple[Key, Key]], int, int]:
-    """Return the pairs of conflicting movements in both orders, and ``symmetry`` and ``pairs`` of `ArrivalDifferences`.
-
-    Pairs that a rotation of the junction maps onto each other count once in ``pairs``.
-    """
+    """Return the pairs of conflicting movements in both orders, and ``symmetry`` and ``pairs`` of `ArrivalDifferences`."""
     conflicts = frozenset(pair for pair in junction.conflicts or () if junction.movements.keys() >= {*pair})
     images = [image for arms in junction.rotations if (image := junction.image(arms))]
     kinds = {min(tuple((entrances[way[0]], exits[way[1]]) for way in pair) for entrances, exits in images) for pair in conflicts}
     return conflicts, junction.ways // len(images), len(kinds)
-
-
-def _unavailable(run: Run) -> tuple[str, ...]:
-    sized = all(agent.size for agent in run.agents)
-    recorded = {
-        "delay": run.station is not None and run.facts.speed_limit is not None,
-        "deceleration": run.speed is not None,
-        "jerk": run.speed is not None,
-        "ttc": run.pose is not None and run.speed is not None and sized,
-        "pet": run.station is not None and run.junction.drivable and sized,
-    }
-    return tuple(name for name, available in recorded.items() if not available)
 
 
 _NAMES = {
@@ -156,20 +146,13 @@ def describe(indicators: Kpis) -> list[str]:
 
 def _accelerations(run: Run, column: int) -> tuple[NDArray[np.float64], int]:
     """Return a vehicle's mean accelerations in windows of time up to its first contact [m/s^2], and the steps per window."""
-    step = max(ticks(run, WINDOW), 1)
-    end = _impact(run, column)
+    step, name = max(ticks(run, WINDOW), 1), run.agents[column].name
+    try:
+        end = min((tick_of(run, contact) for contact in contacts(run) if name in contact.agents), default=run.steps)
+    except RunError:  # no positions or no sizes: contacts are unknown
+        end = run.steps
     driven = run.need("speed")[:end, column][run.here[:end, column]]
     return (driven[step:] - driven[:-step]) / (step * run.dt), step
-
-
-def _impact(run: Run, column: int) -> int:
-    """Return the tick at which a vehicle first touches another vehicle; the number of states if there is no contact."""
-    try:
-        touched = contacts(run)
-    except RunError:  # no positions or no sizes: contacts are unknown
-        return run.steps
-    name = run.agents[column].name
-    return min((tick_of(run, contact) for contact in touched if name in contact.agents), default=run.steps)
 
 
 def _deceleration(run: Run, column: int) -> float | None:
@@ -205,8 +188,13 @@ def _ttc(run: Run, agent: int, other: int) -> float | None:
     present = run.here[:, agent] & run.here[:, other]
     sizes = run.size(agent), run.size(other)
     reach = math.fsum(float(np.hypot(length / _DISCS / 2, width / 2)) for length, width in sizes)
-    first, second = (_discs(run, k, length)[present] for k, (length, _) in zip((agent, other), sizes, strict=True))
-    gap = second[:, None, :, :] - first[:, :, None, :]
+    discs = []  # the centres of the discs that cover each body, shape (steps, discs, 2) [m]
+    for column, (length, _) in zip((agent, other), sizes, strict=True):
+        pose = run.need("pose")[:, column]
+        back = -(np.arange(_DISCS) + 0.5) / _DISCS * length
+        ahead = np.stack((np.cos(pose[:, 2]), np.sin(pose[:, 2])), axis=-1)
+        discs.append((pose[:, None, :2] + back[None, :, None] * ahead[:, None, :])[present])
+    gap = discs[1][:, None, :, :] - discs[0][:, :, None, :]
     closing = (velocity(run, other) - velocity(run, agent))[present][:, None, None, :]
     # The earliest time t >= 0 that solves |gap + t closing| = reach.
     a = (closing**2).sum(axis=-1)
@@ -218,15 +206,6 @@ def _ttc(run: Run, agent: int, other: int) -> float | None:
     time = np.where(c <= 0, 0.0, time)
     shortest = float(time.min()) if time.size else np.inf
     return _rounded(shortest) if np.isfinite(shortest) else None
-
-
-def _discs(run: Run, column: int, length: float) -> NDArray[np.float64]:
-    """Return the centres of the discs that cover the body of a vehicle, shape ``(steps, discs, 2)`` [m]."""
-    pose = run.need("pose")[:, column]
-    back = -(np.arange(_DISCS) + 0.5) / _DISCS * length
-    ahead = np.stack((np.cos(pose[:, 2]), np.sin(pose[:, 2])), axis=-1)
-    centres: NDArray[np.float64] = pose[:, None, :2] + back[None, :, None] * ahead[:, None, :]
-    return centres
 
 
 def _pet(run: Run, agent: int, other: int) -> float | None:

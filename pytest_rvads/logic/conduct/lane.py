@@ -39,15 +39,7 @@ _SURE = 0.05
 
 
 def beside(way: Itinerary, x: float, y: float, heading: float, station: float, length: float) -> bool:
-    """Return whether a vehicle is off its route.
-
-    Args:
-        x: east coordinate of the reference point [m].
-        y: north coordinate of the reference point [m].
-        heading: heading of the vehicle [rad].
-        station: station of the reference point [m].
-        length: length of the body [m].
-    """
+    """Return whether a vehicle is off its route; `x`, `y` and `station` are those of its reference point [m]."""
     _, front = way.path.project(x, y, station + way.origin, NEAR)
     if abs(front) <= MAX_OFFSET:
         return False
@@ -58,11 +50,7 @@ def beside(way: Itinerary, x: float, y: float, heading: float, station: float, l
 
 
 class Ways:
-    """The centre lines of several ways in one table, by which places on all these ways are computed at once.
-
-    Args:
-        ways: the itineraries.
-    """
+    """The centre lines of several ways in one table, by which places on all these ways are computed at once."""
 
     def __init__(self, ways: Sequence[Itinerary]) -> None:
         self.ways = ways
@@ -75,11 +63,7 @@ class Ways:
         self._ahead = np.concatenate([np.empty((0, 2)), *(directions(way.path) for way in ways)])
 
     def centre(self, way: NDArray[np.int64], station: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return points of centre lines, and the directions of the lines at these points, both of shape ``(places, 2)``.
-
-        Args:
-            station: station of every place [m].
-        """
+        """Return points of centre lines [m], and the directions of the lines at these points, both of shape ``(places, 2)``."""
         along = station + self._origin.take(way)
         # A way of k pieces has k - 1 points between them.
         piece = np.searchsorted(self._inner, along + way * _FAR, side="right") + way
@@ -94,12 +78,7 @@ class Ways:
         return offsets
 
     def nearest(self, way: NDArray[np.int64], points: NDArray[np.float64], station: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the stations at which centre lines are nearest to points, shape ``(places,)`` [m].
-
-        Args:
-            points: the points, shape ``(places, 2)`` [m].
-            station: station of every point, known to some metres [m].
-        """
+        """Return the stations at which centre lines are nearest to points, ``(places,)`` [m]; `station` gives them roughly."""
         for _ in range(3):
             place, ahead = self.centre(way, station)
             station = station + ((points - place) * ahead).sum(axis=1)
@@ -110,8 +89,7 @@ class Ways:
     ) -> NDArray[np.bool_]:
         """Return whether the way has a point within `_AROUND` of the station that is at most `reach` [m] away from each point.
 
-        The result has the shape ``(places,)``. The method checks results of `nearest`, which can be wrong where a centre line
-        jumps sideways.
+        The method checks results of `nearest`, which can be wrong where a centre line jumps sideways.
         """
         beside = np.arange(-_AROUND, _AROUND + _FINE, _FINE)
         place, _ = self.centre(np.repeat(way, len(beside)), (station[:, None] + beside).ravel())
@@ -161,7 +139,10 @@ def off_lane(block: Block) -> NDArray[np.bool_]:
     The borders of the lane are half a lane beside the itinerary. A vehicle may cross a border by up to `LANE_TOLERANCE`.
     """
     ways, half = block.cast.static(_ways), block.junction.lane_width / 2 + LANE_TOLERANCE
-    rows, columns = _aside(block, half)
+    rows, columns, _, apart = _beside(block)
+    # Only the corners of vehicles so far beside their itinerary can cross a border.
+    far = (apart > half - block.cast.width[columns] / 2 - _SURE).any(axis=0)
+    rows, columns = rows[far], columns[far]
     outside = np.zeros(block.zone.shape, dtype=np.bool_)
     if not len(rows):
         return outside
@@ -202,21 +183,11 @@ def _beside(block: Block) -> tuple[NDArray[Any], ...]:
     return rows, columns, offset.reshape(2, -1), np.hypot(apart[:, 0], apart[:, 1]).reshape(2, -1)
 
 
-def _aside(block: Block, half: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the rows (states) and columns of the vehicles so far beside their itinerary that a corner might cross a border.
-
-    No corner of any other vehicle crosses a border. Therefore the corners of other vehicles need not be computed.
-    """
-    rows, columns, _, apart = _beside(block)
-    far = (apart > half - block.cast.width[columns] / 2 - _SURE).any(axis=0)
-    return rows[far], columns[far]
-
-
 def too_tight(run: Run, agent: int) -> tuple[Narrow, float] | None:
     """Return the bend in which no path keeps the body of the agent in its lane, and the agent's smallest turning radius [m].
 
-    The result is None if the agent's way has no such bend, or the run does not record the geometry or the size of the agent. The
-    facts of the run state the radius. A vehicle that the facts do not name steers like a usual car of its length.
+    The result is None without such a bend, or if the run lacks the geometry or the size of the agent. A vehicle whose radius the
+    facts do not state steers like a usual car of its length.
     """
     who = run.agents[agent]
     if not run.junction.drivable or who.size is None:
@@ -251,10 +222,7 @@ def wrong_lanes(junction: Junction, entrance: int, exit: int) -> tuple[int, ...]
 
 
 def lane_allows(run: Run, agent: int) -> NDArray[np.bool_]:
-    """Return whether the lane of the agent leads to the arm of its exit, shape ``(steps,)``; true unless it is at its entrance.
-
-    The lane of the agent is the lane whose centre line is nearest to its front.
-    """
+    """Return whether the lane nearest to the agent's front leads to the arm of its exit; true unless it is at its entrance."""
     junction, who = run.junction, run.agents[agent]
     pose, station = run.need("pose")[:, agent], run.need("station")[:, agent]
     if not junction.drivable:

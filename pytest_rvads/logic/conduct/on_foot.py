@@ -12,10 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pytest_rvads.geometry.conflicts import Shared
 from pytest_rvads.geometry.crosswalks import Crossing, Side, half
-from pytest_rvads.geometry.junction import Junction
-from pytest_rvads.geometry.ways import Key
 from pytest_rvads.logic.conduct.blocks import Block, signal, sized
 from pytest_rvads.logic.conduct.cast import Cast, Pairs, pairs
 from pytest_rvads.logic.conduct.standing import STANDSTILL, entered, facing, latched, stands
@@ -57,16 +54,16 @@ class Places(NamedTuple):
 
 def places_of(cast: Cast) -> Places:
     """Return the places where the pairs of `walkers` meet, see `Places`."""
-    ways = ((cast.agents[a].way.key, cast.agents[b].way, shared(cast, a, b)) for a, b in cast.static(walkers).column)
-    rows = [_place(cast.junction, key, way, common) for key, way, common in ways if isinstance(way, Crossing) and common]
+    rows = []
+    for agent, other in cast.static(walkers).column:
+        way, common = cast.agents[other].way, shared(cast, agent, other)
+        if isinstance(way, Crossing) and common:
+            crosswalk, (lane, lane_end) = cast.junction.crossings[way.crosswalk], common.yours
+            area = cast.junction.covers.get((way.crosswalk, cast.agents[agent].way.key), common.mine)
+            middle = crosswalk.middle if way.side is Side.NEAR else way.length - crosswalk.middle
+            halves = half(crosswalk, way, first=(lane + lane_end) / 2 < middle)
+            rows.append((area.start, *common.mine, lane, lane_end, *halves))
     return Places(*np.array(rows).reshape(-1, 7).T)
-
-
-def _place(junction: Junction, key: Key, way: Crossing, common: Shared) -> tuple[float, ...]:
-    crosswalk, (lane, lane_end) = junction.crossings[way.crosswalk], common.yours
-    area = junction.covers.get((way.crosswalk, key), common.mine)
-    middle = crosswalk.middle if way.side is Side.NEAR else way.length - crosswalk.middle
-    return area.start, *common.mine, lane, lane_end, *half(crosswalk, way, first=(lane + lane_end) / 2 < middle)
 
 
 class Walk(NamedTuple):

@@ -32,7 +32,6 @@ class Static:
     """The part of the paper's model that is constant in a run: junction, signs, lights and itineraries (Algorithm 1)."""
 
     entrances: int
-    """Number of entrances."""
     exits: int
     control: JunctionControl
     right_of: frozenset[tuple[int, int]]
@@ -107,9 +106,22 @@ def extract(run: Run) -> Static:
 
 
 def _extract(run: Run) -> Static:
-    junction = run.junction
+    junction, ways = run.junction, [agent.way.key for agent in run.agents]
     numbers = range(len(junction.entrances))
-    grounds = _grounds(run)
+    grounds: frozenset[tuple[int, int, Ground]] | None = frozenset()
+    owing: frozenset[tuple[int, int]] | None = None
+    by_arrival: frozenset[tuple[int, int]] | None = None
+    if junction.control is JunctionControl.STOP:
+        present_pairs = together(run)
+        candidates = permutations(range(len(ways)), 2) if present_pairs is None else present_pairs
+        by_arrival = frozenset((one, two) for one, two in candidates if in_turn(junction, ways[one], ways[two]))
+    elif junction.yields is None and junction.control is not JunctionControl.LIGHTS:
+        grounds = None
+    elif junction.control is not JunctionControl.LIGHTS:
+        pairs, conflicts = list(permutations(range(len(ways)), 2)), junction.conflicts or ()
+        reasons = ((one, two, ground_of(junction, ways[one], ways[two])) for one, two in pairs)
+        grounds = frozenset((one, two, ground) for one, two, ground in reasons if ground is not None)
+        owing = frozenset((one, two) for one, two in pairs if (ways[one], ways[two]) in conflicts and may_owe(run, one, two))
     return Static(
         len(junction.entrances),
         len(junction.exits),
@@ -125,8 +137,8 @@ def _extract(run: Run) -> Static:
         junction.near,
         junction.far,
         grounds,
-        _owing(run) if grounds is not None and junction.control not in _BY_STATE else None,
-        _by_arrival(run) if junction.control is JunctionControl.STOP else None,
+        owing,
+        by_arrival,
         frozenset(k for k, who in enumerate(run.agents) if wrong_lanes(junction, *who.way.key)),
         together(run),
         judged(run),
@@ -134,36 +146,6 @@ def _extract(run: Run) -> Static:
         frozenset(k for k, who in enumerate(run.agents) if isinstance(who.way, Crossing) and lit(junction, who.entrance)),
         frozenset(k for k, who in enumerate(run.agents) if junction.turns_on_red(who.entrance, who.turn)),
     )
-
-
-_BY_STATE = (JunctionControl.STOP, JunctionControl.LIGHTS)
-"""Kinds of control at which only states of the run, the arrivals or the lights, decide which vehicle gives way."""
-
-
-def _grounds(run: Run) -> frozenset[tuple[int, int, Ground]] | None:
-    if run.junction.control in _BY_STATE:
-        return frozenset()
-    if run.junction.yields is None:
-        return None
-    ways = [agent.way.key for agent in run.agents]
-    pairs = (
-        (first, second, ground_of(run.junction, ways[first], ways[second])) for first, second in permutations(range(len(ways)), 2)
-    )
-    return frozenset((first, second, ground) for first, second, ground in pairs if ground is not None)
-
-
-def _owing(run: Run) -> frozenset[tuple[int, int]]:
-    conflicts, ways = run.junction.conflicts or (), [agent.way.key for agent in run.agents]
-    pairs = permutations(range(len(ways)), 2)
-    return frozenset(
-        (first, second) for first, second in pairs if (ways[first], ways[second]) in conflicts and may_owe(run, first, second)
-    )
-
-
-def _by_arrival(run: Run) -> frozenset[tuple[int, int]]:
-    ways, present_pairs = [agent.way.key for agent in run.agents], together(run)
-    pairs = permutations(range(len(ways)), 2) if present_pairs is None else present_pairs
-    return frozenset((first, second) for first, second in pairs if in_turn(run.junction, ways[first], ways[second]))
 
 
 @signal(steady=True)

@@ -69,7 +69,7 @@ def near(run: Run) -> NDArray[np.int64]:
     """Return the first tick and the tick after the last tick in which every agent is near the junction, shape ``(agents, 2)``.
 
     An agent is near from `NEAR` before its stopping line on, or from the distance that it drives in `NEAR_TIME` if this distance
-    is longer, until its whole body has left the junction. The ticks of an agent that is never near are (0, 0).
+    is longer, until its whole body has left the junction.
     """
     spans = np.zeros((len(run.agents), 2), dtype=np.int64)
     for column, agent in enumerate(run.agents):

@@ -290,12 +290,6 @@ class Encounter:
     The agent *goes* when it enters the junction, or when its last standstill before the stretch ends. The agent *takes the
     stretch* when its front reaches the stretch before the front of the other vehicle. The agent is *clear* when its rear has left
     the stretch.
-
-    Args:
-        agent: the vehicle that can owe the way to the other vehicle.
-        other: the other vehicle.
-        common: the shared stretch of the two ways.
-        dt: time between two states [s].
     """
 
     def __init__(self, agent: Agent, other: Agent, common: Shared, dt: float) -> None:
@@ -331,20 +325,16 @@ class Encounter:
         if self._left is None and now.rear > mine.end:
             self._left = tick
         self._excused |= now.kept and not before and self._left is None
-        self._look_at_braking(now)
+        if not now.unhindered:
+            self._pace = min(self._pace, now.speed)
+        elif now.ahead < yours.start:  # it brakes or slows down without a reason of its own
+            slowed = self._straight and now.speed < min(self._pace - LOSS, self._pace * (1 - SHARE))
+            self._braked |= slowed or now.brakes
         hit = self.owed and not self._excused and self._obstructed(tick, now)
         owes = now.bound and not self._excused
         passed = now.ahead > self._passed or (self._left is not None and (tick - self._left) * self._dt >= MIN_GAP)
         self.over = self.over or passed
         return owes or hit, hit
-
-    def _look_at_braking(self, now: Meeting) -> None:
-        """Store whether the other vehicle brakes or slows down before the stretch without a reason of its own."""
-        if not now.unhindered:
-            self._pace = min(self._pace, now.speed)
-        elif now.ahead < self.common.yours.start:
-            slowed = self._straight and now.speed < min(self._pace - LOSS, self._pace * (1 - SHARE))
-            self._braked |= slowed or now.brakes
 
     def _obstructed(self, tick: int, now: Meeting) -> bool:
         mine, yours = self.common.mine, self.common.yours

@@ -36,10 +36,7 @@ flickers over a border does not pass a part twice."""
 
 
 def _need_everything(block: Block, _columns: Sequence[int]) -> None:
-    """Check that a block holds geometry, and the positions, speeds and sizes of all vehicles.
-
-    The values of all vehicles are needed because a vehicle may wait for any other vehicle.
-    """
+    """Check that a block holds geometry, and the positions, speeds and sizes of all vehicles, any of which may be waited for."""
     block.cast.static(neighbours)
     sized(block, range(len(block.cast)))
     block.need("speed")
@@ -56,10 +53,7 @@ def _before_lights(cast: Cast) -> NDArray[np.float64]:
 
 @signal
 def _at_light(block: Block) -> NDArray[np.bool_]:
-    """Return whether each vehicle may wait at its light: the light is not green, and the vehicle is near the light.
-
-    `_before_lights` gives the stations near the light.
-    """
+    """Return whether each vehicle may wait at its light: the light is not green, and the vehicle is near the light."""
     waiting: NDArray[np.bool_] = _dark(block)
     if waiting.any():
         station, (begin, end) = block.need("station"), block.cast.static(_before_lights)
@@ -148,9 +142,8 @@ def losses(
 ) -> tuple[Lost, NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
     """Return the time that each vehicle has lost up to every state, see `Lost`.
 
-    Args:
-        before: the total of each of the four losses before the first state, shape ``(4, agents)`` [s].
-        forgotten: the total of each loss when the loss last began anew, shape ``(4, agents)`` [s].
+    `before` holds the totals of the four losses before the first state, and `forgotten` holds the totals when each loss last
+    began anew, both of shape ``(4, agents)`` [s].
     """
     speed, free, wait = np.abs(block.need("speed")), may_go(block), circles(block)
     rear = block.need("station") - block.cast.length
@@ -200,10 +193,7 @@ def blocks(block: Block) -> NDArray[np.bool_]:
 
 
 def _areas(cast: Cast) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return where the painted areas of crosswalks begin and end on the way of each vehicle, shape ``(crosswalks, agents)`` [m].
-
-    A vehicle that does not drive over a crosswalk has NaN there.
-    """
+    """Return where crosswalks begin and end on the way of each vehicle, or NaN, both of shape ``(crosswalks, agents)`` [m]."""
     numbers, covers = range(len(cast.junction.crossings)), cast.junction.covers
     areas = [[covers.get((number, agent.way.key), (np.nan, np.nan)) for agent in cast.agents] for number in numbers]
     begin, end = np.array(areas, dtype=np.float64).reshape(len(numbers), len(cast), 2).transpose(2, 0, 1)

@@ -30,13 +30,14 @@ PLACES = np.arange(0.0, 10.0, 0.25)
 
 @lru_cache(maxsize=64)  # one table for all copies of a junction
 def room(junction: Junction) -> Mapping[tuple[int, Key], NDArray[np.bool_]]:
-    """Return for which entrances and movements a car before the line of the entrance is in the way of a car on the movement.
+    """Return, per entrance and movement, whether a car `PLACES` before the line is in the way of the movement, ``(places,)``.
 
-    Returns:
-        Per pair of an entrance and a movement, whether a car that stands `PLACES` before the line is in the way, shape
-        ``(places,)``. A pair that is not a key has no place in the way.
+    A pair that is not a key has no place in the way.
     """
-    standing = {entrance: _standing(junction, entrance) for entrance in sorted({key[0] for key in junction.movements})}
+    standing: dict[int, NDArray[np.float64]] = {}  # poses of a car that stands at `PLACES` before its line, shape (places, 3)
+    for entrance in sorted({key[0] for key in junction.movements}):
+        way = itinerary(junction, *min(key for key in junction.movements if key[0] == entrance))
+        standing[entrance] = np.array([way.placed(way.start(back), CAR.axle) for back in PLACES])
     table: dict[tuple[int, Key], NDArray[np.bool_]] = {}
     for key in sorted(junction.movements):
         entrances = [k for k in standing if junction.entrances[k].arm != junction.entrances[key[0]].arm]
@@ -59,10 +60,7 @@ def stand_back(junction: Junction, entrance: int) -> float:
 
 @lru_cache(maxsize=4096)
 def leaves_room(junction: Junction, entrance: int, key: Key) -> float:
-    """Return how far before the line of its entrance a car has to stand to leave room for cars on a movement [m].
-
-    The result is infinite if the car leaves no room at any of `PLACES`.
-    """
+    """Return how far before the line of its entrance a car has to stand to leave room for cars on a movement [m]; or infinity."""
     places = room(junction).get((entrance, key))
     return 0.0 if places is None else float(next(iter(PLACES[~places]), math.inf))
 
@@ -88,13 +86,6 @@ def narrow_lines(road_map: RoadMap) -> list[MapWarning]:
                 )
             )
     return warnings
-
-
-def _standing(junction: Junction, entrance: int) -> NDArray[np.float64]:
-    """Return the poses of a car that stands at `PLACES` before its line, shape ``(places, 3)``."""
-    key = next(key for key in sorted(junction.movements) if key[0] == entrance)
-    way = itinerary(junction, *key)
-    return np.array([way.placed(way.start(back), CAR.axle) for back in PLACES])
 
 
 def _poses(junction: Junction, key: Key, *, planned: bool) -> NDArray[np.float64]:

@@ -43,9 +43,7 @@ SPEED_TOLERANCE = 0.5
 def lasting(truths: NDArray[np.bool_], before: NDArray[Any]) -> NDArray[np.int64]:
     """Return, per state and column, for how many states the column has been true without a break, this state included.
 
-    Args:
-        truths: the truth values, shape ``(n, columns)``.
-        before: for how many states every column had been true before the first state, shape ``(columns,)``.
+    `before` holds these numbers for the state before the first state, shape ``(columns,)``.
     """
     if len(truths) == 1:
         return np.where(truths, before + 1, 0)
@@ -56,12 +54,7 @@ def lasting(truths: NDArray[np.bool_], before: NDArray[Any]) -> NDArray[np.int64
 def latched(set_: NDArray[np.bool_], reset: NDArray[np.bool_], before: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Return the values of latches: a latch is true from a state that sets the latch until a state that resets the latch.
 
-    No state both sets and resets a latch.
-
-    Args:
-        set_: the states that set each latch, shape ``(n, columns)``.
-        reset: the states that reset each latch, shape ``(n, columns)``.
-        before: whether each latch was true before the first state, shape ``(columns,)``.
+    No state both sets and resets a latch. `before` holds the values before the first state, shape ``(columns,)``.
     """
     if len(set_) == 1:
         return set_ | (before & ~reset)
@@ -231,10 +224,7 @@ def waited(block: Block) -> NDArray[np.int64]:
 
 
 def standing_time(run: Run, agent: int) -> NDArray[np.int32]:
-    """Return for how many steps the agent has been standing at its entrance, shape ``(steps,)``.
-
-    This number is the waiting time in the text of the paper, "since its speed became zero". It is 0 while the agent moves.
-    """
+    """Return for how many steps the agent has been standing at its entrance: the waiting time in the text of the paper."""
     tick = np.arange(run.steps, dtype=np.int32)
     still = (run.zone[:, agent] == ENTRANCE) & stands(run, agent)
     durations: NDArray[np.int32] = tick - np.maximum.accumulate(np.where(still, 0, tick))
@@ -264,10 +254,7 @@ def speeding(block: Block) -> NDArray[np.bool_]:
 
 
 def _limits(cast: Cast) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return, per vehicle, the stations at which its speed limit changes [m], and the limits before and after [m/s].
-
-    The rows of the two arrays are padded to the length of the longest row.
-    """
+    """Return, per vehicle, the stations at which its speed limit changes [m], and the limits before and after [m/s], padded."""
     rows = []
     for agent in cast.agents:
         with suppress(RunError):
@@ -281,10 +268,7 @@ def _limits(cast: Cast) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 
 
 def limits_of(junction: Junction, way: Key, facts: Facts) -> tuple[tuple[float, float], ...]:
-    """Return the speed limits along the way of a vehicle: pairs of the station where a limit begins [m], and the limit [m/s].
-
-    Where the map of the junction states no limit, the limit of the facts of the run applies.
-    """
+    """Return the speed limits along a way, of the map or else of the facts: stations where limits begin [m], and limits [m/s]."""
     stated = itinerary(junction, *way).limits if junction.drivable else ()
     limits = [(station, facts.speed_limit if limit is None else limit) for station, limit in stated or ((0.0, None),)]
     known_limits = tuple((station, limit) for station, limit in limits if limit is not None)

@@ -46,10 +46,7 @@ def contested(run: Run | Cast, agent: int, other: int) -> Shared | None:
 
 @lru_cache(maxsize=4096)
 def parting(junction: Junction, way: Key, other: Key) -> float:
-    """Return the station up to which vehicles on two ways from the same start have no room beside each other [m].
-
-    The station is infinite for ways to the same end.
-    """
+    """Return the station up to which vehicles on two ways from the same start have no room beside each other [m]; or infinity."""
     paths = junction.every_way[way].path, junction.every_way[other].path
     if paths[0] is None or paths[1] is None:
         raise RunError("the run holds no geometry of its junction")

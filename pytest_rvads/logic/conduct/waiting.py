@@ -70,10 +70,9 @@ def _first_turn(cast: Cast, agent: int, other: int) -> float:
 
 @lru_cache(maxsize=4096)
 def _first_turn_onto(junction: Junction, way: Key, entrance: int) -> float:
-    """Return the least station at which a movement from an entrance reaches a stretch shared with `way` [m].
+    """Return the least station at which a movement from an entrance reaches a stretch shared with `way` [m]; or infinity.
 
-    The station is measured along the movement. Only movements to which vehicles on `way` give way count, and only if a stop or
-    yield sign stands at the start of `way`. Without such a movement the station is infinite.
+    Only movements to which vehicles on `way` give way count, and only if a stop or yield sign stands at the start of `way`.
     """
     if junction.stretches is None or junction.starts[way[0]].sign not in (Sign.STOP, Sign.YIELD):
         return math.inf
@@ -267,24 +266,8 @@ def circles(block: Block) -> Circles:
     # Which vehicle waits for which vehicle seldom changes from one state to the next, so each situation is computed once.
     keys = [row.tobytes() for row in np.concatenate((queued, blocked, giving, late), axis=1)]
     rows = {key: row for row, key in enumerate(keys)}
-    parts = (part[list(rows.values())] for part in (queued, blocked, giving, late))
-    situations = dict(zip(rows, _wait(block.cast, *parts), strict=True))
-    return Circles(*np.stack([situations[key] for key in keys], axis=1))
-
-
-def _wait(
-    cast: Cast, queued: NDArray[np.bool_], blocked: NDArray[np.bool_], giving: NDArray[np.bool_], late: NDArray[np.bool_]
-) -> NDArray[np.bool_]:
-    """Return the three arrays of `Circles`, shape ``(n, 3, agents)``.
-
-    Args:
-        queued: which vehicle is close behind which slow vehicle, shape ``(n, neighbours)``.
-        blocked: the pairs of `queued` in which the second vehicle left the first no room at its entry,
-            shape ``(n, neighbours)``.
-        giving: which vehicle lets which vehicle pass, shape ``(n, partners)``.
-        late: which vehicles are intruders, shape ``(n, agents)``.
-    """
-    near, both = cast.static(neighbours), cast.static(partners)
+    queued, blocked, giving, late = (part[list(rows.values())] for part in (queued, blocked, giving, late))
+    cast, near, both = block.cast, block.cast.static(neighbours), block.cast.static(partners)
     shape = len(late), len(cast), len(cast)
     reach, behind, yielding = (np.zeros(shape, dtype=np.bool_) for _ in range(3))
     reach[:, near.agents, near.others], behind[:, near.agents, near.others] = queued, blocked
@@ -297,7 +280,8 @@ def _wait(
         reach = _closure(waits & ~courtesies)
     one_way = ~(reach & reach.swapaxes(1, 2)) | (late[:, None, :] & ~late[:, :, None])
     held, lets, stuck = ((of & one_way).any(axis=2) for of in (reach, yielding, behind))
-    return np.stack((held, reach.any(axis=2) & ~held, stuck & ~lets), axis=1)
+    situations = dict(zip(rows, np.stack((held, reach.any(axis=2) & ~held, stuck & ~lets), axis=1), strict=True))
+    return Circles(*np.stack([situations[key] for key in keys], axis=1))
 
 
 def _closure(waits: NDArray[np.bool_]) -> NDArray[np.bool_]:
