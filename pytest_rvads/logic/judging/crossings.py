@@ -102,15 +102,12 @@ def _moments(run: Run) -> int:
 def _events(run: Run) -> tuple[tuple[tuple[Event, ...], ...], tuple[tuple[Event, ...], ...]]:
     """Return the events of every vehicle (coming to a zone), and the events of every light (changing)."""
     agents = tuple(tuple(_coming(run, agent, zone) for zone in _BORDERS) for agent in range(len(run.agents)))
-    return agents, tuple(_changes(run, light) for light in range(run.lights.shape[1]))
-
-
-def _changes(run: Run, light: int) -> tuple[Event, ...]:
-    colours, moments = run.lights[:, light], _moments(run)
-    return tuple(
-        Event(None, int(colours[tick]), (tick - 1) * moments + 1, tick * moments, tick * moments, light)
-        for tick in (np.flatnonzero(np.diff(colours)) + 1).tolist()
-    )
+    lights, moments = [], _moments(run)
+    for light, colours in enumerate(run.lights.T):
+        ticks = (np.flatnonzero(np.diff(colours)) + 1).tolist()
+        changes = ((int(colours[t]), (t - 1) * moments + 1, t * moments) for t in ticks)
+        lights.append(tuple(Event(None, colour, early, late, late, light) for colour, early, late in changes))
+    return agents, tuple(lights)
 
 
 def _coming(run: Run, agent: int, zone: Zone) -> Event:
@@ -120,26 +117,16 @@ def _coming(run: Run, agent: int, zone: Zone) -> Event:
     arrived = run.zone[begin:end, agent] >= zone
     recorded = begin + (int(arrived.argmax()) if arrived.any() else end - begin)
     early = late = recorded
-    reach = _reach(run, agent, zone)
-    if reach is not None:
-        farthest, nearest = reach
-        early, late = min(begin + _after(farthest[begin:end]), recorded), max(begin + _after(nearest[begin:end]), recorded)
+    if run.spread is not None and run.station is not None:
+        border = itinerary(run.junction, *run.agents[agent].way.key).borders[_BORDERS.index(zone)]
+        station, spread = run.station[begin:end, agent], run.spread[begin:end, agent]
+        early = min(begin + _after(station + spread < border), recorded)
+        late = max(begin + _after(station - spread < border), recorded)
     # An event between two samples is possible at every moment after the first of the two samples.
     earliest = early * moments if early in (begin, end) else (early - 1) * moments + 1
     if early == begin < end and zone is Zone.ENTRANCE and run.excerpt is not None and run.zone[begin, agent] <= zone:
         earliest = LONG_AGO
     return Event(agent, int(zone), earliest, recorded * moments, late * moments)
-
-
-def _reach(run: Run, agent: int, zone: Zone) -> tuple[NDArray[np.bool_], NDArray[np.bool_]] | None:
-    """Return in which states an agent is certainly before a zone, and in which states possibly; arrays of shape ``(steps,)``."""
-    if run.spread is None or run.station is None:
-        return None
-    who = run.agents[agent]
-    way = itinerary(run.junction, *who.way.key)
-    border = way.borders[_BORDERS.index(zone)]
-    station, spread = run.station[:, agent], run.spread[:, agent]
-    return station + spread < border, station - spread < border
 
 
 def _after(before: NDArray[np.bool_]) -> int:

@@ -34,7 +34,6 @@ class Values(Mapping[f.Atom, NDArray[np.bool_]]):
     """The truth values of atoms on a run, arrays of shape ``(steps,)``, each computed at its first use.
 
     Args:
-        run: the run.
         tie: largest difference of waiting times that count as equal [s].
         standing: whether waiting times count from standstill instead of from the arrival at the entrance, see `check`.
     """
@@ -66,7 +65,11 @@ class Values(Mapping[f.Atom, NDArray[np.bool_]]):
         """Return the truth values with a tie window of 0, in which waiting times count as equal only if they are equal."""
         exact = copy(self)
         exact.tie, exact._ticks = 0.0, 0
-        exact._truths = {atom: values for atom, values in self._truths.items() if not _tied(atom)}
+        exact._truths = {
+            atom: values
+            for atom, values in self._truths.items()
+            if not any(isinstance(term, f.Attr) and ATTRIBUTES[term.name].waited for term in atom.terms)
+        }
         return exact
 
     def __iter__(self) -> Iterator[f.Atom]:
@@ -77,22 +80,18 @@ class Values(Mapping[f.Atom, NDArray[np.bool_]]):
 
     def _evaluate(self, atom: f.Atom) -> NDArray[np.bool_]:
         if atom.name in OPERATORS:
-            return self._compare(atom.name, *atom.terms)
+            compare, (left, right) = OPERATORS[atom.name], atom.terms
+            if isinstance(left, f.Attr) and isinstance(right, f.Attr) and ATTRIBUTES[left.name].waited:
+                longer = self._read(left) - self._read(right)
+                return compare(np.where(np.abs(longer) <= self._ticks, 0, longer), 0)
+            return compare(self._operand(left, right), self._operand(right, left))
         word = word_of(atom)
         if word is None or word.holds is None:
             raise FormulaError(f"nothing tells the value of {atom} on a run: register the predicate {atom.name!r}")
         return word.on(self.run, *word.arguments(atom))
 
-    def _compare(self, sign: str, left: f.Term, right: f.Term) -> NDArray[np.bool_]:
-        if isinstance(left, f.Attr) and isinstance(right, f.Attr) and ATTRIBUTES[left.name].waited:
-            return _untied(sign, self._read(left), self._read(right), self._ticks)
-        return OPERATORS[sign](self._operand(left, right), self._operand(right, left))
-
     def _operand(self, term: f.Term, other: f.Term) -> NDArray[Any] | float:
-        """Return the numbers of a side of a comparison.
-
-        The attribute on the other side gives the number of a named value, such as a colour.
-        """
+        """Return the numbers of a side of a comparison; the attribute on the other side gives the number of a named value."""
         match term, other:
             case f.Number(value), _:
                 return value
@@ -107,12 +106,6 @@ class Values(Mapping[f.Atom, NDArray[np.bool_]]):
             raise FormulaError(f"{term} has no value as long as {term.of} is a variable")
         read = self._readers.get(term.name) or ATTRIBUTES[term.name].read
         return read(self.run, term.of.index)
-
-
-def _untied(sign: str, duration: NDArray[Any], other: NDArray[Any], ticks: int) -> NDArray[np.bool_]:
-    """Return the result of a comparison of waiting times; waiting times that differ by at most `ticks` count as equal."""
-    longer = duration - other
-    return OPERATORS[sign](np.where(np.abs(longer) <= ticks, 0, longer), 0)
 
 
 def _seconds(attribute: str, values: NDArray[Any], dt: float) -> NDArray[Any]:
@@ -176,13 +169,7 @@ def _against(sign: str, attribute: str, constant: float) -> Signal[NDArray[np.bo
 
 
 class Part(Mapping[f.Atom, NDArray[np.bool_]]):
-    """The truth values of atoms in a part of a run; ticks count from the beginning of the part.
-
-    Args:
-        values: the truth values on the whole run.
-        begin: the first tick of the part.
-        end: the tick after the last tick of the part.
-    """
+    """The truth values of atoms in the part of a run from tick `begin` up to, but not including, tick `end`, counted from 0."""
 
     def __init__(self, values: Values, begin: int, end: int) -> None:
         self.run = values.run
@@ -197,8 +184,3 @@ class Part(Mapping[f.Atom, NDArray[np.bool_]]):
 
     def __len__(self) -> int:
         return len(self._whole)
-
-
-def _tied(atom: f.Atom) -> bool:
-    """Return whether an atom depends on the tie window (the difference up to which waiting times count as equal)."""
-    return any(isinstance(term, f.Attr) and ATTRIBUTES[term.name].waited for term in atom.terms)

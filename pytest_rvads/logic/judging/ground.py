@@ -94,8 +94,13 @@ def _choices(variable: f.Binder, body: f.Formula, bound: Iterable[f.Element], st
     chosen for other variables.
     """
     elements: Iterable[f.Element] = domain(variable.sort, static)
-    if static.further and variable.sort == Sort.AGENT and not _of_any_way(f.Var(variable.name), body):
-        elements = [e for e in elements if e.index not in static.further]
+    if static.further and variable.sort == Sort.AGENT:
+        agent = f.Var(variable.name)
+        about = (a for a in f.atoms(body) if any(agent in (t, t.of if isinstance(t, f.Attr) else t) for t in a.terms))
+        words = ((word_of(atom), atom.terms) for atom in about)
+        # A comparison of agents is no predicate.
+        of_any_way = all(agent in terms if word is None else word.any_way for word, terms in words)
+        elements = elements if of_any_way else [e for e in elements if e.index not in static.further]
     if static.together is None:
         return elements
     bound_columns = _columns(bound)
@@ -104,15 +109,7 @@ def _choices(variable: f.Binder, body: f.Formula, bound: Iterable[f.Element], st
     ]
 
 
-def _of_any_way(variable: f.Var, body: f.Formula) -> bool:
-    """Return whether every predicate about a variable allows agents on any way; comparisons of agents are no predicates."""
-    about = (a for a in f.atoms(body) if any(variable in (t, t.of if isinstance(t, f.Attr) else t) for t in a.terms))
-    words = ((word_of(atom), atom.terms) for atom in about)
-    return all(variable in terms if word is None else word.any_way for word, terms in words)
-
-
 def _columns(elements: Iterable[f.Element]) -> tuple[int, ...]:
-    """Return the columns, in the arrays of a run, of those elements that are agents."""
     return tuple(e.index for e in elements if e.sort == Sort.AGENT)
 
 
@@ -271,30 +268,27 @@ def _fold(node: f.Formula, below: Iterator[f.Formula]) -> f.Formula:
         case f.Always() | f.Eventually():
             return parts[0] if isinstance(parts[0], f.Const) else type(node)(parts[0])
         case f.Until() | f.WeakUntil() | f.Release():
-            return _fold_until(node, *parts)
+            left, right = parts
+            if isinstance(right, f.Const):
+                forever = isinstance(node, f.WeakUntil) and not right.value
+                return right if not forever else left if isinstance(left, f.Const) else f.Always(left)
+            match node, left:
+                case f.Until(), f.Const(value):
+                    return f.Eventually(right) if value else right
+                case f.WeakUntil(), f.Const(value):
+                    return f.TRUE if value else right
+                case f.Release(), f.Const(value):
+                    return right if value else f.Always(right)
+            return rebuild(node, parts)
     return plain(node, parts)
-
-
-def _fold_until(node: f.Formula, left: f.Formula, right: f.Formula) -> f.Formula:
-    if isinstance(right, f.Const):
-        forever = isinstance(node, f.WeakUntil) and not right.value
-        return right if not forever else left if isinstance(left, f.Const) else f.Always(left)
-    match node, left:
-        case f.Until(), f.Const(value):
-            return f.Eventually(right) if value else right
-        case f.WeakUntil(), f.Const(value):
-            return f.TRUE if value else right
-        case f.Release(), f.Const(value):
-            return right if value else f.Always(right)
-    return rebuild(node, (left, right))
 
 
 def _decide(atom: f.Atom, static: Static, itinerary: bool) -> f.Formula:
     """Return the value of an atom that the static model decides, or the definition of a defined predicate, or the atom."""
-    word, ground = word_of(atom), not any(isinstance(t.of if isinstance(t, f.Attr) else t, f.Var) for t in atom.terms)
+    word = word_of(atom)
     if word is None:
         return _compare(atom)
-    if not ground:
+    if any(isinstance(t.of if isinstance(t, f.Attr) else t, f.Var) for t in atom.terms):
         return atom
     if word.means is not None:
         return _define(word.means(*atom.terms, itinerary), static, itinerary)

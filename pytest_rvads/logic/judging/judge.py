@@ -16,32 +16,23 @@ from pytest_rvads.logic.judging.verdicts import Status
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.ltl.boolean import evaluate, holds
 from pytest_rvads.logic.ltl.finite import settle
-from pytest_rvads.logic.ltl.ltl3 import Machine, Truth, encode, run_machine
+from pytest_rvads.logic.ltl.ltl3 import Truth, encode, run_machine
 from pytest_rvads.logic.rules.parts import Kind, conjuncts
 
 
 def judge(templates: tuple[Template, ...], values: Values) -> list[Judgement]:
-    """Return the judgements of all instances of a rule, in the order of the templates.
-
-    An instance is judged by its monitor, or by the semantics of finite traces if the monitor is undecided at the end of the run.
-    """
+    """Return the judgements by monitors, or by the semantics of finite traces where a monitor is undecided when the run ends."""
     judgements = [Judgement(template, Status.NA) for template in templates]
     for i, begin, end, states in _walked(templates, values):
         outputs = templates[i].machine.output[states]
         last = int(outputs[-1])
         failed = int(np.argmax(outputs == last)) if last == Truth.FALSE else None
         before = int(states[failed - 1]) if failed else 0
-        judged = _judge(templates[i], values.within(begin, end), failed, before, last == Truth.TRUE)
-        judgements[i] = _placed(judged, begin, end, values.steps)
+        j = judgements[i] = _judge(templates[i], values.within(begin, end), failed, before, last == Truth.TRUE)
+        if (begin, end) != (0, values.steps):  # count ticks from the start of the whole run
+            trigger, failed = (None if tick is None else begin + tick for tick in (j.trigger, j.failed))
+            judgements[i] = replace(j, trigger=trigger, failed=failed, ended=end - 1 if end < values.steps else None)
     return judgements
-
-
-def _placed(j: Judgement, begin: int, end: int, steps: int) -> Judgement:
-    """Return the judgement of a part of a run with its ticks counted from the start of the whole run."""
-    if (begin, end) == (0, steps):
-        return j
-    trigger, failed = (None if tick is None else begin + tick for tick in (j.trigger, j.failed))
-    return replace(j, trigger=trigger, failed=failed, ended=end - 1 if end < steps else None)
 
 
 def unsure(judgement: Judgement, hinge: Hinge) -> Judgement:
@@ -57,11 +48,7 @@ def asked(template: Template, values: Values, agent: int) -> bool:
 
 
 def walk(templates: tuple[Template, ...], values: Values) -> list[NDArray[np.int32]]:
-    """Return the states of the monitor of every instance of a rule, each of shape ``(steps,)``.
-
-    The monitor reads the states of the run in which all agents of the instance are present. Before these states the monitor is in
-    its initial state, and afterwards it keeps its last state.
-    """
+    """Return the states of the monitor of every instance, ``(steps,)``; it reads states in which all its agents are present."""
     states_of_instances = [np.zeros(values.steps, dtype=np.int32) for _ in templates]
     for i, begin, end, states in _walked(templates, values):
         states_of_instances[i][begin:end], states_of_instances[i][end:] = states, states[-1]
@@ -78,13 +65,10 @@ def _walked(templates: tuple[Template, ...], values: Values) -> Iterator[tuple[i
             continue
         machine = templates[members[0]].machine
         part = values.within(begin, end)
-        rows = [encode(machine, _propositions(templates[i], part), part.steps) for i in members]
+        propositions = [{f.Atom(f"p{k}"): part[atom] for k, atom in enumerate(templates[i].atoms)} for i in members]
+        rows = [encode(machine, truths, part.steps) for truths in propositions]
         for i, states in zip(members, run_machine(machine, np.array(rows, dtype=np.int32)), strict=True):
             yield i, begin, end, states
-
-
-def _propositions(template: Template, values: Values | Part) -> dict[f.Atom, NDArray[np.bool_]]:
-    return {f.Atom(f"p{k}"): values[atom] for k, atom in enumerate(template.atoms)}
 
 
 def _judge(template: Template, values: Values | Part, failed: int | None, before: int, satisfied: bool) -> Judgement:
@@ -134,16 +118,16 @@ def _broken(template: Template, values: Values | Part, failed: int, before: int)
     machine = template.machine
     now = {a: bool(values[a][failed]) for a in template.atoms}
     changed = [a for a in template.atoms if failed == 0 or bool(values[a][failed - 1]) != now[a]]
-    saving = [a for a in template.atoms if _after(machine, template, before, {**now, a: not now[a]}) is not Truth.FALSE]
+    saving = []
+    for atom in template.atoms:
+        otherwise = {**now, atom: not now[atom]}
+        true = frozenset(f.Atom(f"p{k}") for k, a in enumerate(template.atoms) if otherwise[a])
+        letter = machine.letter(sum(1 << k for k, guard in enumerate(machine.guards) if holds(guard, true)))
+        # A negative letter stands for truth values that exclude each other, which no state of a run has.
+        if letter >= 0 and machine.output[machine.delta[before, letter]] != Truth.FALSE:
+            saving.append(atom)
     chosen = [a for a in saving if a in changed] or saving or changed or list(template.atoms)
     return tuple((a, now[a]) for a in chosen)
-
-
-def _after(machine: Machine, template: Template, state: int, now: dict[f.Atom, bool]) -> Truth:
-    true = frozenset(f.Atom(f"p{k}") for k, a in enumerate(template.atoms) if now[a])
-    letter = machine.letter(sum(1 << k for k, guard in enumerate(machine.guards) if holds(guard, true)))
-    # A negative letter stands for truth values that exclude each other, which no state of a run has.
-    return Truth(int(machine.output[machine.delta[state, letter]])) if letter >= 0 else Truth.FALSE
 
 
 def _margin(template: Template, values: Values | Part, start: int | None) -> float | None:

@@ -40,29 +40,30 @@ def about_order(template: Template, run: Run) -> bool:
     If a run holds no positions or no speeds, the arrivals of vehicles are derived from zones alone.
     """
     by_zone = run.station is None or run.speed is None
-    return all(_ordered(atom, by_zone) for atom in template.atoms)
-
-
-def _ordered(atom: f.Atom, by_zone: bool) -> bool:
     sources = (FromZones.ALWAYS, FromZones.BLIND) if by_zone else (FromZones.ALWAYS,)
-    word = word_of(atom)
-    if word is not None:
-        return word.from_zones in sources
-    match atom.name, atom.terms:
-        case _, (f.Attr(_, attribute), f.Attr(_, other_attribute)) if (
-            attribute == other_attribute and ATTRIBUTES[attribute].waited
-        ):
-            return ATTRIBUTES[attribute].from_zones in sources
-        case (("=" | "!="), (f.Attr(_, attribute), _)) if ATTRIBUTES[attribute].codes:
-            return True
-    return False
+    for atom in template.atoms:
+        word = word_of(atom)
+        if word is not None:
+            ordered = word.from_zones in sources
+        else:
+            match atom.name, atom.terms:
+                case _, (f.Attr(_, one), f.Attr(_, two)) if one == two and ATTRIBUTES[one].waited:
+                    ordered = ATTRIBUTES[one].from_zones in sources
+                case (("=" | "!="), (f.Attr(_, one), _)):
+                    ordered = ATTRIBUTES[one].codes is not None
+                case _:
+                    ordered = False
+        if not ordered:
+            return False
+    return True
 
 
 def reordered(recorded: Judgement, crossings: Crossings, values: Values) -> Judgement:
     """Return the judgement of an instance: UNSURE if another possible order of events would give another status."""
     template = recorded.template
     agents = [e.index for e in agents_of(template.formula)]
-    lights = sorted({e.index for atom in template.atoms for t in atom.terms for e in _lights(t)})
+    elements = [t.of if isinstance(t, f.Attr) else t for atom in template.atoms for t in atom.terms]
+    lights = sorted({e.index for e in elements if isinstance(e, f.Element) and e.sort == Sort.LIGHT})
     events = [e for agent in agents for e in crossings.of_agents[agent]]
     changes = [e for light in lights for e in crossings.of_lights[light]]
     tie = round(values.tie / crossings.length)
@@ -102,12 +103,6 @@ def plain(status: Status) -> Status:
     return Status.PASS if status is Status.NA else status
 
 
-def _lights(term: f.Term) -> Iterator[f.Element]:
-    element = term.of if isinstance(term, f.Attr) else term
-    if isinstance(element, f.Element) and element.sort == Sort.LIGHT:
-        yield element
-
-
 def _skips(run: Run, agent: int) -> bool:
     """Return whether an agent passes a whole zone between two samples, so that the agent is in this zone in no sample."""
     begin, end = run.spans[agent]
@@ -137,11 +132,7 @@ def _compare(difference: int, tie: int) -> int:
 
 
 def _choices(loose: Sequence[Event]) -> Iterator[_Moments]:
-    """Yield choices of a moment per event.
-
-    A moment is the recorded, first or last possible moment of the event, or such a moment of another event if it is possible for
-    this event, too.
-    """
+    """Yield choices of a moment per event: its recorded, first or last possible moment, or a possible one of these of another."""
     ends = {id(e): (e.told, e.early, e.late) for e in loose}
     shared = [{*ends[id(e)], *(t for o in loose for t in ends[id(o)] if e.early <= t <= e.late)} for e in loose]
     if np.prod([float(len(s)) for s in shared]) > MOST:

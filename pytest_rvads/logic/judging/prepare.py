@@ -49,12 +49,17 @@ def _prepare(formula: f.Formula, static: Static, bound: tuple[str, ...], itinera
             groups.setdefault(_key(part), []).append(Instance(instance.binding, part))
     templates = []
     for instances in groups.values():
-        representative = instances[0]
-        atoms = f.atoms(representative.formula)
+        members = []
+        for instance in instances:
+            shape, values = shape_of(instance.formula), dict(instance.binding)
+            waits = shape.waits if shape.waits is not None else shape.obligation
+            actors = tuple(values[name] for name in bound) if bound else agents_of(waits)
+            members.append(Member(instance.binding, shape.premise, actors))
+        formula = instances[0].formula
+        atoms = f.atoms(formula)
         names = {atom: f.Atom(f"p{k}") for k, atom in enumerate(atoms)}
-        renamed = replaced(representative.formula, names.__getitem__)
-        members = tuple(_member(instance, bound) for instance in instances)
-        templates.append(Template(representative.formula, shape_of(representative.formula), members, synthesize(renamed), atoms))
+        machine = synthesize(replaced(formula, names.__getitem__))
+        templates.append(Template(formula, shape_of(formula), tuple(members), machine, atoms))
     return Prepared(tuple(templates), grounding.collapsed)
 
 
@@ -66,12 +71,6 @@ not recur, and its prepared rule takes megabytes.
 """
 _few = lru_cache(maxsize=8192)(_prepare)
 _many = lru_cache(maxsize=64)(_prepare)
-
-
-def _member(instance: Instance, bound: tuple[str, ...]) -> Member:
-    shape, values = shape_of(instance.formula), dict(instance.binding)
-    waits = shape.waits if shape.waits is not None else shape.obligation
-    return Member(instance.binding, shape.premise, tuple(values[name] for name in bound) if bound else agents_of(waits))
 
 
 def _key(formula: f.Formula) -> object:

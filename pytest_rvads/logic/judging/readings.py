@@ -75,7 +75,7 @@ def doubted(recorded: Sequence[Judgement], values: Values, sampled: Run, *, stan
     in_colour = {k: j for k, j in enumerate(recorded) if j.status is not Status.NA}
     for ask in Measured:
         asked = {k: j for k, j in (in_colour if ask is Measured.COLOURS else measured).items() if ask in _asks(j.template)}
-        for reading in _readings(run, ask) if asked else ():
+        for reading in once(run, _MAKERS[ask]) if asked else ():
             undoubted = {k: j for k, j in asked.items() if result[k] is j and _near(run, j)}
             reread_values = Values(reading.run, values.tie, standing=standing)
             reread = judge(tuple(j.template for j in undoubted.values()), reread_values) if undoubted else []
@@ -138,10 +138,7 @@ def _blame(j: Judgement, run: Run) -> tuple[bool, bool]:
 
 
 def _left_early(run: Run, j: Judgement) -> bool:
-    """Return whether a kept instance is doubtful because a vehicle left the recording too early.
-
-    The vehicle left while an atom of the instance could still become true, such as "obstructs" before the vehicle was clear.
-    """
+    """Return whether a vehicle of a kept instance left the recording while an atom could still become true, and break it."""
     if j.status is not Status.PASS or j.ended is None:
         return False
     words = ((word_of(atom), [e.index for e in agents_of(atom)]) for atom in j.template.atoms)
@@ -184,25 +181,17 @@ def _nearby(run: Run) -> NDArray[np.bool_]:
     return nearby
 
 
-def _readings(run: Run, ask: Measured) -> tuple[Reading, ...]:
-    """Return the runs with the measurements of a kind changed within their accuracy, computed once per run."""
-    return once(run, _MAKERS[ask])
-
-
 def _of_sizes(run: Run) -> tuple[Reading, ...]:
     by = 0.0 if run.excerpt is None else SURE * run.excerpt.position_accuracy
     if by <= 0.0 or run.pose is None or run.station is None or not all(agent.size for agent in run.agents):
         return ()
-    return tuple(Reading(Measured.SIZES, by, _sized(run, signed)) for signed in (by, -by))
-
-
-def _sized(run: Run, by: float) -> Run:
-    """Return a run whose bodies are larger by `by` on all sides [m]."""
-    agents = tuple(
-        replace(agent, size=(max(agent.size[0] + 2 * by, by), max(agent.size[1] + 2 * by, abs(by)))) if agent.size else agent
-        for agent in run.agents
-    )
-    return replace(run, agents=agents, pose=_shifted(run, by, 0.0), station=run.need("station") + by, spread=None)
+    readings = []
+    for larger in (by, -by):  # on all sides
+        sizes = ((max(a.size[0] + 2 * larger, larger), max(a.size[1] + 2 * larger, by)) for a in run.agents if a.size)
+        agents = tuple(replace(agent, size=size) for agent, size in zip(run.agents, sizes, strict=True))
+        resized = replace(run, agents=agents, pose=_shifted(run, larger, 0.0), station=run.station + larger, spread=None)
+        readings.append(Reading(Measured.SIZES, by, resized))
+    return tuple(readings)
 
 
 def _of_sides(run: Run) -> tuple[Reading, ...]:
@@ -227,20 +216,8 @@ def _of_pace(run: Run) -> tuple[Reading, ...]:
     return tuple(readings)
 
 
-def _of_way(run: Run) -> tuple[Reading, ...]:
-    return _all_moved(run, Measured.ALONG, _patterns(run))
-
-
-def _of_one(run: Run) -> tuple[Reading, ...]:
-    return _all_moved(run, Measured.ALONE, (np.full(len(run.agents), sign) for sign in (1.0, -1.0)))
-
-
 def _of_the_past(run: Run) -> tuple[Reading, ...]:
-    """Return two runs that differ in what vehicles did before they appeared in their stop place.
-
-    In the first run these vehicles brake to a stop as they appear in the stop place. In the second run these vehicles roll slowly
-    instead of standing, until they move.
-    """
+    """Return two runs: in one, vehicles that appear in their stop place brake to a stop there; in the other, they roll slowly."""
     if run.excerpt is None or run.speed is None or run.station is None:
         return ()
     stopping, rolling = run.speed.copy(), run.speed.copy()
@@ -251,10 +228,6 @@ def _of_the_past(run: Run) -> tuple[Reading, ...]:
         stopping[begin : begin + 2, agent] = 1.0, 0.0
         rolling[begin : begin + (len(still) if still.all() else still.argmin()), agent] = 2 * STANDSTILL
     return tuple(Reading(Measured.BEFORE, 0.0, replace(run, speed=speed)) for speed in (stopping, rolling) if late)
-
-
-def _in_colour(run: Run) -> tuple[Reading, ...]:
-    return tuple(Reading(Measured.COLOURS, 0.0, possible) for possible in once(run, colourings))
 
 
 def _all_moved(run: Run, asks: Measured, patterns: Iterable[NDArray[np.float64]]) -> tuple[Reading, ...]:
@@ -307,11 +280,12 @@ _MAKERS: dict[Measured, Callable[[Run], tuple[Reading, ...]]] = {
     Measured.SIZES: _of_sizes,
     Measured.SIDES: _of_sides,
     Measured.PACE: _of_pace,
-    Measured.ALONG: _of_way,
-    Measured.ALONE: _of_one,
+    Measured.ALONG: lambda run: _all_moved(run, Measured.ALONG, _patterns(run)),
+    Measured.ALONE: lambda run: _all_moved(run, Measured.ALONE, (np.full(len(run.agents), sign) for sign in (1.0, -1.0))),
     Measured.BEFORE: _of_the_past,
-    Measured.COLOURS: _in_colour,
+    Measured.COLOURS: lambda run: tuple(Reading(Measured.COLOURS, 0.0, possible) for possible in once(run, colourings)),
 }
+"""Per kind of measurement, the function that returns the runs with such measurements changed within their accuracy."""
 
 
 _ERRORS = (("places", "m", (0.1, 0.2, 0.4, 0.8, 1.6)), ("speeds", "m/s", (0.1, 0.2, 0.5, 1.0, 2.0)))

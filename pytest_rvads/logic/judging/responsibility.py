@@ -63,7 +63,12 @@ def is_about(j: Judgement, run: Run, subject: str) -> bool:
         return False
     if awaited := _awaited(j):
         owed = (run.steps - 1 if j.ended is None else j.ended) - (j.trigger or 0)
-        return me in awaited and owed * run.dt >= WAIVER and _could_go(run, me)
+        if me not in awaited or owed * run.dt < WAIVER:
+            return False
+        try:
+            return bool(may_go(run, me)[-1])
+        except RunError:  # the run does not record enough to decide
+            return True
     return any(e.index == me for e in _waiting(j)) and not any(stuck(run, k) for k in range(len(run.agents)) if k != me)
 
 
@@ -84,14 +89,6 @@ def _forfeited(j: Judgement, run: Run) -> bool:
         return all(k in waiving or any(may_owe(run, k, waiver) for waiver in waiving) for k in awaited)
     except RunError:
         return False
-
-
-def _could_go(run: Run, agent: int) -> bool:
-    """Return whether an agent could go at the end of a run; True if the run does not record enough to decide."""
-    try:
-        return bool(may_go(run, agent)[-1])
-    except RunError:
-        return True
 
 
 def waits(j: Judgement, subject: str) -> bool:
@@ -216,10 +213,7 @@ def _owed(templates: Iterable[Template], values: Values) -> Iterator[_Owed]:
 
 
 def _ends(template: Template) -> tuple[str, str] | None:
-    """Return the names of the waiting and the awaited vehicle of an instance that makes a vehicle wait until another has gone.
-
-    The result is None for any other instance.
-    """
+    """Return the names of the waiting and the awaited vehicle of an instance that makes one wait until the other has gone."""
     shape = template.shape
     if shape.kind is not Kind.YIELD or shape.waits is None or shape.goes is None:
         return None
