@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 from msgspec import structs
@@ -27,10 +28,10 @@ from pytest_rvads.logic.conduct.standing import drives
 from pytest_rvads.logic.conduct.validate import damage
 from pytest_rvads.logic.judging.evaluate import Values
 from pytest_rvads.logic.judging.judge import asked, judge, nearest_miss
-from pytest_rvads.logic.judging.judgement import Judgement, Near, Template
+from pytest_rvads.logic.judging.judgement import Judgement, Template
 from pytest_rvads.logic.judging.prepare import Prepared, prepare
 from pytest_rvads.logic.judging.readings import agreed, doubted, tolerance
-from pytest_rvads.logic.judging.responsibility import Cycle, by_walkers, find_cycle, is_about, unavoidable, waits
+from pytest_rvads.logic.judging.responsibility import by_walkers, find_cycle, is_about, unavoidable, waits
 from pytest_rvads.logic.judging.verdicts import Status, Verdict
 from pytest_rvads.logic.outcome import Outcome, counted
 from pytest_rvads.logic.rules.book import RuleBook, current_book, get_rule, is_rulebook, rules_for
@@ -200,9 +201,18 @@ def _judged(rule: Rule, values: Values, book: RuleBook, sampled: Run, *, itinera
     if ways and attribution.status in _BROKEN:
         story.notes.append(f"the verdict does not depend on {ways}")
     if attribution.status is Status.NA:
-        story.reason, story.near = _idle(story, templates, values)
+        if all(j.status is Status.NA for j in judgements):
+            story.reason = "never triggered: the premise of the rule never holds on the run"
+            story.near = nearest_miss(templates, values)
+        elif run.subject is None:
+            story.reason = "no vehicle moved, so no vehicle kept the rule by an action"
+        else:
+            story.reason = f"only traffic was asked: no instance that was triggered bound {run.subject}, the subject, to act"
     if attribution.unavoidable or attribution.status is Status.OPEN:
-        story.cycle = _cycle(rule, values, templates, book)
+        story.cycle = find_cycle(templates, values)
+        if story.cycle is None and rule.companions:
+            cycle = find_cycle([*templates, *companions(rule, run, book)], values)
+            story.cycle = cycle and replace(cycle, alone=False)
     if attribution.status is Status.PASS and run.facts.strayed and run.subject in (None, *run.facts.strayed):
         story.status = Status.OPEN
         story.reason = f"{' and '.join(run.facts.strayed)} left the route, which ended the run: the rest of the way is not known"
@@ -224,27 +234,6 @@ def _elsewhere(rule: Rule, junction: Junction) -> str:
     if rule.crosswalks and not rule.concerns(junction):
         return f"{rule.name} is about {rule.crosswalks}, and none walk at this junction"
     return f"{rule.name} is about junctions with several lanes on an arm, and this junction has one lane on each"
-
-
-def _idle(story: Story, templates: tuple[Template, ...], values: Values) -> tuple[str, Near | None]:
-    """Return the reason of an NA verdict, and where a rule that was never triggered came closest to being triggered."""
-    if any(j.status is not Status.NA for j in story.judgements):
-        if story.subject is None:
-            return "no vehicle moved, so no vehicle kept the rule by an action", None
-        return f"only traffic was asked: no instance that was triggered bound {story.subject}, the subject, to act", None
-    return "never triggered: the premise of the rule never holds on the run", nearest_miss(templates, values)
-
-
-def _cycle(rule: Rule, values: Values, templates: tuple[Template, ...], book: RuleBook) -> Cycle | None:
-    """Return vehicles that must wait for each other in a circle because of the rule; None if there is no circle.
-
-    If the rule alone makes no circle, the obligations of its companions are added.
-    """
-    cycle = find_cycle(templates, values)
-    if cycle is None and rule.companions:
-        cycle = find_cycle([*templates, *companions(rule, values.run, book)], values)
-        cycle = cycle and replace(cycle, alone=False)
-    return cycle
 
 
 _BROKEN = (Status.FAIL, Status.OPEN)
@@ -286,7 +275,8 @@ def attribute(judgements: Sequence[Judgement], rule: Rule, values: Values, book:
         return Attribution(Status.NA if status is Status.PASS and not acted else status, acted, excused, on_foot)
     me = next(column for column, agent in enumerate(run.agents) if agent.name == subject)
     bound = any(j.status is not Status.NA and asked(j.template, values, me) for j in judgements)
-    open_to_doubt = any(j.status is Status.UNSURE and _binds(j.template, me) for j in judgements)
+    unsure_members = (member for j in judgements if j.status is Status.UNSURE for member in j.template.members)
+    open_to_doubt = any(element.index == me for member in unsure_members for element in member.bound)
     if status not in _BROKEN:
         return Attribution(Status.UNSURE if open_to_doubt else Status.PASS if bound else Status.NA, bound or open_to_doubt)
     attributed = [j for j in judgements if j.status in _BROKEN and is_about(j, run, subject)]
@@ -314,37 +304,21 @@ def _overall(judgements: Iterable[Judgement]) -> Status:
     return next((s for s in (Status.FAIL, Status.OPEN, Status.UNSURE, Status.PASS) if s in statuses), Status.NA)
 
 
-def _binds(template: Template, agent: int) -> bool:
-    return any(e.index == agent for member in template.members for e in member.bound)
-
-
 def _with_companions(judgements: Sequence[Judgement], rule: Rule, run: Run, book: RuleBook) -> list[Template]:
     return [*(j.template for j in judgements), *companions(rule, run, book)]
 
 
 def _excused(judgements: Sequence[Judgement], rule: Rule, values: Values, book: RuleBook) -> bool:
-    """Return whether the subject is excused for an open obligation: the subject has to wait, or other vehicles ended the run."""
-    run, subject = values.run, values.run.subject or ""
-    culprits = set(cut_short_by(run)) - {subject}
-    return bool(culprits) or any(waits(j, subject) for j in judgements) or _held(rule, run, subject, book)
+    """Return whether the subject is excused for an open obligation: the subject has to wait, or other vehicles ended the run.
 
-
-def _owes_the_way(run: Run, subject: str) -> bool:
-    """Return whether, at the end of the run, the subject must give way to a vehicle that is coming or stands at its line."""
-    try:
-        return any(held(run)[-1, column] for column, agent in enumerate(run.agents) if agent.name == subject)
-    except RunError:
-        return False
-
-
-def _held(rule: Rule, run: Run, subject: str, book: RuleBook) -> bool:
-    """Return whether, at the end of the run, another rule than `rule` makes the subject wait.
-
-    A subject that has to wait is excused for keeping other vehicles waiting. The other rules are the companions of `rule` and the
-    rules of the rulebooks that contain `rule`.
+    The subject has to wait because of the rule, its companions, or the rules of the rulebooks that contain the rule.
     """
-    if _owes_the_way(run, subject):
+    run, subject = values.run, values.run.subject or ""
+    if set(cut_short_by(run)) - {subject} or any(waits(j, subject) for j in judgements):
         return True
+    with suppress(RunError):
+        if any(held(run)[-1, column] for column, agent in enumerate(run.agents) if agent.name == subject):
+            return True
     static = extract(run)
     shelf = (rules_for(name, run.junction) for name in ("paper", "road"))
     rules = {*(book[name] for name in rule.companions), *(r for rules in shelf if rule in rules for r in rules)}

@@ -39,11 +39,7 @@ _Entry = TypeVar("_Entry")
 
 
 class Board:
-    """The present truth values of atoms (facts) in a run that goes on.
-
-    Args:
-        now: the present instant of the run, which `Instant.go_on` moves to the next state.
-    """
+    """The present truth values of atoms (facts) in a run that goes on; `Instant.go_on` moves `now` to the next state."""
 
     def __init__(self, now: Instant) -> None:
         self.now = now
@@ -88,69 +84,50 @@ class Board:
             row = rows[now.row]
             if row != self._rows.get(signal):
                 self._rows[signal] = row
-                for fact, column in self._columns_of(signal):
+                facts, (count, columns) = self._signals[signal], self._columns.get(signal, (-1, []))
+                if count != len(facts):
+                    cast = now.block.cast
+                    found = ((fact, signal.column(cast, list(map(_column, places)))) for fact, places in facts)
+                    columns = [(fact, column) for fact, column in found if column is not None]
+                    self._columns[signal] = len(facts), columns
+                for fact, column in columns:
                     fact.tell(row[column])
         for fact, follow in self._followed:
             fact.tell(bool(follow(now.run)))
 
-    def _forget(self, key: object) -> None:
-        self._facts.pop(key, None)
-
     def fact(self, atom: f.Atom, movers: Sequence[Mover], tie: float) -> Fact:
-        """Return the fact of an atom: its present truth value, which `read` keeps up to date.
-
-        Args:
-            tie: largest difference of waiting times that count as equal [s].
-        """
+        """Return the fact of an atom: its present truth value, which `read` keeps up to date; `tie` is in seconds."""
         terms = tuple(_key_of(term, movers) for term in atom.terms)
         key = (atom.word or atom.name, terms, tie if atom.name in OPERATORS else 0.0)
         fact = self._facts.get(key)
         if fact is None:
             elements = [element for element in map(_element_of, atom.terms) if element is not None]
             agents = [movers[element.index] for element in elements if element.sort == Sort.AGENT]
-            signal = signal_of(atom, len(self.now.junction.entrances), round(tie / self.now.dt))
-            if signal is None:
-                fact = self._general(atom, movers, tie)
-            else:
-                fact = self._of_signal(signal, agents or [element.index for element in elements])
+            now, word = self.now, word_of(atom)
+            signal = signal_of(atom, len(now.junction.entrances), round(tie / now.dt))
+            if signal is not None:
+                places: tuple[Mover | int, ...] = tuple(agents or [element.index for element in elements])
+                fact = Fact(bool(signal(now.block, *map(_column, places))[now.row]))
+                self._columns.pop(signal, None)
+                self._block = None
+                self._keep(fact, self._signals.setdefault(signal, []), (fact, places))
+            else:  # computed on a run of one state
+                moved = _in_columns(atom, movers)
+                if word is not None and word.follow is not None:
+                    follow = word.follow(now.run, *word.arguments(moved))
+                    fact = Fact(bool(follow(now.run)))
+                    self._keep(fact, self._followed, (fact, follow), *movers)
+                else:
+                    fact = Fact(False, lambda: bool(Values(now.run, tie)[moved][0]))
             self._facts[key] = fact
-            word = word_of(atom)
             if word is not None and word.present:
                 for mover in agents:
                     self._bodily.setdefault(mover, set()).add(fact)
-            fact.homes.append(partial(self._forget, key))
+            fact.homes.append(partial(self._facts.pop, key, None))
         return fact
 
-    def _of_signal(self, signal: Signal[Any], places: Sequence[Mover | int]) -> Fact:
-        """Return the fact (truth value of an atom) that the column of a signal for given vehicles or an entrance determines."""
-        fact = Fact(bool(signal(self.now.block, *map(_column, places))[self.now.row]))
-        self._columns.pop(signal, None)
-        self._block = None
-        return self._keep(fact, self._signals.setdefault(signal, []), (fact, tuple(places)))
-
-    def _columns_of(self, signal: Signal[Any]) -> list[tuple[Fact, int]]:
-        """Return the facts (truth values) that a signal determines, each with its column of the signal."""
-        cast, facts, (count, columns) = self.now.block.cast, self._signals[signal], self._columns.get(signal, (-1, []))
-        if count != len(facts):
-            places_of_facts = ((fact, signal.column(cast, list(map(_column, places)))) for fact, places in facts)
-            columns = [(fact, column) for fact, column in places_of_facts if column is not None]
-            self._columns[signal] = len(facts), columns
-        return columns
-
-    def _general(self, atom: f.Atom, movers: Sequence[Mover], tie: float) -> Fact:
-        """Return the fact (truth value) of an atom that is computed on a run of one state."""
-        now, moved, word = self.now, _in_columns(atom, movers), word_of(atom)
-        if word is not None and word.follow is not None:
-            follow = word.follow(now.run, *word.arguments(moved))
-            fact = Fact(bool(follow(now.run)))
-            return self._keep(fact, self._followed, (fact, follow), *movers)
-        return Fact(False, lambda: bool(Values(now.run, tie)[moved][0]))
-
-    def _keep(self, fact: Fact, where: list[_Entry], entry: _Entry, *until: Mover) -> Fact:
-        """Add the entry of a fact to a list, arrange for its removal, and return the fact.
-
-        The entry is removed when a vehicle of `until` is dropped; without such vehicles, when no monitor reads the fact any more.
-        """
+    def _keep(self, fact: Fact, where: list[_Entry], entry: _Entry, *until: Mover) -> None:
+        """Put an entry into a list until a vehicle of `until` is dropped, or, without such, until no monitor reads the fact."""
         where.append(entry)
 
         def end() -> None:
@@ -162,7 +139,6 @@ class Board:
                 self._ends.setdefault(mover, []).append(end)
         else:
             fact.homes.append(end)
-        return fact
 
 
 def _column(place: Mover | int) -> int:
@@ -205,8 +181,6 @@ class Instances:
     """Makes the instances of rules for vehicles that come and go, once per combination of ways of the vehicles.
 
     Args:
-        rules: the rules.
-        junction: the junction.
         lights: colours of the first state; an entrance with a colour other than none has a light.
 
     Raises:
@@ -219,7 +193,13 @@ class Instances:
         routes = [next(iter(junction.movements))] * 3
         static = replace(self._static(tuple(routes)), entrances=1, exits=1, lights=(0,), signs=())
         for rule in rules:
-            _refuse_crowds(rule, static)
+            for instance in unfold(rule.formula, static).instances:
+                named = {e for _, e in instance.binding if e.sort == Sort.AGENT}
+                if any(len(named | set(agents_of(part))) > 2 for part in split(instance.formula)) or _exists(rule.formula):
+                    raise FormulaError(
+                        f"rule {rule.name!r} is about more than two vehicles at once, and who comes later would count: "
+                        "give the monitor its agents"
+                    )
 
     def of(self, *ways: Key) -> tuple[tuple[int, Template], ...]:
         """Return the instances of rules about vehicles on one or two given ways, each with the number of its rule.
@@ -228,36 +208,19 @@ class Instances:
         """
         instances = self._prepared.get(ways)
         if instances is None:
-            static = self._static(ways)
-            agents = range(len(ways))
-            instances = self._prepared[ways] = tuple(
-                (number, template)
-                for number, rule in enumerate(self._rules)
-                for template in prepare(rule.formula, static, rule.bound).templates
-                if _about(template) == set(agents)
-            )
+            static, about_all = self._static(ways), []
+            for number, rule in enumerate(self._rules):
+                for template in prepare(rule.formula, static, rule.bound).templates:
+                    named = {e.index for member in template.members for _, e in member.binding if e.sort == Sort.AGENT}
+                    if named | {e.index for e in agents_of(template.formula)} == set(range(len(ways))):
+                        about_all.append((number, template))
+            instances = self._prepared[ways] = tuple(about_all)
         return instances
 
     def _static(self, ways: tuple[Key, ...]) -> Static:
         agents = tuple(Agent(f"v{number}", self._junction.every_way[way]) for number, way in enumerate(ways))
         zone = np.zeros((1, len(agents)), dtype=np.int8)
         return extract(Run("live", self._junction, agents, zone, np.array([self._lights], dtype=np.int8)))
-
-
-def _about(template: Template) -> set[int]:
-    """Return the columns of the agents in the variables and atoms of an instance of a rule."""
-    named = {e.index for member in template.members for _, e in member.binding if e.sort == Sort.AGENT}
-    return named | {e.index for e in agents_of(template.formula)}
-
-
-def _refuse_crowds(rule: Rule, static: Static) -> None:
-    for instance in unfold(rule.formula, static).instances:
-        named = {e for _, e in instance.binding if e.sort == Sort.AGENT}
-        if any(len(named | set(agents_of(part))) > 2 for part in split(instance.formula)) or _exists(rule.formula):
-            raise FormulaError(
-                f"rule {rule.name!r} is about more than two vehicles at once, and who comes later would count: "
-                "give the monitor its agents"
-            )
 
 
 def _exists(formula: f.Formula) -> bool:

@@ -81,13 +81,7 @@ def row_of(name: str, values: ArrayLike, shape: tuple[int, ...]) -> list[Any]:
 
 
 class Stream:
-    """Makes blocks of states as the states come, and passes the carries of signals (values kept for later) from block to block.
-
-    Args:
-        junction: the junction that the vehicles drive through.
-        dt: time between two states [s].
-        facts: the facts of the run, such as a speed limit.
-    """
+    """Makes blocks of states as the states come, and passes the carries of signals from block to block."""
 
     def __init__(self, junction: Junction, dt: float, facts: Facts) -> None:
         self.dt, self._facts = dt, facts
@@ -97,20 +91,11 @@ class Stream:
         self._tick = 0
 
     def recast(self, agents: Sequence[Agent], columns: Sequence[int | None]) -> None:
-        """Replace the vehicles of the stream, because a vehicle has come or gone.
-
-        Args:
-            columns: for every vehicle its column in the last block, None for a vehicle that has just come.
-        """
+        """Replace the vehicles of the stream, each with its column in the last block, or None if it has just come."""
         self.cast, self._kept = Cast(self.cast.junction, agents, self._facts), columns
 
     def feed(self, signals: Iterable[Signal[Any]], zone: NDArray[np.int8], lights: NDArray[np.int8], **arrays: Any) -> Block:
-        """Return the next states as a block on which the given signals are evaluated.
-
-        Args:
-            zone: `Zone` of every vehicle, shape ``(n, agents)``.
-            lights: `Colour` at every entrance, shape ``(n, entrances)``.
-        """
+        """Return the next n states as a block on which the given signals are evaluated."""
         last = self._last
         block = Block(self.cast, zone, lights, self.dt, **arrays, tick=self._tick, previous=last, kept=self._kept)
         if last is not None and self._kept is None and last.zone.shape == zone.shape and last.given == block.given:
@@ -136,7 +121,7 @@ class Mover:
 
     agent: Agent
     slot: int
-    """Column of the vehicle."""
+    """Column."""
     zone: int = int(ABSENT)
     station: float = math.nan
     spread: float = math.nan
@@ -187,9 +172,6 @@ class Instant:
     """The vehicles at a junction in the present state of a run that goes on state by state.
 
     Args:
-        junction: the junction that the vehicles drive through.
-        dt: time between two states [s].
-        facts: the facts of the run, such as a speed limit.
         signals: the signals that are evaluated in every state, because later states depend on their carries.
     """
 
@@ -234,25 +216,21 @@ class Instant:
     def run(self) -> Run:
         """The present state as a run of one state."""
         if self._run is None:
-            self._run = self._as_run()
+            block = self.block.only(self.row)
+            names = None if block.touching is None else [sorted(pair) for pair, _ in block.touching]
+            collisions = None if names is None else tuple(Collision(0.0, (first, second), 0.0) for first, second in names)
+            self._run = _State(
+                "live",
+                self.junction,
+                block.cast.agents,
+                block.zone,
+                block.lights,
+                self.dt,
+                station=block.station,
+                speed=block.speed,
+                pose=block.pose,
+                collisions=collisions,
+                facts=self.facts,
+            )
+            assume(self._run, block)
         return self._run
-
-    def _as_run(self) -> Run:
-        block = self.block.only(self.row)
-        names = None if block.touching is None else [sorted(pair) for pair, _ in block.touching]
-        collisions = None if names is None else tuple(Collision(0.0, (first, second), 0.0) for first, second in names)
-        run = _State(
-            "live",
-            self.junction,
-            block.cast.agents,
-            block.zone,
-            block.lights,
-            self.dt,
-            station=block.station,
-            speed=block.speed,
-            pose=block.pose,
-            collisions=collisions,
-            facts=self.facts,
-        )
-        assume(run, block)
-        return run

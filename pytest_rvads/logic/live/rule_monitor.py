@@ -23,7 +23,7 @@ from pytest_rvads.logic.judging.judgement import Template
 from pytest_rvads.logic.judging.prepare import prepare
 from pytest_rvads.logic.live.board import Board, Instances
 from pytest_rvads.logic.live.instant import OF_RUNS, Decided, Instant, Mover, Seen, State, row_of, sizes_of
-from pytest_rvads.logic.live.watch import Fact, Reading, Watch
+from pytest_rvads.logic.live.watch import Reading, Watch
 from pytest_rvads.logic.ltl import formula as f
 from pytest_rvads.logic.ltl.ltl3 import Machine, Truth
 from pytest_rvads.logic.rules.book import RuleBook, rules_for
@@ -205,8 +205,14 @@ class RuleMonitor:
         present = tuple(vehicles)
         seen = {vehicle.agent.name: vehicle for vehicle in present}
         colours = self._colours(lights)
+        if len(seen) < len(present):
+            raise RunError("two vehicles of a state have the same name: give each its own")
         for vehicle in present:
-            self._check_seen(vehicle, len(seen) == len(present))
+            name, way, values = vehicle.agent.name, vehicle.agent.way.key, tuple(vehicle[1:])
+            if not all(map(math.isfinite, values)):
+                raise RunError(f"vehicle {name!r}: what is seen must be finite numbers, got {values!r:.80}")
+            if name not in self._present and way not in self._junction.every_way:
+                raise RunError(f"vehicle {name!r}: the junction has no way {way}")
         if self._instances is None:
             self._instances = Instances(self.rules, self._junction, colours)
         decided: tuple[Decided, ...] = ()
@@ -221,30 +227,38 @@ class RuleMonitor:
         A monitor with `agents` returns no verdicts here; its property `verdicts` shows them.
         """
         states, seen_states, self._states, self._seen = self._states, self._seen, [], []
-        if self._agents is not None and states:
-            self._judge(states)
-        return self._judge_seen(seen_states) if seen_states else ()
-
-    def _judge(self, states: Sequence[State]) -> None:
-        """Judge the next states of a monitor that was given its vehicles."""
+        if self._agents is None or not states:
+            return self._judge_seen(seen_states) if seen_states else ()
         now, first = self._now, self._now.tick < 0
         if first:
-            for slot, agent in enumerate(self._agents or ()):
+            for slot, agent in enumerate(self._agents):
                 now.add(agent, slot)
         now.feed(states)
         for number in range(len(states)):
             now.go_on()
             if first and number == 0:
-                self._begin()
+                static = extract(now.run)
+                for rule_number, rule in enumerate(self.rules):
+                    templates = prepare(rule.formula, static, rule.bound).templates
+                    self._watch([(rule_number, template) for template in templates], tuple(now.slots))
             else:
                 self._board.read()
             self._run_monitors()
+        return ()
 
     def _judge_seen(self, states: Sequence[tuple[dict[str, Seen], list[int]]]) -> tuple[Decided, ...]:
         """Judge the next states, all with the same vehicles, and return the final verdicts of the instances that they decide."""
         now, seen, instances = self._now, states[0][0], self._instances
         old = tuple(self._present.values())
-        new = tuple(self._enter(vehicle.agent) for name, vehicle in seen.items() if name not in self._present)
+        new: list[Mover] = []
+        for vehicle in [vehicle for name, vehicle in seen.items() if name not in self._present]:
+            agent = vehicle.agent
+            if self._size is not None and agent.size is None:
+                agent = replace(agent, size=self._size)
+            # A vehicle gets a new column, or the column that has been free for longest.
+            slot = self._free.pop(0) if len(self._free) > _SPARE else len(now.slots)
+            new.append(now.add(agent, slot))
+            self._present[agent.name], self._about[new[-1]] = new[-1], {}
         leaving = [self._present.pop(name) for name in self._present.keys() - seen.keys()]
         now.feed([State(*self._columns(vehicles), colours) for vehicles, colours in states])
         old = tuple(mover for mover in old if mover.zone != ABSENT)
@@ -261,25 +275,6 @@ class RuleMonitor:
             if number == 0:
                 decided += self._leave(leaving)
         return tuple(decided)
-
-    def _check_seen(self, vehicle: Seen, unique: bool) -> None:
-        if not unique:
-            raise RunError("two vehicles of a state have the same name: give each its own")
-        if not all(map(math.isfinite, vehicle[1:])):
-            raise RunError(f"vehicle {vehicle.agent.name!r}: what is seen must be finite numbers, got {tuple(vehicle[1:])!r:.80}")
-        mover = self._present.get(vehicle.agent.name)
-        if mover is None and vehicle.agent.way.key not in self._junction.every_way:
-            raise RunError(f"vehicle {vehicle.agent.name!r}: the junction has no way {vehicle.agent.way.key}")
-
-    def _enter(self, agent: Agent) -> Mover:
-        """Add a vehicle that has come, in a new column or in the column that has been free for longest, and return it."""
-        now = self._now
-        if self._size is not None and agent.size is None:
-            agent = replace(agent, size=self._size)
-        slot = self._free.pop(0) if len(self._free) > _SPARE else len(now.slots)
-        mover = self._present[agent.name] = now.add(agent, slot)
-        self._about[mover] = {}
-        return mover
 
     def _columns(
         self, by_name: Mapping[str, Seen]
@@ -300,13 +295,6 @@ class RuleMonitor:
             mover.zone, mover.station, mover.spread = values
         return zone, list(stations), list(speeds), list(zip(*pose, strict=True))
 
-    def _begin(self) -> None:
-        """Make all monitors of a `RuleMonitor` that was given its vehicles."""
-        static, movers = extract(self._now.run), tuple(self._now.slots)
-        for number, rule in enumerate(self.rules):
-            templates = prepare(rule.formula, static, rule.bound).templates
-            self._watch(tuple((number, template) for template in templates), movers)
-
     def _watch(self, templates: Sequence[tuple[int, Template]], movers: tuple[Mover, ...]) -> None:
         """Make the monitors of instances of rules about the given vehicles."""
         for number, template in templates:
@@ -318,27 +306,21 @@ class RuleMonitor:
             except RunError as error:
                 if len(self.rules) == 1:
                     raise
-                self._give_up(number, str(error))
+                # The rule is not judged any more, because it needs a value that is not given.
+                self.not_judged[rule.name] = str(error)
+                for watch in [watch for watch in self._watches if watch.rule == number]:
+                    self._end(watch)
                 continue
-            watch = Watch(number, template, self._reading(template.machine, facts), facts, self._queue)
+            asked = tuple(k for k, fact in enumerate(facts) if fact.ask is not None)
+            key = id(template.machine), asked
+            if key not in self._readings:
+                self._readings[key] = template.machine, Reading(template.machine, asked)
+            watch = Watch(number, template, self._readings[key][1], facts, self._queue)
             self._watches[watch] = movers
             self._pending[number] += 1
             if self._agents is None:
                 for mover in movers:
                     self._about[mover][watch] = None
-
-    def _give_up(self, number: int, reason: str) -> None:
-        """Stop judging a rule that needs a value which is not given."""
-        self.not_judged[self.rules[number].name] = reason
-        for watch in [watch for watch in self._watches if watch.rule == number]:
-            self._end(watch)
-
-    def _reading(self, machine: Machine, facts: Sequence[Fact]) -> Reading:
-        asked = tuple(k for k, fact in enumerate(facts) if fact.ask is not None)
-        entry = self._readings.get((id(machine), asked))
-        if entry is None:
-            entry = self._readings[id(machine), asked] = machine, Reading(machine, asked)
-        return entry[1]
 
     def _run_monitors(self) -> tuple[Decided, ...]:
         """Let the monitors in the queue read the present state, and return the final verdicts of instances."""

@@ -14,7 +14,6 @@ class Fact:
     """The present truth value of an atom, with the watches (monitors) that read the atom.
 
     Args:
-        value: the value at creation.
         ask: computes the value; None if `tell` is called at every change.
     """
 
@@ -23,7 +22,7 @@ class Fact:
     def __init__(self, value: bool, ask: Callable[[], bool] | None = None) -> None:
         self.value, self.ask = value, ask
         self.watches: list[tuple[Watch, int]] = []
-        self.homes: list[Callable[[], None]] = []
+        self.homes: list[Callable[[], object]] = []
         """Functions that are called once no watch reads the atom any more, and end the computation of the atom."""
 
     def tell(self, value: bool) -> None:
@@ -47,7 +46,6 @@ class Reading:
     """Maps the truth values of a monitor's atoms (a mask with bit k for atom k) to letters, the inputs of the monitor.
 
     Args:
-        machine: the monitor as a machine, over the propositions p0, p1, ...
         asked: numbers of the atoms that are evaluated only if their values affect the letter.
     """
 
@@ -87,18 +85,18 @@ class Reading:
         if reachable is None:
             count = len(self._machine.atoms)
             free = [1 << k for k in range(count) if not false >> k & 1]
-            reachable = self._hopeless[state, false] = len(free) > _MOST_FREE or self._reaches(state, free)
+            reachable = len(free) > _MOST_FREE
+            if not reachable:
+                letters = {self.exact(sum(choice)) for choice in product(*((0, bit) for bit in free))}
+                states, pending = {state}, [state]
+                while pending:
+                    row = self.delta[pending.pop()]
+                    after = {row[letter] for letter in letters} - states
+                    states |= after
+                    pending += after
+                reachable = any(self.output[s] is Truth.FALSE for s in states)
+            self._hopeless[state, false] = reachable
         return reachable
-
-    def _reaches(self, state: int, free: Sequence[int]) -> bool:
-        letters = {self.exact(sum(choice)) for choice in product(*((0, bit) for bit in free))}
-        states, pending = {state}, [state]
-        while pending:
-            row = self.delta[pending.pop()]
-            after = {row[letter] for letter in letters} - states
-            states |= after
-            pending += after
-        return any(self.output[s] is Truth.FALSE for s in states)
 
 
 _MOST_FREE = 8
@@ -111,12 +109,8 @@ class Watch:
     """The monitor of an instance of a rule (the rule for certain vehicles and entrances).
 
     Args:
-        rule: number of the rule.
-        template: the instance.
-        reading: the machine of the monitor, with the letters for the truth values of its atoms.
         facts: the facts (present truth values of atoms) that the propositions p0, p1, ... of the machine stand for.
         queue: the queue of the watches that have to read the present state; a watch appends itself to the queue.
-        state: the number of the state in which the machine starts.
     """
 
     __slots__ = ("_queue", "_queued", "asked", "facts", "mask", "reading", "rule", "state", "template")

@@ -54,7 +54,8 @@ def literal(atom: f.Atom, value: bool, name: Naming = element_name, be: str = "i
             return f"{thing} {be} out of {location}"
         return f"{thing} {be}{no} {_PREPOSITIONS.get(place.sort, 'on')} {location}"
     if text := _phrase(atom, value):
-        words = text.format(*(_term(_whose(t), name) for t in atom.terms), be=be)
+        owners = (t.of if isinstance(t, f.Attr) else t for t in atom.terms)
+        words = text.format(*(_term(owner, name) for owner in owners), be=be)
         return words.replace(" has ", " had ", 1) if be == "was" else words
     terms = [_term(t, name) for t in atom.terms]
     if len(terms) == 2 and not atom.name.isidentifier():
@@ -79,10 +80,6 @@ def _phrase(atom: f.Atom, value: bool) -> str:
             return ""
     phrases = {compared: (says, denies) for compared, says, denies in ATTRIBUTES[attribute].says}
     return phrases.get(comparison, ("", ""))[0 if value else 1]
-
-
-def _whose(term: f.Term) -> f.Term:
-    return term.of if isinstance(term, f.Attr) else term
 
 
 def _term(term: f.Term, name: Naming) -> str:

@@ -80,10 +80,7 @@ class Story:
         return {word: numbers[word] for word in _WORDS.values() if numbers[word]}
 
     def kept(self) -> tuple[int, int]:
-        """Return the number of kept instances and the number of all instances of the rule.
-
-        On a run with a subject, only instances that bind the subject to act are counted.
-        """
+        """Return the number of kept instances and of all instances; with a subject, of those that bind the subject to act."""
         judgements, run = self.judgements, self.run
         if self.subject is None or self.values is None:
             return sum(j.status is Status.PASS for j in judgements), len(judgements)
@@ -92,10 +89,7 @@ class Story:
         return sum(j.status is Status.PASS and asked(j.template, self.values, me) for j in binding), len(binding)
 
     def ordered(self) -> list[Judgement]:
-        """Return the judgements of the instances, sorted by severity and time.
-
-        The judgements that the subject is to blame for come before all others.
-        """
+        """Return the judgements, sorted by severity and time; those that the subject is to blame for come before all others."""
 
         def key(j: Judgement) -> tuple[bool, int, int]:
             tick = j.failed if j.failed is not None else j.trigger
@@ -135,12 +129,7 @@ def happened(j: Judgement, name: Naming = element_name) -> str:
 
 
 def block(story: Story, worst: Judgement | None, miss: NearMiss | None) -> list[str]:
-    """Return the lines of the explanation of a verdict.
-
-    Args:
-        worst: the violated, open or UNSURE instance to explain; None if there is none.
-        miss: the tick in which the rule came closest to being triggered; None if it was triggered.
-    """
+    """Return the lines of the explanation of a verdict; `worst` is the violated, open or UNSURE instance to explain."""
     rule, run = story.rule, story.run
     lines = [f"rule      {rule.name}  {one_line(rule.title) + ':  ' if rule.title else ''}{rule.text}"]
     if rule.requirement:
@@ -186,7 +175,8 @@ def _roles(story: Story, j: Judgement) -> list[str]:
         if j.failed is None:
             lines.append(f"open      {say(shape.obligation)}, owed since {clock(run, j.trigger or 0)} s")
         else:
-            lines.append(f"broken at {clock(run, tick)} s: {happened(j)}{_overlap(j)}")
+            lasted = f"; broken for {j.margin:.2f} s of the run" if j.margin and shape.premise is not None else ""
+            lines.append(f"broken at {clock(run, tick)} s: {happened(j)}{lasted}")
         return lines
     waiting = agents_of(shape.waits)
     going = tuple(e for e in agents_of(shape.goes) if e not in waiting)
@@ -195,18 +185,10 @@ def _roles(story: Story, j: Judgement) -> list[str]:
     stay = say(shape.waits, be="stays")
     lines.append(f"obligation since {clock(run, j.trigger or 0)} s: {stay} until {say(shape.goes)}")
     verb = "broken at" if j.failed is not None else "open at  "
-    lines.append(f"{verb} {clock(run, tick)} s: {_scene(run, waiting, going, shape.goes, tick)}{_early(j)}")
+    early = f"; {j.margin:.2f} s too early" if j.margin and j.margin > 0 and j.failed is not None else ""
+    early = "; both in the same step" if j.together else early
+    lines.append(f"{verb} {clock(run, tick)} s: {_scene(run, waiting, going, shape.goes, tick)}{early}")
     return lines
-
-
-def _overlap(j: Judgement) -> str:
-    return f"; broken for {j.margin:.2f} s of the run" if j.margin and j.template.shape.premise is not None else ""
-
-
-def _early(j: Judgement) -> str:
-    if j.together:
-        return "; both in the same step"
-    return f"; {j.margin:.2f} s too early" if j.margin and j.margin > 0 and j.failed is not None else ""
 
 
 def _arrival(run: Run, e: f.Element, tick: int) -> str:
@@ -300,14 +282,13 @@ _CAME = {
 def hangs(run: Run, j: Judgement) -> str:
     """Return in words the uncertain events or measurement on which an UNSURE instance depends, with the accuracy.
 
-    An example is ``a4 arrived at 12.31 s, a7 arrived at 12.34 s: 0.03 s apart, known to 0.05 s``. The text of a definite instance
-    is empty.
+    An example is ``a4 arrived at 12.31 s, a7 arrived at 12.34 s: 0.03 s apart, known to 0.05 s``.
     """
     hinge = j.hinge
     if hinge is None:
         return ""
     if hinge.reading:
-        who = " and ".join(dict.fromkeys(name for _, name in _agents(j)))
+        who = " and ".join(dict.fromkeys(element.name for _, element in j.template.binding if element.sort == Sort.AGENT))
         return f"it depends on {hinge.reading}" + (f" ({who})" if who else "")
     events = ", ".join(_happened(run, happening) for happening in hinge.what)
     if math.isinf(hinge.known):
@@ -319,18 +300,11 @@ def hangs(run: Run, j: Judgement) -> str:
 
 
 def since(run: Run, j: Judgement) -> float | None:
-    """Return the time of the uncertain events, or of the beginning of the obligation if no event is uncertain.
-
-    The time is on the clock of the recording [s]; None if there is no such time.
-    """
+    """Return the time of the uncertain events, or of the beginning of the obligation, on the clock of the recording [s]."""
     times = [h.time for h in j.hinge.what if h.time is not None] if j.hinge else []
     tick = None if j.trigger is None else j.trigger * run.dt
     time = max(times) if times else tick
     return None if time is None else round(run.start + time, 9)
-
-
-def _agents(j: Judgement) -> list[tuple[str, str]]:
-    return [(name, element.name) for name, element in j.template.binding if element.sort == Sort.AGENT]
 
 
 def _happened(run: Run, happening: Happening) -> str:
