@@ -71,7 +71,16 @@ def blame(run: Run, agent: int, opponent: int, tick: int) -> Cause:
         if (places := _crossed(run, vehicle, walker)) is not None:
             return _of_walker(run, vehicle, walker, tick, places.near[0], claims(run, vehicle, walker))
     pairs = (agent, opponent), (opponent, agent)
-    matters = [pair for pair in pairs if not _clear(run, *pair, tick)]
+    # The right of way does not matter any more for an agent that shares no stretch with the other or has left the stretch.
+    matters = []
+    for pair in pairs:
+        try:
+            common = contested(run, *pair)
+            clear = common is None or run.need("station")[tick, pair[0]] - run.size(pair[0])[0] > common.mine.end
+        except RunError:
+            clear = False
+        if not clear:
+            matters.append(pair)
     for asks, reason in (*_RIGHTS, *_HANDLING):
         guilty = [
             (guilty_agent, other)
@@ -197,11 +206,10 @@ def cut_short_by(run: Run) -> tuple[str, ...]:
 def stuck(run: Run, agent: int) -> bool:
     """Return whether the vehicle in column `agent` is stuck in the way of all other vehicles at the end of the run.
 
-    A stuck vehicle stands in the junction, or stands at its entrance although it can go now or has long been able to go. A
-    pedestrian at the kerb is in nobody's way.
+    A stuck vehicle stands in the junction, or stands at its entrance although it can go now or has long been able to go.
     """
     where = run.zone[-1, agent]
-    if where == Zone.ENTRANCE and isinstance(run.agents[agent].way, Crossing):
+    if where == Zone.ENTRANCE and isinstance(run.agents[agent].way, Crossing):  # at the kerb, in nobody's way
         return False
     if where not in (Zone.ENTRANCE, Zone.JUNCTION) or not _stood(run, agent, run.steps - 1, STOOD):
         return False
@@ -345,15 +353,6 @@ def _braked_for_nothing(run: Run, agent: int, tick: int) -> bool:
 def _last(run: Run, agent: int, other: int, tick: int) -> bool:
     entry, other_entry = _entered(run, agent, tick), _entered(run, other, tick)
     return entry is not None and (other_entry is None or entry > other_entry)
-
-
-def _clear(run: Run, agent: int, other: int, tick: int) -> bool:
-    """Return whether the right of way no longer matters: the two agents share no stretch, or `agent` has left the stretch."""
-    try:
-        common = contested(run, agent, other)
-        return common is None or bool(run.need("station")[tick, agent] - run.size(agent)[0] > common.mine.end)
-    except RunError:
-        return False
 
 
 def _entered(run: Run, agent: int, tick: int) -> int | None:

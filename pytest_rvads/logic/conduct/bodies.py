@@ -135,10 +135,7 @@ def headings(block: Block) -> NDArray[np.float64]:
 
 
 def _circles(cast: Cast) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Return circles around the bodies of vehicles: the distance of each centre behind the front of the body, and the radii [m].
-
-    The third array holds, per pair of `couples`, the square of the distance at which the two circles touch [m^2].
-    """
+    """Return circles around bodies: centres behind the fronts and radii [m], and per pair the squared sum of radii [m^2]."""
     length, width, both = np.nan_to_num(cast.length), np.nan_to_num(cast.width), cast.static(couples)
     radius = np.hypot(length, width) / 2 + _MARGIN / 2
     return length / 2, radius, (both.first(radius) + both.second(radius)) ** 2

@@ -90,8 +90,7 @@ def _choices(variable: f.Binder, body: f.Formula, bound: Iterable[f.Element], st
     """Return the elements that a variable of a formula can stand for.
 
     An agent on a way that is no movement of vehicles is left out, unless every predicate about the variable allows agents on any
-    way. In a recording, an agent is left out as well if it was not present together with all agents in `bound`, the elements
-    chosen for other variables.
+    way. In a recording, an agent is left out as well if it was not present together with all agents in `bound`.
     """
     elements: Iterable[f.Element] = domain(variable.sort, static)
     if static.further and variable.sort == Sort.AGENT:
@@ -114,10 +113,7 @@ def _columns(elements: Iterable[f.Element]) -> tuple[int, ...]:
 
 
 def unfold(formula: f.Formula, static: Static) -> Grounding:
-    """Return a rule without quantifiers: an instance per choice of elements for the outermost universal variables.
-
-    Quantifiers inside the rule become conjunctions and disjunctions inside the instances.
-    """
+    """Return a rule without quantifiers: an instance per choice of elements for the outermost universal variables."""
     return Grounding(tuple(_unfold(formula, static, (), _budget(formula, static))))
 
 
@@ -135,9 +131,7 @@ def _unfold(formula: f.Formula, static: Static, binding: Binding, budget: Budget
 def simplify(grounding: Grounding, static: Static, *, itinerary: bool = True) -> Grounding:
     """Return the instances of a rule with the predicates evaluated that the static model decides, without true instances.
 
-    Args:
-        itinerary: whether the known itineraries of the agents decide the predicate ``take`` (turn in a direction). If False,
-            ``take`` is replaced by its definition in the paper, a formula about later states.
+    Without `itinerary`, ``take`` (turn in a direction) is replaced by its definition in the paper, a formula about later states.
     """
     reduced = [
         Instance(i.binding, _reduce(i.formula, {}, static, _budget(i.formula, static), decide=True, itinerary=itinerary))
@@ -197,9 +191,8 @@ def _reduce(
 ) -> f.Formula:
     """Return a formula with its variables replaced and its inner quantifiers unfolded.
 
-    With `decide`, the predicates that the static model decides are evaluated, and the formula is simplified. In a recording,
-    whose agents come and go, inner quantifiers are unfolded only once all outermost variables are replaced: an inner variable
-    stands for the agents that were present together with the agents chosen before.
+    With `decide`, the result is simplified. In a recording, inner quantifiers are unfolded only once all outermost variables are
+    replaced: an inner variable stands for the agents that were present together with the agents chosen before.
     """
     waits = static.together is not None and isinstance(formula, f.Forall)
 
@@ -248,7 +241,7 @@ def _bind(term: f.Term, env: Mapping[str, f.Element]) -> f.Term:
 def _fold(node: f.Formula, below: Iterator[f.Formula]) -> f.Formula:
     """Return a formula rebuilt from new direct subformulas without constants, by laws that also hold on finite runs.
 
-    The direct subformulas are computed in order, until a constant among them decides the value of the formula.
+    The direct subformulas are computed in order, until a constant decides the value.
     """
     match node:
         case f.And():
@@ -286,17 +279,25 @@ def _fold(node: f.Formula, below: Iterator[f.Formula]) -> f.Formula:
 def _decide(atom: f.Atom, static: Static, itinerary: bool) -> f.Formula:
     """Return the value of an atom that the static model decides, or the definition of a defined predicate, or the atom."""
     word = word_of(atom)
-    if word is None:
-        return _compare(atom)
-    if any(isinstance(t.of if isinstance(t, f.Attr) else t, f.Var) for t in atom.terms):
-        return atom
-    if word.means is not None:
-        return _define(word.means(*atom.terms, itinerary), static, itinerary)
-    if word.apart and atom.terms[0] == atom.terms[1]:
-        return f.FALSE
-    if word.symmetric and _number(atom.terms[0]) > _number(atom.terms[1]):
-        return f.Atom(atom.name, atom.terms[::-1], word=atom.word)  # both orders of the terms are one atom
-    truth = None if word.decide is None else word.decide(static, *atom.terms)
+    truth: bool | None = None
+    if word is None:  # a comparison
+        match atom.name, atom.terms:
+            case (("=" | "!="), (f.Element() as one, f.Element() as two)):
+                truth = (one == two) is (atom.name == "=")
+            case (("=" | "!="), (f.Attr(f.Element(_, i)) as left, f.Attr(f.Element(_, k)) as right)) if i > k:
+                return f.Atom(atom.name, (right, left))  # both orders of the terms are one atom
+            case _, (f.Attr(f.Element()) as left, right) if left == right:
+                truth = atom.name in ("=", "<=", ">=")
+    elif not any(isinstance(t.of if isinstance(t, f.Attr) else t, f.Var) for t in atom.terms):
+        if word.means is not None:
+            return _define(word.means(*atom.terms, itinerary), static, itinerary)
+        if word.apart and atom.terms[0] == atom.terms[1]:
+            return f.FALSE
+        if word.symmetric:
+            first, second = (term.index if isinstance(term, f.Element) else 0 for term in atom.terms)
+            if first > second:
+                return f.Atom(atom.name, atom.terms[::-1], word=atom.word)  # as above
+        truth = None if word.decide is None else word.decide(static, *atom.terms)
     return atom if truth is None else f.TRUE if truth else f.FALSE
 
 
@@ -305,20 +306,3 @@ def _define(formula: f.Formula, static: Static, itinerary: bool) -> f.Formula:
     if isinstance(formula, f.Atom):
         return _decide(formula, static, itinerary)
     return _fold(formula, (_define(child, static, itinerary) for child in f.children(formula)))
-
-
-def _compare(atom: f.Atom) -> f.Formula:
-    """Return the value of a comparison of two elements or of a term with itself; other comparisons get sorted terms."""
-    truth: bool | None = None
-    match atom.name, atom.terms:
-        case (("=" | "!="), (f.Element() as one, f.Element() as two)):
-            truth = (one == two) is (atom.name == "=")
-        case (("=" | "!="), (f.Attr(f.Element(_, i)) as left, f.Attr(f.Element(_, k)) as right)) if i > k:
-            return f.Atom(atom.name, (right, left))
-        case _, (f.Attr(f.Element()) as left, right) if left == right:
-            truth = atom.name in ("=", "<=", ">=")
-    return atom if truth is None else f.TRUE if truth else f.FALSE
-
-
-def _number(term: f.Term) -> int:
-    return term.index if isinstance(term, f.Element) else 0

@@ -21,17 +21,39 @@ from pytest_rvads.logic.rules.parts import Kind, conjuncts
 
 
 def judge(templates: tuple[Template, ...], values: Values) -> list[Judgement]:
-    """Return the judgements by monitors, or by the semantics of finite traces where a monitor is undecided when the run ends."""
+    """Return the judgements of all instances, in order; where a monitor is undecided at the end, finite traces decide."""
     judgements = [Judgement(template, Status.NA) for template in templates]
     for i, begin, end, states in _walked(templates, values):
-        outputs = templates[i].machine.output[states]
+        template, part, steps = templates[i], values.within(begin, end), end - begin
+        outputs = template.machine.output[states]
         last = int(outputs[-1])
-        failed = int(np.argmax(outputs == last)) if last == Truth.FALSE else None
-        before = int(states[failed - 1]) if failed else 0
-        j = judgements[i] = _judge(templates[i], values.within(begin, end), failed, before, last == Truth.TRUE)
+        if last == Truth.FALSE:
+            failed = int(np.argmax(outputs == last))
+            since, goes = _since(template, part, failed + 1), template.shape.goes
+            j = Judgement(
+                template,
+                Status.FAIL,
+                since,
+                failed,
+                _broken(template, part, failed, int(states[failed - 1]) if failed else 0),
+                _margin(template, part, since),
+                goes is not None and bool(evaluate(goes, part, (steps,))[failed]),
+            )
+        else:
+            premise = np.zeros(steps, dtype=np.bool_)
+            for p in template.premises:
+                premise |= settle(p, part, steps)
+            if template.premises and not premise.any():
+                j = Judgement(template, Status.NA)
+            elif last == Truth.TRUE or settle(template.formula, part, steps)[0]:
+                start = int(np.argmax(premise)) if template.premises else None
+                j = Judgement(template, Status.PASS, start, margin=_margin(template, part, start))
+            else:
+                j = Judgement(template, Status.OPEN, _since(template, part, steps))
+        judgements[i] = j
         if (begin, end) != (0, values.steps):  # count ticks from the start of the whole run
-            trigger, failed = (None if tick is None else begin + tick for tick in (j.trigger, j.failed))
-            judgements[i] = replace(j, trigger=trigger, failed=failed, ended=end - 1 if end < values.steps else None)
+            begun, broken = (None if tick is None else begin + tick for tick in (j.trigger, j.failed))
+            judgements[i] = replace(j, trigger=begun, failed=broken, ended=end - 1 if end < values.steps else None)
     return judgements
 
 
@@ -69,31 +91,6 @@ def _walked(templates: tuple[Template, ...], values: Values) -> Iterator[tuple[i
         rows = [encode(machine, truths, part.steps) for truths in propositions]
         for i, states in zip(members, run_machine(machine, np.array(rows, dtype=np.int32)), strict=True):
             yield i, begin, end, states
-
-
-def _judge(template: Template, values: Values | Part, failed: int | None, before: int, satisfied: bool) -> Judgement:
-    steps = values.steps
-    if failed is not None:
-        since = _since(template, values, failed + 1)
-        goes = template.shape.goes
-        return Judgement(
-            template,
-            Status.FAIL,
-            since,
-            failed,
-            _broken(template, values, failed, before),
-            _margin(template, values, since),
-            goes is not None and bool(evaluate(goes, values, (steps,))[failed]),
-        )
-    premise = np.zeros(steps, dtype=np.bool_)
-    for p in template.premises:
-        premise |= settle(p, values, steps)
-    if template.premises and not premise.any():
-        return Judgement(template, Status.NA)
-    if satisfied or settle(template.formula, values, steps)[0]:
-        start = int(np.argmax(premise)) if template.premises else None
-        return Judgement(template, Status.PASS, start, margin=_margin(template, values, start))
-    return Judgement(template, Status.OPEN, _since(template, values, steps))
 
 
 def _since(template: Template, values: Values | Part, end: int) -> int:
@@ -144,10 +141,7 @@ def _margin(template: Template, values: Values | Part, start: int | None) -> flo
 
 
 def nearest_miss(templates: tuple[Template, ...], values: Values) -> Near | None:
-    """Return the instance and the tick in which a rule came closest to being triggered.
-
-    The tick is the first tick with the fewest false conjuncts of the rule's premise, over all instances.
-    """
+    """Return the instance and the first tick with the fewest false conjuncts of the rule's premise, over all instances."""
     best: tuple[int, int, int] | None = None
     nearest = None
     for i, t in enumerate(templates):

@@ -67,8 +67,11 @@ def reordered(recorded: Judgement, crossings: Crossings, values: Values) -> Judg
     events = [e for agent in agents for e in crossings.of_agents[agent]]
     changes = [e for light in lights for e in crossings.of_lights[light]]
     tie = round(values.tie / crossings.length)
-    loose, skipped = _loose(events, changes, crossings, tie), any(_skips(crossings.run, agent) for agent in agents)
-    if not loose and not skipped:
+    loose = _loose(events, changes, crossings, tie)
+    # An agent that passes a whole zone between two samples is in this zone in no sample.
+    run = crossings.run
+    zones = (run.zone[slice(*run.spans[agent]), agent].astype(int) for agent in agents)
+    if not loose and not any((np.diff(zone) > 1).any() for zone in zones):
         return recorded
     all_events = [*events, *changes]
     recorded_moments = {id(e): e.told for e in all_events}
@@ -101,12 +104,6 @@ def reordered(recorded: Judgement, crossings: Crossings, values: Values) -> Judg
 def plain(status: Status) -> Status:
     """Return a status with NA replaced by PASS: a change between a kept rule and an untriggered rule makes nothing unsure."""
     return Status.PASS if status is Status.NA else status
-
-
-def _skips(run: Run, agent: int) -> bool:
-    """Return whether an agent passes a whole zone between two samples, so that the agent is in this zone in no sample."""
-    begin, end = run.spans[agent]
-    return bool((np.diff(run.zone[begin:end, agent].astype(int)) > 1).any())
 
 
 def _loose(events: Sequence[Event], changes: Sequence[Event], crossings: Crossings, tie: int) -> list[Event]:
@@ -161,11 +158,7 @@ def _followed(moments: _Moments, agents: Sequence[int], crossings: Crossings) ->
 class _Word:
     """A short run with a single state per event, in which every event happens at a chosen moment.
 
-    Args:
-        crossings: the events of the whole run.
-        agents: the columns of the agents of the instance; other agents are absent.
-        lights: the entrances of the lights that the instance is about; other lights do not change.
-        moments: the moments of the events.
+    Agents that are not in `agents` (columns) are absent, and lights that are not in `lights` (entrances) do not change.
     """
 
     def __init__(self, crossings: Crossings, agents: Sequence[int], lights: Sequence[int], moments: _Moments) -> None:
@@ -212,11 +205,7 @@ class _Word:
 
 
 def _hinge(events: Sequence[Event], moments: _Moments, crossings: Crossings, tie: int) -> Hinge:
-    """Return the doubt behind a verdict: two events whose order differs between the recorded and the chosen moments.
-
-    Of several such pairs, the pair whose recorded times are closest to the opposite order is returned. Without such a pair, a
-    single uncertain event is returned.
-    """
+    """Return the doubt behind a verdict: the two events nearest to the opposite order of the chosen moments, or one event."""
     turned = []
     for event, other in combinations(events, 2):
         if (event.agent, event.light) == (other.agent, other.light):

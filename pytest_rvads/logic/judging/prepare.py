@@ -46,7 +46,14 @@ def _prepare(formula: f.Formula, static: Static, bound: tuple[str, ...], itinera
     groups: dict[object, list[Instance]] = {}
     for instance in grounding.instances:
         for part in split(instance.formula):
-            groups.setdefault(_key(part), []).append(Instance(instance.binding, part))
+            atoms = sorted(f.atoms(part), key=str)
+            key: object = part
+            if isinstance(part, f.Always) and shape_of(part).kind is Kind.STATE and len(atoms) <= _MERGE_LIMIT:
+                # Instances with the same meaning, such as p1 of (a, a') and p1 of (a', a), have the same truth table.
+                rows = np.array(list(product((False, True), repeat=len(atoms))))
+                truths = evaluate(part.body, dict(zip(atoms, rows.T, strict=True)), (len(rows),))
+                key = tuple(atoms), truths.tobytes()
+            groups.setdefault(key, []).append(Instance(instance.binding, part))
     templates = []
     for instances in groups.values():
         members = []
@@ -55,11 +62,10 @@ def _prepare(formula: f.Formula, static: Static, bound: tuple[str, ...], itinera
             waits = shape.waits if shape.waits is not None else shape.obligation
             actors = tuple(values[name] for name in bound) if bound else agents_of(waits)
             members.append(Member(instance.binding, shape.premise, actors))
-        formula = instances[0].formula
-        atoms = f.atoms(formula)
-        names = {atom: f.Atom(f"p{k}") for k, atom in enumerate(atoms)}
-        machine = synthesize(replaced(formula, names.__getitem__))
-        templates.append(Template(formula, shape_of(formula), tuple(members), machine, atoms))
+        merged = instances[0].formula
+        names = {atom: f.Atom(f"p{k}") for k, atom in enumerate(f.atoms(merged))}
+        machine = synthesize(replaced(merged, names.__getitem__))
+        templates.append(Template(merged, shape_of(merged), tuple(members), machine, tuple(names)))
     return Prepared(tuple(templates), grounding.collapsed)
 
 
@@ -71,13 +77,3 @@ not recur, and its prepared rule takes megabytes.
 """
 _few = lru_cache(maxsize=8192)(_prepare)
 _many = lru_cache(maxsize=64)(_prepare)
-
-
-def _key(formula: f.Formula) -> object:
-    """Return a key that is equal for instances of a rule with the same meaning, such as p1 of (a, a') and p1 of (a', a)."""
-    shape = shape_of(formula)
-    atoms = sorted(f.atoms(formula), key=str)
-    if shape.kind is not Kind.STATE or len(atoms) > _MERGE_LIMIT or not isinstance(formula, f.Always):
-        return formula
-    rows = np.array(list(product((False, True), repeat=len(atoms))))
-    return tuple(atoms), evaluate(formula.body, dict(zip(atoms, rows.T, strict=True)), (len(rows),)).tobytes()

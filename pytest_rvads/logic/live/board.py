@@ -97,16 +97,24 @@ class Board:
 
     def fact(self, atom: f.Atom, movers: Sequence[Mover], tie: float) -> Fact:
         """Return the fact of an atom: its present truth value, which `read` keeps up to date; `tie` is in seconds."""
-        terms = tuple(_key_of(term, movers) for term in atom.terms)
-        key = (atom.word or atom.name, terms, tie if atom.name in OPERATORS else 0.0)
+        terms: list[object] = []
+        agents: list[Mover] = []
+        entrances: list[int] = []
+        for term in atom.terms:
+            element = term.of if isinstance(term, f.Attr) else term
+            if isinstance(element, f.Element) and element.sort == Sort.AGENT:
+                agents.append(movers[element.index])
+                terms.append((agents[-1], term.name) if isinstance(term, f.Attr) else agents[-1])
+            else:
+                terms.append(term)
+                entrances += [element.index] if isinstance(element, f.Element) else []
+        key = (atom.word or atom.name, tuple(terms), tie if atom.name in OPERATORS else 0.0)
         fact = self._facts.get(key)
         if fact is None:
-            elements = [element for element in map(_element_of, atom.terms) if element is not None]
-            agents = [movers[element.index] for element in elements if element.sort == Sort.AGENT]
             now, word = self.now, word_of(atom)
             signal = signal_of(atom, len(now.junction.entrances), round(tie / now.dt))
             if signal is not None:
-                places: tuple[Mover | int, ...] = tuple(agents or [element.index for element in elements])
+                places: tuple[Mover | int, ...] = tuple(agents or entrances)
                 fact = Fact(bool(signal(now.block, *map(_column, places))[now.row]))
                 self._columns.pop(signal, None)
                 self._block = None
@@ -145,21 +153,6 @@ def _column(place: Mover | int) -> int:
     return place if isinstance(place, int) else place.slot
 
 
-def _element_of(term: f.Term) -> f.Element | None:
-    """Return the vehicle or place that a term is about; None for a value."""
-    inner = term.of if isinstance(term, f.Attr) else term
-    return inner if isinstance(inner, f.Element) else None
-
-
-def _key_of(term: f.Term, movers: Sequence[Mover]) -> object:
-    """Return a key that is equal for equal terms: an agent's `Mover`, with the name of an attribute, or any other term itself."""
-    element = _element_of(term)
-    if element is None or element.sort != Sort.AGENT:
-        return term
-    mover = movers[element.index]
-    return (mover, term.name) if isinstance(term, f.Attr) else mover
-
-
 def _in_columns(atom: f.Atom, movers: Sequence[Mover]) -> f.Atom:
     """Return an atom with its agents numbered by their columns in the present state."""
 
@@ -193,9 +186,11 @@ class Instances:
         routes = [next(iter(junction.movements))] * 3
         static = replace(self._static(tuple(routes)), entrances=1, exits=1, lights=(0,), signs=())
         for rule in rules:
+            quantifiers = (node for node, _ in f.walk(rule.formula) if isinstance(node, f.Exists))
+            some_agent = any(variable.sort == Sort.AGENT for node in quantifiers for variable in node.variables)
             for instance in unfold(rule.formula, static).instances:
                 named = {e for _, e in instance.binding if e.sort == Sort.AGENT}
-                if any(len(named | set(agents_of(part))) > 2 for part in split(instance.formula)) or _exists(rule.formula):
+                if some_agent or any(len(named | set(agents_of(part))) > 2 for part in split(instance.formula)):
                     raise FormulaError(
                         f"rule {rule.name!r} is about more than two vehicles at once, and who comes later would count: "
                         "give the monitor its agents"
@@ -221,10 +216,3 @@ class Instances:
         agents = tuple(Agent(f"v{number}", self._junction.every_way[way]) for number, way in enumerate(ways))
         zone = np.zeros((1, len(agents)), dtype=np.int8)
         return extract(Run("live", self._junction, agents, zone, np.array([self._lights], dtype=np.int8)))
-
-
-def _exists(formula: f.Formula) -> bool:
-    """Return whether a formula has an existential quantifier over agents."""
-    if isinstance(formula, f.Exists) and any(v.sort == Sort.AGENT for v in formula.variables):
-        return True
-    return any(_exists(child) for child in f.children(formula))

@@ -66,39 +66,39 @@ class Pool:
     def add(self, formula: f.Formula, positive: bool = True) -> int:
         """Return the number of the node for `formula`, or, if not `positive`, for the negation of `formula`."""
         key = (id(formula), positive)  # stored, because an equivalence needs both sides, negated and not, several times
-        if key not in self._known:
-            self._known[key] = self._add(formula, positive)
-            self._alive.append(formula)
-        return self._known[key]
-
-    def _add(self, formula: f.Formula, positive: bool) -> int:
-        if f.is_boolean(formula):
-            return self._guard(formula, positive)
+        if key in self._known:
+            return self._known[key]
         match formula:
+            case _ if f.is_boolean(formula):
+                number = self._guard(formula, positive)
             case f.Not(body):
-                return self.add(body, not positive)
+                number = self.add(body, not positive)
             case f.Next(body):
                 a = self.add(body, positive)
-                return a if self.nodes[a].kind in (Kind.TRUE, Kind.FALSE) else self._number(Node(Kind.NEXT, (a,)))
+                number = a if self.nodes[a].kind in (Kind.TRUE, Kind.FALSE) else self._number(Node(Kind.NEXT, (a,)))
             # The negation of a U b is the R of the negations of a and b, and vice versa.
             case f.Always(body) | f.Eventually(body):  # F a = true U a, and G a = false R a
                 a, until = self.add(body, positive), isinstance(formula, f.Eventually) is positive
-                return self._lasting(until, self._number(Node(Kind.TRUE if until else Kind.FALSE)), a)
+                number = self._lasting(until, self._number(Node(Kind.TRUE if until else Kind.FALSE)), a)
             case f.Until(left, right) | f.Release(left, right):
                 a, b = self.add(left, positive), self.add(right, positive)
-                return self._lasting(isinstance(formula, f.Until) is positive, a, b)
+                number = self._lasting(isinstance(formula, f.Until) is positive, a, b)
             case f.WeakUntil(left, right):  # a W b = b R (a | b)
                 a, b = self.add(right, positive), self.add(f.Or((left, right)), positive)
-                return self._lasting(not positive, a, b)
+                number = self._lasting(not positive, a, b)
             case f.Implies(left, right):
-                return self._join((f.Not(left), right), positive, conjunction=False)
+                number = self._join((f.Not(left), right), positive, conjunction=False)
             case f.Iff(left, right):  # (a & b) | (!a & !b), and its negation (a & !b) | (!a & b)
                 same = self.join(Kind.AND, [self.add(left, True), self.add(right, positive)])
                 opposite = self.join(Kind.AND, [self.add(left, False), self.add(right, not positive)])
-                return self.join(Kind.OR, [same, opposite])
+                number = self.join(Kind.OR, [same, opposite])
             case f.And(parts) | f.Or(parts):
-                return self._join(parts, positive, conjunction=isinstance(formula, f.And))
-        raise TypeError(f"quantifiers must be unfolded before a monitor is built: {formula}")
+                number = self._join(parts, positive, conjunction=isinstance(formula, f.And))
+            case _:
+                raise TypeError(f"quantifiers must be unfolded before a monitor is built: {formula}")
+        self._known[key] = number
+        self._alive.append(formula)
+        return number
 
     def _join(self, parts: tuple[f.Formula, ...], positive: bool, *, conjunction: bool) -> int:
         # All parts without temporal operators make a single guard.

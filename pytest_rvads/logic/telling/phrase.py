@@ -53,7 +53,16 @@ def literal(atom: f.Atom, value: bool, name: Naming = element_name, be: str = "i
         if be.endswith("stays") and not value and place.sort == Sort.JUNCTION:
             return f"{thing} {be} out of {location}"
         return f"{thing} {be}{no} {_PREPOSITIONS.get(place.sort, 'on')} {location}"
-    if text := _phrase(atom, value):
+    word, text = word_of(atom), ""
+    if word is not None:
+        text = word.says if value else word.denies
+    else:
+        match atom.terms:
+            case (f.Attr(_, attribute), f.Attr() | f.Value() as other):
+                comparison = atom.name if isinstance(other, f.Attr) else f"{atom.name} value"
+                phrases = {compared: (says, denies) for compared, says, denies in ATTRIBUTES[attribute].says}
+                text = phrases.get(comparison, ("", ""))[0 if value else 1]
+    if text:
         owners = (t.of if isinstance(t, f.Attr) else t for t in atom.terms)
         words = text.format(*(_term(owner, name) for owner in owners), be=be)
         return words.replace(" has ", " had ", 1) if be == "was" else words
@@ -64,22 +73,6 @@ def literal(atom: f.Atom, value: bool, name: Naming = element_name, be: str = "i
 
 
 _PREPOSITIONS: dict[str, str] = {Sort.ENTRANCE: "at", Sort.JUNCTION: "in"}
-
-
-def _phrase(atom: f.Atom, value: bool) -> str:
-    """Return the words for an atom or its negation, with placeholders for its terms; empty if the atom has no words."""
-    word = word_of(atom)
-    if word is not None:
-        return word.says if value else word.denies
-    match atom.terms:
-        case (f.Attr(_, attribute), f.Attr()):
-            comparison = atom.name
-        case (f.Attr(_, attribute), f.Value()):
-            comparison = f"{atom.name} value"
-        case _:
-            return ""
-    phrases = {compared: (says, denies) for compared, says, denies in ATTRIBUTES[attribute].says}
-    return phrases.get(comparison, ("", ""))[0 if value else 1]
 
 
 def _term(term: f.Term, name: Naming) -> str:

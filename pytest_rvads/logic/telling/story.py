@@ -15,7 +15,7 @@ import numpy as np
 
 from pytest_rvads.logic.judging.evaluate import Values
 from pytest_rvads.logic.judging.judge import asked
-from pytest_rvads.logic.judging.judgement import Happening, Judgement, Near, Template
+from pytest_rvads.logic.judging.judgement import Judgement, Near, Template
 from pytest_rvads.logic.judging.responsibility import Cycle, by_walkers, is_about, responsible
 from pytest_rvads.logic.judging.verdicts import NearMiss, Status
 from pytest_rvads.logic.ltl import formula as f
@@ -290,7 +290,16 @@ def hangs(run: Run, j: Judgement) -> str:
     if hinge.reading:
         who = " and ".join(dict.fromkeys(element.name for _, element in j.template.binding if element.sort == Sort.AGENT))
         return f"it depends on {hinge.reading}" + (f" ({who})" if who else "")
-    events = ", ".join(_happened(run, happening) for happening in hinge.what)
+    told = []
+    for happening in hinge.what:
+        if happening.agent is None:
+            what, ended = f"light {happening.light} turned {Colour(happening.code).name.lower()}", ""
+        else:
+            did, had = _CAME[Zone(happening.code)]
+            name = run.agents[happening.agent].name
+            what, ended = f"{name} {did}", f"nothing tells whether {name} {had} when its recording ends"
+        told.append(ended if happening.time is None else f"{what} at {run.start + happening.time:.2f} s")
+    events = ", ".join(told)
     if math.isinf(hinge.known):
         return f"{events}; how long before is not known"
     if hinge.apart is None:
@@ -305,14 +314,3 @@ def since(run: Run, j: Judgement) -> float | None:
     tick = None if j.trigger is None else j.trigger * run.dt
     time = max(times) if times else tick
     return None if time is None else round(run.start + time, 9)
-
-
-def _happened(run: Run, happening: Happening) -> str:
-    """Return an event in words: the vehicle or light, its change, and the time."""
-    if happening.agent is None:
-        what, ended = f"light {happening.light} turned {Colour(happening.code).name.lower()}", ""
-    else:
-        did, had = _CAME[Zone(happening.code)]
-        name = run.agents[happening.agent].name
-        what, ended = f"{name} {did}", f"nothing tells whether {name} {had} when its recording ends"
-    return ended if happening.time is None else f"{what} at {run.start + happening.time:.2f} s"
