@@ -117,7 +117,7 @@ def _extract(run: Run) -> Static:
         by_arrival = frozenset((one, two) for one, two in candidates if in_turn(junction, ways[one], ways[two]))
     elif junction.yields is None and junction.control is not JunctionControl.LIGHTS:
         grounds = None
-    elif junction.control is not JunctionControl.LIGHTS:
+    elif junction.control is not JunctionControl.LIGHTS:  # which only states of the run decide
         pairs, conflicts = list(permutations(range(len(ways)), 2)), junction.conflicts or ()
         reasons = ((one, two, ground_of(junction, ways[one], ways[two])) for one, two in pairs)
         grounds = frozenset((one, two, ground) for one, two, ground in reasons if ground is not None)

@@ -51,11 +51,7 @@ def judged(run: Run) -> frozenset[int] | None:
 
 
 def together(run: Run) -> frozenset[tuple[int, int]] | None:
-    """Return the pairs of agents that rules are judged for, by column and in both orders; None for all pairs.
-
-    All pairs are judged if no agent is ever absent from the run. If positions are not recorded, rules are judged for the agents
-    that are in the run at the same time.
-    """
+    """Return the pairs of agents that rules are judged for, by column and in both orders; None for all pairs."""
     if not (run.zone == Zone.ABSENT).any():
         return None
     begin, end = run.spans.T if run.station is None else near(run).T
@@ -117,8 +113,7 @@ def cut_off(run: Run) -> bool:
     """Return whether a simulated run was too short for its subject (the vehicle under test) to cross the junction.
 
     The run was too short if its duration ended it before the rear of the subject had left the junction. Runs without a subject,
-    recordings, and runs that a collision, a fault or a vehicle off its route ended are not cut off. If positions or the size of
-    the subject are not recorded, the run was too short if the reference point of the subject did not reach its exit road.
+    recordings, and runs that a collision, a fault or a vehicle off its route ended are not cut off.
     """
     if run.subject is None or run.excerpt is not None or run.fault or run.collisions or run.facts.strayed:
         return False
@@ -139,10 +134,8 @@ def crossed(run: Run) -> bool:
 def without_jumps(run: Run) -> Run:
     """Return a run in which no vehicle skips a zone of its way, although a vehicle can pass a zone between two recorded states.
 
-    A vehicle before the entrance zone in one state and in the junction in the next state was at its entrance in between. This
-    vehicle is put at its entrance in the first of the two states. A vehicle that passes the whole junction between two states is
-    put in the junction in the second of the two states. Runs as dense as simulated runs are returned unchanged, because a vehicle
-    that skips a zone in such a run jumps, and does not drive.
+    The first of the two states is put into a skipped entrance zone, the second into a skipped junction. Runs as dense as
+    simulated runs are returned unchanged, because a vehicle that skips a zone in such a run jumps, and does not drive.
     """
     return once(run, _filled) or run
 

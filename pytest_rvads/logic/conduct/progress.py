@@ -172,9 +172,8 @@ def losses(
 def idles(block: Block) -> NDArray[np.bool_]:
     """Return whether each vehicle has lost more time than `PATIENCE` in the present part of its way, although it could go.
 
-    The way has three parts: before, in and after the junction. The lost time is counted anew in each part. A vehicle has passed a
-    part as soon as its rear is `PASSED` beyond the part. The time in a circle of vehicles that wait for each other is counted
-    separately, from the beginning of the circle.
+    The lost time is counted anew before, in and after the junction. The time in a circle of vehicles that wait for each other is
+    counted separately, from the beginning of the circle.
     """
     lost: Lost = losses(block)
     idling: NDArray[np.bool_] = np.maximum(lost.idle, lost.circle) > PATIENCE
@@ -183,11 +182,7 @@ def idles(block: Block) -> NDArray[np.bool_]:
 
 @signal(needs=_need_everything)
 def blocks(block: Block) -> NDArray[np.bool_]:
-    """Return whether each vehicle blocks the junction.
-
-    A vehicle blocks the junction if it has lost more time than `BLOCKING_TIME` in the junction, or has been stuck in the junction
-    for longer than `STUCK_TIME`. Only states in which the vehicle is not faster than `CRAWL` count.
-    """
+    """Return whether each vehicle has lost more than `BLOCKING_TIME` in the junction, or been stuck there for `STUCK_TIME`."""
     lost: Lost = losses(block)
     return (lost.blocked > BLOCKING_TIME) | (lost.stuck > STUCK_TIME)
 

@@ -60,10 +60,7 @@ def lights(cast: Cast) -> NDArray[np.bool_]:
 
 @signal(steady=True)
 def has_way(block: Block) -> NDArray[np.bool_]:
-    """Return whether the light of each vehicle is green or yellow, or the vehicle comes to no light.
-
-    After the entry of a vehicle into the junction, the colour at its entry counts.
-    """
+    """Return whether the light of each vehicle is (or was at its entry) green or yellow, or the vehicle comes to no light."""
     colour = facing(block)
     allowed: NDArray[np.bool_] = ~block.cast.static(lights) | (colour == GREEN) | (colour == YELLOW)
     return allowed

@@ -87,9 +87,9 @@ def _borders(cast: Cast) -> NDArray[np.float64]:
 def passed(block: Block) -> tuple[NDArray[np.int64], ...]:
     """Return how many beginnings and ends of shared stretches each vehicle has passed, with its front and with its rear.
 
-    As long as these numbers stay the same, comparisons of stations with `Places` of any pairs stay the same. A steady signal
-    (recomputed only when its inputs change) that makes only such comparisons reads these numbers as its inputs. The result is
-    empty for a run that is known to its end, because its signals are computed only once.
+    As long as these numbers stay the same, comparisons of stations with `Places` of any pairs stay the same. A steady signal that
+    makes only such comparisons reads these numbers as its inputs. The result is empty for a run that is known to its end, because
+    its signals are computed only once.
     """
     if block.whole:
         return ()

@@ -126,10 +126,7 @@ def at_line(block: Block) -> NDArray[np.bool_]:
 
 @signal(pairs=partners)
 def due(block: Block) -> NDArray[np.bool_]:
-    """Return whether each pair's second vehicle is due: it soon reaches the shared stretch, or is first at its line and may go.
-
-    A vehicle that is first at its line and waives its right is not due. `coming` says which vehicles soon reach the stretch.
-    """
+    """Return whether each pair's second vehicle is due: it comes soon, see `coming`, or is first at its line and may go."""
     both, at = block.cast.static(partners), block.cast.static(_places)
     standing = both.second(ready(block) & block.here) & ~np.isnan(at.begin)
     due_vehicles: NDArray[np.bool_] = coming(block, both, at) | standing
@@ -167,10 +164,7 @@ def lets_walk(block: Block) -> NDArray[np.bool_]:
 
 
 def _on_foot(cast: Cast) -> tuple[NDArray[np.bool_], NDArray[np.int64], NDArray[np.int64]]:
-    """Return which pairs of `partners` hold a pedestrian or a parked vehicle.
-
-    The two other arrays are the columns of the pairs of `walkers`, and the columns of the same pairs in `partners`.
-    """
+    """Return which `partners` hold a pedestrian or parked vehicle, and the columns of `walkers`, also those in `partners`."""
     both, moves = cast.static(partners), cast.static(walkers).column.items()
     source, target = np.array([(number, both.column[pair]) for pair, number in moves], dtype=np.int64).reshape(-1, 2).T
     return both.first(cast.aside) | both.second(cast.aside), source, target

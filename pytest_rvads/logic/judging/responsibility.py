@@ -143,8 +143,8 @@ class Cycle:
 def find_cycle(templates: Iterable[Template], values: Values) -> Cycle | None:
     """Return the earliest cycle of vehicles that must wait for each other; None if there is no cycle.
 
-    Only instances that make a vehicle wait until another vehicle has gone make cycles. In a cycle every vehicle must stay until
-    another vehicle of the cycle has entered. Therefore no continuation of the run satisfies all obligations.
+    In a cycle every vehicle must stay until another vehicle of the cycle has entered. Therefore no continuation of the run
+    satisfies all obligations.
     """
     owed = list(_owed(templates, values))
     begun = sorted({int(tick) for _, _, held in owed for tick in np.flatnonzero(np.diff(held, prepend=False) & held)})

@@ -82,10 +82,7 @@ def _term(term: f.Term, name: Naming) -> str:
 
 
 def say(formula: f.Formula, name: Naming = element_name, be: str = "is") -> str:
-    """Return a formula in words, or the text of the formula if it is too complex for words.
-
-    A formula in words consists of atoms and negated atoms, "and", "or", and at most one temporal operator.
-    """
+    """Return a formula in words, or the text of the formula if it is too complex for words."""
     match formula:
         case f.Atom():
             return literal(formula, True, name, be)
