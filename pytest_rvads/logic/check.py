@@ -107,7 +107,11 @@ def check(
     book = current_book(book)
     if isinstance(rule, str) and is_rulebook(rule):
         rules = [candidate for candidate in rules_for(rule, book=book) if candidate.walked_at(run.junction)]
-        return _worst(rule, [check(run, r, tie=tie, itinerary=itinerary, standing=standing, book=book) for r in rules])
+        verdicts = [check(run, r, tie=tie, itinerary=itinerary, standing=standing, book=book) for r in rules]
+        worst = min(verdicts, key=lambda verdict: verdict.outcome.severity)
+        others = tuple(f"{v.outcome} {v.message}" for v in verdicts if v is not worst and v.outcome not in _QUIET)
+        tallied = counted(Counter[Outcome | None](verdict.outcome for verdict in verdicts))
+        return structs.replace(worst, message=f"{rule}: {tallied}; {worst.message}", notes=(*worst.notes, *others))
     rule = get_rule(rule, book)
     window = rule.tie if tie is None else tie
     if not 0 <= window <= LONGEST_TIE:
@@ -160,14 +164,6 @@ def sentence(error: BaseException) -> str:
     """Return the message of an error in a line; errors other than RvadsError and OSError get the names of type, file and line."""
     text = one_line(str(error)) if isinstance(error, RvadsError | OSError) else ""
     return text or located(error)
-
-
-def _worst(rulebook: str, verdicts: Sequence[Verdict]) -> Verdict:
-    """Return the worst verdict of the rules of a rulebook; its notes hold the messages of other verdicts but PASS and NA."""
-    counts = Counter[Outcome | None](verdict.outcome for verdict in verdicts)
-    worst = min(verdicts, key=lambda verdict: verdict.outcome.severity)
-    other_stories = tuple(f"{v.outcome} {v.message}" for v in verdicts if v is not worst and v.outcome not in _QUIET)
-    return structs.replace(worst, message=f"{rulebook}: {counted(counts)}; {worst.message}", notes=(*worst.notes, *other_stories))
 
 
 def _judged(rule: Rule, values: Values, book: RuleBook, sampled: Run, *, itinerary: bool, standing: bool) -> Story:

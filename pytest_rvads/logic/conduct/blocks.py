@@ -212,13 +212,21 @@ class Block:
     def value(self, signal: Signal[_Value]) -> _Value:
         """Return the value of a signal on this block, computed at the first call."""
         earlier, carry = self.earlier, self._carry(signal) if signal.start else ()
-        if earlier is not None and signal.steady and self._stays(signal, carry, earlier):
-            self.inputs[signal] = earlier.inputs[signal]
-            if signal.start:
-                self.after[signal] = carry
-            unchanged: _Value = earlier.values[signal]
-            self.values[signal] = unchanged
-            return unchanged
+        if earlier is not None and signal.steady and self.zone is earlier.zone and self.lights is earlier.lights:
+            # A steady signal has the same value if its inputs are the same.
+            read, previous_carry = earlier.inputs.get(signal, ((), None))
+            same = carry is previous_carry
+            for part in read if same else ():
+                if (self.values[part] if part in self.values else self.value(part)) is not earlier.values[part]:
+                    same = False
+                    break
+            if same:
+                self.inputs[signal] = earlier.inputs[signal]
+                if signal.start:
+                    self.after[signal] = carry
+                unchanged: _Value = earlier.values[signal]
+                self.values[signal] = unchanged
+                return unchanged
         outer, self.reading = self.reading, []
         try:
             result: Any = signal.work(self, *carry)
@@ -234,18 +242,6 @@ class Block:
         if signal.start:
             self.after[signal] = after
         return value
-
-    def _stays(self, signal: Signal[Any], carry: tuple[NDArray[Any], ...], earlier: Block) -> bool:
-        """Return whether a steady signal has the same inputs as in an earlier block, and therefore the same value."""
-        if self.zone is not earlier.zone or self.lights is not earlier.lights or signal not in earlier.inputs:
-            return False
-        read, previous_carry = earlier.inputs[signal]
-        if carry is not previous_carry:
-            return False
-        for part in read:  # noqa: SIM110 - a loop costs less than a generator in all()
-            if (self.values[part] if part in self.values else self.value(part)) is not earlier.values[part]:
-                return False
-        return True
 
     def _carry(self, signal: Signal[Any]) -> tuple[NDArray[Any], ...]:
         """Return the carry of a signal (values kept from the block before), rearranged to the columns of this block."""

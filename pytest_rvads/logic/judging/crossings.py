@@ -101,32 +101,29 @@ def _moments(run: Run) -> int:
 
 def _events(run: Run) -> tuple[tuple[tuple[Event, ...], ...], tuple[tuple[Event, ...], ...]]:
     """Return the events of every vehicle (coming to a zone), and the events of every light (changing)."""
-    agents = tuple(tuple(_coming(run, agent, zone) for zone in _BORDERS) for agent in range(len(run.agents)))
-    lights, moments = [], _moments(run)
+    agents, lights, moments = [], [], _moments(run)
+    for agent, who in enumerate(run.agents):
+        begin, end = (int(tick) for tick in run.spans[agent])
+        zones, events = run.zone[begin:end, agent], []
+        for number, zone in enumerate(_BORDERS):
+            arrived = zones >= zone
+            early = late = recorded = begin + (int(arrived.argmax()) if arrived.any() else end - begin)
+            if run.spread is not None and run.station is not None:
+                border = itinerary(run.junction, *who.way.key).borders[number]
+                station, spread = run.station[begin:end, agent], run.spread[begin:end, agent]
+                early = min(begin + _after(station + spread < border), recorded)
+                late = max(begin + _after(station - spread < border), recorded)
+            # An event between two samples is possible at every moment after the first of the two samples.
+            earliest = early * moments if early in (begin, end) else (early - 1) * moments + 1
+            if early == begin < end and zone is Zone.ENTRANCE and run.excerpt is not None and zones[0] <= zone:
+                earliest = LONG_AGO
+            events.append(Event(agent, int(zone), earliest, recorded * moments, late * moments))
+        agents.append(tuple(events))
     for light, colours in enumerate(run.lights.T):
         ticks = (np.flatnonzero(np.diff(colours)) + 1).tolist()
         changes = ((int(colours[t]), (t - 1) * moments + 1, t * moments) for t in ticks)
         lights.append(tuple(Event(None, colour, early, late, late, light) for colour, early, late in changes))
-    return agents, tuple(lights)
-
-
-def _coming(run: Run, agent: int, zone: Zone) -> Event:
-    """Return the event that an agent comes to a zone, with the first and last moment at which the event is possible."""
-    moments = _moments(run)
-    begin, end = (int(v) for v in run.spans[agent])
-    arrived = run.zone[begin:end, agent] >= zone
-    recorded = begin + (int(arrived.argmax()) if arrived.any() else end - begin)
-    early = late = recorded
-    if run.spread is not None and run.station is not None:
-        border = itinerary(run.junction, *run.agents[agent].way.key).borders[_BORDERS.index(zone)]
-        station, spread = run.station[begin:end, agent], run.spread[begin:end, agent]
-        early = min(begin + _after(station + spread < border), recorded)
-        late = max(begin + _after(station - spread < border), recorded)
-    # An event between two samples is possible at every moment after the first of the two samples.
-    earliest = early * moments if early in (begin, end) else (early - 1) * moments + 1
-    if early == begin < end and zone is Zone.ENTRANCE and run.excerpt is not None and run.zone[begin, agent] <= zone:
-        earliest = LONG_AGO
-    return Event(agent, int(zone), earliest, recorded * moments, late * moments)
+    return tuple(agents), tuple(lights)
 
 
 def _after(before: NDArray[np.bool_]) -> int:

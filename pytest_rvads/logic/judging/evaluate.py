@@ -48,8 +48,21 @@ class Values(Mapping[f.Atom, NDArray[np.bool_]]):
 
     def __getitem__(self, atom: f.Atom) -> NDArray[np.bool_]:
         truths = self._truths.get(atom)
-        if truths is None:
-            truths = self._truths[atom] = self._evaluate(atom)
+        if truths is not None:
+            return truths
+        if atom.name in OPERATORS:
+            compare, (left, right) = OPERATORS[atom.name], atom.terms
+            if isinstance(left, f.Attr) and isinstance(right, f.Attr) and ATTRIBUTES[left.name].waited:
+                longer = self._read(left) - self._read(right)
+                truths = compare(np.where(np.abs(longer) <= self._ticks, 0, longer), 0)
+            else:
+                truths = compare(self._operand(left, right), self._operand(right, left))
+        else:
+            word = word_of(atom)
+            if word is None or word.holds is None:
+                raise FormulaError(f"nothing tells the value of {atom} on a run: register the predicate {atom.name!r}")
+            truths = word.on(self.run, *word.arguments(atom))
+        self._truths[atom] = truths
         return truths
 
     @property
@@ -77,18 +90,6 @@ class Values(Mapping[f.Atom, NDArray[np.bool_]]):
 
     def __len__(self) -> int:
         return len(self._truths)
-
-    def _evaluate(self, atom: f.Atom) -> NDArray[np.bool_]:
-        if atom.name in OPERATORS:
-            compare, (left, right) = OPERATORS[atom.name], atom.terms
-            if isinstance(left, f.Attr) and isinstance(right, f.Attr) and ATTRIBUTES[left.name].waited:
-                longer = self._read(left) - self._read(right)
-                return compare(np.where(np.abs(longer) <= self._ticks, 0, longer), 0)
-            return compare(self._operand(left, right), self._operand(right, left))
-        word = word_of(atom)
-        if word is None or word.holds is None:
-            raise FormulaError(f"nothing tells the value of {atom} on a run: register the predicate {atom.name!r}")
-        return word.on(self.run, *word.arguments(atom))
 
     def _operand(self, term: f.Term, other: f.Term) -> NDArray[Any] | float:
         """Return the numbers of a side of a comparison; the attribute on the other side gives the number of a named value."""
