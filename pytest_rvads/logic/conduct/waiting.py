@@ -52,7 +52,12 @@ def partners(cast: Cast) -> Pairs:
     """Return the pairs of vehicles of which the first can have a reason to let the second vehicle pass."""
     if cast.junction.control is JunctionControl.STOP:
         return cast.static(everybody)
-    return pairs(cast, lambda agent, other: shared(cast, agent, other) is not None or _first_turn(cast, agent, other) < math.inf)
+
+    def belong(agent: int, other: int) -> bool:
+        me, you = cast.agents[agent], cast.agents[other]
+        return shared(cast, agent, other) is not None or _first_turn(cast.junction, me.way.key, you.entrance) < math.inf
+
+    return pairs(cast, belong)
 
 
 def _places(cast: Cast) -> Places:
@@ -61,15 +66,12 @@ def _places(cast: Cast) -> Places:
 
 
 def _first_turns(cast: Cast) -> NDArray[np.float64]:
-    return np.array([_first_turn(cast, agent, other) for agent, other in cast.static(partners).column], dtype=np.float64)
-
-
-def _first_turn(cast: Cast, agent: int, other: int) -> float:
-    return _first_turn_onto(cast.junction, cast.agents[agent].way.key, cast.agents[other].entrance)
+    met = ((cast.agents[agent].way.key, cast.agents[other].entrance) for agent, other in cast.static(partners).column)
+    return np.array([_first_turn(cast.junction, way, entrance) for way, entrance in met], dtype=np.float64)
 
 
 @lru_cache(maxsize=4096)
-def _first_turn_onto(junction: Junction, way: Key, entrance: int) -> float:
+def _first_turn(junction: Junction, way: Key, entrance: int) -> float:
     """Return the least station at which a movement from an entrance reaches a stretch shared with `way` [m]; or infinity.
 
     Only movements to which vehicles on `way` give way count, and only if a stop or yield sign stands at the start of `way`.

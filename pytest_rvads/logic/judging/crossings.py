@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pytest_rvads.runs.itineraries import itinerary
 from pytest_rvads.runs.run import DT, Run, once
@@ -111,8 +110,9 @@ def _events(run: Run) -> tuple[tuple[tuple[Event, ...], ...], tuple[tuple[Event,
             if run.spread is not None and run.station is not None:
                 border = itinerary(run.junction, *who.way.key).borders[number]
                 station, spread = run.station[begin:end, agent], run.spread[begin:end, agent]
-                early = min(begin + _after(station + spread < border), recorded)
-                late = max(begin + _after(station - spread < border), recorded)
+                certainly, possibly = np.flatnonzero(station + spread < border), np.flatnonzero(station - spread < border)
+                early = min(begin + int(certainly[-1]) + 1 if len(certainly) else begin, recorded)
+                late = max(begin + int(possibly[-1]) + 1 if len(possibly) else begin, recorded)
             # An event between two samples is possible at every moment after the first of the two samples.
             earliest = early * moments if early in (begin, end) else (early - 1) * moments + 1
             if early == begin < end and zone is Zone.ENTRANCE and run.excerpt is not None and zones[0] <= zone:
@@ -124,8 +124,3 @@ def _events(run: Run) -> tuple[tuple[tuple[Event, ...], ...], tuple[tuple[Event,
         changes = ((int(colours[t]), (t - 1) * moments + 1, t * moments) for t in ticks)
         lights.append(tuple(Event(None, colour, early, late, late, light) for colour, early, late in changes))
     return tuple(agents), tuple(lights)
-
-
-def _after(before: NDArray[np.bool_]) -> int:
-    """Return the number of states up to and including the last state in which `before` is true."""
-    return len(before) - int(before[::-1].argmax()) if before.any() else 0

@@ -309,7 +309,7 @@ class RuleMonitor:
                 # The rule is not judged any more, because it needs a value that is not given.
                 self.not_judged[rule.name] = str(error)
                 for watch in [watch for watch in self._watches if watch.rule == number]:
-                    self._end(watch)
+                    self._end(watch, Truth.UNKNOWN)
                 continue
             asked = tuple(k for k, fact in enumerate(facts) if fact.ask is not None)
             key = id(template.machine), asked
@@ -334,24 +334,21 @@ class RuleMonitor:
             if verdict is Truth.UNKNOWN:
                 continue
             movers = self._watches[watch]
-            decided.append(self._decide(watch, verdict))
-            self._end(watch)
+            decided.append(self._end(watch, verdict))
             if verdict is Truth.FALSE:
                 self._failed.add(watch.rule)
                 self._broken[watch] = movers
         return tuple(decided)
 
-    def _decide(self, watch: Watch, verdict: Truth) -> Decided:
-        movers = self._watches[watch]
-        return Decided(
-            self.rules[watch.rule].name, _binding(watch.template, movers), verdict, round(self._now.tick * self._now.dt, 9)
-        )
-
-    def _end(self, watch: Watch) -> None:
+    def _end(self, watch: Watch, verdict: Truth) -> Decided:
+        """End the monitor of an instance, and return the verdict of the instance."""
+        movers = self._watches.pop(watch)
         watch.end()
         self._pending[watch.rule] -= 1
-        for mover in self._watches.pop(watch):
+        for mover in movers:
             self._about.get(mover, {}).pop(watch, None)
+        time = round(self._now.tick * self._now.dt, 9)
+        return Decided(self.rules[watch.rule].name, _binding(watch.template, movers), verdict, time)
 
     def _leave(self, leaving: Sequence[Mover]) -> tuple[Decided, ...]:
         """Return the verdicts that are final because vehicles have left, and remove absent vehicles that no monitor needs."""
@@ -360,8 +357,7 @@ class RuleMonitor:
             for watch in list(self._about[mover]):
                 absent = [m for m in self._watches[watch] if m.zone == ABSENT]
                 if len(absent) == len(self._watches[watch]) or not watch.can_fail(self._board.bodily(absent)):
-                    decided.append(self._decide(watch, Truth.UNKNOWN))
-                    self._end(watch)
+                    decided.append(self._end(watch, Truth.UNKNOWN))
         for mover in [m for m, watches in self._about.items() if not watches and m.zone == ABSENT]:
             del self._about[mover]
             self._free.append(mover.slot)

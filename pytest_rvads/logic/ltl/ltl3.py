@@ -135,10 +135,9 @@ class _Subsets:
         self._universal = 1 << nfa.universal if nfa.universal >= 0 else 0
         self._budget = budget
         self._memo: dict[int, list[tuple[int, int]]] = {}
-        self.initial = self._reduced(1 << nfa.initial) if nfa.initial >= 0 else 0
-
-    def _reduced(self, subset: int) -> int:
-        return self._universal if subset & self._universal else subset
+        self.initial = 0
+        if nfa.initial >= 0:
+            self.initial = self._universal if nfa.initial == nfa.universal else 1 << nfa.initial
 
     def moves(self, subset: int) -> list[tuple[int, int]]:
         """Return the moves of a set of states: pairs of letters (mask) and the next set; a letter occurs in exactly one pair."""
@@ -154,7 +153,9 @@ class _Subsets:
                 for states, piece in pieces.items():
                     inside, outside = piece & letters_, piece & ~letters_
                     if inside:
-                        bigger = self._reduced(states | 1 << target)
+                        bigger = states | 1 << target
+                        if bigger & self._universal:
+                            bigger = self._universal
                         split[bigger] = split.get(bigger, 0) | inside
                     if outside:
                         split[states] = split.get(states, 0) | outside

@@ -98,15 +98,11 @@ def _no_geometry(_run: Run, *_agents: int) -> NDArray[np.bool_]:
     raise RunError("the run holds no geometry of its junction")  # with geometry, the static model decides the predicate
 
 
-def _between(place: f.Element, other: f.Element, pairs: frozenset[tuple[int, int]]) -> bool:
-    return place.sort == other.sort == Sort.ENTRANCE and (place.index, other.index) in pairs
-
-
 def _from_right(static: Static, element: f.Element, other: f.Element) -> bool:
     """Return whether an entrance, or the entrance of a vehicle, is to the right of another entrance, or of that of a vehicle."""
     if element.sort == other.sort == Sort.AGENT:
         return (static.agents[element.index].entrance, static.agents[other.index].entrance) in static.right_of
-    return _between(element, other, static.right_of)
+    return element.sort == other.sort == Sort.ENTRANCE and (element.index, other.index) in static.right_of
 
 
 def _cause(run: Run, agent: int, other: int, _tick: int) -> Cause | None:
@@ -321,7 +317,12 @@ BUILT_IN = Vocabulary.of(
     _word("off_route", _ONE, off_route, "{0} is off its route", "{0} is on its route", turns_on=(Measured.SIDES,), bends=True),
     _word("speeding", _ONE, speeding, "{0} is over the speed limit", "{0} is within the speed limit", turns_on=_MOVES),
     _word("right-of", ("agent or entrance or vertex",) * 2, decide=_from_right, static="agent or entrance or vertex"),
-    _word("opposite", _ENTRANCES, decide=lambda s, one, two: _between(one, two, s.opposite), static=_ENTRANCES[0]),
+    _word(
+        "opposite",
+        _ENTRANCES,
+        decide=lambda s, one, two: one.sort == two.sort == Sort.ENTRANCE and (one.index, two.index) in s.opposite,
+        static=_ENTRANCES[0],
+    ),
     _word(
         "beside",
         ("entrance", "entrance"),
