@@ -221,7 +221,6 @@ def _judged(rule: Rule, values: Values, book: RuleBook, sampled: Run, *, itinera
 
 
 def _elsewhere(rule: Rule, junction: Junction) -> str:
-    """Return the reason why a rule does not apply to a junction."""
     kind = _KINDS[junction.control]
     if junction.control not in rule.kinds:
         if len(rule.kinds) == 1:

@@ -248,7 +248,6 @@ def _backs(run: Run, agent: int, _other: int, tick: int) -> bool:
 
 
 def _from_behind(run: Run, agent: int, other: int, tick: int) -> bool:
-    """Return whether `agent` was behind `other`, and `other` did not cut in."""
     return _behind(run, agent, other, tick) and not _cuts_in(run, other, agent, tick)
 
 

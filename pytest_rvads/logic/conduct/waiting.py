@@ -61,7 +61,6 @@ def partners(cast: Cast) -> Pairs:
 
 
 def _places(cast: Cast) -> Places:
-    """Return the stretches that the ways of the pairs `partners` share."""
     return places(shared(cast, agent, other) for agent, other in cast.static(partners).column)
 
 
@@ -109,7 +108,6 @@ class _Debts(NamedTuple):
 
 @signal(steady=True)
 def _debts(block: Block) -> _Debts:
-    """Return which vehicle of each pair has to give way to the other vehicle, see `_Debts`."""
     shape = len(block.zone), len(block.cast.static(partners))
     debts = _Debts(np.zeros(shape, dtype=np.bool_), np.zeros(shape, dtype=np.bool_))
     if len(block.cast.static(owing)):
@@ -137,7 +135,6 @@ def due(block: Block) -> NDArray[np.bool_]:
 
 @signal
 def _walks(block: Block) -> NDArray[np.bool_]:
-    """Return whether each vehicle is faster than walking pace."""
     fast: NDArray[np.bool_] = block.need("speed") > PACE
     return fast
 

@@ -302,7 +302,6 @@ def _decide(atom: f.Atom, static: Static, itinerary: bool) -> f.Formula:
 
 
 def _define(formula: f.Formula, static: Static, itinerary: bool) -> f.Formula:
-    """Return the formula that defines a predicate, with the atoms evaluated that the static model decides."""
     if isinstance(formula, f.Atom):
         return _decide(formula, static, itinerary)
     return _fold(formula, (_define(child, static, itinerary) for child in f.children(formula)))

@@ -259,7 +259,6 @@ def _moved(run: Run, signs: NDArray[np.float64]) -> Run:
 
 
 def _rezoned(run: Run, station: NDArray[np.float64]) -> Run:
-    """Return a run with other stations [m], and the zones of these stations."""
     zone = run.zone.copy()
     for column, (begin, end) in enumerate(run.spans.tolist()):
         who = run.agents[column]

@@ -222,7 +222,6 @@ def _ends(template: Template) -> tuple[str, str] | None:
 
 
 def _waits(owed: Iterable[_Owed], tick: int) -> dict[str, list[str]]:
-    """Return, for every vehicle that has to wait in the state at `tick`, the vehicles that it has to wait for."""
     awaited_by_vehicle: dict[str, list[str]] = {}
     for waiting, awaited, held in owed:
         if held[tick]:

@@ -296,7 +296,6 @@ class RuleMonitor:
         return zone, list(stations), list(speeds), list(zip(*pose, strict=True))
 
     def _watch(self, templates: Sequence[tuple[int, Template]], movers: tuple[Mover, ...]) -> None:
-        """Make the monitors of instances of rules about the given vehicles."""
         for number, template in templates:
             rule = self.rules[number]
             if rule.name in self.not_judged:
@@ -341,7 +340,6 @@ class RuleMonitor:
         return tuple(decided)
 
     def _end(self, watch: Watch, verdict: Truth) -> Decided:
-        """End the monitor of an instance, and return the verdict of the instance."""
         movers = self._watches.pop(watch)
         watch.end()
         self._pending[watch.rule] -= 1

@@ -66,7 +66,6 @@ def _may_be_at(static: Static, thing: f.Element, place: f.Element) -> bool | Non
 
 
 def _take(agent: f.Term, entrance: f.Term, direction: f.Term, itinerary: bool) -> f.Formula:
-    """Return the formula "the agent is at the entrance and turns in the direction"."""
     at_entrance, turns = f.Atom("@", (agent, entrance)), f.Atom("turn", (agent, direction))
     if itinerary:
         return f.And((at_entrance, turns))

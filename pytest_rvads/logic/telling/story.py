@@ -218,7 +218,6 @@ def _relation(run: Run, e: f.Element, waiting: tuple[f.Element, ...]) -> str:
 
 
 def _scene(run: Run, waiting: tuple[f.Element, ...], going: tuple[f.Element, ...], goes: f.Formula, tick: int) -> str:
-    """Return in words the places of all vehicles in a tick."""
 
     def placed(e: f.Element, still: bool) -> str:
         where = zone(run.agents[e.index], Zone(int(run.zone[tick, e.index])))
