@@ -31,7 +31,7 @@ from pytest_rvads.logic.judging.judge import asked, judge, nearest_miss
 from pytest_rvads.logic.judging.judgement import Judgement, Template
 from pytest_rvads.logic.judging.prepare import Prepared, prepare
 from pytest_rvads.logic.judging.readings import agreed, doubted, tolerance
-from pytest_rvads.logic.judging.responsibility import by_walkers, find_cycle, is_about, unavoidable, waits
+from pytest_rvads.logic.judging.responsibility import Cycle, by_walkers, find_cycle, is_about, unavoidable, waits
 from pytest_rvads.logic.judging.verdicts import Status, Verdict
 from pytest_rvads.logic.outcome import Outcome, counted
 from pytest_rvads.logic.rules.book import RuleBook, current_book, get_rule, is_rulebook, rules_for
@@ -205,10 +205,7 @@ def _judged(rule: Rule, values: Values, book: RuleBook, sampled: Run, *, itinera
         else:
             story.reason = f"only traffic was asked: no instance that was triggered bound {run.subject}, the subject, to act"
     if attribution.unavoidable or attribution.status is Status.OPEN:
-        story.cycle = find_cycle(templates, values)
-        if story.cycle is None and rule.companions:
-            cycle = find_cycle([*templates, *companions(rule, run, book)], values)
-            story.cycle = cycle and replace(cycle, alone=False)
+        story.cycle = _cycle(rule, values, templates, book)
     if attribution.status is Status.PASS and run.facts.strayed and run.subject in (None, *run.facts.strayed):
         story.status = Status.OPEN
         story.reason = f"{' and '.join(run.facts.strayed)} left the route, which ended the run: the rest of the way is not known"
@@ -229,6 +226,15 @@ def _elsewhere(rule: Rule, junction: Junction) -> str:
     if rule.crosswalks and not rule.concerns(junction):
         return f"{rule.name} is about {rule.crosswalks}, and none walk at this junction"
     return f"{rule.name} is about junctions with several lanes on an arm, and this junction has one lane on each"
+
+
+def _cycle(rule: Rule, values: Values, templates: tuple[Template, ...], book: RuleBook) -> Cycle | None:
+    """Return vehicles that must wait for each other in a circle because of the rule, or of the rule and its companions."""
+    cycle = find_cycle(templates, values)
+    if cycle is None and rule.companions:
+        cycle = find_cycle([*templates, *companions(rule, values.run, book)], values)
+        cycle = cycle and replace(cycle, alone=False)
+    return cycle
 
 
 _BROKEN = (Status.FAIL, Status.OPEN)

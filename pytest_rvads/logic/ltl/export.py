@@ -88,9 +88,7 @@ def to_dot(machine: Machine) -> str:
     for state in range(machine.states):
         truth = Truth(int(machine.output[state]))
         lines.append(f'  {state} [label="{state}\\n{truth}", fillcolor="{_COLOURS[truth]}"];')
-    lines += [f'  {s} -> {t} [label="{_quoted(str(g))}"];' for s, t, g in _edges(machine)]
+    for state, target, guard in _edges(machine):
+        quoted = str(guard).replace("\\", "\\\\").replace('"', '\\"')
+        lines.append(f'  {state} -> {target} [label="{quoted}"];')
     return "\n".join([*lines, "}"]) + "\n"
-
-
-def _quoted(text: str) -> str:
-    return text.replace("\\", "\\\\").replace('"', '\\"')
