@@ -244,34 +244,24 @@ def pytest_assertrepr_compare(op: str, left: object, right: object) -> list[str]
     """Return the lines that explain a false comparison of two runs or two verdicts; None for other values."""
     if op not in ("==", "!="):
         return None
-    return _compared_runs(op, left, right) or _compared_verdicts(op, left, right)
+    if "pytest_rvads.runs.run" in sys.modules:  # else neither value is a run, and numpy need not be imported
+        from pytest_rvads.runs.divergence import diverge
+        from pytest_rvads.runs.run import Run
+
+        if isinstance(left, Run) and isinstance(right, Run):
+            divergence = diverge(left, right)
+            return [f"{left!r} {op} {right!r}", str(divergence) if divergence else f"the same bit for bit, hash {left.hash[:12]}"]
+    if "pytest_rvads.logic.judging.verdicts" in sys.modules:
+        from pytest_rvads.logic.judging.verdicts import Verdict
+
+        if isinstance(left, Verdict) and isinstance(right, Verdict):
+            return [f"{left.rule} {left.status} {op} {right.rule} {right.status}", left.message, right.message]
+    return None
 
 
 def pytest_report_teststatus(report: pytest.CollectReport | pytest.TestReport) -> tuple[str, str, str] | None:
     """Return category, letter and word by which pytest shows an item with the status NA, UNSURE or NOT RUN."""
     return letter(report)
-
-
-def _compared_runs(op: str, left: object, right: object) -> list[str] | None:
-    if "pytest_rvads.runs.run" not in sys.modules:  # neither value is a run, and numpy need not be imported
-        return None
-    from pytest_rvads.runs.divergence import diverge
-    from pytest_rvads.runs.run import Run
-
-    if not (isinstance(left, Run) and isinstance(right, Run)):
-        return None
-    divergence = diverge(left, right)
-    return [f"{left!r} {op} {right!r}", str(divergence) if divergence else f"the same bit for bit, hash {left.hash[:12]}"]
-
-
-def _compared_verdicts(op: str, left: object, right: object) -> list[str] | None:
-    if "pytest_rvads.logic.judging.verdicts" not in sys.modules:
-        return None
-    from pytest_rvads.logic.judging.verdicts import Verdict
-
-    if not (isinstance(left, Verdict) and isinstance(right, Verdict)):
-        return None
-    return [f"{left.rule} {left.status} {op} {right.rule} {right.status}", left.message, right.message]
 
 
 def _opened(config: pytest.Config, context: AbstractContextManager[_T]) -> _T:
