@@ -57,12 +57,8 @@ def animated(
 ) -> str:
     """Return an SVG document in which the vehicles of a run move in an endless loop.
 
-    Programs that do not animate SVG, and browsers with reduced motion, show the instant `around`.
-
-    Args:
-        around: the shown instant on the clock of the recording [s]; None shows the run from its beginning.
-        before: shown time before the instant [s].
-        after: shown time after the instant [s].
+    The loop shows the times `before` and `after` [s] an instant `around` on the clock of the recording [s]; None shows the run
+    from its beginning. Programs that do not animate SVG, and browsers with reduced motion, show the instant.
     """
     if run.pose is None:
         raise RunError(f"run {run.label!r} holds no positions, so there is nothing to draw")
@@ -78,9 +74,14 @@ def animated(
     parts = [scene.road(), *_lamps(run, scene, film, rules)]
     for column, agent in enumerate(run.agents):
         if run.here[film.ticks, column].any():
-            ring = _ring(size(run, column)) if agent.name in responsible else ""
+            ring, (long, broad) = "", size(run, column)
+            if agent.name in responsible:
+                ring = (
+                    f'<g class="told"><rect class="ring" x="{-long - 0.7:g}" y="{-broad / 2 - 0.7:g}" width="{long + 1.4:g}" '
+                    f'height="{broad + 1.4:g}" rx="1"/></g>'
+                )
             pose = np.nan_to_num(run.pose[film.still, column])
-            drawn = body(pose, agent, size(run, column), colours[column], style=f"v{column}", more=ring)
+            drawn = body(pose, agent, (long, broad), colours[column], style=f"v{column}", more=ring)
             parts.append(_moving(run, film, column, drawn, rules))
     if around is not None:
         rules.append(_steps("told", film, [(0.0, "opacity:0"), (film.pause, "opacity:1")]))
@@ -128,14 +129,9 @@ class Film:
 
 
 def filmed(run: Run, scene: Scene, responsible: Collection[str], around: float | None, before: float, after: float) -> Film:
-    """Return the states that an animation shows.
+    """Return the states that an animation shows, with the arguments of `animated`; `before` and `after` are longest times [s].
 
     With `around`, the film begins when a responsible vehicle comes into view, at most 1 s before the vehicle comes to its line.
-
-    Args:
-        around: the shown instant on the clock of the recording [s]; None shows the run from its beginning.
-        before: longest shown time before the instant [s].
-        after: longest shown time after the instant [s].
     """
     last = run.steps - 1
     still = last if around is None else min(max(round((around - run.start) / run.dt), 0), last)
@@ -164,8 +160,7 @@ def filmed(run: Run, scene: Scene, responsible: Collection[str], around: float |
 def framed(run: Run, scene: Scene, film: Film, responsible: Collection[str]) -> tuple[float, float, float, float]:
     """Return left, top, width and height of the visible part of the road, in SVG coordinates [m].
 
-    The visible part holds the junction, the vehicles near the junction at the shown instant, and the way of the responsible
-    vehicles near the junction.
+    The part holds the junction, the vehicles near the junction at the shown instant, and the way of the responsible vehicles.
     """
     points = list(scene.core)
     for column, agent in enumerate(run.agents):
@@ -181,10 +176,7 @@ def framed(run: Run, scene: Scene, film: Film, responsible: Collection[str]) -> 
 
 
 def _in_view(run: Run, scene: Scene, column: int, still: int) -> NDArray[np.bool_]:
-    """Return whether a vehicle is in view, per state, shape ``(steps,)``.
-
-    The vehicle is in view if it is within `_NEAR` of the junction and within `_SPAN` of its position at the shown instant.
-    """
+    """Return whether a vehicle is near the junction and near its position at the shown instant, per state, shape ``(steps,)``."""
     low, high = scene.core
     way = run.need("pose")[:, column, :2]
     visible: NDArray[np.bool_] = run.here[:, column] & ((way > low - _NEAR) & (way < high + _NEAR)).all(axis=1)
@@ -230,15 +222,6 @@ def _moving(run: Run, film: Film, column: int, drawn: str, rules: list[str]) -> 
     rules.append(_steps(f"s{column}", film, edges))
     rules.append(f".s{column}{{animation:s{column} {film.length:g}s step-end infinite}}")
     return f'<g class="s{column}"{hidden}>{drawn}</g>'
-
-
-def _ring(extent: tuple[float, float]) -> str:
-    """Return the SVG element of a ring around a responsible vehicle at the shown instant."""
-    length, width = extent
-    return (
-        f'<g class="told"><rect class="ring" x="{-length - 0.7:g}" y="{-width / 2 - 0.7:g}" width="{length + 1.4:g}" '
-        f'height="{width + 1.4:g}" rx="1"/></g>'
-    )
 
 
 def _lamps(run: Run, scene: Scene, film: Film, rules: list[str]) -> Iterable[str]:

@@ -24,7 +24,17 @@ _LETTER = 12.0
 
 def draw_braking(curves: Curves, title: str, beneath: Curves | None = None) -> str:
     """Return an SVG diagram of the braking envelope v(d)max for distances up to 20 m."""
-    body = [text(_LEFT, 24, title, font_weight="bold"), *_axes()]
+    body = [text(_LEFT, 24, title, font_weight="bold")]
+    for k in range(round(_REACH / _TICK) + 1):
+        x, y = _pixel(k * _TICK, 0.0)
+        body += [polyline([(x, y), (x, _TOP)], stroke="#eee"), text(x, y + 18, f"{k * _TICK:g}", text_anchor="middle")]
+    for k in range(round(_FAST / _TICK) + 1):
+        x, y = _pixel(0.0, k * _TICK)
+        body += [polyline([(x, y), (x + _WIDE, y)], stroke="#eee"), text(x - 8, y + 4, f"{k * _TICK:g}", text_anchor="end")]
+    body.append(polyline([(_LEFT, _TOP), _pixel(0.0, 0.0), _pixel(_REACH, 0.0)], stroke="#222"))
+    middle = _TOP + _HIGH / 2
+    body.append(text(_LEFT + _WIDE / 2, _TOP + _HIGH + 38, "distance to the stopping line [m]", text_anchor="middle"))
+    body.append(text(18, middle, "greatest safe speed [m/s]", text_anchor="middle", transform=f"rotate(-90 18 {middle:g})"))
     lines = [[_pixel(d, v) for d, v in line if v is not None] for line in (beneath or {}).values()]
     body += [polyline(line, stroke="#aaa", stroke_width=1) for line in lines]
     for row, (level, line) in enumerate(curves.items()):
@@ -49,29 +59,13 @@ def _pixel(distance: float, speed: float) -> tuple[float, float]:
     return _LEFT + _WIDE * distance / _REACH, _TOP + _HIGH * (1.0 - speed / _FAST)
 
 
-def _axes() -> list[str]:
-    body = []
-    for k in range(round(_REACH / _TICK) + 1):
-        x, y = _pixel(k * _TICK, 0.0)
-        body += [polyline([(x, y), (x, _TOP)], stroke="#eee"), text(x, y + 18, f"{k * _TICK:g}", text_anchor="middle")]
-    for k in range(round(_FAST / _TICK) + 1):
-        x, y = _pixel(0.0, k * _TICK)
-        body += [polyline([(x, y), (x + _WIDE, y)], stroke="#eee"), text(x - 8, y + 4, f"{k * _TICK:g}", text_anchor="end")]
-    body.append(polyline([(_LEFT, _TOP), _pixel(0.0, 0.0), _pixel(_REACH, 0.0)], stroke="#222"))
-    middle = _TOP + _HIGH / 2
-    body.append(text(_LEFT + _WIDE / 2, _TOP + _HIGH + 38, "distance to the stopping line [m]", text_anchor="middle"))
-    body.append(text(18, middle, "greatest safe speed [m/s]", text_anchor="middle", transform=f"rotate(-90 18 {middle:g})"))
-    return body
-
-
 def draw_dynamics(
     braking: Sequence[tuple[float, float]], times: Mapping[float, Sequence[tuple[float, float]]], title: str
 ) -> str:
     """Return an SVG document of a driver's dynamics: left the braking distance B(v), right the times AT(v, x), a curve per v.
 
-    Args:
-        braking: speed [m/s] and distance to stop [m]; infinite distances are left out.
-        times: per initial speed [m/s] some distances [m] and the times to drive these distances [s]; infinite times are left out.
+    `braking` are pairs of a speed [m/s] and a distance to stop [m]. `times` are, by initial speed [m/s], pairs of a distance [m]
+    and the time to drive it [s]. Infinite values are left out.
     """
     stops = [(v, d) for v, d in braking if isfinite(d)]
     curves = {v: [(0.0, 0.0), *((x, t) for x, t in line if isfinite(t))] for v, line in times.items()}
@@ -83,11 +77,7 @@ def draw_dynamics(
 
 
 def draw_pedals(points: Mapping[str, Sequence[tuple[float, float]]], title: str) -> str:
-    """Return an SVG document of what pedals do, a diagram per pedal.
-
-    Args:
-        points: per pedal some positions, 0..1, and the magnitudes of the accelerations by these positions [m/s^2].
-    """
+    """Return an SVG document of what pedals do: by pedal, some positions, 0..1, and the sizes of their accelerations [m/s^2]."""
     body = [text(_LEFT, 24, title, font_weight="bold")]
     for number, (name, line) in enumerate(points.items()):
         left = _LEFT + number * (_LEFT + _HIGH)
@@ -99,7 +89,14 @@ def draw_pedals(points: Mapping[str, Sequence[tuple[float, float]]], title: str)
 def _panel(left: float, lines: Mapping[str, Sequence[tuple[float, float]]], along: str, up: str) -> list[str]:
     """Return a square diagram of lines, each with a label at its end; labels of ends that are close stand below each other."""
     points = [point for line in lines.values() for point in line]
-    wide, high = (_round_end(max((point[axis] for point in points), default=0.0)) for axis in (0, 1))
+    ends_of_axes = [1.0, 1.0]
+    for axis in (0, 1):
+        greatest = max((point[axis] for point in points), default=0.0)
+        if greatest > 0.0:
+            unit = 10.0 ** floor(log10(greatest))
+            round_numbers = (part * unit for part in _ENDS)
+            ends_of_axes[axis] = next(float(f"{end:.6g}") for end in round_numbers if end >= greatest * (1.0 - 1e-9))
+    wide, high = ends_of_axes
 
     def place(point: tuple[float, float]) -> tuple[float, float]:
         return left + _HIGH * point[0] / wide, _TOP + _HIGH * (1.0 - point[1] / high)
@@ -120,12 +117,3 @@ def _panel(left: float, lines: Mapping[str, Sequence[tuple[float, float]]], alon
     body.append(text(left + _HIGH / 2, bottom + 38, along, text_anchor="middle"))
     body.append(text(left, _TOP - 6, up))
     return body
-
-
-def _round_end(greatest: float) -> float:
-    """Return the end of an axis with four equal ticks, not below the greatest value: a round number such as 0.8, 1, 6 or 20."""
-    if greatest <= 0.0:
-        return 1.0
-    unit = 10.0 ** floor(log10(greatest))
-    ends = (part * unit for part in _ENDS)
-    return next(float(f"{end:.6g}") for end in ends if end >= greatest * (1.0 - 1e-9))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from itertools import pairwise
 
 import numpy as np
@@ -119,23 +119,17 @@ def _caption(road_map: RoadMap, report: JunctionReport, junction: Junction | Non
         approaches = [f"{length:.0f} m" for length in report.approach]
         lengths = ", ".join(f"{length} to {k}" for k, length in enumerate(approaches))
         lines += wrap(f"approach: {lengths if len(set(approaches)) > 1 else approaches[0]}", _LETTERS)
-        lines += [line for sentence in _giving_way(report, junction) for line in wrap(sentence, _LETTERS)]
+        sides = ("left", "right") if report.left_hand else ("right", "left")
+        table: dict[Reason, dict[int, set[int]]] = {}
+        for (way, prior), reason in _yields(junction).items():
+            table.setdefault(reason, {}).setdefault(way[0], set()).add(prior[0])
+        when = {JunctionControl.STOP: " in a tie", JunctionControl.LIGHTS: " on the same green"}.get(report.control, "")
+        for reason in (reason for reason in Reason if reason in table):
+            pairs = (f"{k} to {' '.join(map(str, sorted(priors)))}" for k, priors in sorted(table[reason].items()))
+            lines += wrap(f"gives way{when}, {_REASONS[reason].format(*sides)}: {', '.join(pairs)}", _LETTERS)
         doubts = gathered(warning for warning in (*road_map.warnings, *road_map.bends) if warning.junction == report.id)
         lines += [line for doubt in doubts for line in wrap(doubt["message"], _LETTERS)]
     return lines if len(lines) <= _LINES else [*lines[: _LINES - 1], "..."]
-
-
-def _giving_way(report: JunctionReport, junction: Junction) -> Iterator[str]:
-    """Yield, per reason of giving way, a sentence with the entrances that give way to other entrances."""
-    sides = ("left", "right") if report.left_hand else ("right", "left")
-    table: dict[Reason, dict[int, set[int]]] = {}
-    for (way, prior), reason in _yields(junction).items():
-        table.setdefault(reason, {}).setdefault(way[0], set()).add(prior[0])
-    when = {JunctionControl.STOP: " in a tie", JunctionControl.LIGHTS: " on the same green"}.get(report.control, "")
-    for reason in Reason:
-        if reason in table:
-            pairs = (f"{k} to {' '.join(map(str, sorted(priors)))}" for k, priors in sorted(table[reason].items()))
-            yield f"gives way{when}, {_REASONS[reason].format(*sides)}: {', '.join(pairs)}"
 
 
 def _yields(junction: Junction) -> dict[tuple[Key, Key], Reason]:

@@ -51,7 +51,6 @@ class Beside:
     ghost: Run | None = None
     """An earlier run of the same scenario, drawn faintly below the run."""
     ghost_name: str = ""
-    """Name of the earlier run."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,13 +74,10 @@ def replay(
 ) -> str:
     """Return an HTML page that replays `run`, state by state.
 
-    Args:
-        marked: highlighted further events (time [s], text), such as a violation.
-        opened: time at which the page opens [s]; all rows over time have a mark at the event of `marked` with this time. By
-            default the page opens at the first event of `marked`, or at `opening` if nothing is marked, and the rows have a mark
-            at every event of `marked`.
-
-    Times are on the clock of the recording of which the run is an excerpt. Ticks count from the start of the run.
+    `marked` are highlighted further events (time [s], text), such as a violation. The page opens at the time `opened` [s], and
+    all rows over time have a mark at the event of `marked` with this time. By default the page opens at the first event of
+    `marked`, or at `opening` if nothing is marked, and the rows have a mark at every event of `marked`. Times are on the clock of
+    the recording of which the run is an excerpt. Ticks count from the start of the run.
     """
     if run.pose is None or run.station is None or run.speed is None:
         raise RunError(f"run {run.label!r} holds no positions, so there is nothing to replay")
@@ -99,6 +95,8 @@ def replay(
     times = [time for time, _ in highlights if opened in (None, time)]
     if opened is None:
         opened = times[0] if times else opening(run)
+    columns = {agent.name: column for column, agent in enumerate(run.agents)}
+    impacts = sorted((tick_of(run, c), [columns[name] for name in c.agents if name in columns]) for c in _collisions(run))
     data = {
         "dt": run.dt,
         "start": run.start,
@@ -118,7 +116,7 @@ def replay(
         "responsible": [a.name for a in run.agents if a.name in responsible],
         "marked": times,
         "events": sorted([*((*event, False) for event in events(run)), *((*event, True) for event in highlights)]),
-        "impacts": _impacts(run),
+        "impacts": impacts,
         "watched": run.collisions is not None,
         "home": _home(run, scene, opened, responsible),
         "reach": max(wide, high),
@@ -158,8 +156,7 @@ def opening(run: Run) -> float:
 def _home(run: Run, scene: Scene, about: float, responsible: Collection[str]) -> list[float]:
     """Return left, top, right and bottom of the part of the road that the page shows at first, in SVG coordinates [m].
 
-    The part holds the junction, the vehicles near the junction at the time `about`, and the last metres that the responsible
-    vehicles drove before.
+    The part holds the junction, the vehicles near it at the time `about`, and the last metres of the responsible vehicles.
     """
     tick = min(max(round((about - run.start) / run.dt), 0), run.steps - 1)
     low, high = scene.core
@@ -193,14 +190,12 @@ def events(run: Run) -> list[tuple[float, str]]:
             back = [row for before, row in pairwise(zones) if row[1] == Zone.ENTRANCE and before[1] == Zone.JUNCTION]
             rows += [(round(first + tick * run.dt, 6), f"{agent.name} goes back to the sidewalk") for tick, _ in back]
             words[Zone.JUNCTION], what = "steps onto the {2}", f"crosswalk of arm {junction.crossings[agent.way.crosswalk].arm}"
-        rows += [
-            (
-                round(first + tick * run.dt, 6),
-                f"{agent.name} {words[Zone(zone)].format(label(junction, agent.entrance), out[agent.exit], what)}",
-            )
-            for tick, zone in zones
-            if zone in words and (tick, zone) not in back and not (run.excerpt and _begins_in_zone(run, tick, column))
-        ]
+        for tick, zone in zones:
+            # A vehicle whose recording begins inside a zone has no recorded entry into the zone.
+            unrecorded = run.excerpt and (tick == 0 or run.zone[tick - 1, column] == Zone.ABSENT)
+            if zone in words and (tick, zone) not in back and not unrecorded:
+                event = words[Zone(zone)].format(label(junction, agent.entrance), out[agent.exit], what)
+                rows.append((round(first + tick * run.dt, 6), f"{agent.name} {event}"))
     for entrance, name in enumerate(_light_names(run)):
         changes = _changes(run.lights[:, entrance])[1:] if name else []
         rows += [
@@ -221,17 +216,6 @@ def _light_names(run: Run) -> list[str]:
     return names
 
 
-def _begins_in_zone(run: Run, tick: int, column: int) -> bool:
-    """Return whether the recording of a vehicle begins inside a zone, so that the entry into the zone was not recorded."""
-    return tick == 0 or bool(run.zone[tick - 1, column] == Zone.ABSENT)
-
-
-def _impacts(run: Run) -> list[tuple[int, list[int]]]:
-    """Return the tick (number of the state) and the two columns of every collision of a run, by time."""
-    columns = {agent.name: column for column, agent in enumerate(run.agents)}
-    return sorted((tick_of(run, c), [columns[name] for name in c.agents if name in columns]) for c in _collisions(run))
-
-
 def _collisions(run: Run) -> tuple[Collision, ...]:
     """Return the collisions of a run; none if the run holds no bodies."""
     try:
@@ -249,8 +233,7 @@ def _changes(values: NDArray[np.int8]) -> list[tuple[int, int]]:
 def motion(run: Run, every: int, there: NDArray[np.bool_], *names: str) -> list[list[list[float] | None]]:
     """Return every `every`-th state of every vehicle, with headings without jumps by 2 pi; None for an absent vehicle.
 
-    Args:
-        there: whether each vehicle is present, shape ``(steps, agents)``.
+    `there` says whether each vehicle is present, shape ``(steps, agents)``.
     """
     series = [run.need(name) for name in names]
     together = np.concatenate([values if values.ndim == 3 else values[..., None] for values in series], axis=2)
@@ -270,8 +253,9 @@ def outlines(ghost: Run | None) -> str:
     parts = []
     for column, colour in enumerate(inks(ghost.agents)):
         length, width = size(ghost, column)
+        first_pose = np.nan_to_num(ghost.need("pose")[ghost.spans[column, 0], column])
         parts.append(
-            f'<g class="ghost" stroke="{colour}" transform="{placed(_first_pose(ghost, column))}">'
+            f'<g class="ghost" stroke="{colour}" transform="{placed(first_pose)}">'
             f'<rect x="{-length:g}" y="{-width / 2:g}" width="{length:g}" height="{width:g}" rx="0.4"/>'
             f'<path d="M-1.3 {-width / 2 + 0.25:g}L-0.3 0L-1.3 {width / 2 - 0.25:g}"/></g>'
         )
@@ -284,11 +268,24 @@ def ghost_data(run: Run, ghost: Run | None, name: str, every: int) -> dict[str, 
         return None
     drawn = _has_positions(ghost)
     name = name or "the earlier run"
-    difference, times = _difference(run, ghost, name)
+    sentence = f"This run and {name} are the same, state for state."
+    times: list[tuple[float, str]] = []
+    if divergence := diverge(run, ghost):
+        sentence = f"This run and {name} differ in {divergence.what}: {divergence.one} here, {divergence.other} there."
+        if divergence.time is not None:
+            at = divergence.time + run.start
+            value, ghost_value = _short(divergence.one, divergence.other)
+            sentence = f"This run and {name} part at t = {at:.2f} s: {divergence.what} is {value} here, {ghost_value} there."
+            times.append((at, f"where they part: {at:.2f} s"))
+        visible = _visible_difference(run, ghost)
+        if visible is not None:
+            times.append((visible, f"{_SEEN:g} m apart: {visible:.2f} s"))
+    if not drawn:
+        sentence += f" Positions of {name} are not recorded, so it is not shown."
     return {
         "name": name,
         "agents": [agent.name for agent in ghost.agents],
-        "said": difference if drawn else f"{difference} Positions of {name} are not recorded, so it is not shown.",
+        "said": sentence,
         "times": times,
         "start": ghost.start,
         "dt": ghost.dt,
@@ -299,29 +296,6 @@ def ghost_data(run: Run, ghost: Run | None, name: str, every: int) -> dict[str, 
 
 def _has_positions(ghost: Run) -> bool:
     return ghost.pose is not None and ghost.steps > 0
-
-
-def _first_pose(ghost: Run, column: int) -> NDArray[np.float64]:
-    pose: NDArray[np.float64] = np.nan_to_num(ghost.need("pose")[ghost.spans[column, 0], column])
-    return pose
-
-
-def _difference(run: Run, ghost: Run, name: str) -> tuple[str, list[tuple[float, str]]]:
-    """Return a sentence on the first difference between two runs, and times [s] with texts for links to the differences."""
-    divergence = diverge(run, ghost)
-    if divergence is None:
-        return f"This run and {name} are the same, state for state.", []
-    times: list[tuple[float, str]] = []
-    sentence = f"This run and {name} differ in {divergence.what}: {divergence.one} here, {divergence.other} there."
-    if divergence.time is not None:
-        at = divergence.time + run.start
-        value, ghost_value = _short(divergence.one, divergence.other)
-        sentence = f"This run and {name} part at t = {at:.2f} s: {divergence.what} is {value} here, {ghost_value} there."
-        times.append((at, f"where they part: {at:.2f} s"))
-    visible = _visible_difference(run, ghost)
-    if visible is not None:
-        times.append((visible, f"{_SEEN:g} m apart: {visible:.2f} s"))
-    return sentence, times
 
 
 def _short(value: str, ghost_value: str) -> tuple[str, str]:

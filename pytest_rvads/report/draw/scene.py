@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from pytest_rvads.geometry.crosswalks import Crossing, Crosswalk, Parking, Side
 from pytest_rvads.geometry.junction import Junction
 from pytest_rvads.geometry.turns import UTURN, turn_word
-from pytest_rvads.geometry.ways import Way
 from pytest_rvads.report.draw.svg import arrow, marks, sign
 from pytest_rvads.runs.run import Run
 from pytest_rvads.runs.states import Agent, Colour, Kind, Vehicle
@@ -47,11 +46,7 @@ _NAME, _ROOM = 1.8, 3
 
 @dataclass(frozen=True, slots=True)
 class Scene:
-    """The static part of a picture: the visible area and the road.
-
-    Raises:
-        MapError: the junction has no geometry.
-    """
+    """The static part of a picture: the visible area and the road; the junction must have a geometry."""
 
     junction: Junction
 
@@ -85,8 +80,14 @@ class Scene:
                 for line, broken in marks(side, width, left_hand=junction.left_hand, centre=centre):
                     parts.append(f'<polyline class="{"mark broken" if broken else "mark"}" points="{path(line)}"/>')
         parts += [f'<polyline class="way" points="{path(s.points)}"/>' for s in ways]
-        parts += map(_zebra, junction.crossings if junction.further else ())
-        parts += (_stripes(way) for way, _, _ in junction.further if not isinstance(way, Crossing | Parking))
+        for crosswalk in junction.crossings if junction.further else ():  # stripes of 0.5 m, in the direction of the vehicles
+            stripes = f'stroke="#fff" stroke-dasharray=".5" stroke-width="{_width(crosswalk):.2f}"'
+            parts.append(f'<polygon class="crosswalk" fill="#fff" opacity=".3" points="{path(crosswalk.area)}"/>')
+            parts.append(f'<polyline class="crosswalk" fill="none" {stripes} points="{path(crosswalk.path.points)}"/>')
+        for way, _, _ in junction.further:
+            if not isinstance(way, Crossing | Parking) and way.path is not None:
+                stripes = f'fill="none" stroke="#fff" stroke-dasharray=".5" stroke-width="{way.width:g}"'
+                parts.append(f'<polyline class="further" {stripes} points="{path(way.path.points)}"/>')
         parts += map(self._entrance, range(len(junction.entrances)))
         return "".join(parts)
 
@@ -118,14 +119,20 @@ class Scene:
         """Return an SVG lamp per entrance with a light; a letter in the lamp names the colour for colour-blind readers.
 
         The lamp stands at the kerb, or hangs over the lane if the arm has several lanes. The lamp of a pedestrian light is
-        smaller, and stands beside the crosswalk.
+        smaller, and stands on the sidewalk beside the crosswalk.
         """
         parts = []
         for entrance, colour in enumerate(map(Colour, colours)):
             if colour is Colour.NONE:
                 continue
             if entrance >= len(self.junction.entrances):
-                parts.append(_lamp(entrance, colour, *self._beside(entrance), " scale(.6)"))
+                walk, way = self.junction.way_in(entrance), self.junction.further[entrance - len(self.junction.entrances)].way
+                x, y, heading = walk.pose(walk.length - 0.9)
+                if isinstance(way, Crossing):
+                    aside = _width(self.junction.crossings[way.crosswalk]) / 2 + 0.9
+                    aside *= -1 if (way.side is Side.NEAR) != self.junction.left_hand else 1  # on the side of the junction
+                    x, y = x - aside * sin(heading), y + aside * cos(heading)
+                parts.append(_lamp(entrance, colour, x, y, " scale(.6)"))
                 continue
             x, y, heading = self.junction.way_in(entrance).pose(self.junction.approach(entrance))
             if len(self.junction.arms[self.junction.entrances[entrance].arm].entrances) > 1:
@@ -135,16 +142,6 @@ class Scene:
                 qx, qy = px - 3.2 * cos(heading), py - 3.2 * sin(heading)
             parts.append(_lamp(entrance, colour, qx, qy))
         return "".join(parts)
-
-    def _beside(self, start: int) -> tuple[float, float]:
-        """Return a point on the sidewalk beside the crosswalk at the start of a crossing."""
-        walk, way = self.junction.way_in(start), self.junction.further[start - len(self.junction.entrances)].way
-        x, y, heading = walk.pose(walk.length - 0.9)
-        if not isinstance(way, Crossing):
-            return x, y
-        aside = _width(self.junction.crossings[way.crosswalk]) / 2 + 0.9
-        aside *= -1 if (way.side is Side.NEAR) != self.junction.left_hand else 1  # on the side of the junction
-        return x - aside * sin(heading), y + aside * cos(heading)
 
 
 def _lamp(start: int, colour: Colour, x: float, y: float, scale: str = "") -> str:
@@ -160,21 +157,6 @@ def _width(crosswalk: Crosswalk) -> float:
     return float(abs(np.dot(x, v) - np.dot(y, u)) / 2.0 / crosswalk.path.length)
 
 
-def _zebra(crosswalk: Crosswalk) -> str:
-    """Return SVG elements of a crosswalk: its area, with stripes of 0.5 m that lie in the direction of the vehicles."""
-    stripes = f'stroke="#fff" stroke-dasharray=".5" stroke-width="{_width(crosswalk):.2f}"'
-    return (
-        f'<polygon class="crosswalk" fill="#fff" opacity=".3" points="{path(crosswalk.area)}"/>'
-        f'<polyline class="crosswalk" fill="none" {stripes} points="{path(crosswalk.path.points)}"/>'
-    )
-
-
-def _stripes(way: Way) -> str:
-    """Return SVG stripes for a way other than a movement, such as a crosswalk; empty without a known centre line."""
-    style = f'fill="none" stroke="#fff" stroke-dasharray=".5" stroke-width="{way.width:g}"'
-    return "" if way.path is None else f'<polyline class="further" {style} points="{path(way.path.points)}"/>'
-
-
 def label(junction: Junction, entrance: int) -> str:
     """Return the name of an entrance: the number of its arm, with the number of its lane if the arm has several lanes."""
     return junction.vehicle_at(entrance).removeprefix("a")
@@ -184,14 +166,13 @@ def inks(agents: Sequence[Agent]) -> list[str]:
     """Return the colours of agents: a colour per entrance, or a colour per agent if several agents share an entrance."""
     several = max(Counter(agent.entrance for agent in agents).values(), default=0) > 1
     numbers = range(len(agents)) if several else [agent.entrance for agent in agents]
-    return [_PARKED if isinstance(agent.way, Parking) else _shade(k) for agent, k in zip(agents, numbers, strict=True)]
-
-
-def _shade(number: int) -> str:
-    colour = PALETTE[number % len(PALETTE)]
-    if number // len(PALETTE) % 2 == 0:
-        return colour
-    return "#" + "".join(f"{int(_DARKER * int(colour[k : k + 2], 16)):02x}" for k in (1, 3, 5))
+    colours = []
+    for agent, number in zip(agents, numbers, strict=True):
+        colour = PALETTE[number % len(PALETTE)]
+        if number // len(PALETTE) % 2:
+            colour = "#" + "".join(f"{int(_DARKER * int(colour[k : k + 2], 16)):02x}" for k in (1, 3, 5))
+        colours.append(_PARKED if isinstance(agent.way, Parking) else colour)
+    return colours
 
 
 def body(
@@ -205,11 +186,8 @@ def body(
 ) -> str:
     """Return the SVG element of an agent, drawn to scale.
 
-    The name of a pedestrian stands above its circle. Of a group, only the first pedestrian has its name there.
-
-    Args:
-        pose: pose of the centre of the front bumper: x [m], y [m], heading [rad].
-        size: length and width of the vehicle [m].
+    The pose is that of the centre of the front bumper: x [m], y [m], heading [rad]. The size is length and width [m]. The name
+    of a pedestrian stands above its circle. Of a group, only the first pedestrian has its name there.
     """
     heading, (length, width), name = float(pose[2]), size, markup(agent.name)
     outline = ' class="broken"' if broken else ""
@@ -302,11 +280,7 @@ def draw_ways(junction: Junction) -> str:
 
 
 def course(points: NDArray[np.float64], ink: str) -> str:
-    """Return an SVG line with an arrow at its end.
-
-    Args:
-        points: points of the line, x and y in the first two columns [m].
-    """
+    """Return an SVG line with an arrow at its end; the first two columns of `points` are x and y [m]."""
     (ax, ay), (bx, by) = points[-2:, :2].tolist()
     transform = f"translate({bx:.2f} {-by:.2f}) rotate({-degrees(atan2(by - ay, bx - ax)):.2f})"
     return (
@@ -318,11 +292,7 @@ def course(points: NDArray[np.float64], ink: str) -> str:
 def still(
     scene: Scene, parts: Iterable[str], corners: Sequence[Sequence[float]] = (), legend: Sequence[tuple[str, str]] = ()
 ) -> str:
-    """Return an SVG document of a road with elements on the road.
-
-    Args:
-        corners: further points that the picture must show [m].
-    """
+    """Return an SVG document of a road with elements on the road; `corners` are further points that it must show [m]."""
     through = [scene.junction.way_through(*key).points for key in scene.junction.movements]
     points = np.vstack([*through, *np.reshape(corners, (-1, 2))])
     low, high = points.min(axis=0) - _BEYOND, points.max(axis=0) + _BEYOND

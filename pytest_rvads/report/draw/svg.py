@@ -82,23 +82,14 @@ def arrow(turns: Collection[Turn]) -> str:
 
 
 def beside(points: Points, left: float) -> Points:
-    """Return a line parallel to another line.
-
-    Args:
-        points: points of the line, shape ``(k, 2)`` [m].
-        left: distance to the left of the line [m].
-    """
+    """Return the line at a distance to the left [m] of a line with points of shape ``(k, 2)`` [m]."""
     ahead = np.gradient(points, axis=0)
     ahead /= np.maximum(np.hypot(ahead[:, 0], ahead[:, 1]), 1e-9)[:, None]
     return points + left * np.column_stack((-ahead[:, 1], ahead[:, 0]))
 
 
 def marks(lanes: Sequence[Points], width: float, *, left_hand: bool, centre: bool) -> Iterator[tuple[Points, bool]]:
-    """Yield the marks along the lanes of an arm in one direction, each with whether it is a broken (dashed) line.
-
-    Args:
-        width: width of a lane [m].
-    """
+    """Yield the marks along the lanes (of this width [m]) of an arm in one direction, each with whether it is broken."""
     inward = -width / 2 if left_hand else width / 2
     for number, lane in enumerate(lanes):
         if number == 0:
