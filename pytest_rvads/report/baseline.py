@@ -106,7 +106,7 @@ def _is_judged(record: Record | None) -> bool:
 
 
 def _incomparable(record: Record, before: Record) -> str:
-    """Return the reason why an item can't be compared with the item of the baseline; empty if no reason is known."""
+    """Return why an item can't be compared with the item of the baseline; an empty text if it can."""
     if record.place and before.place and record.place != before.place:
         return "at a junction that is not the same any more"
     drivers = [item.driver for item in (before, record) if isinstance(item, SimulatedItem) and item.driver]
@@ -132,22 +132,16 @@ def _item_change(record: Record, before: Record | None, difference: str) -> Chan
         return Change("NEW", record.nodeid, changed + record.message.strip().partition("\n")[0])
     if difference and now not in BAD and _is_judged(before):
         return Change("LOST", record.nodeid, f"was {was}, {difference}")
-    kind, text = _change_kind(then, now)
-    return Change(kind, record.nodeid, text.format(was=was, now=record.status, known=record.known))
-
-
-def _change_kind(then: str, now: str) -> tuple[str, str]:
-    """Return the kind of a change that is no new failure, and a pattern for the text on the change."""
     match then, now:
         case (("violated" | "error" | "flaky" | "known"), "passed"):
-            return "FIXED", ""
+            return Change("FIXED", record.nodeid)
         case "passed", "known":
-            return "KNOWN", "{known}"
+            return Change("KNOWN", record.nodeid, str(record.known))
         case (("passed" | "violated" | "error" | "flaky" | "known"), "idle"):
-            return "LOST", "was {was}, is {now}"
+            return Change("LOST", record.nodeid, f"was {was}, is {record.status}")
         case ("absent", _) | ("idle", ("passed" | "known")):
-            return "ADDED", ""
-    return "UNCHANGED", ""
+            return Change("ADDED", record.nodeid)
+    return Change("UNCHANGED", record.nodeid)
 
 
 @dataclass(slots=True)
@@ -157,7 +151,6 @@ class _Eroded:
     number: int
     """Position, in the list of changes, of the run's first item with an eroded margin."""
     items: int = 0
-    """Number of items with an eroded margin."""
     falls: dict[str, _Fall] = field(default_factory=dict)
     """By name of the margin, its deepest fall among the items of the run."""
 
@@ -175,7 +168,7 @@ class _Eroded:
 
 
 def _falls(record: Record, before: Record) -> list[tuple[str, _Fall]]:
-    """Return the eroded safety margins of a test item, with their names."""
+    """Return the eroded safety margins of a test item by name."""
     now, then = _margins(record), _margins(before)
     return [
         (f"margin of {record.asks}" if name == "margin" else name, (then[name], value))

@@ -54,11 +54,7 @@ class Coverage:
 
 
 class Cells:
-    """Counts cells (junction, class, configuration, rule) by their outcome; records are added one by one.
-
-    Args:
-        planned: the planned cells; a planned cell counts even if no record of the cell is added.
-    """
+    """Counts cells (junction, class, configuration, rule) by their outcome; a planned cell counts even without a record."""
 
     def __init__(self, planned: Iterable[Cell] = ()) -> None:
         self._rules: dict[str, int] = {}
@@ -92,7 +88,7 @@ class Cells:
 
 
 def measure(report: Report) -> Coverage:
-    """Return the coverage of a session: the numbers of planned and of exercised cells."""
+    """Return the coverage of a session."""
     cells = Cells(report.planned)
     for record in report.records:
         cells.add(record)
@@ -105,11 +101,7 @@ _UNSELECTED = "not selected"
 
 
 def shortfall(report: Report, least: float) -> str:
-    """Return a sentence if the coverage of a report is below `least`; an empty text if it is not.
-
-    Args:
-        least: least share of the planned cells that has to be exercised [%].
-    """
+    """Return a sentence if less than the share `least` of the planned cells [%] was exercised; an empty text if it is not."""
     coverage = measure(report)
     if coverage.planned and 100 * coverage.exercised >= least * coverage.planned:
         return ""
@@ -130,7 +122,7 @@ def dropped(report: Report, most: int | None = None) -> list[str]:
 
 
 class Requirements:
-    """Counts the verdicts on each requirement of the user; records are added one by one."""
+    """Counts the verdicts on each requirement of the user."""
 
     def __init__(self) -> None:
         self._counts: dict[str, Counter[Tallied]] = {}
@@ -225,7 +217,7 @@ class _AtJunction:
 
 
 class ArrivalCoverage:
-    """Collects the tried differences between arrivals from records, which are added one by one."""
+    """Collects the tried differences between arrivals from records."""
 
     def __init__(self) -> None:
         self._junctions: dict[str, _AtJunction] = {}
@@ -304,11 +296,7 @@ def _named(move: Move) -> str:
 
 
 def untested(report: Report, most: float) -> str:
-    """Return a sentence if the largest untested gap between arrivals is longer than `most`; an empty text if it is not.
-
-    Args:
-        most: greatest length of a gap that is allowed [s].
-    """
+    """Return a sentence if the largest untested gap between arrivals is longer than `most` [s]; an empty text if it is not."""
     coverage = ArrivalCoverage()
     for record in report.records:
         coverage.add(record)

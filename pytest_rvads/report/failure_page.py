@@ -36,11 +36,14 @@ from pytest_rvads.support.storage import slug
 
 
 def earlier_run(report: Report, beside: Path, here: Path, nodeid: str, run: Run) -> Run | None:
-    """Return the run of a test item in an earlier session; None if that run is the same, was not kept, or is elsewhere."""
+    """Return the run of a test item in an earlier session; None if it is the same run, was not kept, or lies elsewhere."""
     record = next((record for record in report.records if record.nodeid == nodeid), None)
     if record is None or not record.hash or record.hash == run.hash:
         return None
-    names = _file_names(nodeid, record.rule)
+    names = [slug(nodeid)]
+    if record.rule:  # the name of the file is the item's id without one occurrence of the rule's name
+        occurrences = re.finditer(re.escape(f"-{record.rule}"), nodeid)
+        names = [slug(nodeid[: at.start()] + nodeid[at.end() :]) for at in occurrences]
     paths = [folder / report.kept / f"{name}.npz" for folder in (here, beside) for name in names] if report.kept else []
     with suppress(RunError):  # the hash is malformed
         paths.append(run_file(beside, record.hash))
@@ -52,13 +55,6 @@ def earlier_run(report: Report, beside: Path, here: Path, nodeid: str, run: Run)
         if earlier.hash == record.hash and earlier.junction.digest == run.junction.digest:
             return earlier
     return None
-
-
-def _file_names(nodeid: str, rule: str | None) -> list[str]:
-    """Return the names that the file of an item's run can have: the item's id without one occurrence of the rule's name."""
-    if not rule:
-        return [slug(nodeid)]
-    return [slug(nodeid[: at.start()] + nodeid[at.end() :]) for at in re.finditer(re.escape(f"-{rule}"), nodeid)]
 
 
 def facts(record: Record, start: str, rerun: str) -> tuple[tuple[str, str], ...]:
@@ -97,12 +93,7 @@ class Page:
 
 
 def moment(run: Run, verdict: Verdict) -> float:
-    """Return the time that shows best what a verdict is about, on the clock of the recording [s].
-
-    The result is the time of the verdict. If the verdict has no time, the result is the time of the first violated, open or
-    unsure instance (rule for certain vehicles). If no such instance has a time, the result is the end of the run. If the rule
-    was not violated, open or unsure, the result is 1 s before the first vehicle enters the junction.
-    """
+    """Return the time that shows best what a verdict is about, on the clock of the recording [s]."""
     if verdict.status not in _TROUBLE:
         return opening(run)
     if verdict.time is not None:
@@ -142,13 +133,18 @@ def failure_pages(run: Run, verdict: Verdict, rule: str | Rule, notes: str, besi
         shown.append((begin, end))
         part = _part(run, begin, end)
         marked = [(t, _event(verdict, i)) for t, i in troubled if part.start <= t <= part.start + part.duration]
-        lines = [cut for track in tracks if (cut := _within(track, begin, end))]
+        lines = []
+        for track in tracks:
+            before = [word for tick, word in track.changes if tick <= begin]
+            inside = [(tick - begin, word) for tick, word in track.changes if begin < tick < end]
+            if inside:
+                lines.append(replace(track, changes=((0, before[-1]), *inside)))
         responsible = {name for t, i in troubled if t == time for name in i.responsible}
         yield Page(time, replay(part, title, notes, marked or [(time, title)], lines, responsible, time, beside))
 
 
 def _completed(run: Run, rule: str | Rule, notes: str, beside: Beside) -> Beside:
-    """Return the texts and pictures beside a replay, with missing facts added from the run and the rule."""
+    """Return what stands beside a replay, with missing facts added from the run and the rule."""
     origin, known_rule = run.provenance, None
     with suppress(FormulaError):  # no rule has this name
         known_rule = get_rule(rule)
@@ -186,10 +182,7 @@ def _event(verdict: Verdict, instance: InstanceVerdict) -> str:
 
 
 def when(verdict: Verdict, instance: InstanceVerdict) -> float | None:
-    """Return the time at which an instance of a rule was violated, or, without a violation, since when an obligation is due.
-
-    The time is on the clock of the recording [s]. None means that no obligation was due.
-    """
+    """Return when an instance of a rule was violated, or since when an obligation is due [s]; None if no obligation was due."""
     tick = instance.trigger if instance.failed is None else instance.failed
     return None if tick is None else round(verdict.start + tick * verdict.dt, 9)
 
@@ -247,7 +240,7 @@ def _tracks(run: Run, rule: str | Rule) -> list[Track]:
 
 
 def _part(run: Run, begin: int, end: int) -> Run:
-    """Return the states of recorded traffic between two ticks as a run with the vehicles that are present in these states."""
+    """Return the states between two ticks as a run of the vehicles that are present in these states."""
     span = slice(begin, end)
     present = np.flatnonzero(run.here[span].any(axis=0)).tolist()
     names = {run.agents[column].name for column in present}
@@ -264,10 +257,3 @@ def _part(run: Run, begin: int, end: int) -> Run:
         fault=None if run.fault is None else replace(run.fault, time=run.fault.time - shift),
         excerpt=None if run.excerpt is None else replace(run.excerpt, start=run.start + shift),
     )
-
-
-def _within(track: Track, begin: int, end: int) -> Track | None:
-    """Return the part of a track between the ticks `begin` and `end`; None if the track has no change between the two ticks."""
-    before = [word for tick, word in track.changes if tick <= begin]
-    inside = [(tick - begin, word) for tick, word in track.changes if begin < tick < end]
-    return replace(track, changes=((0, before[-1]), *inside)) if inside else None

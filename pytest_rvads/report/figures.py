@@ -63,7 +63,7 @@ class Titles:
                 self._titles.setdefault(verdict.rule, verdict.title)
 
     def lines(self, most: int | None) -> list[str]:
-        """Return a line with the titles of at most `most` rules; no line without such titles."""
+        """Return a line with at most `most` titles; no line without titles."""
         titles = [f"{rule} ({title})" for rule, title in sorted(self._titles.items())]
         return [f"rules: {first(titles, most)}"] if titles else []
 
@@ -94,28 +94,25 @@ class Extremes:
                     self._extremes[key] = value, entry, record
 
     def lines(self) -> list[str]:
-        """Return at most two lines of extremes: the nearest encounters; the hardest braking, longest wait and longest delay.
-
-        Indicators that no run has are left out.
-        """
+        """Return at most two lines of extremes: the nearest encounters; the hardest braking, longest wait and longest delay."""
         lines = []
         for word, indicators in _LINES:
-            texts = [f"{name} {self._indicator_text(key, unit)}" for name, key, _, unit in indicators if key in self._extremes]
+            texts = []
+            for name, key, _, unit in indicators:
+                if key not in self._extremes:
+                    continue
+                value, entry, record = self._extremes[key]
+                agents = " and ".join(entry.agents) if isinstance(entry, PairKpis) else entry.agent
+                touch = ""
+                if key == "ttc" and value == 0.0:  # bodies are covered by discs, which reach beyond the bodies
+                    collision = self._contacts.get(record.where)
+                    if collision in (None, Outcome.PASS, Outcome.NA):
+                        touch = ": discs around the bodies touch" + (", the bodies do not" if collision else "")
+                    else:
+                        touch = f": no_collision is {collision}"
+                texts.append(f"{name} {value:.2f} {unit} ({agents} in {record.where}{touch})")
             lines += [f"{word}: {', '.join(texts)}"] if texts else []
         return lines
-
-    def _indicator_text(self, key: str, unit: str) -> str:
-        value, entry, record = self._extremes[key]
-        agents = " and ".join(entry.agents) if isinstance(entry, PairKpis) else entry.agent
-        why = f": {self._touch(record)}" if key == "ttc" and value == 0.0 else ""
-        return f"{value:.2f} {unit} ({agents} in {record.where}{why})"
-
-    def _touch(self, record: Record) -> str:
-        """Return what a time to collision of 0 means in the run of a record: bodies are covered by discs, which reach beyond."""
-        outcome = self._contacts.get(record.where)
-        if outcome in (None, Outcome.PASS, Outcome.NA):
-            return "discs around the bodies touch" + (", the bodies do not" if outcome else "")
-        return f"no_collision is {outcome}"
 
 
 class Timing:
@@ -183,12 +180,7 @@ class Excesses:
 
 
 def slowest(seconds: Mapping[str, float], most: int, least: float = 0.0) -> list[str]:
-    """Return a list of one line that names the slowest runs; an empty list if no run took `least` seconds.
-
-    Args:
-        seconds: the time that every run took, by the name of the run [s].
-        least: least time of a slow run [s].
-    """
+    """Return a list of one line that names the slowest of the runs with these times [s]; empty if no run took `least` [s]."""
     ranked = sorted(seconds.items(), key=lambda entry: -entry[1])[:most]
     if not ranked or ranked[0][1] < least:
         return []

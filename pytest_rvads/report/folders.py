@@ -38,8 +38,8 @@ _ATTEMPTS, _PAUSE = 100, 0.02
 
 def sessions(root: Path) -> list[Path]:
     """Return the folders of the sessions below a folder of artefacts, the oldest first; folders of other origin are left out."""
-    numbered = _numbered_folders(root)
-    return [numbered[number] for number in sorted(numbered) if _is_session(numbered[number])]
+    numbered = [folder for _, folder in sorted(_numbered_folders(root).items())]
+    return [folder for folder in numbered if not folder.is_symlink() and (folder / _MARKER).is_file()]
 
 
 def claimed(root: Path, token: str, keep: int = KEPT) -> Path:
@@ -48,7 +48,10 @@ def claimed(root: Path, token: str, keep: int = KEPT) -> Path:
     for _ in range(_ATTEMPTS):
         if folder := _session_folder(root, token):
             return folder
-        _prepare(root)
+        root.mkdir(parents=True, exist_ok=True)
+        ignored = root / ".gitignore"
+        if not ignored.exists():
+            write_file(ignored, b"*\n")
         try:
             part.mkdir()  # only one process of the session succeeds
         except FileExistsError:
@@ -93,19 +96,13 @@ def used(folder: Path) -> int:
 
 
 def _numbered_folders(root: Path) -> dict[int, Path]:
-    """Return, by number, the files and folders in `root` that have a number as their name, whether a session made them or not."""
+    """Return, by number, the files and folders in `root` whose name is a number, whether a session made them or not."""
     with suppress(OSError):
         return {int(p.name): p for p in root.iterdir() if p.name.isascii() and p.name.isdecimal() and p.name[0] != "0"}
     return {}
 
 
-def _is_session(folder: Path) -> bool:
-    """Return whether a folder is the folder of a session; a link to a folder does not count."""
-    return not folder.is_symlink() and (folder / _MARKER).is_file()
-
-
 def _session_folder(root: Path, token: str) -> Path | None:
-    """Return the folder of the session with a token; None if no folder has the token."""
     for folder in sessions(root):
         with suppress(OSError, UnicodeDecodeError):
             if (folder / _MARKER).read_text(encoding="utf-8") == token:
@@ -129,13 +126,6 @@ def _numbered_anew(root: Path, part: Path, token: str) -> Path:
                 raise
 
 
-def _prepare(root: Path) -> None:
-    root.mkdir(parents=True, exist_ok=True)
-    ignored = root / ".gitignore"
-    if not ignored.exists():
-        write_file(ignored, b"*\n")
-
-
 def _point(root: Path, folder: Path, token: str) -> None:
     """Make the link ``latest`` point to the newest session, if the system has links and no file of the user has this name."""
     link, part = root / _LATEST, root / f".{token}.link"
@@ -151,17 +141,13 @@ def _point(root: Path, folder: Path, token: str) -> None:
 def _prune(root: Path, keep: int) -> None:
     """Remove the folders of all but the newest `keep` sessions; a session that may still be running keeps its folder."""
     for folder in sessions(root)[:-keep]:
-        if not _running(folder):
+        running = False
+        if not (folder / REPORT).exists():
+            with suppress(OSError):
+                written = max(path.stat().st_mtime for path in (folder, folder / _RUNS) if path.exists())
+                running = time.time() - written < _ALIVE
+        if not running:
             _remove(folder)
-
-
-def _running(folder: Path) -> bool:
-    if (folder / REPORT).exists():
-        return False
-    with suppress(OSError):
-        written = max(path.stat().st_mtime for path in (folder, folder / _RUNS) if path.exists())
-        return time.time() - written < _ALIVE
-    return False
 
 
 def _remove(folder: Path) -> None:

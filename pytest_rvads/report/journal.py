@@ -42,14 +42,20 @@ def claim(report: Path) -> None:
 class Journal:
     """Writes records to a file, a line of JSON each, and reads the records back at the end of the session.
 
-    Args:
-        report: the path of the report beside which the journal lies. Without a report, or if no file can be made in its folder,
-            the journal is a temporary file.
+    The journal lies beside the report. Without a report, or if no file can be made in its folder, it is a temporary file.
     """
 
     def __init__(self, report: Path | None) -> None:
         self._path = report and journal_of(report)
-        self._file = _new_file(self._path)
+        self._file: IO[bytes] | None = None
+        if self._path:
+            with suppress(OSError):
+                self._path.parent.mkdir(parents=True, exist_ok=True)
+                self._path.unlink(missing_ok=True)
+                self._file = self._path.open("x+b", buffering=0)
+        if self._file is None:
+            with suppress(OSError):
+                self._file = TemporaryFile(buffering=0)  # noqa: SIM115 - `close` closes it
         self._unwritten: list[bytes] = []
         """Lines that could not be written to disk."""
 
@@ -77,21 +83,9 @@ class Journal:
                 self._path.unlink()
 
     def close(self) -> None:
-        """Close the file of the journal."""
+        """Close the file, and leave it on disk."""
         if self._file:
             self._file.close()
-
-
-def _new_file(path: Path | None) -> IO[bytes] | None:
-    """Return a new file for writing and reading, which replaces an earlier file; None if no file can be made anywhere."""
-    if path:
-        with suppress(OSError):
-            path.parent.mkdir(parents=True, exist_ok=True)
-            path.unlink(missing_ok=True)
-            return path.open("x+b", buffering=0)
-    with suppress(OSError):
-        return TemporaryFile(buffering=0)
-    return None
 
 
 def _parsed(lines: Iterable[bytes]) -> dict[str, Record]:
@@ -121,14 +115,11 @@ def recovered(path: Path) -> Report:
     except OSError as error:
         raise RvadsError(f"{journal} can't be read as the journal of a session: {error}") from error
     all_records = in_order(list(records.values()))
-    return replace(report, records=all_records, notes=(f"incomplete: {_missing_note(all_records)}",))
-
-
-def _missing_note(records: tuple[Record, ...]) -> str:
-    """Return a note that a session did not end, with the number of test items that have a verdict."""
-    state = "the session that writes it has not ended, or died"
-    if not records:
-        return f"{state} before its items were known"
-    unjudged = [record.nodeid for record in records if not record.outcome]
-    first_unjudged = f", the first items without a verdict: {', '.join(unjudged[:_SHOWN])}" if unjudged else ""
-    return f"{state}: {len(records) - len(unjudged)} of {len(records)} items have a verdict{first_unjudged}"
+    note = "incomplete: the session that writes it has not ended, or died"
+    if all_records:
+        unjudged = [record.nodeid for record in all_records if not record.outcome]
+        first_unjudged = f", the first items without a verdict: {', '.join(unjudged[:_SHOWN])}" if unjudged else ""
+        note += f": {len(all_records) - len(unjudged)} of {len(all_records)} items have a verdict{first_unjudged}"
+    else:
+        note += " before its items were known"
+    return replace(report, records=all_records, notes=(note,))

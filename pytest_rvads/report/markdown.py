@@ -23,9 +23,9 @@ _ESCAPES = (
 
 
 def markdown(report: Report) -> str:
-    """Return a report as Markdown: the session, the changes, the causes of failures and the sums; all other parts are folded."""
+    """Return a report as Markdown; all parts but the session, the changes, the causes of failures and the sums are folded."""
     blocks = outline(report)
-    shown, closed = [block for block in blocks if _open(block)], [block for block in blocks if not _open(block)]
+    shown, closed = [block for block in blocks if not _fold_title(block)], [block for block in blocks if _fold_title(block)]
     lines = ["# rvads verdicts"]
     for block in sorted(shown, key=lambda block: isinstance(block, RollUp)):
         lines += ["", *_render(block)]
@@ -35,13 +35,10 @@ def markdown(report: Report) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _open(block: Block) -> bool:
-    """Return whether a part of a report is unfolded; sums are unfolded, because their length is bounded."""
-    return isinstance(block, Notes | Head | Changes | RollUp) or block.title == FAILURES
-
-
 def _fold_title(block: Block) -> str:
-    """Return the summary line of a folded part, which contains no text from elsewhere because the line is HTML."""
+    """Return the summary line of a folded part, without text from elsewhere because the line is HTML; empty for other parts."""
+    if isinstance(block, Notes | Head | Changes | RollUp) or block.title == FAILURES:  # the length of sums is bounded
+        return ""
     match block:
         case Verdicts():
             return "verdict tables"
@@ -69,11 +66,12 @@ def _render(block: Block) -> Iterator[str]:
             yield from _folded_markdown((), [f"- {_escaped(line)}" for line in comparison.lines()], "changes", _LINES)
         case Causes(title, causes, again):
             head = f"| items | rule | cause | {_escaped(f'first: {again}' if again else 'first')} |", "|---:|---|---|---|"
-            rows = [
-                f"| {c.count} | {_escaped(c.rule)} | {_escaped(c.line)} | {_code_span(example)} |"
-                for c in causes
-                for example in [quoted(c.example) if again else c.example]
-            ]
+            rows = []
+            for cause in causes:
+                example = quoted(cause.example) if again else cause.example
+                needs_escapes = re.search(r"[`\\|\s]", example)  # and a code span can't have escapes
+                shown = _escaped(example) if needs_escapes else f"`{printable(example, len(example))}`"
+                rows.append(f"| {cause.count} | {_escaped(cause.rule)} | {_escaped(cause.line)} | {shown} |")
             yield from (_heading(title), "", *_folded_markdown(head, rows, "causes"))
         case Head(lines) | Figures(lines):
             yield from _folded_markdown((), [f"- {_escaped(line)}" for line in lines], "lines", _LINES)
@@ -115,8 +113,3 @@ def _escaped(text: str) -> str:
     for special, escaped in _ESCAPES:
         line = special.sub(escaped, line)
     return line
-
-
-def _code_span(text: str) -> str:
-    """Return a text as a code span; a text that needs escapes becomes escaped text, because code spans can't have escapes."""
-    return _escaped(text) if re.search(r"[`\\|\s]", text) else f"`{printable(text, len(text))}`"

@@ -91,8 +91,12 @@ class Matrix:
         wrong = [any(entry.bad or entry.known for entry in entries) for _, entries in self.rows]
         shown_rows = sorted(sorted(range(len(self.rows)), key=lambda i: not wrong[i])[:most])
         variants = tuple(self.variants[i] for i in shown_rows)
-        rows = tuple((_brief(self.rows[i][0], variant), self.rows[i][1]) for i, variant in zip(shown_rows, variants, strict=True))
-        return replace(self, rows=rows, members=tuple(self.members[i] for i in shown_rows), variants=variants)
+        rows = []
+        for i, variant in zip(shown_rows, variants, strict=True):
+            label, entries = self.rows[i]
+            spans = label.removeprefix(_row_label(variant, "")).split(", ")
+            rows.append((_row_label(variant, first(spans, _SPANS)), entries))
+        return replace(self, rows=tuple(rows), members=tuple(self.members[i] for i in shown_rows), variants=variants)
 
 
 class Matrices:
@@ -155,6 +159,7 @@ class _Group:
     def __init__(self, first: Record) -> None:
         self.junction, self.recorded = first.junction, isinstance(first, RecordedItem)
         self.width = 0
+        """Number of digits of the class numbers in the ids of the items, at least two."""
         self.columns: set[tuple[str, str]] = set()
         self.cells: dict[_Row, dict[tuple[str, str], _Counts]] = {}
 
@@ -165,7 +170,8 @@ class _Group:
 
     def add(self, record: Record, row: _Row, column: tuple[str, str]) -> bool:
         """Count the outcome of a record in its cell, and return whether the record is the first record of the cell."""
-        self.width = max(self.width, _width(record))
+        number = _CLASS.search(record.nodeid)
+        self.width = max(self.width, len(number[1]) if number else 2)
         columns = self.cells.setdefault(row, {})
         new = column not in columns
         self.columns.add(column)
@@ -175,8 +181,30 @@ class _Group:
         return new
 
     def entry(self, row: _Row, column: tuple[str, str]) -> Entry:
-        """Return the content of a cell of the matrix."""
-        return _entry(self.cells.get(row, {}).get(column, {}))
+        """Return the content of a cell: the outcome of all items, or the share of each bad outcome and of each known failure."""
+        verdict_counts = self.cells.get(row, {}).get(column, {})
+        if not verdict_counts:
+            return Entry()
+        counts: Counter[Outcome] = Counter()
+        known_counts: Counter[str] = Counter()
+        for (reason, outcome), count in verdict_counts.items():
+            if reason:
+                known_counts[reason] += count
+            else:
+                counts[outcome] += count
+        worst = min((outcome for _, outcome in verdict_counts), key=lambda outcome: outcome.severity)
+        bad = [outcome for outcome in Outcome.worst_first() if counts[outcome] and outcome.bad]
+        only_known = bool(known_counts) and not bad
+        if len(counts) + len(known_counts) == 1:
+            return Entry(next(iter(known_counts), worst.cell), worst, only_known)
+        shown = [(counts[outcome], outcome.small) for outcome in bad]
+        shown += [(known_counts[name], name) for name in sorted(known_counts)]
+        if not shown:
+            # Items that did not run come first: they could have any outcome.
+            outcomes = sorted(counts, key=lambda outcome: (outcome is not Outcome.NOT_RUN, outcome.severity))
+            shown = [(counts[outcome], outcome.cell) for outcome in outcomes]
+        rows = counts.total() + known_counts.total()
+        return Entry(", ".join(f"{count}/{rows} {name}" for count, name in shown), worst, only_known)
 
     def matrix(self, title: str) -> Matrix:
         """Return the verdict matrix; a matrix that is too large to be read has no rows."""
@@ -231,42 +259,6 @@ def _member_label(variant: str, member: int | str) -> int | str:
 
 def _row_label(variant: str, members: str) -> str:
     return f"{variant}  {members}" if variant else members
-
-
-def _brief(label: str, variant: str) -> str:
-    """Return the label of a matrix row with at most `_SPANS` ranges of classes."""
-    return _row_label(variant, first(label.removeprefix(_row_label(variant, "")).split(", "), _SPANS))
-
-
-def _width(record: Record) -> int:
-    """Return the number of digits of the class number in the id of a test item, at least two."""
-    match = _CLASS.search(record.nodeid)
-    return len(match[1]) if match else 2
-
-
-def _entry(verdict_counts: _Counts) -> Entry:
-    """Return the content of a cell: the outcome of all items, or the share of each bad outcome and of each known failure."""
-    if not verdict_counts:
-        return Entry()
-    counts: Counter[Outcome] = Counter()
-    known_counts: Counter[str] = Counter()
-    for (reason, outcome), count in verdict_counts.items():
-        if reason:
-            known_counts[reason] += count
-        else:
-            counts[outcome] += count
-    worst = min((outcome for _, outcome in verdict_counts), key=lambda outcome: outcome.severity)
-    bad = [outcome for outcome in Outcome.worst_first() if counts[outcome] and outcome.bad]
-    only_known = bool(known_counts) and not bad
-    if len(counts) + len(known_counts) == 1:
-        return Entry(next(iter(known_counts), worst.cell), worst, only_known)
-    shown = [(counts[outcome], outcome.small) for outcome in bad] + [(known_counts[name], name) for name in sorted(known_counts)]
-    if not shown:
-        # Items that did not run come first: they could have any outcome.
-        outcomes = sorted(counts, key=lambda outcome: (outcome is not Outcome.NOT_RUN, outcome.severity))
-        shown = [(counts[outcome], outcome.cell) for outcome in outcomes]
-    rows = counts.total() + known_counts.total()
-    return Entry(", ".join(f"{count}/{rows} {name}" for count, name in shown), worst, only_known)
 
 
 def _spans(numbers: Sequence[int], width: int) -> str:

@@ -6,7 +6,7 @@ All formats show the same blocks, each format in its own way.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -73,7 +73,7 @@ class Changes:
 
     def first(self, nodeid: str) -> str:
         """Return the command that runs the test item with this id again."""
-        return _rerun_command(self.again, nodeid)
+        return f"{self.again} {quoted(nodeid)}".lstrip()
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,7 +125,7 @@ class Causes:
 
     def first(self, cause: Cause) -> str:
         """Return the command that runs the first test item of a cause again."""
-        return _rerun_command(self.again, cause.example)
+        return f"{self.again} {quoted(cause.example)}".lstrip()
 
 
 @dataclass(frozen=True, slots=True)
@@ -183,29 +183,22 @@ def outline(report: Report, short: bool = False, tables: bool = False) -> list[B
     matrices, cells, arrivals, requirements = Matrices(), Cells(report.planned), ArrivalCoverage(), Requirements()
     makers, titles, extremes, timing, excesses = Makers(), Titles(), Extremes(), Timing(), Excesses()
     groups = [(title, make()) for title, make in (_GROUPED[:-1] if short else _GROUPED)]
-    _fill(
-        report.records,
-        matrices,
-        at_junctions,
-        cells,
-        arrivals,
-        requirements,
-        makers,
-        titles,
-        extremes,
-        timing,
-        excesses,
-        *(group for _, group in groups),
-    )
+    tallies: list[_Tally] = [matrices, at_junctions, cells, arrivals, requirements, makers, titles, extremes, timing, excesses]
+    tallies += [group for _, group in groups]
+    adds = [tally.add for tally in tallies]
+    for record in report.records:
+        for add in adds:
+            add(record)
     many = at_junctions.many or matrices.too_many
     brief = _LISTED if short else None
     blocks: list[Block] = [Notes(report.notes)] if report.notes else []
     total, maker_lines = _verdict_total(at_junctions.junctions), tuple(_few(makers.lines(report.versions), brief))
-    ended = f"exit status {report.ended}"
+    beginning = [f"began {report.began}"] if report.began else []
+    beginning += [f"command: {report.command}"] if report.command else []
     # The block of a single junction shows the total, so the head needs no total.
     blocks.append(
         Head(
-            (*_beginning(report), total, ended, *maker_lines),
+            (*beginning, total, f"exit status {report.ended}", *maker_lines),
             short=maker_lines if len(at_junctions.junctions) == 1 else (total, *maker_lines),
         )
     )
@@ -217,15 +210,15 @@ def outline(report: Report, short: bool = False, tables: bool = False) -> list[B
         blocks += (
             [Causes(title, tuple(group_causes), report.again, title in _SETTLED)] if (group_causes := group.causes(many)) else []
         )
+    worst = ranked(at_junctions.junctions)[:FEW] if many else at_junctions.junctions
+    junction_lines = [line for junction in worst for line in junction.lines()]
+    if further := len(at_junctions.junctions) - len(worst):
+        junction_lines.append(f"... and {plural(further, 'more junction')}, with no worse verdicts")
     versions = ", ".join(f"{name} {version}" for name, version in report.versions.items())
     lines = (
         *titles.lines(brief),
         *extremes.lines(),
-        *(
-            _worst_lines(at_junctions.junctions)
-            if many
-            else (line for junction in at_junctions.junctions for line in junction.lines())
-        ),
+        *junction_lines,
         *_few(timing.lines(), brief),
         *excesses.lines(),
         *(slowest(report.seconds, 3, 1.0) if short else slowest(report.seconds, _SLOWEST)),
@@ -260,31 +253,10 @@ def _arrivals(coverage: ArrivalCoverage, many: bool) -> Section | None:
     return Section("arrivals", tuple(lines), (*heads, "6 s earlier to 6 s later"), tuple(table))
 
 
-def _rerun_command(again: str, nodeid: str) -> str:
-    return f"{again} {quoted(nodeid)}".lstrip()
-
-
-def _beginning(report: Report) -> Iterator[str]:
-    """Yield lines with the time at which a session began and its command, if these are known."""
-    if report.began:
-        yield f"began {report.began}"
-    if report.command:
-        yield f"command: {report.command}"
-
-
 def _verdict_total(junctions: Sequence[AtJunction]) -> str:
-    """Return a line with the number of verdicts of each kind and the number of runs."""
     tally = sum((junction.tally for junction in junctions), Counter[Tallied]())
     runs = len(set[str]().union(*(ids for junction in junctions for ids in (junction.runs, junction.wrong))))
     return f"{plural(tally.total(), 'verdict')} on {plural(runs, 'run')}: {counted(tally) or 'none'}"
-
-
-def _fill(records: Iterable[Record], *tallies: _Tally) -> None:
-    """Add all records to all tallies (objects that count), in one pass over the records."""
-    adds = [tally.add for tally in tallies]
-    for record in records:
-        for add in adds:
-            add(record)
 
 
 def _few(lines: Sequence[str], most: int | None) -> Iterator[str]:
@@ -292,13 +264,6 @@ def _few(lines: Sequence[str], most: int | None) -> Iterator[str]:
     yield from lines[:most]
     if most is not None and len(lines) > most:
         yield f"... and {len(lines) - most} more"
-
-
-def _worst_lines(junctions: Sequence[AtJunction]) -> Iterator[str]:
-    """Yield the lines on the few junctions with the most failures."""
-    yield from (line for junction in ranked(junctions)[:FEW] for line in junction.lines())
-    if len(junctions) > FEW:
-        yield f"... and {plural(len(junctions) - FEW, 'more junction')}, with no worse verdicts"
 
 
 def refused(report: Report, most: int | None = None) -> list[str]:

@@ -18,7 +18,6 @@ from pytest_rvads.report.folders import STARTS, option, sessions
 from pytest_rvads.report.matrix import SAME, member_of, place_of
 from pytest_rvads.report.outline import FAILURES, Block, Causes, Changes, Figures, Head, Notes, RollUp, Section, Verdicts, outline
 from pytest_rvads.report.record import Record, SimulatedItem
-from pytest_rvads.report.rollup import Sums
 from pytest_rvads.report.session_report import LISTED, Report
 from pytest_rvads.report.webpage import webpage
 from pytest_rvads.support.wording import markup, printable, quoted
@@ -48,14 +47,31 @@ def page(report: Report, folder: Path) -> str:
     blocks = outline(report, tables=True)
     records = _page_records(report)
     statuses = {record.status for record in records}
-    rolled = [block for block in blocks if isinstance(block, RollUp)]
+    rolled = ""
+    sums: list[dict[str, Any]] = []
+    groups: list[dict[str, Any]] = []
+    for block in blocks:
+        if isinstance(block, RollUp):
+            rolled += block.title
+            for table in block.sums:
+                kinds = ["" if kind is None else kind.mark for kind in table.kinds]
+                marks = [""] * (1 + len(table.headings)) + kinds
+                rows = [table.cells(row) for row in table.rows]
+                columns = {"corner": table.corner, "columns": table.columns, "sides": table.sides}
+                sums.append({**columns, "marks": marks, "rows": rows})
+        elif isinstance(block, Causes):
+            causes = [
+                {"count": c.count, "rule": c.rule, "text": c.line, "ids": c.nodeids, "first": c.example, "again": block.first(c)}
+                for c in block.causes
+            ]
+            groups.append({"title": block.title, "failed": block.title == FAILURES, "causes": causes})
     session = _session_option(folder)
     content = {
         "items": [_item_data(record, folder, report, session) for record in records],
         "all": len(report.records),
-        "sums": [_sums_data(table) for block in rolled for table in block.sums],
-        "rolled": "".join(block.title for block in rolled),
-        "causes": [_causes_data(block) for block in blocks if isinstance(block, Causes)],
+        "sums": sums,
+        "rolled": rolled,
+        "causes": groups,
         "matrices": [_matrix_data(block) for block in blocks if isinstance(block, Verdicts)],
         "statuses": {outcome: outcome.mark for outcome in Outcome.worst_first() if outcome in statuses},
     }
@@ -63,16 +79,21 @@ def page(report: Report, folder: Path) -> str:
 
 
 def rendered(title: str, blocks: Iterable[Block | Section], content: object, *part: tuple[str, str], **more: str) -> str:
-    """Return an HTML page that begins with blocks (parts) of a report."""
+    """Return an HTML page that begins with blocks of a report."""
     shown = list(blocks)
     head = "".join(map(_block_html, shown))
-    figures = "".join(_figures_html(block) for block in shown if isinstance(block, Figures))
+    figures = ""
+    for block in shown:
+        if isinstance(block, Figures):
+            arrivals = _block_html(block.arrivals) if block.arrivals else ""
+            lines = f"{_list_html(block.lines)}{arrivals}"
+            figures += f"<details class=fold><summary>{block.title} and figures</summary>{lines}</details>"
     sources = [("pytest_rvads.report", "page"), *part]
     return webpage(sources, title, content, heading=markup(title), head=head, figures=figures, **more)
 
 
 def _page_records(report: Report) -> list[Record]:
-    """Return the records of the test items that the page shows, in the order of the report."""
+    """Return the records of the items that the page shows, in the order of the report."""
     if len(report.records) <= _ITEMS:
         return list(report.records)
     counts: Counter[tuple[int, str, str]] = Counter()
@@ -89,7 +110,7 @@ def _page_records(report: Report) -> list[Record]:
 
 
 def _block_html(block: Block | Section) -> str:
-    """Return a block of a report as HTML for the beginning of the page; the page's script makes elements that can be clicked."""
+    """Return a block as HTML for the beginning of the page; the page's script makes elements that can be clicked."""
     match block:
         case Notes(lines):
             return "".join(f"<p class=note>{markup(note)}</p>" for note in lines)
@@ -109,7 +130,6 @@ def _block_html(block: Block | Section) -> str:
 
 
 def _folded_html(entries: Sequence[Entry], most: int, what: str, show: Callable[[Sequence[Entry]], str]) -> str:
-    """Return entries of a list as HTML; entries after the first `most` are folded."""
     more = entries[most:]
     folded = f"<details><summary>{len(more)} more{what}</summary>{show(more)}</details>" if more else ""
     return f"{show(entries[:most])}{folded}" if entries else ""
@@ -120,60 +140,37 @@ def _list_html(lines: Sequence[str]) -> str:
 
 
 def _table_html(columns: Sequence[str], rows: Sequence[Cells]) -> str:
-    """Return a table as HTML; on a narrow screen, rows with long texts become blocks, in which each cell has its heading."""
+    """Return a table as HTML; on a narrow screen, rows with long texts become blocks, in which each cell has its heading.
+
+    The path of a replay page becomes a link. A cell in which two sessions do not differ has a style of its own.
+    """
     long = any(len(text) > _LONG for _, *cells in rows for text, _ in cells)
     head = "".join(f"<th>{markup(column)}" for column in columns)
     headings = [f' data-column="{markup(column)}"' if long else "" for column in columns]
-    body = "".join(
-        f"<tr><th{headings[0]}>{markup(label)}{''.join(map(_cell_html, cells, headings[1:]))}" for (label, _), *cells in rows
-    )
-    kind = "matrix texts" if long else "matrix"
-    return f'<div class=scroll><table class="{kind}"><thead><tr>{head}</thead><tbody>{body}</tbody></table></div>'
-
-
-def _cell_html(cell: tuple[str, str], heading: str = "") -> str:
-    """Return a table cell as HTML: a link for the path of a replay page, a separate style if two sessions do not differ."""
-    text, mark = cell
-    if mark == "look" and text:
-        return f'<td{heading}><a href="{markup(quote(text, safe="/#=."))}">replay</a>'
-    kind = "same" if text == SAME else " ".join([mark, *(["long"] if len(text) > _LONG else [])]).strip()
-    return f'<td class="{kind}"{heading}>{markup(text)}'
+    body: list[str] = []
+    for (label, _), *cells in rows:
+        body.append(f"<tr><th{headings[0]}>{markup(label)}")
+        for (text, mark), heading in zip(cells, headings[1:], strict=False):
+            if mark == "look" and text:
+                body.append(f'<td{heading}><a href="{markup(quote(text, safe="/#=."))}">replay</a>')
+                continue
+            kind = "same" if text == SAME else " ".join([mark, *(["long"] if len(text) > _LONG else [])]).strip()
+            body.append(f'<td class="{kind}"{heading}>{markup(text)}')
+    style = "matrix texts" if long else "matrix"
+    return f'<div class=scroll><table class="{style}"><thead><tr>{head}</thead><tbody>{"".join(body)}</tbody></table></div>'
 
 
 def _head_html(lines: Sequence[str]) -> str:
     """Return the lines on a session as a list of terms; lines beyond the first few are folded, except the last three."""
+    longest_first = sorted(_TERMS, reverse=True)  # the empty term, which begins every line, comes last
+    terms = [next(term for term in longest_first if line.startswith(term)) for line in lines]
     rows = [
         f"<div><dt>{term.rstrip(':') or 'result'}</dt><dd>{markup(line.removeprefix(term).lstrip())}</dd></div>"
-        for term in _TERMS
-        for line in lines
-        if _head_term(line) == term
+        for term, line in sorted(zip(terms, lines, strict=True), key=lambda row: _TERMS.index(row[0]))
     ]
     few, more = (rows, []) if len(rows) <= _LINES else (rows[: _LINES - 3] + rows[-3:], rows[_LINES - 3 : -3])
     folded = f"<details><summary>{len(more)} more</summary><dl class=head>{''.join(more)}</dl></details>" if more else ""
     return f"<dl class=head>{''.join(few)}</dl>{folded}"
-
-
-def _head_term(line: str) -> str:
-    return next(term for term in sorted(_TERMS, reverse=True) if line.startswith(term))
-
-
-def _figures_html(block: Figures) -> str:
-    figures = _list_html(block.lines) + (_block_html(block.arrivals) if block.arrivals else "")
-    return f"<details class=fold><summary>{block.title} and figures</summary>{figures}</details>"
-
-
-def _causes_data(block: Causes) -> dict[str, Any]:
-    causes = [
-        {"count": c.count, "rule": c.rule, "text": c.line, "ids": c.nodeids, "first": c.example, "again": block.first(c)}
-        for c in block.causes
-    ]
-    return {"title": block.title, "failed": block.title == FAILURES, "causes": causes}
-
-
-def _sums_data(table: Sums) -> dict[str, Any]:
-    marks = [""] * (1 + len(table.headings)) + ["" if kind is None else kind.mark for kind in table.kinds]
-    rows = [table.cells(row) for row in table.rows]
-    return {"corner": table.corner, "columns": table.columns, "sides": table.sides, "marks": marks, "rows": rows}
 
 
 def _matrix_data(block: Verdicts) -> dict[str, Any]:
@@ -197,6 +194,11 @@ def _item_data(record: Record, folder: Path, report: Report, session: str) -> di
     driver, simulator = (record.driver, record.simulator) if isinstance(record, SimulatedItem) else ("", "")
     looks = (record.look, *record.looks)
     links = [link for link in (_page_link(look, folder) for look in looks) if link]
+    drawn = record.look and not record.look.startswith(_UNDRAWN)
+    kept = record.hash and (record.shows if record.failed else report.kept)
+    draw = ""
+    if kept and not drawn and report.again.startswith("pytest"):
+        draw = " ".join(filter(None, ("rvads replay", session, quoted(record.nodeid))))
     return {
         "id": record.nodeid,
         "group": group,
@@ -215,7 +217,7 @@ def _item_data(record: Record, folder: Path, report: Report, session: str) -> di
         "look": links[0] if links else "",
         "more": links[1:],
         "why": next((look for look in looks if look.startswith(_UNDRAWN)), ""),
-        "draw": _draw_command(record, report, session),
+        "draw": draw,
     }
 
 
@@ -235,15 +237,6 @@ def _session_option(folder: Path) -> str:
     with suppress(ValueError):  # no relative path leads to another drive
         place = Path(os.path.relpath(place))
     return option(place)
-
-
-def _draw_command(record: Record, report: Report, session: str) -> str:
-    """Return the command that draws the replay of a test item; empty if the replay is drawn or the run is not kept."""
-    if record.look and not record.look.startswith(_UNDRAWN):
-        return ""
-    if not record.hash or not (record.shows if record.failed else report.kept) or not report.again.startswith("pytest"):
-        return ""
-    return " ".join(filter(None, ("rvads replay", session, quoted(record.nodeid))))
 
 
 def _page_link(look: str, folder: Path) -> str:

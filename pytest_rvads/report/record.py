@@ -246,10 +246,7 @@ def conclude(
     error: Outcome | None = None,
     late: bool = False,
 ) -> Record:
-    """Return the record of a finished test item.
-
-    Args:
-        known: reason of the xfail mark that expected the failure, or None.
+    """Return the record of a finished test item; `known` is the reason of the xfail mark that expected the failure.
 
     The status is the worst status of the verdicts. A test without rule and monitor is PASS or FAIL by its assertions, also if an
     xfail expected the failure. A skipped test is NOT RUN. A failed test always counts as a failure.

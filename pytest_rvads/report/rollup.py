@@ -29,27 +29,21 @@ _TOGETHER, _AFTER, _BEFORE, _ALONE = "together with others", "after others", "be
 
 
 class AtJunctions:
-    """Counts records by junction; simulated and recorded runs at a junction are counted separately.
-
-    Args:
-        totals: by number of arms, the number of classes and the number of full scenarios (a vehicle at every arm), if known.
-        extents: by name, the numbers of classes and scenarios at junctions that `totals` does not describe.
-    """
+    """Counts records by junction; simulated and recorded runs at a junction are counted separately."""
 
     def __init__(self, totals: Mapping[int, tuple[int, int]], extents: Mapping[str, Extent] | None = None) -> None:
         self._totals, self._extents = totals, extents or {}
         self._junctions: dict[tuple[str, bool], AtJunction] = {}
 
     def add(self, record: Record) -> None:
-        """Count a record at its junction."""
+        """Count a record at its junction and among the simulated or the recorded runs."""
         key = record.junction, isinstance(record, RecordedItem)
-        at_junction = self._junctions.get(key) or self._junctions.setdefault(key, self._new(record))
-        at_junction.add(record)
-
-    def _new(self, record: Record) -> AtJunction:
-        if isinstance(record, RecordedItem):
-            return AtJunction(record)
-        return AtJunction(record, self._totals.get(record.ways), self._extents.get(record.junction))
+        if key not in self._junctions:
+            recorded = isinstance(record, RecordedItem)
+            totals = None if recorded else self._totals.get(record.ways)
+            extent = None if recorded else self._extents.get(record.junction)
+            self._junctions[key] = AtJunction(record, totals, extent)
+        self._junctions[key].add(record)
 
     @property
     def many(self) -> bool:
@@ -65,10 +59,8 @@ class AtJunctions:
 class AtJunction:
     """The scenarios and verdicts at a junction, of simulated or of recorded runs.
 
-    Args:
-        first: the first record at the junction.
-        totals: number of classes and of full scenarios, if they are known.
-        extent: numbers of classes and scenarios at a junction that `totals` does not describe.
+    `totals` are the numbers of classes and of full scenarios (a vehicle at every arm), if they are known. An `extent` has the
+    numbers of a junction that no `totals` describe.
     """
 
     def __init__(self, first: Record, totals: tuple[int, int] | None = None, extent: Extent | None = None) -> None:
@@ -93,22 +85,23 @@ class AtJunction:
         counts[record.counts_as] += 1
         if record.status.bad and not record.known:
             self.wrong.add(record.ran_as)
-        if record.hash and record.status is not Outcome.ERROR:
-            if record.hash not in self.runs:
-                self._arrivals.add(record)
-            self.runs.add(record.hash)
-            if isinstance(record, SimulatedItem):
-                self._add_scenario(record)
-
-    def _add_scenario(self, record: SimulatedItem) -> None:
+        if not record.hash or record.status is Outcome.ERROR:
+            return
+        if record.hash not in self.runs:
+            self._arrivals.add(record)
+        self.runs.add(record.hash)
+        if not isinstance(record, SimulatedItem):
+            return
         if record.cls:
             # The scenarios of a class that its number alone identifies have a vehicle per arm.
             self._full["lanes" if self._extent and record.orbit else "arms"].add(record, self._turns)
         if not self._extent:
             return
         name = record.orbit or record.cls
+        # No two vehicles start on the same arm.
+        alone = "_" not in record.scenario or all(len(arm.replace("0", "")) <= 1 for arm in record.scenario.split("_"))
         for occupancy, names in self._partial.items():
-            if occupancy == "lanes" or _alone(record.scenario):
+            if occupancy == "lanes" or alone:
                 names.add(name)
         vehicles = [agent for agent in record.agents if agent.name.startswith("a")]  # others are pedestrians and parked
         self._pairs.update(combinations(sorted({(agent.entrance, agent.exit) for agent in vehicles}), 2))
@@ -196,11 +189,6 @@ def _seated(scenario: str, seat: int, turns: int) -> tuple[str, int]:
     return min((code[len(code) - row :] + code[: len(code) - row], (seat + row) % len(code)) for row in rows)
 
 
-def _alone(scenario: str) -> bool:
-    """Return whether no two vehicles of a scenario start on the same arm."""
-    return "_" not in scenario or all(len(arm.replace("0", "")) <= 1 for arm in scenario.split("_"))
-
-
 class Arrivals:
     """Counts runs by whether the subject (vehicle under test) arrived before or after the vehicle with the nearest arrival."""
 
@@ -286,7 +274,7 @@ class Sums:
         return (row.name, *row.texts, *(str(count) if count else "" for count in row.counts))
 
     def plain(self) -> Iterator[str]:
-        """Yield the table as text, a line per row."""
+        """Yield a line of text per row."""
         for row in self.rows:
             texts = ", ".join(f"{heading} {text}" for heading, text in zip(self.headings, row.texts, strict=True))
             yield f"{self.corner} {row.name}: {texts}: {counted(dict(zip(self.kinds, row.counts, strict=True)))}"

@@ -48,17 +48,15 @@ def took_part(run: Run) -> tuple[AgentRecord, ...]:
 
 def measured(run: Run) -> dict[str, Any]:
     """Return the fields of a record on the drivers of a run: ``timing`` and ``excess``, each None if no driver has entries."""
-    return {"timing": _by_vehicle(run, "timing", Computing), "excess": _by_vehicle(run, "excess", Excess)}
-
-
-def _by_vehicle(run: Run, name: str, kind: type[Any]) -> dict[str, Any] | None:
-    """Return an entry of the provenance of a run, by vehicle; None if no vehicle has a value of this kind."""
-    values = {}
-    entry = run.provenance.get(name)
-    for vehicle, value in entry.items() if isinstance(entry, Mapping) else ():
-        with suppress(msgspec.ValidationError):
-            values[str(vehicle)] = msgspec.convert(value, kind)
-    return values or None
+    fields: dict[str, Any] = {}
+    kinds: dict[str, type[Any]] = {"timing": Computing, "excess": Excess}
+    for name, kind in kinds.items():
+        entry, by_vehicle = run.provenance.get(name), {}
+        for vehicle, value in entry.items() if isinstance(entry, Mapping) else ():
+            with suppress(msgspec.ValidationError):
+                by_vehicle[str(vehicle)] = msgspec.convert(value, kind)
+        fields[name] = by_vehicle or None
+    return fields
 
 
 def by_rule(run_record: Record) -> Iterator[Record]:

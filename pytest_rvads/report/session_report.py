@@ -32,11 +32,7 @@ NOTHING_JUDGED = 5
 
 
 def exit_status(outcomes: Collection[Outcome], *, complete: bool = True) -> int:
-    """Return the exit status of a report.
-
-    The status is `UNFINISHED` if the report is incomplete, 1 if any outcome is bad, 0 if no outcome is bad and any outcome judges
-    the system under test, and `NOTHING_JUDGED` if no outcome does.
-    """
+    """Return the exit status of a report: 1 if an outcome is bad, else 0 if an outcome judges the system under test."""
     if not complete:
         return UNFINISHED
     if any(outcome.bad for outcome in outcomes):
@@ -107,21 +103,19 @@ LISTED = ("NEW", "FIXED", "ERODED", "LOST", "KNOWN")
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """The change of a test item since the baseline, i.e. since an earlier session."""
+    """The change of a test item since the baseline."""
 
     kind: str
     """A key of `_KINDS`."""
     nodeid: str
     text: str = ""
-    """Details of the change; empty without details."""
 
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """The changes of a session since its baseline, i.e. since an earlier session."""
+    """The changes of a session since its baseline, an earlier session."""
 
     name: str
-    """Name of the baseline."""
     changes: tuple[Change, ...]
     versions: tuple[str, ...] = ()
     """A sentence for each package whose version differs."""
@@ -132,7 +126,7 @@ class Comparison:
 
     @property
     def headline(self) -> str:
-        """One line with the number of changes of each kind between the baseline and this session."""
+        """One line with the number of changes of each kind."""
         counts = Counter(change.kind for change in self.changes)
         return f"against {self.name}: " + (
             ", ".join(f"{counts[kind]} {kind}" for kind in _KINDS if counts[kind]) or "nothing to compare"
@@ -171,7 +165,7 @@ class Report:
     seconds: dict[str, float] = field(default_factory=dict, compare=False)
     """By test, run and variant, the time that simulating and judging took on this machine [s]."""
     comparison: Comparison | None = None
-    """The changes since the baseline; None without a baseline."""
+    """None without a baseline."""
     complete: bool = True
     """False from the beginning of a session until its end; False for ever if the session died."""
     unfit: dict[str, int] = field(default_factory=dict)
@@ -187,7 +181,6 @@ class Report:
     began: str = field(default="", compare=False)
     """Date and time at which the session began, with its time zone (ISO 8601)."""
     command: str = field(default="", compare=False)
-    """The command that started the session."""
     project: str = ""
     """Identity of the project of the tests: a digest of pytest's configuration file, or the name of pytest's root folder."""
     kept: str = field(default="", compare=False)
@@ -205,7 +198,7 @@ def begun(
     planned: Sequence[Cell],
     extents: dict[str, Extent] | None = None,
 ) -> Report:
-    """Return the report of a session that has not ended; the arguments are the known fields of the report."""
+    """Return the report of a session that has not ended."""
     note = "INCOMPLETE: the session that writes this report has not ended, or died; `rvads report check` says what it has judged"
     return Report(
         in_order(records),
@@ -261,12 +254,7 @@ def _run_start(record: Record) -> tuple[str, ...]:
 
 
 class Anew(Collection[Record]):
-    """A collection of records whose every iteration makes the records again, because the records can be larger than memory.
-
-    Args:
-        make: makes the records of a pass.
-        count: returns the number of records.
-    """
+    """A collection of records whose every iteration makes the records again, because the records can be larger than memory."""
 
     def __init__(self, make: Callable[[], Iterable[Record]], count: Callable[[], int]) -> None:
         self._make, self._count = make, count
@@ -291,7 +279,7 @@ class Spool(Anew):
         super().__init__(self._read, lambda: self._lines)
 
     def add(self, record: Record) -> None:
-        """Append a record to the file; records must not be added after the first pass."""
+        """Append a record, before the first pass only."""
         self._file.write(encode(record) + b"\n")
         self._lines += 1
 

@@ -57,7 +57,7 @@ class Shared:
 
     @property
     def where(self) -> str:
-        """The session or sessions that have the cause."""
+        """Which sessions have the cause, in words."""
         return _WHERE[self.a > 0, self.b > 0]
 
 
@@ -76,7 +76,7 @@ class SideBySide:
     rules: tuple[Ruled, ...]
     causes: tuple[Shared, ...]
     later: Report
-    """The report of B, with the changes since A as its comparison with a baseline."""
+    """The report of B, with A as its baseline."""
 
     @property
     def differ(self) -> bool:
@@ -100,21 +100,25 @@ def side_by_side(a: tuple[str, Report], b: tuple[str, Report]) -> SideBySide:
     planned = set(later.planned)
     lost = {record.nodeid for record in earlier.records if cell_of(record) not in planned}
     comparison = compare(later, earlier, "A", lost.__contains__, same=False)
+    rules: dict[str, Ruled] = {}
+    for second, records in enumerate((earlier.records, later.records)):
+        for record in records:
+            ruled = rules.get(record.asks) or rules.setdefault(record.asks, Ruled(record.asks, Counter(), Counter()))
+            (ruled.b if second else ruled.a)[record.counts_as] += 1
+    sides: list[Side] = []
+    for name, report in (a, b):
+        head = next((block.lines for block in outline(report) if isinstance(block, Head)), ())
+        sides.append(Side(name, head, report.notes))
     return SideBySide(
-        _side(*a),
-        _side(*b),
+        sides[0],
+        sides[1],
         common,
         comparison,
         _merged_matrices(earlier.records, later.records),
-        _verdicts_per_rule(earlier.records, later.records),
+        tuple(rules[rule] for rule in sorted(rules)),
         _shared_causes(earlier.records, later.records),
         with_baseline(later, comparison),
     )
-
-
-def _side(name: str, report: Report) -> Side:
-    head = next((block.lines for block in outline(report) if isinstance(block, Head)), ())
-    return Side(name, head, report.notes)
 
 
 def _merged_matrices(earlier_records: Iterable[Record], later_records: Iterable[Record]) -> tuple[Matrix, ...] | None:
@@ -140,22 +144,18 @@ def _standing(record: Record) -> tuple[Place, Outcome, str]:
     return place_of(record), record.status, (record.known or "").partition(":")[0]
 
 
-def _verdicts_per_rule(earlier_records: Iterable[Record], later_records: Iterable[Record]) -> tuple[Ruled, ...]:
-    """Return the numbers of verdicts per rule in two sessions, by name of the rule."""
-    by_rule: dict[str, Ruled] = {}
-    for second, records in enumerate((earlier_records, later_records)):
-        for record in records:
-            ruled = by_rule.get(record.asks) or by_rule.setdefault(record.asks, Ruled(record.asks, Counter(), Counter()))
-            (ruled.b if second else ruled.a)[record.counts_as] += 1
-    return tuple(by_rule[rule] for rule in sorted(by_rule))
-
-
 def _shared_causes(earlier_records: Iterable[Record], later_records: Iterable[Record]) -> tuple[Shared, ...]:
     """Return the causes of failures: first causes only in the later session, then only in the earlier session, then in both.
 
     Causes with equal texts are the same cause. Among all other causes, causes whose texts differ only in numbers are the same.
     """
-    old_causes, new_causes = _failure_causes(earlier_records), _failure_causes(later_records)
+    causes: list[list[triage.Cause]] = []
+    for records in (earlier_records, later_records):
+        by_cause = triage.causes()
+        for record in records:
+            by_cause.add(record)
+        causes.append(by_cause.causes())
+    old_causes, new_causes = causes
     shared: list[Shared] = []
     for reading in (str, lambda text: _NUMBER.sub("#", text)):
         waiting: dict[str, list[triage.Cause]] = {}
@@ -172,13 +172,6 @@ def _shared_causes(earlier_records: Iterable[Record], later_records: Iterable[Re
         *(Shared(c.rule, c.text, c.count, 0, c.example) for c in old_causes),
     ]
     return (*only, *sorted(shared, key=lambda cause: -cause.b))
-
-
-def _failure_causes(records: Iterable[Record]) -> list[triage.Cause]:
-    by_cause = triage.causes()
-    for record in records:
-        by_cause.add(record)
-    return by_cause.causes()
 
 
 def differing(matrix: Matrix) -> int:

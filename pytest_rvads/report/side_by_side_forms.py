@@ -15,10 +15,10 @@ import msgspec
 from pytest_rvads.logic.outcome import Tallied, counted
 from pytest_rvads.report.files import FORMATS, fitting, write
 from pytest_rvads.report.markdown import section
-from pytest_rvads.report.matrix import Entry, Matrix
+from pytest_rvads.report.matrix import Matrix
 from pytest_rvads.report.outline import Section
 from pytest_rvads.report.page import rendered
-from pytest_rvads.report.side_by_side import Ruled, Shared, SideBySide, changed, differing
+from pytest_rvads.report.side_by_side import SideBySide, changed, differing
 from pytest_rvads.support.decoding import encode
 from pytest_rvads.support.wording import first, one_line, plural
 
@@ -59,76 +59,68 @@ def sections(sessions: SideBySide, most: int | None = None) -> Iterator[Section]
     if sessions.comparison.versions:
         yield Section("versions that differ", sessions.comparison.versions)
     changes = replace(sessions.comparison, versions=())
-    yield Section("what changed from A to B", (changes.headline if sessions.differ else _no_difference(sessions),))
+    what_changed = changes.headline
+    if not sessions.differ:
+        absent = changes.count("OUTSIDE")
+        more = f"; {plural(absent, 'item')} of A not selected in B" if absent else ""
+        dated = any(line.startswith("began ") for line in sessions.a.head)
+        once = "; they are reports of one session" if dated and sessions.a.head == sessions.b.head else ""
+        what_changed = f"no verdict of the {plural(sessions.common, 'item')} that both have differs{more}{once}"
+    yield Section("what changed from A to B", (what_changed,))
     yield from _matrix_sections(sessions, most)
     for kind, lines in groupby(changes.lines(most), lambda line: line.partition(" ")[0]):
         yield Section(f"{kind}: {plural(changes.count(kind), 'item')}", tuple(line.removeprefix(kind).strip() for line in lines))
-    yield Section(
-        "verdicts per rule",
-        tuple(_cut([_rule_line(ruled) for ruled in sessions.rules], most)),
-        ("rule", "A", "B"),
-        tuple(((ruled.rule, ""), (counted(ruled.a), ""), (counted(ruled.b), "")) for ruled in sessions.rules),
-    )
-    if sessions.causes:
-        yield Section(
-            "causes of failures",
-            tuple(_cut([_cause_line(cause) for cause in sessions.causes], most)),
-            ("where", "A", "B", "rule", "cause", "first"),
-            tuple(
-                (
-                    (c.where, _cause_mark(c)),
-                    (_count_text(c.a), ""),
-                    (_count_text(c.b), ""),
-                    (c.rule, ""),
-                    (c.text, ""),
-                    (c.example, ""),
-                )
-                for c in sessions.causes
-            ),
-        )
-
-
-def _no_difference(sessions: SideBySide) -> str:
-    """Return the sentence that no verdict differs between two sessions, and what the comparison does not show."""
-    absent = sessions.comparison.count("OUTSIDE")
-    more = f"; {plural(absent, 'item')} of A not selected in B" if absent else ""
-    dated = any(line.startswith("began ") for line in sessions.a.head)
-    once = "; they are reports of one session" if dated and sessions.a.head == sessions.b.head else ""
-    return f"no verdict of the {plural(sessions.common, 'item')} that both have differs{more}{once}"
+    rule_lines, rule_rows = [], []
+    for ruled in sessions.rules:
+        was, now = counted(ruled.a), counted(ruled.b)
+        change = f"{now or 'none'} in both" if was == now else f"{was or 'none'} -> {now or 'none'}"
+        rule_lines.append(f"{ruled.rule}: {change}")
+        rule_rows.append(((ruled.rule, ""), (was, ""), (now, "")))
+    yield Section("verdicts per rule", tuple(_cut(rule_lines, most)), ("rule", "A", "B"), tuple(rule_rows))
+    cause_lines, cause_rows = [], []
+    for cause in sessions.causes:
+        in_both = cause.a and cause.b
+        count = f"{cause.a} -> {cause.b}" if in_both else str(cause.a or cause.b)
+        cause_lines.append(f"{cause.where}: {count} x {cause.rule}: {cause.text} (first: {cause.example})")
+        mark = "" if in_both else "bad" if cause.b else "good"
+        texts = (str(cause.a or ""), str(cause.b or ""), cause.rule, cause.text, cause.example)
+        cause_rows.append(((cause.where, mark), *((text, "") for text in texts)))
+    if cause_lines:
+        columns = ("where", "A", "B", "rule", "cause", "first")
+        yield Section("causes of failures", tuple(_cut(cause_lines, most)), columns, tuple(cause_rows))
 
 
 def _matrix_sections(sessions: SideBySide, most: int | None) -> Iterator[Section]:
-    """Yield a section of the comparison per verdict matrix with differing cells."""
+    """Yield a section per verdict matrix with differing cells, with the rows and columns that contain these cells."""
     if sessions.matrices is None:
         yield Section("verdicts", ("too many for tables: the changes name the items",))
         return
     differing_matrices = [matrix for matrix in sessions.matrices if differing(matrix)]
     for matrix in differing_matrices[:most]:
-        yield _matrix_section(matrix, most)
+        columns = [i for i in range(len(matrix.columns)) if any(changed(entries[i]) for _, entries in matrix.rows)]
+        rows = [i for i, (_, entries) in enumerate(matrix.rows) if any(map(changed, entries))]
+        table: list[tuple[tuple[str, str], ...]] = []
+        for label, entries in (matrix.rows[i] for i in rows):
+            cells_of_row = [(label, "")]
+            for entry in (entries[k] for k in columns):
+                passed = entry.outcome is not None and entry.outcome.meaning == "passed"
+                cells_of_row.append((entry.text, "bad" if entry.bad else "good" if passed and changed(entry) else ""))
+            table.append(tuple(cells_of_row))
+        count = differing(matrix)
+        cells = sum(
+            len(members) * sum(bool(entry.text) for entry in entries)
+            for (_, entries), members in zip(matrix.rows, matrix.members, strict=True)
+        )
+        yield Section(
+            f"{matrix.title}: {count:,} of {cells:,} cells differ{'s' if count == 1 else ''}",
+            tuple(_cut([line for i in rows for line in _row_differences(matrix, i)], most)),
+            (matrix.corner, *(matrix.headings[i] for i in columns)),
+            tuple(table),
+        )
     if most is not None and len(differing_matrices) > most:
         yield Section(
             "more tables", (f"... and {plural(len(differing_matrices) - most, 'more table')} in which something differs",)
         )
-
-
-def _matrix_section(matrix: Matrix, most: int | None) -> Section:
-    """Return a section with the rows and columns of a verdict matrix that contain differing cells."""
-    columns = [i for i in range(len(matrix.columns)) if any(changed(entries[i]) for _, entries in matrix.rows)]
-    rows = [i for i, (_, entries) in enumerate(matrix.rows) if any(map(changed, entries))]
-    count = differing(matrix)
-    cells = sum(
-        len(members) * sum(bool(entry.text) for entry in entries)
-        for (_, entries), members in zip(matrix.rows, matrix.members, strict=True)
-    )
-    return Section(
-        f"{matrix.title}: {count:,} of {cells:,} cells differ{'s' if count == 1 else ''}",
-        tuple(_cut([line for i in rows for line in _row_differences(matrix, i)], most)),
-        (matrix.corner, *(matrix.headings[i] for i in columns)),
-        tuple(
-            ((matrix.rows[i][0], ""), *((matrix.rows[i][1][k].text, _better(matrix.rows[i][1][k])) for k in columns))
-            for i in rows
-        ),
-    )
 
 
 def _row_differences(matrix: Matrix, number: int) -> Iterator[str]:
@@ -145,37 +137,9 @@ def _row_differences(matrix: Matrix, number: int) -> Iterator[str]:
         yield f"{f'{variant}, ' if variant else ''}{name}, {rule}: {text}{where}"
 
 
-def _better(entry: Entry) -> str:
-    """Return the mark ``good`` or ``bad`` for the change of a cell; empty if the cell became neither better nor worse."""
-    passed = entry.outcome is not None and entry.outcome.meaning == "passed"
-    return "bad" if entry.bad else "good" if passed and changed(entry) else ""
-
-
-def _rule_line(ruled: Ruled) -> str:
-    was, now = counted(ruled.a) or "none", counted(ruled.b) or "none"
-    return f"{ruled.rule}: {now} in both" if was == now else f"{ruled.rule}: {was} -> {now}"
-
-
-def _cause_line(cause: Shared) -> str:
-    count = f"{cause.a} -> {cause.b}" if cause.a and cause.b else str(cause.a or cause.b)
-    return f"{cause.where}: {count} x {cause.rule}: {cause.text} (first: {cause.example})"
-
-
-def _cause_mark(cause: Shared) -> str:
-    return "" if cause.a and cause.b else "bad" if cause.b else "good"
-
-
-def _count_text(number: int) -> str:
-    return str(number) if number else ""
-
-
 def _cut(lines: list[str], most: int | None) -> list[str]:
     more = 0 if most is None else len(lines) - most
     return lines if more <= 0 else [*lines[:most], f"... and {more} more"]
-
-
-def _page(sessions: SideBySide) -> str:
-    return rendered(_TITLE, sections(sessions), {})
 
 
 def _markdown(sessions: SideBySide) -> str:
@@ -187,7 +151,14 @@ def _markdown(sessions: SideBySide) -> str:
 
 def _json(sessions: SideBySide) -> str:
     """Return the comparison of two sessions as JSON; numbers of verdicts have their status, or ``known``, as key."""
-    tables = None if sessions.matrices is None else list(map(_cells, sessions.matrices))
+    tables: list[dict[str, Any]] = []
+    for matrix in sessions.matrices or ():
+        rows = [
+            {"label": label, "variant": variant, "cells": [entry.text for entry in entries]}
+            for (label, entries), variant in zip(matrix.rows, matrix.variants, strict=True)
+        ]
+        names = {"title": matrix.title, "junction": matrix.junction, "corner": matrix.corner}
+        tables.append({**names, "columns": matrix.columns, "rows": rows})
     content = {
         "format": "rvads-comparison",
         "version": 1,
@@ -196,24 +167,20 @@ def _json(sessions: SideBySide) -> str:
         "common": sessions.common,
         "versions": sessions.comparison.versions,
         "changes": [asdict(change) for change in sessions.comparison.changes if change.kind != "UNCHANGED"],
-        "tables": tables,
+        "tables": None if sessions.matrices is None else tables,
         "rules": [{"rule": ruled.rule, "a": _by_name(ruled.a), "b": _by_name(ruled.b)} for ruled in sessions.rules],
         "causes": [{"where": cause.where, **asdict(cause)} for cause in sessions.causes],
     }
     return msgspec.json.format(encode(content), indent=1).decode() + "\n"
 
 
-def _cells(matrix: Matrix) -> dict[str, Any]:
-    rows = [
-        {"label": label, "variant": variant, "cells": [entry.text for entry in entries]}
-        for (label, entries), variant in zip(matrix.rows, matrix.variants, strict=True)
-    ]
-    return {"title": matrix.title, "junction": matrix.junction, "corner": matrix.corner, "columns": matrix.columns, "rows": rows}
-
-
 def _by_name(counts: dict[Tallied, int]) -> dict[str, int]:
     return {"known" if kind is None else kind.value: count for kind, count in counts.items()}
 
 
-_FORMATS: dict[str, Callable[[SideBySide], str]] = {".html": _page, ".md": _markdown, ".json": _json}
+_FORMATS: dict[str, Callable[[SideBySide], str]] = {
+    ".html": lambda sessions: rendered(_TITLE, sections(sessions), {}),
+    ".md": _markdown,
+    ".json": _json,
+}
 """By the ending of a file, the function that renders both sessions."""

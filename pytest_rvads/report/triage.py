@@ -90,9 +90,7 @@ class Cause:
     nodeids: tuple[str, ...]
     """Node ids of the first items with this cause."""
     count: int
-    """Number of items with this cause."""
     runs: int
-    """Number of runs with this cause."""
     example: str
     """Node id of the first test item that found the first violation."""
     roles: str = ""
@@ -213,11 +211,7 @@ class _Group:
 
 
 class ByText:
-    """Groups records by a text, such as the reason of a known failure; each group is a cause.
-
-    Args:
-        text: returns the text of a record; None for a record that is left out.
-    """
+    """Groups records by a text, such as the reason of a known failure; a record whose text is None is left out."""
 
     def __init__(self, text: Callable[[Record], str | None]) -> None:
         self._text = text
@@ -252,11 +246,7 @@ class ByText:
 
 
 class ByCause(ByText):
-    """Groups the records of failures by the first violation of their run; each group is a cause.
-
-    Args:
-        chosen: returns whether a record counts.
-    """
+    """Groups the records that are `chosen` by the first violation of their run; each group is a cause."""
 
     def __init__(self, chosen: Callable[[Record], bool]) -> None:
         super().__init__(violated)
@@ -265,7 +255,7 @@ class ByCause(ByText):
         """The failures so far, by run."""
 
     def add(self, record: Record) -> None:
-        """Add a record; only records that are `chosen` count."""
+        """Add a record, if it is `chosen`, to the failures of its run."""
         self._variants.add(record)
         self._seats.add(_seat(record))
         if not self._chosen(record):
