@@ -8,6 +8,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from numbers import Integral
 from pathlib import Path
 from typing import Any
@@ -146,7 +147,10 @@ class Ask:
             first, many = next(iter(errors.values())), len(places)
             raise first if many == 1 else ScenarioError(f"none of {many} junctions fits the mark, the first: {first}")
         left_out = [(refused.name, refused.reason) for refused in choice.refused]
-        left_out += [(place.name, _reason(error, place)) for place, error in errors.items()]
+        for place, misfit in errors.items():  # equal reasons count together, so the reason does not name the junction
+            reason = str(misfit).replace(f"junction {place.name!r}", "the junction").replace(f" like {place.name!r}", "")
+            no_room = "no scenario has room for its vehicles where they would start"
+            left_out.append((place.name, no_room if isinstance(misfit, NoRoom) else reason))
         return Selected(tuple(resolved[place] for place in drawn), tuple(left_out), len(usable) - len(drawn))
 
     def _at(
@@ -210,7 +214,12 @@ class Ask:
             axes, letters = [(list(self.distances), list(self.speeds or (0.0,)))], []
         paper = grid(letters, ways, place.control) if letters else ()
         explicit_points = [configuration for distances, speeds in axes for configuration in explicit(distances, speeds, ways)]
-        stopping = explicit_points if self.probe or not explicit_points else self._stopping(explicit_points, place, watch)
+        stopping = explicit_points
+        if explicit_points and not self.probe:
+            from pytest_rvads.simulators.simulator import vmax  # most tests need no physics before they run
+
+            envelope = partial(vmax, aggression=self.aggression, limit=place.top_limit)
+            stopping = [point for point in watch(explicit_points) if not outside(point, envelope)]
         if explicit_points and not stopping and not paper:
             points = f"distances={axes[0][0]!r}, speeds={axes[0][1]!r}" if self.distances else f"grid={names!r}"
             raise ScenarioError(
@@ -218,21 +227,6 @@ class Ask:
                 "(`rvads dynamics braking` lists v(d)max): lower the speeds, or say probe=True to run them all the same"
             )
         return tuple(dict.fromkeys((*paper, *stopping))), len(explicit_points) - len(stopping)
-
-    def _stopping(
-        self, points: Sequence[Configuration], place: Junction, watch: Callable[..., Iterable[Configuration]]
-    ) -> list[Configuration]:
-        """Return the distances and speeds from which vehicles can stop, by the braking envelope of the session's simulator."""
-        from pytest_rvads.simulators.simulator import vmax  # most tests need no physics before they run
-
-        return [point for point in watch(points) if not outside(point, lambda d: vmax(d, self.aggression, limit=place.top_limit))]
-
-
-def _reason(error: ScenarioError, place: Junction) -> str:
-    """Return the reason why a junction is left out, without the name of the junction, so that equal reasons count together."""
-    if isinstance(error, NoRoom):
-        return "no scenario has room for its vehicles where they would start"
-    return str(error).replace(f"junction {place.name!r}", "the junction").replace(f" like {place.name!r}", "")
 
 
 def judged_at(names: Sequence[str | Rule], place: Junction) -> tuple[Rule, ...]:
@@ -286,7 +280,6 @@ def _values_of(name: str, axis: Any) -> _Values | None:
 
 
 def _policies_of(traffic: Any) -> tuple[Policy, ...]:
-    """Return the traffic policies of the runs."""
     is_list = isinstance(traffic, Iterable) and not isinstance(traffic, str) and not callable(traffic)
     named = tuple(traffic) if is_list else (DEFAULT if traffic is None else traffic,)
     if not named:

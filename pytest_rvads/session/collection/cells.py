@@ -45,7 +45,7 @@ class Cell:
 
     scenario: Scenario
     rule: Rule | None
-    """The rule of the test item; None if the test does not run over rules."""
+    """None if the test does not run over rules."""
     traffic: Policy | None
     """Policy (driver) of the traffic in a scenario with a subject; None in a scenario without a subject."""
     id: str = field(compare=False)
@@ -55,7 +55,6 @@ class Cell:
     keys: dict[str, str | int] = field(compare=False)
     """By key of `KEYS`, the value with which ``-m`` and ``@rvads.known`` select the cell."""
     requirements: tuple[str, ...] = field(compare=False)
-    """Identifiers of the requirements to which the scenario and the rule trace."""
 
     @property
     def ways(self) -> int:
@@ -75,23 +74,16 @@ class RecordedCell:
 
     path: str
     index: int
-    """Index of the run in its file."""
     rule: Rule | None
-    """The rule of the test item; None if the test does not run over rules."""
     trouble: str = field(compare=False)
     """Reason why the file can't be read; empty for a readable file."""
     ways: int = field(compare=False)
-    """Number of arms of the junction."""
     control: str = field(compare=False)
     """Control of the junction; empty if the file can't be read."""
     id: str = field(compare=False)
-    """The part in brackets of the test item's id."""
     run: str = field(compare=False)
-    """Name of the run: the id without the rule, which all cells of a run share."""
     keys: dict[str, str | int] = field(compare=False)
-    """By key of `KEYS`, the value with which ``-m`` and ``@rvads.known`` select the cell."""
     requirements: tuple[str, ...] = field(compare=False)
-    """Identifiers of the requirements to which the mark of the test and the rule trace."""
 
     @property
     def start(self) -> dict[str, str | int]:
@@ -122,11 +114,7 @@ class Unfit:
 
 
 def runs_of(selection: Selection, policies: Sequence[Policy | None], unfit: Unfit) -> Iterator[tuple[Scenario, Policy | None]]:
-    """Yield the runs of a selection: each scenario with each traffic policy (driver of the other vehicles).
-
-    Args:
-        policies: policies of the traffic; without traffic, the only policy is None.
-    """
+    """Yield the runs of a selection: each scenario with each traffic policy; without traffic, the only policy is None."""
     for scenario in selection.fitting(unfit.add):
         yield from ((scenario, policy) for policy in policies)
 
@@ -204,7 +192,6 @@ class Resolved:
     """File and line of the mark."""
     selection: Selection
     traffic: tuple[Policy | None, ...]
-    """Policies of the traffic; without a subject, the only policy is None."""
     rules: tuple[Rule | None, ...]
     """Rules of the items; None is the only entry if the test does not run over rules."""
     requirement: tuple[str, ...]
@@ -277,10 +264,7 @@ class PlannedRun(NamedTuple):
 class Runs:
     """The runs that the marks of a test select; all runs can be larger than memory, so each iteration makes the runs again.
 
-    Args:
-        resolved: what the marks select, in the order of the marks.
-        test: node id of the test.
-        watch: yields the runs that it is given, and shows the progress.
+    The iteration yields what `watch` yields, which gets the runs and shows the progress.
     """
 
     def __init__(

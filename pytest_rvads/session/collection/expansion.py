@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from pytest_rvads.report.session_report import Extent
     from pytest_rvads.session.collection.ask import Ask
     from pytest_rvads.session.collection.extensions import Extensions
-    from pytest_rvads.session.collection.recordings import OpenFiles, Recordings
+    from pytest_rvads.session.collection.recordings import OpenFiles
     from pytest_rvads.session.options import Options
 
 T = TypeVar("T")
@@ -57,7 +57,16 @@ def expand(metafunc: pytest.Metafunc, options: Options) -> None:
 
     test = metafunc.definition
     asks, known = _nearest(test, "scenario", Ask), _marks(test, "known", Known)
-    with told_at(_checked_id(metafunc, asks)):
+    takes_recorded = "rvads_recorded" in metafunc.fixturenames
+    if not asks:
+        mark = "recorded" if takes_recorded else "scenario"
+        which = f"no @rvads.{mark}(...) says which: add the mark"
+        raise pytest.Collector.CollectError(f"{_line(test)}: {test.nodeid} asks for a run, but {which}")
+    if takes_recorded:
+        why = "has @rvads.scenario(...) but takes rvads_recorded, a run that nobody simulated: take run instead"
+        raise pytest.Collector.CollectError(f"{asks[0].place}: {test.nodeid} {why}")
+    _check_takes_run(metafunc, asks[0].place, "scenario")
+    with told_at(test.nodeid):
         added = extensions(metafunc.config, options.rules)
     resolved: list[Resolved] = []
     for ask in asks:
@@ -90,7 +99,14 @@ def expand_recorded(metafunc: pytest.Metafunc, options: Options) -> None:
     cells: dict[str, RecordedCell] = {}
     for ask in asks:
         with told_at(f"{ask.place}: {test.nodeid}"):
-            for cell in _recorded_cells(ask, metafunc, options, opened):
+            takes_rule, files = _takes_rule(metafunc, ask.rules), ask.files(test.path.parent)
+            watch = _watched(metafunc.config, f"files of {metafunc.function.__name__}", list(files.items()), _FILES)
+            for count, cell in enumerate(ask.cells(watch, opened, takes_rule)):
+                if count >= options.max_items:
+                    raise ScenarioError(
+                        f"would expand to more than {options.max_items:,} items in {len(files):,} files: narrow the patterns, "
+                        "ask for fewer rules, or raise --rvads-max-items"
+                    )
                 _add(cell, cells)
     _note_known(known, metafunc, cells.values())
     unused = [name for name in _DRIVING if name in metafunc.fixturenames]
@@ -133,21 +149,6 @@ def _nearest(test: pytest.Function, name: str, kind: type[T]) -> list[T]:
     return [arguments for node, arguments in marks if node is marks[0][0]]
 
 
-def _checked_id(metafunc: pytest.Metafunc, asks: Sequence[Ask]) -> str:
-    """Return the id of a test; raise a `CollectError` if the test lacks the mark or an argument."""
-    test = metafunc.definition
-    if not asks:
-        which = "no @rvads.scenario(...) says which: add the mark"
-        if "rvads_recorded" in metafunc.fixturenames:
-            which = "no @rvads.recorded(...) says which: add the mark"
-        raise pytest.Collector.CollectError(f"{_line(test)}: {test.nodeid} asks for a run, but {which}")
-    if "rvads_recorded" in metafunc.fixturenames:
-        why = "has @rvads.scenario(...) but takes rvads_recorded, a run that nobody simulated: take run instead"
-        raise pytest.Collector.CollectError(f"{asks[0].place}: {test.nodeid} {why}")
-    _check_takes_run(metafunc, asks[0].place, "scenario")
-    return test.nodeid
-
-
 def _check_takes_run(metafunc: pytest.Metafunc, place: str, mark: str) -> None:
     """Raise a `CollectError` for a test that has a mark and does not use the run of the mark."""
     test = metafunc.definition
@@ -156,36 +157,17 @@ def _check_takes_run(metafunc: pytest.Metafunc, place: str, mark: str) -> None:
         if "run" in metafunc.fixturenames:
             why = "its `run` is a fixture of yours: rename your fixture"
         raise pytest.Collector.CollectError(f"{place}: {test.nodeid} has @rvads.{mark}(...) but {why}")
-    if "run" in _parametrized_names(test):
-        why = f"has @rvads.{mark}(...), which gives it its `run`: parametrize another argument"
-        raise pytest.Collector.CollectError(f"{place}: {test.nodeid} {why}")
-
-
-def _parametrized_names(test: pytest.Function) -> Iterator[str]:
-    """Yield the names of the arguments that ``pytest.mark.parametrize`` gives a test."""
-    for mark in test.iter_markers("parametrize"):
-        names = mark.args[0] if mark.args else mark.kwargs["argnames"]
-        yield from (name.strip() for name in (names.split(",") if isinstance(names, str) else names))
+    for parametrized in test.iter_markers("parametrize"):
+        names = parametrized.args[0] if parametrized.args else parametrized.kwargs["argnames"]
+        if "run" in (name.strip() for name in (names.split(",") if isinstance(names, str) else names)):
+            why = f"has @rvads.{mark}(...), which gives it its `run`: parametrize another argument"
+            raise pytest.Collector.CollectError(f"{place}: {test.nodeid} {why}")
 
 
 def _line(test: pytest.Function) -> str:
     """Return file and line of a test without a mark."""
     file, line, _ = test.location
     return f"{file}:{(line or 0) + 1}"
-
-
-def _recorded_cells(ask: Recordings, metafunc: pytest.Metafunc, options: Options, opened: OpenFiles) -> Iterator[RecordedCell]:
-    """Yield the cells (run and rule of an item) of one mark ``@rvads.recorded``."""
-    takes_rule = _takes_rule(metafunc, ask.rules)
-    files = ask.files(metafunc.definition.path.parent)
-    watch = _watched(metafunc.config, f"files of {metafunc.function.__name__}", list(files.items()), _FILES)
-    for count, cell in enumerate(ask.cells(watch, opened, takes_rule)):
-        if count >= options.max_items:
-            raise ScenarioError(
-                f"would expand to more than {options.max_items:,} items in {len(files):,} files: narrow the patterns, ask for "
-                "fewer rules, or raise --rvads-max-items"
-            )
-        yield cell
 
 
 def _takes_rule(metafunc: pytest.Metafunc, rules: object) -> bool:
@@ -308,14 +290,12 @@ def _refuse_many(marks: Sequence[Resolved], options: Options) -> None:
 
 
 def _note_left_out(stash: pytest.Stash, key: pytest.StashKey[dict[str, int]], test: str, count: int) -> None:
-    """Increase the number of starts or scenarios that a test leaves out, by `count`."""
     if count:
         dropped = stash.setdefault(key, {})
         dropped[test] = dropped.get(test, 0) + count
 
 
 def _note_sample(stash: pytest.Stash, test: str, what: str, taken: int, total: int, seed: int) -> None:
-    """Note that a test runs a sample: `taken` of `total` junctions or runs."""
     from pytest_rvads.report.session_report import Drawn
 
     stash.setdefault(DRAWN, {})[Drawn(test, what, taken, total, seed)] = None

@@ -37,22 +37,13 @@ _EXTENSIONS: pytest.StashKey[Extensions] = pytest.StashKey()
 
 
 def extensions(config: pytest.Config, rules: Path | None) -> Extensions:
-    """Call the hooks of users once per process, register the returned rules, and return the junctions and grids.
-
-    Args:
-        rules: file of ``--rvads-rules``, or None.
-    """
+    """Call the hooks of users once per process, register their rules and those of a file, and return junctions and grids."""
     __tracebackhide__ = True
-    if _EXTENSIONS not in config.stash:
-        _register_rules(config, rules)
-        config.stash[_EXTENSIONS] = Extensions(_junctions(config), _grids(config))
-    return config.stash[_EXTENSIONS]
-
-
-def _junctions(config: pytest.Config) -> dict[str, tuple[str, str]]:
-    __tracebackhide__ = True
+    if _EXTENSIONS in config.stash:
+        return config.stash[_EXTENSIONS]
     from pytest_rvads.geometry.finder import names
 
+    _register_rules(config, rules)
     junctions: dict[str, tuple[str, str]] = {}
     for name, value in _merged("pytest_rvads_junctions", config.hook.pytest_rvads_junctions(config=config), names()).items():
         if not (_is_pair(value) and isinstance(value[0], str | Path) and isinstance(value[1], str)):
@@ -61,16 +52,12 @@ def _junctions(config: pytest.Config) -> dict[str, tuple[str, str]]:
                 f"('town.xodr', '169'), got {value!r}"
             )
         junctions[name] = str((config.rootpath / value[0]).resolve()), value[1]
-    return junctions
-
-
-def _grids(config: pytest.Config) -> dict[str, tuple[Any, Any]]:
-    __tracebackhide__ = True
     grids = _merged("pytest_rvads_grids", config.hook.pytest_rvads_grids(config=config), ("paper", *"ABCDEFGHIJ"))
     for name, value in grids.items():
         if not _is_pair(value):
             raise ScenarioError(f"pytest_rvads_grids must give distances and speeds for {name!r}, got {value!r}")
-    return {name: (value[0], value[1]) for name, value in grids.items()}
+    config.stash[_EXTENSIONS] = Extensions(junctions, {name: (value[0], value[1]) for name, value in grids.items()})
+    return config.stash[_EXTENSIONS]
 
 
 def _register_rules(config: pytest.Config, file: Path | None) -> None:
@@ -122,8 +109,13 @@ def open_session(config: pytest.Config) -> Iterator[None]:
 def open_book(node: pytest.Item | pytest.Collector) -> Iterator[None]:
     """Make the rules of the test file of a node available beside the session's rules; for a test item, also its own rules."""
     outer = node.config.stash.get(_SESSION, desk())  # the desk of the process, if a conftest.py loads the plugin
+    file, module = "", node.getparent(pytest.Module)
+    if module is not None:
+        patterns: list[str] = node.config.getini("python_files")
+        is_test_file = type(module) is pytest.Module or any(map(module.path.match, patterns))
+        file = str(module.path) if is_test_file else ""  # the session's rules hold in a module that has only doctests
     with ExitStack() as opened:
-        files, file = node.config.stash.setdefault(_FILES, {}), _test_file(node)
+        files = node.config.stash.setdefault(_FILES, {})
         if file:
             book = files.get(file) or outer.book
             if book is not outer.book and outer.book is not None:
@@ -147,13 +139,3 @@ def outliving(fixture: pytest.FixtureDef[Any]) -> Iterator[None]:
         yield
     finally:
         opened.outlived = before
-
-
-def _test_file(node: pytest.Item | pytest.Collector) -> str:
-    """Return the path of the test file of a node; empty for a module collected only for its doctests."""
-    module = node.getparent(pytest.Module)
-    if module is None:
-        return ""
-    patterns: list[str] = node.config.getini("python_files")
-    is_test_file = type(module) is pytest.Module or any(map(module.path.match, patterns))
-    return str(module.path) if is_test_file else ""

@@ -38,8 +38,7 @@ _UNKNOWN = "unknown"
 class OpenFiles:
     """Cache of the runs of the two files that were read last; test items of one file are collected and run in succession.
 
-    Args:
-        limit: speed limit that replaces the speed limits in the files [m/s]; None to keep the limits of the files.
+    A speed limit [m/s] replaces the speed limits in the files.
     """
 
     def __init__(self, limit: float | None = None) -> None:
@@ -72,12 +71,7 @@ class Recordings:
 
     @classmethod
     def of(cls, place: str, patterns: Sequence[Any], rules: Any, requirement: Any, misspelt: Iterable[str]) -> Recordings:
-        """Check the arguments of a mark as far as possible without access to files.
-
-        Args:
-            rules: a rule, a name of a rule or rulebook, or several of these; None for ``"road"``.
-            requirement: identifier of a requirement, several identifiers, or None.
-        """
+        """Check the arguments of a mark as far as possible without access to files."""
         keywords = ("rules", "requirement")
         for keyword in misspelt:
             raise ScenarioError(

@@ -238,7 +238,6 @@ class _Searching:
     begin: Callable[[Factory, Mapping[str, Any], str], Exception | None]
     """Runs the search, given a driver, the values of fixtures and the name of the test; returns the exception of a failure."""
     parameters: tuple[str, ...] = ()
-    """Further parameters of the test."""
 
     def __call__(self, test: Callable[..., None]) -> Callable[..., None]:
         """Return the test that searches before it runs the body of `test`."""
