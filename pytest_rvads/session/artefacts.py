@@ -56,7 +56,7 @@ def look(item: pytest.Item, run: Run, verdict: Verdict, rule: str | Rule, notes:
 
     An error while saving or drawing becomes the text of the result, because a picture never costs a verdict.
     """
-    from pytest_rvads.report.folders import option
+    from pytest_rvads.report.folders import option, shown
 
     drawn = item.config.stash.setdefault(_DRAWN, Counter())
     session = item.config.stash[FOLDER]
@@ -69,13 +69,17 @@ def look(item: pytest.Item, run: Run, verdict: Verdict, rule: str | Rule, notes:
         folder_option = option(Path(session.relative(folder)))
         return Shown(f"not drawn, and {unsaved}" if unsaved else f"rvads replay {folder_option} {quoted(item.nodeid)}")
     try:
-        page, image = _draw(folder, item, run, verdict, rule, notes, around())
+        from pytest_rvads.report.failure_page import failure_pages, failure_picture, moment
+
+        path = shown(folder, slug(item.nodeid))
+        page = next(failure_pages(run, verdict, rule, notes, around()))
+        write_file(path, page.html.encode())
+        image = failure_picture(run, verdict)
+        write_file(path.with_suffix(".svg"), image.encode())
     except Exception as error:
         return Shown(f"not drawn: {named_error(error)}")
     drawn[verdict.rule] += 1
-    from pytest_rvads.report.failure_page import moment
-
-    address = f"{session.relative(page)}#t={moment(run, verdict):.2f}"
+    address = f"{session.relative(path)}#t={moment(run, verdict):.2f}"
     return Shown(address, address, image)
 
 
@@ -107,67 +111,42 @@ def _save(folder: Path, run: Run) -> str:
     return ""
 
 
-def _draw(
-    folder: Path, item: pytest.Item, run: Run, verdict: Verdict, rule: str | Rule, notes: str, beside: Beside
-) -> tuple[Path, str]:
-    """Write the replay page and the picture of a failure; return the path of the page and the picture."""
-    from pytest_rvads.report.failure_page import failure_pages, failure_picture
-    from pytest_rvads.report.folders import shown
-
-    path = shown(folder, slug(item.nodeid))
-    page = next(failure_pages(run, verdict, rule, notes, beside))
-    write_file(path, page.html.encode())
-    image = failure_picture(run, verdict)
-    write_file(path.with_suffix(".svg"), image.encode())
-    return path, image
-
-
 def beside(item: pytest.Item, options: Options, record: Record, run: Run, start: str, rerun: str) -> Beside:
     """Return the texts that a page shows beside the replay of a failure: facts, other verdicts, the run of an earlier session.
 
     A rule that can't judge the run has the status ERROR among the other verdicts.
     """
     from pytest_rvads.logic.check import other_verdicts
+    from pytest_rvads.logic.rules.book import rules_for
     from pytest_rvads.report.draw.replay import Beside
-    from pytest_rvads.report.failure_page import facts
+    from pytest_rvads.report.failure_page import facts, usual_rules
     from pytest_rvads.report.folders import INDEX
     from pytest_rvads.report.run_record import summed
 
-    verdicts = summed(other_verdicts(run, _rules(item, run), record.verdicts[-1].rule))
+    marks = [pair for name in ("scenario", "recorded") for pair in item.iter_markers_with_node(f"rvads_{name}")]
+    # All rules that the nearest marks name, not only the selected rules.
+    named = [rule for node, mark in marks if node is marks[0][0] for rule in mark.args[0].rules or ()]
+    rules = rules_for(named, run.junction) if named else usual_rules(run)
+    verdicts = summed(other_verdicts(run, rules, record.verdicts[-1].rule))
     ghost = _ghost(item, options, run)
     name = options.baseline.name if ghost is not None and options.baseline else ""
     return Beside(facts(record, start, rerun), verdicts, INDEX, ghost, name)
 
 
-def _rules(item: pytest.Item, run: Run) -> tuple[Rule, ...]:
-    """Return all rules that the marks of a test name, not only selected rules; the default rules if the marks name no rules."""
-    from pytest_rvads.logic.rules.book import rules_for
-    from pytest_rvads.report.failure_page import usual_rules
-
-    marks = [pair for name in ("scenario", "recorded") for pair in item.iter_markers_with_node(f"rvads_{name}")]
-    named = [rule for node, mark in marks if node is marks[0][0] for rule in mark.args[0].rules or ()]
-    return rules_for(named, run.junction) if named else usual_rules(run)
-
-
 def _ghost(item: pytest.Item, options: Options, run: Run) -> Run | None:
-    """Return the run of the test item in the baseline, i.e. in an earlier session; None if the earlier run was not kept."""
+    """Return the run of the test item in the baseline; None without a baseline, or if the earlier run was not kept."""
     if options.baseline is None or run.excerpt is not None:
         return None
+    from pytest_rvads.report import files
     from pytest_rvads.report.failure_page import earlier_run
 
-    report = _baseline(item, options.baseline)
+    stash = item.config.stash
+    if _BASELINE not in stash:
+        try:
+            stash[_BASELINE] = files.load(options.baseline)
+        except RvadsError:  # the file was replaced after the main process had read it
+            stash[_BASELINE] = None
+    report = stash[_BASELINE]
     if report is None:
         return None
     return earlier_run(report, options.baseline.parent, item.config.invocation_params.dir, item.nodeid, run)
-
-
-def _baseline(item: pytest.Item, path: Path) -> Report | None:
-    stash = item.config.stash
-    if _BASELINE not in stash:
-        from pytest_rvads.report import files
-
-        try:
-            stash[_BASELINE] = files.load(path)
-        except RvadsError:  # the file was replaced after the main process had read it
-            stash[_BASELINE] = None
-    return stash[_BASELINE]

@@ -7,8 +7,8 @@ The report of a session without a driver names a definition that was probably me
 from __future__ import annotations
 
 import difflib
-import sys
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import pytest
@@ -79,17 +79,15 @@ class _Selected:
     @pytest.hookimpl(tryfirst=True)
     def pytest_collection_modifyitems(self, config: pytest.Config, items: list[pytest.Item]) -> None:
         """Deselect the bundled test items that no argument of pytest names."""
-        named = {name: [item for item in items if _selects(item.nodeid, name)] for name in self._names}
+        named: dict[str, list[pytest.Item]] = {}
+        for name in self._names:  # the id of a test item, of its test function or of its test file
+            within = (f"{name}[", f"{name}::")
+            named[name] = [item for item in items if item.nodeid == name or item.nodeid.startswith(within)]
         if missing := [name for name, matches in named.items() if not matches]:
             raise pytest.UsageError(f"not found: {missing[0]}, among the tests that come with the plugin")
         selected = {item for matches in named.values() for item in matches}
         config.hook.pytest_deselected(items=[item for item in items if item not in selected])
         items[:] = [item for item in items if item in selected]
-
-
-def _selects(nodeid: str, name: str) -> bool:
-    """Return whether a name is the id of a test item, of its test function or of its test file."""
-    return nodeid == name or nodeid.startswith((f"{name}[", f"{name}::"))
 
 
 def where_else(session: pytest.Session) -> str:
@@ -105,7 +103,8 @@ def where_else(session: pytest.Session) -> str:
 
 def _misplaced(session: pytest.Session) -> str:
     plugins = session.config.pluginmanager.get_plugins()
-    modules = {m.__file__: m for m in (*(getattr(i, "module", None) for i in session.items), *plugins) if _from_file(m)}
+    candidates = (*(getattr(item, "module", None) for item in session.items), *plugins)
+    modules = {str(m.__file__): m for m in candidates if isinstance(m, ModuleType) and getattr(m, "__file__", None) is not None}
     package = __name__.partition(".")[0]
     for file, module in sorted(modules.items()):
         if module.__name__.partition(".")[0] == package:
@@ -115,7 +114,3 @@ def _misplaced(session: pytest.Session) -> str:
                 return f"{file} has one that is not visible there: move it into a conftest.py of a folder that holds both"
             return f"{file} defines {name!r}: is it misspelt?"
     return ""
-
-
-def _from_file(module: Any) -> bool:
-    return isinstance(module, type(sys)) and getattr(module, "__file__", None) is not None

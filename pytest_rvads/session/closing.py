@@ -29,11 +29,7 @@ _FOLDED = {"failed": "f", "error": "E"}
 
 
 class Verdicts:
-    """Prints the verdicts before pytest's short summary, and leaves one failure per cause in pytest's list of failures.
-
-    Args:
-        session: the session whose report is printed.
-    """
+    """Prints the verdicts before pytest's short summary, and leaves one failure per cause in pytest's list of failures."""
 
     def __init__(self, session: Session) -> None:
         self._session = session
@@ -45,28 +41,23 @@ class Verdicts:
     def begin(self, reporter: pytest.TerminalReporter) -> None:
         """Make the summary, and remove failures from pytest's list before pytest prints its blocks."""
         encode_all(sys.stdout)
-        self.summary = self._summarised(reporter)
-        self.fold(reporter)
-
-    def _summarised(self, reporter: pytest.TerminalReporter) -> Summary | None:
         report = self._session.report
-        if not report or not has_run(report):
-            return None
-        from pytest_rvads.report.terminal import summarise
+        if report and has_run(report):
+            from pytest_rvads.report.terminal import summarise
 
-        try:
-            return summarise(
-                report,
-                colour=reporter.hasmarkup,
-                width=shutil.get_terminal_size().columns,
-                unicode=(sys.stdout.encoding or "").lower().startswith("utf"),
-                full=reporter.verbosity >= 2,
-                more="-vv shows them all",
-                head=False,
-            )
-        except Exception as error:
-            self._session.troubles.append(f"the summary could not be shown: {named_error(error)}")
-            return None
+            try:
+                self.summary = summarise(
+                    report,
+                    colour=reporter.hasmarkup,
+                    width=shutil.get_terminal_size().columns,
+                    unicode=(sys.stdout.encoding or "").lower().startswith("utf"),
+                    full=reporter.verbosity >= 2,
+                    more="-vv shows them all",
+                    head=False,
+                )
+            except Exception as error:
+                self._session.troubles.append(f"the summary could not be shown: {named_error(error)}")
+        self.fold(reporter)
 
     @pytest.hookimpl(wrapper=True, trylast=True)
     def pytest_terminal_summary(self, terminalreporter: pytest.TerminalReporter) -> Generator[None, object, object]:
@@ -87,7 +78,13 @@ class Verdicts:
         examples = {*self.summary.examples}
         for kind in _FOLDED:
             reports = reporter.stats.get(kind, [])
-            remaining = [report for report in reports if not self._counted(report) or report.nodeid in examples]
+            remaining = []
+            for report in reports:
+                record = self._session.records.get(report.nodeid)
+                # No cause counts an error at teardown.
+                is_counted = record is not None and record.failed and hasattr(report, "rvads")
+                if not is_counted or report.nodeid in examples:
+                    remaining.append(report)
             if len(remaining) < len(reports):
                 self._whole[kind] = reports
                 reporter.stats[kind] = remaining
@@ -109,19 +106,9 @@ class Verdicts:
         count = sum(len(reports) for reports in self._whole.values())
         return f"{' and '.join(filter(printed.get, printed))} per cause; -vv lists all {plural(count, 'failure')}"
 
-    def _counted(self, report: Any) -> bool:
-        """Return whether a cause counts the failure that a report of pytest states; no cause counts an error at teardown."""
-        record = self._session.records.get(report.nodeid)
-        return record is not None and record.failed and hasattr(report, "rvads")
-
 
 class Causes:
-    """Prints the end of the summary: the causes of failures, the path of the page, and the reasons why the session fails.
-
-    Args:
-        verdicts: the wrapper that printed the verdicts.
-        session: the session whose report is printed.
-    """
+    """Prints the end of the summary: the causes of failures, the path of the page, and the reasons why the session fails."""
 
     def __init__(self, verdicts: Verdicts, session: Session) -> None:
         self._verdicts, self._session = verdicts, session
@@ -134,19 +121,16 @@ class Causes:
             return (yield)
         finally:
             self._verdicts.restore(terminalreporter)
-            self._print(terminalreporter)
-
-    def _print(self, reporter: pytest.TerminalReporter) -> None:
-        summary = self._verdicts.summary
-        if note := self._verdicts.note(reporter):
-            reporter.write_line(note)
-        if summary and summary.causes:
-            reporter.section("rvads causes")
-            reporter.write(summary.causes)
-        if self._session.outputs.index:
-            reporter.write_line(f"look: {self._session.outputs.index}")
-        if summary and summary.last:
-            reporter.write_line(f"rvads: {summary.last}", yellow=True)
-        for trouble in self._session.troubles:
-            reporter.write_line(f"rvads: {printable(trouble)}", red=True)
-        self._session.outputs.annotate(self._session.report, reporter)
+            summary = self._verdicts.summary
+            if note := self._verdicts.note(terminalreporter):
+                terminalreporter.write_line(note)
+            if summary and summary.causes:
+                terminalreporter.section("rvads causes")
+                terminalreporter.write(summary.causes)
+            if self._session.outputs.index:
+                terminalreporter.write_line(f"look: {self._session.outputs.index}")
+            if summary and summary.last:
+                terminalreporter.write_line(f"rvads: {summary.last}", yellow=True)
+            for trouble in self._session.troubles:
+                terminalreporter.write_line(f"rvads: {printable(trouble)}", red=True)
+            self._session.outputs.annotate(self._session.report, terminalreporter)

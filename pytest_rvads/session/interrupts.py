@@ -128,27 +128,21 @@ def limits(config: pytest.Config) -> Iterator[Limits]:
     session end no process.
     """
     options = config.stash[OPTIONS]
-    dump = NEVER if _timer_in_use(config) else _standard_error()
+    try:
+        timer_in_use = float(config.getini("faulthandler_timeout") or 0) > 0
+    except ValueError:  # the faulthandler plugin of pytest is switched off
+        timer_in_use = False
+    dump: int | None = NEVER
+    if not timer_in_use:
+        try:
+            dump = os.dup(2)  # pytest redirects the descriptor 2 while items run
+        except OSError:
+            dump = None
     try:
         yield Limits(options.decision_limit, options.run_limit, dump)
     finally:
         if dump not in (None, NEVER):
             os.close(dump)
-
-
-def _timer_in_use(config: pytest.Config) -> bool:
-    try:
-        return float(config.getini("faulthandler_timeout") or 0) > 0
-    except ValueError:  # the faulthandler plugin of pytest is switched off
-        return False
-
-
-def _standard_error() -> int | None:
-    """Return a duplicate of the descriptor of standard error, because pytest redirects the original while items run."""
-    try:
-        return os.dup(2)
-    except OSError:
-        return None
 
 
 def end_with_parent() -> None:

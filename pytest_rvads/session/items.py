@@ -31,7 +31,6 @@ if TYPE_CHECKING:
     from pytest_rvads.report.record import Record, SimulatedItem
     from pytest_rvads.runs.measured import Divergence
     from pytest_rvads.runs.run import Run
-    from pytest_rvads.scenarios.scenario import Scenario
     from pytest_rvads.session.collection.cells import Cell
     from pytest_rvads.simulators.simulator import Simulator
 
@@ -62,7 +61,6 @@ for _exception in (NoVerdict, NotJudged, Unsure):
 
 RUN: pytest.StashKey[Run] = pytest.StashKey()
 SIMULATOR: pytest.StashKey[Simulator] = pytest.StashKey()
-"""The simulator that made the run of an item."""
 ERROR: pytest.StashKey[BaseException | None] = pytest.StashKey()
 """The exception of the driver that ended the run of an item; None if the run ended otherwise."""
 PRINTED: pytest.StashKey[list[tuple[str, str]]] = pytest.StashKey()
@@ -117,17 +115,25 @@ def attach(item: pytest.Item, call: pytest.CallInfo[None], report: pytest.TestRe
     if report.failed:
         printed = [(f"Captured {name} of the run", text) for name, text in item.stash.get(PRINTED, ())]
         report.sections[:0] = [section for section in printed if section not in report.sections]
-    if report.when == "call" and _has_no_driver(item):
+    driver = getattr(item, "funcargs", {}).get("rvads_autopilot") if report.when == "call" else None
+    if driver is not None and driver is stand_in() and not item.config.stash[OPTIONS].driver:
         report.rvads_undriven = where_else(item.session)  # type: ignore[attr-defined]
     if RECORD not in item.stash:
         return
-    if report.when == "teardown":
-        _release(item)
+    from msgspec.structs import replace
+
+    if report.when == "teardown":  # memory does not hold the runs of thousands of items
+        keys: tuple[pytest.StashKey[Any], ...] = (RECORD, VERDICTS, RUN, SIMULATOR, REPEAT, CELL, ERROR, PRINTED)
+        for key in keys:
+            if key in item.stash:
+                del item.stash[key]
     elif report.when == "call" or not report.passed:
         try:
             record = _completed_record(item, call.excinfo.value if call.excinfo else None, report)
         except Exception as error:
-            record = _fallback_record(item, error, report)
+            report.outcome = "failed"
+            report.longrepr = f"this item can't be recorded: {named_error(error)}"
+            record = replace(item.stash[RECORD], status=Outcome.ERROR, outcome="failed", message=report.longrepr)
         for step in (_with_repetition, _with_explanation):
             try:
                 record = step(item, record, report)
@@ -135,7 +141,7 @@ def attach(item: pytest.Item, call: pytest.CallInfo[None], report: pytest.TestRe
                 raise
             except BaseException as error:  # an error in a diagnosis costs no verdict
                 report.sections.append(("rvads", f"the explanation is incomplete, because of {named_error(error)}"))
-        _publish(item, _with_earlier_execution(item, record), report)
+        _publish(item, record, report)
 
 
 @contextmanager
@@ -161,17 +167,7 @@ def unwound(item: pytest.Item, call: pytest.CallInfo[None]) -> Iterator[None]:
     call.excinfo = pytest.ExceptionInfo.from_exception(raised.with_traceback(traces[1]))
 
 
-def _fallback_record(item: pytest.Item, error: Exception, report: pytest.TestReport) -> Record:
-    """Return a record with status ERROR for an item whose record can't be completed."""
-    from msgspec.structs import replace
-
-    report.outcome = "failed"
-    report.longrepr = f"this item can't be recorded: {named_error(error)}"
-    return replace(item.stash[RECORD], status=Outcome.ERROR, outcome="failed", message=report.longrepr)
-
-
 def _completed_record(item: pytest.Item, raised: BaseException | None, report: pytest.TestReport) -> Record:
-    """Return the record of a test item whose call ended, or whose setup did not pass, with its verdicts."""
     from pytest_rvads.report.record import conclude
 
     text = str(raised) if raised else report.longrepr if isinstance(report.longrepr, str) else ""
@@ -179,7 +175,14 @@ def _completed_record(item: pytest.Item, raised: BaseException | None, report: p
         text = located(raised)
     elif raised and not any(map(str.isalnum, text)):
         text = named_error(raised)
-    xfail = _xfail_reason(report, raised, text)
+    known = None
+    if report.skipped and hasattr(report, "wasxfail"):
+        if isinstance(raised, AssertionError):
+            known = report.wasxfail or "xfail without a reason"
+        elif not isinstance(raised, pytest.xfail.Exception):  # an xfail expects a violation of a rule, nothing else
+            report.outcome = "failed"
+            report.longrepr = f"{text}\n(an xfail stands for a violated rule, not for this)"
+            del report.wasxfail
     verdicts: list[Verdict] = item.stash[VERDICTS]
     error = None if raised is None or isinstance(raised, AssertionError) else Outcome.ERROR
     if isinstance(raised, NotJudged | Unsure):
@@ -189,33 +192,30 @@ def _completed_record(item: pytest.Item, raised: BaseException | None, report: p
         verdicts,
         report.when or "",
         report.outcome,
-        known=xfail,
+        known=known,
         text=printable(text, _LONGEST),
         error=error,
         late=isinstance(raised, OutOfTime),
     )
 
 
-def _xfail_reason(report: pytest.TestReport, raised: BaseException | None, text: str) -> str | None:
-    """Return the reason of the xfail mark that expected the violation of a test item; None if no xfail mark did.
-
-    An xfail expects a violation of a rule. If another exception is raised, the item fails.
-    """
-    if not (report.skipped and hasattr(report, "wasxfail")):
-        return None
-    if isinstance(raised, AssertionError):
-        return report.wasxfail or "xfail without a reason"
-    if not isinstance(raised, pytest.xfail.Exception):
-        report.outcome = "failed"
-        report.longrepr = f"{text}\n(an xfail stands for a violated rule, not for this)"
-        del report.wasxfail
-    return None
-
-
 def _publish(item: pytest.Item, record: Record, report: pytest.TestReport) -> None:
-    """Put a record and its properties on pytest's report; if the verdict skips the test, the report gets the test's line."""
-    from pytest_rvads.report.record import properties, sent
+    """Put a record and its properties on pytest's report; if the verdict skips the test, the report gets the test's line.
 
+    The record becomes FLAKY if a plugin repeated the item, and status or run differ from the last execution.
+    """
+    from msgspec.structs import replace
+
+    from pytest_rvads.report.record import properties, sent
+    from pytest_rvads.runs.measured import Divergence
+
+    status, run = item.stash.get(EARLIER, (record.status, record.hash))
+    if (status, run) != (record.status, record.hash):
+        field = "status" if run == record.hash else "hash"
+        which_run = "the same run" if field == "status" else "another run"
+        text = f"the item was repeated: {status} at first, {record.status} afterwards, of {which_run}"
+        record = replace(record, status=Outcome.FLAKY, flaky=Divergence(field, text=text), known=None)
+    item.stash[EARLIER] = record.status, record.hash
     item.stash[RECORD] = record
     report.rvads = sent(record)  # type: ignore[attr-defined]
     # A repeated item replaces its properties.
@@ -226,21 +226,6 @@ def _publish(item: pytest.Item, record: Record, report: pytest.TestReport) -> No
     if report.skipped and record.status in _SKIPPED:
         path, line, _ = item.location
         report.longrepr = (str(path), (line or 0) + 1, record.message)
-
-
-def _has_no_driver(item: pytest.Item) -> bool:
-    """Return whether a test item used the fixture of the driver although neither a fixture nor an option names a driver."""
-    options = item.config.stash[OPTIONS]
-    driver = getattr(item, "funcargs", {}).get("rvads_autopilot")
-    return driver is not None and driver is stand_in() and not options.driver
-
-
-def _release(item: pytest.Item) -> None:
-    """Delete run, record and verdicts of a test item, because memory does not hold the runs of thousands of items."""
-    keys: tuple[pytest.StashKey[Any], ...] = (RECORD, VERDICTS, RUN, SIMULATOR, REPEAT, CELL, ERROR, PRINTED)
-    for key in keys:
-        if key in item.stash:
-            del item.stash[key]
 
 
 def _with_repetition(item: pytest.Item, record: Record, report: pytest.TestReport) -> Record:
@@ -255,22 +240,6 @@ def _with_repetition(item: pytest.Item, record: Record, report: pytest.TestRepor
     cure = "\nAn autopilot has to be deterministic: no clock, no unseeded random numbers, no state kept between runs."
     report.sections.append(("rvads not deterministic", f"{finding}First difference: {divergence}.{cure}"))
     return replace(record, status=Outcome.FLAKY, flaky=divergence)
-
-
-def _with_earlier_execution(item: pytest.Item, record: Record) -> Record:
-    """Return the record as FLAKY if a plugin repeated the item, and status or run differ from the last execution."""
-    from msgspec.structs import replace
-
-    from pytest_rvads.runs.measured import Divergence
-
-    status, run = item.stash.get(EARLIER, (record.status, record.hash))
-    if (status, run) != (record.status, record.hash):
-        field = "status" if run == record.hash else "hash"
-        which_run = "the same run" if field == "status" else "another run"
-        text = f"the item was repeated: {status} at first, {record.status} afterwards, of {which_run}"
-        record = replace(record, status=Outcome.FLAKY, flaky=Divergence(field, text=text), known=None)
-    item.stash[EARLIER] = record.status, record.hash
-    return record
 
 
 def _with_explanation(item: pytest.Item, record: Record, report: pytest.TestReport) -> Record:
@@ -291,25 +260,22 @@ def _with_explanation(item: pytest.Item, record: Record, report: pytest.TestRepo
     return replace(record, look=page)
 
 
-def _origin(item: pytest.Item, scenario: Scenario, record: SimulatedItem) -> list[str]:
-    """Return lines on the driver, the simulator and the start of a run, and on a start beyond the braking envelope."""
-    from pytest_rvads.scenarios.configurations import Configuration, probe
-    from pytest_rvads.simulators.simulator import vmax
-
-    lines = [f"driven by {record.driver}", f"simulated by {record.simulator}", f"start     {scenario.describe()}"]
-    point = Configuration(scenario.configuration, scenario.distances, scenario.speeds)
-    vehicle = item.funcargs.get("rvads_vehicle")  # type: ignore[attr-defined]
-    probed = probe(point, lambda d: vmax(d, scenario.aggression, vehicle, item.stash[SIMULATOR], scenario.place.top_limit))
-    return [*lines, f"probe     {probed}"] if probed else lines
-
-
 def _explanation(item: pytest.Item, verdict: Verdict, record: Record, report: pytest.TestReport) -> tuple[str, str]:
     """Return the text that pytest prints on a failure, and the address of its page or an empty text; attach the picture."""
     cell: Cell | RecordedCell = item.stash.get(CELL, None) or item.callspec.params["rvads_cell"]  # type: ignore[attr-defined]
     if isinstance(cell, RecordedCell):
         origin = [f"recorded  {cell.path}"]
     else:
-        origin = _origin(item, cell.scenario, cast("SimulatedItem", record))
+        from pytest_rvads.scenarios.configurations import Configuration, probe
+        from pytest_rvads.simulators.simulator import vmax
+
+        scenario, simulated = cell.scenario, cast("SimulatedItem", record)
+        origin = [f"driven by {simulated.driver}", f"simulated by {simulated.simulator}", f"start     {scenario.describe()}"]
+        point = Configuration(scenario.configuration, scenario.distances, scenario.speeds)
+        vehicle = item.funcargs.get("rvads_vehicle")  # type: ignore[attr-defined]
+        limit = scenario.place.top_limit
+        probed = probe(point, lambda d: vmax(d, scenario.aggression, vehicle, item.stash[SIMULATOR], limit))
+        origin += [f"probe     {probed}"] if probed else []
     lines = [verdict.explanation, *origin]
     options, run = item.config.stash[OPTIONS], item.stash.get(RUN, None)
     command, page = f"{options.again} {quoted(item.nodeid)}", ""

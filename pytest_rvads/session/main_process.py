@@ -8,7 +8,6 @@ from collections.abc import Generator
 from dataclasses import replace
 from datetime import datetime
 from hashlib import sha256
-from pathlib import Path
 from traceback import format_tb
 from typing import TYPE_CHECKING, Any
 
@@ -36,7 +35,14 @@ class Session:
         self.config = config
         self.options = config.stash[OPTIONS]
         self.planner = planner
-        self.baseline = _load(self.options.baseline)
+        self.baseline: Report | None = None
+        if self.options.baseline is not None:
+            from pytest_rvads.report.files import load
+
+            try:
+                self.baseline = load(self.options.baseline)
+            except RvadsError as error:
+                raise pytest.UsageError(f"rvads_baseline: {error}") from error
         self.outputs = Outputs(config)
         self.records: dict[str, Record] = {}
         """Records by node id, read from the journal at the end of the session; the last record of a repeated item."""
@@ -114,7 +120,9 @@ class Session:
     @pytest.hookimpl(wrapper=True, trylast=True)
     def pytest_sessionfinish(self, session: pytest.Session, exitstatus: int) -> Generator[None, None, None]:
         """Write the reports and set the exit status, even after an interruption or when another plugin's hook raises an error."""
-        if self.config.option.collectonly or not self._has_part():
+        gates = self.options.cov_fail_under, self.options.cov_arrivals
+        wanted = any((self.baseline, self.options.report, gates != (None, None)))  # even without items of this plugin
+        if self.config.option.collectonly or not (self.planner.plan().cells or wanted):
             return (yield)
         put_off(self.config)
         status = int(exitstatus)
@@ -171,12 +179,6 @@ class Session:
         if session.exitstatus in (0, exitstatus):  # unchanged if another plugin has set a worse status
             session.exitstatus = status
 
-    def _has_part(self) -> bool:
-        """Return whether the session has test items of this plugin, or an option requests a report or a comparison."""
-        gates = self.options.cov_fail_under, self.options.cov_arrivals
-        requests = self.baseline, self.options.report, gates != (None, None)
-        return bool(self.planner.plan().cells or any(requests))
-
     def _complete(self) -> int:
         """Add a record for every selected test item without a record; return the number of items that never ran."""
         from msgspec import structs
@@ -201,7 +203,7 @@ class Session:
         from pytest_rvads.report.session_report import Report, in_order
         from pytest_rvads.support.installed import ENGINES, versions
 
-        plan = self.planner.plan()
+        plan, ini = self.planner.plan(), self.config.inipath
         records = in_order(list(self.records.values()))
         report = Report(
             records,
@@ -217,11 +219,14 @@ class Session:
             seconds=self._by_run(),
             began=self.began,
             command=printable(shlex.join(["pytest", *map(os.fspath, self.config.invocation_params.args)])),
-            project=self._project(),
+            project=sha256(ini.read_bytes()).hexdigest()[:12] if ini and ini.is_file() else self.config.rootpath.name,
             kept=self._kept_folder(),
         )
         if self.baseline:
-            report = self._compare(report, self.baseline)
+            from pytest_rvads.report.baseline import compare, with_baseline
+
+            name = self.options.baseline.name if self.options.baseline else ""
+            report = with_baseline(report, compare(report, self.baseline, name, self.planner.no_longer_exists))
             if exitstatus in (pytest.ExitCode.OK, pytest.ExitCode.TESTS_FAILED):
                 exitstatus = self._judge_changes(report, exitstatus, cut)
         least_coverage, most_untested = self.options.cov_fail_under, self.options.cov_arrivals
@@ -233,11 +238,6 @@ class Session:
                 self.troubles.append(text)
                 exitstatus = exitstatus or pytest.ExitCode.TESTS_FAILED
         return replace(report, notes=tuple(self.troubles), exitstatus=exitstatus)
-
-    def _project(self) -> str:
-        """Return the identifier of the tested project, see `Report.project`."""
-        file = self.config.inipath
-        return sha256(file.read_bytes()).hexdigest()[:12] if file and file.is_file() else self.config.rootpath.name
 
     def _kept_folder(self) -> str:
         """Return the path of the folder ``--rvads-keep``, written relative to the directory in which the session was started."""
@@ -255,12 +255,6 @@ class Session:
             if record.run:
                 seconds[record.where] = seconds.get(record.where, 0.0) + self.seconds.get(nodeid, 0.0)
         return {name: round(total, 3) for name, total in seconds.items()}
-
-    def _compare(self, report: Report, baseline: Report) -> Report:
-        from pytest_rvads.report.baseline import compare, with_baseline
-
-        name = self.options.baseline.name if self.options.baseline else ""
-        return with_baseline(report, compare(report, baseline, name, self.planner.no_longer_exists))
 
     def _judge_changes(self, report: Report, exitstatus: int, cut: bool) -> int:
         """Return the exit status; ``--rvads-fail-on`` excuses failures that the baseline has as well, but not if `cut` is set."""
@@ -282,15 +276,3 @@ class Session:
 def has_run(report: Report) -> bool:
     """Return whether at least one test item of the session ran."""
     return any(record.status is not Outcome.NOT_RUN for record in report.records)
-
-
-def _load(path: Path | None) -> Report | None:
-    """Return the report of an earlier session (the baseline); None without a path."""
-    if path is None:
-        return None
-    from pytest_rvads.report.files import load
-
-    try:
-        return load(path)
-    except RvadsError as error:
-        raise pytest.UsageError(f"rvads_baseline: {error}") from error

@@ -55,7 +55,6 @@ def _option(
 
 
 def _text(_config: pytest.Config, _name: str, text: str) -> str | None:
-    """Return the text of an option; None for an option that is not set."""
     return text or None
 
 
@@ -68,7 +67,6 @@ def _count(_config: pytest.Config, name: str, text: str, least: int = 1) -> int 
 
 
 def _number(_config: pytest.Config, name: str, text: str, most: float) -> float | None:
-    """Return a number from 0 to `most`; None for an option that is not set."""
     if not text:
         return None
     try:
@@ -97,7 +95,7 @@ def _rate(config: pytest.Config, name: str, text: str) -> float | None:
 
 
 def _speed(_config: pytest.Config, name: str, text: str) -> float | None:
-    """Return a speed limit [m/s]; None for an option that is not set."""
+    """Return a speed limit [m/s]."""
     if not text:  # most sessions set no limit and need no reader of maps
         return None
     from pytest_rvads.geometry.opendrive.xmlfile import speed_of
@@ -106,13 +104,7 @@ def _speed(_config: pytest.Config, name: str, text: str) -> float | None:
 
 
 def _path_from_start(config: pytest.Config, _name: str, text: str) -> Path | None:
-    """Return a path relative to the directory in which the session was started; None for an option that is not set."""
     return config.invocation_params.dir / text if text else None
-
-
-def _path_from_root(config: pytest.Config, _name: str, text: str) -> Path | None:
-    """Return a path relative to pytest's root folder; None for an option that is not set."""
-    return config.rootpath / text if text else None
 
 
 def _map(config: pytest.Config, name: str, _text: str) -> str | None:
@@ -139,7 +131,7 @@ def _reports(config: pytest.Config, name: str, _text: str) -> tuple[Path, ...]:
 
 
 def _command(config: pytest.Config, name: str, text: str) -> tuple[str, ...] | None:
-    """Return the words of a command, with the absolute path of its program; None for an option that is not set."""
+    """Return the words of a command, with the absolute path of its program."""
     try:
         words = shlex.split(text)
     except ValueError as error:
@@ -160,16 +152,15 @@ def _outcomes(_config: pytest.Config, name: str, text: str) -> frozenset[str]:
     return outcomes
 
 
-def _folder(_config: pytest.Config, _name: str, text: str) -> str | None:
-    return None if text == "none" else text
-
-
 @dataclass(frozen=True, slots=True)
 class Options:
     """The options of a session, from the command line, the environment or the configuration file, in this order."""
 
     again: str
-    """The pytest command, without the quoted id of the item, that runs an item of this session once more."""
+    """The pytest command, without the quoted id of the item, that runs an item of this session once more.
+
+    The command has the session's flags for driver, map, simulator, rules and selection of items.
+    """
     sut: tuple[str, ...] | None = _option(
         "system under test: the command of a stack in another process, see 'Attach your stack' in the documentation; in a folder "
         "without tests, the tests of the plugin run",
@@ -231,7 +222,9 @@ class Options:
         metavar="N",
     )
     seed: int = _option("seed of the samples of --rvads-sample and of limit= in marks", partial(_count, least=0), "0", "S")
-    rules: Path | None = _option("file with your rules, see `rvads rules FILE`", _path_from_root)
+    rules: Path | None = _option(
+        "file with your rules, see `rvads rules FILE`", lambda config, _, text: config.rootpath / text if text else None
+    )
     keep: Path | None = _option("folder in which every run is saved, as .npz for `rvads check`", _path_from_start)
     report: tuple[Path, ...] = _option(
         "also write the verdicts to FILE.json, FILE.html, FILE.md, FILE.csv (by requirement), or in a format "
@@ -272,7 +265,7 @@ class Options:
     artefacts: str | None = _option(
         "folder with a subfolder per session, for its page, its report, its failed runs and their replay pages, see "
         "`rvads replay`; or 'none'",
-        _folder,
+        lambda _config, _name, text: None if text == "none" else text,
         ".rvads",
     )
     strict: frozenset[str] = _option(
@@ -294,7 +287,16 @@ class Options:
     @classmethod
     def read(cls, config: pytest.Config) -> Options:
         """Read the options of a session."""
-        texts = {name: _read_text(config, name, option) for name, option in _DECLARED.items() if not option.several}
+        texts: dict[str, str] = {}
+        for name, option in _DECLARED.items():
+            if option.several:
+                continue
+            ini, flag = _ini_name(name), config.getoption(_ini_name(name))
+            if flag is not None and not flag.strip():  # for example an unset variable of a CI job
+                raise RvadsError(f"{_flag(name)} needs a value, got {flag!r}: give a value, or leave the option out")
+            texts[name] = flag or config.getini(ini) or option.default
+            if option.choices and texts[name] and texts[name] not in option.choices:
+                raise RvadsError(f"{ini} must be one of {', '.join(option.choices)}, got {texts[name]!r}")
         if texts["sut"] and texts["autopilot"]:
             raise RvadsError(
                 f"rvads_sut and rvads_autopilot both say what drives, got {texts['sut']!r} and {texts['autopilot']!r}"
@@ -302,7 +304,12 @@ class Options:
         if texts["fail_on"] != "any" and not texts["baseline"]:
             raise RvadsError(f"rvads_fail_on={texts['fail_on']} needs something to compare with: add --rvads-baseline=FILE.json")
         values = {name: option.parse(config, _ini_name(name), texts.get(name, "")) for name, option in _DECLARED.items()}
-        return cls(_again(config), **values)
+        # The next session reads the same ini file, so the command repeats flags only.
+        of_runs = ("sut", "sut_rate", "autopilot", "simulator", "speed_limit", "map", "rules")
+        repeated = (*of_runs, "cover", "grid", "max_items", "sample", "seed")
+        flags = ((name, config.getoption(_ini_name(name))) for name in repeated)
+        again = shlex.join(["pytest", *(f"{_flag(name)}={value}" for name, value in flags if value)])
+        return cls(again, **values)
 
 
 OPTIONS: pytest.StashKey[Options] = pytest.StashKey()
@@ -366,25 +373,3 @@ def _ini_name(name: str) -> str:
 
 def _flag(name: str) -> str:
     return f"--rvads-{name.replace('_', '-')}"
-
-
-def _read_text(config: pytest.Config, name: str, option: _Option) -> str:
-    """Return the text of the flag; without the flag, the text of the ini setting; without both, the default."""
-    flag = config.getoption(_ini_name(name))
-    if flag is not None and not flag.strip():  # for example an unset variable of a CI job
-        raise RvadsError(f"{_flag(name)} needs a value, got {flag!r}: give a value, or leave the option out")
-    text: str = flag or config.getini(_ini_name(name)) or option.default
-    if option.choices and text and text not in option.choices:
-        raise RvadsError(f"{_ini_name(name)} must be one of {', '.join(option.choices)}, got {text!r}")
-    return text
-
-
-def _again(config: pytest.Config) -> str:
-    """Return the pytest command with this session's options for driver, map, simulator, rules and selection of items.
-
-    Settings of the ini file are not repeated: the next session reads the same ini file.
-    """
-    of_runs = ("sut", "sut_rate", "autopilot", "simulator", "speed_limit", "map", "rules")
-    names = (*of_runs, "cover", "grid", "max_items", "sample", "seed")
-    flags = ((name, config.getoption(_ini_name(name))) for name in names)
-    return shlex.join(["pytest", *(f"{_flag(name)}={value}" for name, value in flags if value)])

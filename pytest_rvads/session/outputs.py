@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     from pytest_rvads.report.journal import Journal
     from pytest_rvads.report.record import Record
     from pytest_rvads.report.session_report import Cell, Extent, Report
-    from pytest_rvads.report.triage import Cause
     from pytest_rvads.session.plan import Planner
 
 _TOKEN = "rvads_session"
@@ -41,12 +40,7 @@ _LONGEST_LINE = 1000
 
 
 class SessionFolder:
-    """The folder for the pages, reports and runs of a session; the folder is made when a file is first written to it.
-
-    Args:
-        config: configuration of the session.
-        options: options of the session.
-    """
+    """The folder for the pages, reports and runs of a session; the folder is made when a file is first written to it."""
 
     def __init__(self, config: pytest.Config, options: Options) -> None:
         self._token: str = getattr(config, "workerinput", {}).get(_TOKEN) or uuid4().hex
@@ -187,11 +181,7 @@ class Outputs:
 
 
 def annotate(report: Report, root: Path, workspace: Path) -> list[str]:
-    """Return at most ten workflow commands, one per cause of failures, sorted by severity.
-
-    The commands are errors, or warnings if the session passes in spite of the failures, for example because the baseline has the
-    same failures.
-    """
+    """Return at most ten workflow commands, one per cause, the gravest first; warnings if the session passes in spite of them."""
     from pytest_rvads.report.triage import causes
 
     collector = causes()
@@ -203,9 +193,15 @@ def annotate(report: Report, root: Path, workspace: Path) -> list[str]:
     failure_causes = collector.causes()
     kind = "error" if report.ended else "warning"
     shown = failure_causes if len(failure_causes) <= _MOST_ANNOTATIONS else failure_causes[: _MOST_ANNOTATIONS - 1]
-    lines = [
-        _annotation(kind, cause, _file_and_line(failed_records[cause.example], root, workspace), report.again) for cause in shown
-    ]
+    lines: list[str] = []
+    for cause in shown:
+        record = failed_records[cause.example]
+        properties: dict[str, str] = {}
+        inside = os.path.relpath(os.path.abspath(root / record.nodeid.partition("::")[0]), workspace)
+        if inside.split(os.sep)[0] != os.pardir:  # a test outside of the repository has no file and line there
+            properties = {"file": inside.replace(os.sep, "/"), "line": str(record.line + 1)}  # pytest counts lines from 0
+        properties["title"] = f"{cause.rule}, {plural(cause.count, 'item')}"
+        lines.append(_workflow_command(kind, properties, cause.line, f"rerun: {report.again} {quoted(cause.example)}"))
     if further_causes := failure_causes[len(shown) :]:
         items = plural(sum(cause.count for cause in further_causes), "item")
         lines.append(
@@ -216,35 +212,17 @@ def annotate(report: Report, root: Path, workspace: Path) -> list[str]:
     return lines
 
 
-def _annotation(kind: str, cause: Cause, place: dict[str, str], again: str) -> str:
-    title = f"{cause.rule}, {plural(cause.count, 'item')}"
-    lines = (cause.line, f"rerun: {again} {quoted(cause.example)}")
-    return _workflow_command(kind, {**place, "title": title}, *lines)
-
-
-def _file_and_line(record: Record, root: Path, workspace: Path) -> dict[str, str]:
-    """Return file and line of the test of a record; an empty dict for a test outside of the repository."""
-    file = os.path.abspath(root / record.nodeid.partition("::")[0])
-    inside = os.path.relpath(file, workspace)
-    if inside.split(os.sep)[0] == os.pardir:
-        return {}
-    return {"file": inside.replace(os.sep, "/"), "line": str(record.line + 1)}  # pytest counts lines from 0
-
-
 def _workflow_command(kind: str, properties: dict[str, str], *lines: str) -> str:
-    """Return a workflow command with a message of several lines."""
-    values = ",".join(f"{name}={_property(one_line(value, _LONGEST_LINE))}" for name, value in properties.items())
-    return f"::{kind} {values}::{'%0A'.join(_data(one_line(line, _LONGEST_LINE)) for line in lines)}"
+    values = []
+    for name, value in properties.items():
+        escaped = _data(one_line(value, _LONGEST_LINE)).replace(":", "%3A").replace(",", "%2C")
+        values.append(f"{name}={escaped}")
+    return f"::{kind} {','.join(values)}::{'%0A'.join(_data(one_line(line, _LONGEST_LINE)) for line in lines)}"
 
 
 def _data(text: str) -> str:
     """Return a text escaped as the message of a command."""
     return text.replace("%", "%25").replace("\r", "%0D").replace("\n", "%0A")
-
-
-def _property(text: str) -> str:
-    """Return a text escaped as the value of a property of a command."""
-    return _data(text).replace(":", "%3A").replace(",", "%2C")
 
 
 def _attempt(what: str, write: Callable[[], None]) -> list[str]:

@@ -38,28 +38,22 @@ EXTENTS: pytest.StashKey[dict[str, Extent]] = pytest.StashKey()
 
 @dataclass(slots=True)
 class Plan:
-    """The cells that the collected tests ask for, and the test items that were selected to run."""
+    """The cells that the collected tests ask for, the test items that were selected to run, and what collection noted."""
 
     cells: dict[Cell, None] = field(default_factory=dict)
     """The planned cells, before ``-k`` and ``-m`` deselect any, in the order of collection; the values are not used."""
     items: dict[str, Record] = field(default_factory=dict)
     """By node id of a selected test item, its record, as known before the item runs."""
     deselected: set[str] = field(default_factory=set)
-    """Node ids of the deselected items."""
     vanished: dict[str, Record] = field(default_factory=dict)
     """By node id of a test item that a plugin dropped without `pytest_deselected`, its record, as known before the item runs."""
     files: set[str] = field(default_factory=set)
     """Every file from which pytest collected an item, of this plugin or not."""
     left_out: dict[str, int] = field(default_factory=dict)
-    """By node id of a test, the number of points of its grid that were left out: too fast to stop, beyond v(d)max."""
     unfit: dict[str, int] = field(default_factory=dict)
-    """By node id of a test, the number of scenarios that were left out, because a vehicle has no room at its start."""
     extents: dict[str, Extent] = field(default_factory=dict)
-    """By junction, its numbers of classes and pairs, if the number of arms does not determine these numbers."""
     refused: dict[str, tuple[str, ...]] = field(default_factory=dict)
-    """By reason for leaving junctions out, or for running other starts than requested, the names of the junctions."""
     drawn: dict[Drawn, None] = field(default_factory=dict)
-    """Tests that run only a sample of their runs, with the size of the sample."""
 
     def pack(self) -> str:
         """Return the plan as one string of JSON."""
@@ -201,14 +195,22 @@ class Planner:
 
     @pytest.hookimpl(wrapper=True, tryfirst=True)
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> Generator[None, None, None]:
-        """Take the plan from a worker's report before other plugins read the report, and drop unneeded texts afterwards."""
+        """Take the plan from a worker's report before other plugins read the report, and drop values that are not read again."""
         if not hasattr(self._config, "workerinput") and hasattr(report, _WIRE):
             self._plan.unpack(report.__dict__.pop(_WIRE))
         try:
             return (yield)
         finally:
-            if report.nodeid in self.plan().items:
-                _shrink(report)
+            if report.nodeid in self.plan().items:  # terminal reporters keep every report
+                if report.passed and report.when != "call":
+                    report.keywords, report.user_properties = {}, []
+                if record := getattr(report, "rvads", None):
+                    names = ("status", "message", "late")
+                    report.rvads = {name: record[name] for name in names if name in record}  # type: ignore[attr-defined]
+                    report.user_properties = [
+                        (intern(name), intern(value) if isinstance(value, str) else value)
+                        for name, value in report.user_properties
+                    ]
 
     @pytest.hookimpl(optionalhook=True)
     def pytest_xdist_node_collection_finished(self, ids: Sequence[str]) -> None:
@@ -221,17 +223,6 @@ class Planner:
         text = getattr(node, "workeroutput", {}).get(_WIRE)
         if text:
             self._plan.unpack(text)
-
-
-def _shrink(report: pytest.TestReport) -> None:
-    """Remove from pytest's report of an item all values that are not read again, because terminal reporters keep every report."""
-    if report.passed and report.when != "call":
-        report.keywords, report.user_properties = {}, []
-    if record := getattr(report, "rvads", None):
-        names = ("status", "message", "late")
-        report.rvads = {name: record[name] for name in names if name in record}  # type: ignore[attr-defined]
-        texts = [(intern(name), intern(value) if isinstance(value, str) else value) for name, value in report.user_properties]
-        report.user_properties = texts
 
 
 def _file(nodeid: str) -> str:

@@ -6,7 +6,7 @@ its item even if the test, a plugin or a conftest.py catches the exception.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Set
+from collections.abc import Mapping, Set
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -29,9 +29,7 @@ class Ending:
     exitstatus: int
     """Exit status that pytest decided on."""
     collected: bool
-    """Whether the collection was completed."""
     records: Mapping[str, Record]
-    """Record of each test item, by node id."""
     missing: int
     """Number of selected items that never ran."""
     unplanned: int
@@ -61,7 +59,27 @@ class Reason:
 
 def reasons(ending: Ending) -> list[Reason]:
     """Return the reasons why the session is not green; the first reason with an exit status other than 0 decides the status."""
-    return [reason for check in _CHECKS if (reason := check(ending))]
+    records = ending.records.values()
+    checked = [_ended(ending)]
+    if ending.vanished:
+        vanished = f"{plural(ending.vanished, 'item')} vanished"
+        checked.append(Reason(f"{vanished}: a plugin or conftest.py dropped them without deselecting them"))
+    checked.append(_undriven(ending))
+    flaky = [record for record in records if record.status is Outcome.FLAKY and record.outcome != "failed"]
+    if flaky:
+        example = f", first {flaky[0].nodeid}: {flaky[0].flaky}" if flaky[0].flaky else ""
+        checked.append(Reason(f"FLAKY, though nothing failed: {plural(len(flaky), 'item')}{example}", cut=False))
+    if records and not any(record.status.judges or record.status is Outcome.FLAKY for record in records):
+        text = "nothing was judged: no rule required an action of the system under test, or no item ran"
+        checked.append(Reason(text, _NOTHING, cut=False))
+    checked.append(_hushed(ending))
+    unkept = [record.unkept for record in records if record.unkept]
+    if unkept:
+        checked.append(Reason(f"the runs of {plural(len(unkept), 'item')} could not be kept: {unkept[0]}"))
+    if late := sum(record.late for record in records):
+        text = f"{ending.late.partition(': ')[2]}: {plural(late, 'item')} did not run"
+        checked.append(Reason(text, exitstatus=0, cut=False))
+    return [reason for reason in checked if reason]
 
 
 def _ended(ending: Ending) -> Reason | None:
@@ -77,11 +95,6 @@ def _ended(ending: Ending) -> Reason | None:
     return Reason(f"the session stopped early: {missing}") if incomplete else None
 
 
-def _vanished(ending: Ending) -> Reason | None:
-    text = f"{plural(ending.vanished, 'item')} vanished: a plugin or conftest.py dropped them without deselecting them"
-    return Reason(text) if ending.vanished else None
-
-
 def _undriven(ending: Ending) -> Reason | None:
     if not ending.undriven:
         return None
@@ -93,14 +106,6 @@ def _undriven(ending: Ending) -> Reason | None:
     )
 
 
-def _unjudged(ending: Ending) -> Reason | None:
-    judged = (record.status.judges or record.status is Outcome.FLAKY for record in ending.records.values())
-    if not ending.records or any(judged):
-        return None
-    text = "nothing was judged: no rule required an action of the system under test, or no item ran"
-    return Reason(text, _NOTHING, cut=False)
-
-
 def _hushed(ending: Ending) -> Reason | None:
     """Return a reason why the session fails if a plugin or conftest.py turned failed test items into passed items."""
     fails = {outcome for outcome in Outcome if outcome.bad} - ({Outcome.OPEN} if ending.lets_open_pass else set())
@@ -109,27 +114,3 @@ def _hushed(ending: Ending) -> Reason | None:
     if not hushed:
         return None
     return Reason(f"{plural(len(hushed), 'item')} passed in spite of a failure: a plugin catches failures, first {hushed[0]}")
-
-
-def _flaky(ending: Ending) -> Reason | None:
-    """Return a reason why the session fails if test items are FLAKY that pytest does not count as failed."""
-    flaky = [r for r in ending.records.values() if r.status is Outcome.FLAKY and r.outcome != "failed"]
-    if not flaky:
-        return None
-    example = f", first {flaky[0].nodeid}: {flaky[0].flaky}" if flaky[0].flaky else ""
-    return Reason(f"FLAKY, though nothing failed: {plural(len(flaky), 'item')}{example}", cut=False)
-
-
-def _unkept(ending: Ending) -> Reason | None:
-    unkept = [record.unkept for record in ending.records.values() if record.unkept]
-    return Reason(f"the runs of {plural(len(unkept), 'item')} could not be kept: {unkept[0]}") if unkept else None
-
-
-def _late(ending: Ending) -> Reason | None:
-    late = sum(record.late for record in ending.records.values())
-    text = f"{ending.late.partition(': ')[2]}: {plural(late, 'item')} did not run"
-    return Reason(text, exitstatus=0, cut=False) if late else None
-
-
-_Check = Callable[[Ending], Reason | None]
-_CHECKS: tuple[_Check, ...] = (_ended, _vanished, _undriven, _flaky, _unjudged, _hushed, _unkept, _late)
